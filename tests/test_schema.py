@@ -8,16 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from benchmarks.schema import notices_page
 
 from barnax.errors import InputError
-from barnax.notices import notice
 from barnax.results import Result
 from helpers.golden import RESULT
 
 DOCUMENT = json.loads(RESULT.read_text(encoding="utf-8"))
-DOCS = Path(__file__).parents[1] / "docs"
-PUBLISHED = DOCS / "result.schema.json"
+PUBLISHED = Path(__file__).parents[1] / "docs" / "result.schema.json"
 
 
 @pytest.fixture
@@ -49,10 +46,6 @@ def test_the_published_schema_is_that_of_the_code():
     published = json.loads(PUBLISHED.read_text(encoding="utf-8"))
     assert published.pop("$schema") == "https://json-schema.org/draft/2020-12/schema"
     assert published == Result.json_schema()
-
-
-def test_the_page_of_notices_is_that_of_the_code():
-    assert (DOCS / "notices.md").read_text(encoding="utf-8") == notices_page()
 
 
 def test_a_stored_result_has_the_keys_that_the_schema_names():
@@ -143,7 +136,7 @@ def test_a_tampered_part_is_refused_under_the_files_name(read, place, value):
 
 
 CONTENTS = [
-    b"", b"not json", b"null", b"[]", b"{}", b'{"schema_version": 4', b"[" * 100_000,
+    b"", b"not json", b"null", b"[]", b"{}", b'{"schema_version": 3', b"[" * 100_000,
     b'{"cell": ' * 100_000, b"\x89PNG\r\n\x1a\n\xff\xfe", "{}".encode("utf-16"),
 ]  # fmt: skip
 
@@ -173,27 +166,3 @@ def test_what_is_no_name_of_a_file_is_told_without_being_printed(given):
         Result.from_json(given)
     assert "secret" not in str(caught.value)
     assert "model" not in str(caught.value)
-
-
-def test_a_notice_is_stored_with_its_words_and_read_by_its_code(read):
-    told = notice("gaps.steady", "us06.csv", 12, gaps=1, longest_s=60.0, longest_row=12,
-                  part="one", held_ah=0.02)  # fmt: skip
-    result = Result.from_json(RESULT).model_copy(update={"warnings": (told,)})
-    (stored,) = result.to_dict()["warnings"]
-    assert stored["values"]["held [A.h]"] == 0.02
-    assert f"us06.csv: row 12: {stored['what']}; {stored['remedy']}" == str(told)
-    assert read(json.loads(result.to_json())).warnings == (told,)
-
-
-@pytest.mark.parametrize(
-    "stored",
-    [
-        "us06.csv: an old warning; mend it",
-        {"code": "of.tomorrow", "severity": "warning", "subject": "us06.csv", "row": None,
-         "sheet": None, "values": {"new [V]": 1.0}, "what": "an old warning", "remedy": "mend it"},
-    ],
-)  # fmt: skip
-def test_a_warning_without_a_code_that_is_known_is_read_in_its_words(read, stored):
-    document = put("warnings", [stored]) | {"schema_version": 3 if isinstance(stored, str) else 4}
-    (told,) = read(document).warnings
-    assert (told.code, str(told)) == ("stored.text", "us06.csv: an old warning; mend it")

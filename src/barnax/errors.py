@@ -7,9 +7,6 @@ from collections.abc import Iterable
 from itertools import islice
 from typing import Any
 
-# The code of a refusal that has none of its own.
-REFUSED = "input.refused"
-
 
 class InputError(ValueError):
     """What was given cannot be used; the message names it and the remedy.
@@ -18,16 +15,18 @@ class InputError(ValueError):
     Python names between backticks, which are used for nothing else. The command line prints the
     message without a traceback and exits with status 2.
 
-    What a program may act on it says as a `Notice` too, in `notice`, which is else None.
+    Attributes:
+        notice: What it says as a `Notice`, for what a program may act on; None for the rest.
     """
 
-    # What it says, as a `barnax.notices.Notice`.
-    notice: Any = None
+    def __init__(self, message: str, *, notice: Any = None):
+        super().__init__(message)
+        self.notice = notice
 
     @property
     def code(self) -> str:
-        """The code of its notice, `REFUSED` where it has none."""
-        return self.notice.code if self.notice else REFUSED
+        """The code of its notice, `input.refused` where it has none."""
+        return self.notice.code if self.notice else "input.refused"
 
 
 # An option in a message, with its value if it has one.

@@ -90,7 +90,7 @@ def kinds() -> Mapping[str, Kind]:
     return found
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class Notice:
     """An error, a warning or a note; printed, its sentence with what to do.
 
@@ -122,9 +122,6 @@ class Notice:
 
     def __hash__(self) -> int:
         return hash((self.code, self.subject, self.row, *self.values.values()))
-
-    def __repr__(self) -> str:
-        return f"Notice({self.code!r}, {str(self)!r})"
 
     def __str__(self) -> str:
         """Subject, place, what, and remedy in one line."""
@@ -172,9 +169,7 @@ class Notice:
 
     def error(self) -> InputError:
         """The refusal that says it."""
-        refusal = InputError(f"{self}.")
-        refusal.notice = self
-        return refusal
+        return InputError(f"{self}.", notice=self)
 
 
 def notice(code: str, subject: str = "", row: int | None = None, /, **values: Any) -> Notice:

@@ -6,16 +6,17 @@ out of the fit. Thirty seeds search the best constant circuit, and the answer is
 validated.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from operator import ne
 
 from .bundled import BUNDLED
-from .candidates import CONTRADICTED, WEIGHED
+from .candidates import CONTRADICTED, WEIGHED, tabulated_circuit
 from .cell import CellModel, get_circuit
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
 from .inputs import (
+    Inputs,
     listed,
     ranges_of,
     read_inputs,
@@ -26,13 +27,16 @@ from .inputs import (
     windows_of,
 )
 from .job import Job, takes_options
+from .model.prepared import prepare_record
 from .model.problem import Problem
-from .notices import Notice, notice
+from .model.window import Window
 from .optimizers import make_optimizer
 from .over_soc import (
     OwnOcv,
+    TableSettings,
     fit_with_ocv,
     group_by_temperature,
+    register,
     require_temperature,
     require_temperatures,
 )
@@ -95,6 +99,8 @@ def _identified(job: Job) -> Result:
         job = job.changed(window={**windows_by_name(job.window), **found[0].windows}, **own)
     with telling(inputs.warnings), job.watch("Setting up the problem", 0):
         windows = windows_of(inputs, job.window, job.capacity)
+        if not found and not is_over_temperature:
+            windows = _registered(job, inputs, windows)
         asked = job.table_settings, job.bounds, job.fix, job.advise
         weighing = weigh(inputs, windows, job, *asked, *found)
         held = [each.record for each in weighing.first.prepared_records]
@@ -111,9 +117,34 @@ def _identified(job: Job) -> Result:
     run = search_and_assess(weighing, optimizer, job, job.trust, job.watch, job.advise)
     run = replace(run, ocv=inputs.ocv)
     read = [*inputs.records, *inputs.validation, *inputs.ocv]
-    notes = dict.fromkeys(one for each in read if isinstance(each, Record) for one in each.notes)
+    notes = dict.fromkeys(text for each in read if isinstance(each, Record) for text in each.notes)
     run = replace(run, notes=tuple(notes), warnings=_all_warnings(inputs.warnings, run))
     return make_result(run, job.command)
+
+
+def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict[str, Window]:
+    """The windows, with what several records of a cell tell of each other's start and capacity."""
+    circuit, chosen = job.model or tabulated_circuit(inputs.cell), job.table_settings
+    if len(inputs.records) < 2 or chosen.keep_starts or not chosen.ocv_correction:
+        return dict(windows)
+    try:
+        tables = _bounded(job)
+        told = [
+            prepare_record(each, inputs.cell, circuit, windows[each.name])
+            for each in inputs.records
+        ]
+        return {**windows, **{each.record.name: each.window for each in register(told, tables)}}
+    except InputError:
+        # What tables cannot be fitted to is refused, or not, by what is fitted to it.
+        return dict(windows)
+
+
+def _bounded(job: Job) -> TableSettings:
+    """How tables are fitted, with the bounds and fixed values of the circuit."""
+    _, ranges = ranges_of(job.bounds)
+    tables = job.table_settings
+    bounds = {**(ranges or {}), **tables.bounds}
+    return replace(tables, bounds=bounds, fixed={**(job.fix or {}), **tables.fixed})
 
 
 def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
@@ -131,15 +162,8 @@ def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
                 f"{what} needs an OCV test of the cell; give it with `ocv`, or leave that choice "
                 "out: the OCV then comes from the record itself"
             )
-    _, ranges = ranges_of(job.bounds)
-    tables = job.table_settings
-    tables = replace(
-        tables,
-        bounds={**(ranges or {}), **tables.bounds},
-        fixed={**(job.fix or {}), **tables.fixed},
-    )
-    windows = {each.name: window_of(job.window, each.name) for each in records}
-    return fit_with_ocv(records, circuit.name, windows, tables, job.capacity)
+    windows = {each.name: window_of(job.window, each.name).as_told for each in records}
+    return fit_with_ocv(records, circuit.name, windows, _bounded(job), job.capacity)
 
 
 @takes_options(Job)
@@ -189,29 +213,32 @@ def identify_problem(
     return make_result(replace(run, warnings=_all_warnings((), run)))
 
 
-def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
+def _all_warnings(of_inputs: Sequence[str], run: Run) -> tuple[str, ...]:
     """Every warning of a run once, in the order of the flow."""
-    told = [each for record in run.ocv for each in record.warnings]
-    told += of_inputs
-    told += run.problem.warnings
+    texts = [text for record in run.ocv for text in record.warnings]
+    texts += of_inputs
+    texts += run.problem.warnings
     for each in run.identification:
         if each.metrics.r2 < 0:
-            name = each.prepared.record.name
-            told.append(notice("answer.worse-than-constant", name, r2=each.metrics.r2))
+            texts.append(
+                f"{each.prepared.record.name}: the circuit does worse than a constant voltage "
+                f"would (R2 {each.metrics.r2:.3g}); see the other warnings about its file, and "
+                "check its window, `fix` and `bounds`"
+            )
     for each in run.validation:
-        told += [*each.prepared.record.warnings, *each.prepared.warnings]
+        texts += [*each.prepared.record.warnings, *each.prepared.warnings]
     if run.tables is None:
-        told += [
-            notice("answer.at-bound", name=each.name, side=each.side)
+        texts += [
+            f"{each.name} is at its {each.side} bound: the bounds set it, not the data"
             for each in run.answer.at_bound
         ]
-        told += _contradictions(run)
+        texts += _contradictions(run)
     else:
-        told += table_warnings(run.tables)
-    return tuple(dict.fromkeys([*told, *run.warnings]))
+        texts += table_warnings(run.tables)
+    return tuple(dict.fromkeys([*texts, *run.warnings]))
 
 
-def _contradictions(run: Run) -> Iterator[Notice]:
+def _contradictions(run: Run) -> Iterator[str]:
     """What another constant circuit, fitted to the same data, says against the answer's."""
     own = next((each for each in run.candidates if each.is_answer), None)
     others = [each for each in run.candidates if not each.is_answer and each.over is None]
@@ -219,8 +246,9 @@ def _contradictions(run: Run) -> Iterator[Notice]:
         return
     best = min(others, key=lambda each: each.identification.rmse_v)
     if CONTRADICTED * best.identification.rmse_v < own.identification.rmse_v:
-        rmse_v = {
-            "rmse_v": own.identification.rmse_v,
-            "better_rmse_v": best.identification.rmse_v,
-        }
-        yield notice("answer.contradicted", circuit=own.model, better=best.model, **rmse_v)
+        yield (
+            f"the data contradict {own.model}: {best.model}, also the best of its kind, leaves "
+            f"{1e3 * best.identification.rmse_v:.3g} mV where {own.model} leaves "
+            f"{1e3 * own.identification.rmse_v:.3g} mV, so the intervals of {own.model} do not "
+            f"hold; identify with `model` {best.model}"
+        )

@@ -19,14 +19,13 @@ from .inputs import Given, read_validation, source_of, telling
 from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Problem, make_problem
 from .model.window import Window
-from .notices import notice
 from .optimizers import OPTIMIZERS, make_optimizer
 from .records import Record, find_file, read_record
 from .records.fingerprint import Content, read_fingerprint
 from .result_parts import InputPart, MetricsBlock, MetricsPart
 from .results import Result
 from .run import Answer, Run
-from .search.evaluate import Evaluation, evaluate, evaluate_from_either
+from .search.evaluate import Evaluation, evaluate, evaluate_from_either, with_registered
 from .search.refine import Refinement
 from .search.seeds import Search
 from .settings import Reading
@@ -224,13 +223,16 @@ def validated(
     content = Content(measured)
     for own in stored.of_role("identification"):
         if own.sha256 == measured.sha256 or (own.fingerprint and content.holds(own.fingerprint)):
-            warnings.append(notice("role.same-record", measured.name, other=own.name))
+            warnings.append(
+                f"{measured.name}: this is {own.name}, on which the circuit was identified; "
+                "validate on another record"
+            )
     with telling(warnings):
         prepared = prepare_record(measured, cell, stored.model, window)
     if stored.tables is not None:
         by_circuit = stored.tables.found.evaluate
     else:
         by_circuit = partial(evaluate, parameters=stored.constant.circuit_parameters)
-    found = evaluate_from_either(prepared, cell, by_circuit)
+    found = with_registered(evaluate_from_either(prepared, cell, by_circuit), by_circuit)
     told = (*warnings, *measured.notes, *measured.warnings, *prepared.warnings)
     return replace(found, warnings=tuple(dict.fromkeys(told)))

@@ -120,6 +120,8 @@ class MetricsPart(Part):
         max_v: The largest error.
         samples: Number of counted samples.
         rmse_above_10_soc_v: RMSE above 10 % SOC.
+        registered_v: RMSE with its start moved to where it is least, of a record to validate on.
+        start_moved_soc: By how much SOC that start is moved.
     """
 
     record: str
@@ -131,6 +133,8 @@ class MetricsPart(Part):
     max_v: Volts
     samples: Count
     rmse_above_10_soc_v: Volts | None = None
+    registered_v: Volts | None = None
+    start_moved_soc: float | None = None
 
 
 class MetricsBlock(Part):
@@ -194,6 +198,12 @@ class InputPart(Part):
         if text:
             read_fingerprint(text)
         return text
+
+    @property
+    def told_capacity_ah(self) -> float | None:
+        """The capacity before other records of the cell moved it."""
+        known = self.window and self.window.registration
+        return known.told_capacity_ah if known else self.capacity_ah
 
     def is_at(self, temperature_degc: float) -> bool:
         """Whether it is a record of this temperature, as far as one is told from another."""

@@ -20,7 +20,7 @@ from .model.window import Window
 from .pulses import Pulse
 from .result_parts import ConstantPart, InputPart, MetricsBlock, PlannedFile, TablesPart
 from .run import Run
-from .schema import Document, Told
+from .schema import Document
 from .search.evaluate import Evaluation
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .inputs import Given
     from .records.read import Frame
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 3
 # What version 2 held of the constant circuit beside the answer.
 CONSTANT_KEYS = (
     "parameters", "answer_source", "at_bound", "global_optimum", "assessment", "other_hold",
@@ -45,7 +45,7 @@ class Result(Document):
     A result that was computed or loaded has the objects behind it in `run`.
 
     Attributes:
-        schema_version: Version 4 of the file.
+        schema_version: Version 3 of the file.
         model: Name of the answer's circuit.
         metrics: The answer's errors.
         candidates: The circuits that were weighed against each other, the answer among them.
@@ -55,8 +55,8 @@ class Result(Document):
         cell: OCV, hysteresis voltage and capacity.
         inputs: Every file, with its digest and what was decided about it.
         plan: Every file of a folder with its role.
-        notes: What was done with the inputs; nothing has to be done about them.
-        warnings: What is doubtful, with what to do; each prints as its sentence.
+        notes: Sentences about what was done with the inputs; nothing has to be done about them.
+        warnings: Sentences about what is doubtful, with what to do.
         command: The command that repeats the run.
         versions: Versions of barnax and of what it computes with.
 
@@ -65,7 +65,7 @@ class Result(Document):
     barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
     """
 
-    schema_version: Literal[4]
+    schema_version: Literal[3]
     model: str
     metrics: MetricsBlock
     candidates: tuple[Candidate, ...] = ()
@@ -75,8 +75,8 @@ class Result(Document):
     cell: CellModel
     inputs: tuple[InputPart, ...] = Field(min_length=1)
     plan: tuple[PlannedFile, ...] = ()
-    notes: tuple[Told, ...] = ()
-    warnings: tuple[Told, ...]
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...]
     command: tuple[str, ...]
     versions: dict[str, str]
 
@@ -107,14 +107,13 @@ class Result(Document):
 
     @classmethod
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
-        if (version := document.get("schema_version")) == 1:
+        if document.get("schema_version") == 1:
             raise InputError(
                 f"{file}: this file has schema version 1; run its stored command again to write "
                 f"version {SCHEMA_VERSION}"
             )
-        if version in (2, 3):  # Warnings were texts, which `Told` reads.
+        if document.get("schema_version") == 2:
             document = {**document, "schema_version": SCHEMA_VERSION}
-        if version == 2:
             constant = {key: document.pop(key) for key in CONSTANT_KEYS if key in document}
             document.pop("expected_tables [V]", None)
             metrics = document.get("metrics")
@@ -125,8 +124,9 @@ class Result(Document):
                     # The correction was free before this was a choice.
                     tables["settings"].setdefault("rising_ocv", False)
             model, source = document.get("model"), constant.pop("answer_source", None)
-            own = {"model": model, "source": source, "metrics": metrics}
-            document["constant"] = own | constant
+            document["constant"] = {
+                "model": model, "source": source, "metrics": metrics, **constant
+            }  # fmt: skip
         return document
 
     @property
@@ -319,14 +319,14 @@ class Result(Document):
 
     def cell_at(self, temperature_degc: float | None = None) -> CellModel:
         """The cell as the identification simulated it at a temperature, by default that of the
-        first record: with the capacity of the first record there, which may be its own."""
+        first record: with the capacity told of the first record there, which may be its own."""
         records = self.of_role("identification")
         if temperature_degc is None:
             temperature_degc, near = self._first.temperature_degc, records[:1]
         else:
             near = [part for part in records if part.is_at(temperature_degc)]
         cell = self.cell.at(temperature_degc)
-        capacity_ah = (near[0].capacity_ah if near else None) or cell.capacity_ah
+        capacity_ah = (near[0].told_capacity_ah if near else None) or cell.capacity_ah
         return replace(cell, capacity_ah=capacity_ah, elsewhere=())
 
     def of_role(self, role: str) -> tuple[InputPart, ...]:
@@ -367,7 +367,7 @@ class Result(Document):
     def common_window(self) -> Window:
         """What the windows of all simulated records agree on; what is one's alone is not
         another's."""
-        first, *others = [each.window for each in self.inputs if each.window]
+        first, *others = [each.window.as_told for each in self.inputs if each.window]
         agreed = {
             name: value
             for name, value in vars(first).items()

@@ -28,6 +28,7 @@ SocSource = Literal[
     "rest elsewhere",
     "own full charge",
     "own span",
+    "registered",
 ]
 OVER_TEMPERATURE: Over = "soc,temperature"
 # The section of a docstring that explains arguments.
@@ -188,6 +189,8 @@ class TableOptions:
         proved_share: A fit is certified if its sqrt(J) is proved to be within this share of the
             lowest.
         max_boxes: At most so many boxes of time constants for the proof; 0 means no proof.
+        keep_starts: Keep every record's start and capacity as told. Otherwise several records of
+            one cell tell each other's, within some tenths of a percent.
         folds: Folds of the cross-validation, blocks held out in turn; 0 means none.
         block_s: Longest held-out block in s, less for a record that has no five of them in a fold.
     """
@@ -202,6 +205,7 @@ class TableOptions:
     voltage_ridge: float = VOLTAGE_RIDGE
     proved_share: float = 0.01
     max_boxes: int = 1000
+    keep_starts: bool = False
     folds: int = FOLDS
     block_s: float = BLOCK_S
 
@@ -240,6 +244,22 @@ def is_temperature(degc: float) -> bool:
 
 
 @dataclass(frozen=True)
+class Registration:
+    """Where other records of the cell put a record's start and capacity, with 95 % intervals, and
+    what was told of them before: its window, and what that gave. The axis is the one on which what
+    was told is right on the average."""
+
+    told: "Window"
+    told_soc: float
+    told_capacity_ah: float
+    told_source: Literal["given", "rested voltage"] | SocSource
+    soc_low: float
+    soc_high: float
+    capacity_low_ah: float
+    capacity_high_ah: float
+
+
+@dataclass(frozen=True)
 class Window:
     """The part of a record that is simulated and counted, and what is known about its start.
 
@@ -258,6 +278,7 @@ class Window:
             test).
         temperature_degc: Temperature in degC (default: the median of the record's column).
         soc_source: What `initial_soc` is known from, where it was not given.
+        registration: What start and capacity were before they were registered.
 
     Raises `InputError` if these contradict each other.
     """
@@ -274,6 +295,12 @@ class Window:
     capacity_ah: float | None = None
     temperature_degc: float | None = None
     soc_source: SocSource | None = None
+    registration: Registration | None = None
+
+    @property
+    def as_told(self) -> "Window":
+        """The same with start and capacity as they were told."""
+        return self if self.registration is None else self.registration.told
 
     def __post_init__(self):
         for name in ("score_steps", "score_soc"):
@@ -286,7 +313,9 @@ class Window:
                     raise InputError(f"`{name}` {text!r} is not as in {example}") from None
         if self.start_time_s is not None and self.start_after_step is not None:
             raise InputError("give `start_time` or `start_after_step`, not both")
-        if self.initial_soc is not None and not 0 <= self.initial_soc <= 1:
+        # One record's full may be a little fuller than that of all.
+        is_told = self.initial_soc is not None and self.soc_source != "registered"
+        if is_told and not 0 <= (self.initial_soc or 0.0) <= 1:
             raise InputError(
                 f"`initial_soc` {self.initial_soc} is not a fraction; state of charge runs from "
                 "0 (empty) to 1 (full)"

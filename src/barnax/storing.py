@@ -180,7 +180,15 @@ def _metrics(name: str, metrics: Metrics, evaluations: Sequence[Evaluation]) -> 
     ]
     errors_v = np.concatenate(above)
     above_v = float(np.sqrt(np.mean(errors_v**2))) if len(errors_v) else None
-    return MetricsPart(record=name, **vars(metrics), rmse_above_10_soc_v=above_v)
+    moved = evaluations[0].registered if len(evaluations) == 1 else None
+    moved_soc, least_v = moved or (None, None)
+    return MetricsPart(
+        record=name,
+        **vars(metrics),
+        rmse_above_10_soc_v=above_v,
+        registered_v=least_v,
+        start_moved_soc=moved_soc,
+    )
 
 
 def describe(optimizer: AbstractPopulationMinimiser) -> tuple[str, dict[str, Any]]:

@@ -39,7 +39,6 @@ from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Kind, Problem, known_to, make_problem, require_enough
 from .model.search_space import Range
 from .model.window import Window
-from .notices import Notice, notice
 from .over_soc import (
     OwnOcv,
     SocErrors,
@@ -48,12 +47,15 @@ from .over_soc import (
     constant_held_out,
 )
 from .run import Run, best_answer
-from .search.evaluate import evaluate, evaluate_from_either
+from .search.evaluate import evaluate, evaluate_from_either, with_registered
 from .search.refine import Descent, refine
 from .search.seeds import search_seeds
 from .settings import OVER_TEMPERATURE, Settings
 from .table_run import R0, TableRun, fit_over
 from .uncertainty import assess, compile_linearization, examine
+
+# What a warning says first where the full examination failed.
+FITTING_AGAIN = "fitting again"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -257,7 +259,7 @@ def search_and_assess(
             other_hold = other_hold_future.result() if other_hold_future else None
             more_ohm = more_future.result() if more_future else ()
     answer = best_answer(refinement, optimum)
-    warnings: list[Notice] = []
+    warnings: list[str] = []
     candidates: list[Candidate] = []
     with watch("Evaluating", 0):
         identified, validated = [], []
@@ -272,6 +274,7 @@ def search_and_assess(
                 for record in weighing.validation(each)
             ]
             if each is problem:
+                others = [with_registered(one, by_circuit) for one in others]
                 identified, validated = own, others
             gap = None if its is None else its.proved_gap
             candidates.append(Candidate.of(each.circuit, None, own, others, held, gap))
@@ -299,15 +302,13 @@ def search_and_assess(
     assessment = examination = None
     with watch("Assessing", 0):
         if trust != "none":
-            assessment = _attempt(
-                "answer.no-intervals", warnings, assess, problem, answer.parameters
-            )
+            assessment = _attempt("the intervals", warnings, assess, problem, answer.parameters)
         if assessment is not None:
             known, own = assessment.uncertainty, answer.parameters
             is_beyond = other_hold is not None and R0 in known.beyond(other_hold.parameters)
             if other_hold is not None and is_beyond and table_run is None:
-                r0_ohm = own.r0, other_hold.parameters.r0
-                warnings.append(hold_warning(problem, other_hold.value, *r0_ohm))
+                what, r0_ohm = f"R0 of {problem.circuit}", (own.r0, other_hold.parameters.r0)
+                warnings.append(hold_warning(problem, other_hold.value, what, *r0_ohm))
             # A circuit that was asked for is not weighed against others.
             weighed = problems if weighing.chosen is None else ()
             alike = partial(_alike_r0, weighed, optima, held_out)
@@ -325,8 +326,9 @@ def search_and_assess(
                 table_run = table_run.spanning(shifts_ohm)
         if trust == "full" and assessment is not None:
             key = jax.random.key(settings.key)
-            given = problem, answer.parameters, assessment
-            examination = _attempt("answer.no-examination", warnings, examine, *given, key=key)
+            examination = _attempt(
+                FITTING_AGAIN, warnings, examine, problem, answer.parameters, assessment, key=key
+            )
     return Run(
         problem, search, refinement, optimum, answer, identified, validated, assessment,
         examination, table_run, told, other_hold, warnings=tuple(warnings),
@@ -377,11 +379,12 @@ def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:
 
 
 def _attempt(
-    code: str, warnings: list[Notice], function: Callable[..., Any], *given: Any, **more: Any
+    what: str, warnings: list[str], function: Callable[..., Any], *given: Any, **more: Any
 ):
     """What the function gives; where it fails, a warning: the answer stands without it."""
     try:
         return function(*given, **more)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError) as problem:
-        warnings.append(notice(code, reason=str(problem) or type(problem).__name__))
+        reason = str(problem) or type(problem).__name__
+        warnings.append(f"{what} could not be computed ({reason}); the rest of the result is valid")
         return None

@@ -126,8 +126,9 @@ OPTIONS = [
 
 def said(test, options):
     try:
-        cell = characterize(TESTS[test](), **{"ocv_fit": "polynomial", **options})
-        return cell.warnings or ["nothing"]
+        return characterize(TESTS[test](), **{"ocv_fit": "polynomial", **options}).warnings or [
+            "nothing"
+        ]
     except InputError as problem:
         return [f"refused: {problem}"]
 

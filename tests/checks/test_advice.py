@@ -46,7 +46,7 @@ def warned(table, cell, capacity_ah, given):
         )  # fmt: skip
     except InputError as problem:
         return [str(problem)]
-    return [str(each) for each in inputs.warnings]
+    return list(inputs.warnings)
 
 
 @pytest.mark.parametrize("name", TABLES)
@@ -132,7 +132,7 @@ def test_what_check_knows_is_told_of_every_record_with_what_mends_it(name, role,
     else:
         source = source_from_frame(table, "cell")
         try:
-            texts = map(str, read_validation(source, Reading(), None, bundled_cell)[1])
+            _, texts = read_validation(source, Reading(), None, bundled_cell)
         except InputError as problem:
             texts = [str(problem)]
     (text,) = [each for each in texts if what in each]

@@ -94,7 +94,7 @@ def test_what_is_proposed_next_runs_as_printed(monkeypatch, result, tmp_path):
 
 def test_warnings_go_to_stderr_and_into_the_result(finished, result):
     assert result.warnings
-    told = [f"warning: {as_flags(str(each))}" for each in result.warnings]
+    told = [f"warning: {as_flags(text)}" for text in result.warnings]
     assert finished.outcome.err.splitlines() == told
     assert "warning" not in finished.outcome.out
 
@@ -206,11 +206,12 @@ def test_windows_and_capacities_of_each_record_are_followed_and_repeat(tmp_path,
     assert [each.name for each in (first, second)] == ["a/drive.parquet", "b/drive.parquet"]
     assert [each.record for each in result.metrics.jointly] == [first.name, second.name]
     assert [each.samples for each in (first, second, third)] == [1501, 1001, 1501]
-    assert second.capacity_ah == 1.9
-    assert first.capacity_ah == third.capacity_ah == result.cell_model.capacity_ah
-    assert [each.start.soc_source for each in (first, second, third)] == [
-        "rested voltage", "rested voltage", "given"
+    assert second.told_capacity_ah == 1.9
+    assert first.told_capacity_ah == third.capacity_ah == result.cell_model.capacity_ah
+    assert [each.window.registration.told_source for each in (first, second)] == [
+        "rested voltage", "rested voltage"
     ]  # fmt: skip
+    assert third.start.soc_source == "given"
     # Validated again, a record keeps what was given for it.
     again = run_command("validate", "o", BUNDLED.validation, "--json")
     assert json.loads(again.out)["rmse [V]"] == result.metrics.validation[0].rmse_v

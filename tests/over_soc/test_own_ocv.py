@@ -14,41 +14,11 @@ from barnax.over_soc import TableSettings, errors_on, fit_with_ocv
 from barnax.over_soc.settings import OCV
 from barnax.records import read_record
 from barnax.settings import NODES
-from helpers.problems import drive_a
-from helpers.reference import drop_v, filtered_response, make_record
+from helpers.known_cell import R0_OHM, TAU_S, made, ocv_v
+from helpers.reference import make_record
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
 QUICK = TableSettings(max_boxes=0, folds=0)
-R0_OHM, R_OHM, TAU_S = 0.05, (0.02, 0.03), (12.0, 150.0)
-SAMPLES = 6000
-
-
-def ocv_v(soc):
-    return 3.3 + 0.7 * soc + 0.15 * np.tanh((soc - 0.05) / 0.06) + 0.08 * soc**6
-
-
-def made(seed=0, start=1.0, hours=2.5, noise_v=2e-4, charge=False):
-    """A drive from `start` on a cell of 2 Ah that everything is known of, first charged to full
-    by a held voltage where `charge`."""
-    interval_s = 3600 * hours / SAMPLES
-    current_a = 0.7 * drive_a(SAMPLES, seed=seed, interval=20)
-    if charge:
-        taper_a = -np.concatenate([np.full(400, 0.8), 0.8 * np.exp(-np.arange(600) / 180)])
-        current_a = np.concatenate([taper_a, np.zeros(300), current_a])
-    time_s = interval_s * np.arange(len(current_a))
-    out_ah = np.append(0.0, np.cumsum(current_a[:-1] * interval_s)) / 3600
-    at = 1300 if charge else 0
-    soc = start - (out_ah - out_ah[at]) / 2.0
-
-    def response(time_s, current_a, tau, hold):
-        return filtered_response(interval_s, current_a, tau, hold)
-
-    voltage_v = ocv_v(soc) - drop_v(response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
-    if charge:
-        held = np.arange(len(soc)) < 1000
-        voltage_v = np.where(held, 4.25, voltage_v)
-    voltage_v += noise_v * np.random.default_rng(seed).standard_normal(len(soc))
-    return make_record(time_s, current_a, voltage_v, name=f"made{seed}.csv"), soc
 
 
 @pytest.mark.parametrize(
@@ -68,7 +38,7 @@ def test_given_time_constants_give_the_accepted_errors(
     records = [read_record(folder / f"{name}_SP20-2.parquet") for name in names]
     profile = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8), capacity_ah=2.0)
     windows = {each.name: profile for each in records}
-    settings = replace(QUICK, fixed=GIVEN, rising_ocv=rising, ocv_nodes=NODES)
+    settings = replace(QUICK, fixed=GIVEN, rising_ocv=rising, ocv_nodes=NODES, keep_starts=True)
     own = fit_with_ocv(records[:count], "so-rc", windows, settings)
     assert 1e3 * own.fit.objective_v == pytest.approx(root_mv, rel=1e-3)
     if not rising:

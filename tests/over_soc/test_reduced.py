@@ -14,7 +14,7 @@ from barnax.model import compressed
 from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables, reduced, simulate, simulate_tables
 from barnax.over_soc.fit import box_of, reduced_objective
-from barnax.over_soc.intervals import _linearized, sag_of
+from barnax.over_soc.intervals import linearized, sag_of
 from barnax.over_soc.search import find_best, polish
 
 from .conftest import BOX, NODES, SMALL
@@ -29,7 +29,7 @@ def objective_of(prepared, settings=SMALL, gamma_range=None):
 def whole(objective, place):
     """Every sample's columns and the penalty's rows, and the target, for SciPy."""
     found = objective.solve(place)
-    columns, base, _ = map(np.concatenate, zip(*_linearized(objective, found), strict=True))
+    columns, base, _ = map(np.concatenate, zip(*linearized(objective, found), strict=True))
     unknowns = len(found.unknowns)
     matrix = np.concatenate([columns[:, :unknowns] / np.sqrt(len(base)), objective.table_penalty])
     # An OCV correction that may fall by so much only is the sum of its steps.
@@ -98,7 +98,7 @@ def test_a_visited_node_without_any_resistance_is_told(prepared):
     source_v = prepared.source_v - 0.4 * prepared.current_a * (prepared.soc < 0.9)
     inverted = replace(prepared, source_v=source_v)
     fit = fit_tables([inverted], replace(SMALL, bounds={}, fixed=fixed))
-    told = [each.values["soc"] for each in fit.warnings if each.code == "tables.no-resistance"]
+    told = [each.value for each in fit.warnings if each.kind == "no resistance"]
     table = dict(zip(NODES, fit.tables.r0_ohm, strict=True))
     assert told
     assert [table[soc] for soc in told] == [0.0] * len(told)
@@ -228,7 +228,7 @@ def test_a_record_of_seconds_has_tables_and_nothing_held_out(bundled_record, bun
     fit = fit_tables([short])
     assert fit.cross_validation is None
     assert fit.tables.tau_s == pytest.approx((2.0, 2.0))
-    assert [each.code for each in fit.warnings] == ["tables.mostly-unvisited"]
+    assert [each.kind for each in fit.warnings] == ["mostly unvisited"]
 
 
 def test_hysteresis_is_held_where_records_go_one_way_only(with_hysteresis):
@@ -236,12 +236,12 @@ def test_hysteresis_is_held_where_records_go_one_way_only(with_hysteresis):
     settings = replace(SMALL, bounds={}, fixed=held)
     fit = fit_tables([with_hysteresis], settings)
     assert fit.tables.gamma == pytest.approx(20.0)
-    assert "tables.gamma-held" in [each.code for each in fit.warnings]
+    assert "gamma held" in [each.kind for each in fit.warnings]
     # Asked for, it is searched, and its amplitude is fitted with a warning.
     fit = fit_tables([with_hysteresis], replace(settings, bounds={"gamma": (5.0, 50.0)}))
-    assert "tables.gamma-held" not in [each.code for each in fit.warnings]
+    assert "gamma held" not in [each.kind for each in fit.warnings]
     fit = fit_tables([with_hysteresis], replace(settings, half_hysteresis=True))
-    assert "tables.one-direction" in [each.code for each in fit.warnings]
+    assert "one direction" in [each.kind for each in fit.warnings]
 
 
 def test_time_constants_far_below_the_sampling_interval_are_not_searched(prepared):

@@ -13,7 +13,6 @@ import barnax
 from barnax.cell import SegmentedHysteresis
 from barnax.cli.session import as_flags
 from barnax.model.window import Window
-from barnax.notices import notice
 from barnax.plots.pictures import record_roles
 from barnax.records import Decision
 from barnax.reporting.decisions import (
@@ -158,8 +157,7 @@ def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen():
 
 
 def test_that_the_record_is_unfit_is_on_the_first_screen():
-    why = "6 current steps sampled finely enough"
-    unfit = notice("role.unfit", "drive.csv", role="identification", reason=why)
+    unfit = "drive.csv: not suitable for identification: 6 current steps sampled finely enough"
     warned = STORED.model_copy(update={"warnings": (unfit,)})
     assert f"Do not use: {unfit}" in " ".join(screen(warned).split())
 
@@ -260,7 +258,7 @@ def test_every_decision_is_told_as_firmly_as_it_was_made():
             )
             result = changed(STORED, start=start)
             told += [
-                start_sentence(result.inputs[0].name, start),
+                start_sentence(result.inputs[0]),
                 *list(guess_sentences(result))[1:],
             ]
     for soc_source in list(known_words(STORED.start))[1:]:

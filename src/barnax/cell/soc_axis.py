@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..errors import InputError
-from ..notices import Notice, notice
 
 CHARGE = 1
 DISCHARGE = -1
@@ -153,7 +152,7 @@ class Capacity:
     value_ah: float
     origin: str
     axis_ah: float
-    warnings: tuple[Notice, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def decide_capacity(
@@ -174,11 +173,11 @@ def decide_capacity(
     """
     main = _main(sweeps)
     measured = f"the {WORD[main.direction]} of {main.source} passed {main.passed_ah:.4g} Ah"
-    passed = {"direction": WORD[main.direction], "passed_ah": main.passed_ah}
+    passed = f"the {WORD[main.direction]} passed {main.passed_ah:.4g} Ah"
     spans = spans_both_ends(sweeps)
     warnings = _closure_warnings(sweeps)
     if ocv_given_ah is not None and spans:
-        warnings += (notice("ocv-test.capacity-unused", main.source, **passed),)
+        warnings += (f"{main.source}: `ocv_capacity` is not used: {passed}, from end to end",)
         ocv_given_ah = None
     axis_ah = ocv_given_ah or given_ah
     if axis_ah is None:
@@ -195,8 +194,7 @@ def decide_capacity(
         return Capacity(main.passed_ah, origin, main.passed_ah, warnings)
     _require_possible(sweeps, axis_ah, spans)
     if abs(main.passed_ah / axis_ah - 1) > CAPACITY_WARNING:
-        told = notice("ocv-test.other-capacity", main.source, capacity_ah=axis_ah, **passed)
-        warnings += (told,)
+        warnings += (f"{main.source}: capacity {axis_ah:.4g} Ah was given, but {passed}",)
     return Capacity(given_ah or axis_ah, "given", axis_ah, warnings)
 
 
@@ -221,7 +219,7 @@ def _require_possible(sweeps: Mapping[int, Sweep], axis_ah: float, spans: bool) 
 
 def place_on_soc(
     sweeps: Mapping[int, Sweep], capacity: Capacity, shares_axis: bool
-) -> tuple[dict[int, tuple[OcvPoint, ...]], list[Notice]]:
+) -> tuple[dict[int, tuple[OcvPoint, ...]], list[str]]:
     """The points of each direction with their SOC, increasing, and warnings.
 
     With `shares_axis`, all from one record, the rests lie on one ampere-hour axis: 1 where the
@@ -249,9 +247,11 @@ def place_on_soc(
         scale_ah = sweep.passed_ah if is_whole or agrees else capacity.axis_ah
         placed[direction] = _place(sweep, sweep, scale_ah)
         if not is_whole:
-            charges = {"passed_ah": sweep.passed_ah, "capacity_ah": capacity.axis_ah}
-            by = {"direction": WORD[direction], "by": "own" if agrees else "capacity"}
-            warnings.append(notice("ocv-test.scaled", sweep.source, **charges, **by))
+            by = "its own charge, since both agree" if agrees else "the capacity"
+            warnings.append(
+                f"{sweep.source}: the {WORD[direction]} passed {sweep.passed_ah:.4g} Ah, the "
+                f"capacity is {capacity.axis_ah:.4g} Ah: its SOC is scaled by {by}"
+            )
     return placed, warnings
 
 
@@ -291,19 +291,17 @@ def spans_both_ends(sweeps: Mapping[int, Sweep]) -> bool:
     )
 
 
-def _assumption(main: Sweep) -> Notice:
-    return notice(
-        "ocv-test.capacity-assumed",
-        main.source,
-        direction=WORD[main.direction],
-        first_v=main.points[0].voltage_v,
-        last_v=main.points[-1].voltage_v,
-        passed_ah=main.passed_ah,
-        ends="full" if main.direction == DISCHARGE else "empty",
+def _assumption(main: Sweep) -> str:
+    first_v, last_v = main.points[0].voltage_v, main.points[-1].voltage_v
+    ends = "full to empty" if main.direction == DISCHARGE else "empty to full"
+    return (
+        f"{main.source}: no capacity was given: the {WORD[main.direction]}, {first_v:.4g} to "
+        f"{last_v:.4g} V and {main.passed_ah:.4g} Ah, is taken as {ends}; if it is not, give "
+        "`capacity`, in Ah"
     )
 
 
-def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[Notice, ...]:
+def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[str, ...]:
     if len(sweeps) < 2:
         return ()
     out_ah, in_ah = sweeps[DISCHARGE].passed_ah, sweeps[CHARGE].passed_ah
@@ -311,4 +309,7 @@ def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[Notice, ...]:
     if abs(error) <= CLOSURE:
         return ()
     names = ", ".join(dict.fromkeys(sweep.source for sweep in sweeps.values()))
-    return (notice("ocv-test.open", names, out_ah=out_ah, in_ah=in_ah, error_share=error),)
+    return (
+        f"{names}: charge and discharge of the OCV test differ: {out_ah:.4g} Ah out, "
+        f"{in_ah:.4g} Ah in ({100 * error:+.1f} %)",
+    )

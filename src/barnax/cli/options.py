@@ -82,7 +82,11 @@ METAVARS: dict[Any, str] = {
     **{"initial_soc": "0..1", "initial_direction": "+1|-1", "score_steps": "N,N"},
     "score_soc": "LOW,HIGH",
 }
-FLAGS = {"rising_ocv": "--rising-ocv/--free-ocv", "half_hysteresis": "--half-hysteresis"}
+FLAGS = {
+    "rising_ocv": "--rising-ocv/--free-ocv",
+    "half_hysteresis": "--half-hysteresis",
+    "keep_starts": "--keep-starts",
+}
 COMPLETED = {
     "model": known_names("cell", "CIRCUITS"),
     "method": known_names("optimizers", "OPTIMIZERS"),
@@ -280,7 +284,7 @@ class Tables:
     over: Given = options_of(Settings(), TABLES, "over")
     how: Given = options_of(
         TableOptions(), TABLES,
-        *("ocv_correction", "rising_ocv", "half_hysteresis", "nodes", "roughness"),
+        *("ocv_correction", "rising_ocv", "half_hysteresis", "keep_starts", "nodes", "roughness"),
         *("resistance_ridge", "voltage_ridge", "folds", "block_s"),
     )  # fmt: skip
 

@@ -151,6 +151,7 @@ def validate(on: OnRecord, output: Errors) -> None:
     session = Session(is_quiet=output.quiet or output.as_json)
     with session.watch("Loading JAX"):
         use_compilation_cache()
+        from ..reporting.decisions import moved_start_sentence
         from ..reporting.identification import metrics_table
         from ..reporting.soc_tables import prediction_sentence
         from ..reporting.terminal import terminal_table
@@ -167,6 +168,8 @@ def validate(on: OnRecord, output: Errors) -> None:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
     table = metrics_table([(metrics, "validation")])
     session.show([terminal_table(table)])
+    if told := moved_start_sentence(metrics):
+        session.show([shown(told[:1].upper() + told[1:] + ".")])
     if output.report is not None:
         with session.watch("Drawing figures"):
             write_file(output.report, _validation_page(evaluation, table, stored.answer))
@@ -250,7 +253,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     if folder is not None:
         page = "report.html   soc.json" if "report.html" in written else "soc.json"
         session.show(["", f"  {folder}/{page}   figures   {session.elapsed_s:.1f} s"])
-    session.warn(replay.warnings)
+    session.warn(as_flags(text) for text in replay.warnings)
 
 
 def _soc_figures(replay: "SocReplay", report: bool, paper: bool) -> dict[str, bytes]:

@@ -11,7 +11,6 @@ from ..cell.model import group_near
 from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input
-from ..notices import Notice, notice
 from ..records import Record, current_direction, rest_current_a
 from ..records.samples import record_resistance_ohm
 from .intervals import Intervals
@@ -51,7 +50,7 @@ class PreparedRecord(Brief):
     scored: Bool[np.ndarray, "simulated"]
     rest_current_a: float
     capacity_ah: float
-    warnings: tuple[Notice, ...]
+    warnings: tuple[str, ...]
 
     @property
     def span(self) -> slice:
@@ -63,6 +62,13 @@ class PreparedRecord(Brief):
         if self.start.direction_source != "better fit":
             return self.window
         return replace(self.window, initial_direction=self.start.direction)
+
+    @property
+    def as_told(self) -> "PreparedRecord":
+        """The same with start and capacity as they were told before they were registered."""
+        if self.window.registration is None:
+            return self
+        return prepare_record(self.record, self.cell, self.circuit, self.window.as_told)
 
     def fitting_better(self, other_rmse_v: float) -> "PreparedRecord":
         """The same, said to come from the direction that fits better than the other does."""
@@ -307,7 +313,7 @@ def _require_positive_voltage(record: Record, scored: Bool[np.ndarray, "samples"
 
 def _check_soc(
     record: Record, cell: CellModel, capacity_ah: float, soc: np.ndarray, scored: np.ndarray
-) -> list[Notice]:
+) -> list[str]:
     low, high = cell.soc_range
     beyond = np.maximum(low - soc, soc - high)
     outside = scored & (beyond > 0)
@@ -335,5 +341,8 @@ def _check_soc(
             f"{high:.3f}; give this cell's OCV test, or leave those samples out with `score_soc`, "
             "`score_steps` or `score_to`"
         )
-    counts = {"outside": outside.sum(), "samples": scored.sum(), "farthest_soc": farthest}
-    return [notice("soc.outside-ocv", record.name, **counts, low_soc=low, high_soc=high)]
+    return [
+        f"{record.name}: {np.count_nonzero(outside)} of {np.count_nonzero(scored)} scored samples "
+        f"lie up to {farthest:.2g} SOC outside the OCV points ({low:.3f} to {high:.3f}), where the "
+        "open-circuit voltage is held constant"
+    ]

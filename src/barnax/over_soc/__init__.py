@@ -3,6 +3,7 @@
 from .cross_validation import CrossValidation as CrossValidation
 from .cross_validation import SocErrors as SocErrors
 from .fit import HELD_GAMMA as HELD_GAMMA
+from .fit import FitWarning as FitWarning
 from .fit import TableFit as TableFit
 from .fit import constant_held_out as constant_held_out
 from .fit import errors_on as errors_on
@@ -10,6 +11,7 @@ from .fit import fit_tables as fit_tables
 from .intervals import NodeInterval as NodeInterval
 from .own_ocv import OwnOcv as OwnOcv
 from .own_ocv import fit_with_ocv as fit_with_ocv
+from .registration import register as register
 from .settings import TableSettings as TableSettings
 from .simulate import evaluate_tables as evaluate_tables
 from .simulate import simulate_tables as simulate_tables

@@ -69,9 +69,10 @@ class CrossValidation:
 
     Of one record, each of the `folds` holds every `folds`-th block, the longest of them of
     `block_s` seconds. Several records are left out whole, one after another: `block_s` is None, and
-    `by_record` has the tables' errors on each. Time constants are those of all samples; what is
-    linear is fitted in each fold anew. The constant circuit is the same one with one value for
-    every SOC and no OCV correction.
+    `by_record` has the tables' errors on each, from the start that is told of it, and `registered`
+    those from the start and capacity that it has among the others. Time constants are those of all
+    samples; what is linear is fitted in each fold anew. The constant circuit is the same one with
+    one value for every SOC and no OCV correction.
     """
 
     folds: int
@@ -79,6 +80,7 @@ class CrossValidation:
     tables: SocErrors
     constant: SocErrors
     by_record: tuple[SocErrors, ...] = ()
+    registered: tuple[SocErrors, ...] = ()
 
 
 def blocks_of(
@@ -119,20 +121,22 @@ def cross_validate(objective: Objective, best: Solution) -> CrossValidation | No
 
     None where nothing is held out, or where all samples lie in one fold.
     """
-    settings, parts = objective.settings, objective.parts
+    settings, parts, told = objective.settings, objective.parts, objective.told or objective.parts
     if not _has_folds(objective):
         return None
     plain = replace(settings, nodes=(0.5,), ocv_correction=False)
     whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
-    flat = [part.constant() for part in parts]
+    flat, flat_told = ([part.constant() for part in each] for each in (parts, told))
     records = objective.prepared_records
-    by_fold = _held_out(objective, best, parts)
+    by_fold = _held_out(objective, best, parts, told)
+    registered = _held_out(objective, best, parts, parts) if objective.told else []
     return CrossValidation(
         len(parts) // 2,
         None if len(records) > 1 else _block_s(records[0], settings),
         _together(by_fold),
-        _together(_held_out(whole, find_best(whole), flat)),
+        _together(_held_out(whole, find_best(whole), flat, flat_told)),
         tuple(map(_errors_of, by_fold)) if len(records) > 1 else (),
+        tuple(map(_errors_of, registered)),
     )
 
 
@@ -140,7 +144,8 @@ def held_out_errors(objective: Objective, best: Solution) -> SocErrors | None:
     """The errors on what is held out alone; None as `cross_validate` has it."""
     if not _has_folds(objective):
         return None
-    return _together(_held_out(objective, best, objective.parts))
+    told = objective.told or objective.parts
+    return _together(_held_out(objective, best, objective.parts, told))
 
 
 def _has_folds(objective: Objective) -> bool:
@@ -163,21 +168,28 @@ def _together(folds: Sequence[Sums]) -> SocErrors:
     return SocErrors.of_squares(squares_v2, counts)
 
 
-def _held_out(objective: Objective, best: Solution, parts: Sequence[Reduced]) -> list[Sums]:
-    """What every fold's samples come to, which the tables of the others predict."""
+def _held_out(
+    objective: Objective, best: Solution, parts: Sequence[Reduced], told: Sequence[Reduced]
+) -> list[Sums]:
+    """What every fold's samples, as they are told, come to, which the others' tables predict."""
     folds = len(parts) // 2
     # Of every group's factor only the columns at some scales are wanted.
-    columns, bases = zip(
-        *(replace(objective, reduced=part).columns(best.log_scales) for part in parts), strict=True
-    )
-    scored = np.array([part.scored for part in parts])
+    columns, bases = _at(objective, best, parts)
+    told_columns, told_bases = (columns, bases) if told is parts else _at(objective, best, told)
+    scored, counts = (np.array([part.scored for part in each]) for each in (parts, told))
     squares = np.zeros(len(parts))
     for fold in range(folds):
         is_rest = np.arange(len(parts)) // 2 != fold
         x = _fitted_to(objective, best, columns, bases, np.where(is_rest, scored, 0))
         for at in np.flatnonzero(~is_rest):
-            squares[at] = scored[at] * np.sum((bases[at] + columns[at] @ x) ** 2)
-    return list(zip(squares.reshape(-1, 2), scored.reshape(-1, 2), strict=True))
+            squares[at] = counts[at] * np.sum((told_bases[at] + told_columns[at] @ x) ** 2)
+    return list(zip(squares.reshape(-1, 2), counts.reshape(-1, 2), strict=True))
+
+
+def _at(objective: Objective, best: Solution, parts: Sequence[Reduced]):
+    """Every group's columns at the best time constants, and its base errors."""
+    at = (replace(objective, reduced=part).columns(best.log_scales) for part in parts)
+    return zip(*at, strict=True)
 
 
 def _fitted_to(
@@ -208,9 +220,7 @@ def with_spread(
     records, parts = objective.prepared_records, objective.parts
     if len(records) < FEWEST_RECORDS or len(parts) != 2 * len(records):
         return tuple(intervals)
-    columns, bases = zip(
-        *(replace(objective, reduced=part).columns(best.log_scales) for part in parts), strict=True
-    )
+    columns, bases = _at(objective, best, parts)
     scored = np.array([part.scored for part in parts])
     rows, visits = [], []
     for number, record in enumerate(records):

@@ -9,11 +9,11 @@ weights have moved it further, and to the curve of which the lines between nodes
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
@@ -23,7 +23,7 @@ from ..model.exponentials import Span
 from ..uncertainty.covariance import CONFIDENCE, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .objective import Objective, Solution
-from .reduced import blocks
+from .reduced import Columns, blocks
 
 # Of the smoothing weights, those of the fit that standard errors are of.
 LIGHT = 0.01
@@ -88,7 +88,7 @@ def intervals_of(objective: Objective, best: Solution) -> tuple[NodeInterval, ..
     ]
     of_tables = lighter.ways(light)
     ways = np.asarray(block_diag(of_tables, np.eye(len(is_open))[:, is_open]))
-    noise, to_noise, products = _noise_behind(lighter, light, ways)
+    noise, to_noise, products, _ = noise_behind(lighter, light, ways, linearized(lighter, light))
     normal, count = products.copy(), of_tables.shape[1]
     bent = lighter.table_penalty @ of_tables
     normal[:count, :count] += bent.T @ bent
@@ -156,18 +156,27 @@ def sag_of(
     return np.linalg.solve(products, second * cubes / 24)
 
 
-def _noise_behind(
-    objective: Objective, found: Solution, ways: Float[np.ndarray, "values ways"]
-) -> tuple[Noise, Float[np.ndarray, "seen ways"], Float[np.ndarray, "ways ways"]]:
-    """The noise in coordinates Q, the T / N with J = Q T, and J'J / N of some ways to move."""
+def noise_behind(
+    objective: Objective,
+    found: Solution,
+    ways: Float[np.ndarray, "values ways"],
+    rows: Iterable[tuple[Columns, Float[np.ndarray, "rows"], Bool[np.ndarray, "rows"]]],
+) -> tuple[
+    Noise,
+    Float[np.ndarray, "seen ways"],
+    Float[np.ndarray, "ways ways"],
+    Float[np.ndarray, "ways"],
+]:
+    """The noise in coordinates Q, the T / N with J = Q T, J'J / N and J'e / N of some ways to move,
+    from the rows of `linearized`."""
     time_s = one_clock(objective.prepared_records)
     longest_s = max(each.scored_duration_s for each in objective.prepared_records)
     slots = Slots.of(time_s, longest_s, MOST_SLOTS)
     counts, errors = np.zeros(slots.count), np.zeros(slots.count)
     width = ways.shape[1]
     sums = np.zeros((slots.count, width))
-    products, squares_v2, first = np.zeros((width, width)), 0.0, 0
-    for columns, base, informed in _linearized(objective, found):
+    products, slopes, squares_v2, first = np.zeros((width, width)), np.zeros(width), 0.0, 0
+    for columns, base, informed in rows:
         here = time_s[first : first + len(base)][informed]
         first += len(base)
         values = np.concatenate(found.values)
@@ -177,6 +186,7 @@ def _noise_behind(
         errors += slots.gathered(here, error)
         sums += slots.gathered(here, columns)
         products += columns.T @ columns
+        slopes += columns.T @ error
         squares_v2 += float(error @ error)
     scale = np.sqrt(np.diag(products))
     scale = np.where(scale > 0, scale, 1.0)
@@ -194,10 +204,11 @@ def _noise_behind(
         products=np.eye(len(root)),
         squares_v2=squares_v2,
     )
-    return noise, to_noise / len(time_s), products / len(time_s)
+    samples = len(time_s)
+    return noise, to_noise / samples, products / samples, slopes / samples
 
 
-def _linearized(objective: Objective, found: Solution):
+def linearized(objective: Objective, found: Solution):
     """Columns of all unknowns and of all axes at the scored samples, the base error, and which of
     them come after the first load."""
     pairs, layout = objective.pairs, objective.reduced.layout

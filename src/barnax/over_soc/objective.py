@@ -43,7 +43,8 @@ class Objective:
 
     `ranges` are those of every pair's time constant in s, then of gamma where there is one, by
     name; `LogScales` are the logarithms of these. `reduced` is the factor of all scored samples,
-    `parts` those of the groups of `blocks_of`; `smoothing_scale` scales all smoothing weights.
+    `parts` those of the groups of `blocks_of`; `told` are the same with starts and capacities as
+    they were told, where they were registered; `smoothing_scale` scales all smoothing weights.
     """
 
     prepared_records: Sequence[PreparedRecord]
@@ -51,6 +52,7 @@ class Objective:
     ranges: Mapping[str, Range]
     reduced: Reduced
     parts: Sequence[Reduced] = ()
+    told: Sequence[Reduced] = ()
     smoothing_scale: float = 1.0
 
     @property

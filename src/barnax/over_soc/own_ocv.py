@@ -27,6 +27,7 @@ from ..records.record import FULL_CHARGE
 from ..settings import NODES
 from .certificate import certify
 from .fit import TableFit, constant_with_ocv_held_out, fit_of, reduced_objective
+from .registration import register
 from .search import find_best
 from .settings import OCV, TableSettings
 
@@ -106,9 +107,10 @@ def fit_with_ocv(
     known = known or [max(records, key=_span_ah)]
     for each in known:
         _require_on_axis(each, windows[each.name], axes[each.name].initial_soc, axis_ah)
+    quick = replace(own, folds=0, max_boxes=0)
     if len(known) < len(records):
-        quick = replace(own, folds=0, max_boxes=0)
-        first = _fitted(known, circuit, windows, axes, quick, axis_ah, origin)
+        at_axes = _on_axes(known, windows, axes, axis_ah)
+        first = _fitted(known, circuit, at_axes, quick, axis_ah, origin)
         for each in records:
             if each not in known:
                 # Where it goes from there is looked at with the OCV of all.
@@ -116,19 +118,22 @@ def fit_with_ocv(
                 rest_a = window.rest_current_a or rest_current_a(each, axis_ah)
                 start, _ = find_start(each, first.cell, window, axis_ah, at, rest_a)
                 axes[each.name] = Axis(start.soc, "rest elsewhere")
-    return _fitted(records, circuit, windows, axes, own, axis_ah, origin)
+    windows = _on_axes(records, windows, axes, axis_ah)
+    if len(records) > 1 and not own.keep_starts:
+        first = _fitted(records, circuit, windows, quick, axis_ah, origin)
+        told = [prepare_record(each, first.cell, circuit, windows[each.name]) for each in records]
+        windows = {each.record.name: each.window for each in register(told, own)}
+    return _fitted(records, circuit, windows, own, axis_ah, origin)
 
 
-def _fitted(
+def _on_axes(
     records: Sequence[Record],
-    circuit: str,
     windows: Mapping[str, Window],
     axes: Mapping[str, Axis],
-    settings: TableSettings,
     capacity_ah: float,
-    origin: str,
-) -> OwnOcv:
-    windows = {
+) -> dict[str, Window]:
+    """The windows of records with their starts on the axis."""
+    return {
         each.name: replace(
             windows[each.name],
             initial_soc=axis.initial_soc,
@@ -138,6 +143,16 @@ def _fitted(
         for each in records
         for axis in [axes[each.name]]
     }
+
+
+def _fitted(
+    records: Sequence[Record],
+    circuit: str,
+    windows: Mapping[str, Window],
+    settings: TableSettings,
+    capacity_ah: float,
+    origin: str,
+) -> OwnOcv:
     level = _level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
     prepared = [prepare_record(each, level, circuit, windows[each.name]) for each in records]
     objective = reduced_objective(prepared, settings)

@@ -173,8 +173,8 @@ def read_record(
     found = [each.about(source.name) for each in (*examined.findings, *doubts)]
     return replace(
         aligned(record, voltage_lag),
-        warnings=tuple(each for each in found if each.severity == "warning"),
-        notes=tuple(each for each in found if each.is_told),
+        warnings=tuple(str(each) for each in found if each.severity == "warning"),
+        notes=tuple(str(each) for each in found if each.is_told),
     )
 
 
@@ -224,7 +224,7 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
     """
     samples = source.cut(samples)
     if short := _too_short(samples):
-        raise short.about(source.name).error()
+        raise InputError(str(short.about(source.name)), notice=short)
     turn = -1.0 if sign.value == CHARGE else 1.0
     held_ah = samples.begun_ah if hold.value == "forward" else samples.ended_ah
     counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)

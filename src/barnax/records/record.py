@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..display import Brief
-from ..notices import Notice
 
 Hold = Literal["forward", "backward"]
 Strength = Literal["given", "strong", "weak", "assumed"]
@@ -69,8 +68,8 @@ class Record(Brief):
         hold: A sample's current flows in the interval after it ("forward") or before it
             ("backward"), and why.
         sha256: Digest of the file.
-        warnings: What is doubtful, with what to do.
-        notes: What was assumed or changed in reading.
+        warnings: Sentences about what is doubtful, with what to do.
+        notes: Sentences about what was assumed or changed in reading.
         charge_ah: The tester's own net charge out of the cell since its counters began, which may
             be before the first sample.
         skipped_ah: What the counters counted in intervals whose load was not logged, beyond what
@@ -91,8 +90,8 @@ class Record(Brief):
     sign: Decision
     hold: Decision
     sha256: str
-    warnings: tuple[Notice, ...] = ()
-    notes: tuple[Notice, ...] = ()
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     charge_ah: Float[np.ndarray, "samples"] | None = None
     skipped_ah: Float[np.ndarray, "intervals"] | None = None
     cycle: Int[np.ndarray, "samples"] | None = None

@@ -6,7 +6,6 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from ..cell import CellModel, PolynomialCurve
-from ..notices import Notice
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
 from .words import NOTHING, joined, millivolt, percent, significant, with_unit
 
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
     from ..model.start import Start
     from ..model.window import Window
     from ..records import Decision
-    from ..result_parts import InputPart, PlannedFile
+    from ..result_parts import InputPart, MetricsPart, PlannedFile
     from ..results import Result
 
     Stored = Result | ComparisonResult
@@ -35,7 +34,7 @@ HASH_LETTERS = 16
 # What passes this close to its points passes through them.
 THROUGH_V = 1e-6
 # Sources of a start's SOC that are told in another line, or need no telling.
-TOLD = ("given", "rested voltage", "own full charge", "own span")
+TOLD = ("given", "rested voltage", "own full charge", "own span", "registered")
 # More records are counted, not named.
 MOST_NAMES = 2
 # A change of R0 by less than this share is none.
@@ -86,11 +85,13 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
         )
     simulated = [each for each in stored.inputs if each.start is not None]
     planned = {each.name for each in getattr(stored, "plan", ()) if each.plans_soc}
-    for window, names in _gathered((each.window, each.name) for each in simulated):
+    for window, names in _gathered(
+        (each.window and each.window.as_told, each.name) for each in simulated
+    ):
         yield from window_sentences(window, names)
     for each in simulated:
         if each.start is not None:
-            yield start_sentence(each.name, each.start, each.name in planned)
+            yield start_sentence(each, each.name in planned)
 
 
 def guess_sentences(stored: "Result") -> Iterator[str]:
@@ -138,9 +139,9 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     }
     # The others start by their rest on the OCV of this one.
     name, start = next(
-        (each.name, starts[each.start.soc_source])
+        (each.name, starts[source])
         for each in parts
-        if each.start is not None and each.start.soc_source in starts
+        if each.start is not None and (source := told_source(each)) in starts
     )
     whose = f"{name} " if len(parts) > 1 else ""
     names = [each.name for each in parts]
@@ -149,6 +150,42 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
         f"no OCV test: the OCV is that of {whole}, whose SOC is "
         f"counted over {cell.capacity_ah:.4g} Ah ({cell.capacity_origin}), {whose}{start}; "
         "`capacity` and `initial_soc` set this axis."
+    )
+
+
+def told_source(part: "InputPart") -> str:
+    """Where a record's start was known from before it was registered."""
+    registration = part.window and part.window.registration
+    return registration.told_source if registration else part.start.soc_source if part.start else ""
+
+
+def registered_sentences(stored: "Result") -> Iterator[str]:
+    """What several records of a cell made of each other's start and capacity."""
+    known = [
+        (each.start.soc - own.told_soc, each.window.capacity_ah / own.told_capacity_ah - 1)
+        for each in stored.of_role("identification")
+        if each.start and each.window and (own := each.window.registration)
+        and each.window.capacity_ah
+    ]  # fmt: skip
+    if not known:
+        return
+    soc, capacity = (
+        f"{100 * min(own):+.2f} to {100 * max(own):+.2f} %" for own in zip(*known, strict=True)
+    )
+    yield (
+        f"the records moved each other's start by {soc} SOC and capacity by {capacity}; "
+        "`keep_starts` leaves them as told."
+    )
+
+
+def moved_start_sentence(found: "MetricsPart") -> str:
+    """What moving the start of a record to validate on gains; empty where it moves nowhere."""
+    moved, least_v = found.start_moved_soc, found.registered_v
+    if not moved or least_v is None:
+        return ""
+    return (
+        f"with the start of {found.record} moved by {100 * moved:+.2f} % SOC, where it fits best, "
+        f"{millivolt(least_v)} in place of {millivolt(found.rmse_v)}"
     )
 
 
@@ -171,10 +208,19 @@ def _would_be(own_ohm: float, change_ohm: float) -> str:
     return f"R0 would be {with_unit('R0 [Ohm]', abs(change_ohm))} {more}"
 
 
-def start_sentence(name: str, start: "Start", is_planned: bool = False) -> str:
+def start_sentence(part: "InputPart", is_planned: bool = False) -> str:
     """Where one record starts, and how that is known; `is_planned` is an SOC that the plan set."""
+    name, start = part.name, part.start
+    assert start is not None, "asked of simulated records"
     given = "as the folder's plan says" if is_planned else "given"
-    known = {"given": given, **known_words(start)}[start.soc_source]
+    known = {"given": given, **known_words(start)}[told_source(part)]
+    if part.window and (own := part.window.registration):
+        known = (
+            f"95 %: {own.soc_low:.3f} to {own.soc_high:.3f}, by all records together; alone "
+            f"{own.told_soc:.3f}, {known}. Its capacity is {part.window.capacity_ah:.4g} Ah, "
+            f"{own.capacity_low_ah:.4g} to {own.capacity_high_ah:.4g}; alone "
+            f"{own.told_capacity_ah:.4g}"
+        )
     last = f"last {CAME_FROM[start.direction]}"
     direction = {
         "given": f"with the cell {last}, as given",
@@ -346,8 +392,8 @@ def reproduction_section(stored: "Stored") -> Section:
     return Section("How to repeat this", (*made, versions))
 
 
-def warnings_section(warnings: Sequence[Notice]) -> list[Section]:
+def warnings_section(warnings: Sequence[str]) -> list[Section]:
     """A section of warnings, where there are any."""
     if not warnings:
         return []
-    return [Section("Warnings", (Bullets(tuple(map(str, warnings)), are_warnings=True),))]
+    return [Section("Warnings", (Bullets(tuple(warnings), are_warnings=True),))]

@@ -8,8 +8,14 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ..cell.elements import names_beside
+from ..inputs import NOT_SUITABLE
 from .candidates import ranked
-from .decisions import carried_sentences, guess_sentences
+from .decisions import (
+    carried_sentences,
+    guess_sentences,
+    moved_start_sentence,
+    registered_sentences,
+)
 from .pulses import middle_heads, middle_pulses
 from .soc_tables import (
     expectation,
@@ -40,6 +46,7 @@ MOST_CANDIDATES = 4
 MOST_FILES = 5
 # The error above 10 % SOC is told beside the whole where it is lower by this share.
 APART = 0.1
+UNFIT = f": {NOT_SUITABLE} identification: "
 
 
 def first_screen(
@@ -59,11 +66,7 @@ def first_screen(
     if pulses := middle_pulses(result):
         yield indented(bare_table(middle_heads(result), pulses))
         yield Text()
-    unfit = [
-        ("Do not use", str(each))
-        for each in result.warnings
-        if each.code == "role.unfit" and each.values["role"] == "identification"
-    ]
+    unfit = [("Do not use", text) for text in result.warnings if UNFIT in text]
     lines = [*unfit, ("Best possible", best_possible(result))]
     lines += [("Left out", text) for text in left_out_sentences(result)]
     lines += [("Search", text) for text in search_sentences(result)]
@@ -71,6 +74,13 @@ def first_screen(
     if over is not None:
         lines.append(("Temperatures", f"where none was measured, {expectation(over)}"))
         lines += [("", told) for told in prediction_sentences(result)]
+    lines += [("Registered", text) for text in registered_sentences(result)]
+    lines += [
+        ("Start", text + ".")
+        for each in result.metrics.validation
+        if (text := moved_start_sentence(each))
+        and (each.registered_v or 0.0) < (1 - APART) * each.rmse_v
+    ]
     lines += [("Start", text) for text in carried_sentences(result)]
     lines += [("Assumed", text) for text in guess_sentences(result)]
     for head, text in lines:

@@ -349,6 +349,9 @@ def left_out_sentences(result: "Result") -> Iterator[str]:
         for name, errors in zip(names, held.by_record, strict=False)
     ]
     yield f"predicted by the other records, in mV (above 10 % SOC): {joined(told)}"
+    if held.registered:
+        again = [errors_words(errors) for errors in held.registered]
+        yield f"the same with their starts and capacities registered: {joined(again)}"
 
 
 def _between(each: "NodeInterval", fit: "TableFit") -> str:

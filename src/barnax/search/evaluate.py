@@ -1,6 +1,6 @@
 """One circuit simulated on one record, with its errors."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import equinox as eqx
@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ..cell import CellModel, CircuitParameters
 from ..display import Brief
+from ..errors import InputError
 from ..execution import in_float64
 from ..metrics import Metrics, measure
 from ..model.padding import to_common_size
@@ -21,8 +22,10 @@ from ..model.prepared import (
 from ..model.problem import rc_parameters
 from ..model.simulate import terminal_voltage
 from ..model.window import Window
-from ..notices import Notice
 from ..records import Record
+
+# A start is moved by so much to see what that does, and at most by this.
+PROBE_SOC, MOST_MOVED_SOC = 0.002, 0.03
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,13 +36,16 @@ class Evaluation(Brief):
         prepared: The record in its window.
         simulated_v: The terminal voltage at every simulated sample.
         metrics: Errors over the counted samples only.
-        warnings: What is doubtful about a record to validate on, with what to do.
+        warnings: Sentences about a record to validate on, with what to do.
+        registered: How far its start would have to move for the least error, in SOC, and the RMSE
+            in V from there.
     """
 
     prepared: PreparedRecord
     simulated_v: Float[np.ndarray, "simulated"]
     metrics: Metrics
-    warnings: tuple[Notice, ...] = ()
+    warnings: tuple[str, ...] = ()
+    registered: tuple[float, float] | None = None
 
     @property
     def error_v(self) -> Float[np.ndarray, "simulated"]:
@@ -83,6 +89,43 @@ def evaluate_from_either(
     tried = evaluated(other)
     best, rest = (tried, own) if tried.metrics.rmse_v < own.metrics.rmse_v else (own, tried)
     return replace(best, prepared=best.prepared.fitting_better(rest.metrics.rmse_v))
+
+
+def with_registered(
+    own: Evaluation, evaluated: Callable[[PreparedRecord], Evaluation]
+) -> Evaluation:
+    """The same with what moving the start would gain: by a Gauss-Newton step, for the error is
+    nearly linear in it. Where the step leaves the OCV, or gains nothing, the start stays."""
+    prepared = own.prepared
+
+    def moved(soc: float) -> Evaluation:
+        window = replace(
+            prepared.settled_window, initial_soc=prepared.start.soc + soc, soc_source="registered"
+        )
+        return evaluated(prepare_record(prepared.record, prepared.cell, prepared.circuit, window))
+
+    stays = replace(own, registered=(0.0, own.metrics.rmse_v))
+    try:
+        # Towards the middle, where the OCV goes on.
+        step = PROBE_SOC if prepared.start.soc < 0.5 else -PROBE_SOC
+        probed_v, own_v = _in_both(moved(step), own)
+        slope_v = (probed_v - own_v) / step
+        size = float(slope_v @ slope_v)
+        soc = -float(slope_v @ own_v) / size if size else 0.0
+        soc = min(max(soc, -MOST_MOVED_SOC), MOST_MOVED_SOC)
+        found = moved(soc)
+        before, after = _in_both(own, found)
+    except InputError:
+        return stays
+    is_less = float(after @ after) < float(before @ before)
+    return replace(own, registered=(soc, found.metrics.rmse_v)) if is_less else stays
+
+
+def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
+    """The errors at the samples that both count; which of them do can depend on the SOC."""
+    count = min(len(each.prepared.scored) for each in evaluations)
+    scored = np.all([each.prepared.scored[:count] for each in evaluations], axis=0)
+    return (each.error_v[:count][scored] for each in evaluations)
 
 
 _simulate = eqx.filter_jit(terminal_voltage)

@@ -1,0 +1,178 @@
+"""Where records of one cell start, and over which capacity, told by each other.
+
+What is called full differs by some tenths of a percent of SOC from one charge to the next, and so
+does what a coulomb counter counts. In the records of one cell that is most of the error left near
+empty, where the OCV is steep. To first order the voltage is linear in a record's start and
+capacity: dv = U'(s) (ds0 + (s0 - s) dC / C). They are fitted together with all tables, each held to
+what was told by a prior, and the record is prepared again.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.linalg import block_diag
+from scipy.special import ndtri
+
+from ..blas import one_blas_thread
+from ..errors import InputError
+from ..execution import in_float64
+from ..model.prepared import PreparedRecord, prepare_record
+from ..settings import Registration
+from ..uncertainty.covariance import CONFIDENCE
+from .fit import reduced_objective
+from .intervals import LIGHT, linearized, noise_behind
+from .objective import Objective, Solution
+from .reduced import Columns
+from .search import find_best
+from .settings import TableSettings
+
+# Standard deviations of what is told: of a start at a full charge, of the voltage at a rest, of the
+# start that this tells at most, and of a capacity.
+FULL_SD, REST_SD_V, MOST_SD, CAPACITY_SD = 0.005, 0.005, 0.05, 0.005
+FROM_VOLTAGE = ("rested voltage", "rest elsewhere")
+# The OCV's slope is a difference over so much SOC.
+STEP_SOC = 1e-3
+# The tables bend: registered again until nothing moves by more than this, so often at most.
+SETTLED, ROUNDS = 5e-4, 2
+
+
+@in_float64
+def register(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings
+) -> list[PreparedRecord]:
+    """Several records of one cell with their starts and capacities registered, in their windows.
+
+    Args:
+        prepared_records: The records as they were told, with the cell's OCV.
+        settings: How tables are fitted to them, with a table of the OCV or its correction.
+
+    Where the records leave the axis of SOC so, they stay as they were told.
+    """
+    plain = replace(settings, folds=0, max_boxes=0)
+    found, log_scales = list(prepared_records), None
+    told = np.array([[each.start.soc, each.capacity_ah] for each in prepared_records])
+    prior = np.array([_told_within(each) for each in prepared_records])
+    shifts = errors = np.zeros_like(told)
+    with one_blas_thread():
+        for _ in range(ROUNDS):
+            objective = reduced_objective(found, plain)
+            best = find_best(objective) if log_scales is None else objective.solve(log_scales)
+            log_scales = best.log_scales
+            moved, errors = _shifts(objective, best, shifts, prior)
+            # The axis is the one on which what was told is right on the average.
+            moved -= np.average(moved, axis=0, weights=prior**-2.0)
+            is_settled = np.max(np.abs(moved - shifts)) < SETTLED
+            shifts = moved
+            try:
+                found = [
+                    _moved(each, *row)
+                    for each, row in zip(
+                        prepared_records, np.hstack([told, shifts, errors]).tolist(), strict=True
+                    )
+                ]
+            except InputError:
+                return list(prepared_records)
+            if is_settled:
+                break
+    return found
+
+
+def _told_within(prepared: PreparedRecord) -> tuple[float, float]:
+    """The standard deviations of a record's start and of its capacity, as a share."""
+    start_sd = FULL_SD
+    if prepared.start.soc_source in FROM_VOLTAGE:
+        slope = abs(float(_slope(prepared, np.array([prepared.start.soc]))[0]))
+        start_sd = min(max(start_sd, REST_SD_V / max(slope, 1e-9)), MOST_SD)
+    return start_sd, CAPACITY_SD
+
+
+def _slope(prepared: PreparedRecord, soc: Float[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
+    """That of the cell's OCV in V by SOC."""
+    above_v, below_v = (
+        prepared.cell.average_ocv_v(soc + step) for step in (STEP_SOC / 2, -STEP_SOC / 2)
+    )
+    return (above_v - below_v) / STEP_SOC
+
+
+def _moved(
+    prepared: PreparedRecord,
+    soc: float,
+    capacity_ah: float,
+    soc_shift: float,
+    share: float,
+    soc_error: float,
+    share_error: float,
+) -> PreparedRecord:
+    """The record with its start and capacity moved."""
+    factor = float(ndtri((1 + CONFIDENCE) / 2))
+    own, own_ah = soc + soc_shift, capacity_ah * (1 + share)
+    reach, reach_ah = factor * soc_error, capacity_ah * factor * share_error
+    window = replace(
+        prepared.window,
+        initial_soc=own,
+        soc_source="registered",
+        capacity_ah=own_ah,
+        registration=Registration(
+            told=prepared.window,
+            told_soc=soc,
+            told_capacity_ah=capacity_ah,
+            told_source=prepared.start.soc_source,
+            soc_low=own - reach,
+            soc_high=own + reach,
+            capacity_low_ah=own_ah - reach_ah,
+            capacity_high_ah=own_ah + reach_ah,
+        ),
+    )
+    return prepare_record(prepared.record, prepared.cell, prepared.circuit, window)
+
+
+def _shifts(
+    objective: Objective,
+    best: Solution,
+    shifts: Float[np.ndarray, "records two"],
+    prior: Float[np.ndarray, "records two"],
+) -> tuple[Float[np.ndarray, "records two"], Float[np.ndarray, "records two"]]:
+    """Starts and capacities as shifts from what was told, and their standard errors.
+
+    The noise is correlated, so that H^-1 (J' G J + P S P) H^-1 is the covariance, with S the prior
+    and P its weight in the least squares, the noise's own strength over S.
+    """
+    lighter = replace(objective, smoothing_scale=LIGHT * objective.smoothing_scale)
+    light = lighter.solve(best.log_scales, best.sides, exact=True)
+    of_tables, open_axes = lighter.ways(light), np.eye(len(objective.axes))
+    ways = np.asarray(block_diag(of_tables, open_axes, np.eye(shifts.size)))
+    rows = _with_shifts(lighter, light)
+    noise, to_noise, normal, slopes = noise_behind(lighter, light, ways, rows)
+    bent, count = lighter.table_penalty @ of_tables, of_tables.shape[1]
+    normal[:count, :count] += bent.T @ bent
+    weight = float(np.mean(np.diag(noise.spread_v2))) / objective.reduced.scored
+    own = slice(len(normal) - shifts.size, None)
+    pull = weight / prior.ravel() ** 2
+    normal[own, own] += np.diag(pull)
+    slopes[own] += pull * shifts.ravel()
+    # What tables and time constants would make of it too is left to the fit that follows.
+    moved = np.linalg.lstsq(normal, np.column_stack([slopes, to_noise.T]))[0][own]
+    back = np.linalg.lstsq(normal, np.eye(len(normal))[:, own])[0][own]
+    variance = np.einsum("ij,jk,ik->i", moved[:, 1:], noise.spread_v2, moved[:, 1:])
+    variance += (back * pull) ** 2 @ prior.ravel() ** 2
+    return shifts - moved[:, 0].reshape(shifts.shape), np.sqrt(variance).reshape(shifts.shape)
+
+
+def _with_shifts(
+    objective: Objective, found: Solution
+) -> Iterator[tuple[Columns, Float[np.ndarray, "rows"], Bool[np.ndarray, "rows"]]]:
+    """The rows of `linearized` with two columns more for every record."""
+    count = len(objective.prepared_records)
+    for place, prepared in enumerate(objective.prepared_records):
+        soc, first = prepared.soc[prepared.scored], 0
+        slope = _slope(prepared, soc)
+        # The error falls where the simulated voltage rises.
+        own = -np.column_stack([slope, slope * (prepared.start.soc - soc)])
+        alone = replace(objective, prepared_records=[prepared])
+        for columns, base, informed in linearized(alone, found):
+            here = np.zeros((len(base), 2 * count))
+            here[:, 2 * place : 2 * place + 2] = own[first : first + len(base)]
+            first += len(base)
+            yield np.hstack([columns, here]), base, informed

@@ -1,0 +1,37 @@
+"""A cell of which everything is known: its OCV, its circuit, and drives from any start."""
+
+import numpy as np
+
+from helpers.problems import drive_a
+from helpers.reference import drop_v, filtered_response, make_record
+
+R0_OHM, R_OHM, TAU_S = 0.05, (0.02, 0.03), (12.0, 150.0)
+SAMPLES = 6000
+
+
+def ocv_v(soc):
+    return 3.3 + 0.7 * soc + 0.15 * np.tanh((soc - 0.05) / 0.06) + 0.08 * soc**6
+
+
+def made(seed=0, start=1.0, hours=2.5, noise_v=2e-4, charge=False, capacity_ah=2.0):
+    """A drive from `start` on a cell of 2 Ah that everything is known of, first charged to full
+    by a held voltage where `charge`."""
+    interval_s = 3600 * hours / SAMPLES
+    current_a = 0.7 * drive_a(SAMPLES, seed=seed, interval=20)
+    if charge:
+        taper_a = -np.concatenate([np.full(400, 0.8), 0.8 * np.exp(-np.arange(600) / 180)])
+        current_a = np.concatenate([taper_a, np.zeros(300), current_a])
+    time_s = interval_s * np.arange(len(current_a))
+    out_ah = np.append(0.0, np.cumsum(current_a[:-1] * interval_s)) / 3600
+    at = 1300 if charge else 0
+    soc = start - (out_ah - out_ah[at]) / capacity_ah
+
+    def response(time_s, current_a, tau, hold):
+        return filtered_response(interval_s, current_a, tau, hold)
+
+    voltage_v = ocv_v(soc) - drop_v(response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
+    if charge:
+        held = np.arange(len(soc)) < 1000
+        voltage_v = np.where(held, 4.25, voltage_v)
+    voltage_v += noise_v * np.random.default_rng(seed).standard_normal(len(soc))
+    return make_record(time_s, current_a, voltage_v, name=f"made{seed}.csv"), soc

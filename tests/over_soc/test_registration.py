@@ -1,0 +1,74 @@
+"""Starts and capacities that records of one cell tell of each other, against a known truth."""
+
+import numpy as np
+import pytest
+
+import barnax
+from barnax.model.window import Window
+from helpers.known_cell import made
+
+TRUE_SOC, TRUE_AH = np.array([1.0, 0.994, 0.988]), np.array([2.0, 2.01, 1.99])
+SMALL = {"model": "so-rc", "over": "soc", "seeds": 0, "trust": "none", "advise": False}
+
+
+@pytest.fixture(scope="module")
+def records():
+    """Drives that are all said to start full on 2 Ah, and do not."""
+    return [
+        made(seed, start=soc, capacity_ah=capacity_ah)[0]
+        for seed, (soc, capacity_ah) in enumerate(zip(TRUE_SOC, TRUE_AH, strict=True))
+    ]
+
+
+def identified(records, **options):
+    window = Window(initial_soc=1.0, capacity_ah=2.0)
+    return barnax.identify(records, window=window, **SMALL, **options)
+
+
+@pytest.fixture(scope="module")
+def registered(records):
+    return identified(records)
+
+
+def test_starts_and_capacities_are_found_up_to_the_axis(records, registered):
+    windows = [each.window for each in registered.of_role("identification")]
+    soc = np.array([each.initial_soc for each in windows])
+    capacity_ah = np.array([each.capacity_ah for each in windows])
+    # Where the axis begins and how long it is no record tells.
+    np.testing.assert_allclose(soc - soc.mean(), TRUE_SOC - TRUE_SOC.mean(), atol=1e-3)
+    found, true = capacity_ah / capacity_ah.mean(), TRUE_AH / TRUE_AH.mean()
+    np.testing.assert_allclose(found, true, atol=2e-3)
+    for each, soc, capacity_ah in zip(windows, TRUE_SOC, TRUE_AH, strict=True):
+        known = each.registration
+        assert known.soc_low < soc - TRUE_SOC.mean() + 1 < known.soc_high
+        assert known.capacity_low_ah < 2 * capacity_ah / TRUE_AH.mean() < known.capacity_high_ah
+        assert (known.told_soc, known.told_capacity_ah) == (1.0, 2.0)
+        assert each.as_told.initial_soc == 1.0
+
+
+def test_registered_records_agree_where_those_as_told_do_not(records, registered):
+    kept = identified(records, keep_starts=True)
+    assert [each.window.registration for each in kept.inputs] == [None] * 3
+    # What was told is half a percent wrong; the noise is 0.2 mV.
+    assert registered.metrics.identification.rmse_v < 0.5 * kept.metrics.identification.rmse_v
+    held = registered.tables.fit.cross_validation
+    for told, own in zip(held.by_record, held.registered, strict=True):
+        assert own.rmse_v < told.rmse_v
+    assert not kept.tables.fit.cross_validation.registered
+    again = barnax.Result.model_validate_json(registered.to_json())
+    assert again.inputs == registered.inputs
+    # Of the cell is what was told, and not what one record's counter counts.
+    assert registered.cell_at().capacity_ah == 2.0
+    assert registered.common_window.capacity_ah == 2.0
+
+
+def test_a_record_to_validate_on_is_told_with_its_start_moved_too(registered):
+    record, _ = made(7, start=0.98)
+    found = registered.validate(record, Window(initial_soc=0.99, capacity_ah=2.0))
+    moved_soc, rmse_v = found.registered
+    soc = [each.window.initial_soc for each in registered.of_role("identification")]
+    axis = np.mean(soc) - TRUE_SOC.mean()
+    assert moved_soc == pytest.approx(-0.01 + axis, abs=2e-3)
+    assert rmse_v < 0.5 * found.metrics.rmse_v
+    stays = registered.validate(record, Window(initial_soc=0.99 + moved_soc, capacity_ah=2.0))
+    assert abs(stays.registered[0]) < 1e-3

@@ -11,8 +11,7 @@ import numpy as np
 import optimistix as optx
 
 from barnax.blas import one_blas_thread
-from barnax.model.compressed import CHAINS, TOLERANCE, _blocks, extend
-from barnax.model.exponentials import span_of
+from barnax.model.compressed import CHAINS, Spans, scored_rows, update_triangular
 from barnax.model.simulate import BLOCK as TURN
 
 from .case import bundled_problem, points_of
@@ -28,7 +27,8 @@ def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
     """Names and seconds of wholes and of their parts, and what follows from them."""
     problem = bundled_problem("compressed")
     box, inputs, objective = problem.coordinates, problem.all_inputs[0], problem.objective
-    span = span_of(box.shortest_tau_s, box.longest_tau_s, TOLERANCE)
+    spans = Spans.of([inputs], box)
+    span = spans.in_tau
     optimizer, keys = optimizer_of(sizes), jr.key(KEY)[None]
     points = points_of(problem, POPULATION)
     short, scan = problem.compressed, bundled_problem().objective
@@ -45,7 +45,7 @@ def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
     runs = {
         reduction: Run(lambda: reduce_record(problem)),
         f"of it, the answers of {len(span.skeleton)} pairs to the current": Run(
-            lambda: list(_blocks(inputs, span, None))
+            lambda: list(scored_rows(inputs, spans))
         ),
         factoring: Run(lambda: _factor_chains(halves)),
         f"a compressed search, factor of {short.factor.shape[0]} x {short.factor.shape[1]}": Run(
@@ -80,8 +80,8 @@ def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
 def _factor_chains(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The factors of several matrices at a time, which a reduction then joins."""
     with one_blas_thread(), ThreadPoolExecutor(len(parts)) as pool:
-        columns = parts[0].shape[1]
-        return list(pool.map(lambda rows: extend(np.zeros((columns, columns)), rows), parts))
+        empty = np.zeros((parts[0].shape[1],) * 2)
+        return list(pool.map(lambda rows: update_triangular(empty, rows), parts))
 
 
 @eqx.filter_jit

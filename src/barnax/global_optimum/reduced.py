@@ -12,11 +12,10 @@ from ..cell import CircuitParameters
 from ..cell.elements import RC, get_element
 from ..cell.parameters import RATE
 from ..model.axes import Axis
-from ..model.compressed import TOLERANCE, span_of_pairs
-from ..model.exponentials import span_of
+from ..model.compressed import Spans
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
-from ..model.search_space import Bounds
+from ..model.search_space import Bounds, Range
 from .remainders import remainders
 
 Columns = Float[np.ndarray, "points rows"]
@@ -53,21 +52,20 @@ class Reduced:
         # In NumPy: JAX would compile a program for every slice of every shape.
         factor = np.asarray(short.factor) / np.sqrt(float(short.scored))
         count = len(short.in_tau.nodes)
-        limits = {
-            names.tau: bounds.tau_range_s(at) for at, names in enumerate(bounds.element_names)
-        }
-        spans = [span_of_pairs(problem.all_inputs, problem.coordinates)] * bounds.pairs
-        if bounds.gamma_range is not None:
-            limits[RATE] = low, high = bounds.gamma_range
-            spans.append(span_of(1 / high, 1 / low, TOLERANCE))
-        axes = []
-        for number, (name, (low, high)) in enumerate(limits.items()):
-            is_rate = number == bounds.pairs
-            answers = (factor[:, count:-2] if is_rate else factor[:, :count]).T
-            element = RC if is_rate else get_element(bounds.elements[number])
-            ends, shape = (math.log(low), math.log(high)), (len(factor), 1)
-            sign = -1 if is_rate else 1
-            axes.append(Axis(name, *ends, None, answers, None, shape, spans[number], sign, element))
+        in_tau, in_rate = Spans.of(problem.all_inputs, problem.coordinates)
+        answers = factor.T[:-2, :, None]
+
+        def axis(name: str, ends: Range, *given) -> Axis:
+            return Axis(name, math.log(ends[0]), math.log(ends[1]), None, *given)
+
+        axes = [
+            axis(names.tau, bounds.tau_range_s(at), answers[:count], None, in_tau, 1, element)
+            for at, (names, element) in enumerate(
+                zip(bounds.element_names, map(get_element, bounds.elements), strict=True)
+            )
+        ]
+        if in_rate is not None and bounds.gamma_range is not None:
+            axes.append(axis(RATE, bounds.gamma_range, answers[count:], None, in_rate, -1, RC))
         records = problem.prepared_records
         return cls(factor[:, -1], factor[:, -2], tuple(axes), bounds, records)
 

@@ -22,17 +22,16 @@ class Axis:
 
     Its columns multiply the table of that number; `table` is None where they are one column that
     counts as it is, the dynamic hysteresis of the measured gap. `answers` are those of the span's
-    skeleton, from which `to_nodes` gives all nodes, or of the nodes themselves; each is `shape`
-    numbers. `sign` is -1 where a time constant is one over the number searched.
+    skeleton, from which `to_nodes` gives all nodes, or of the nodes themselves. `sign` is -1 where
+    a time constant is one over the number searched.
     """
 
     name: str
     low: float
     high: float
     table: int | None
-    answers: Float[np.ndarray, "few entries"]
+    answers: Float[np.ndarray, "few rows width"]
     to_nodes: Float[np.ndarray, "few nodes"] | None
-    shape: tuple[int, int]
     span: Span
     sign: int
     element: Element
@@ -74,4 +73,5 @@ class Axis:
     def _product(self, counts) -> Float[np.ndarray, "points rows width"]:
         if self.to_nodes is not None:
             counts = counts @ self.to_nodes.T
-        return (counts @ self.answers).reshape(-1, *self.shape)
+        flat = self.answers.reshape(len(self.answers), -1)
+        return (counts @ flat).reshape(-1, *self.answers.shape[1:])

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial, reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -24,6 +24,7 @@ from ..execution import as_input, threads
 from .coordinates import Coordinates
 from .exponentials import Lagrange, Span, span_of
 from .intervals import AT_ONCE, Intervals
+from .search_space import Range
 from .simulate import AbstractEvaluator, RCParameters, SimulationInput, respond
 
 # Bound on the error of a pair's answer, relative to the largest current.
@@ -62,10 +63,6 @@ class Compressed(AbstractEvaluator):
     factor: Float[Array, "rows columns"]
     in_tau: Lagrange
     in_rate: Lagrange | None = None
-
-    @property
-    def base(self) -> Float[Array, "rows"]:
-        return self.factor[:, -1]
 
     def errors(self, rc: RCParameters) -> Float[Array, "rows"]:
         # All pairs at once, and counts times the factor rather than the reverse: fewer steps, and
@@ -107,52 +104,71 @@ def compress(all_inputs: Sequence[SimulationInput], box: Coordinates) -> Compres
     The samples go through in blocks of `BLOCK`; nothing longer is ever held. Raises `InputError`
     where the box is too wide for the accuracy promised.
     """
-    in_tau = span_of_pairs(all_inputs, box)
-    in_rate = None
-    if box.gamma_limits is not None:
-        slowest, fastest = box.gamma_limits
-        in_rate = span_of(1 / fastest, 1 / slowest, TOLERANCE)
+    spans = Spans.of(all_inputs, box)
     # One thread each: what a library does with several would change the last bits.
     with one_blas_thread():
-        factor = reduce(extend, [_factor(inputs, in_tau, in_rate) for inputs in all_inputs])
-        count = len(in_tau.skeleton)
-        columns = [factor[:, :count] @ in_tau.from_skeleton]
-        if in_rate is not None:
-            columns.append(factor[:, count:-2] @ in_rate.from_skeleton)
-        columns.append(factor[:, -2:])
+        whole = reduce(update_triangular, [_factor(inputs, spans) for inputs in all_inputs])
         scored = sum(float(inputs.scored) for inputs in all_inputs)
-        factor = shorten(np.concatenate(columns, axis=1), NEGLIGIBLE_V * math.sqrt(scored))
-    return Compressed(
-        scored=as_input(scored),
-        factor=as_input(factor),
-        in_tau=Lagrange.of(in_tau),
-        in_rate=None if in_rate is None else Lagrange.of(in_rate),
-    )
+        factor = shorten(spans.to_nodes(whole), NEGLIGIBLE_V * math.sqrt(scored))
+    return spans.evaluator(factor, scored)
 
 
-def span_of_pairs(
-    all_inputs: Sequence[SimulationInput], box: Coordinates, tolerance: float = TOLERANCE
-) -> Span:
-    """Nodes for every RC pair in a box, as far as an interval can tell it from a faster one."""
-    interval_s = min(float(np.min(np.asarray(each.intervals.node_s))) for each in all_inputs)
-    return span_of(max(box.shortest_tau_s, interval_s / AT_ONCE), box.longest_tau_s, tolerance)
+class Spans(NamedTuple):
+    """Nodes for every RC pair of a box, and for a dynamic hysteresis where there is one."""
+
+    in_tau: Span
+    in_rate: Span | None
+
+    @classmethod
+    def of(
+        cls, all_inputs: Sequence[SimulationInput], box: Coordinates, tolerance: float = TOLERANCE
+    ) -> "Spans":
+        """Those of every circuit in a box."""
+        interval_s = min(float(np.min(np.asarray(each.intervals.node_s))) for each in all_inputs)
+        taus_s = box.shortest_tau_s, box.longest_tau_s
+        return cls.between(taus_s, box.gamma_limits, interval_s, tolerance)
+
+    @classmethod
+    def between(
+        cls, taus_s: Range, gammas: Range | None, interval_s: float, tolerance: float = TOLERANCE
+    ) -> "Spans":
+        """Those between some ends, as far as an interval can tell a pair from a faster one.
+
+        Raises `InputError` where these are too far apart.
+        """
+        in_tau = span_of(max(taus_s[0], interval_s / AT_ONCE), taus_s[1], tolerance)
+        in_rate = None if gammas is None else span_of(1 / gammas[1], 1 / gammas[0], tolerance)
+        return cls(in_tau, in_rate)
+
+    def to_nodes(
+        self, factor: Float[np.ndarray, "rows columns"]
+    ) -> Float[np.ndarray, "rows more_columns"]:
+        """The columns of all nodes from those of the skeletons; the last two stay."""
+        count = len(self.in_tau.skeleton)
+        columns = [factor[:, :count] @ self.in_tau.from_skeleton]
+        if self.in_rate is not None:
+            columns.append(factor[:, count:-2] @ self.in_rate.from_skeleton)
+        return np.concatenate([*columns, factor[:, -2:]], axis=1)
+
+    def evaluator(self, factor: Float[np.ndarray, "rows columns"], scored: float) -> Compressed:
+        """The objective of a factor with the columns of all nodes. Call inside float64."""
+        in_rate = None if self.in_rate is None else Lagrange.of(self.in_rate)
+        return Compressed(as_input(scored), as_input(factor), Lagrange.of(self.in_tau), in_rate)
 
 
-def _factor(
-    inputs: SimulationInput, in_tau: Span, in_rate: Span | None
-) -> Float[np.ndarray, "columns columns"]:
+def _factor(inputs: SimulationInput, spans: Spans) -> Float[np.ndarray, "columns columns"]:
     """The triangular factor of all scored samples of one record."""
     with threads(CHAINS) as pool:
         chains: list = [None] * CHAINS
-        for number, block in enumerate(_blocks(inputs, in_tau, in_rate)):
+        for number, block in enumerate(scored_rows(inputs, spans)):
             chain = number % CHAINS
             done = chains[chain]
             start = done.result() if done else np.zeros((block.shape[1],) * 2)
-            chains[chain] = pool.submit(extend, start, block)
-        return reduce(extend, [chain.result() for chain in chains if chain])
+            chains[chain] = pool.submit(update_triangular, start, block)
+        return reduce(update_triangular, [chain.result() for chain in chains if chain])
 
 
-def extend(
+def update_triangular(
     factor: Float[np.ndarray, "columns columns"],
     rows: Float[np.ndarray, "rows columns"],
     reflectors: int = REFLECTORS,
@@ -180,26 +196,29 @@ def shorten(
     return shorter
 
 
-def _blocks(
-    inputs: SimulationInput, in_tau: Span, in_rate: Span | None
+def scored_rows(
+    inputs: SimulationInput, spans: Spans
 ) -> Iterator[Float[np.ndarray, "scored columns"]]:
-    """The columns of the problem at the scored samples, block after block."""
+    """The answers of the skeletons, the current and the base error at the scored samples, block
+    after block. Call inside float64."""
+    in_tau, in_rate = spans
     # In few sizes, so that records with other clocks share one program.
     inputs = inputs.map_clocks(
         lambda clock: clock.with_nodes(1 << (len(clock.node_s) - 1).bit_length())
     )
-    tau, turn_tau = padded_tau(in_tau), np.empty(0) if in_rate is None else padded_tau(in_rate)
-    state, turned = np.zeros(tau.shape), np.zeros(turn_tau.shape)
+    tau, rate_tau = padded_tau(in_tau), np.empty(0) if in_rate is None else padded_tau(in_rate)
+    state, hysteresis_state = np.zeros(tau.shape), np.zeros(rate_tau.shape)
     for first in range(0, len(inputs.current_a), BLOCK):
         here = slice(first, first + BLOCK)
         # Of NumPy's arrays, where JAX's are declared.
         block: Any = inputs.map_samples(lambda array, here=here: np.asarray(array)[here])
         state, answers = answer_block(tau, state, block.held_a, block.intervals)
-        columns, moved = [answers[:, : len(in_tau.skeleton)]], block.hysteresis
-        if in_rate is not None and moved is not None:
-            turning = moved.hysteresis_input
-            turned, turns = answer_block(turn_tau, turned, turning, moved.intervals)
-            columns.append(-moved.amplitude_v[:, None] * turns[:, : len(in_rate.skeleton)])
+        columns, hysteresis = [answers[:, : len(in_tau.skeleton)]], block.hysteresis
+        if in_rate is not None and hysteresis is not None:
+            hysteresis_state, response = answer_block(
+                rate_tau, hysteresis_state, hysteresis.hysteresis_input, hysteresis.intervals
+            )
+            columns.append(-hysteresis.amplitude_v[:, None] * response[:, : len(in_rate.skeleton)])
         columns += [block.current_a[:, None], block.base_error_v[:, None]]
         rows = np.concatenate(columns, axis=1)
         yield rows if block.weight is None else rows[block.weight > 0]

@@ -224,17 +224,17 @@ def linearized(objective: Objective, found: Solution):
             scored = prepared.scored[block.here]
             if not np.any(scored):
                 continue
-            rows = replace(part, scored=1, factor=block.few[scored] @ block.mixing)
-            answers, turns, standing, current, correction, base = map(rows.part, layout.sizes)
+            rows = replace(part, scored=1, factor=block.local_columns[scored] @ block.to_global)
+            answers, responses, initial, current, correction, base = map(rows.part, layout.sizes)
             taus = np.zeros((3 * pairs, *answers.shape[1:]))
             for own, each in zip(answers.reshape(-1, 3, *answers.shape[1:]), rungs, strict=True):
                 taus[3 * each.element : 3 * each.element + 3] += each.share * own
-            amplitude = list(standing)
+            amplitude = list(initial)
             base = base[0][:, 0]
             if rate and layout.has_amplitude:
-                amplitude = [standing[0] + turns[1]]
+                amplitude = [initial[0] + responses[1]]
             elif rate:
-                base = base + turns[1][:, 0]
+                base = base + responses[1][:, 0]
             tables = [*current, *taus[1::3], *correction, *amplitude]
             moved = [
                 (taus[3 * pair + 2] - taus[3 * pair]) @ found.values[pair + 1] / (2 * STEP)
@@ -242,7 +242,7 @@ def linearized(objective: Objective, found: Solution):
             ]
             if rate:
                 counts = found.values[-1] if layout.has_amplitude else np.ones(1)
-                moved.append((turns[2] - turns[0]) @ counts / (2 * STEP))
+                moved.append((responses[2] - responses[0]) @ counts / (2 * STEP))
             columns = np.concatenate([*tables, np.stack(moved, axis=1)], axis=1)
             yield columns, base, prepared.informed[block.here][scored]
 

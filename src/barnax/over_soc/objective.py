@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from ..cell import SocTables
 from ..cell.circuits import get_circuit
-from ..cell.elements import RC, Element, get_element, names_of
+from ..cell.elements import RC, get_element, names_of
 from ..cell.parameters import OHMIC, RATE
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION, hats
 from ..model.axes import Axis
@@ -108,30 +108,21 @@ class Objective:
     def axes(self) -> tuple[Axis, ...]:
         """The searched coordinates."""
         layout = self.reduced.layout
-        taus, turns = self.reduced.part("pairs"), self.reduced.part("turns")
+        taus, responses = self.reduced.part("pairs"), self.reduced.part("hysteresis_response")
 
-        def axis(
-            name: str,
-            table: int | None,
-            part: np.ndarray,
-            span: Span,
-            sign: int,
-            element: Element = RC,
-        ):
+        def axis(name: str, table: int | None, answers: np.ndarray, span: Span, *given) -> Axis:
             low, high = np.log(self.ranges[name]).tolist()
-            flat = part.reshape(len(part), -1)
-            shape, to_nodes = part.shape[1:], span.from_skeleton
-            return Axis(name, low, high, table, flat, to_nodes, shape, span, sign, element)
+            return Axis(name, low, high, table, answers, span.from_skeleton, span, *given)
 
         axes = [
-            axis(names.tau, pair, taus, layout.in_tau, 1, get_element(element))
-            for pair, (element, names) in enumerate(
-                zip(self.elements, names_of(self.elements), strict=True), 1
+            axis(names.tau, table, taus, layout.in_tau, 1, element)
+            for table, (names, element) in enumerate(
+                zip(names_of(self.elements), map(get_element, self.elements), strict=True), 1
             )
         ]
         if layout.in_rate is not None:
             table = self.tables - 1 if layout.has_amplitude else None
-            axes.append(axis(RATE, table, turns, layout.in_rate, -1))
+            axes.append(axis(RATE, table, responses, layout.in_rate, -1, RC))
         return tuple(axes)
 
     @property
@@ -147,7 +138,7 @@ class Objective:
         if layout.has_correction:
             own[1 + self.pairs] = self.reduced.part("correction")[0] @ self._to_correction
         if layout.has_amplitude:
-            own[self.tables - 1] = self.reduced.part("standing")[0]
+            own[self.tables - 1] = self.reduced.part("initial_hysteresis")[0]
         return own
 
     @cached_property
@@ -261,7 +252,7 @@ class Objective:
             blocks.append(own[own @ self.visited_of(table) > 0].T)
         return np.asarray(block_diag(*blocks))
 
-    def moved(self, found: Solution) -> list[Float[np.ndarray, "rows"]]:
+    def error_slopes(self, found: Solution) -> list[Float[np.ndarray, "rows"]]:
         """The derivatives of the error by every axis's scale, at fixed tables."""
         return [
             axis.slopes_at(where) @ (np.ones(1) if axis.table is None else found.values[axis.table])
@@ -270,7 +261,7 @@ class Objective:
 
     def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
         """The derivative of the least J by the scales: that at fixed tables, which are optimal."""
-        return np.array([2 * float(found.error @ each) for each in self.moved(found)])
+        return np.array([2 * float(found.error @ each) for each in self.error_slopes(found)])
 
     @property
     def names(self) -> tuple[str, ...]:

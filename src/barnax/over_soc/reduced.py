@@ -23,14 +23,13 @@ from ..execution import in_float64, threads
 from ..model.compressed import (
     BLOCK,
     NEGLIGIBLE_V,
-    TOLERANCE,
+    Spans,
     answer_block,
-    extend,
     padded_tau,
     shorten,
+    update_triangular,
 )
-from ..model.exponentials import Span, span_of
-from ..model.intervals import AT_ONCE
+from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
 from ..model.simulate import SimulationInput
@@ -73,14 +72,15 @@ class Layout:
 
     @property
     def sizes(self) -> dict[str, tuple[int, int]]:
-        """How many columns of each part there are, of how wide; those of `pairs` and `turns` are of
-        the skeletons, `standing` is the hysteresis before it has turned."""
-        nodes = len(self.nodes)
-        turned = nodes if self.has_amplitude else 1
+        """How many columns of each part there are, of how wide; those of `pairs` and
+        `hysteresis_response` are of the skeletons, `initial_hysteresis` is the hysteresis before it
+        has turned."""
+        nodes, rate = len(self.nodes), self.in_rate
+        responses = 0 if rate is None else len(rate.skeleton), nodes if self.has_amplitude else 1
         return {
             "pairs": (len(self.in_tau.skeleton), nodes),
-            "turns": (0 if self.in_rate is None else len(self.in_rate.skeleton), turned),
-            "standing": (int(self.has_amplitude), nodes),
+            "hysteresis_response": responses,
+            "initial_hysteresis": (int(self.has_amplitude), nodes),
             "current": (1, nodes),
             "correction": (int(self.has_correction), len(self.ocv_nodes)),
             "base": (1, 1),
@@ -140,7 +140,7 @@ def reduce_records(
             for group in range(count)
         ]
         return [
-            Reduced(layout, number, reduce(join, own, np.zeros((layout.width,) * 2)))
+            Reduced(layout, number, reduce(append_rows, own, np.zeros((layout.width,) * 2)))
             for number, own in zip(scored.tolist(), factors, strict=True)
         ]
 
@@ -149,22 +149,22 @@ def _join_block(
     factor: Float[np.ndarray, "columns columns"], block: "Block", is_own: Bool[np.ndarray, "_"]
 ) -> Float[np.ndarray, "columns columns"]:
     """The triangular factor with those samples of a block that are its own."""
-    rows, few = block.few[is_own], block.few.shape[1]
+    rows, few = block.local_columns[is_own], block.local_columns.shape[1]
     if len(rows) > few:
-        rows = extend(np.zeros((few, few)), rows, REFLECTORS)
-    return join(factor, rows @ block.mixing)
+        rows = update_triangular(np.zeros((few, few)), rows, REFLECTORS)
+    return append_rows(factor, rows @ block.to_global)
 
 
 def together(parts: Sequence[Reduced]) -> Reduced:
     """All of them as one, without rows that are rounding."""
     with one_blas_thread():
-        factor = reduce(join, [part.factor for part in parts])
+        factor = reduce(append_rows, [part.factor for part in parts])
         scored = sum(part.scored for part in parts)
         factor = shorten(factor, NEGLIGIBLE_V * math.sqrt(scored))
     return Reduced(parts[0].layout, scored, factor)
 
 
-def join(
+def append_rows(
     factor: Float[np.ndarray, "columns columns"], rows: Columns
 ) -> Float[np.ndarray, "columns columns"]:
     """The triangular factor with more rows.
@@ -175,7 +175,8 @@ def join(
     used = np.flatnonzero(np.any(factor, axis=0) | np.any(rows, axis=0))
     joined = np.zeros_like(factor)
     rows = rows[np.any(rows, axis=1)]
-    joined[np.ix_(used, used)] = extend(factor[np.ix_(used, used)], rows[:, used], REFLECTORS)
+    own = np.ix_(used, used)
+    joined[own] = update_triangular(factor[own], rows[:, used], REFLECTORS)
     return joined
 
 
@@ -193,42 +194,38 @@ def layout_of(
 
     Raises `InputError` where a range is too wide.
     """
-    in_rate = None
-    if RATE in ranges:
-        slowest, fastest = ranges[RATE]
-        in_rate = span_of(1 / fastest, 1 / slowest, TOLERANCE)
     limits = [limits for name, limits in ranges.items() if name != RATE]
     ratios = [get_element(name).ratios for name in elements]
     fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
     slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
-    in_tau = span_of(max(fastest_s, interval_s / AT_ONCE), slowest_s, TOLERANCE)
-    return Layout(nodes, ocv_nodes, in_tau, in_rate, has_correction, has_amplitude)
+    spans = Spans.between((fastest_s, slowest_s), ranges.get(RATE), interval_s)
+    return Layout(nodes, ocv_nodes, *spans, has_correction, has_amplitude)
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """The columns at the samples `here` of a record are `few` @ `mixing`.
+    """The columns at the samples `here` of a record are `local_columns` @ `to_global`.
 
     What is near only few nodes moves only few columns: those of all others are what is left of
     earlier answers, which decay alike at every node.
     """
 
     here: slice
-    few: Float[np.ndarray, "samples few"]
-    mixing: Float[np.ndarray, "few columns"]
+    local_columns: Float[np.ndarray, "samples few"]
+    to_global: Float[np.ndarray, "few columns"]
 
 
 def blocks(prepared: PreparedRecord, layout: Layout) -> Iterator[Block]:
     """The columns at all samples of a record, block after block. Call inside float64."""
     nodes, rate = np.array(layout.nodes), layout.in_rate
     pairs = _SharedAnswers(layout.in_tau, len(nodes))
-    turn_tau = np.empty(0) if rate is None else padded_tau(rate)
-    turned = np.zeros(len(turn_tau))
-    highest_gamma = None if rate is None else 1 / float(turn_tau.min())
+    rate_tau = np.empty(0) if rate is None else padded_tau(rate)
+    hysteresis_state = np.zeros(len(rate_tau))
+    highest_gamma = None if rate is None else 1 / float(rate_tau.min())
     start = float(prepared.start.direction)
     fastest_s = float(layout.in_tau.skeleton_tau.min())
     for here, given in TableInput.blocks(prepared, nodes, fastest_s, highest_gamma):
-        inputs, moved, size = given.inputs, given.inputs.hysteresis, here.stop - here.start
+        inputs, hysteresis, size = given.inputs, given.inputs.hysteresis, here.stop - here.start
         spread = hats(prepared.soc[here], nodes)
         near = np.flatnonzero(np.any(spread, axis=0))
         spread = spread[:, near]
@@ -236,17 +233,22 @@ def blocks(prepared: PreparedRecord, layout: Layout) -> Iterator[Block]:
         base = np.asarray(inputs.base_error_v)[:size, None]
 
         into, columns = [layout.places["pairs"][:, near]], [answers]
-        if rate is not None and moved is not None:
-            turning = np.asarray(moved.hysteresis_input)
-            turned, turns = answer_block(turn_tau, turned, turning, moved.intervals)
-            turns = turns[:size, : len(rate.skeleton)]
+        if rate is not None and hysteresis is not None:
+            turning = np.asarray(hysteresis.hysteresis_input)
+            hysteresis_state, response = answer_block(
+                rate_tau, hysteresis_state, turning, hysteresis.intervals
+            )
+            response = response[:size, : len(rate.skeleton)]
             if layout.has_amplitude:
-                into += [layout.places[name][:, near] for name in ("turns", "standing")]
-                columns += [-turns[:, :, None] * spread[:, None], -start * spread]
+                into += [
+                    layout.places[name][:, near]
+                    for name in ("hysteresis_response", "initial_hysteresis")
+                ]
+                columns += [-response[:, :, None] * spread[:, None], -start * spread]
             else:
-                amplitude_v = np.asarray(moved.amplitude_v)[:size, None]
-                into.append(layout.places["turns"])
-                columns.append(-turns * amplitude_v)
+                amplitude_v = np.asarray(hysteresis.amplitude_v)[:size, None]
+                into.append(layout.places["hysteresis_response"])
+                columns.append(-response * amplitude_v)
                 base = base - start * amplitude_v
         into.append(layout.places["current"][:, near])
         columns.append(np.asarray(inputs.current_a)[:size, None] * spread)
@@ -262,8 +264,8 @@ def blocks(prepared: PreparedRecord, layout: Layout) -> Iterator[Block]:
             mixed = np.zeros((len(left), layout.width))
             np.put_along_axis(mixed, layout.places["pairs"], left, axis=1)
             columns, own = [decays, *columns], np.concatenate([mixed, own])
-        few = np.concatenate([each.reshape(size, -1) for each in columns], axis=1)
-        yield Block(here, few, own)
+        local = np.concatenate([each.reshape(size, -1) for each in columns], axis=1)
+        yield Block(here, local, own)
 
 
 class _SharedAnswers:

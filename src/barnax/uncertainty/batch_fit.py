@@ -21,12 +21,9 @@ from ..execution import (
     seed_blocks,
     wanted_rows,
 )
-from ..model.compressed import Compressed, span_of_pairs
+from ..model.compressed import Compressed, Spans, scored_rows
 from ..model.coordinates import Coordinates
-from ..model.exponentials import Lagrange, span_of
-from ..model.intervals import Intervals
 from ..model.problem import Objective, Problem, rc_parameters, residuals
-from ..model.simulate import unit_response
 from ..search.refine import AT_BOUND
 from .covariance import Linearization
 
@@ -55,42 +52,15 @@ class Voltages:
         Raises `InputError` where the box is too wide.
         """
         box = Coordinates.of(problem.bounds, "log")
-        in_tau = span_of_pairs(problem.all_inputs, box, PROJECTION_TOLERANCE)
-        in_rate = None
-        if box.gamma_limits is not None:
-            slowest, fastest = box.gamma_limits
-            in_rate = span_of(1 / fastest, 1 / slowest, PROJECTION_TOLERANCE)
-        parts, own = [], []
-        for prepared, inputs in zip(problem.prepared_records, problem.all_inputs, strict=True):
-            columns = [
-                _unit_responses(jnp.asarray(in_tau.skeleton_tau), inputs.held_a, inputs.intervals)
-            ]
-            moved = inputs.hysteresis
-            if in_rate is not None and moved is not None:
-                hysteresis = _unit_responses(
-                    jnp.asarray(in_rate.skeleton_tau), moved.hysteresis_input, moved.intervals
-                )
-                columns.append(-moved.amplitude_v * hysteresis)
-            columns.append(inputs.current_a[None])
-            parts.append(np.asarray(jnp.concatenate(columns)).T[prepared.scored])
-            own.append(np.asarray(inputs.base_error_v)[prepared.scored])
+        spans = Spans.of(problem.all_inputs, box, PROJECTION_TOLERANCE)
+        rows = [block for inputs in problem.all_inputs for block in scored_rows(inputs, spans)]
+        columns, own_v = np.split(np.concatenate(rows), [-1], axis=1)
         # One thread: what a library does with several would change the last bits.
         with one_blas_thread():
-            basis, factor = np.linalg.qr(np.concatenate(parts))
-        count = len(in_tau.skeleton)
-        columns = [factor[:, :count] @ in_tau.from_skeleton]
-        if in_rate is not None:
-            columns.append(factor[:, count:-1] @ in_rate.from_skeleton)
-        columns.append(factor[:, -1:])
-        responses = np.pad(np.concatenate(columns, axis=1), ((0, 1), (0, 0)))
-        own_v = np.concatenate(own)
-        whole = np.column_stack([responses, _project(basis, own_v[None])[0]])
-        objective = Compressed(
-            scored=jnp.asarray(float(len(own_v))),
-            factor=jnp.asarray(whole),
-            in_tau=Lagrange.of(in_tau),
-            in_rate=None if in_rate is None else Lagrange.of(in_rate),
-        )
+            basis, factor = np.linalg.qr(columns)
+        own_v = own_v[:, 0]
+        whole = np.column_stack([np.pad(factor, ((0, 1), (0, 0))), _project(basis, own_v[None])[0]])
+        objective = spans.evaluator(spans.to_nodes(whole), len(own_v))
         return cls(basis, own_v, objective)
 
     def project(
@@ -106,13 +76,6 @@ def _project(basis: np.ndarray, voltages_v: np.ndarray) -> np.ndarray:
         squares = np.einsum("fs,fs->f", voltages_v, voltages_v)
     rest = np.sqrt(np.maximum(squares - np.einsum("fr,fr->f", inside, inside), 0.0))
     return np.column_stack([inside, rest])
-
-
-@eqx.filter_jit
-def _unit_responses(
-    taus: Float[Array, "taus"], held: Float[Array, "samples"], intervals: Intervals
-) -> Float[Array, "taus samples"]:
-    return jax.vmap(unit_response, in_axes=(0, None, None))(taus, held, intervals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +104,7 @@ class Refit:
             _refit,
             self.voltages.objective,
             self.box,
-            jnp.stack([self.voltages.objective.base] * SEEDS_PER_BLOCK),
+            jnp.stack([self.voltages.objective.factor[:, -1]] * SEEDS_PER_BLOCK),
             jnp.zeros((SEEDS_PER_BLOCK, free)),
             jnp.zeros((SEEDS_PER_BLOCK, free, free)),
             jnp.zeros((SEEDS_PER_BLOCK, free)),
@@ -150,7 +113,7 @@ class Refit:
     @property
     def rows(self) -> int:
         """The length of a projected voltage."""
-        return len(self.voltages.objective.base)
+        return len(self.voltages.objective.factor)
 
     @in_float64
     def encode(self, parameters: CircuitParameters) -> Float[np.ndarray, "coordinates"]:
@@ -172,7 +135,7 @@ class Refit:
         fitted.
         """
         fits, free = starts.shape
-        own = np.asarray(self.voltages.objective.base)
+        own = np.asarray(self.voltages.objective.factor[:, -1])
         base_v = np.broadcast_to(own, (fits, self.rows)) if base_v is None else base_v
         matrix = np.eye(free) if matrix is None else matrix
         shift = np.zeros((fits, free)) if shift is None else shift

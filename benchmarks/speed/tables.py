@@ -21,7 +21,7 @@ import barnax
 from barnax.cell.tables import hats
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc.fit import reduced_objective
-from barnax.over_soc.objective import Objective
+from barnax.over_soc.objective import TableObjective
 from barnax.over_soc.search import find_best
 from barnax.over_soc.settings import TableSettings
 from benchmarks.pages import as_markdown, provenance, save_page
@@ -52,7 +52,7 @@ def time_tables(sizes: Sizes) -> list[Row]:
     prepared = prepare_record(bundled_record(), bundled_cell(), "so-rc", Window())
     counted = 0
 
-    class Counting(Objective):
+    class Counting(TableObjective):
         def solve(self, *given, **more):
             nonlocal counted
             counted += 1
@@ -66,7 +66,7 @@ def time_tables(sizes: Sizes) -> list[Row]:
     if not abs(root_v / best.rms_v - 1) < 1e-7:
         raise SystemExit(f"SciPy's sqrt(J) is {root_v} V, not {best.rms_v} V")
     runs = {
-        "ours": Run(lambda: find_best(_objective(prepared, Objective))),
+        "ours": Run(lambda: find_best(_objective(prepared, TableObjective))),
         "scipy": Run(lambda: _solved(prepared, objective.penalty, whole, best.log_scales)),
     }
     taken = take_turns(runs, sizes.turns)
@@ -84,7 +84,7 @@ def time_tables(sizes: Sizes) -> list[Row]:
     ]
 
 
-def _objective(prepared: PreparedRecord, kind: type[Objective]) -> Objective:
+def _objective(prepared: PreparedRecord, kind: type[TableObjective]) -> TableObjective:
     ranges = dict.fromkeys(("tau1 [s]", "tau2 [s]"), TAU_RANGE_S)
     objective = reduced_objective([prepared], SETTINGS, ranges)
     return kind(**vars(objective))

@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from scipy.optimize import lsq_linear
 
 from barnax.global_optimum.certificate import CERTIFIED_GAP, certify
-from barnax.global_optimum.reduced import Reduced
+from barnax.global_optimum.reduced import ConstantObjective
 from barnax.global_optimum.remainders import THIRD_DERIVATIVE, lowest_of_parabola
 from barnax.global_optimum.search import landscape_of
 from barnax.model.problem import make_problem, rmse_by_scan
@@ -38,9 +38,9 @@ def made_record(seed, noise_v=1e-3, samples=300):
     return make_record(time_s, current_a, 3.7 - drop_v + drift_v)
 
 
-def reduced_problem(cell, seed=0, circuit="so-rc", noise_v=1e-3, **given) -> Reduced:
+def reduced_problem(cell, seed=0, circuit="so-rc", noise_v=1e-3, **given) -> ConstantObjective:
     record = made_record(seed, noise_v)
-    return Reduced.of(make_problem(record, cell, circuit, window=KNOWN_SOC, **given))
+    return ConstantObjective.of(make_problem(record, cell, circuit, window=KNOWN_SOC, **given))
 
 
 def least_error(reduced, place):
@@ -96,7 +96,7 @@ def test_no_response_s_third_derivative_exceeds_its_bound(bundled_cell, tau):
         for k in (-2, -1, 1, 2)
     ]
     third = (responses[3] - 2 * responses[2] + 2 * responses[1] - responses[0]) / (2 * step**3)
-    bound = Reduced.of(problem).remainders[0][0, 0]
+    bound = ConstantObjective.of(problem).remainders[0][0, 0]
     assert np.sqrt(np.mean(third**2)) < bound
 
 
@@ -104,7 +104,7 @@ def test_the_current_some_time_before_the_scored_samples_never_exceeds_its_bound
     window = replace(KNOWN_SOC, score_from_s=40.0, score_to_s=200.0)
     problem = make_problem(made_record(5), bundled_cell, "1rc", window=window)
     prepared = problem.prepared
-    bound = Reduced.of(problem).remainders[0][0, 0] / THIRD_DERIVATIVE
+    bound = ConstantObjective.of(problem).remainders[0][0, 0] / THIRD_DERIVATIVE
     scored_s = prepared.time_s[prepared.scored]
     for lag_s in np.random.default_rng(0).uniform(0, 200, 400):
         interval = np.searchsorted(prepared.time_s, scored_s - lag_s, side="right") - 1
@@ -128,7 +128,7 @@ def test_what_a_response_does_between_the_three_scales_is_allowed_for(wave, phas
     axis = SimpleNamespace(low=0.0, high=8.0, columns=columns)
     resistances = {"R0 [Ohm]": (0.1, 0.2), "R1 [Ohm]": (0.5, 1.0), "tau1 [s]": (1.0, np.exp(8.0))}
     box = Bounds(resistances, resistances["tau1 [s]"], elements=("rc",))
-    reduced = Reduced(np.array([2.0]), np.array([0.0]), (axis,), box, ())
+    reduced = ConstantObjective(np.array([2.0]), np.array([0.0]), (axis,), box, ())
     vars(reduced)["remainders"] = [np.array([[wave**3], [wrong]])]
     places = np.linspace(0.0, 8.0, 20_001)
     sine = np.min(np.sin(wave * places + phase))
@@ -176,7 +176,7 @@ def test_three_pairs_and_dynamic_hysteresis_are_proved_too(bundled_cell, circuit
 
 def test_a_better_basin_is_met_and_is_really_better(bundled_cell):
     problem = make_problem(made_record(0), bundled_cell, "so-rc", window=KNOWN_SOC)
-    reduced = Reduced.of(problem)
+    reduced = ConstantObjective.of(problem)
     landscape = landscape_of(reduced)
     worse_v = 1.2 * np.nanmin(landscape.rmse_v)
     proof = proved(reduced, worse_v)

@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear
 
 from barnax.cell import CircuitParameters
 from barnax.global_optimum import Landscape
-from barnax.global_optimum.reduced import Reduced
+from barnax.global_optimum.reduced import ConstantObjective
 from barnax.global_optimum.search import landscape_of
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
@@ -53,7 +53,7 @@ def landscape_in(problem_of):
 
     def make(case) -> Landscape:
         if case not in made:
-            made[case] = landscape_of(Reduced.of(problem_of(case)))
+            made[case] = landscape_of(ConstantObjective.of(problem_of(case)))
         return made[case]
 
     return make
@@ -157,7 +157,7 @@ def test_minima_are_lower_than_all_around_them_and_the_best_comes_first():
 def test_records_together_have_the_landscape_of_their_joint_error(bundled_cell):
     records = [drive_record("gaps", 300, 1), drive_record("gaps", 200, 2, "backward")]
     problem = make_problem(records, bundled_cell, "so-rc", window=KNOWN_SOC)
-    landscape = landscape_of(Reduced.of(problem))
+    landscape = landscape_of(ConstantObjective.of(problem))
     low, high = np.full(3, R_BOX[0]), np.full(3, R_BOX[1])
     scale = 2 / bundled_cell.capacity_ah
     for point in some_points(landscape, 4):

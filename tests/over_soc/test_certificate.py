@@ -35,9 +35,9 @@ def test_no_tables_of_a_box_are_below_its_bound(objective):
             box.append((low, low + width))
         # With the limits of some bound on J, what is below that bound is above the box's.
         limit = 4 * best.objective_v2
-        bound, _ = relaxation.bound(tuple(box), limit, np.inf)
-        assert bound == 0.0
-        bound, middle = relaxation.bound(tuple(box), limit, 0.98 * best.objective_v2)
+        middle = objective.solve(tuple(np.mean(box, axis=1).tolist()))
+        assert relaxation.bound(box, middle, limit, np.inf) == 0.0
+        bound = relaxation.bound(box, middle, limit, 0.98 * best.objective_v2)
         bounded += bound > 0
         corners = list(itertools.product(*box))
         inside = [tuple(rng.uniform(*ends) for ends in box) for _ in range(6)]

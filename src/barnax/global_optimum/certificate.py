@@ -18,7 +18,7 @@ from ..model.axes import Axis
 from ..model.box_least_squares import least_in_boxes
 from ..search.refine import RefinedSeed
 from .proof import ABSOLUTE_V, SMALLEST_RMSE_V, Boxes, Proof, first_boxes, prove
-from .reduced import Columns, Reduced, dot, errors_of, normal_equations
+from .reduced import Columns, ConstantObjective, dot, errors_of, normal_equations
 from .remainders import beyond_parabola, lowest_of_parabola
 
 # Boxes an axis to begin with, and how many are looked at at a time.
@@ -32,7 +32,7 @@ FEW_BOXES = 4096
 
 
 def certify(
-    reduced: Reduced,
+    reduced: ConstantObjective,
     best: RefinedSeed,
     polish: Callable[[CircuitParameters], RefinedSeed],
     max_boxes: int,
@@ -64,7 +64,7 @@ def certify(
 
 
 def _bound(
-    reduced: Reduced, boxes: Boxes, best_v: float
+    reduced: ConstantObjective, boxes: Boxes, best_v: float
 ) -> tuple[Float[np.ndarray, "boxes"], Int[np.ndarray, "boxes"], CircuitParameters | None]:
     """What no error in a box is below, the axis to split it along, and a better circuit if met.
 

@@ -22,7 +22,7 @@ Columns = Float[np.ndarray, "points rows"]
 
 
 @dataclass(frozen=True, eq=False)
-class Reduced:
+class ConstantObjective:
     """The columns of one problem, scaled so that sums of squares are mean squares.
 
     The first `bounds.pairs` axes are the pairs', then gamma's where there is one.
@@ -46,7 +46,7 @@ class Reduced:
         return self.bounds.interchangeable_pairs
 
     @classmethod
-    def of(cls, problem: Problem) -> "Reduced":
+    def of(cls, problem: Problem) -> "ConstantObjective":
         """The columns. Raises `InputError` where the box is too wide to compress."""
         short, bounds = problem.compressed, problem.bounds
         # In NumPy: JAX would compile a program for every slice of every shape.

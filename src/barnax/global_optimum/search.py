@@ -31,7 +31,7 @@ from ..search.refine import (
 )
 from .certificate import CERTIFIED_GAP, certify
 from .proof import SMALLEST_RMSE_V, Proof
-from .reduced import Reduced, errors_of, normal_equations
+from .reduced import ConstantObjective, errors_of, normal_equations
 
 # Grid points of a time constant by the number of pairs, and of gamma. A unit response varies
 # over a factor of e in tau; four pairs are still sampled twice as densely as that.
@@ -79,7 +79,7 @@ class Landscape(Brief):
         return minima_of(self.rmse_v, factor)
 
 
-def landscape_of(reduced: Reduced) -> Landscape:
+def landscape_of(reduced: ConstantObjective) -> Landscape:
     """The landscape of a problem, whichever its objective, from the compressed form."""
     pairs = reduced.bounds.pairs
     places = GRID.places(((axis.low, axis.high) for axis in reduced.axes), pairs)
@@ -194,7 +194,7 @@ def find_global_optimum(
     """
     # Kept with the problem: where the direction before the start is open, it was looked for before.
     if "minima" not in vars(problem):
-        reduced = Reduced.of(problem)
+        reduced = ConstantObjective.of(problem)
         landscape = landscape_of(reduced)
         starts = landscape.minima(FACTOR)[:MOST_MINIMA]
         ends = _polish(problem, [landscape.circuit(point) for point in starts])
@@ -263,7 +263,7 @@ def without_sweep_drop(problem: Problem) -> Problem:
 
 def best_on_grid(problem: Problem) -> CircuitParameters:
     """The best circuit of the landscape's grid, not polished."""
-    landscape = landscape_of(Reduced.of(problem))
+    landscape = landscape_of(ConstantObjective.of(problem))
     (lowest, *_) = landscape.minima(1.0)
     return landscape.circuit(lowest)
 

@@ -19,7 +19,7 @@ could have, which its penalty limits.
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -31,9 +31,8 @@ from ..global_optimum.remainders import beyond_parabola, lowest_of_parabola, rem
 from ..model.axes import Axis
 from ..model.box_least_squares import least_in_box
 from ..model.search_space import Range
-from .objective import Objective, Solution
-from .search import Found, Searchable, interchangeable_pairs, polish
-from .settings import TableSettings
+from .objective import Solution, TableObjective
+from .search import Found, Searchable, polish
 
 # Width of the first boxes in the logarithm of a time constant: few wider ones have a bound.
 FIRST_WIDTH = 0.4
@@ -46,72 +45,45 @@ RIDGE = 1e-12
 # Convex programs a corner, each tilted by what the last one lacked.
 PROGRAMS = 6
 
-# Ends of every axis.
-Box = Sequence[Range]
 
-
-def certify(objective: Objective, best: Solution) -> Proof[Solution]:
+def certify(
+    objective: Searchable[Found], best: Found, alone_v: Sequence[float] = (0.0,)
+) -> Proof[Found]:
     """How far below the best known tables any in the box could be.
 
     It goes on until that is within `settings.proved_share`, or until `settings.max_boxes` boxes
-    have been looked at; nothing is proved where the first ones would be half of those.
+    have been looked at; nothing is proved where the first ones would be half of those. `alone_v`
+    are lower bounds of each part of the objective by itself; in every box each is asked for its
+    share of what is enough.
     """
-    return _proved(objective, objective.settings, _Relaxation(objective).bound, best)
-
-
-def certify_together(
-    together: Searchable[Found],
-    parts: Sequence[tuple[float, Objective, Proof[Solution]]],
-    best: Found,
-    part_squares: Callable[[Found], Sequence[float]],
-) -> Proof[Found]:
-    """The same for the weighted sum of objectives in one box.
-
-    `parts` have each one's weight and what is proved of it alone; `part_squares` are their own
-    squares at a solution. In every box each is asked for its share of what is enough.
-    """
-    relaxed = [
-        (weight, proof.lower_bound_v**2, _Relaxation(objective))
-        for weight, objective, proof in parts
-    ]
-
-    def bound(box: Box, objective_v2: float, enough: float) -> tuple[float, Found]:
-        middle = together.solve(tuple((low + high) / 2 for low, high in box))
-        # A little more, or the sum would miss what is enough by its last bit.
-        share = (1 + 1e-12) * enough / middle.objective_v2
-        total = 0.0
-        for (weight, alone, each), own in zip(relaxed, part_squares(middle), strict=True):
-            found = each.bound(box, objective_v2 / weight, share * own)[0] if share < 1 else 0.0
-            total += weight * max(found, alone)
-        return total, middle
-
-    return _proved(together, parts[0][1].settings, bound, best)
-
-
-def _proved(
-    objective: Searchable[Found],
-    settings: TableSettings,
-    bound: Callable[[Box, float, float], tuple[float, Found]],
-    best: Found,
-) -> Proof[Found]:
-    """What is proved with bounds on J in a box; given are the best J known and what is enough, and
-    what the box's middle gives comes with a bound."""
-    alike = interchangeable_pairs(objective)
+    settings, alike = objective.settings, objective.interchangeable
     counts = [math.ceil((axis.high - axis.low) / FIRST_WIDTH) for axis in objective.axes]
     first = first_boxes(objective.axes, counts, alike)
     # More axes than a proof has the time for.
     if len(first) > settings.max_boxes / 2:
         return Proof(0.0, 0, best)
+    relaxed = [_Relaxation(part) for _, part, _ in objective.parts_at(best)]
+
+    def bound(box: Sequence[Range], enough: float) -> float:
+        nonlocal best
+        middle = objective.solve(tuple((low + high) / 2 for low, high in box))
+        # A little more, or the sum would miss what is enough by its last bit.
+        wanted, total = (1 + 1e-12) * enough, 0.0
+        parts = zip(objective.parts_at(middle), relaxed, alone_v, strict=True)
+        for (weight, _, own), part, known_v in parts:
+            lowest_v2 = known_v**2
+            if wanted < middle.objective_v2:
+                share = wanted * (own.objective_v2 / middle.objective_v2)
+                found = part.bound(box, own, best.objective_v2 / weight, share)
+                lowest_v2 = max(lowest_v2, found)
+            total += weight * lowest_v2
+        if middle.rms_v < best.rms_v * (1 - BETTER):
+            met = polish(objective, middle)
+            best = objective.solve(met.log_scales, met.sides, exact=True)
+        return math.sqrt(total)
 
     def kernel(boxes: Boxes, enough_v: float):
-        nonlocal best
-        bounds_v = []
-        for box in boxes.tolist():
-            lowest_v2, middle = bound(box, best.objective_v2, max(enough_v, 0.0) ** 2)
-            bounds_v.append(math.sqrt(max(lowest_v2, 0.0)))
-            if middle.rms_v < best.rms_v * (1 - BETTER):
-                met = polish(objective, middle)
-                best = objective.solve(met.log_scales, met.sides, exact=True)
+        bounds_v = [bound(box, max(enough_v, 0.0) ** 2) for box in boxes.tolist()]
         return np.array(bounds_v), np.argmax(boxes[..., 1] - boxes[..., 0], axis=1), best.rms_v
 
     def gap_of(best_v: float, seen: int) -> float:
@@ -156,7 +128,7 @@ class _Side:
 class _Relaxation:
     """What J is never below in the boxes of an objective."""
 
-    objective: Objective
+    objective: TableObjective
 
     @cached_property
     def remainders(self) -> Sequence[Float[np.ndarray, "2 _"]]:
@@ -164,13 +136,14 @@ class _Relaxation:
         nodes = objective.reduced.layout.nodes
         return remainders(objective.prepared_records, objective.axes, nodes)
 
-    def bound(self, box: Box, objective_v2: float, enough: float) -> tuple[float, Solution]:
-        """A bound for tables with at most `objective_v2`, and the best tables of the box's middle.
+    def bound(
+        self, box: Sequence[Range], middle: Solution, objective_v2: float, enough: float
+    ) -> float:
+        """A bound for tables with at most `objective_v2`; `middle` are the best of its middle.
 
         No more is done for a bound than it takes to be `enough`; without a chance of that it is 0.
         """
         objective = self.objective
-        middle = objective.solve(tuple((low + high) / 2 for low, high in box))
         sides = [
             _Side.of(axis, ends, middle, derivatives, scale)
             for axis, ends, derivatives, scale in zip(
@@ -233,8 +206,8 @@ class _Relaxation:
                         cost[block] -= TILT * lacking[number]
             lowest = min(lowest, best)
             if lowest < enough:
-                return 0.0, middle
-        return lowest, middle
+                return 0.0
+        return lowest
 
     def _dual(self, error, bent, sides: Sequence[_Side], signs, limits):
         """The bound on J that an error and a penalty give, and what each axis's slopes lacked."""

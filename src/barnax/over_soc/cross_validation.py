@@ -13,7 +13,7 @@ from ..model.box_least_squares import least_in_box
 from ..model.prepared import PreparedRecord
 from ..uncertainty.covariance import CONFIDENCE
 from .intervals import NodeInterval
-from .objective import Objective, Solution
+from .objective import Solution, TableObjective
 from .reduced import Columns, Groups, Reduced
 from .search import find_best
 from .settings import TableSettings
@@ -116,7 +116,7 @@ def _block_s(prepared: PreparedRecord, settings: TableSettings) -> float:
     return min(settings.block_s, max(room_s, SHORTEST_BLOCK_S))
 
 
-def cross_validate(objective: Objective, best: Solution) -> CrossValidation | None:
+def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation | None:
     """The held-out errors of a circuit.
 
     None where nothing is held out, or where all samples lie in one fold.
@@ -140,7 +140,7 @@ def cross_validate(objective: Objective, best: Solution) -> CrossValidation | No
     )
 
 
-def held_out_errors(objective: Objective, best: Solution) -> SocErrors | None:
+def held_out_errors(objective: TableObjective, best: Solution) -> SocErrors | None:
     """The errors on what is held out alone; None as `cross_validate` has it."""
     if not _has_folds(objective):
         return None
@@ -148,7 +148,7 @@ def held_out_errors(objective: Objective, best: Solution) -> SocErrors | None:
     return _together(_held_out(objective, best, objective.parts, told))
 
 
-def _has_folds(objective: Objective) -> bool:
+def _has_folds(objective: TableObjective) -> bool:
     if not objective.settings.folds:
         return False
     scored = np.reshape([part.scored for part in objective.parts], (-1, 2)).sum(axis=1)
@@ -169,7 +169,7 @@ def _together(folds: Sequence[Sums]) -> SocErrors:
 
 
 def _held_out(
-    objective: Objective, best: Solution, parts: Sequence[Reduced], told: Sequence[Reduced]
+    objective: TableObjective, best: Solution, parts: Sequence[Reduced], told: Sequence[Reduced]
 ) -> list[Sums]:
     """What every fold's samples, as they are told, come to, which the others' tables predict."""
     folds = len(parts) // 2
@@ -186,14 +186,14 @@ def _held_out(
     return list(zip(squares.reshape(-1, 2), counts.reshape(-1, 2), strict=True))
 
 
-def _at(objective: Objective, best: Solution, parts: Sequence[Reduced]):
+def _at(objective: TableObjective, best: Solution, parts: Sequence[Reduced]):
     """Every group's columns at the best time constants, and its base errors."""
     at = (replace(objective, reduced=part).columns(best.log_scales) for part in parts)
     return zip(*at, strict=True)
 
 
 def _fitted_to(
-    objective: Objective,
+    objective: TableObjective,
     best: Solution,
     columns: Sequence[Columns],
     bases: Sequence[Float[np.ndarray, "rows"]],
@@ -209,7 +209,7 @@ def _fitted_to(
 
 
 def with_spread(
-    objective: Objective, best: Solution, intervals: Sequence[NodeInterval]
+    objective: TableObjective, best: Solution, intervals: Sequence[NodeInterval]
 ) -> tuple[NodeInterval, ...]:
     """The intervals of nodes with those of what another record of the cell would show.
 

@@ -30,7 +30,7 @@ from .cross_validation import (
     with_spread,
 )
 from .intervals import NodeInterval, intervals_of
-from .objective import Objective, Solution
+from .objective import Solution, TableObjective
 from .reduced import Reduced, layout_of, reduce_records, together
 from .search import find_best
 from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
@@ -131,7 +131,9 @@ def fit_tables(
 
 
 def fit_of(
-    objective: Objective, proof: Proof, prepared_records: Sequence[PreparedRecord] | None = None
+    objective: TableObjective,
+    proof: Proof,
+    prepared_records: Sequence[PreparedRecord] | None = None,
 ) -> TableFit:
     """All that is known of the tables of a proof; their errors are on other records than those of
     the objective where these have another OCV."""
@@ -187,7 +189,7 @@ def reduced_objective(
     prepared_records: Sequence[PreparedRecord],
     settings: TableSettings,
     ranges: Mapping[str, Range] | None = None,
-) -> Objective:
+) -> TableObjective:
     """The objective over all records, in the ranges given or their own."""
     ranges = ranges or box_of(prepared_records, settings)
     layout = layout_of(
@@ -208,7 +210,7 @@ def reduced_objective(
         told = reduced([each.as_told for each in prepared_records])
     with one_blas_thread():
         whole = together(parts)
-    return Objective(prepared_records, settings, ranges, whole, parts, told)
+    return TableObjective(prepared_records, settings, ranges, whole, parts, told)
 
 
 def errors_on(prepared: PreparedRecord, tables: SocTables) -> SocErrors:
@@ -279,7 +281,7 @@ def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
     )
 
 
-def _at_bound(objective: Objective, best: Solution) -> tuple[AtBound, ...]:
+def _at_bound(objective: TableObjective, best: Solution) -> tuple[AtBound, ...]:
     found = []
     for axis, scale in zip(objective.axes, best.log_scales, strict=True):
         near = AT_BOUND * (axis.high - axis.low)
@@ -291,7 +293,7 @@ def _at_bound(objective: Objective, best: Solution) -> tuple[AtBound, ...]:
 
 
 def _warnings(
-    objective: Objective, tables: SocTables, at_bound: Sequence[AtBound]
+    objective: TableObjective, tables: SocTables, at_bound: Sequence[AtBound]
 ) -> tuple[FitWarning, ...]:
     found = [FitWarning("at bound", each.name, tables.constants[each.name]) for each in at_bound]
     unvisited = 1 - float(np.mean(objective.visited))

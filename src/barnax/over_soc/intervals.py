@@ -22,7 +22,7 @@ from ..execution import in_float64
 from ..model.exponentials import Span
 from ..uncertainty.covariance import CONFIDENCE, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
-from .objective import Objective, Solution
+from .objective import Solution, TableObjective
 from .reduced import Columns, blocks
 
 # Of the smoothing weights, those of the fit that standard errors are of.
@@ -78,7 +78,7 @@ class NodeInterval:
 
 
 @in_float64
-def intervals_of(objective: Objective, best: Solution) -> tuple[NodeInterval, ...]:
+def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:
     """Those of visited nodes, table after table, then of the time constants and gamma."""
     lighter = replace(objective, smoothing_scale=LIGHT * objective.smoothing_scale)
     light = lighter.solve(best.log_scales, best.sides, exact=True)
@@ -157,7 +157,7 @@ def sag_of(
 
 
 def noise_behind(
-    objective: Objective,
+    objective: TableObjective,
     found: Solution,
     ways: Float[np.ndarray, "values ways"],
     rows: Iterable[tuple[Columns, Float[np.ndarray, "rows"], Bool[np.ndarray, "rows"]]],
@@ -208,7 +208,7 @@ def noise_behind(
     return noise, to_noise / samples, products / samples, slopes / samples
 
 
-def linearized(objective: Objective, found: Solution):
+def linearized(objective: TableObjective, found: Solution):
     """Columns of all unknowns and of all axes at the scored samples, the base error, and which of
     them come after the first load."""
     pairs, layout = objective.pairs, objective.reduced.layout

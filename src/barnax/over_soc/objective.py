@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from ..cell import SocTables
 from ..cell.circuits import get_circuit
-from ..cell.elements import RC, get_element, names_of
+from ..cell.elements import RC, alike, get_element, names_of
 from ..cell.parameters import OHMIC, RATE
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION, hats
 from ..model.axes import Axis
@@ -29,7 +29,7 @@ from .settings import OCV, TableSettings
 class Solution(Solved):
     """The best tables at some scales: rows of R0, every pair's R, then what else is tabulated.
 
-    `unknowns` are the same as the problem in a box has them (`Objective.to_tables`).
+    `unknowns` are the same as the problem in a box has them (`TableObjective.to_tables`).
     """
 
     values: tuple[Float[np.ndarray, "nodes"], ...]
@@ -38,7 +38,7 @@ class Solution(Solved):
 
 
 @dataclass(frozen=True, eq=False)
-class Objective:
+class TableObjective:
     """J of `settings` over some records of a cell, for circuits with so many pairs.
 
     `ranges` are those of every pair's time constant in s, then of gamma where there is one, by
@@ -124,6 +124,16 @@ class Objective:
             table = self.tables - 1 if layout.has_amplitude else None
             axes.append(axis(RATE, table, responses, layout.in_rate, -1, RC))
         return tuple(axes)
+
+    def parts_at(self, found: Solution) -> list[tuple[float, "TableObjective", Solution]]:
+        return [(1.0, self, found)]
+
+    @property
+    def interchangeable(self) -> int:
+        """How many RC pairs can change places: all where they have one box, else none."""
+        pairs = alike(self.elements)
+        boxes = {(axis.low, axis.high) for axis in self.axes[:pairs]}
+        return pairs if len(boxes) == 1 else 0
 
     @property
     def tables(self) -> int:

@@ -23,7 +23,7 @@ from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
 from .fit import reduced_objective
 from .intervals import LIGHT, linearized, noise_behind
-from .objective import Objective, Solution
+from .objective import Solution, TableObjective
 from .reduced import Columns
 from .search import find_best
 from .settings import TableSettings
@@ -129,7 +129,7 @@ def _moved(
 
 
 def _shifts(
-    objective: Objective,
+    objective: TableObjective,
     best: Solution,
     shifts: Float[np.ndarray, "records two"],
     prior: Float[np.ndarray, "records two"],
@@ -161,7 +161,7 @@ def _shifts(
 
 
 def _with_shifts(
-    objective: Objective, found: Solution
+    objective: TableObjective, found: Solution
 ) -> Iterator[tuple[Columns, Float[np.ndarray, "rows"], Bool[np.ndarray, "rows"]]]:
     """The rows of `linearized` with two columns more for every record."""
     count = len(objective.prepared_records)

@@ -3,6 +3,7 @@ exactly, for a hundred unknowns.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -10,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
-from ..cell.elements import RC
 from ..cell.parameters import RATE
 from ..model.grid import GridSizes, minima_of, points_in_order
+from .settings import TableSettings
 
 # Grid points of a time constant by the number of pairs, alone and beside gamma, and of gamma.
 GRID = GridSizes({1: 64, 2: 20, 3: 10, 4: 8}, {1: 32, 2: 12, 3: 8, 4: 7}, 8)
@@ -43,10 +44,17 @@ Found = TypeVar("Found", bound=Solved)
 
 
 class Searchable(Protocol[Found]):
-    """What can be searched: an `Objective`, or several with the same time constants."""
+    """What can be searched: a `TableObjective`, or a weighted sum of several with the same time
+    constants: `parts_at` has the weight, objective and solution of each. The first axes, so many as
+    are `interchangeable`, are of RC pairs with one box."""
 
     @property
+    def settings(self) -> TableSettings: ...
+    @property
     def axes(self) -> Any: ...
+    @property
+    def interchangeable(self) -> int: ...
+    def parts_at(self, found: Found) -> Sequence[tuple[float, Any, Any]]: ...
     def solve(self, log_scales: LogScales, sides: Any = None, exact: bool = False) -> Found: ...
     def slope(self, found: Found) -> Float[np.ndarray, "axes"]: ...
 
@@ -59,7 +67,8 @@ def find_best(objective: Searchable[Found]) -> Found:
 
 
 def polish(objective: Searchable[Found], start: Found) -> Found:
-    """Where a descent from a solution ends (L-BFGS-B), with its pairs from fast to slow."""
+    """Where a descent from a solution ends (L-BFGS-B), with interchangeable pairs from fast to
+    slow."""
     best = start
 
     def measure(log_scales: Float[np.ndarray, "axes"]) -> tuple[float, Float[np.ndarray, "axes"]]:
@@ -78,22 +87,9 @@ def polish(objective: Searchable[Found], start: Found) -> Found:
         bounds=[(axis.low, axis.high) for axis in objective.axes],
         options={"maxiter": ROUNDS, "ftol": 1e-15, "gtol": 1e-9},
     )
-    log_scales = in_order(objective, best.log_scales)
+    taus = sorted(best.log_scales[: objective.interchangeable])
+    log_scales = (*taus, *best.log_scales[len(taus) :])
     return best if log_scales == best.log_scales else objective.solve(log_scales)
-
-
-def in_order(objective: Searchable, log_scales: LogScales) -> LogScales:
-    """The same with its pairs from fast to slow, where all have one box."""
-    alike = interchangeable_pairs(objective)
-    return (*sorted(log_scales[:alike]), *log_scales[alike:])
-
-
-def interchangeable_pairs(objective: Searchable) -> int:
-    """How many pairs can change places: all RC pairs, where they have one box, else none."""
-    boxes = [
-        (axis.low, axis.high) for axis in objective.axes if axis.name != RATE and axis.element == RC
-    ]
-    return len(boxes) if len(set(boxes)) == 1 else 0
 
 
 def _minima(objective: Searchable[Found]) -> list[Found]:
@@ -102,7 +98,7 @@ def _minima(objective: Searchable[Found]) -> list[Found]:
     places = GRID.places(((axis.low, axis.high) for axis in objective.axes), elements)
     lowest_v2 = np.full([len(axis) for axis in places], np.inf)
     found: dict[tuple[int, ...], Found] = {}
-    sides, alike = None, interchangeable_pairs(objective)
+    sides, alike = None, objective.interchangeable
     # Two pairs with one time constant are one pair, and searched only where there is no other.
     for point in points_in_order(lowest_v2.shape, alike, apart=True).T.tolist():
         log_scales = tuple(float(axis[at]) for axis, at in zip(places, point, strict=True))

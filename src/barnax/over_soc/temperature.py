@@ -22,10 +22,10 @@ from ..model.axes import Axis
 from ..model.prepared import PreparedRecord
 from ..search.evaluate import Evaluation
 from ..settings import is_temperature
-from .certificate import certify, certify_together
+from .certificate import certify
 from .cross_validation import SocErrors
 from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
-from .objective import Objective, Solution
+from .objective import Solution, TableObjective
 from .search import LogScales, Solved, find_best, polish
 from .settings import TableSettings
 from .simulate import evaluate_tables
@@ -156,16 +156,27 @@ class _JointSolution(Solved):
 class _Joint:
     """The mean of some objectives in one box."""
 
-    objectives: tuple[Objective, ...]
+    objectives: tuple[TableObjective, ...]
 
     @cached_property
     def weights(self) -> Float[np.ndarray, "temperatures"]:
         scored = np.array([each.reduced.scored for each in self.objectives], float)
         return scored / scored.sum()
 
+    def parts_at(self, found: _JointSolution) -> list[tuple[float, TableObjective, Solution]]:
+        return list(zip(self.weights.tolist(), self.objectives, found.parts, strict=True))
+
+    @property
+    def settings(self) -> TableSettings:
+        return self.objectives[0].settings
+
     @property
     def axes(self) -> tuple[Axis, ...]:
         return self.objectives[0].axes
+
+    @property
+    def interchangeable(self) -> int:
+        return self.objectives[0].interchangeable
 
     def solve(self, log_scales: LogScales, sides=None, exact: bool = False) -> _JointSolution:
         sides = sides or [None] * len(self.objectives)
@@ -262,14 +273,11 @@ def _prove_together(
 
     What is proved of each temperature alone may be enough, unless sharing costs more than that.
     """
-    settings = joint.objectives[0].settings
+    settings = joint.settings
     alone_v = joint.root([each.lower_bound_v**2 for each in proofs])
     if not settings.max_boxes or alone_v >= (1 - settings.proved_share) * best.rms_v:
         return min(alone_v, best.rms_v), best
-    parts = zip(joint.weights.tolist(), joint.objectives, proofs, strict=True)
-    together = certify_together(
-        joint, list(parts), best, lambda found: [each.objective_v2 for each in found.parts]
-    )
+    together = certify(joint, best, [each.lower_bound_v for each in proofs])
     best_v = together.best.rms_v
     return min(max(alone_v, together.lower_bound_v), best_v), together.best
 

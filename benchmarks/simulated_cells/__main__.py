@@ -27,7 +27,8 @@ OFF = 0.05
 # A warning names a cause where it speaks of it in these words.
 CAUSES = {
     "hold": r"current_hold",
-    "sampling": r"not suitable for identification|faster than it is sampled|lags by part",
+    "sampling": r"not suitable for identification|(faster than|as often as) it is sampled|"
+    r"lags by part|(older|newer) than the",
     "circuit": r"identify with `model`",
 }
 

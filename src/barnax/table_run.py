@@ -70,24 +70,31 @@ class TableRun(Brief):
 
     @property
     def hold_shift_ohm(self) -> float:
-        """By how much R0 would be another if a sample's current flowed on its other side.
+        """By how much R0 would be another with the other hold that is tried.
 
-        On an even clock a pair R, tau moves under the other hold by R (exp(T / tau) - 1) from R0,
-        or by R (1 - exp(-T / tau)) to it if the current flowed before its sample.
+        On an even clock a pair R, tau answers in its sample by R w and is one of R q under a
+        current that flows after it; with a = exp(-T / tau), w is 0 and q is 1 there, 1 - a and a
+        under one that flowed before it, (1 - a) / 2 and (1 + a) / 2 where it is half of both.
         """
         prepared = self.identification[0].prepared
-        sign = 1 if prepared.record.hold.value == "forward" else -1
+        hold = prepared.record.hold.value
+        other = "backward" if hold == "forward" else "forward"
         (tau, *_) = [
             {each.name: each.value for each in fit.intervals if each.name.startswith("tau")}
             for fit in self.found.fits
         ]
         rungs, interval_s = rungs_of(self.found.fits[0].tables.elements), prepared.median_interval_s
         # Of a mixture, what is far faster than the sampling moves to R0 as a whole.
-        most = math.inf if len(rungs) == len(tau) else math.log(2)
-        return -sum(
+        least = 0.0 if len(rungs) == len(tau) else 0.5
+
+        def moved(kept: float) -> float:
+            own, others = (_answer(each, max(kept, least)) for each in (hold, other))
+            return own[0] - own[1] / others[1] * others[0]
+
+        return sum(
             self.median_ohm(names_beside(name).resistance)
             * each.share
-            * float(np.expm1(min(sign * interval_s / (tau_s * each.ratio), most)))
+            * moved(math.exp(-interval_s / (tau_s * each.ratio)))
             for place, (name, tau_s) in enumerate(tau.items())
             for each in rungs
             if each.element == place
@@ -121,6 +128,14 @@ class TableRun(Brief):
             for fit in self.found.fits
         )
         return replace(self, found=replace(self.found, fits=fits))
+
+
+def _answer(hold: str, kept: float) -> tuple[float, float]:
+    """What a pair answers in its own sample, and what it is under a current that flows after it,
+    as shares of it; `kept` is what an interval leaves of it."""
+    if hold == "centered":
+        return (1 - kept) / 2, (1 + kept) / 2
+    return (0.0, 1.0) if hold == "forward" else (1 - kept, kept)
 
 
 def fit_over(

@@ -10,6 +10,7 @@ from ..records import Record
 from ..records.lag import find_lag
 from .check_input import CheckInput
 from .roles import FINE_S
+from .slow_log import rows_are
 
 # An interval is a gap if it is this much longer than the usual ones on both of its sides.
 _GAP, _BESIDE = 3.0, 7
@@ -32,9 +33,6 @@ _ANSWERS, _FEWEST_STEPS, _STEP_SHARE = 5, 50, 0.05
 # A pair answers in the sample after a step at most so often what it does in the next one, unless it
 # is over within two samples. More than this share of the whole, at so many deviations, is late.
 _LASTING, _LATE_SHARE, _LATE_SURE = 2.0, 0.03, 4.0
-# From this interval on, a current that differs from both its neighbors in so many of the samples
-# under load, by this share of the largest, also changed between them.
-_SLOW_S, _ALONE, _ALONE_SHARE = 2.5, 0.5, 0.1
 
 Intervals = Float[np.ndarray, "intervals"]
 
@@ -212,16 +210,13 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
 
 
 def find_fast_load(given: CheckInput) -> Iterator[Notice]:
-    """A current that changes as often as it is logged, slowly: what flowed between is not known."""
-    record = given.record
-    usual_s = float(np.median(record.interval_s))
-    is_changed = np.abs(np.diff(record.current_a)) > _ALONE_SHARE * given.samples.peak_a
-    is_alone = is_changed[1:] & is_changed[:-1]
-    is_loaded = ~given.is_rested[1:-1]
-    share = float(np.mean(is_alone[is_loaded])) if is_loaded.any() else 0.0
-    if usual_s < _SLOW_S or share < _ALONE:
+    """A current that changes as often as it is logged, slowly: its rows are means, or instants
+    between which nobody knows what flowed."""
+    if not given.samples.changes_between:
         return
-    yield notice("fast-load.current", share=share, interval_s=usual_s)
+    rows, hold = rows_are(given.record), given.record.hold
+    if rows == "instants" or hold.strength == "assumed":
+        yield notice(f"fast-load.{rows}", interval_s=given.samples.interval_s)
 
 
 def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:

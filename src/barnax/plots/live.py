@@ -56,7 +56,7 @@ def live_record(rows: "Mapping[str, Evaluation]", most_numbers: int = MOST_NUMBE
     ]
     if is_one:
         errors[0]["color"] = BLUE
-    hold = "after" if prepared.record.hold.value == "forward" else "before"
+    hold = {"forward": "after", "backward": "before"}.get(prepared.record.hold.value, "")
     current = _line("current [A]", 2, VERMILLION) | {"step": hold}
     rmse_mv = 1e3 * first.metrics.rmse_v
     return {

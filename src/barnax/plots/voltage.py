@@ -152,7 +152,8 @@ def plot_condition(prepared: "PreparedRecord") -> Figure:
 
 def _draw_current(axes: Axes, prepared: "PreparedRecord", time: np.ndarray, span: slice) -> None:
     """The current as it flowed between samples, by the record's hold."""
-    steps = "steps-post" if prepared.record.hold.value == "forward" else "steps-pre"
+    drawn = {"forward": "steps-post", "backward": "steps-pre", "centered": "steps-mid"}
+    steps = drawn[prepared.record.hold.value]
     current_a = prepared.current_a[span]
     draw_line(axes, time[span], current_a, color=VERMILLION, linewidth=0.8, drawstyle=steps)
     axes.axhline(0.0, color=BLACK, linewidth=0.6)

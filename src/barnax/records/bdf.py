@@ -41,7 +41,7 @@ def bdf_table(record: Record) -> pl.DataFrame:
 
 
 def _is_unproved(record: Record) -> bool:
-    return record.hold.value == "backward" and record.hold.strength != "strong"
+    return record.hold.value != "forward" and record.hold.strength != "strong"
 
 
 def provenance(record: Record) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""When a sample's current flowed: in the interval after it, or in the one before it.
+"""When a sample's current flowed: in the interval after it, in the one before it, or half in both.
 
 Testers that log a sample at the end of its interval (Arbin) prove it by their own ampere-hour
 counters: the increments follow the current of the interval's last sample. A column that holds the
@@ -63,6 +63,9 @@ def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
     if samples.dialect.logs_at_end:
         words = f"{samples.dialect.name} testers log a sample at its interval's end"
         return Decision("backward", "weak", words)
+    if samples.changes_between:
+        reason = "it changes as often as it is logged, so that it changes between samples too"
+        return Decision("centered", "assumed", reason)
     reason = (
         "no counters prove otherwise; `current_hold='backward'` is for testers that log a sample "
         "at the end of its interval"

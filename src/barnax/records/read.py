@@ -7,7 +7,7 @@ hide another.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -136,8 +136,10 @@ def read_record(
     Args:
         source: The file.
         current_sign: The sign of the file's current; "auto" decides from the data.
-        current_hold: A sample's current flows until the next sample ("forward") or since the
-            previous one ("backward"); "auto" decides from the data.
+        current_hold: A sample's current flows until the next sample ("forward"), since the previous
+            one ("backward"), or from half an interval before it to half an interval after it
+            ("centered"): for means, and loads that change between samples. "auto" decides from the
+            data.
         voltage_lag: Seconds by which the voltage is older than the current of its row, which then
             is taken so much earlier; None finds it in the data.
         columns: Names of unknown columns, with their units if the names have none: `{"time":
@@ -158,7 +160,7 @@ def read_record(
     ('charge-positive', 0.001)
     """
     _check_option("current_sign", current_sign, ("auto", CHARGE, DISCHARGE))
-    _check_option("current_hold", current_hold, ("auto", "forward", "backward"))
+    _check_option("current_hold", current_hold, ("auto", *get_args(Hold)))
     if not isinstance(source, Source):
         source = read_source(source, columns=columns, series=series)
     elif columns or series != 1:
@@ -226,7 +228,7 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
     if short := _too_short(samples):
         raise InputError(str(short.about(source.name)), notice=short)
     turn = -1.0 if sign.value == CHARGE else 1.0
-    held_ah = samples.begun_ah if hold.value == "forward" else samples.ended_ah
+    held_ah = samples.held_ah(hold.value)
     counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)
     hidden_ah = None if counted_ah is None else skipped_ah(counted_ah, held_ah, samples.most_ah)
     return Record(

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..display import Brief
 
-Hold = Literal["forward", "backward"]
+Hold = Literal["forward", "backward", "centered"]
 Strength = Literal["given", "strong", "weak", "assumed"]
 # In `Record.state`, what is no discharge (+1), charge (-1) or rest (0).
 OTHER_STATE = 9
@@ -65,8 +65,8 @@ class Record(Brief):
         step: The tester's step numbers.
         row: Each sample's row in the file, with the header in row 1, so that a message can name it.
         sign: The file's own sign of the current, and why.
-        hold: A sample's current flows in the interval after it ("forward") or before it
-            ("backward"), and why.
+        hold: A sample's current flows in the interval after it ("forward"), before it ("backward")
+            or in half of both ("centered"), and why.
         sha256: Digest of the file.
         warnings: Sentences about what is doubtful, with what to do.
         notes: Sentences about what was assumed or changed in reading.
@@ -120,7 +120,10 @@ class Record(Brief):
     @property
     def interval_current_a(self) -> Float[np.ndarray, "intervals"]:
         """The current that flowed between neighboring samples, by the record's hold."""
-        return self.current_a[:-1] if self.hold.value == "forward" else self.current_a[1:]
+        before_a, after_a = self.current_a[:-1], self.current_a[1:]
+        if self.hold.value == "centered":
+            return (before_a + after_a) / 2
+        return before_a if self.hold.value == "forward" else after_a
 
     @property
     def discharged_ah(self) -> Float[np.ndarray, "samples"]:

@@ -15,6 +15,9 @@ from .table import Lines
 # still by less than that share.
 STEP_SHARE, STEADY_SHARE = 0.1, 0.01
 _FEWEST_STEPS, _AGREEING = 3, 0.5
+# From this interval on, a current that differs from both its neighbors in so many of the samples
+# under load, by this share of the largest, also changed between them.
+SLOW_S, ALONE, ALONE_SHARE = 2.5, 0.35, 0.05
 # An interval so many times the usual one is a gap that may hide a load, of at most so many times
 # the largest current that was logged.
 _FAR_LONGER, _HEAVIER = 30, 3
@@ -121,6 +124,23 @@ class Samples(Lines):
     def ended_ah(self) -> Float[np.ndarray, "intervals"]:
         """The charge of each interval, if its last sample's current flowed throughout."""
         return self.current_a[1:] * self.intervals_s / 3600
+
+    def held_ah(self, hold: str) -> Float[np.ndarray, "intervals"]:
+        """The charge of each interval by a hold of the current."""
+        if hold == "centered":
+            return (self.begun_ah + self.ended_ah) / 2
+        return self.begun_ah if hold == "forward" else self.ended_ah
+
+    @cached_property
+    def changes_between(self) -> bool:
+        """Whether the current changes as often as it is logged, slowly: then it changes between
+        samples too."""
+        is_changed = np.abs(self.step_a) > ALONE_SHARE * self.peak_a
+        is_loaded = np.abs(self.current_a[1:-1]) > STEADY_SHARE * self.peak_a
+        is_alone = is_changed[1:] & is_changed[:-1]
+        return self.interval_s >= SLOW_S and float(np.sum(is_alone & is_loaded)) >= ALONE * max(
+            float(np.sum(is_loaded)), 1.0
+        )
 
     @cached_property
     def is_loaded(self) -> Bool[np.ndarray, "intervals"]:

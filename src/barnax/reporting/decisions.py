@@ -28,6 +28,7 @@ FIRMNESS = {
     "assumed": "assumed: ",
 }
 FLOWS = {"forward": "until the next sample", "backward": "since the previous sample"}
+FLOWS["centered"] = "for half of the intervals on either side of it"
 CAME_FROM = {1: "charged", -1: "discharged"}
 ENDS = {1: "full", -1: "empty"}
 HASH_LETTERS = 16

@@ -1,0 +1,112 @@
+"""What the rows of a slow log are: means over their intervals, or samples of an instant.
+
+The load changes between the rows. Of instants the charge between them is not known, so that the
+voltage wanders from what the logged current tells, and keeps what it gained: the differences
+between rows that a circuit leaves are innovations. Of means the charge is right, and what is left
+is of each row alone, as noise is: its differences have a correlation of -1/2 with the next.
+"""
+
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy.signal import lfilter
+
+from ..records import Record
+
+# Time constants of pairs in rows, and SOC nodes of R0 and of the OCV.
+_TAUS, _R0_NODES, _OCV_NODES = (1.0, 3.0, 10.0, 30.0), 5, 11
+# Near empty and full no circuit follows; so many rows a column are needed between.
+_INSIDE, _FEWEST = (0.15, 0.98), 3
+# A correlation above this, by so much more over the root of the rows, and innovations of so much of
+# what the voltage moves are of instants; a correlation below the last is of means.
+_INSTANTS, _MORE, _MOVES, _MEANS = -0.455, 0.5, 0.02, -0.5
+# Innovations are looked for in so many rows at a time, as shares of the noise.
+_BLOCK, _SHARES = 64, np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 40)])
+# Levels of a load stand within this share of the largest current and are so far apart; so many
+# changes through a value between them, more than straight ones, are of means.
+_STEADY, _APART, _BETWEEN, _FEWEST_BETWEEN = 0.015, 0.1, (0.1, 0.9), 5
+
+Rows = Literal["instants", "means", "open"]
+
+
+def rows_are(record: Record) -> Rows:
+    """What the rows of a record are whose load changes between them."""
+    left = _left_v(record)
+    if _changes_through_values_between(record.current_a):
+        return "means"
+    if left is None:
+        return "open"
+    left_v, moved_v = left
+    correlation = float(np.mean(left_v[1:] * left_v[:-1]) / np.mean(left_v**2))
+    least = _INSTANTS + _MORE / np.sqrt(len(left_v))
+    if correlation > least and _innovation(left_v, moved_v) > _MOVES:
+        return "instants"
+    return "means" if correlation < _MEANS else "open"
+
+
+def _changes_through_values_between(current_a: Float[np.ndarray, "rows"]) -> bool:
+    """Whether levels of the load mostly change through a row that holds a part of both."""
+    largest_a = float(np.max(np.abs(current_a)))
+    is_steady = np.abs(np.diff(current_a)) < _STEADY * largest_a
+    is_far = np.abs(np.diff(current_a)) > _APART * largest_a
+    straight = np.count_nonzero(is_steady[:-2] & is_far[1:-1] & is_steady[2:])
+    whole_a = current_a[3:-1] - current_a[1:-3]
+    is_apart = np.abs(whole_a) > _APART * largest_a
+    share = (current_a[2:-2] - current_a[1:-3]) / np.where(is_apart, whole_a, 1.0)
+    is_between = (share > _BETWEEN[0]) & (share < _BETWEEN[1])
+    through = np.count_nonzero(is_steady[:-3] & is_apart & is_between & is_steady[3:])
+    return bool(through > max(straight, _FEWEST_BETWEEN - 1))
+
+
+def _left_v(
+    record: Record,
+) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]] | None:
+    """What R0 and the OCV over SOC, and pairs leave of the voltage's differences, and those."""
+    current_a, moved_v = record.current_a, np.diff(record.voltage_v)
+    out_ah = record.discharged_ah
+    if not np.ptp(out_ah) > 0:
+        return None
+    soc = 1 - (out_ah - out_ah.min()) / np.ptp(out_ah)
+    between = (soc[1:] + soc[:-1]) / 2
+    columns = [np.diff(current_a) * each for each in _hats(between, 0.0, _R0_NODES)]
+    for rows in _TAUS:
+        kept = np.exp(-1 / rows)
+        answer = np.diff(lfilter([0.0, 1 - kept], [1.0, -kept], current_a))
+        columns += [answer, answer * between] if rows < _TAUS[2] else [answer]
+    columns += [np.diff(each) for each in _hats(soc, 0.1, _OCV_NODES)[1:]]
+    columns += [current_a[1:], current_a[:-1], np.ones(len(between))]
+    table = np.column_stack(columns)
+    is_inside = (between > _INSIDE[0]) & (between < _INSIDE[1])
+    if np.count_nonzero(is_inside) < _FEWEST * table.shape[1]:
+        return None
+    table, moved_v = table[is_inside], moved_v[is_inside]
+    table = table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-12)
+    left_v = moved_v - table @ np.linalg.lstsq(table, moved_v, rcond=1e-10)[0]
+    return (left_v, moved_v) if np.any(left_v) else None
+
+
+def _hats(at: Float[np.ndarray, "rows"], first: float, nodes: int) -> list[np.ndarray]:
+    """Columns of a table over SOC that is linear between even nodes."""
+    places = np.linspace(first, 1.0, nodes)
+    return [np.maximum(1 - np.abs(at - place) / (places[1] - places[0]), 0.0) for place in places]
+
+
+def _innovation(left_v: Float[np.ndarray, "rows"], moved_v: Float[np.ndarray, "rows"]) -> float:
+    """The innovations of the voltage as a share of what it moves, by its median block.
+
+    The most likely share of a random walk beside white noise, by Whittle's likelihood.
+    """
+    found = []
+    blocks = max(len(left_v) // _BLOCK, 1)
+    for left, moved in zip(
+        np.array_split(left_v, blocks), np.array_split(moved_v, blocks), strict=True
+    ):
+        power = np.abs(np.fft.rfft(left)[1:]) ** 2 / len(left)
+        place = 2 * np.pi * np.arange(1, len(power) + 1) / len(left)
+        shape = _SHARES[:, None] + 2 * (1 - np.cos(place))
+        noise = np.mean(power / shape, axis=1)
+        likely = -np.sum(np.log(shape), axis=1) - len(power) * np.log(np.maximum(noise, 1e-300))
+        best = int(np.argmax(likely))
+        found.append(np.sqrt(_SHARES[best] * noise[best]) / max(float(np.std(moved)), 1e-12))
+    return float(np.median(found))

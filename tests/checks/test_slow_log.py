@@ -1,0 +1,101 @@
+"""What the rows of a slow log are, told by what its load does between them."""
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.signal import lfilter
+
+import barnax
+from barnax.checks import check_file
+from barnax.checks.slow_log import rows_are
+from barnax.records import record_from_frame, source_from_frame
+from helpers.records import CURRENT, TIME, VOLTAGE
+
+EVERY = 10
+R0, PAIRS = 0.05, ((0.025, 17.0), (0.03, 150.0))
+
+
+def drive(seed):
+    """A load of accelerations, cruises, brakes and stops at 1 s, and its voltage from full."""
+    rng = np.random.default_rng(seed)
+    pieces, seconds = [], 0
+    while seconds < 11_000:
+        up, cruise, down, stop = rng.integers([4, 5, 3, 2], [15, 60, 12, 25])
+        wave = 1 + 0.4 * rng.standard_normal(cruise // 4 + 1).repeat(4)[:cruise]
+        pieces += [
+            np.linspace(0.5, rng.uniform(1.5, 4.0), up),
+            rng.uniform(0.2, 1.2) * wave,
+            -rng.uniform(0.5, 2.0) * np.linspace(1, 0.2, down),
+            np.zeros(stop),
+        ]
+        seconds += up + cruise + down + stop
+    current_a = np.concatenate(pieces)
+    soc = 1 - np.append(0.0, np.cumsum(current_a)[:-1]) / 3600 / 2.5
+    voltage_v = 3.2 + 0.8 * soc + 0.08 * np.tanh((soc - 0.6) / 0.1) - R0 * current_a
+    for ohm, tau_s in PAIRS:
+        kept = np.exp(-1 / tau_s)
+        voltage_v -= lfilter([0.0, (1 - kept) * ohm], [1.0, -kept], current_a)
+    return current_a, voltage_v
+
+
+def log(seed, rows, every=EVERY, step_v=0.0):
+    """What a logger writes of it: instants or means, with noise and steps of the reading."""
+    current_a, voltage_v = drive(seed)
+    count = len(current_a) // every
+    parts = [each[: count * every].reshape(count, every) for each in (current_a, voltage_v)]
+    amps, volts = (each[:, 0] if rows == "instants" else each.mean(axis=1) for each in parts)
+    rng = np.random.default_rng(seed)
+    volts = volts + 1e-3 * rng.standard_normal(count)
+    volts = step_v * np.round(volts / step_v) if step_v else volts
+    amps = amps + 2e-3 * rng.standard_normal(count)
+    time_s = float(every) * np.arange(count)
+    return pl.DataFrame({TIME: time_s, CURRENT: -amps, VOLTAGE: volts})
+
+
+@pytest.mark.parametrize("step_v", [0.0, 0.005])
+@pytest.mark.parametrize("rows", ["instants", "means"])
+def test_rows_of_instants_and_means_are_told_apart(rows, step_v):
+    told = [rows_are(record_from_frame(log(seed, rows, step_v=step_v))) for seed in range(20)]
+    assert told.count(rows) >= 19
+    assert "means" not in told if rows == "instants" else "instants" not in told
+
+
+@pytest.mark.parametrize("rows", ["instants", "means"])
+def test_a_check_tells_what_the_rows_are_and_what_that_does(rows):
+    checked = check_file(source_from_frame(log(0, rows), "log"))
+    (told,) = [each for each in checked.findings if each.check == "fast load"]
+    assert told.severity == ("warning" if rows == "instants" else "note")
+    assert told.code == f"fast-load.{rows}"
+    assert checked.facts
+    assert checked.facts.current_hold == "centered"
+
+
+def test_a_load_in_time_with_a_slow_log_flows_until_the_next_row():
+    rng = np.random.default_rng(1)
+    current_a = np.repeat(rng.uniform(-1.0, 2.0, 300), rng.integers(2, 6, 300))
+    table = {TIME: 10.0 * np.arange(len(current_a)), CURRENT: -current_a}
+    record = record_from_frame(table | {VOLTAGE: 3.7 - R0 * current_a})
+    assert (record.hold.value, record.hold.strength) == ("forward", "assumed")
+
+
+def test_r0_of_means_with_5_mv_steps_is_right_where_each_flows_half_before_and_half_after():
+    result = barnax.identify(
+        log(3, "means", step_v=0.005), seeds=0, capacity=2.5, trust="none", advise=False
+    )
+    assert result.tables
+    tables = result.tables.fit
+
+    def median_ohm(name):
+        return np.median([each.value for each in tables.of_table(name) if each.low is not None])
+
+    assert median_ohm("R0 [Ohm]") == pytest.approx(R0, rel=0.02)
+    whole = sum(median_ohm(f"R{number} [Ohm]") for number in range(3))
+    assert whole == pytest.approx(R0 + sum(ohm for ohm, _ in PAIRS), rel=0.05)
+
+
+def test_a_centered_current_has_half_of_every_interval_on_either_side():
+    table = log(0, "means")
+    record = record_from_frame(table, current_hold="centered")
+    amps = -table[CURRENT].to_numpy()
+    assert record.interval_current_a == pytest.approx((amps[1:] + amps[:-1]) / 2)
+    assert record.discharged_ah[-1] == pytest.approx(np.trapezoid(amps) * EVERY / 3600)

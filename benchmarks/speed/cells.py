@@ -25,7 +25,7 @@ NOISE_V = 1e-3
 LENGTHS = (6000, 8000, 10_000, 12_000, 14_000, 16_000, 18_000, 19_680)
 BOUNDS = {f"tau{pair} [s]": (0.5, 5000.0) for pair in (1, 2)}
 SINGLE_CELLS = 5
-MOST_MIB = 4096
+MAX_MIB = 4096
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def row_of(cells: Cells, sizes: Sizes) -> Row:
         1.0,
         f"`make_problem` of all {cells.prepared_s:.3g} s, `identify_many` "
         f"{cells.searched_s:.3g} s; the most memory of the process {cells.peak_mib:,.0f} MiB "
-        f"({'under' if cells.peak_mib < MOST_MIB else 'over'} {MOST_MIB:,})",
+        f"({'under' if cells.peak_mib < MAX_MIB else 'over'} {MAX_MIB:,})",
     )
 
 

@@ -114,14 +114,14 @@ def _columns(frame: Any) -> Profile:
 def _doubts(result: Result, profile: Profile, soc: Float[np.ndarray, "samples"]) -> Iterator[str]:
     """Where a simulation goes beyond what the answer was identified on."""
     parts = result.of_role("identification")
-    most_a = max((each.peak_current_a or 0.0 for each in parts), default=0.0)
-    far = np.flatnonzero(np.abs(profile.current_a) > FAR_CURRENT * most_a)
-    if most_a and len(far):
+    max_a = max((each.peak_current_a or 0.0 for each in parts), default=0.0)
+    far = np.flatnonzero(np.abs(profile.current_a) > FAR_CURRENT * max_a)
+    if max_a and len(far):
         worst = far[np.argmax(np.abs(profile.current_a[far]))]
         more = f", and at {len(far) - 1} more such samples," if len(far) > 1 else ""
         yield (
             f"{NAME} is {profile.current_a[worst]:.4g} A at {profile.time_s[worst]:g} s (row "
-            f"{worst}, from 0), and at most {most_a:.3g} A in the identification: the voltage "
+            f"{worst}, from 0), and at most {max_a:.3g} A in the identification: the voltage "
             f"there{more} is an extrapolation"
         )
     ranges = [each.soc_range for each in parts if each.soc_range is not None]

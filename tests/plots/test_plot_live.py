@@ -5,7 +5,7 @@ import base64
 import numpy as np
 import pytest
 
-from barnax.plots.live import MOST_NUMBERS, live_record
+from barnax.plots.live import MAX_NUMBERS, live_record
 from helpers.results import make_evaluation, make_record
 
 
@@ -66,7 +66,7 @@ def test_of_a_long_record_no_peak_is_lost():
 
 
 def test_all_records_together_stay_under_three_megabytes():
-    assert MOST_NUMBERS * 4 * 4 / 3 < 3e6
+    assert MAX_NUMBERS * 4 * 4 / 3 < 3e6
 
 
 def test_rows_of_a_comparison_have_a_line_each_in_their_own_color():

@@ -199,7 +199,7 @@ SCRIPT = "</script><script>alert(1)</script>"
 DATA = {"label": SCRIPT, "columns": ["AAAA"], "panels": []}
 LIVE = Picture("f", "a still", "an alt", "image/png", b"\x89PNG", Live(DATA, "a moving one"))
 LARGEST_REPORT = 6_000_000
-MOST_PAGES = 8
+MAX_PAGES = 8
 
 
 @pytest.fixture(scope="module")
@@ -298,4 +298,4 @@ def test_it_prints_on_eight_pages(report):
     printed = report.with_suffix(".pdf")
     browse("--virtual-time-budget=5000", f"--print-to-pdf={printed}", report.as_uri())
     pages = len(re.findall(rb"/Type\s*/Page\b", printed.read_bytes()))
-    assert 1 < pages <= MOST_PAGES
+    assert 1 < pages <= MAX_PAGES

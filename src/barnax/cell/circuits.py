@@ -21,7 +21,7 @@ from .elements import (
     require_order,
 )
 from .model import CellModel
-from .parameters import MOST_PAIRS, parameter_names
+from .parameters import MAX_PAIRS, parameter_names
 
 Samples = Float[np.ndarray, "samples"]
 
@@ -55,10 +55,10 @@ class Circuit:
     def __post_init__(self) -> None:
         require_order(self.elements)
         names_of(self.elements)
-        if len(self.elements) > MOST_PAIRS:
+        if len(self.elements) > MAX_PAIRS:
             raise InputError(
                 f"the circuit {self.name} has {len(self.elements)} elements; a search takes at "
-                f"most {MOST_PAIRS}"
+                f"most {MAX_PAIRS}"
             )
 
     @property

@@ -175,8 +175,8 @@ def _nothing_found(rests_s: list[float], directions: list[int]) -> str:
         return f"its longest rest is {max(rests_s) / 60:.1f} min"
     found = _runs(directions, DISCHARGE) + _runs(directions, CHARGE)
     most = max((last - first + 1 for first, last in found), default=1)
-    most_in_one = f", at most {most} in one direction" if most < long else ""
-    return f"it has {counted(long, 'rest')} of at least 30 min{most_in_one}"
+    max_in_one = f", at most {most} in one direction" if most < long else ""
+    return f"it has {counted(long, 'rest')} of at least 30 min{max_in_one}"
 
 
 # C/10 with the slack of a cell that holds a little less than its rating.

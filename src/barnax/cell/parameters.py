@@ -13,7 +13,7 @@ from .elements import ELEMENTS, RC, alike, names_of, require_order, rungs_of
 if TYPE_CHECKING:
     from pydantic_core import CoreSchema
 
-MOST_PAIRS = 4
+MAX_PAIRS = 4
 OHMIC, RATE = "R0 [Ohm]", "gamma"
 
 
@@ -40,7 +40,7 @@ def elements_in(names: Iterable[str]) -> tuple[str, ...]:
     ('rc', 'diffusion')
     """
     symbols = dict.fromkeys(name.partition(" [")[0].lstrip("RCtau") for name in names)
-    known = {str(number): number for number in range(1, MOST_PAIRS + 1)}
+    known = {str(number): number for number in range(1, MAX_PAIRS + 1)}
     pairs = max((known.get(each, 0) for each in symbols), default=0)
     others = {f"_{each.symbol}": each.name for each in ELEMENTS.values() if each.symbol}
     return (*[RC.name] * pairs, *(others[each] for each in symbols if each in others))

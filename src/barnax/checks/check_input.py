@@ -16,7 +16,7 @@ from ..records import Record, is_rested, rest_current_a
 from ..records.samples import Samples
 from ..records.table import found_at
 
-_FEWEST_READINGS, _MOST_STEPS = 20, 0.9
+_FEWEST_READINGS, _MAX_STEPS = 20, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class CheckInput:
             return 0.0
         before, after = np.maximum(at - 1, 0), np.minimum(at + 2, self.record.samples - 1)
         moved_v = np.abs(self.record.voltage_v[after] - self.record.voltage_v[before])
-        return float(np.quantile(moved_v / np.abs(self.samples.step_a[at]), _MOST_STEPS))
+        return float(np.quantile(moved_v / np.abs(self.samples.step_a[at]), _MAX_STEPS))
 
     @cached_property
     def source_v(self) -> Float[np.ndarray, "samples"]:

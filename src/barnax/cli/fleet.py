@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 ENGINE = "Engine"
 # Problems of a manifest that a dry run lists one by one.
-MOST_LISTED = 50
+MAX_LISTED = 50
 
 
 @group
@@ -149,7 +149,7 @@ def fleet(given: FleetOptions) -> None:
     _ = job_of(settings)
     if engine.dry_run:
         lines = problem_lines(cells)
-        session.show(map(shown, lines[:MOST_LISTED]))
+        session.show(map(shown, lines[:MAX_LISTED]))
         if lines:
             count = counted(len(lines), "problem")
             raise InputError(f"{manifest}: {count} to correct")

@@ -171,7 +171,7 @@ def _listed(table: Table) -> dict[str, list]:
 
 HEADER_BYTES = 116
 # Of Battery (Table-Based), `prm_dyn` from rc1 on.
-MOST_SIMSCAPE_PAIRS = 5
+MAX_SIMSCAPE_PAIRS = 5
 HEADER = b"MATLAB 5.0 MAT-file, written by barnax"
 
 
@@ -189,9 +189,9 @@ def write_simscape(result: Result) -> Export:
     `BatteryEquivalentCircuit` with the fields that the block of that name asks for.
     """
     tables = tables_of(result)
-    if tables.pairs > MOST_SIMSCAPE_PAIRS:
+    if tables.pairs > MAX_SIMSCAPE_PAIRS:
         raise InputError(
-            f"Simscape's Battery (Table-Based) has at most {MOST_SIMSCAPE_PAIRS} RC pairs, and "
+            f"Simscape's Battery (Table-Based) has at most {MAX_SIMSCAPE_PAIRS} RC pairs, and "
             f"{result.model} takes {tables.pairs}; export `to` another format, or identify a "
             "circuit of RC pairs"
         )

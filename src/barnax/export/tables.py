@@ -18,7 +18,7 @@ from ..results import Result
 
 # A table read linearly follows its curve this closely.
 TOLERANCE_V = 50e-6
-MOST_HALVINGS = 20
+MAX_HALVINGS = 20
 DIGITS_SOC, DIGITS_V = 9, 7
 # An independent hysteresis fit steps at its knots; the lower side stands this far before them.
 STEP_SOC = 10.0**-DIGITS_SOC
@@ -298,7 +298,7 @@ def linear_table(
     (17, True)
     """
     soc = np.unique(np.round(np.clip([0.0, 1.0, *breakpoints], 0, 1), DIGITS_SOC))
-    for _ in range(MOST_HALVINGS):
+    for _ in range(MAX_HALVINGS):
         width = np.diff(soc)
         is_bent = np.zeros(len(width), bool)
         # A cubic can cross its chord in the middle, not at all three quarters.

@@ -32,7 +32,7 @@ from .manifest import FleetCell, Options, cell_of, distinct, in_shard
 from .worker import Counts, batch_name, run_batch, start_worker
 
 # A batch takes long enough that handing it over is no cost, and few enough cells to lose.
-MOST_IN_BATCH = 50
+MAX_IN_BATCH = 50
 # Batches that wait beside those that run, so that a lazy iterable is not read far ahead.
 WAITING = 2
 # Pools that break in a row before any worker began a cell.
@@ -137,7 +137,7 @@ def identify_fleet(
             report(state)
             queue = itertools.chain([first], queue)
             with _opened(scheduler, executor, workers or os.cpu_count() or 1) as (reopen, count):
-                size = batch or MOST_IN_BATCH
+                size = batch or MAX_IN_BATCH
                 if few and not batch:
                     # A small number of cells is shared among the workers, four batches each.
                     size = max(1, min(size, -(-len(few) // (4 * count))))
@@ -168,7 +168,7 @@ def _run(
     reopen: Callable[[], Executor],
     submit: Callable[[Executor, Batch], "Future[Counts]"],
     folder: Path,
-    most_out: int,
+    max_out: int,
 ) -> Iterator[Counts]:
     """What every batch gave, as they complete."""
     executor, breaks = reopen(), 0
@@ -176,7 +176,7 @@ def _run(
     again: deque[Batch] = deque()
     suspects: list[Batch] = []
     while True:
-        while len(waiting) < most_out:
+        while len(waiting) < max_out:
             batch = again.popleft() if again else next(batches, None)
             if batch is None:
                 break

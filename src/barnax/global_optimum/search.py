@@ -41,7 +41,7 @@ CHUNK = 8192
 # Local minima of the grid up to this many times its lowest error are polished, but never more of
 # them than this.
 FACTOR = 1.5
-MOST_MINIMA = 4 * SEEDS_PER_BLOCK
+MAX_MINIMA = 4 * SEEDS_PER_BLOCK
 # Boxes of a proof: two pairs need hundreds, three and gamma thousands, four tens of thousands.
 MAX_BOXES = 50_000
 
@@ -196,7 +196,7 @@ def find_global_optimum(
     if "minima" not in vars(problem):
         reduced = ConstantObjective.of(problem)
         landscape = landscape_of(reduced)
-        starts = landscape.minima(FACTOR)[:MOST_MINIMA]
+        starts = landscape.minima(FACTOR)[:MAX_MINIMA]
         ends = _polish(problem, [landscape.circuit(point) for point in starts])
         vars(problem)["minima"] = reduced, landscape, ends
     reduced, landscape, ends = vars(problem)["minima"]

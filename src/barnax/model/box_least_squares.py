@@ -22,7 +22,7 @@ SETS_AT_ONCE = 4096
 ROUNDING = 1e-12
 # Exchanges of all wrong unknowns at once that may leave as many wrong ones as there were.
 PATIENCE = 3
-MOST_ROUNDS = 400
+MAX_ROUNDS = 400
 
 Problems = Float[np.ndarray, "unknowns problems"]
 Unknowns = Float[np.ndarray, "unknowns"]
@@ -144,7 +144,7 @@ def least_in_box(
     unit = np.sqrt(np.diag(normal))
     fewest, patience = len(low) + 1, PATIENCE
     x = low
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         free = np.flatnonzero(sides == 0)
         x = np.where(sides < 0, low, np.where(sides > 0, high, 0.0))
         x[free] = _solved(normal[np.ix_(free, free)], -(gradient[free] + normal[free] @ x))

@@ -91,9 +91,9 @@ class Compressed(AbstractEvaluator):
         filled = np.zeros((-(-rows // step) * step, len(in_tau.nodes) + 2), factor.dtype)
         filled[:rows, :nodes] = factor[:, :nodes]
         if in_rate is not None:
-            turns = np.zeros((len(filled), len(in_rate.nodes)), factor.dtype)
-            turns[:rows, : factor.shape[1] - nodes - 2] = factor[:, nodes:-2]
-            filled = np.insert(filled, [len(in_tau.nodes)], turns, axis=1)
+            responses = np.zeros((len(filled), len(in_rate.nodes)), factor.dtype)
+            responses[:rows, : factor.shape[1] - nodes - 2] = factor[:, nodes:-2]
+            filled = np.insert(filled, [len(in_tau.nodes)], responses, axis=1)
         filled[:rows, -2:] = factor[:, -2:]
         return Compressed(self.scored, as_input(filled), in_tau, in_rate)
 

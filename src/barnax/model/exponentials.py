@@ -24,7 +24,7 @@ from ..execution import as_input
 # Spans are rounded up to quarter decades, so that most records share one table and one program.
 _SPAN_STEP = math.log(10) / 4
 _NODE_STEP = 8
-MOST_NODES = 256
+MAX_NODES = 256
 # Spacing in log(s) of the grid on which kernels are compared, and how far it reaches beyond them.
 _GRID_STEP = 0.1
 _GRID_BEFORE, _GRID_AFTER = 36.0, 4.0
@@ -62,7 +62,7 @@ def span_of(lower: float, upper: float, tolerance: float) -> Span:
     """Nodes for time constants from `lower` to `upper`.
 
     `tolerance` is the largest error of a pair's answer, relative to the largest current. Raises
-    `InputError` where the span needs more than `MOST_NODES` nodes.
+    `InputError` where the span needs more than `MAX_NODES` nodes.
     """
     steps = max(1, math.ceil(math.log(upper / lower) / _SPAN_STEP - 1e-9))
     center = (math.log(lower) + math.log(upper)) / 2
@@ -70,7 +70,7 @@ def span_of(lower: float, upper: float, tolerance: float) -> Span:
     count = _NODE_STEP
     while interpolation_error(count, half_width) > tolerance / 2:
         count += _NODE_STEP
-        if count > MOST_NODES:
+        if count > MAX_NODES:
             raise InputError(
                 f"the compressed objective cannot cover {lower:.3g} to {upper:.3g}, "
                 f"{steps / 4:g} decades, to its stated accuracy; narrow the bounds or use "

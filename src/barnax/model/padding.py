@@ -41,11 +41,12 @@ class PaddedSize:
         """The record, made as large as this; its errors keep their bits."""
         if not self.is_shared:
             inputs = inputs.padded_to(self.samples)
-        moved = inputs.hysteresis
-        if moved is not None:
-            moved = replace(moved, intervals=moved.intervals.with_nodes(self.turning_nodes))
+        hysteresis = inputs.hysteresis
+        if hysteresis is not None:
+            clock = hysteresis.intervals.with_nodes(self.turning_nodes)
+            hysteresis = replace(hysteresis, intervals=clock)
         intervals = inputs.intervals.with_nodes(self.nodes)
-        return replace(inputs, intervals=intervals, hysteresis=moved)
+        return replace(inputs, intervals=intervals, hysteresis=hysteresis)
 
 
 def to_common_size(inputs: SimulationInput) -> SimulationInput:

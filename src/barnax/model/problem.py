@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.elements import RC, alike
-from ..cell.parameters import MOST_PAIRS
+from ..cell.parameters import MAX_PAIRS
 from ..display import Brief
 from ..errors import InputError
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
@@ -182,7 +182,7 @@ def with_one_more_pair(problem: Problem) -> Problem | None:
     """The problem with an RC pair more, in the default box; None where a circuit has no more, or
     other elements, which more pairs would only imitate."""
     elements = (*problem.bounds.elements, RC.name)
-    if not MOST_PAIRS >= len(elements) == alike(elements):
+    if not MAX_PAIRS >= len(elements) == alike(elements):
         return None
     capacity_ah, limits = problem.prepared.capacity_ah, problem.bounds.tau_limits_s
     fresh = Bounds.default(capacity_ah, 2 * limits[0], limits[1], elements=elements)

@@ -87,7 +87,7 @@ class Joint(AbstractEvaluator):
 BLOCK = 5
 UNROLL_STACKED = 4
 
-# The voltage over every RC pair, and what a dynamic hysteresis has moved.
+# The voltage over every RC pair, and the state of a dynamic hysteresis.
 State = tuple[tuple[Scalar, ...], Scalar]
 
 
@@ -188,8 +188,8 @@ class SimulationInput(AbstractEvaluator):
 
 
 def _clocks(inputs: SimulationInput) -> list[Intervals]:
-    moved = inputs.hysteresis
-    return [inputs.intervals] if moved is None else [inputs.intervals, moved.intervals]
+    hysteresis = inputs.hysteresis
+    return [inputs.intervals] if hysteresis is None else [inputs.intervals, hysteresis.intervals]
 
 
 def _sampled(inputs: SimulationInput) -> list[Array]:
@@ -206,17 +206,17 @@ def _sampled(inputs: SimulationInput) -> list[Array]:
 def overpotential(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:
     """Source minus terminal voltage at every sample, in V (Li et al., 2023, Eq. 2, 3).
 
-    Ohmic and polarization drop, less what a dynamic hysteresis has moved. The recursion is exact
+    Ohmic and polarization drop, less what a dynamic hysteresis adds. The recursion is exact
     for current held constant between samples. All RC pairs start at rest. Derivatives cost one
     more scan in all, not one a parameter.
     """
     drop_v = rc.r0 * inputs.current_a
     for r, tau in rc.pairs:
         drop_v = drop_v + r * unit_response(tau, inputs.held_a, inputs.intervals)
-    moved = inputs.hysteresis
-    if moved is not None and rc.gamma is not None:
-        state = unit_response(1 / rc.gamma, moved.hysteresis_input, moved.intervals)
-        drop_v = drop_v - moved.amplitude_v * state
+    hysteresis = inputs.hysteresis
+    if hysteresis is not None and rc.gamma is not None:
+        state = unit_response(1 / rc.gamma, hysteresis.hysteresis_input, hysteresis.intervals)
+        drop_v = drop_v - hysteresis.amplitude_v * state
     return drop_v
 
 
@@ -271,15 +271,15 @@ class _Circuit:
     """One candidate's RC pairs and hysteresis, and the error they make at a sample."""
 
     def __init__(self, rc: RCParameters, inputs: SimulationInput):
-        clock, moved = inputs.intervals, inputs.hysteresis
+        clock, hysteresis = inputs.intervals, inputs.hysteresis
         self._r0 = rc.r0
         self._pairs = [Pair(r, tau, clock) for r, tau in rc.pairs]
         self._hysteresis, turning, amplitude_v = None, None, None
-        if moved is not None and rc.gamma is not None:
+        if hysteresis is not None and rc.gamma is not None:
             one = jnp.ones_like(rc.r0)
-            self._hysteresis = Pair(one, 1 / rc.gamma, moved.intervals)
-            turning = _clocked(moved.hysteresis_input, moved.intervals)
-            amplitude_v = moved.amplitude_v
+            self._hysteresis = Pair(one, 1 / rc.gamma, hysteresis.intervals)
+            turning = _clocked(hysteresis.hysteresis_input, hysteresis.intervals)
+            amplitude_v = hysteresis.amplitude_v
         # What moves the state from sample to sample, and what an error depends on beside it.
         self.moving = _clocked(inputs.held_a, clock), turning
         self.counting = inputs.current_a, inputs.base_error_v, inputs.weight, amplitude_v
@@ -298,10 +298,10 @@ class _Circuit:
             clocked, (current_a, base_error_v, weight, amplitude_v) = jax.tree.map(
                 lambda array, at=sample: array[at], (moving, counting)
             )
-            states, turned = state
+            states, hysteresis_state = state
             error_v = base_error_v + self._r0 * current_a + sum(states)
             if amplitude_v is not None:
-                error_v = error_v - amplitude_v * turned
+                error_v = error_v - amplitude_v * hysteresis_state
             # Weighted before it is squared: a weight of one then leaves every bit as it is.
             counted_v = error_v if weight is None else weight * error_v
             total = total + counted_v * counted_v
@@ -310,14 +310,14 @@ class _Circuit:
         return total
 
     def _step(self, state: State, moving: PyTree) -> State:
-        (states, turned), (clocked, turning) = state, moving
+        (states, hysteresis_state), (clocked, turning) = state, moving
         states = tuple(
             pair.advance(state_v, *clocked)
             for pair, state_v in zip(self._pairs, states, strict=True)
         )
         if self._hysteresis is not None:
-            turned = self._hysteresis.advance(turned, *turning)
-        return states, turned
+            hysteresis_state = self._hysteresis.advance(hysteresis_state, *turning)
+        return states, hysteresis_state
 
 
 class Pair:

@@ -28,7 +28,7 @@ from .reduced import Columns, blocks
 # Of the smoothing weights, those of the fit that standard errors are of.
 LIGHT = 0.01
 # Slots of time in which residuals are correlated: no array is longer, however long the record.
-MOST_SLOTS = 4096
+MAX_SLOTS = 4096
 # Half the step in a logarithm of which slopes are differences.
 STEP = 1e-4
 # Directions that move the errors by less than this share of what the largest do are unseen.
@@ -171,7 +171,7 @@ def noise_behind(
     from the rows of `linearized`."""
     time_s = one_clock(objective.prepared_records)
     longest_s = max(each.scored_duration_s for each in objective.prepared_records)
-    slots = Slots.of(time_s, longest_s, MOST_SLOTS)
+    slots = Slots.of(time_s, longest_s, MAX_SLOTS)
     counts, errors = np.zeros(slots.count), np.zeros(slots.count)
     width = ways.shape[1]
     sums = np.zeros((slots.count, width))

@@ -30,7 +30,7 @@ from .settings import TableSettings
 
 # Standard deviations of what is told: of a start at a full charge, of the voltage at a rest, of the
 # start that this tells at most, and of a capacity.
-FULL_SD, REST_SD_V, MOST_SD, CAPACITY_SD = 0.005, 0.005, 0.05, 0.005
+FULL_SD, REST_SD_V, MAX_SD, CAPACITY_SD = 0.005, 0.005, 0.05, 0.005
 FROM_VOLTAGE = ("rested voltage", "rest elsewhere")
 # The OCV's slope is a difference over so much SOC.
 STEP_SOC = 1e-3
@@ -84,7 +84,7 @@ def _told_within(prepared: PreparedRecord) -> tuple[float, float]:
     start_sd = FULL_SD
     if prepared.start.soc_source in FROM_VOLTAGE:
         slope = abs(float(_slope(prepared, np.array([prepared.start.soc]))[0]))
-        start_sd = min(max(start_sd, REST_SD_V / max(slope, 1e-9)), MOST_SD)
+        start_sd = min(max(start_sd, REST_SD_V / max(slope, 1e-9)), MAX_SD)
     return start_sd, CAPACITY_SD
 
 

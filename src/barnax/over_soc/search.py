@@ -18,7 +18,7 @@ from .settings import TableSettings
 # Grid points of a time constant by the number of pairs, alone and beside gamma, and of gamma.
 GRID = GridSizes({1: 64, 2: 20, 3: 10, 4: 8}, {1: 32, 2: 12, 3: 8, 4: 7}, 8)
 # Lowest points of the grid that are polished.
-MOST_MINIMA = 4
+MAX_MINIMA = 4
 ROUNDS = 200
 
 # The logarithms of every time constant in s, then that of gamma where there is one.
@@ -104,4 +104,4 @@ def _minima(objective: Searchable[Found]) -> list[Found]:
         log_scales = tuple(float(axis[at]) for axis, at in zip(places, point, strict=True))
         found[*point] = solution = objective.solve(log_scales, sides)
         lowest_v2[*point], sides = solution.objective_v2, solution.sides
-    return [found[point] for point in minima_of(lowest_v2)[:MOST_MINIMA]]
+    return [found[point] for point in minima_of(lowest_v2)[:MAX_MINIMA]]

@@ -95,23 +95,24 @@ class TableParameters(eqx.Module):
         )
 
 
-def _moved_on(
+def _advanced(
     parameters: TableParameters, given: TableInput, states: Float[Array, "states"]
 ) -> tuple[Float[Array, "states"], Float[Array, "samples"]]:
     """The states after the last sample, and measured minus simulated voltage in V at every one.
 
-    The states are of every pair, then of a dynamic hysteresis that is moved.
+    The states are of every pair, then of a dynamic hysteresis.
     """
-    inputs, moved = given.inputs, given.inputs.hysteresis
+    inputs, hysteresis = given.inputs, given.inputs.hysteresis
     pairs = len(parameters.tau)
     below, rise = _lines(parameters.tables)
     one = jnp.ones_like(given.start_h)
     clocks = [Pair(one, tau, inputs.intervals) for tau in parameters.tau]
     turning = amplitude_v = None
-    if moved is not None and parameters.gamma is not None:
-        clocks.append(Pair(one, 1 / parameters.gamma, moved.intervals))
-        turning = moved.hysteresis_input, moved.intervals.node, moved.intervals.offset_s
-        amplitude_v = moved.amplitude_v
+    if hysteresis is not None and parameters.gamma is not None:
+        charge = hysteresis.intervals
+        clocks.append(Pair(one, 1 / parameters.gamma, charge))
+        turning = hysteresis.hysteresis_input, charge.node, charge.offset_s
+        amplitude_v = hysteresis.amplitude_v
 
     def step(states, sample):
         place, share, current_a, base_v, held_a, node, offset_s, turning, amplitude_v = sample
@@ -170,7 +171,7 @@ def error_blocks(
     at_rest = len(tables.tau_s) + (tables.gamma is not None)
     states = jnp.zeros(at_rest, parameters.tables.dtype)
     for here, given in TableInput.blocks(prepared, nodes, min(tables.tau_s), tables.gamma):
-        advance = compile_for(_moved_on, parameters, given, states)
+        advance = compile_for(_advanced, parameters, given, states)
         states, error_v = advance(parameters, given, states)
         yield here, np.asarray(error_v)[: here.stop - here.start]
 

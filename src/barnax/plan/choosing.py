@@ -234,8 +234,8 @@ def _runnable(
         else:
             found.append((each, window))
     # An OCV test that is cut short may hold less than a record, but not by so much.
-    most_ah = math.inf if choice.capacity_ah else _ANOTHER * choice.cell.capacity_ah
-    others = [each for each, _ in found if each.traits and each.traits.span_ah > most_ah]
+    max_ah = math.inf if choice.capacity_ah else _ANOTHER * choice.cell.capacity_ah
+    others = [each for each, _ in found if each.traits and each.traits.span_ah > max_ah]
     if len(others) < len(found):
         for each in others:
             draft.take(each, "not used", why_useless(each, choice.cell.capacity_ah))

@@ -51,8 +51,8 @@ def ocv_at(
     `given_ah` is the capacity that was given.
     """
     near = [each for each in free if is_same_degc(each.temperature_degc, degc)]
-    most_ah = max((each.traits.longest_discharge_ah for each in near if each.traits), default=None)
-    capacities_ah = dict.fromkeys((given_ah, None, most_ah))
+    max_ah = max((each.traits.longest_discharge_ah for each in near if each.traits), default=None)
+    capacities_ah = dict.fromkeys((given_ah, None, max_ah))
     if tests:
         own = [each for each in tests if is_same_degc(each.temperature_degc, degc)]
         return _choose_ocv(own or tests, capacities_ah, is_given=True)
@@ -77,8 +77,8 @@ def _choose_ocv(
     few. The first of the capacities counts with which a test makes a cell. Raises `InputError`
     where given tests make none.
     """
-    most_ah = max((each.passed_ah for each in _sweeps(candidates)), default=0.0)
-    sets = sorted(_sets(candidates), key=lambda tests: _rank(tests, most_ah))
+    max_ah = max((each.passed_ah for each in _sweeps(candidates)), default=0.0)
+    sets = sorted(_sets(candidates), key=lambda tests: _rank(tests, max_ah))
     reason = None
     for tests in [tuple(candidates)] if is_given else sets:
         for capacity_ah in capacities_ah:
@@ -121,10 +121,10 @@ def _sets(candidates: Sequence[CandidateFile]) -> Iterator[tuple[CandidateFile, 
         yield (*outward, *inward)
 
 
-def _rank(tests: tuple[CandidateFile, ...], most_ah: float) -> tuple:
+def _rank(tests: tuple[CandidateFile, ...], max_ah: float) -> tuple:
     sweeps = _sweeps(tests)
     return (
-        _hole_ah(sweeps, most_ah) > _HOLE * most_ah,
+        _hole_ah(sweeps, max_ah) > _HOLE * max_ah,
         -len(_directions(tests)),
         not _closes(sweeps),
         # A table comes last: it has no charge.
@@ -136,15 +136,15 @@ def _rank(tests: tuple[CandidateFile, ...], most_ah: float) -> tuple:
     )
 
 
-def _hole_ah(sweeps: Sequence[Sweep], most_ah: float) -> float:
+def _hole_ah(sweeps: Sequence[Sweep], max_ah: float) -> float:
     """The most charge without a point. What one direction does not reach counts too, of a cell
-    that passes `most_ah`; two that close reach both ends."""
+    that passes `max_ah`; two that close reach both ends."""
     gaps_ah = [0.0]
     for sweep in sweeps:
         at_ah = [sweep.start_ah, *(point.discharged_ah for point in sweep.points), sweep.end_ah]
         gaps_ah.append(float(np.abs(np.diff(at_ah)).max()))
     if len({sweep.direction for sweep in sweeps}) == 1:
-        gaps_ah.append(most_ah - sum(sweep.passed_ah for sweep in sweeps))
+        gaps_ah.append(max_ah - sum(sweep.passed_ah for sweep in sweeps))
     return max(gaps_ah)
 
 

@@ -176,7 +176,7 @@ def _draw_difference(axes: Axes, cell: CellModel) -> None:
 PANELS_ACROSS: Final = 2
 PANEL_IN: Final = 2.1
 # More rates than these are left out, the rarest first.
-MOST_PANELS: Final = 6
+MAX_PANELS: Final = 6
 PULSE_COLORS: Final = "viridis"
 
 
@@ -279,7 +279,7 @@ def _rate_panels(
 ) -> tuple[Figure, dict[Axes, tuple[Pulse, ...]]]:
     """A figure with a named panel for each of the rates with the most pulses, and its pulses."""
     found = levels(pulses)
-    most_common = sorted(found, key=len, reverse=True)[:MOST_PANELS]
+    most_common = sorted(found, key=len, reverse=True)[:MAX_PANELS]
     shown = [level for level in found if level in most_common]
     figure, panels = make_panels(
         len(shown), min(PANELS_ACROSS, len(shown)), row_in=PANEL_IN, around_in=0.7,

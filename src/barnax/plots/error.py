@@ -58,7 +58,7 @@ FEW_PERCENT = 0.5
 MARGIN = 0.3
 NEARLY_INSIDE = 1.5
 # Strips of the rows of a comparison.
-MOST_STRIPS: Final = 10
+MAX_STRIPS: Final = 10
 STRIP_IN: Final = 1.1
 AROUND_STRIPS_IN: Final = 1.1
 # Rows farther off than this many times the best do not set the scale: theirs is cut, and said.
@@ -181,7 +181,7 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
     [4, 2]
     """
     rows = rows_of(evaluations)
-    looks, shown = row_looks(rows), most_accurate(rows, MOST_STRIPS)
+    looks, shown = row_looks(rows), most_accurate(rows, MAX_STRIPS)
     prepared, is_one = next(iter(shown.values())).prepared, ALONE in rows
     if is_one:
         figure = make_figure()

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from .error import LABEL
 from .style import ALONE, BLUE, VERMILLION, decimate, row_looks
 from .voltage import (
-    MOST_VOLTAGES,
+    MAX_VOLTAGES,
     choose_time_unit,
     measured_color,
     most_accurate,
@@ -24,24 +24,24 @@ Live = dict[str, Any]
 Columns = Sequence[Float[np.ndarray, "samples"]]
 
 # All records of a report share so many numbers, which take 5.3 bytes each in the page.
-MOST_NUMBERS: Final = 480_000
+MAX_NUMBERS: Final = 480_000
 
 
-def live_record(rows: "Mapping[str, Evaluation]", most_numbers: int = MOST_NUMBERS) -> Live:
+def live_record(rows: "Mapping[str, Evaluation]", max_numbers: int = MAX_NUMBERS) -> Live:
     """Measured and simulated voltage, errors and current of one record, on one axis of time.
 
     `rows` are the circuits' evaluations under their labels. Every sample is held, as float32,
-    unless that takes more than `most_numbers`; then those that `decimate` keeps of any line. The
+    unless that takes more than `max_numbers`; then those that `decimate` keeps of any line. The
     first column is the time since the first sample in s, `origin` that sample's own.
     """
-    shown = most_accurate(rows, MOST_VOLTAGES)
+    shown = most_accurate(rows, MAX_VOLTAGES)
     looks = row_looks(rows)
     first = next(iter(shown.values()))
     prepared = first.prepared
     columns = [prepared.voltage_v, prepared.current_a]
     columns += [each.simulated_v for each in shown.values()]
     lines = [*columns, *(each.error_v for each in shown.values())]
-    kept = enough_samples(prepared.time_s, lines, most_numbers // (len(columns) + 1))
+    kept = enough_samples(prepared.time_s, lines, max_numbers // (len(columns) + 1))
     unit = choose_time_unit(prepared.time_s)
     is_one = ALONE in rows
     colors = [looks[label].color for label in shown]

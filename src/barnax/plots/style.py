@@ -92,7 +92,7 @@ class Layout:
     width_in: float
     height: float = 1.0
     letters: float = 1.0
-    most_in_legend: int = 5
+    max_in_legend: int = 5
 
 
 PAGE: Final = Layout(7.0)
@@ -211,7 +211,7 @@ def finish(
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     if entries:
-        columns = min(columns, _layout.get().most_in_legend)
+        columns = min(columns, _layout.get().max_in_legend)
         legend = figure.legend(
             list(entries.values()), list(entries), loc="outside upper center", ncols=columns
         )

@@ -161,7 +161,7 @@ def _draw_current(axes: Axes, prepared: "PreparedRecord", time: np.ndarray, span
 
 
 # More lines of voltage than these hide each other even in the magnified stretch.
-MOST_VOLTAGES: Final = 8
+MAX_VOLTAGES: Final = 8
 MARKERS_PER_LINE: Final = 8
 
 
@@ -234,7 +234,7 @@ def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure
     ['Voltage [V]', 'Voltage [V]']
     """
     rows = rows_of(evaluations)
-    looks, shown = row_looks(rows), most_accurate(rows, MOST_VOLTAGES)
+    looks, shown = row_looks(rows), most_accurate(rows, MAX_VOLTAGES)
     best = min(shown.values(), key=lambda each: each.metrics.rmse_v)
     prepared, unit = best.prepared, choose_time_unit(best.prepared.time_s)
     time = prepared.time_s / unit.seconds

@@ -152,11 +152,11 @@ class Counters:
         yield 0.0, gained_ah * own, is_anew
 
 
-def skipped_ah(charge_ah: Charge, held_ah: Increments, most_ah: Increments) -> Increments | None:
+def skipped_ah(charge_ah: Charge, held_ah: Increments, max_ah: Increments) -> Increments | None:
     """What the tester counted in each interval beyond `held_ah`, where that is much and lasts.
 
     `charge_ah` is the counted net charge, `held_ah` what the record's current makes of each
-    interval, and `most_ah` what can pass in it at most. Zero elsewhere, and None where nothing was
+    interval, and `max_ah` what can pass in it at most. Zero elsewhere, and None where nothing was
     skipped: a logger left out a load, or its beginning. A counter that lags behind or stands still
     catches up, and one that is coarse moves by its quantum.
     """
@@ -173,7 +173,7 @@ def skipped_ah(charge_ah: Charge, held_ah: Increments, most_ah: Increments) -> I
     excess_ah = np.clip(
         apart_ah[1:] - apart_ah[since], np.minimum(own_ah, 0), np.maximum(own_ah, 0)
     )
-    is_far = (np.abs(excess_ah) > least_ah) & (moving_ah > 0) & (moving_ah <= most_ah)
+    is_far = (np.abs(excess_ah) > least_ah) & (moving_ah > 0) & (moving_ah <= max_ah)
     found_ah = np.zeros_like(held_ah)
     for place in np.flatnonzero(is_far).tolist():
         before = np.median(apart_ah[max(since[place] - _BESIDE, 0) : since[place] + 1])

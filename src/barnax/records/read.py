@@ -230,7 +230,7 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
     turn = -1.0 if sign.value == CHARGE else 1.0
     held_ah = samples.held_ah(hold.value)
     counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)
-    hidden_ah = None if counted_ah is None else skipped_ah(counted_ah, held_ah, samples.most_ah)
+    hidden_ah = None if counted_ah is None else skipped_ah(counted_ah, held_ah, samples.max_ah)
     return Record(
         name=source.name,
         time_s=_own(samples.time_s),

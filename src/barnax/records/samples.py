@@ -149,7 +149,7 @@ class Samples(Lines):
         return is_loaded[1:] | is_loaded[:-1]
 
     @cached_property
-    def most_ah(self) -> Float[np.ndarray, "intervals"]:
+    def max_ah(self) -> Float[np.ndarray, "intervals"]:
         """The charge that may have passed in each interval, whatever was logged of it."""
         return _HEAVIER * self.peak_a * self.intervals_s / 3600
 

@@ -30,7 +30,7 @@ _CONTENT = {
     b"PAR1": ("a Parquet table", (".parquet", ".pq")),
 }
 # A voltage that no cell has.
-_MOST_IN_SERIES, _LEAST_CELL_V = 1000, 1.0
+_MAX_IN_SERIES, _LEAST_CELL_V = 1000, 1.0
 
 
 def examine_suffix(file: str, content: bytes) -> tuple[Notice, ...]:
@@ -64,8 +64,8 @@ class Source:
     series: int = 1
 
     def __post_init__(self):
-        if not 1 <= self.series <= _MOST_IN_SERIES:
-            given = f"`series` {self.series} must be between 1 and {_MOST_IN_SERIES}"
+        if not 1 <= self.series <= _MAX_IN_SERIES:
+            given = f"`series` {self.series} must be between 1 and {_MAX_IN_SERIES}"
             raise InputError(f"{given}, the number of cells in series")
 
     def of_one_cell(self, voltage_v: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ _BY_LEADS, _LEAST_V = 0.8, 3e-3
 _PROPORTIONAL, _EQUAL = 0.999, 0.01
 # Two voltages of one cell agree to so much; what is further apart and looks unlike is another's.
 _SAME_V, _OTHER_V, _ALIKE = 5e-3, 0.2, 0.9
-_MOST_NAMES = 200
+_MAX_NAMES = 200
 
 
 def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
@@ -58,7 +58,7 @@ def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
 def _others(table: Table, name: str, own: Column) -> Iterator[Column]:
     """Further columns that can hold the quantity, by their names."""
     (quantity,) = [each for each in QUANTITIES if each.name == name]
-    for index, header in enumerate(table.header[:_MOST_NAMES]):
+    for index, header in enumerate(table.header[:_MAX_NAMES]):
         found = find_columns([header], QUANTITIES)
         column = found.get(name) or (None if found else likely_column(quantity, [header]))
         is_other = index != own.index and header != own.header

@@ -225,7 +225,7 @@ _LEAST_A = 1e-12
 # No cell has less than a tenth of a milliohm; those that come near carry hundreds of amperes.
 _LEAST_OHM, _HEAVY_A = 1e-4, 50.0
 # Coin cells come near to this one.
-_MOST_OHM = 20.0
+_MAX_OHM = 20.0
 # So many signs make an error.
 _SIGNS = 2
 
@@ -270,9 +270,9 @@ def _amperes_signs(samples: Samples, capacity_ah: float | None) -> list[str]:
     elif capacity_ah and charge_ah <= _TOO_LITTLE * capacity_ah and travel_v >= _MOVED_V:
         moves = f"{charge_ah:.3g} of its {capacity_ah:.4g} Ah move the cell's voltage by"
         signs.append(f"{moves} {travel_v:.2g} V")
-    if samples.resistance_ohm > _MOST_OHM:
+    if samples.resistance_ohm > _MAX_OHM:
         signs.append(f"the cell's resistance would be {samples.resistance_ohm:.3g} ohm")
-    return signs if len(signs) == _SIGNS or samples.resistance_ohm <= _MOST_OHM else []
+    return signs if len(signs) == _SIGNS or samples.resistance_ohm <= _MAX_OHM else []
 
 
 def _milliamperes_signs(samples: Samples, capacity_ah: float | None) -> list[str]:

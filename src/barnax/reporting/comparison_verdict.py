@@ -40,8 +40,8 @@ class OnRecord:
     @property
     def leaders(self) -> list[str]:
         """The row with the lowest RMSE, and those that found the same."""
-        most_v = self.rmse_v(self.ranked[0]) * (1 + SAME_RMSE)
-        return [row for row in self.ranked if self.rmse_v(row) <= most_v]
+        max_v = self.rmse_v(self.ranked[0]) * (1 + SAME_RMSE)
+        return [row for row in self.ranked if self.rmse_v(row) <= max_v]
 
     def between(self, first: str, second: str) -> "Difference | None":
         """How two rows differ, in either order, or None where that was not compared."""

@@ -37,7 +37,7 @@ THROUGH_V = 1e-6
 # Sources of a start's SOC that are told in another line, or need no telling.
 TOLD = ("given", "rested voltage", "own full charge", "own span", "registered")
 # More records are counted, not named.
-MOST_NAMES = 2
+MAX_NAMES = 2
 # A change of R0 by less than this share is none.
 SAME_OHM = 1e-3
 
@@ -146,7 +146,7 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     )
     whose = f"{name} " if len(parts) > 1 else ""
     names = [each.name for each in parts]
-    whole = joined(names) if len(names) <= MOST_NAMES else f"these {len(names)} records"
+    whole = joined(names) if len(names) <= MAX_NAMES else f"these {len(names)} records"
     yield (
         f"no OCV test: the OCV is that of {whole}, whose SOC is "
         f"counted over {cell.capacity_ah:.4g} Ah ({cell.capacity_origin}), {whose}{start}; "

@@ -41,9 +41,9 @@ from .verdict import best_possible, search_sentences
 
 LONGEST_NAME = 34
 # The report has the others.
-MOST_CANDIDATES = 4
+MAX_CANDIDATES = 4
 # More files than these are counted.
-MOST_FILES = 5
+MAX_FILES = 5
 # The error above 10 % SOC is told beside the whole where it is lower by this share.
 APART = 0.1
 UNFIT = f": {NOT_SUITABLE} identification: "
@@ -91,7 +91,7 @@ def _files_table(result: "Result") -> Whole:
     has_degc = result.tables is not None and result.tables.over_temperature is not None
     rows = []
     parts = (*result.of_role("identification"), *result.of_role("validation"))
-    shown = parts if len(parts) <= MOST_FILES else parts[: MOST_FILES - 1]
+    shown = parts if len(parts) <= MAX_FILES else parts[: MAX_FILES - 1]
     for each in shown:
         degc = each.temperature_degc
         at = [] if not has_degc else ["" if degc is None else degrees(degc)]
@@ -120,7 +120,7 @@ def _errors_table(result: "Result") -> Whole:
     heads = ["", "identification", *_numbered("validation", len(validation))]
     above = [each.rmse_above_10_soc_v for each in (metrics.identification, *validation)]
     own = [each.rmse_v for each in (metrics.identification, *validation)]
-    candidates = ranked(result.candidates)[:MOST_CANDIDATES]
+    candidates = ranked(result.candidates)[:MAX_CANDIDATES]
     held = [None if each.held_out is None else each.held_out.rmse_v for each in candidates]
     if any(value is not None for value in held):
         heads.append("left out")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..search.evaluate import Evaluation
 
 # Of long lists, so many; the dataset has all.
-MOST_TOLD = 50
+MAX_TOLD = 50
 
 
 def fleet_illustrations(
@@ -106,7 +106,7 @@ def _outliers(summary: "Summary") -> Table | Paragraph:
     return make_table(
         f"Values more than {OUTLYING:g} robust standard deviations from the median, in the "
         "logarithm; the farthest first.",
-        summary.outliers[:MOST_TOLD],
+        summary.outliers[:MAX_TOLD],
         {
             "cell": lambda each: each.id,
             "because of": lambda each: each.name,
@@ -123,7 +123,7 @@ def _causes(causes: "Sequence[Cause]", which: str) -> Table | Paragraph:
         return Paragraph("None.")
     return make_table(
         f"{which}, by cause, with the message of the first.",
-        causes[:MOST_TOLD],
+        causes[:MAX_TOLD],
         {
             "cells": lambda each: f"{len(each.ids):,}",
             "cause": lambda each: each.text,

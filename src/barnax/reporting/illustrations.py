@@ -8,7 +8,7 @@ from .. import plots
 from ..cell import CircuitParameters
 from ..cell.model import SAME_DEGC
 from ..errors import InputError
-from ..plots.live import MOST_NUMBERS, live_record
+from ..plots.live import MAX_NUMBERS, live_record
 from ..plots.pictures import Illustration, illustrate, record_roles
 from ..plots.search import has_landscape
 from ..pulses import pulses_of
@@ -215,7 +215,7 @@ def _moving(
     """A figure of one of so many records with its interactive form."""
 
     def live() -> tuple[dict[str, Any], str]:
-        data = live_record(rows, MOST_NUMBERS // records)
+        data = live_record(rows, MAX_NUMBERS // records)
         samples, held = data["samples"], data["held"]
         drawn = f"{held:,} of {samples:,} samples are drawn, including every peak."
         if held == samples:

@@ -25,7 +25,7 @@ from ..model.window import Window
 from ..records import Record
 
 # A start is moved by so much to see what that does, and at most by this.
-PROBE_SOC, MOST_MOVED_SOC = 0.002, 0.03
+PROBE_SOC, MAX_MOVED_SOC = 0.002, 0.03
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,7 +112,7 @@ def with_registered(
         slope_v = (probed_v - own_v) / step
         size = float(slope_v @ slope_v)
         soc = -float(slope_v @ own_v) / size if size else 0.0
-        soc = min(max(soc, -MOST_MOVED_SOC), MOST_MOVED_SOC)
+        soc = min(max(soc, -MAX_MOVED_SOC), MAX_MOVED_SOC)
         found = moved(soc)
         before, after = _in_both(own, found)
     except InputError:

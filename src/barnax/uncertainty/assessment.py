@@ -26,7 +26,7 @@ SOC_EDGES = np.linspace(0, 1, 11)
 # Multiples of the current that empties the cell in an hour.
 RATE_EDGES = (0.2, 1.0, 2.0)
 TEMPERATURE_STEPS = (1.0, 2.0, 5.0, 10.0)
-MOST_TEMPERATURES = 8
+MAX_TEMPERATURES = 8
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,8 @@ def _temperature_bands(
         return None
     low, high = np.nanmin(temperature), np.nanmax(temperature)
     step = next(
-        (step for step in TEMPERATURE_STEPS if (high - low) / step <= MOST_TEMPERATURES),
-        (high - low) / MOST_TEMPERATURES,
+        (step for step in TEMPERATURE_STEPS if (high - low) / step <= MAX_TEMPERATURES),
+        (high - low) / MAX_TEMPERATURES,
     )
     edges = step * np.arange(np.floor(low / step), np.floor(high / step) + 2)
     return _bands(temperature, error_v, edges, edges.tolist())

@@ -34,9 +34,9 @@ LONGEST_LAG = 1 / 2
 FEW_PAIRS = 1 / 2
 # Noises drawn where samples come in bursts, and the most slots that they are drawn in.
 DRAWS = 100
-MOST_DRAWN = 2**17
+MAX_DRAWN = 2**17
 # Clocks finer than this many intervals a record are read in coarser slots.
-MOST_SLOTS = 2**20
+MAX_SLOTS = 2**20
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class Noise:
         """Whether the samples fill less than half as many slots evenly, of not too many."""
         counts = self._counts
         is_uneven = counts.sum() ** 2 < len(counts) / 2 * (counts @ counts)
-        return is_uneven and len(counts) <= MOST_DRAWN
+        return is_uneven and len(counts) <= MAX_DRAWN
 
     @cached_property
     def _uncertainty(self) -> Float[np.ndarray, "used used"]:
@@ -182,7 +182,7 @@ class Slots:
         cls,
         time_s: Float[np.ndarray, "samples"],
         longest_s: float | None = None,
-        most: int = MOST_SLOTS,
+        most: int = MAX_SLOTS,
     ) -> "Slots":
         """Those of a clock."""
         interval_s = float(np.median(np.diff(time_s), overwrite_input=True))

@@ -35,7 +35,7 @@ def read(name, found):
         found[()]
 h5py.File(io.BytesIO(content)).visititems(read)
 """
-_DEEPEST, _MOST_NAMED = 8, 12
+_DEEPEST, _MAX_NAMED = 8, 12
 # Plett's files hold the test at its temperature first, and two at 25 degC that calibrate it.
 _SCRIPTS = re.compile(r"(?:DYNData|OCVData)\.script(\d)")
 
@@ -232,7 +232,7 @@ def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -
     option = "`columns='time={0}.NAME:s,current={0}.NAME:A,voltage={0}.NAME:V'`"
     if records:
         names = ", ".join(
-            printable(cut(each or "the workspace", LONGEST_CELL)) for each in records[:_MOST_NAMED]
+            printable(cut(each or "the workspace", LONGEST_CELL)) for each in records[:_MAX_NAMED]
         )
         choose = option.format(records[-1]) if records[-1] else "save one of them alone"
         return (
@@ -245,8 +245,8 @@ def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -
         for name, value in struct.items()
         if isinstance(value, np.ndarray) and value.size > 1
     ]
-    named = printable(cut(", ".join(held[:_MOST_NAMED]), 1000)) or "no arrays of numbers"
-    more = " ..." if len(held) > _MOST_NAMED else ""
+    named = printable(cut(", ".join(held[:_MAX_NAMED]), 1000)) or "no arrays of numbers"
+    more = " ..." if len(held) > _MAX_NAMED else ""
     return (
         f"{file}: a MATLAB file without a structure of columns of one length for time, current and "
         f"voltage; it holds {named}{more}. Give the columns as {option.format('STRUCTURE')}, or "

@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear
 
 from barnax.cell import CircuitParameters
 from barnax.global_optimum import Landscape
-from barnax.global_optimum.reduced import ConstantObjective
+from barnax.global_optimum.objective import ConstantObjective
 from barnax.global_optimum.search import landscape_of
 from barnax.model.problem import make_problem
 from barnax.model.window import Window

@@ -17,8 +17,8 @@ from ..cell import CircuitParameters
 from ..model.axes import Axis
 from ..model.box_least_squares import least_in_boxes
 from ..search.refine import RefinedSeed
+from .objective import Columns, ConstantObjective, dot, errors_of, normal_equations
 from .proof import ABSOLUTE_V, SMALLEST_RMSE_V, Boxes, Proof, first_boxes, prove
-from .reduced import Columns, ConstantObjective, dot, errors_of, normal_equations
 from .remainders import beyond_parabola, lowest_of_parabola
 
 # Boxes an axis to begin with, and how many are looked at at a time.
@@ -32,7 +32,7 @@ FEW_BOXES = 4096
 
 
 def certify(
-    reduced: ConstantObjective,
+    objective: ConstantObjective,
     best: RefinedSeed,
     polish: Callable[[CircuitParameters], RefinedSeed],
     max_boxes: int,
@@ -43,7 +43,7 @@ def certify(
     `FEW_BOXES` boxes, or until `max_boxes` have been looked at. A better circuit that is met is
     polished.
     """
-    axes, alike = reduced.axes, reduced.interchangeable
+    axes, alike = objective.axes, objective.interchangeable
 
     def gap_of(rmse_v: float, boxes: int) -> float:
         is_cheap = boxes < FEW_BOXES and rmse_v > SMALLEST_RMSE_V
@@ -52,7 +52,7 @@ def certify(
     def bound(boxes: Boxes, enough_v: float):
         nonlocal best
         del enough_v
-        bounds_v, split, better = _bound(reduced, boxes, best.rmse_v)
+        bounds_v, split, better = _bound(objective, boxes, best.rmse_v)
         best = best if better is None else polish(better)
         return bounds_v, split, best.rmse_v
 
@@ -64,7 +64,7 @@ def certify(
 
 
 def _bound(
-    reduced: ConstantObjective, boxes: Boxes, best_v: float
+    objective: ConstantObjective, boxes: Boxes, best_v: float
 ) -> tuple[Float[np.ndarray, "boxes"], Int[np.ndarray, "boxes"], CircuitParameters | None]:
     """What no error in a box is below, the axis to split it along, and a better circuit if met.
 
@@ -73,12 +73,11 @@ def _bound(
     the box would let them grow to their limits; so the second y is the direction of an error
     with just so much slope in them.
     """
-    sides = [*map(_Side.of, reduced.axes, np.moveaxis(boxes, 1, 0), reduced.remainders)]
+    sides = [*map(_Side.of, objective.axes, np.moveaxis(boxes, 1, 0), objective.remainders)]
     low, middle, high = (np.stack([side.log_scales[end] for side in sides]) for end in range(3))
-    allowed = reduced.coefficient_box(low)[0], reduced.coefficient_box(high)[1]
-    box = reduced.coefficient_box(middle)
-    base = np.broadcast_to(reduced.base, (len(boxes), len(reduced.base)))
-    columns = [np.broadcast_to(reduced.current, base.shape), *(side.responses[1] for side in sides)]
+    allowed = objective.coefficient_box(low)[0], objective.coefficient_box(high)[1]
+    box = objective.coefficient_box(middle)
+    columns, base = objective.columns([side.responses[1] for side in sides])
     normal, gradient = normal_equations(columns, base)
 
     found = least_in_boxes(normal, gradient, *box)
@@ -88,7 +87,7 @@ def _bound(
     better = None
     best = int(np.argmin(at_middle_v))
     if at_middle_v[best] < best_v * (1 - NARROW_GAP) - ABSOLUTE_V:
-        better = reduced.circuit(middle[:, best], found[:, best])
+        better = objective.circuit(middle[:, best], found[:, best])
 
     # A little more slope than needed leaves free resistances at their lower limits, which cost
     # far less than the upper ones.

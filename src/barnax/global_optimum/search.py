@@ -30,8 +30,8 @@ from ..search.refine import (
     distinct_optima,
 )
 from .certificate import CERTIFIED_GAP, certify
+from .objective import ConstantObjective, errors_of, normal_equations
 from .proof import SMALLEST_RMSE_V, Proof
-from .reduced import ConstantObjective, errors_of, normal_equations
 
 # Grid points of a time constant by the number of pairs, and of gamma. A unit response varies
 # over a factor of e in tau; four pairs are still sampled twice as densely as that.
@@ -79,26 +79,26 @@ class Landscape(Brief):
         return minima_of(self.rmse_v, factor)
 
 
-def landscape_of(reduced: ConstantObjective) -> Landscape:
+def landscape_of(objective: ConstantObjective) -> Landscape:
     """The landscape of a problem, whichever its objective, from the compressed form."""
-    pairs = reduced.bounds.pairs
-    places = GRID.places(((axis.low, axis.high) for axis in reduced.axes), pairs)
+    pairs = objective.bounds.pairs
+    places = GRID.places(((axis.low, axis.high) for axis in objective.axes), pairs)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
         tables = [
-            axis.columns(place)[..., 0] for axis, place in zip(reduced.axes, places, strict=True)
+            axis.columns(place)[..., 0] for axis, place in zip(objective.axes, places, strict=True)
         ]
     shape = tuple(len(place) for place in places)
-    points = points_in_order(shape, reduced.interchangeable, apart=False)
+    points = points_in_order(shape, objective.interchangeable, apart=False)
     rmse_v = np.full(shape, np.nan)
     resistances_ohm = np.full((pairs + 1, *shape), np.nan)
     for first in range(0, points.shape[1], CHUNK):
         here = points[:, first : first + CHUNK]
-        base = np.broadcast_to(reduced.base, (here.shape[1], len(reduced.base)))
-        columns = [np.broadcast_to(reduced.current, base.shape)]
-        columns += [table[index] for table, index in zip(tables, here, strict=True)]
+        columns, base = objective.columns(
+            [table[index] for table, index in zip(tables, here, strict=True)]
+        )
         at = np.stack([place[index] for place, index in zip(places, here, strict=True)])
-        box = reduced.coefficient_box(at)
+        box = objective.coefficient_box(at)
         found = least_in_boxes(*normal_equations(columns, base), *box)
         errors_v = errors_of(columns, base, found)
         rmse_v[tuple(here)] = np.linalg.norm(errors_v, axis=1)
@@ -108,7 +108,7 @@ def landscape_of(reduced: ConstantObjective) -> Landscape:
         gamma=np.exp(places[pairs]) if len(places) > pairs else None,
         rmse_v=rmse_v,
         resistances_ohm=resistances_ohm,
-        elements=reduced.bounds.elements,
+        elements=objective.bounds.elements,
     )
 
 
@@ -194,12 +194,12 @@ def find_global_optimum(
     """
     # Kept with the problem: where the direction before the start is open, it was looked for before.
     if "minima" not in vars(problem):
-        reduced = ConstantObjective.of(problem)
-        landscape = landscape_of(reduced)
+        objective = ConstantObjective.of(problem)
+        landscape = landscape_of(objective)
         starts = landscape.minima(FACTOR)[:MAX_MINIMA]
         ends = _polish(problem, [landscape.circuit(point) for point in starts])
-        vars(problem)["minima"] = reduced, landscape, ends
-    reduced, landscape, ends = vars(problem)["minima"]
+        vars(problem)["minima"] = objective, landscape, ends
+    objective, landscape, ends = vars(problem)["minima"]
     proof = None
     if prove:
         ends = [*ends]
@@ -209,7 +209,7 @@ def find_global_optimum(
             ends.extend(_polish(problem, [met]))
             return min(ends, key=_rmse_v)
 
-        proof = certify(reduced, min(ends, key=_rmse_v), polish, max_boxes)
+        proof = certify(objective, min(ends, key=_rmse_v), polish, max_boxes)
     optima = distinct_optima(ends)
     optima = tuple(each for each in optima if each.rmse_v <= FACTOR * optima[0].rmse_v)
     bounded = at_bound(problem.log_coordinates, optima[0].parameters)

@@ -79,7 +79,9 @@ def certify(
             total += weight * lowest_v2
         if middle.rms_v < best.rms_v * (1 - BETTER):
             met = polish(objective, middle)
-            best = objective.solve(met.log_scales, met.sides, exact=True)
+            exact = objective.solve(met.log_scales, met.sides, exact=True)
+            # In order, pairs whose resistances have other bounds may fit less well.
+            best = min(best, exact, key=lambda found: found.objective_v2)
         return math.sqrt(total)
 
     def kernel(boxes: Boxes, enough_v: float):
@@ -118,7 +120,7 @@ class _Side:
         error: Float[np.ndarray, "rows"],
         tax: Float[np.ndarray, "width"],
     ) -> Float[np.ndarray, "width"]:
-        """What 2 y.columns(u) + tax (u - middle) / half width is never below in the cell."""
+        """What 2 y.columns(u) + tax (u - middle) / half width is never below in the box."""
         below, middle, above = 2 * (error @ self.three) + np.array([[-1.0], [0.0], [1.0]]) * tax
         lowest = lowest_of_parabola(below, middle, above)
         return lowest - 2 * float(np.linalg.norm(error)) * self.remainder

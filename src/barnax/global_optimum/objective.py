@@ -23,7 +23,7 @@ Columns = Float[np.ndarray, "points rows"]
 
 @dataclass(frozen=True, eq=False)
 class ConstantObjective:
-    """The columns of one problem, scaled so that sums of squares are mean squares.
+    """The columns of a circuit with constants, scaled so that sums of squares are mean squares.
 
     The first `bounds.pairs` axes are the pairs', then gamma's where there is one.
     """
@@ -68,6 +68,11 @@ class ConstantObjective:
             axes.append(axis(RATE, bounds.gamma_range, answers[count:], None, in_rate, -1, RC))
         records = problem.prepared_records
         return cls(factor[:, -1], factor[:, -2], tuple(axes), bounds, records)
+
+    def columns(self, responses: Sequence[Columns]) -> tuple[list[Columns], Columns]:
+        """Those of R0 and all others at some points, given every axis's, and the base error."""
+        base = np.broadcast_to(self.base, responses[0].shape)
+        return [np.broadcast_to(self.current, base.shape), *responses], base
 
     def coefficient_box(
         self, log_scales: Float[np.ndarray, "axes points"]

@@ -22,7 +22,7 @@ from barnax.cell.tables import hats
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc.fit import reduced_objective
 from barnax.over_soc.objective import TableObjective
-from barnax.over_soc.search import find_best
+from barnax.over_soc.search import LogScales, find_best
 from barnax.over_soc.settings import TableSettings
 from benchmarks.pages import as_markdown, provenance, save_page
 
@@ -61,13 +61,12 @@ def time_tables(sizes: Sizes) -> list[Row]:
     objective = _objective(prepared, Counting)
     best = find_best(objective)
     evaluations = counted
-    whole = np.zeros(len(objective.penalty))
-    root_v = np.sqrt(2 * _solved(prepared, objective.penalty, whole, best.log_scales).cost)
+    root_v = np.sqrt(2 * _solved(prepared, objective, best.log_scales).cost)
     if not abs(root_v / best.rms_v - 1) < 1e-7:
         raise SystemExit(f"SciPy's sqrt(J) is {root_v} V, not {best.rms_v} V")
     runs = {
         "ours": Run(lambda: find_best(_objective(prepared, TableObjective))),
-        "scipy": Run(lambda: _solved(prepared, objective.penalty, whole, best.log_scales)),
+        "scipy": Run(lambda: _solved(prepared, objective, best.log_scales)),
     }
     taken = take_turns(runs, sizes.turns)
     return [
@@ -90,22 +89,21 @@ def _objective(prepared: PreparedRecord, kind: type[TableObjective]) -> TableObj
     return kind(**vars(objective))
 
 
-def _solved(prepared: PreparedRecord, penalty, whole, place):
+def _solved(prepared: PreparedRecord, objective: TableObjective, log_scales: LogScales):
     """SciPy's tables for given time constants, from every sample's columns."""
     spread = hats(prepared.soc, SETTINGS.nodes)
     columns = [spread * prepared.current_a[:, None]]
-    for tau_s in np.exp(place):
+    for tau_s in np.exp(log_scales):
         decay = np.exp(-INTERVAL_S / tau_s)
         held = spread * prepared.held_a[:, None]
         columns.append(lfilter([0.0, 1 - decay], [1.0, -decay], held, axis=0))
-    matrix = np.concatenate([*columns, -spread], axis=1)[prepared.scored]
-    unit = np.sqrt(len(matrix))
+    matrix = np.concatenate([*columns, -spread], axis=1)[prepared.scored] @ objective.to_tables
+    unit, penalty = np.sqrt(len(matrix)), objective.penalty
     target = (prepared.source_v - prepared.voltage_v)[prepared.scored]
-    low = np.repeat([0.0, 0.0, 0.0, -np.inf], len(SETTINGS.nodes))
     return lsq_linear(
         np.concatenate([matrix / unit, penalty]),
-        np.append(target / unit, whole),
-        (low, np.inf),
+        np.append(target / unit, np.zeros(len(penalty))),
+        objective.box,
         method="bvls",
         tol=1e-12,
     )

@@ -73,9 +73,8 @@ def outcome_of(folder: Path, truth: Truth) -> Outcome:
     columns, _ = examine_columns(source.table, source.name)
     lines, _ = examine_cells(take_lines(source.table, columns))
     wrong = tuple(_wrong(truth, record, len(lines.row))) if is_record else ()
-    return Outcome(
-        truth["file"], is_record, len(lines.row), "", wrong, (*record.warnings, *record.notes)
-    )
+    said = tuple(str(each) for each in (*record.warnings, *record.notes))
+    return Outcome(truth["file"], is_record, len(lines.row), "", wrong, said)
 
 
 def _wrong(truth: Truth, record: Record, rows: int) -> Iterator[str]:

@@ -127,11 +127,11 @@ def test_a_circuit_that_the_data_contradict_is_told_with_the_command(moving_cell
     record, window = moving_record
     asked = {"cell": moving_cell, "window": window, "seeds": 0}
     wrong = barnax.identify(record, model="iso-rc", **asked)
-    (told,) = [text for text in wrong.warnings if "contradict" in text]
-    assert "the data contradict iso-rc: esc" in told
-    assert "identify with `model` esc" in told
+    (told,) = [each for each in wrong.warnings if each.code == "answer.contradicted"]
+    assert (told.values["circuit"], told.values["better"]) == ("iso-rc", "esc")
+    assert told.remedy == "identify with `model` esc"
     right = barnax.identify(record, model="esc", **asked)
-    assert not any("contradict" in text for text in right.warnings)
+    assert "answer.contradicted" not in {each.code for each in right.warnings}
     # And whoever names no circuit gets the right one.
     free = barnax.identify(record, **asked)
     assert free.constant.model == "esc"

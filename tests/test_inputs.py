@@ -144,7 +144,7 @@ def test_a_current_without_a_sign_is_a_finding_with_the_name_of_the_file(told, b
     measured = bundled_record
     found = told(measured.time_s, np.abs(measured.current_a), measured.voltage_v)
     assert found
-    assert all(text.startswith("drive.csv: ") for text in found)
+    assert {each.subject for each in found} == {"drive.csv"}
 
 
 @pytest.mark.parametrize("role", ["identification", "validation"])
@@ -152,18 +152,20 @@ def test_a_slow_sweep_is_no_dynamic_record(told, role):
     time_s = np.arange(0.0, 72_000.0, 30.0)
     current_a = np.where((time_s > 600) & (time_s < 70_000), -0.1, 0.0)
     found = told(time_s, current_a, 4.18 - 1.2 * np.cumsum(-current_a) / 240, role)
-    assert any(f"drive.csv: not suitable for {role}" in text for text in found)
+    assert ("role.unfit", role) in {(each.code, each.values.get("role")) for each in found}
 
 
 def test_a_window_is_proposed_where_none_is_chosen(real_data):
     (path,) = real_data.glob("calce*/us06_25degC_80soc*.parquet")
     found = check_file(path, capacity_ah=2.0)
-    proposed = "`start_after_step=3` `initial_soc=1` `score_steps=7,8`"
+    proposed = "give `start_after_step=3` `initial_soc=1` `score_steps=7,8`"
     # A capacity says nothing of where to start.
     for window in (None, Window(capacity_ah=2.0), {"other.csv": Window(score_to_s=9.0)}):
-        assert any(proposed in text for text in input_warnings(found, "identification", window))
+        told = input_warnings(found, "identification", window)
+        assert [each.remedy for each in told if each.code == "role.window"] == [proposed]
     for window in (Window(score_to_s=9.0), {path.name: Window(initial_soc=1.0)}):
-        assert not any(proposed in text for text in input_warnings(found, "identification", window))
+        told = input_warnings(found, "identification", window)
+        assert "role.window" not in {each.code for each in told}
 
 
 def test_a_record_to_validate_on_is_checked_too(tmp_path, bundled_cell):
@@ -172,7 +174,8 @@ def test_a_record_to_validate_on_is_checked_too(tmp_path, bundled_cell):
     doubled.write_parquet(tmp_path / "twice.parquet")
     path = tmp_path / "twice.parquet"
     record, warnings = read_validation(path, Reading(), None, bundled_cell)
-    assert any("twice.parquet: row 42" in text for text in [*warnings, *record.notes])
+    found = {(each.subject, each.row) for each in (*warnings, *record.notes)}
+    assert ("twice.parquet", 42) in found
 
 
 def refusal(record, **options):

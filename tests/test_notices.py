@@ -1,14 +1,17 @@
 """Every code that barnax tells is registered, made somewhere, and has its words."""
 
 import ast
+import tomllib
 
 import pytest
 
-from barnax.notices import kinds, notice
+from barnax.notices import CODES, kinds, notice
 from test_house import MODULES, texts_in, tree_of
 
+# Words of choices that any code may use.
+SHARED = tomllib.loads(CODES.read_text(encoding="utf-8"))["words"].keys()
 # What makes a notice, and which of its arguments is the code.
-MAKERS = {"notice": 0, "at": 1, "found_at": 2, "_spike": 1, "mended": 0}
+MAKERS = {"notice": 0, "at": 1, "found_at": 2, "_spike": 1, "mended": 0, "_attempt": 0}
 
 
 def literals(node: ast.expr) -> list[str]:
@@ -44,7 +47,7 @@ def test_a_code_has_a_meaning_and_words_for_all_its_choices(kind):
     assert not any(text.endswith(".") for text in (kind.says, kind.remedy, *choices))
     # Whoever sets up words for a value also uses it, the shared ones aside.
     used = " ".join([kind.says, kind.remedy, *choices])
-    assert all(f"{{{name}" in used for name in kind.words.keys() - {"rename", "edit"})
+    assert all(f"{{{name}" in used for name in kind.words.keys() - SHARED)
 
 
 def test_a_notice_without_what_its_words_need_is_refused():

@@ -12,6 +12,7 @@ from barnax import weighing
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.model.window import Window
+from barnax.notices import notice
 from barnax.records import read_record
 from barnax.results import Result
 from helpers.reference import filtered_response, make_record
@@ -145,9 +146,8 @@ def test_the_same_samples_in_other_bytes_are_refused_and_told_of_a_stored_result
     pl.read_parquet(BUNDLED.record)[:15_000].with_columns(in_ma).drop("Current / A").write_csv(part)
     with pytest.raises(InputError, match=r"part\.csv: of the same samples as iden"):
         barnax.identify(BUNDLED.record, ocv=OCV, validate=part)
-    warnings = few.validate(part).warnings
-    told = "part.csv: this is identification.parquet, on which the circuit was identified"
-    assert any(text.startswith(told) for text in warnings)
+    (told,) = [each for each in few.validate(part).warnings if each.code == "role.same-record"]
+    assert (told.subject, told.values["other"]) == ("part.csv", "identification.parquet")
 
 
 @pytest.mark.parametrize(
@@ -184,10 +184,7 @@ def test_a_failed_assessment_costs_only_itself(few, monkeypatch, failure):
     assert result.parameters == few.parameters
     assert result.constant.assessment is None
     reason = str(failure) or "LinAlgError"
-    assert (
-        f"the intervals could not be computed ({reason}); the rest of the result is valid"
-        in result.warnings
-    )
+    assert notice("answer.no-intervals", reason=reason) in result.warnings
     assert Result.model_validate_json(result.to_json()).to_json() == result.to_json()
 
 
@@ -203,16 +200,16 @@ def test_a_failure_beside_the_search_is_not_swallowed(monkeypatch, name):
 
 def test_an_initial_soc_against_the_rested_voltage_is_said(few):
     result = barnax.identify(window=replace(SHORT, initial_soc=0.95), **SMALL)
-    (told,) = (text for text in result.warnings if text.startswith("identification.parquet"))
-    assert "corresponds to a state of charge of 0.999, but `initial_soc` is 0.95" in told
-    assert any(text.startswith("validation.parquet") for text in result.warnings)
-    assert not any("initial_soc" in text for text in few.warnings)
+    told = {each.subject: each for each in result.warnings if each.code == "start.other-soc"}
+    assert told.keys() == {"identification.parquet", "validation.parquet"}
+    assert told["identification.parquet"].values["given_soc"] == 0.95
+    assert "start.other-soc" not in {each.code for each in few.warnings}
 
 
 def test_a_parameter_at_its_bound_is_a_warning_of_the_result():
     result = barnax.identify(window=SHORT, bounds={"R0 [Ohm]": (0.06, 0.2)}, **SMALL)
     assert ("R0 [Ohm]", "lower") in {(each.name, each.side) for each in result.constant.at_bound}
-    assert any(text.startswith("R0 [Ohm] is at its lower bound") for text in result.warnings)
+    assert notice("answer.at-bound", name="R0 [Ohm]", side="lower") in result.warnings
 
 
 def test_every_input_is_checked_and_every_warning_names_its_file(tmp_path):
@@ -229,7 +226,7 @@ def test_every_input_is_checked_and_every_warning_names_its_file(tmp_path):
         **SMALL,
     )
     for path in (BUNDLED.validation, *OCV):
-        assert any(f"{path.name}: row 42" in text for text in result.notes), result.notes
+        assert (path.name, 42) in {(each.subject, each.row) for each in result.notes}
 
 
 def test_a_figure_is_drawn_by_its_name_and_a_stored_result_says_it_has_no_run(many, tmp_path):

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from barnax.errors import InputError
+from barnax.notices import notice
 from barnax.results import Result
 from helpers.golden import RESULT
 
@@ -136,7 +137,7 @@ def test_a_tampered_part_is_refused_under_the_files_name(read, place, value):
 
 
 CONTENTS = [
-    b"", b"not json", b"null", b"[]", b"{}", b'{"schema_version": 3', b"[" * 100_000,
+    b"", b"not json", b"null", b"[]", b"{}", b'{"schema_version": 4', b"[" * 100_000,
     b'{"cell": ' * 100_000, b"\x89PNG\r\n\x1a\n\xff\xfe", "{}".encode("utf-16"),
 ]  # fmt: skip
 
@@ -166,3 +167,27 @@ def test_what_is_no_name_of_a_file_is_told_without_being_printed(given):
         Result.from_json(given)
     assert "secret" not in str(caught.value)
     assert "model" not in str(caught.value)
+
+
+def test_a_notice_is_stored_with_its_words_and_read_by_its_code(read):
+    told = notice("gaps.steady", "us06.csv", 12, gaps=1, longest_s=60.0, longest_row=12,
+                  part="one", held_ah=0.02)  # fmt: skip
+    result = Result.from_json(RESULT).model_copy(update={"warnings": (told,)})
+    (stored,) = result.to_dict()["warnings"]
+    assert stored["values"]["held [A.h]"] == 0.02
+    assert f"us06.csv: row 12: {stored['what']}; {stored['remedy']}" == str(told)
+    assert read(json.loads(result.to_json())).warnings == (told,)
+
+
+@pytest.mark.parametrize(
+    "stored",
+    [
+        "us06.csv: an old warning; mend it",
+        {"code": "of.tomorrow", "severity": "warning", "subject": "us06.csv", "row": None,
+         "sheet": None, "values": {"new [V]": 1.0}, "what": "an old warning", "remedy": "mend it"},
+    ],
+)  # fmt: skip
+def test_a_warning_without_a_code_that_is_known_is_read_in_its_words(read, stored):
+    document = put("warnings", [stored]) | {"schema_version": 3 if isinstance(stored, str) else 4}
+    (told,) = read(document).warnings
+    assert (told.code, str(told)) == ("stored.text", "us06.csv: an old warning; mend it")

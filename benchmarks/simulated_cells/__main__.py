@@ -7,7 +7,6 @@ benchmarks/results/simulated_cells.md. `python -m benchmarks.simulated_cells FIR
 only prints it, for some cells, and for given circuits or `defaults`.
 """
 
-import re
 import sys
 import time
 from collections.abc import Sequence
@@ -24,12 +23,11 @@ from .cells import Cell, draw, dynamic, ocv_test
 RESULTS = Path(__file__).parents[1] / "results" / "simulated_cells.md"
 CELLS = 120
 OFF = 0.05
-# A warning names a cause where it speaks of it in these words.
+# The codes of warnings that name a cause.
 CAUSES = {
-    "hold": r"current_hold",
-    "sampling": r"not suitable for identification|(faster than|as often as) it is sampled|"
-    r"lags by part|(older|newer) than the",
-    "circuit": r"identify with `model`",
+    "hold": {"hold.undecided", "counters.by-other-hold", "counters.net-by-other-hold"},
+    "sampling": {"role.unfit", "fast-load.current", "late-voltage.step", "late-voltage.lags"},
+    "circuit": {"answer.contradicted"},
 }
 
 
@@ -42,7 +40,7 @@ class Outcome:
     off: float | None
     low: float | None
     high: float | None
-    warnings: tuple[str, ...]
+    codes: tuple[str, ...]
     rmse_v: float = 0.0
     refusal: str = ""
 
@@ -65,11 +63,7 @@ class Outcome:
             "sampling": slow or cell.lag > 0,
             "circuit": cell.hysteresis != "none" or len(cell.r) > 2,
         }
-        return [
-            cause
-            for cause, words in CAUSES.items()
-            if has[cause] and any(re.search(words, text) for text in self.warnings)
-        ]
+        return [cause for cause, codes in CAUSES.items() if has[cause] and codes & {*self.codes}]
 
     @property
     def is_silently_wrong(self) -> bool:
@@ -89,7 +83,8 @@ def identified(cell: Cell, model: str) -> Outcome:
         None if each is None else each / cell.r0 - 1 for each in (value, low, high)
     )
     rmse_v = result.metrics.identification.rmse_v
-    return Outcome(cell, model, off, below, above, tuple(result.warnings), rmse_v)
+    codes = tuple(each.code for each in result.warnings)
+    return Outcome(cell, model, off, below, above, codes, rmse_v)
 
 
 def r0_of(result: barnax.Result) -> tuple[float, float | None, float | None]:

@@ -7,6 +7,9 @@ from collections.abc import Iterable
 from itertools import islice
 from typing import Any
 
+# The code of a refusal that has none of its own.
+REFUSED = "input.refused"
+
 
 class InputError(ValueError):
     """What was given cannot be used; the message names it and the remedy.
@@ -25,8 +28,8 @@ class InputError(ValueError):
 
     @property
     def code(self) -> str:
-        """The code of its notice, `input.refused` where it has none."""
-        return self.notice.code if self.notice else "input.refused"
+        """The code of its notice, `REFUSED` where it has none."""
+        return self.notice.code if self.notice else REFUSED
 
 
 # An option in a message, with its value if it has one.

@@ -23,7 +23,7 @@ from .errors import InputError, printable
 from .model.prepared import group_tests, temperature_of
 from .model.search_space import Range, read_bounds
 from .model.window import Window, first_sample, scored_samples
-from .notices import raise_first_error
+from .notices import Notice, notice, raise_first_error
 from .records import Record, Source, read_record, read_source, source_from_frame
 from .records.fingerprint import Content
 from .records.source import STDIN, STDIN_NAME
@@ -35,8 +35,6 @@ Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
 # What a data frame is called, and where another is beside it.
 FRAME = "data frame"
 _FRAMES = {"OCV test": "OCV data frame", "validation": "validation data frame"}
-# What a warning says where the checks refuse a file for its role.
-NOT_SUITABLE = "not suitable for"
 # What is said of a record whose samples are another's, whatever file they stand in.
 SAME_SAMPLES = "of the same samples as"
 
@@ -56,7 +54,7 @@ class Inputs:
     ocv: list[Record | OcvTable]
     validation: list[Record]
     cell: CellModel
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
     is_without_test: bool = False
 
     @property
@@ -151,12 +149,12 @@ def _checked(
     window: Window | Mapping[str, Window] | None,
     reading: Reading,
     identified: Sequence[tuple[str, float | None]] = (),
-) -> list[str]:
+) -> list[Notice]:
     """What the checks have against the files, by themselves and against each other.
 
     Of what was given nothing is advised again, and what is not simulated is left out.
     """
-    warnings: list[str] = []
+    warnings: list[Notice] = []
     degc: dict[bool, list[tuple[str, float | None]]] = {True: [], False: []}
     for role, source, taken in looked_at:
         if isinstance(taken, OcvTable):
@@ -177,14 +175,14 @@ def _checked(
             against = compare_with_cell(taken, own_cell, own_ah)
             if not own.is_chosen:
                 raise_first_error(against, found.file)
-            warnings += [str(each.about(found.file)) for each in against]
+            warnings += [each.about(found.file) for each in against]
         warnings += input_warnings(found, role, window)
         if role == "identification" and found.traits:
             require_load(found.file, found.traits.kind(own_ah))
         # What has no one temperature has that told.
         if found.traits and not any(each.check == "temperature" for each in found.findings):
             degc[is_test].append((found.file, found.traits.temperature_degc))
-    return warnings + [str(e) for e in compare_temperatures(degc[False], degc[True], identified)]
+    return warnings + compare_temperatures(degc[False], degc[True], identified)
 
 
 def _simulated(source: Source, record: Record, window: Window) -> Source:
@@ -197,12 +195,13 @@ def _simulated(source: Source, record: Record, window: Window) -> Source:
 
 
 @contextmanager
-def telling(warnings: Sequence[str]) -> Iterator[None]:
+def telling(warnings: Sequence[Notice]) -> Iterator[None]:
     """What an `InputError` says goes before what the checks found, which may be its cause."""
     try:
         yield
     except InputError as problem:
-        raise InputError("\n".join([str(problem), *warnings])) from problem
+        told = "\n".join(map(str, (problem, *warnings)))
+        raise InputError(told, notice=problem.notice) from problem
 
 
 def read_validation(
@@ -211,7 +210,7 @@ def read_validation(
     window: Window | Mapping[str, Window] | None,
     cell: CellModel,
     identified: Sequence[tuple[str, float | None]] = (),
-) -> tuple[Record, list[str]]:
+) -> tuple[Record, list[Notice]]:
     """A record to validate a cell's circuit on, and what the checks have against it.
 
     `identified` are names and temperatures of the records that the circuit is of.
@@ -246,16 +245,16 @@ def numbered(source: Any, called: dict[str, int]) -> Any:
 
 def input_warnings(
     found: FileCheck, role: str, window: Window | Mapping[str, Window] | None
-) -> list[str]:
+) -> list[Notice]:
     """What the checks of a file have against the role that it is given."""
-    texts = [str(each.about(found.file)) for each in found.findings if each.counts]
+    told = [each.about(found.file) for each in found.findings if each.counts]
     for each in found.roles:
         if each.name == role and not each.is_usable:
-            texts.insert(0, f"{found.file}: {NOT_SUITABLE} {role}: {each.reason}")
+            told.insert(0, notice("role.unfit", found.file, role=role, reason=each.reason))
         elif each.name == role and each.window and not window_of(window, found.file).is_chosen:
-            advice = each.window.advice
-            texts += [f"{found.file}: {each.window.reason}; {advice}"] if advice else []
-    return texts
+            given = {"reason": each.window.reason, "advice": each.window.advice}
+            told += [notice("role.window", found.file, **given)] if given["advice"] else []
+    return told
 
 
 def windows_by_name(window: Window | Mapping[str, Window] | None) -> dict[str, Window]:

@@ -90,7 +90,7 @@ def kinds() -> Mapping[str, Kind]:
     return found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Notice:
     """An error, a warning or a note; printed, its sentence with what to do.
 
@@ -122,6 +122,9 @@ class Notice:
 
     def __hash__(self) -> int:
         return hash((self.code, self.subject, self.row, *self.values.values()))
+
+    def __repr__(self) -> str:
+        return f"Notice({self.code!r}, {str(self)!r})"
 
     def __str__(self) -> str:
         """Subject, place, what, and remedy in one line."""

@@ -30,6 +30,7 @@ from .job import Job, takes_options
 from .model.prepared import prepare_record
 from .model.problem import Problem
 from .model.window import Window
+from .notices import Notice, notice
 from .optimizers import make_optimizer
 from .over_soc import (
     OwnOcv,
@@ -117,7 +118,7 @@ def _identified(job: Job) -> Result:
     run = search_and_assess(weighing, optimizer, job, job.trust, job.watch, job.advise)
     run = replace(run, ocv=inputs.ocv)
     read = [*inputs.records, *inputs.validation, *inputs.ocv]
-    notes = dict.fromkeys(text for each in read if isinstance(each, Record) for text in each.notes)
+    notes = dict.fromkeys(one for each in read if isinstance(each, Record) for one in each.notes)
     run = replace(run, notes=tuple(notes), warnings=_all_warnings(inputs.warnings, run))
     return make_result(run, job.command)
 
@@ -213,32 +214,29 @@ def identify_problem(
     return make_result(replace(run, warnings=_all_warnings((), run)))
 
 
-def _all_warnings(of_inputs: Sequence[str], run: Run) -> tuple[str, ...]:
+def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
     """Every warning of a run once, in the order of the flow."""
-    texts = [text for record in run.ocv for text in record.warnings]
-    texts += of_inputs
-    texts += run.problem.warnings
+    told = [each for record in run.ocv for each in record.warnings]
+    told += of_inputs
+    told += run.problem.warnings
     for each in run.identification:
         if each.metrics.r2 < 0:
-            texts.append(
-                f"{each.prepared.record.name}: the circuit does worse than a constant voltage "
-                f"would (R2 {each.metrics.r2:.3g}); see the other warnings about its file, and "
-                "check its window, `fix` and `bounds`"
-            )
+            name = each.prepared.record.name
+            told.append(notice("answer.worse-than-constant", name, r2=each.metrics.r2))
     for each in run.validation:
-        texts += [*each.prepared.record.warnings, *each.prepared.warnings]
+        told += [*each.prepared.record.warnings, *each.prepared.warnings]
     if run.tables is None:
-        texts += [
-            f"{each.name} is at its {each.side} bound: the bounds set it, not the data"
+        told += [
+            notice("answer.at-bound", name=each.name, side=each.side)
             for each in run.answer.at_bound
         ]
-        texts += _contradictions(run)
+        told += _contradictions(run)
     else:
-        texts += table_warnings(run.tables)
-    return tuple(dict.fromkeys([*texts, *run.warnings]))
+        told += table_warnings(run.tables)
+    return tuple(dict.fromkeys([*told, *run.warnings]))
 
 
-def _contradictions(run: Run) -> Iterator[str]:
+def _contradictions(run: Run) -> Iterator[Notice]:
     """What another constant circuit, fitted to the same data, says against the answer's."""
     own = next((each for each in run.candidates if each.is_answer), None)
     others = [each for each in run.candidates if not each.is_answer and each.over is None]
@@ -246,9 +244,8 @@ def _contradictions(run: Run) -> Iterator[str]:
         return
     best = min(others, key=lambda each: each.identification.rmse_v)
     if CONTRADICTED * best.identification.rmse_v < own.identification.rmse_v:
-        yield (
-            f"the data contradict {own.model}: {best.model}, also the best of its kind, leaves "
-            f"{1e3 * best.identification.rmse_v:.3g} mV where {own.model} leaves "
-            f"{1e3 * own.identification.rmse_v:.3g} mV, so the intervals of {own.model} do not "
-            f"hold; identify with `model` {best.model}"
-        )
+        rmse_v = {
+            "rmse_v": own.identification.rmse_v,
+            "better_rmse_v": best.identification.rmse_v,
+        }
+        yield notice("answer.contradicted", circuit=own.model, better=best.model, **rmse_v)

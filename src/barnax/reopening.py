@@ -19,6 +19,7 @@ from .inputs import Given, read_validation, source_of, telling
 from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Problem, make_problem
 from .model.window import Window
+from .notices import notice
 from .optimizers import OPTIMIZERS, make_optimizer
 from .records import Record, find_file, read_record
 from .records.fingerprint import Content, read_fingerprint
@@ -223,10 +224,7 @@ def validated(
     content = Content(measured)
     for own in stored.of_role("identification"):
         if own.sha256 == measured.sha256 or (own.fingerprint and content.holds(own.fingerprint)):
-            warnings.append(
-                f"{measured.name}: this is {own.name}, on which the circuit was identified; "
-                "validate on another record"
-            )
+            warnings.append(notice("role.same-record", measured.name, other=own.name))
     with telling(warnings):
         prepared = prepare_record(measured, cell, stored.model, window)
     if stored.tables is not None:

@@ -36,7 +36,7 @@ from .model.window import Window
 from .over_soc import require_temperature
 from .result_filter import model_of
 from .results import Result
-from .schema import Count, Document, Part
+from .schema import Count, Document, Part, Told
 from .settings import AutoHold, AutoSign, Reading
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class SocReplay(Document):
         soc_range: Lowest and highest SOC of the counter.
         scenarios: The filter's errors in every scenario.
         innovations: Tests of the innovations from the right start, None if it diverged.
-        warnings: Sentences about what is doubtful, with what to do.
+        warnings: What is doubtful, with what to do.
     """
 
     schema_version: Annotated[int, Field(ge=1, le=1)] = 1
@@ -179,7 +179,7 @@ class SocReplay(Document):
     soc_range: tuple[float, float]
     scenarios: tuple[ScenarioPart, ...]
     innovations: Innovations | None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Told, ...] = ()
 
     _traces: "Traces | None" = PrivateAttr(None)
     what: ClassVar[str] = "barnax replay"

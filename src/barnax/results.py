@@ -20,7 +20,7 @@ from .model.window import Window
 from .pulses import Pulse
 from .result_parts import ConstantPart, InputPart, MetricsBlock, PlannedFile, TablesPart
 from .run import Run
-from .schema import Document
+from .schema import Document, Told
 from .search.evaluate import Evaluation
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .inputs import Given
     from .records.read import Frame
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 # What version 2 held of the constant circuit beside the answer.
 CONSTANT_KEYS = (
     "parameters", "answer_source", "at_bound", "global_optimum", "assessment", "other_hold",
@@ -45,7 +45,7 @@ class Result(Document):
     A result that was computed or loaded has the objects behind it in `run`.
 
     Attributes:
-        schema_version: Version 3 of the file.
+        schema_version: Version 4 of the file.
         model: Name of the answer's circuit.
         metrics: The answer's errors.
         candidates: The circuits that were weighed against each other, the answer among them.
@@ -55,8 +55,8 @@ class Result(Document):
         cell: OCV, hysteresis voltage and capacity.
         inputs: Every file, with its digest and what was decided about it.
         plan: Every file of a folder with its role.
-        notes: Sentences about what was done with the inputs; nothing has to be done about them.
-        warnings: Sentences about what is doubtful, with what to do.
+        notes: What was done with the inputs; nothing has to be done about them.
+        warnings: What is doubtful, with what to do; each prints as its sentence.
         command: The command that repeats the run.
         versions: Versions of barnax and of what it computes with.
 
@@ -65,7 +65,7 @@ class Result(Document):
     barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
     """
 
-    schema_version: Literal[3]
+    schema_version: Literal[4]
     model: str
     metrics: MetricsBlock
     candidates: tuple[Candidate, ...] = ()
@@ -75,8 +75,8 @@ class Result(Document):
     cell: CellModel
     inputs: tuple[InputPart, ...] = Field(min_length=1)
     plan: tuple[PlannedFile, ...] = ()
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...]
+    notes: tuple[Told, ...] = ()
+    warnings: tuple[Told, ...]
     command: tuple[str, ...]
     versions: dict[str, str]
 
@@ -107,13 +107,14 @@ class Result(Document):
 
     @classmethod
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
-        if document.get("schema_version") == 1:
+        if (version := document.get("schema_version")) == 1:
             raise InputError(
                 f"{file}: this file has schema version 1; run its stored command again to write "
                 f"version {SCHEMA_VERSION}"
             )
-        if document.get("schema_version") == 2:
+        if version in (2, 3):  # Warnings were texts, which `Told` reads.
             document = {**document, "schema_version": SCHEMA_VERSION}
+        if version == 2:
             constant = {key: document.pop(key) for key in CONSTANT_KEYS if key in document}
             document.pop("expected_tables [V]", None)
             metrics = document.get("metrics")
@@ -124,9 +125,8 @@ class Result(Document):
                     # The correction was free before this was a choice.
                     tables["settings"].setdefault("rising_ocv", False)
             model, source = document.get("model"), constant.pop("answer_source", None)
-            document["constant"] = {
-                "model": model, "source": source, "metrics": metrics, **constant
-            }  # fmt: skip
+            own = {"model": model, "source": source, "metrics": metrics}
+            document["constant"] = own | constant
         return document
 
     @property

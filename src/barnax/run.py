@@ -9,6 +9,7 @@ from .display import Brief
 from .errors import InputError
 from .global_optimum import GlobalOptimum, OtherHold
 from .model.problem import Problem
+from .notices import Notice
 from .records import Record
 from .search.evaluate import Evaluation
 from .search.refine import SAME_RMSE, AtBound, Refinement
@@ -63,8 +64,8 @@ class Run(Brief):
         candidates: The circuits that were weighed against each other.
         other_hold: The answer if a sample's current flowed on its other side.
         ocv: The OCV tests.
-        notes: Sentences about what was done with the inputs.
-        warnings: Sentences about what is doubtful, with what to do.
+        notes: What was done with the inputs.
+        warnings: What is doubtful, with what to do.
     """
 
     problem: Problem
@@ -80,5 +81,5 @@ class Run(Brief):
     candidates: tuple[Candidate, ...] = ()
     other_hold: OtherHold | None = None
     ocv: list[Record | OcvTable] = field(default_factory=list)
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    notes: tuple[Notice, ...] = ()
+    warnings: tuple[Notice, ...] = ()

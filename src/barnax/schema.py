@@ -10,7 +10,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -29,7 +29,7 @@ from pydantic_core import core_schema
 
 from .display import brief
 from .errors import InputError, cut
-from .notices import Notice
+from .notices import Notice, Severity, kinds, notice
 
 LARGEST_FILE = 200_000_000
 LONGEST_REASON = 500
@@ -47,6 +47,7 @@ UNITS = {
 KEYS = {"history_v": "history", "boxes": "cells", "max_boxes": "most_cells"}
 # JSON, where a file's name was wanted.
 _TEXT = re.compile(r"\s*[{\[]\s*[\"{\[\]}]")
+_LABEL = re.compile(rf" \[({'|'.join(map(re.escape, UNITS.values()))})\]$")
 _UNIT = re.compile(rf"_({'|'.join(UNITS)})$")
 
 
@@ -98,17 +99,17 @@ Parameters = dict[str, float]
 Json = dict[str, Any]
 
 
-def notice_to_dict(notice: Notice) -> Json:
+def notice_to_dict(told: Notice) -> Json:
     """A notice as plain values, units in the keys, with its words."""
     return {
-        "code": notice.code,
-        "severity": notice.severity,
-        "subject": notice.subject,
-        "row": notice.row,
-        "sheet": notice.sheet,
-        "values": {key_of(name): value for name, value in notice.values.items()},
-        "what": notice.what,
-        "remedy": notice.remedy or None,
+        "code": told.code,
+        "severity": told.severity,
+        "subject": told.subject,
+        "row": told.row,
+        "sheet": told.sheet,
+        "values": {key_of(name): value for name, value in told.values.items()},
+        "what": told.what,
+        "remedy": told.remedy or None,
     }
 
 
@@ -178,6 +179,55 @@ class Document(Part):
     # What such a file is called in messages, and what to give instead of a file that is none.
     what: ClassVar[str] = "barnax result"
     remedy: ClassVar[str] = "give the file that barnax wrote"
+
+
+class StoredNotice(Part):
+    """A notice as it is stored: its words too, for whoever reads the file without barnax."""
+
+    code: str
+    severity: Severity
+    subject: str
+    row: int | None = None
+    sheet: str | None = None
+    values: dict[str, float | int | str | None]
+    what: str
+    remedy: str | None = None
+
+
+class _Told:
+    """How a notice is stored. One without a code that is known here is read as it was worded."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
+        del source
+        return core_schema.no_info_wrap_validator_function(
+            _notice_of,
+            handler.generate_schema(StoredNotice),
+            serialization=core_schema.plain_serializer_function_ser_schema(notice_to_dict),
+        )
+
+
+def _notice_of(stored: Any, read: Callable[[Any], StoredNotice]) -> Notice:
+    if isinstance(stored, Notice):
+        return stored
+    if isinstance(stored, str):
+        return notice("stored.text", text=stored)
+    if isinstance(stored, dict) and stored.keys() == {"kind", "name", "value"}:
+        # Of tables, before they had codes; `Result.warnings` has its sentence.
+        return notice("stored.text", text=f"{stored['name']}: {stored['kind']}")
+    part = read(stored)
+    values = {_LABEL.sub(_named, key): value for key, value in part.values.items()}
+    given = {name: value for name, value in values.items() if value is not None}
+    code = part.code
+    if code not in kinds() or kinds()[code].missing(given):
+        code, given = "stored.text", {"text": "; ".join(filter(None, (part.what, part.remedy)))}
+    return Notice(code, part.subject, given, part.severity, part.row, part.sheet)
+
+
+def _named(label: re.Match[str]) -> str:
+    return next(f"_{name}" for name, unit in UNITS.items() if unit == label[1])
+
+
+Told = Annotated[Notice, _Told()]
 
 
 def _reason(problem: ValidationError | InputError) -> str:

@@ -13,6 +13,7 @@ from .cell.model import SAME_DEGC
 from .errors import InputError
 from .model.prepared import OCV_MARGIN, prepare_record
 from .model.window import Window
+from .notices import Notice, notice
 from .over_soc import simulate_tables
 from .records import Decision, Record, source_from_frame
 from .records.columns import columns_of
@@ -63,9 +64,9 @@ def simulate_frame(
     _require_numbers(profile)
     time_s, current_a, *_ = profile
     found = simulate_current(result, time_s, current_a, temperature_degc=temperature_degc, **known)
-    for text in _doubts(result, profile, found.soc):
+    for each in _doubts(result, profile, found.soc):
         # Told of the line that calls `Result.simulate`.
-        warnings.warn(text, stacklevel=3)
+        warnings.warn(str(each), stacklevel=3)
     columns = {
         "Time [s]": time_s,
         "Current [A]": current_a,
@@ -111,37 +112,40 @@ def _columns(frame: Any) -> Profile:
     return Profile(values["time"], values["current"], names, values.get("temperature"))
 
 
-def _doubts(result: Result, profile: Profile, soc: Float[np.ndarray, "samples"]) -> Iterator[str]:
+def _doubts(
+    result: Result, profile: Profile, soc: Float[np.ndarray, "samples"]
+) -> Iterator[Notice]:
     """Where a simulation goes beyond what the answer was identified on."""
     parts = result.of_role("identification")
     max_a = max((each.peak_current_a or 0.0 for each in parts), default=0.0)
     far = np.flatnonzero(np.abs(profile.current_a) > FAR_CURRENT * max_a)
     if max_a and len(far):
         worst = far[np.argmax(np.abs(profile.current_a[far]))]
-        more = f", and at {len(far) - 1} more such samples," if len(far) > 1 else ""
-        yield (
-            f"{NAME} is {profile.current_a[worst]:.4g} A at {profile.time_s[worst]:g} s (row "
-            f"{worst}, from 0), and at most {max_a:.3g} A in the identification: the voltage "
-            f"there{more} is an extrapolation"
+        yield notice(
+            "simulation.far-current",
+            current_a=profile.current_a[worst],
+            time_s=profile.time_s[worst],
+            sample=worst,
+            largest_a=max_a,
+            more=len(far) - 1 or None,
         )
     ranges = [each.soc_range for each in parts if each.soc_range is not None]
     if ranges:
         low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
         outside = np.flatnonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC))
         if len(outside):
-            what = "the circuit was" if result.tables is None else "the tables were"
-            held = "" if result.tables is None else ", where they are held constant"
-            count = "1 sample," if len(outside) == 1 else f"{len(outside)} samples, the first"
-            yield (
-                f"{NAME} takes {count} at {profile.time_s[outside[0]]:g} s, out of the SOC that "
-                f"{what} identified on ({100 * low:z.0f} to {100 * high:z.0f} %){held}"
+            yield notice(
+                "simulation.outside-soc",
+                samples=len(outside),
+                time_s=profile.time_s[outside[0]],
+                low_percent=100 * low,
+                high_percent=100 * high,
+                what="circuit" if result.tables is None else "tables",
+                held=None if result.tables is None else "true",
             )
     degc = profile.temperature_degc
     if degc is not None and np.nanmax(degc) - np.nanmin(degc) > SAME_DEGC:
-        yield (
-            f"{NAME}: its column of temperature is not followed: one temperature, given with "
-            "`temperature`, holds from the first sample to the last"
-        )
+        yield notice("simulation.temperature", NAME)
 
 
 def simulate_current(

@@ -12,9 +12,8 @@ from .display import Brief
 from .global_optimum import OtherHold, hold_warning
 from .model.prepared import PreparedRecord
 from .model.problem import Problem
+from .notices import Notice, notice
 from .over_soc import (
-    HELD_GAMMA,
-    FitWarning,
     NodeInterval,
     Reversal,
     TableFits,
@@ -106,15 +105,14 @@ class TableRun(Brief):
         known = [each for each in self.found.reference.of_table(R0) if each.low is not None]
         return min(known, key=lambda each: abs((each.soc or 0.0) - MIDDLE_SOC), default=None)
 
-    def hold_warnings(self, problem: Problem, other: OtherHold) -> Iterator[str]:
+    def hold_warnings(self, problem: Problem, other: OtherHold) -> Iterator[Notice]:
         """That the other hold would move R0 in the middle of the SOC out of its interval."""
         middle = self.middle_r0
         if middle is None or middle.low is None or middle.high is None:
             return
         moved_ohm = middle.value + self.hold_shift_ohm
         if not middle.low <= moved_ohm <= middle.high:
-            what = f"R0 of the tables at {100 * (middle.soc or 0.0):.3g} % SOC"
-            yield hold_warning(problem, other.value, what, middle.value, moved_ohm)
+            yield hold_warning(problem, other.value, middle.value, moved_ohm, middle.soc or 0.0)
 
     def spanning(self, shifts_ohm: Sequence[float]) -> "TableRun":
         """The same whose intervals of R0 reach over what else may be true, so far from it."""
@@ -147,66 +145,23 @@ def fit_over(
     return fit_temperatures(group_by_temperature(prepared_records), settings)
 
 
-def table_warnings(run: TableRun) -> Iterator[str]:
+def table_warnings(run: TableRun) -> Iterator[Notice]:
     """What a user should know of tables over SOC."""
     over = run.found.over_temperature
     degc = [""] if over is None else [f" at {each:.3g} degC" for each in over.temperatures_degc]
-    texts: dict[str, list[str]] = {}
+    told: dict[str, list[Notice]] = {}
     for where, fit in zip(degc, run.found.fits, strict=True):
-        at_low = {each.name for each in fit.at_bound if each.side == "lower"}
         for each in fit.warnings:
-            text = _fit_warning(each, each.name in at_low, run.settings.ocv_correction)
-            texts.setdefault(text, []).append(where)
-    for text, found in texts.items():
+            told.setdefault(str(each), []).append(each.about(f"tables over SOC{where}"))
+    for found in told.values():
         # What is so at every temperature is said once.
-        for where in found if len(found) < len(degc) else [""]:
-            yield f"tables over SOC{where}: {text}"
+        yield from found if len(found) < len(degc) else [found[0].about("tables over SOC")]
     yield from _reversal_warnings(run)
     yield from _outside_warnings(run)
 
 
-def _fit_warning(each: FitWarning, is_low: bool, has_correction: bool) -> str:
-    share = f"{100 * each.value:.0f} %"
-    if each.kind == "at bound" and each.name.startswith("tau"):
-        bound = f"{each.name} ended at its {'lower' if is_low else 'upper'} bound"
-        if is_low:
-            return (
-                f"{bound} of {each.value:.4g} s: the cell has a faster pair, which needs faster "
-                "sampling, or fewer pairs than the circuit; widen its `bounds`, or take fewer pairs"
-            )
-        drift = ", and with an OCV correction so does a wrong capacity" if has_correction else ""
-        return (
-            f"{bound} of {each.value:.4g} s: slower relaxation looks like that{drift}; check "
-            "`capacity`, or widen its `bounds`"
-        )
-    if each.kind == "at bound":
-        return f"{each.name} ended at its bound of {each.value:.4g}: the data do not set it"
-    if each.kind == "no resistance":
-        return (
-            f"every resistance is zero at {share} SOC, which no cell has: the few samples there do "
-            "not set it; use the tables elsewhere only, or leave those samples out with `score_soc`"
-        )
-    if each.kind == "one direction":
-        return (
-            f"the amplitude of the hysteresis was fitted, but in one direction the records go only "
-            f"{share} SOC; such a table raises the error on other records, so leave "
-            "`half_hysteresis` out, or add a record in the other direction"
-        )
-    if each.kind == "gamma held":
-        return (
-            f"in one direction the records go only {share} SOC, which does not show how fast the "
-            f"hysteresis follows the charge, so gamma is held at {HELD_GAMMA:g} and the amplitude "
-            "is half the hysteresis voltage; add a record in the other direction, or give gamma "
-            "with `fix` or `bounds`"
-        )
-    return (
-        f"{share} of their nodes have no sample near them; the values there follow from the "
-        "neighbors and say nothing about the cell"
-    )
-
-
-def _reversal_warnings(run: TableRun) -> Iterator[str]:
-    """One sentence for each resistance that both falls and rises from cold to warm."""
+def _reversal_warnings(run: TableRun) -> Iterator[Notice]:
+    """One notice of each resistance that both falls and rises from cold to warm."""
     over = run.found.over_temperature
     if over is None:
         return
@@ -217,14 +172,18 @@ def _reversal_warnings(run: TableRun) -> Iterator[str]:
     for name, found in by_name.items():
         each = found[len(found) // 2]
         values = ", ".join(f"{1e3 * value:.3g}" for value in each.values_ohm)
-        yield (
-            f"{name.partition(' ')[0]} is not monotone over temperature at {len(found)} of "
-            f"{len(run.found.fits[0].tables.nodes)} nodes: {values} mOhm at {degc} degC and "
-            f"{100 * each.soc:.3g} % SOC; interpolation between temperatures may be far off"
+        yield notice(
+            "tables.not-monotone",
+            name=name.partition(" ")[0],
+            nodes=len(found),
+            all_nodes=len(run.found.fits[0].tables.nodes),
+            values_mohm=values,
+            temperatures_degc=degc,
+            soc=each.soc,
         )
 
 
-def _outside_warnings(run: TableRun) -> Iterator[str]:
+def _outside_warnings(run: TableRun) -> Iterator[Notice]:
     for each in run.validation:
         own = [other for other in run.identification if _is_alike(run, each, other)]
         low, high = (
@@ -234,11 +193,9 @@ def _outside_warnings(run: TableRun) -> Iterator[str]:
         soc = each.prepared.soc[each.prepared.scored]
         outside = int(np.count_nonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC)))
         if outside:
-            yield (
-                f"{each.prepared.record.name}: {outside} of {len(soc)} scored samples lie outside "
-                f"the SOC that the tables were identified on ({100 * low:.0f} to "
-                f"{100 * high:.0f} %), where they are held constant"
-            )
+            told = {"outside": outside, "samples": len(soc)}
+            told |= {"low_percent": 100 * low, "high_percent": 100 * high}
+            yield notice("soc.outside-tables", each.prepared.record.name, **told)
 
 
 def _is_alike(run: TableRun, each: Evaluation, other: Evaluation) -> bool:

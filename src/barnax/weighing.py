@@ -39,6 +39,7 @@ from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Kind, Problem, known_to, make_problem, require_enough
 from .model.search_space import Range
 from .model.window import Window
+from .notices import Notice, notice
 from .over_soc import (
     OwnOcv,
     SocErrors,
@@ -53,9 +54,6 @@ from .search.seeds import search_seeds
 from .settings import OVER_TEMPERATURE, Settings
 from .table_run import R0, TableRun, fit_over
 from .uncertainty import assess, compile_linearization, examine
-
-# What a warning says first where the full examination failed.
-FITTING_AGAIN = "fitting again"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -259,7 +257,7 @@ def search_and_assess(
             other_hold = other_hold_future.result() if other_hold_future else None
             more_ohm = more_future.result() if more_future else ()
     answer = best_answer(refinement, optimum)
-    warnings: list[str] = []
+    warnings: list[Notice] = []
     candidates: list[Candidate] = []
     with watch("Evaluating", 0):
         identified, validated = [], []
@@ -302,13 +300,15 @@ def search_and_assess(
     assessment = examination = None
     with watch("Assessing", 0):
         if trust != "none":
-            assessment = _attempt("the intervals", warnings, assess, problem, answer.parameters)
+            assessment = _attempt(
+                "answer.no-intervals", warnings, assess, problem, answer.parameters
+            )
         if assessment is not None:
             known, own = assessment.uncertainty, answer.parameters
             is_beyond = other_hold is not None and R0 in known.beyond(other_hold.parameters)
             if other_hold is not None and is_beyond and table_run is None:
-                what, r0_ohm = f"R0 of {problem.circuit}", (own.r0, other_hold.parameters.r0)
-                warnings.append(hold_warning(problem, other_hold.value, what, *r0_ohm))
+                r0_ohm = own.r0, other_hold.parameters.r0
+                warnings.append(hold_warning(problem, other_hold.value, *r0_ohm))
             # A circuit that was asked for is not weighed against others.
             weighed = problems if weighing.chosen is None else ()
             alike = partial(_alike_r0, weighed, optima, held_out)
@@ -326,9 +326,8 @@ def search_and_assess(
                 table_run = table_run.spanning(shifts_ohm)
         if trust == "full" and assessment is not None:
             key = jax.random.key(settings.key)
-            examination = _attempt(
-                FITTING_AGAIN, warnings, examine, problem, answer.parameters, assessment, key=key
-            )
+            given = problem, answer.parameters, assessment
+            examination = _attempt("answer.no-examination", warnings, examine, *given, key=key)
     return Run(
         problem, search, refinement, optimum, answer, identified, validated, assessment,
         examination, table_run, told, other_hold, warnings=tuple(warnings),
@@ -379,12 +378,11 @@ def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:
 
 
 def _attempt(
-    what: str, warnings: list[str], function: Callable[..., Any], *given: Any, **more: Any
+    code: str, warnings: list[Notice], function: Callable[..., Any], *given: Any, **more: Any
 ):
     """What the function gives; where it fails, a warning: the answer stands without it."""
     try:
         return function(*given, **more)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError) as problem:
-        reason = str(problem) or type(problem).__name__
-        warnings.append(f"{what} could not be computed ({reason}); the rest of the result is valid")
+        warnings.append(notice(code, reason=str(problem) or type(problem).__name__))
         return None

@@ -159,7 +159,7 @@ def test_slow_sweeps_of_both_directions_come_before_rests_of_one():
     record = record_of(np.concatenate(parts), start_soc=1.0, direction=1)
     cell = characterize([record], ocv_fit="interpolated")
     assert (len(cell.discharge_points), len(cell.charge_points)) == (101, 101)
-    assert any("the discharge by rests between pulses" in text for text in cell.warnings)
+    assert [each.values["ignored"] for each in cell.warnings] == ["rests"]
 
 
 @pytest.mark.parametrize("slow", [steady(-1, 20), [*steady(-1, 20), *steady(+1, 20), *REST]])
@@ -206,7 +206,7 @@ def half_discharge():
 
 
 def assumptions(cell):
-    return [text for text in cell.warnings if "no capacity was given" in text]
+    return [each for each in cell.warnings if each.code == "ocv-test.capacity-assumed"]
 
 
 def scaled(record, factor: float):
@@ -250,7 +250,7 @@ def test_a_slow_sweep_measures_its_capacity_and_scales_itself():
     given = characterize([slow_sweep(-1)], capacity_ah=CAPACITY_AH / 0.96)
     # The last loaded sample is one minute of twenty hours short of empty.
     assert given.soc_range == pytest.approx((0.0, 1.0), abs=1e-3)
-    assert not any("scaled" in text for text in given.warnings)
+    assert "ocv-test.scaled" not in {each.code for each in given.warnings}
 
 
 def test_the_bundled_test_measures_its_capacity():
@@ -264,17 +264,15 @@ def test_a_charge_that_stops_at_92_percent_is_scaled_by_the_capacity():
     records = [discharge_only(), scaled(charge_only(), 0.92)]
     cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
     assert cell.charge_points[-1].soc == pytest.approx(0.92, abs=1e-9)
-    assert any(
-        "1.84 Ah, the capacity is 2 Ah: its SOC is scaled by the capacity" in text
-        for text in cell.warnings
-    )
+    (told,) = [each for each in cell.warnings if each.code == "ocv-test.scaled"]
+    assert "1.84 Ah, the capacity is 2 Ah: its SOC is scaled by the capacity" in told.what
 
 
 def test_two_files_that_agree_are_scaled_by_their_own_charge_and_say_so():
     records = [scaled(discharge_only(), 0.92), scaled(charge_only(), 0.92)]
     cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
     assert cell.soc_range == pytest.approx((0.0, 1.0), abs=1e-9)
-    assert sum("scaled by its own charge" in text for text in cell.warnings) == 2
+    assert [each.values.get("by") for each in cell.warnings].count("own") == 2
 
 
 @pytest.mark.parametrize("share", [0.981, 1.0, 1.019])
@@ -282,7 +280,7 @@ def test_a_charge_within_two_percent_is_scaled_by_its_own_without_a_word(share):
     records = [discharge_only(), scaled(charge_only(), share)]
     cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
     assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=1e-9)
-    assert not any("scaled" in text for text in cell.warnings)
+    assert "ocv-test.scaled" not in {each.code for each in cell.warnings}
 
 
 def test_the_ocv_is_interpolated_unless_told_otherwise():

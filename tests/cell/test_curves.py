@@ -61,21 +61,21 @@ def test_what_is_no_two_pairs_of_soc_and_voltage_is_refused(points):
 
 @pytest.mark.parametrize("slope_v", [0.0, 1e-4, 1.0])
 def test_a_curve_through_points_that_do_not_fall_gives_no_warning(slope_v):
-    assert curve_warnings(InterpolatedCurve.fit(SOC, 3.2 + slope_v * SOC), "charge") == ()
+    assert curve_warnings(InterpolatedCurve.fit(SOC, 3.2 + slope_v * SOC), "charge") == []
 
 
 def test_a_fall_between_points_is_warned_about_with_where_it_begins_and_ends():
     curve = InterpolatedCurve(((0.0, 3.0), (0.3, 3.3), (0.4, 3.35), (0.6, 3.31), (1.0, 3.6)))
-    (text,) = curve_warnings(curve, "charge")
-    assert "falls by 40.0 mV from SOC 0.400 to 0.600" in text
-    assert "check the points there" in text
+    (told,) = curve_warnings(curve, "charge")
+    assert "falls by 40.0 mV from SOC 0.400 to 0.600" in told.what
+    assert told.remedy == "check the points there"
 
 
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_curve_that_misses_its_points_is_warned_about(side):
     points = ((0.0, 3.0), (0.5, 3.5 + side * 0.02), (1.0, 4.0))
-    (text,) = curve_warnings(PolynomialCurve(points, (3.0, 1.0)), "charge")
-    assert "misses its points by up to 20.0 mV, at SOC 0.500" in text
+    (told,) = curve_warnings(PolynomialCurve(points, (3.0, 1.0)), "charge")
+    assert "misses its points by up to 20.0 mV, at SOC 0.500" in told.what
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -87,7 +87,7 @@ def test_a_curve_that_leaves_the_range_of_neighboring_points_is_warned_about(sid
     whole = in_gap(Polynomial([-1.0, 4.0]))
     points = tuple((soc, float(whole(soc))) for soc in (0.0, 0.25, 0.5, 0.75))
     found = curve_warnings(PolynomialCurve(points, tuple(whole.coef)), "discharge")
-    assert any("overshoots by 36.1 mV between SOC 0.250 and 0.500" in text for text in found)
+    assert any("overshoots by 36.1 mV between SOC 0.250 and 0.500" in each.what for each in found)
 
 
 @given(

@@ -46,7 +46,8 @@ def test_exchanged_branches_are_told():
     )
     exchanged = exchanged.rename({"OCV of discharge": "discharge OCV"})
     table = read_ocv_table(source_from_frame(exchanged, "ocv"))
-    told = " ".join(characterize([table], capacity_ah=2.0, ocv_fit="interpolated").warnings)
+    cell = characterize([table], capacity_ah=2.0, ocv_fit="interpolated")
+    told = " ".join(map(str, cell.warnings))
     gap_mv = 1e3 * np.mean(branch_v(SOC, 1) - branch_v(SOC, -1))
     assert f"lies below that of the discharge, by {gap_mv:.3g} mV" in told
 

@@ -68,7 +68,7 @@ def test_each_slow_sweep_is_scaled_by_its_own_charge():
     shorter = replace(shorter, current_a=shorter.current_a * 0.9)
     cell = characterize([sweep(-1), shorter], ocv_fit="interpolated")
     assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=2e-4)
-    assert any("of the OCV test differ" in text for text in cell.warnings)
+    assert "ocv-test.open" in {each.code for each in cell.warnings}
 
 
 @pytest.mark.parametrize(("returned", "end"), [(0.985, 0.985), (0.9, 1.0)])

@@ -126,9 +126,8 @@ OPTIONS = [
 
 def said(test, options):
     try:
-        return characterize(TESTS[test](), **{"ocv_fit": "polynomial", **options}).warnings or [
-            "nothing"
-        ]
+        cell = characterize(TESTS[test](), **{"ocv_fit": "polynomial", **options})
+        return cell.warnings or ["nothing"]
     except InputError as problem:
         return [f"refused: {problem}"]
 

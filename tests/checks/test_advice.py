@@ -46,7 +46,7 @@ def warned(table, cell, capacity_ah, given):
         )  # fmt: skip
     except InputError as problem:
         return [str(problem)]
-    return list(inputs.warnings)
+    return [str(each) for each in inputs.warnings]
 
 
 @pytest.mark.parametrize("name", TABLES)

@@ -94,7 +94,7 @@ def test_what_is_proposed_next_runs_as_printed(monkeypatch, result, tmp_path):
 
 def test_warnings_go_to_stderr_and_into_the_result(finished, result):
     assert result.warnings
-    told = [f"warning: {as_flags(text)}" for text in result.warnings]
+    told = [f"warning: {as_flags(str(each))}" for each in result.warnings]
     assert finished.outcome.err.splitlines() == told
     assert "warning" not in finished.outcome.out
 

@@ -24,7 +24,14 @@ from barnax.records import read_record
 from .conftest import SAMPLES, comparable, write_cell
 
 # What a row says in place of an identification, where only the engine is looked at.
-ROW = {"id": "", "error": None, "RMSE [V]": 0.01, "seconds": 1.0, "warnings": []}
+ROW = {
+    "id": "",
+    "error": None,
+    "RMSE [V]": 0.01,
+    "seconds": 1.0,
+    "warnings": [],
+    "warning codes": [],
+}
 
 
 class Inline(Executor):

@@ -28,12 +28,17 @@ def rows():
             "RMSE [V]": 0.01 + 1e-5 * place,
             "certified": place != 3,
             "at bound": "R1 [Ohm] lower" if place == 4 else "",
-            "warnings": ["look"] if place < 5 else [],
+            "warnings": ["a.csv: look"] if place < 5 else [],
+            "warning codes": ["sign.doubtful"] if place < 5 else [],
         }
         for place in range(CELLS)
     ]
     errors = ["a.csv: row 7 is empty", "b.csv: row 12 is empty", "c.csv: is not there"]
-    made += [{"id": f"bad {n}", "error": text} for n, text in enumerate(errors)]
+    codes = ["cells.no-number", "cells.no-number", "input.refused"]
+    made += [
+        {"id": f"bad {n}", "error": text, "error code": code}
+        for n, (text, code) in enumerate(zip(errors, codes, strict=True))
+    ]
     return pl.DataFrame(made, infer_schema_length=None)
 
 
@@ -62,7 +67,7 @@ def test_the_report_tells_it(rows):
 
 
 def test_a_fleet_that_failed_as_a_whole_has_a_summary_too(rows):
-    failed = rows.filter(pl.col("error").is_not_null()).select("id", "error")
+    failed = rows.filter(pl.col("error").is_not_null()).select("id", "error", "error code")
     found = summarize(failed)
     assert (found.cells, found.identified, len(found.failures)) == (3, 0, 2)
     assert "3 failed" in to_html(fleet_document(found, fleet_illustrations(failed, {})))

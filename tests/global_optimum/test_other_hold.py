@@ -123,9 +123,9 @@ def test_intervals_span_both_holds_where_they_differ_and_a_warning_says_so(pchip
     assert own.high
     assert wide.high
     assert wide.low <= own.low < 0.05 < own.high < wide.value < wide.high
-    (told,) = [text for text in assumed.warnings if "current_hold" in text]
-    assert f"{1e3 * wide.value:.3g} mOhm as assumed, and {1e3 * own.value:.3g} mOhm" in told
-    assert not any("current_hold" in text for text in known.warnings)
+    (told,) = [each for each in assumed.warnings if each.code == "hold.undecided"]
+    assert f"{1e3 * wide.value:.3g} mOhm as assumed, and {1e3 * own.value:.3g} mOhm" in told.what
+    assert "hold.undecided" not in {each.code for each in known.warnings}
 
 
 THREE_PAIRS = CircuitParameters(0.05, (0.02, 0.03, 0.03), (8 / 0.02, 80 / 0.03, 600 / 0.03))

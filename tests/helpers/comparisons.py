@@ -16,6 +16,7 @@ from barnax.comparison.result import (
 )
 from barnax.comparison.run import Difference
 from barnax.comparison.statistics import BandError, Resampled, SeedPairs
+from barnax.notices import notice
 from barnax.records import Decision
 from barnax.result_parts import InputPart, MetricsPart
 
@@ -186,7 +187,7 @@ def make_comparison(
             InputPart(role=role, name=name, sha256="0123456789abcdef" * 4, sign=decision, hold=hold)
             for role, name in files.items()
         ),
-        "warnings": ("the file is odd",),
+        "warnings": (notice("stored.text", text="the file is odd"),),
         "command": ("barnax", "compare", DRIVE),
         "versions": {"barnax": "0.1.0"},
     }

@@ -32,7 +32,7 @@ def pulses_a(samples=200, amplitude_a=2.0, seed=0):
 
 def told(record):
     """All that reading a record says of it."""
-    return (*record.warnings, *record.notes)
+    return tuple(str(each) for each in (*record.warnings, *record.notes))
 
 
 def pulse_frame(samples=200, *, charge_positive=True, interval_s=1.0, seed=0):

@@ -13,6 +13,7 @@ from barnax.errors import InputError
 from barnax.model.coordinates import Coordinates
 from barnax.model.problem import make_problem, rc_parameters, residuals, rmse, rmse_by_scan
 from barnax.model.window import Window
+from barnax.notices import notice
 from barnax.search.evaluate import evaluate
 from helpers.reference import drop_v, looped_response
 
@@ -69,10 +70,11 @@ def test_no_record_is_no_problem(bundled_cell):
 
 
 def test_the_warnings_are_those_of_record_cell_and_window(bundled_record, bundled_cell):
-    record = replace(bundled_record, warnings=("of the record",))
-    cell = replace(bundled_cell, warnings=("of the cell",))
+    of_record, of_cell = notice("current-unit.zero", "a.csv", column="I"), notice("ocv-test.mixed")
+    record = replace(bundled_record, warnings=(of_record,))
+    cell = replace(bundled_cell, warnings=(of_cell,))
     problem = make_problem(record, cell, window=SHORT)
-    assert problem.warnings == ("of the record", "of the cell", *problem.prepared.warnings)
+    assert problem.warnings == (of_record, of_cell, *problem.prepared.warnings)
 
 
 @pytest.mark.parametrize("scale", ["rc", "log"])

@@ -98,7 +98,7 @@ def test_a_visited_node_without_any_resistance_is_told(prepared):
     source_v = prepared.source_v - 0.4 * prepared.current_a * (prepared.soc < 0.9)
     inverted = replace(prepared, source_v=source_v)
     fit = fit_tables([inverted], replace(SMALL, bounds={}, fixed=fixed))
-    told = [each.value for each in fit.warnings if each.kind == "no resistance"]
+    told = [each.values["soc"] for each in fit.warnings if each.code == "tables.no-resistance"]
     table = dict(zip(NODES, fit.tables.r0_ohm, strict=True))
     assert told
     assert [table[soc] for soc in told] == [0.0] * len(told)
@@ -228,7 +228,7 @@ def test_a_record_of_seconds_has_tables_and_nothing_held_out(bundled_record, bun
     fit = fit_tables([short])
     assert fit.cross_validation is None
     assert fit.tables.tau_s == pytest.approx((2.0, 2.0))
-    assert [each.kind for each in fit.warnings] == ["mostly unvisited"]
+    assert [each.code for each in fit.warnings] == ["tables.mostly-unvisited"]
 
 
 def test_hysteresis_is_held_where_records_go_one_way_only(with_hysteresis):
@@ -236,12 +236,12 @@ def test_hysteresis_is_held_where_records_go_one_way_only(with_hysteresis):
     settings = replace(SMALL, bounds={}, fixed=held)
     fit = fit_tables([with_hysteresis], settings)
     assert fit.tables.gamma == pytest.approx(20.0)
-    assert "gamma held" in [each.kind for each in fit.warnings]
+    assert "tables.gamma-held" in [each.code for each in fit.warnings]
     # Asked for, it is searched, and its amplitude is fitted with a warning.
     fit = fit_tables([with_hysteresis], replace(settings, bounds={"gamma": (5.0, 50.0)}))
-    assert "gamma held" not in [each.kind for each in fit.warnings]
+    assert "tables.gamma-held" not in [each.code for each in fit.warnings]
     fit = fit_tables([with_hysteresis], replace(settings, half_hysteresis=True))
-    assert "one direction" in [each.kind for each in fit.warnings]
+    assert "tables.one-direction" in [each.code for each in fit.warnings]
 
 
 def test_time_constants_far_below_the_sampling_interval_are_not_searched(prepared):

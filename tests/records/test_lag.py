@@ -89,7 +89,7 @@ def test_identify_finds_r0_of_a_lagging_voltage_with_a_proof_and_reopens(tmp_pat
     log(0.1, 0.45, samples=6000).write_csv(path)
     given = {"seeds": 0, "capacity": 0.2, "trust": "none", "advise": False}
     result = barnax.identify(path, **given)
-    assert any("older than the current of its row" in text for text in result.warnings)
+    assert "late-voltage.lags" in {each.code for each in result.warnings}
     assert result.tables is not None
     nodes = [each for each in result.tables.fit.of_table("R0 [Ohm]") if each.low]
     assert np.median([each.value for each in nodes]) == pytest.approx(R0, rel=0.03)

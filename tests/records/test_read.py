@@ -214,7 +214,7 @@ def test_channel_sheets_are_joined_by_their_clock_and_others_named(tmp_path):
     record = read_record(tmp_path / "cell.xls")
     np.testing.assert_array_equal(record.time_s, np.arange(200))
     assert list(record.row[[0, 99, 100, 199]]) == [2, 101, 2, 101]
-    assert record.notes == ("cell.xls: ignored the sheets Info, Sheet1, Channel_Chart",)
+    assert [*map(str, record.notes)] == ["cell.xls: ignored the sheets Info, Sheet1, Channel_Chart"]
     assert record.hold.value == "backward"
 
 

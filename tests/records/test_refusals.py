@@ -141,7 +141,7 @@ def test_every_message_is_the_one_that_was_written_down(tmp_path):
     for name, content in TOLD.items():
         (tmp_path / "cell.csv").write_bytes(content)
         record = read_record(tmp_path / "cell.csv")
-        said[name] = [*record.notes, *record.warnings]
+        said[name] = [str(each) for each in (*record.notes, *record.warnings)]
     text = "".join(
         f"{name}\n" + "".join(f"  {line}\n" for line in lines) for name, lines in said.items()
     )

@@ -61,7 +61,7 @@ def test_a_pack_of_cells_in_series_is_read_as_one_of_them(tmp_path):
         source = source_of(tmp_path / name, {}, reading)
         np.testing.assert_allclose(read_record(source).voltage_v, cell.voltage_v)
     # A test of one cell beside it is one already.
-    assert "is divided" not in " ".join(read_record(source).warnings)
+    assert "is divided" not in " ".join(map(str, read_record(source).warnings))
     (tmp_path / "ocv.csv").write_text("SOC [-],OCV [V]\n0,288\n0.3,345.6\n0.6,360\n1,403.2\n")
     table = read_ocv_test(source_of(tmp_path / "ocv.csv", {}, reading))
     assert table.branches[0][-1].voltage_v == pytest.approx(4.2)

@@ -13,6 +13,7 @@ import barnax
 from barnax.cell import SegmentedHysteresis
 from barnax.cli.session import as_flags
 from barnax.model.window import Window
+from barnax.notices import notice
 from barnax.plots.pictures import record_roles
 from barnax.records import Decision
 from barnax.reporting.decisions import (
@@ -157,7 +158,8 @@ def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen():
 
 
 def test_that_the_record_is_unfit_is_on_the_first_screen():
-    unfit = "drive.csv: not suitable for identification: 6 current steps sampled finely enough"
+    why = "6 current steps sampled finely enough"
+    unfit = notice("role.unfit", "drive.csv", role="identification", reason=why)
     warned = STORED.model_copy(update={"warnings": (unfit,)})
     assert f"Do not use: {unfit}" in " ".join(screen(warned).split())
 

@@ -254,8 +254,9 @@ def test_a_hold_that_moves_r0_of_the_tables_out_of_its_interval_is_said_of_them(
     monkeypatch.setattr(TableRun, "hold_shift_ohm", shift_ohm)
     run = TableRun(TableSettings(nodes=NODES), TableFits((make_fit(),)), [], [])
     record = SimpleNamespace(name="a.csv", hold=Decision("forward", "assumed", ""))
-    problem: Any = SimpleNamespace(prepared_records=[SimpleNamespace(record=record)])
+    prepared = [SimpleNamespace(record=record)]
+    problem: Any = SimpleNamespace(circuit="so-rc", prepared_records=prepared)
     other: Any = SimpleNamespace(value="backward")
-    told = " ".join(run.hold_warnings(problem, other))
+    told = " ".join(map(str, run.hold_warnings(problem, other)))
     assert bool(told) is warns
     assert not warns or "R0 of the tables at 50 % SOC is 50 mOhm as assumed, and 47.9 mOhm" in told

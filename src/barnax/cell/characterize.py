@@ -9,6 +9,7 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
+from ..notices import Notice, notice
 from ..records import Record
 from .curves import (
     AbstractCurve,
@@ -82,8 +83,8 @@ def characterize(
         for direction in (DISCHARGE, CHARGE)
         if (same := [sweep for one, _ in found for sweep in one if sweep.direction == direction])
     }
-    warnings = [str(each) for table in tables for each in table.warnings]
-    warnings.extend(text for _, of_record in found for text in of_record)
+    warnings = [each for table in tables for each in table.warnings]
+    warnings.extend(each for _, of_record in found for each in of_record)
     points: dict[int, tuple[OcvPoint, ...]] = {}
     for table in tables:
         _join(points, table.branches, tables)
@@ -105,17 +106,13 @@ def characterize(
     charge, discharge = fitted["charge"], fitted["discharge"]
     for direction, of_direction in sorted(points.items()):
         curve = charge if direction == CHARGE else discharge
-        of_curve = curve_warnings(curve, WORD.get(direction, ""))
-        warnings.extend(f"{_sources(of_direction)}: {text}" for text in of_curve)
+        of_curve = curve_warnings(curve, WORD.get(direction))
+        warnings.extend(each.about(_sources(of_direction)) for each in of_curve)
     if len(points) == 2:
         soc = _shared_soc(charge, discharge)
         if (mean_v := float(np.mean(charge(soc) - discharge(soc)))) < _LEAST_GAP_V:
             both = _sources([*points[CHARGE], *points[DISCHARGE]])
-            warnings.append(
-                f"{both}: the OCV of the charge lies below that of the discharge, by "
-                f"{-1e3 * mean_v:.3g} mV on average, which no cell shows: swap the two if they "
-                "are exchanged, or check the capacity and both tests"
-            )
+            warnings.append(notice("ocv-test.exchanged", both, below_v=-mean_v))
     return CellModel(
         capacity_ah=capacity.value_ah,
         capacity_origin=capacity.origin,
@@ -169,7 +166,7 @@ def characterize_over_temperature(
     }
     nearest = min(cells, key=lambda degc: abs(degc - REFERENCE_DEGC))
     others = tuple(each for degc, each in cells.items() if degc != nearest)
-    warnings = dict.fromkeys(text for each in cells.values() for text in each.warnings)
+    warnings = dict.fromkeys(one for each in cells.values() for one in each.warnings)
     return replace(cells[nearest], elsewhere=others, warnings=tuple(warnings))
 
 
@@ -268,23 +265,17 @@ def _sources(points: Sequence[OcvPoint]) -> str:
 
 def _kind_warnings(
     sweeps: Mapping[int, Sweep], points: Mapping[int, tuple[OcvPoint, ...]]
-) -> list[str]:
+) -> list[Notice]:
     source = _sources([point for branch in points.values() for point in branch])
-    unknown = "the hysteresis voltage is unknown and taken as zero"
-    if EITHER in points:
-        return [f"{source}: the OCV table has one voltage for both directions: {unknown}"]
     if len(points) == 1:
-        (only,) = points
-        return [f"{source}: only the {WORD[only]} was measured: {unknown}"]
+        # A table of one voltage has no direction.
+        return [notice("ocv-test.no-hysteresis", source, direction=WORD.get(*points))]
     if len({sweep.kind for sweep in sweeps.values()}) == 2:
-        return [
-            f"{source}: one branch comes from rests, the other from a slow sweep: whatever drop "
-            "under load the identified resistances do not explain counts as hysteresis"
-        ]
+        return [notice("ocv-test.mixed", source)]
     return []
 
 
-def _speed_warnings(sweeps: Mapping[int, Sweep]) -> list[str]:
+def _speed_warnings(sweeps: Mapping[int, Sweep]) -> list[Notice]:
     """What a sweep that is not very slow does to hysteresis."""
     hours = {
         sweep.passed_ah / float(np.median([abs(point.current_a) for point in sweep.points])): sweep
@@ -294,8 +285,4 @@ def _speed_warnings(sweeps: Mapping[int, Sweep]) -> list[str]:
     fastest = min(hours, default=SLOW_HOURS)
     if fastest >= SLOW_HOURS:
         return []
-    return [
-        f"{hours[fastest].source}: a slow sweep ran at C/{fastest:.2g}: whatever drop under load "
-        "the identified resistances do not explain counts as open-circuit voltage and hysteresis; "
-        "measure at C/20 or less, or by rests"
-    ]
+    return [notice("ocv-test.fast", hours[fastest].source, hours=fastest)]

@@ -12,6 +12,7 @@ from scipy.interpolate import PchipInterpolator
 
 from ..display import Brief
 from ..errors import InputError
+from ..notices import Notice, notice
 from ..settings import HysteresisFit, OcvFit
 
 POLYNOMIAL_DEGREE = 7
@@ -132,14 +133,14 @@ def fit_curve(
     raise InputError(f"no OCV fit is called {fit!r}; there are polynomial, interpolated")
 
 
-def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
+def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
     """Where the curve falls with SOC, leaves the range of neighboring points or misses them.
 
-    `name` is the branch's, if it has one. An OCV rises with SOC; what falls between good points
+    `branch` is its name, if it has one. An OCV rises with SOC; what falls between good points
     is the fit, not the cell.
     """
-    name = f"{name} " if name else ""
-    found = []
+    fit = "polynomial" if isinstance(curve, PolynomialCurve) else "interpolated"
+    own, found = {"branch": branch, "fit": fit}, []
     inside = np.linspace(curve.soc[:-1], curve.soc[1:], CHECKS_PER_GAP, endpoint=False, axis=1)
     grid = np.append(inside, curve.soc[-1])
     voltage_v = curve(grid)
@@ -147,10 +148,8 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
     worst = int(np.argmax(fall_v))
     if fall_v[worst] > FALL_TOLERANCE_V:
         top = int(np.argmax(voltage_v[:worst]))
-        found.append(
-            f"the {name}OCV curve falls by {1e3 * fall_v[worst]:.1f} mV from SOC "
-            f"{grid[top]:.3f} to {grid[worst]:.3f}"
-        )
+        at = {"from_soc": grid[top], "to_soc": grid[worst]}
+        found.append(notice("ocv-curve.falls", fall_v=fall_v[worst], **at, **own))
     left_v, right_v = curve.voltage_v[:-1], curve.voltage_v[1:]
     margin_v = np.abs(right_v - left_v) + OVERSHOOT_TOLERANCE_V
     between_v = voltage_v[:-1].reshape(len(left_v), CHECKS_PER_GAP)
@@ -159,20 +158,14 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
     beyond_v = np.maximum(above_v, below_v)
     gap = int(np.argmax(beyond_v - margin_v))
     if beyond_v[gap] > margin_v[gap]:
-        found.append(
-            f"the {name}OCV curve overshoots by {1e3 * beyond_v[gap]:.1f} mV between SOC "
-            f"{curve.soc[gap]:.3f} and {curve.soc[gap + 1]:.3f}"
-        )
+        at = {"from_soc": curve.soc[gap], "to_soc": curve.soc[gap + 1]}
+        found.append(notice("ocv-curve.overshoots", beyond_v=beyond_v[gap], **at, **own))
     errors_v = np.abs(curve.errors_v)
     missed = int(np.argmax(errors_v))
     if errors_v[missed] > MISS_TOLERANCE_V:
-        found.append(
-            f"the {name}OCV curve misses its points by up to {1e3 * errors_v[missed]:.1f} mV, "
-            f"at SOC {curve.soc[missed]:.3f}"
-        )
-    is_polynomial = isinstance(curve, PolynomialCurve)
-    remedy = "try `ocv_fit='interpolated'`" if is_polynomial else "check the points there"
-    return tuple(f"{text}: {remedy}" for text in found)
+        at = {"missed_v": errors_v[missed], "soc": curve.soc[missed]}
+        found.append(notice("ocv-curve.misses", **at, **own))
+    return found
 
 
 def _points(

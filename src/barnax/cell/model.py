@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ..display import Brief
 from ..errors import InputError
+from ..schema import Told
 from .curves import Curve, InterpolatedCurve, SegmentedHysteresis
 from .soc_axis import OcvPoint
 
@@ -54,7 +55,7 @@ class CellModel(Brief):
         charge_points: Measured points of the charge branch.
         discharge_points: Measured points of the discharge branch.
         errors: Fit errors of "charge", "discharge", "average" and "hysteresis", in V.
-        warnings: Sentences about what is doubtful, with what to do.
+        warnings: What is doubtful, with what to do.
         temperature_degc: Temperature of the OCV test, where there are tests at others.
         elsewhere: The cell by OCV tests at other temperatures.
         sweep_ohm: Resistance whose drop is taken out of slow sweeps; None where it is still in.
@@ -68,7 +69,7 @@ class CellModel(Brief):
     charge_points: tuple[OcvPoint, ...]
     discharge_points: tuple[OcvPoint, ...]
     errors: Mapping[str, FitError]
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Told, ...] = ()
     temperature_degc: float | None = None
     elsewhere: tuple["CellModel", ...] = ()
     sweep_ohm: float | None = None

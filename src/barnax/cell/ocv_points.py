@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..errors import InputError, counted
+from ..notices import Notice, notice
 from ..records import rest_current_a as usual_rest_current_a
 from ..records.record import Record, is_rested, rest_blocks, runs
 from .soc_axis import CHARGE, DISCHARGE, WORD, Sweep, SweepPoint
@@ -273,7 +274,7 @@ CONDITIONING = 0.5
 
 def find_sweeps(
     record: Record, capacity_ah: float | None, rest_current_a: float | None = None
-) -> tuple[list[Sweep], list[str]]:
+) -> tuple[list[Sweep], list[Notice]]:
     """The OCV sweeps of one record, on its own axis of charge, and warnings.
 
     Current below `rest_current_a` is rest; without it `capacity_ah` says what is, and without
@@ -317,11 +318,14 @@ def _is_test(rested: list[Sweep], slow: list[Sweep]) -> bool:
     return len(rested) >= len({sweep.direction for sweep in slow})
 
 
-def _ignored_warning(used: Sweep, ignored: Sweep) -> str:
-    words = {"rests": "rests between pulses", "slow": "a slow sweep"}
-    first, last = ignored.points[0].row, ignored.points[-1].row
-    return (
-        f"{ignored.source} has two OCV tests: the {WORD[ignored.direction]} by "
-        f"{words[ignored.kind]} in rows {first} to {last}, {ignored.passed_ah:.4g} Ah, is ignored "
-        f"in favor of the {words[used.kind].removeprefix('a ')}; cut the record to use it instead"
+def _ignored_warning(used: Sweep, ignored: Sweep) -> Notice:
+    return notice(
+        "ocv-test.other-ignored",
+        source=ignored.source,
+        direction=WORD[ignored.direction],
+        ignored=ignored.kind,
+        first_row=ignored.points[0].row,
+        last_row=ignored.points[-1].row,
+        passed_ah=ignored.passed_ah,
+        used=used.kind,
     )

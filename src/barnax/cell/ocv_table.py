@@ -36,7 +36,7 @@ class OcvTable(Brief):
         branches: Points (SOC as a fraction, OCV in V), by increasing SOC, of the discharge (-1), of
             the charge (+1), or of a single curve for both (0).
         sha256: Digest of the file.
-        warnings: Sentences about what is doubtful, with what to do.
+        warnings: What is doubtful, with what to do.
     """
 
     name: str

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..errors import InputError
+from ..notices import Notice, notice
 
 CHARGE = 1
 DISCHARGE = -1
@@ -152,7 +153,7 @@ class Capacity:
     value_ah: float
     origin: str
     axis_ah: float
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
 
 
 def decide_capacity(
@@ -173,11 +174,11 @@ def decide_capacity(
     """
     main = _main(sweeps)
     measured = f"the {WORD[main.direction]} of {main.source} passed {main.passed_ah:.4g} Ah"
-    passed = f"the {WORD[main.direction]} passed {main.passed_ah:.4g} Ah"
+    passed = {"direction": WORD[main.direction], "passed_ah": main.passed_ah}
     spans = spans_both_ends(sweeps)
     warnings = _closure_warnings(sweeps)
     if ocv_given_ah is not None and spans:
-        warnings += (f"{main.source}: `ocv_capacity` is not used: {passed}, from end to end",)
+        warnings += (notice("ocv-test.capacity-unused", main.source, **passed),)
         ocv_given_ah = None
     axis_ah = ocv_given_ah or given_ah
     if axis_ah is None:
@@ -194,7 +195,8 @@ def decide_capacity(
         return Capacity(main.passed_ah, origin, main.passed_ah, warnings)
     _require_possible(sweeps, axis_ah, spans)
     if abs(main.passed_ah / axis_ah - 1) > CAPACITY_WARNING:
-        warnings += (f"{main.source}: capacity {axis_ah:.4g} Ah was given, but {passed}",)
+        told = notice("ocv-test.other-capacity", main.source, capacity_ah=axis_ah, **passed)
+        warnings += (told,)
     return Capacity(given_ah or axis_ah, "given", axis_ah, warnings)
 
 
@@ -219,7 +221,7 @@ def _require_possible(sweeps: Mapping[int, Sweep], axis_ah: float, spans: bool) 
 
 def place_on_soc(
     sweeps: Mapping[int, Sweep], capacity: Capacity, shares_axis: bool
-) -> tuple[dict[int, tuple[OcvPoint, ...]], list[str]]:
+) -> tuple[dict[int, tuple[OcvPoint, ...]], list[Notice]]:
     """The points of each direction with their SOC, increasing, and warnings.
 
     With `shares_axis`, all from one record, the rests lie on one ampere-hour axis: 1 where the
@@ -247,11 +249,9 @@ def place_on_soc(
         scale_ah = sweep.passed_ah if is_whole or agrees else capacity.axis_ah
         placed[direction] = _place(sweep, sweep, scale_ah)
         if not is_whole:
-            by = "its own charge, since both agree" if agrees else "the capacity"
-            warnings.append(
-                f"{sweep.source}: the {WORD[direction]} passed {sweep.passed_ah:.4g} Ah, the "
-                f"capacity is {capacity.axis_ah:.4g} Ah: its SOC is scaled by {by}"
-            )
+            charges = {"passed_ah": sweep.passed_ah, "capacity_ah": capacity.axis_ah}
+            by = {"direction": WORD[direction], "by": "own" if agrees else "capacity"}
+            warnings.append(notice("ocv-test.scaled", sweep.source, **charges, **by))
     return placed, warnings
 
 
@@ -291,17 +291,19 @@ def spans_both_ends(sweeps: Mapping[int, Sweep]) -> bool:
     )
 
 
-def _assumption(main: Sweep) -> str:
-    first_v, last_v = main.points[0].voltage_v, main.points[-1].voltage_v
-    ends = "full to empty" if main.direction == DISCHARGE else "empty to full"
-    return (
-        f"{main.source}: no capacity was given: the {WORD[main.direction]}, {first_v:.4g} to "
-        f"{last_v:.4g} V and {main.passed_ah:.4g} Ah, is taken as {ends}; if it is not, give "
-        "`capacity`, in Ah"
+def _assumption(main: Sweep) -> Notice:
+    return notice(
+        "ocv-test.capacity-assumed",
+        main.source,
+        direction=WORD[main.direction],
+        first_v=main.points[0].voltage_v,
+        last_v=main.points[-1].voltage_v,
+        passed_ah=main.passed_ah,
+        ends="full" if main.direction == DISCHARGE else "empty",
     )
 
 
-def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[str, ...]:
+def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[Notice, ...]:
     if len(sweeps) < 2:
         return ()
     out_ah, in_ah = sweeps[DISCHARGE].passed_ah, sweeps[CHARGE].passed_ah
@@ -309,7 +311,4 @@ def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[str, ...]:
     if abs(error) <= CLOSURE:
         return ()
     names = ", ".join(dict.fromkeys(sweep.source for sweep in sweeps.values()))
-    return (
-        f"{names}: charge and discharge of the OCV test differ: {out_ah:.4g} Ah out, "
-        f"{in_ah:.4g} Ah in ({100 * error:+.1f} %)",
-    )
+    return (notice("ocv-test.open", names, out_ah=out_ah, in_ah=in_ah, error_share=error),)

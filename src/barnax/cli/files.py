@@ -146,7 +146,7 @@ def convert(what: Converted) -> None:
         found = check_file(source, **how.options()).findings
     for name, content in bdf_files(record, path.name).items():
         write_file(path.with_name(name), content)
-    told = [str(each.about(record.name)) for each in found if each.counts]
+    told = [each.about(record.name) for each in found if each.counts]
     session.warn(dict.fromkeys([*record.warnings, *told]))
     for each in found:
         if not each.counts:

@@ -253,7 +253,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     if folder is not None:
         page = "report.html   soc.json" if "report.html" in written else "soc.json"
         session.show(["", f"  {folder}/{page}   figures   {session.elapsed_s:.1f} s"])
-    session.warn(as_flags(text) for text in replay.warnings)
+    session.warn(replay.warnings)
 
 
 def _soc_figures(replay: "SocReplay", report: bool, paper: bool) -> dict[str, bytes]:

@@ -121,15 +121,16 @@ class Session:
         if not self._is_quiet:
             self._notes.print(shown(as_flags(text)), soft_wrap=True)
 
-    def tell(self, notes: Iterable[str]) -> None:
+    def tell(self, notes: Iterable[object]) -> None:
         """Print what was done with the inputs to stderr, unless the command is quiet."""
-        for text in () if self._is_quiet else notes:
-            self._notes.print("[dim]note:[/dim]", shown(as_flags(text)), soft_wrap=True)
+        for each in () if self._is_quiet else notes:
+            self._notes.print("[dim]note:[/dim]", shown(as_flags(str(each))), soft_wrap=True)
 
-    def warn(self, warnings: Iterable[str]) -> None:
+    def warn(self, warnings: Iterable[object]) -> None:
         """Print warnings to stderr, even where the command is quiet."""
-        for text in warnings:
-            self._notes.print("[yellow]warning:[/yellow]", shown(as_flags(text)), soft_wrap=True)
+        for each in warnings:
+            text = shown(as_flags(str(each)))
+            self._notes.print("[yellow]warning:[/yellow]", text, soft_wrap=True)
 
     @property
     def seconds(self) -> Mapping[str, float]:

@@ -16,10 +16,11 @@ from ..global_optimum import GlobalOptimum
 from ..inputs import listed, ranges_of, read_inputs, unwatched, windows_of
 from ..job import Job, takes_options
 from ..model.problem import Problem
+from ..notices import Notice
 from ..over_soc import TableSettings
 from ..records import Record
 from ..result_parts import InputPart, Key, MetricsPart
-from ..schema import Count, Document, Loss, Parameters, Part, Volts, key_of
+from ..schema import Count, Document, Loss, Parameters, Part, Told, Volts, key_of
 from ..search.refine import AtBound
 from ..settings import Settings, TableOptions
 from ..storing import all_versions, input_part, metrics_part, record_part
@@ -135,7 +136,7 @@ class BudgetPart(ComparisonPart):
     objective: Literal["scan", "compressed"]
 
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 
 class ComparisonResult(Document, ComparisonPart):
@@ -144,7 +145,7 @@ class ComparisonResult(Document, ComparisonPart):
     Times are in `timings.json`; reports take them separately, in s by the name of the row.
 
     Attributes:
-        schema_version: Version 3 of the file.
+        schema_version: Version 4 of the file.
         rows: One method on one model each.
         differences: Differences between rows, and their significance.
         candidates: The usual circuits, each the best of its kind, and tables over SOC.
@@ -152,12 +153,12 @@ class ComparisonResult(Document, ComparisonPart):
         budget: What every method could spend.
         cell: OCV, hysteresis voltage and capacity.
         inputs: Every file, with its digest and what was decided about it.
-        warnings: Sentences about what is doubtful, with what to do.
+        warnings: What is doubtful, with what to do.
         command: The command that repeats the run.
         versions: Versions of barnax and of what it computes with.
     """
 
-    schema_version: Literal[3] = SCHEMA_VERSION
+    schema_version: Literal[4] = SCHEMA_VERSION
     rows: tuple[RowPart, ...]
     differences: tuple[Difference, ...]
     candidates: tuple[Candidate, ...] = ()
@@ -165,7 +166,7 @@ class ComparisonResult(Document, ComparisonPart):
     budget: BudgetPart
     cell: CellModel
     inputs: tuple[InputPart, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[Told, ...]
     command: tuple[str, ...]
     versions: dict[str, str]
 
@@ -183,7 +184,7 @@ def make_comparison_result(
     *,
     ocv: Sequence[Record | OcvTable] = (),
     command: Sequence[str] = (),
-    warnings: Sequence[str] = (),
+    warnings: Sequence[Notice] = (),
 ) -> ComparisonResult:
     """A comparison as a `ComparisonResult`, which can be stored.
 
@@ -202,10 +203,10 @@ def make_comparison_result(
         inputs = [record_part("identification", own)]
         inputs += [record_part("validation", each) for each in others]
     inputs += [input_part("ocv", test) for test in ocv]
-    texts = [text for test in ocv for text in test.warnings] + list(warnings)
-    texts += [text for problem in problems.values() for text in problem.warnings]
+    told = [each for test in ocv for each in test.warnings] + list(warnings)
+    told += [each for problem in problems.values() for each in problem.warnings]
     for each in (evaluation for row in comparison.rows for evaluation in row.evaluations):
-        texts += [*each.prepared.record.warnings, *each.prepared.warnings]
+        told += [*each.prepared.record.warnings, *each.prepared.warnings]
     return ComparisonResult(
         rows=tuple(_row_part(row) for row in comparison.rows),
         differences=comparison.differences,
@@ -222,7 +223,7 @@ def make_comparison_result(
         ),
         cell=first.cell,
         inputs=tuple(inputs),
-        warnings=tuple(dict.fromkeys(texts)),
+        warnings=tuple(dict.fromkeys(told)),
         command=tuple(command),
         versions=all_versions(),
     )

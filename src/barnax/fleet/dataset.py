@@ -28,7 +28,9 @@ Shard = tuple[int, int]
 TYPES = {
     "id": pl.String,
     "error": pl.String,
+    "error code": pl.String,
     "warnings": pl.List(pl.String),
+    "warning codes": pl.List(pl.String),
     "at bound": pl.String,
     "fingerprint": pl.String,
 }
@@ -175,7 +177,8 @@ def read_rows(
                 "are identified again"
             ) from problem
     if not found:
-        return pl.DataFrame(schema={"id": pl.String, "fingerprint": pl.String, "error": pl.String})
+        names = ("id", "fingerprint", "error", "error code")
+        return pl.DataFrame(schema=dict.fromkeys(names, pl.String))
     # Of one time, a part is newer than a file that takes parts in.
     found.reverse()
     found.sort(key=lambda each: each[0])

@@ -219,7 +219,13 @@ def _run(
             continue
         executor = reopen()
         ((print_, cell),) = batch
-        row = {"id": cell.id, "error": DIED, **cell.carried, "fingerprint": print_}
+        row = {
+            "id": cell.id,
+            "error": DIED,
+            "error code": None,
+            **cell.carried,
+            "fingerprint": print_,
+        }
         write_rows(folder / f"{batch_name([print_])}.parquet", [row])
         yield 1, 1
 

@@ -121,8 +121,8 @@ OF_WINDOWS = {*WINDOW_OPTIONS, *(OF_VALIDATION + name for name in WINDOW_OPTIONS
 KNOWN = {"id", "cell", "bounds", *FILES, *OPTIONS, *OF_WINDOWS}
 # Columns that the dataset has of its own, by their whole names.
 OWN = re.compile(
-    r"error|samples|answer|certified|proved gap|at bound|warnings|inputs sha256|seconds|fingerprint"
-    r"|duration \[s\]|capacity \[A\.h\]|temperature \[degC\]|initial SOC"
+    r"error( code)?|samples|answer|certified|proved gap|at bound|warnings|warning codes|seconds"
+    r"|inputs sha256|fingerprint|duration \[s\]|capacity \[A\.h\]|temperature \[degC\]|initial SOC"
     r"|(validation |tables )?(RMSE|max error).* \[V\]|tables at SOC"
     r"|((tables )?(R|C|tau)\d \[\w+\]|gamma)( low| high)?"
 )

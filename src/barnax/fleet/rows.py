@@ -18,6 +18,7 @@ from ..errors import InputError, reason_of
 from ..inputs import file_names, input_warnings, source_of
 from ..job import Job
 from ..model.window import Window
+from ..notices import Notice
 from ..over_soc import TableFit
 from ..pipeline import identify, identify_problem
 from ..records import Record, source_from_frame
@@ -44,7 +45,7 @@ def identify_cell(
     `results` is the fleet's folder, where its `result.json` is to be kept.
     """
     start_s = time.perf_counter()
-    row: dict[str, Any] = {"id": cell.id, "error": None, **cell.carried}
+    row: dict[str, Any] = {"id": cell.id, "error": None, "error code": None, **cell.carried}
     try:
         result, warnings = identified(cell, settings)
         row |= row_of(result, warnings)
@@ -53,6 +54,7 @@ def identify_cell(
     except InputError as problem:
         # One sentence, and what is told of each file of a folder with the warnings.
         row["error"], *row["warnings"] = str(problem).splitlines()
+        row["error code"] = problem.code
     except Exception as problem:
         # One cell's trouble, whatever it is, costs that cell its row and no other.
         row["error"] = f"{type(problem).__name__}: {reason_of(problem)}"
@@ -60,7 +62,7 @@ def identify_cell(
     return row
 
 
-def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tuple[str, ...]]:
+def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tuple[Notice, ...]]:
     """The result of a cell and all warnings. Raises `InputError` where an input cannot be used."""
     job = job_of(settings)
     if cell.problem is not None:
@@ -93,7 +95,7 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     run = result.run
     used = [each.prepared for each in (*run.identification, *run.validation)]
     measured = [(each.record.name, each.temperature_degc) for each in used]
-    more = map(str, compare_temperatures(measured, known.temperatures_degc))
+    more = compare_temperatures(measured, known.temperatures_degc)
     return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
 
 
@@ -128,7 +130,7 @@ class _Known(NamedTuple):
 
     model: CellModel
     tests: list[Record | OcvTable]
-    warnings: list[str]
+    warnings: list[Notice]
     temperatures_degc: list[tuple[str, float | None]]
 
 
@@ -176,7 +178,7 @@ def _given(path: str) -> Any:
         raise InputError(f"{path}: cannot be read ({reason_of(problem)})") from problem
 
 
-def row_of(result: Result, warnings: Sequence[str]) -> dict[str, Any]:
+def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
     """A result, flat: parameters under PyBaMM's names with their intervals, errors, certificate."""
     constant, run = result.constant, result.run
     own = constant.metrics.identification
@@ -214,7 +216,8 @@ def row_of(result: Result, warnings: Sequence[str]) -> dict[str, Any]:
         "certified": is_certified,
         "proved gap": gap,
         "at bound": "; ".join(f"{each.name} {each.side}" for each in constant.at_bound),
-        "warnings": list(warnings),
+        "warnings": [str(each) for each in warnings],
+        "warning codes": [each.code for each in warnings],
         "inputs sha256": _together(each.sha256 for each in result.inputs),
     }
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from ..errors import REFUSED
 from .dataset import read_rows
 
 # What is summed up of every circuit, by the beginning of its column's name; none of the intervals.
@@ -110,8 +111,12 @@ def summarize(rows: pl.DataFrame) -> Summary:
         at_bound=int((good["at bound"] != "").sum()) if len(good) else 0,
         distributions=tuple(distributions),
         outliers=tuple(sorted(outliers, key=lambda each: -abs(each.deviations))),
-        failures=_causes(failed.select("id", "error")),
-        warnings=_causes(good.select("id", "warnings").explode("warnings").drop_nulls())
+        failures=_causes(failed, "error", "error code"),
+        warnings=_causes(
+            good.explode("warnings", "warning codes").drop_nulls("warnings"),
+            "warnings",
+            "warning codes",
+        )
         if len(good)
         else (),
         worst=tuple(zip(worst["id"], worst["RMSE [V]"], strict=True)) if len(worst) else (),
@@ -145,13 +150,15 @@ def _distribution(
     ]
 
 
-def _causes(told: pl.DataFrame) -> tuple[Cause, ...]:
-    """Texts that differ in names and numbers only are of one cause; the most frequent first."""
+def _causes(rows: pl.DataFrame, text: str, code: str) -> tuple[Cause, ...]:
+    """What is told under one code is of one cause, and what has no code of its own where the texts
+    differ in names and numbers only; the most frequent first."""
     causes: dict[str, tuple[str, list[str]]] = {}
-    for name, text in told.iter_rows():
+    for name, said, own in rows.select("id", text, code).iter_rows():
         # Without the file's name.
-        cause = re.sub(r"^[^:]*\.\w+: ", "", text)
-        key = re.sub(r"\b\d+(\.\d+)?|'[^']*'", "#", cause)
+        cause = re.sub(r"^[^:]*\.\w+: ", "", said)
+        is_general = own in (None, REFUSED)
+        key = re.sub(r"\b\d+(\.\d+)?|'[^']*'", "#", cause) if is_general else own
         causes.setdefault(key, (cause, []))[1].append(name)
     found = [Cause(cause, tuple(dict.fromkeys(ids))) for cause, ids in causes.values()]
     return tuple(sorted(found, key=lambda each: -len(each.ids)))

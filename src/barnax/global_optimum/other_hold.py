@@ -10,6 +10,7 @@ from ..checks.sampling import late_answers_ohm
 from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Problem, with_one_more_pair
+from ..notices import Notice, notice
 from ..records import Decision
 from ..records.record import Hold
 from ..search.evaluate import evaluate
@@ -68,18 +69,24 @@ def r0_with_one_more_pair(problem: Problem) -> tuple[float, ...]:
     return tuple(found)
 
 
-def hold_warning(problem: Problem, other: Hold, what: str, own_ohm: float, other_ohm: float) -> str:
-    """What to say where the other hold would give an R0 outside the interval; `what` names it."""
+def hold_warning(
+    problem: Problem, other: Hold, own_ohm: float, other_ohm: float, soc: float | None = None
+) -> Notice:
+    """The notice that the other hold would give an R0 outside the interval; of tables, at `soc`."""
     names = [
         each.record.name
         for each in problem.prepared_records
         if each.record.hold.strength == "assumed"
     ]
-    return (
-        f"{', '.join(names)}: the data do not show whether the current that is logged with a "
-        f"sample flowed after it or before it: {what} is {1e3 * own_ohm:.3g} mOhm as assumed, and "
-        f"{1e3 * other_ohm:.3g} mOhm with `current_hold='{other}'`; its interval spans both; give "
-        "`current_hold`, or a file with the tester's Ah counters"
+    return notice(
+        "hold.undecided",
+        ", ".join(names),
+        parameter="constant" if soc is None else "tables",
+        circuit=problem.circuit,
+        soc=soc,
+        own_ohm=own_ohm,
+        other_ohm=other_ohm,
+        hold=other,
     )
 
 

@@ -11,6 +11,7 @@ from ..cell.model import group_near
 from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input
+from ..notices import Notice, notice
 from ..records import Record, current_direction, rest_current_a
 from ..records.samples import record_resistance_ohm
 from .intervals import Intervals
@@ -50,7 +51,7 @@ class PreparedRecord(Brief):
     scored: Bool[np.ndarray, "simulated"]
     rest_current_a: float
     capacity_ah: float
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
     @property
     def span(self) -> slice:
@@ -313,7 +314,7 @@ def _require_positive_voltage(record: Record, scored: Bool[np.ndarray, "samples"
 
 def _check_soc(
     record: Record, cell: CellModel, capacity_ah: float, soc: np.ndarray, scored: np.ndarray
-) -> list[str]:
+) -> list[Notice]:
     low, high = cell.soc_range
     beyond = np.maximum(low - soc, soc - high)
     outside = scored & (beyond > 0)
@@ -341,8 +342,5 @@ def _check_soc(
             f"{high:.3f}; give this cell's OCV test, or leave those samples out with `score_soc`, "
             "`score_steps` or `score_to`"
         )
-    return [
-        f"{record.name}: {np.count_nonzero(outside)} of {np.count_nonzero(scored)} scored samples "
-        f"lie up to {farthest:.2g} SOC outside the OCV points ({low:.3f} to {high:.3f}), where the "
-        "open-circuit voltage is held constant"
-    ]
+    counts = {"outside": outside.sum(), "samples": scored.sum(), "farthest_soc": farthest}
+    return [notice("soc.outside-ocv", record.name, **counts, low_soc=low, high_soc=high)]

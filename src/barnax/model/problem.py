@@ -17,6 +17,7 @@ from ..cell.parameters import MAX_PAIRS
 from ..display import Brief
 from ..errors import InputError
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
+from ..notices import Notice
 from ..records import Record
 from .compressed import Compressed, compress
 from .coordinates import Coordinates, Scale
@@ -107,10 +108,10 @@ class Problem(Brief):
         return other
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        texts = [text for prepared in self.prepared_records for text in prepared.record.warnings]
-        texts += self.cell.warnings
-        return (*texts, *(text for prepared in self.prepared_records for text in prepared.warnings))
+    def warnings(self) -> tuple[Notice, ...]:
+        told = [each for prepared in self.prepared_records for each in prepared.record.warnings]
+        told += self.cell.warnings
+        return (*told, *(each for prepared in self.prepared_records for each in prepared.warnings))
 
     @cached_property
     def coordinates(self) -> Coordinates:

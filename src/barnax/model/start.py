@@ -10,6 +10,7 @@ from ..cell import CellModel
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S
 from ..cell.soc_axis import BEYOND_SOC
 from ..errors import InputError
+from ..notices import Notice, notice
 from ..records import Record, is_rested
 from ..records.record import FULL_CHARGE, rest_blocks, runs
 from ..records.samples import record_resistance_ohm
@@ -184,7 +185,7 @@ class Start:
 
 def find_start(
     record: Record, cell: CellModel, window: Window, capacity_ah: float, first: int, rest_a: float
-) -> tuple[Start, list[str]]:
+) -> tuple[Start, list[Notice]]:
     """The state at the start, and what a rested voltage there has against its SOC.
 
     Raises `InputError` where the SOC is neither given nor shown.
@@ -273,23 +274,19 @@ def _denies(cell: CellModel, voltage_v: float, soc: float) -> bool:
     return is_far and not min(ends) - DOUBTFUL_SOC <= soc <= max(ends) + DOUBTFUL_SOC
 
 
-def _doubts(record: Record, cell: CellModel, window: Window, start: Start) -> list[str]:
+def _doubts(record: Record, cell: CellModel, window: Window, start: Start) -> list[Notice]:
     """What a rested voltage at the start has against the SOC that is taken for it."""
     if cell.is_of_records:
         return []
     branch = cell.charge if start.direction > 0 else cell.discharge
     low_v, high_v = (float(branch(np.array([end]))[0]) for end in cell.soc_range)
     beyond_v = max(start.voltage_v - high_v, low_v - start.voltage_v)
-    place = f"{record.name}: the cell rests at {start.voltage_v:.4f} V at row {start.row}"
+    place = {"voltage_v": start.voltage_v, "start_row": start.row}
     if beyond_v > BEYOND_OCV_V:
-        return [
-            f"{place}, {1e3 * beyond_v:.0f} mV beyond its OCV of {low_v:.4f} to {high_v:.4f} V; "
-            "check that the OCV test is of this cell and temperature"
-        ]
+        ends = {"beyond_v": beyond_v, "low_v": low_v, "high_v": high_v}
+        return [notice("start.beyond-ocv", record.name, **place, **ends)]
     if window.initial_soc is None or not _denies(cell, start.voltage_v, start.soc):
         return []
     soc = cell.soc_from_rest_voltage(start.voltage_v, start.direction)
-    return [
-        f"{place}, which corresponds to a state of charge of {soc:.3f}, but `initial_soc` is "
-        f"{start.soc:g}; leave it out to use the rested voltage"
-    ]
+    socs = {"rested_soc": soc, "given_soc": start.soc}
+    return [notice("start.other-soc", record.name, **place, **socs)]

@@ -3,7 +3,6 @@
 from .cross_validation import CrossValidation as CrossValidation
 from .cross_validation import SocErrors as SocErrors
 from .fit import HELD_GAMMA as HELD_GAMMA
-from .fit import FitWarning as FitWarning
 from .fit import TableFit as TableFit
 from .fit import constant_held_out as constant_held_out
 from .fit import errors_on as errors_on

@@ -12,13 +12,15 @@ from ..blas import one_blas_thread
 from ..cell import SocTables, get_circuit
 from ..cell.elements import get_element, names_of
 from ..cell.parameters import OHMIC, RATE
-from ..cell.tables import HALF_HYSTERESIS, LEAST_OHM
+from ..cell.tables import LEAST_OHM
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
 from ..global_optimum.proof import Proof
 from ..model.prepared import PreparedRecord
 from ..model.search_space import RATE_RANGE, Range
+from ..notices import Notice, notice
+from ..schema import Told
 from ..search.refine import AtBound
 from .certificate import certify
 from .cross_validation import (
@@ -48,21 +50,6 @@ BOTH_WAYS_SOC = 0.1
 HELD_GAMMA = 20.0
 
 
-@dataclass(frozen=True)
-class FitWarning:
-    """What a user should know of a fit.
-
-    "at bound": the constant `name` ended there, at `value`; "mostly unvisited": no sample is near
-    the share `value` of the nodes; "one direction": the amplitude of the hysteresis was fitted,
-    and the records go no more than `value` of the SOC one way; "gamma held": so its rate was not
-    searched; "no resistance": at the node of SOC `value`, which samples visit, every one is zero.
-    """
-
-    kind: Literal["at bound", "mostly unvisited", "one direction", "gamma held", "no resistance"]
-    name: str
-    value: float
-
-
 @dataclass(frozen=True, repr=False)
 class TableFit(Brief):
     """Tables over SOC, with their proof, intervals and errors.
@@ -79,7 +66,7 @@ class TableFit(Brief):
         parameters: Number of values that samples visit and of searched constants.
         intervals: 95 % intervals of visited nodes, then of searched constants.
         cross_validation: Errors on blocks held out.
-        warnings: Sentences about what is doubtful, with what to do.
+        warnings: What is doubtful, with what to do.
     """
 
     tables: SocTables
@@ -93,7 +80,7 @@ class TableFit(Brief):
     parameters: int
     intervals: tuple[NodeInterval, ...]
     cross_validation: CrossValidation | None
-    warnings: tuple[FitWarning, ...]
+    warnings: tuple[Told, ...]
 
     @property
     def proved_gap(self) -> float:
@@ -294,17 +281,30 @@ def _at_bound(objective: TableObjective, best: Solution) -> tuple[AtBound, ...]:
 
 def _warnings(
     objective: TableObjective, tables: SocTables, at_bound: Sequence[AtBound]
-) -> tuple[FitWarning, ...]:
-    found = [FitWarning("at bound", each.name, tables.constants[each.name]) for each in at_bound]
+) -> tuple[Notice, ...]:
+    found = [
+        _bound_warning(each, tables.constants[each.name], objective.settings.ocv_correction)
+        for each in at_bound
+    ]
     unvisited = 1 - float(np.mean(objective.visited))
     if unvisited > MOSTLY:
-        found.append(FitWarning("mostly unvisited", "nodes", unvisited))
+        found.append(notice("tables.mostly-unvisited", share=unvisited))
     resistance_ohm = np.sum([tables.r0_ohm, *tables.r_ohm], axis=0)
     bare = np.array(tables.nodes)[objective.visited & (resistance_ohm < LEAST_OHM)]
-    found += [FitWarning("no resistance", "nodes", soc) for soc in bare.tolist()]
+    found += [notice("tables.no-resistance", soc=soc) for soc in bare.tolist()]
     moved, ranges = least_travel_soc(objective.prepared_records), objective.settings.ranges
     if moved < BOTH_WAYS_SOC and tables.half_hysteresis_v is not None:
-        found.append(FitWarning("one direction", HALF_HYSTERESIS, moved))
+        found.append(notice("tables.one-direction", moved_soc=moved))
     elif moved < BOTH_WAYS_SOC and tables.gamma is not None and RATE not in ranges:
-        found.append(FitWarning("gamma held", RATE, moved))
+        found.append(notice("tables.gamma-held", moved_soc=moved, gamma=HELD_GAMMA))
     return tuple(found)
+
+
+def _bound_warning(bound: AtBound, value: float, has_correction: bool) -> Notice:
+    """The notice of a constant that a bound sets."""
+    if not bound.name.startswith("tau"):
+        return notice("tables.at-bound", name=bound.name, value=value)
+    if bound.side == "lower":
+        return notice("tables.tau-at-lower-bound", name=bound.name, value_s=value)
+    told = {"value_s": value, "correction": "true" if has_correction else None}
+    return notice("tables.tau-at-upper-bound", name=bound.name, **told)

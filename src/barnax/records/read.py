@@ -175,8 +175,8 @@ def read_record(
     found = [each.about(source.name) for each in (*examined.findings, *doubts)]
     return replace(
         aligned(record, voltage_lag),
-        warnings=tuple(str(each) for each in found if each.severity == "warning"),
-        notes=tuple(str(each) for each in found if each.is_told),
+        warnings=tuple(each for each in found if each.severity == "warning"),
+        notes=tuple(each for each in found if each.is_told),
     )
 
 

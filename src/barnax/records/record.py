@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..display import Brief
+from ..notices import Notice
 
 Hold = Literal["forward", "backward", "centered"]
 Strength = Literal["given", "strong", "weak", "assumed"]
@@ -68,8 +69,8 @@ class Record(Brief):
         hold: A sample's current flows in the interval after it ("forward"), before it ("backward")
             or in half of both ("centered"), and why.
         sha256: Digest of the file.
-        warnings: Sentences about what is doubtful, with what to do.
-        notes: Sentences about what was assumed or changed in reading.
+        warnings: What is doubtful, with what to do.
+        notes: What was assumed or changed in reading.
         charge_ah: The tester's own net charge out of the cell since its counters began, which may
             be before the first sample.
         skipped_ah: What the counters counted in intervals whose load was not logged, beyond what
@@ -90,8 +91,8 @@ class Record(Brief):
     sign: Decision
     hold: Decision
     sha256: str
-    warnings: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
+    notes: tuple[Notice, ...] = ()
     charge_ah: Float[np.ndarray, "samples"] | None = None
     skipped_ah: Float[np.ndarray, "intervals"] | None = None
     cycle: Int[np.ndarray, "samples"] | None = None

@@ -10,7 +10,6 @@ from .words import NOTHING, counted, duration
 
 if TYPE_CHECKING:
     from ..checks import FileCheck, Role
-    from ..notices import Notice
 
 SEVERITIES = ("error", "warning", "note")
 

@@ -6,6 +6,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from ..cell import CellModel, PolynomialCurve
+from ..notices import Notice
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
 from .words import NOTHING, joined, millivolt, percent, significant, with_unit
 
@@ -393,8 +394,8 @@ def reproduction_section(stored: "Stored") -> Section:
     return Section("How to repeat this", (*made, versions))
 
 
-def warnings_section(warnings: Sequence[str]) -> list[Section]:
+def warnings_section(warnings: Sequence[Notice]) -> list[Section]:
     """A section of warnings, where there are any."""
     if not warnings:
         return []
-    return [Section("Warnings", (Bullets(tuple(warnings), are_warnings=True),))]
+    return [Section("Warnings", (Bullets(tuple(map(str, warnings)), are_warnings=True),))]

@@ -8,7 +8,6 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ..cell.elements import names_beside
-from ..inputs import NOT_SUITABLE
 from .candidates import ranked
 from .decisions import (
     carried_sentences,
@@ -46,7 +45,6 @@ MAX_CANDIDATES = 4
 MAX_FILES = 5
 # The error above 10 % SOC is told beside the whole where it is lower by this share.
 APART = 0.1
-UNFIT = f": {NOT_SUITABLE} identification: "
 
 
 def first_screen(
@@ -66,7 +64,11 @@ def first_screen(
     if pulses := middle_pulses(result):
         yield indented(bare_table(middle_heads(result), pulses))
         yield Text()
-    unfit = [("Do not use", text) for text in result.warnings if UNFIT in text]
+    unfit = [
+        ("Do not use", str(each))
+        for each in result.warnings
+        if each.code == "role.unfit" and each.values["role"] == "identification"
+    ]
     lines = [*unfit, ("Best possible", best_possible(result))]
     lines += [("Left out", text) for text in left_out_sentences(result)]
     lines += [("Search", text) for text in search_sentences(result)]

@@ -9,7 +9,6 @@ from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
 from ..cell.soc_axis import ABOVE_SOC
 from ..settings import OVER_TEMPERATURE
-from ..weighing import FITTING_AGAIN
 from .candidates import held_out_errors, tables_pay, unseen_errors
 from .sentences import (
     WORTH_TELLING,
@@ -177,7 +176,7 @@ def next_step(result: "Result") -> Next:
     found = result.constant.assessment
     if found is None:
         return Next("compute intervals of the parameters", {"trust": "basic"})
-    has_failed = any(text.startswith(FITTING_AGAIN) for text in result.warnings)
+    has_failed = any(each.code == "answer.no-examination" for each in result.warnings)
     if found.examination is None and not has_failed:
         return Next("find out what would lower the error", {"trust": "full"})
     rmse_v = result.metrics.identification.rmse_v

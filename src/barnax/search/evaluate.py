@@ -22,6 +22,7 @@ from ..model.prepared import (
 from ..model.problem import rc_parameters
 from ..model.simulate import terminal_voltage
 from ..model.window import Window
+from ..notices import Notice
 from ..records import Record
 
 # A start is moved by so much to see what that does, and at most by this.
@@ -36,7 +37,7 @@ class Evaluation(Brief):
         prepared: The record in its window.
         simulated_v: The terminal voltage at every simulated sample.
         metrics: Errors over the counted samples only.
-        warnings: Sentences about a record to validate on, with what to do.
+        warnings: What is doubtful about a record to validate on, with what to do.
         registered: How far its start would have to move for the least error, in SOC, and the RMSE
             in V from there.
     """
@@ -44,7 +45,7 @@ class Evaluation(Brief):
     prepared: PreparedRecord
     simulated_v: Float[np.ndarray, "simulated"]
     metrics: Metrics
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     registered: tuple[float, float] | None = None
 
     @property

@@ -1,17 +1,52 @@
-"""`python -m benchmarks.schema` writes `docs/result.schema.json`, the JSON Schema of results."""
+"""`python -m benchmarks.schema` writes the JSON Schema of results, and the page of all codes."""
 
 import json
+from itertools import groupby
 from pathlib import Path
 
+from barnax.notices import kinds
 from barnax.results import Result
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
+DOCS = Path(__file__).parents[1] / "docs"
+HEAD = """# Notices
+
+Every warning, and every finding of a check, has a code for a program to act on; a refusal has one
+where a program can, else `input.refused`. `result.warnings`, `result.notes` and the findings of
+`barnax.check_file` are of `barnax.Notice`, which prints as its sentence. `result.json` and
+`barnax check --json` hold code, file, row, numbers and words, and a fleet's dataset has the columns
+`warning codes` and `error code`. An `InputError` has its code in `code`, and what it says in
+`notice`.
+
+```python
+import barnax
+
+checked = barnax.check_file(barnax.bundled_file("identification"))
+for notice in checked.findings:
+    print(notice.code, notice.row, notice.values)
+    print(notice)
+```
+
+What is found in many samples may be more severe than usual, and is then stored so. This page is
+written by `python -m benchmarks.schema`.
+"""
+
+
+def notices_page() -> str:
+    """Every code with its meaning, in the order of `notices.toml`."""
+    lines = [HEAD]
+    for rule, group in groupby(kinds().values(), lambda kind: kind.code.partition(".")[0]):
+        lines += [f"## {rule}", "", "| code | usually | what it means |", "|---|---|---|"]
+        lines += [f"| `{kind.code}` | {kind.severity} | {kind.means} |" for kind in group]
+        lines.append("")
+    return "\n".join(lines)
 
 
 def main() -> None:
-    place = Path(__file__).parents[1] / "docs" / "result.schema.json"
     schema = {"$schema": DIALECT, **Result.json_schema()}
-    place.write_text(json.dumps(schema, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    text = json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+    (DOCS / "result.schema.json").write_text(text, encoding="utf-8")
+    (DOCS / "notices.md").write_text(notices_page(), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from benchmarks.schema import notices_page
 
 from barnax.errors import InputError
 from barnax.notices import notice
@@ -15,7 +16,8 @@ from barnax.results import Result
 from helpers.golden import RESULT
 
 DOCUMENT = json.loads(RESULT.read_text(encoding="utf-8"))
-PUBLISHED = Path(__file__).parents[1] / "docs" / "result.schema.json"
+DOCS = Path(__file__).parents[1] / "docs"
+PUBLISHED = DOCS / "result.schema.json"
 
 
 @pytest.fixture
@@ -47,6 +49,10 @@ def test_the_published_schema_is_that_of_the_code():
     published = json.loads(PUBLISHED.read_text(encoding="utf-8"))
     assert published.pop("$schema") == "https://json-schema.org/draft/2020-12/schema"
     assert published == Result.json_schema()
+
+
+def test_the_page_of_notices_is_that_of_the_code():
+    assert (DOCS / "notices.md").read_text(encoding="utf-8") == notices_page()
 
 
 def test_a_stored_result_has_the_keys_that_the_schema_names():

@@ -33,6 +33,7 @@ from .job import Job as Job
 from .model.problem import Problem as Problem
 from .model.problem import make_problem as make_problem
 from .model.window import Window as Window
+from .notices import Notice as Notice
 from .optimizers import OPTIMIZERS as OPTIMIZERS
 from .optimizers import make_optimizer as make_optimizer
 from .over_soc import TableFit as TableFit

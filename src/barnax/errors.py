@@ -18,13 +18,11 @@ class InputError(ValueError):
     Python names between backticks, which are used for nothing else. The command line prints the
     message without a traceback and exits with status 2.
 
-    Attributes:
-        notice: What it says as a `Notice`, for what a program may act on; None for the rest.
+    What a program may act on it says as a `Notice` too, in `notice`, which is else None.
     """
 
-    def __init__(self, message: str, *, notice: Any = None):
-        super().__init__(message)
-        self.notice = notice
+    # What it says, as a `barnax.notices.Notice`.
+    notice: Any = None
 
     @property
     def code(self) -> str:

@@ -200,8 +200,9 @@ def telling(warnings: Sequence[Notice]) -> Iterator[None]:
     try:
         yield
     except InputError as problem:
-        told = "\n".join(map(str, (problem, *warnings)))
-        raise InputError(told, notice=problem.notice) from problem
+        told = InputError("\n".join(map(str, (problem, *warnings))))
+        told.notice = problem.notice
+        raise told from problem
 
 
 def read_validation(

@@ -172,7 +172,9 @@ class Notice:
 
     def error(self) -> InputError:
         """The refusal that says it."""
-        return InputError(f"{self}.", notice=self)
+        refusal = InputError(f"{self}.")
+        refusal.notice = self
+        return refusal
 
 
 def notice(code: str, subject: str = "", row: int | None = None, /, **values: Any) -> Notice:

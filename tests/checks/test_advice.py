@@ -132,7 +132,7 @@ def test_what_check_knows_is_told_of_every_record_with_what_mends_it(name, role,
     else:
         source = source_from_frame(table, "cell")
         try:
-            _, texts = read_validation(source, Reading(), None, bundled_cell)
+            texts = map(str, read_validation(source, Reading(), None, bundled_cell)[1])
         except InputError as problem:
             texts = [str(problem)]
     (text,) = [each for each in texts if what in each]

@@ -1,12 +1,13 @@
 """Every code that barnax tells is registered, made somewhere, and has its words."""
 
 import ast
+import re
 import tomllib
 
 import pytest
 
 from barnax.notices import CODES, kinds, notice
-from test_house import MODULES, texts_in, tree_of
+from test_house import MODULES, place, texts_in, tree_of
 
 # Words of choices that any code may use.
 SHARED = tomllib.loads(CODES.read_text(encoding="utf-8"))["words"].keys()
@@ -53,3 +54,78 @@ def test_a_code_has_a_meaning_and_words_for_all_its_choices(kind):
 def test_a_notice_without_what_its_words_need_is_refused():
     with pytest.raises(KeyError, match="held_ah"):
         notice("gaps.steady", "us06.csv", gaps=1, longest_s=120.0, longest_row=3, part="one")
+
+
+# What looks for something in a text.
+LOOKING = {"startswith", "endswith", "find", "index", "count", "match", "search", "fullmatch"}
+TEMPLATES = "\n".join(
+    text
+    for kind in kinds().values()
+    for text in (
+        kind.says,
+        kind.remedy,
+        *(each for own in kind.words.values() for each in own.values()),
+    )
+)
+
+
+def is_worded(node: ast.expr) -> bool:
+    """Whether an expression is the sentence of a notice or of a refusal, or a phrase of one."""
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, str) and " " in node.value.strip() and node.value in TEMPLATES
+    if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "str":
+        return getattr(node.args[0], "id", "") in ("problem", "told", "each")
+    return isinstance(node, ast.Attribute) and node.attr in ("what", "remedy")
+
+
+def decisions_by_words(tree: ast.Module) -> list[int]:
+    """The lines of a module that look for something in a notice's words."""
+    found = []
+    for node in ast.walk(tree):
+        sides: list[ast.expr] = []
+        if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.In | ast.NotIn):
+            sides = [node.left, *node.comparators]
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            sides = [node.func.value, *node.args] if node.func.attr in LOOKING else []
+        found += [node.lineno for side in sides if is_worded(side)]
+    return found
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "if 'gap' in told.what: ...",
+        "str(problem).startswith(SHORT)",
+        "[text for text in texts if 'do not show whether' in text]",
+    ],
+)
+def test_a_decision_by_a_phrase_is_found(code):
+    assert decisions_by_words(ast.parse(code))
+
+
+def test_nothing_decides_by_what_a_notice_says():
+    found = {place(path): decisions_by_words(tree_of(path)) for path in MODULES}
+    assert {path: lines for path, lines in found.items() if lines} == {}
+
+
+def test_there_is_one_class_of_what_is_found():
+    classes = {
+        node.name
+        for path in MODULES
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.ClassDef) and re.search("(Finding|Warning|Notice)s?$", node.name)
+    }
+    assert classes == {"Notice", "StoredNotice"}
+
+
+def test_warnings_are_nowhere_texts():
+    texts = [
+        f"{place(path)}:{node.lineno}"
+        for path in MODULES
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.AnnAssign | ast.arg)
+        and getattr(node, "arg", getattr(getattr(node, "target", None), "id", "")) == "warnings"
+        and node.annotation is not None
+        and "str" in ast.unparse(node.annotation)
+    ]
+    assert texts == []

@@ -26,7 +26,10 @@ OFF = 0.05
 # The codes of warnings that name a cause.
 CAUSES = {
     "hold": {"hold.undecided", "counters.by-other-hold", "counters.net-by-other-hold"},
-    "sampling": {"role.unfit", "fast-load.current", "late-voltage.step", "late-voltage.lags"},
+    "sampling": {
+        *("role.unfit", "fast-load.instants", "fast-load.open"),
+        *("late-voltage.step", "late-voltage.lags", "late-voltage.leads"),
+    },
     "circuit": {"answer.contradicted"},
 }
 

@@ -35,8 +35,6 @@ Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
 # What a data frame is called, and where another is beside it.
 FRAME = "data frame"
 _FRAMES = {"OCV test": "OCV data frame", "validation": "validation data frame"}
-# What is said of a record whose samples are another's, whatever file they stand in.
-SAME_SAMPLES = "of the same samples as"
 
 
 def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
@@ -90,10 +88,7 @@ def read_inputs(
             raise InputError("give a record to identify on; `ocv` and `validate` need one")
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
     elif not tests and cell is None and without_test is None:
-        raise InputError(
-            f"{_name_of(given[0])}: circuits are compared with an OCV test of the same cell; give "
-            "it with `ocv`, or identify one circuit, whose OCV then comes from the record itself"
-        )
+        raise notice("ocv-test.missing-to-compare", _name_of(given[0])).error()
     names = file_names([each for each in (*given, *tests, *others) if isinstance(each, str | Path)])
     looked_at: list[tuple[str, Source, Record | OcvTable]] = []
     called: dict[str, int] = {}
@@ -330,8 +325,8 @@ def _require_different(records: Sequence[Record]) -> None:
             # Parts of one file are different records.
             is_same_file = record.sha256 and start == (first.sha256, float(first.time_s[0]))
             if is_same_file or content.is_like(known):
-                same = f"the same as {first.name}, byte for byte"
-                same = same if is_same_file else f"{SAME_SAMPLES} {first.name}"
-                twice = "given twice" if first.name == record.name else same
-                raise InputError(f"{record.name}: {twice}; give each once, and validate on another")
+                same = "bytes" if is_same_file else "samples"
+                same = "name" if first.name == record.name else same
+                given = {"same": same, "other": first.name}
+                raise notice("role.given-twice", record.name, **given).error()
         seen.append((record, content))

@@ -170,9 +170,9 @@ class Notice:
         """The notice, more or less severe than usual."""
         return replace(self, severity=severity)
 
-    def error(self) -> InputError:
+    def error(self, end: str = "") -> InputError:
         """The refusal that says it."""
-        refusal = InputError(f"{self}.")
+        refusal = InputError(f"{self}{end}")
         refusal.notice = self
         return refusal
 
@@ -190,4 +190,4 @@ def raise_first_error(notices: Iterable[Notice], file: str) -> None:
     """Raise InputError for the first error among the notices of a file, if there is one."""
     for each in notices:
         if each.severity == "error":
-            raise each.about(file).error()
+            raise each.about(file).error(".")

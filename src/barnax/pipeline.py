@@ -13,7 +13,6 @@ from operator import ne
 from .bundled import BUNDLED
 from .candidates import CONTRADICTED, WEIGHED, tabulated_circuit
 from .cell import CellModel, get_circuit
-from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
 from .inputs import (
     Inputs,
@@ -159,10 +158,7 @@ def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
     }
     for what, is_asked in asked.items():
         if is_asked:
-            raise InputError(
-                f"{what} needs an OCV test of the cell; give it with `ocv`, or leave that choice "
-                "out: the OCV then comes from the record itself"
-            )
+            raise notice("ocv-test.missing", asked=what).error()
     windows = {each.name: window_of(job.window, each.name).as_told for each in records}
     return fit_with_ocv(records, circuit.name, windows, _bounded(job), job.capacity)
 

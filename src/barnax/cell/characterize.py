@@ -97,9 +97,7 @@ def characterize(
     elif capacity_ah is not None:
         capacity = Capacity(capacity_ah, "given", capacity_ah)
     else:
-        raise InputError(
-            f"{tables[0].name}: an OCV table has no capacity; give it as `capacity`, in Ah"
-        )
+        raise notice("ocv-table.no-capacity", tables[0].name).error()
     warnings.extend(_kind_warnings(sweeps, points))
     warnings.extend(_speed_warnings(sweeps))
     fitted = _fitted(points, ocv_fit, hysteresis_fit)

@@ -11,19 +11,6 @@ from ..records import rest_current_a as usual_rest_current_a
 from ..records.record import Record, is_rested, rest_blocks, runs
 from .soc_axis import CHARGE, DISCHARGE, WORD, Sweep, SweepPoint
 
-
-class NoOcvTest(InputError):
-    """A record shows no OCV points; `reason` says why."""
-
-    def __init__(self, record: str, reason: str) -> None:
-        super().__init__(
-            f"{record} is not an OCV test: {reason}. An OCV test needs rests of at least 30 min "
-            f"between its pulses, at least {MINIMUM_POINTS} in one direction, or one slow sweep at "
-            "C/10 or less."
-        )
-        self.reason = reason
-
-
 MINIMUM_REST_S = 1800.0
 MINIMUM_POINTS = 4
 # A rest programmed as 30 min ends some hundredths of a second early on the tester's clock.
@@ -66,7 +53,7 @@ def find_rest_sweeps(record: Record, rest_current_a: float) -> list[Sweep]:
         )
         sweeps.append(Sweep("rests", direction, record.name, start_ah, end_ah, points))
     if not sweeps:
-        raise NoOcvTest(record.name, _nothing_found(list(rests_s.values()), directions))
+        raise _no_test(record, _nothing_found(list(rests_s.values()), directions))
     return sweeps
 
 
@@ -165,6 +152,11 @@ def _extent(
         after_ah = discharged_ah[lasts[last] : stop]
         end_ah = after_ah.min() if direction == CHARGE else after_ah.max()
     return float(start_ah), float(end_ah)
+
+
+def _no_test(record: Record, reason: str) -> InputError:
+    told = {"record": record.name, "reason": reason, "fewest": MINIMUM_POINTS}
+    return notice("ocv-test.none", **told).error(".")
 
 
 def _nothing_found(rests_s: list[float], directions: list[int]) -> str:
@@ -284,7 +276,7 @@ def find_sweeps(
     """
     span_ah = float(np.ptp(record.discharged_ah))
     if span_ah == 0:
-        raise NoOcvTest(record.name, "no charge passed")
+        raise _no_test(record, "no charge passed")
     threshold_a = rest_current_a
     if threshold_a is None:
         # A capacity given in mAh would turn the whole record into one rest.

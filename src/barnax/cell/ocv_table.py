@@ -112,7 +112,7 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
                 "soc_cell": repr(lines.cell("SOC", line)),
                 "cell": repr(lines.cell(name, line)),
             }
-            raise found_at(lines, line, code, soc=point.soc, **cells).about(file).error()
+            raise found_at(lines, line, code, soc=point.soc, **cells).about(file).error(".")
         points.append(point)
     if len(points) < MINIMUM_POINTS:
         raise InputError(

@@ -183,11 +183,8 @@ def decide_capacity(
     axis_ah = ocv_given_ah or given_ah
     if axis_ah is None:
         if len(sweeps) == 2 and not _agree(sweeps, AGREEMENT) and main.kind != "slow":
-            raise InputError(
-                f"{main.source}: the OCV test discharged {sweeps[DISCHARGE].passed_ah:.4g} Ah but "
-                f"charged {sweeps[CHARGE].passed_ah:.4g} Ah, so its capacity is not known; "
-                "give it as `capacity`, in Ah"
-            )
+            charges = {"out_ah": sweeps[DISCHARGE].passed_ah, "in_ah": sweeps[CHARGE].passed_ah}
+            raise notice("ocv-test.capacity-unknown", main.source, **charges).error()
         if spans:
             return Capacity(main.passed_ah, f"measured: {measured}", main.passed_ah, warnings)
         warnings += (_assumption(main),)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..cell.ocv_points import NoOcvTest, find_sweeps
+from ..cell.ocv_points import find_sweeps
 from ..cell.soc_axis import Sweep
 from ..errors import InputError
 from ..notices import Notice
@@ -104,10 +104,9 @@ class CheckInput:
         """The OCV sweeps of the record, or why it is no OCV test."""
         try:
             return find_sweeps(self.record, self.capacity_ah)[0]
-        except NoOcvTest as problem:
-            return problem.reason
         except InputError as problem:
-            return str(problem)
+            is_other = problem.code == "ocv-test.none"
+            return problem.notice.values["reason"] if is_other else str(problem)
 
     def at(
         self,

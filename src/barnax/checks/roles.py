@@ -14,6 +14,7 @@ import numpy as np
 from ..cell import OcvPoint, OcvTable
 from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, decide_capacity, join_sweeps
 from ..errors import InputError, counted
+from ..notices import notice
 from .check_input import CheckInput
 from .windows import SuggestedWindow, suggest_window
 
@@ -138,12 +139,7 @@ def _temperature_degc(given: CheckInput) -> float | None:
 def require_load(file: str, kind: Kind) -> None:
     """Raise `InputError` where a record holds no changes of current that a circuit follows from."""
     if kind in ("charge", "slow sweep"):
-        what = "only charges" if kind == "charge" else "is a slow sweep"
-        raise InputError(
-            f"{file}: {what}, and nothing in it shows how the voltage follows a step of the "
-            "current; give a record under a changing load, such as a drive cycle or pulses, and "
-            "this one with `ocv` if it is an OCV test"
-        )
+        raise notice("role.no-load", file, what=kind).error()
 
 
 # Current steps that a validation wants.

@@ -324,23 +324,14 @@ def _check_soc(
     far = np.flatnonzero(scored & (beyond > OCV_MARGIN))
     if len(far):
         at = far[0]
-        row, name = f"row {record.row[at]}", record.name
+        given = {"far_row": record.row[at], "capacity_ah": capacity_ah}
         end, end_soc = ("empty", low) if soc[at] < low else ("full", high)
         end_v = float(cell.average_ocv_v(np.array([end_soc]))[0])
         source_v = record.voltage_v[at] + record_resistance_ohm(record) * record.current_a[at]
         if (source_v - end_v) * (1 if end == "empty" else -1) > _INSIDE_V:
-            raise InputError(
-                f"{name}: its charge does not fit its voltage: by it the cell is {end} before "
-                f"{row}, where {record.voltage_v[at]:.3f} V are far from the OCV, {end_v:.3f} V; "
-                "it looks like a record of another cell, unless `initial_soc`, `capacity` "
-                f"({capacity_ah:.4g} Ah) or the current's unit is wrong"
-            )
-        raise InputError(
-            f"{name}: it looks like a record of another cell, unless `capacity` "
-            f"({capacity_ah:.4g} Ah) or `initial_soc` is wrong: its charge takes this cell to a "
-            f"state of charge of {soc[at]:.3f} at {row}, and the OCV points span only {low:.3f} to "
-            f"{high:.3f}; give this cell's OCV test, or leave those samples out with `score_soc`, "
-            "`score_steps` or `score_to`"
-        )
+            given |= {"end": end, "voltage_v": record.voltage_v[at], "end_v": end_v}
+            raise notice("soc.against-voltage", record.name, **given).error()
+        given |= {"soc": soc[at], "low_soc": low, "high_soc": high}
+        raise notice("soc.beyond-ocv", record.name, **given).error()
     counts = {"outside": outside.sum(), "samples": scored.sum(), "farthest_soc": farthest}
     return [notice("soc.outside-ocv", record.name, **counts, low_soc=low, high_soc=high)]

@@ -211,7 +211,7 @@ def find_start(
     elif not unrested:
         soc, soc_source = _soc_from_rest(record, cell, first, direction), "rested voltage"
     else:
-        raise InputError(f"{unrested}; give `initial_soc`")
+        raise unrested.error()
     if source == "assumed" and min(soc, 1 - soc) < NEAR_AN_END:
         direction, source = (1 if soc > 0.5 else -1), "full or empty"
         if soc_source == "rested voltage":
@@ -235,25 +235,19 @@ def _direction_before(
     return -1 if record.current_a[first] >= rest_a else 1, "assumed"
 
 
-def _unrested(record: Record, first: int, rest_a: float) -> str:
-    """Why the voltage at the start does not tell the state of charge; empty where it does."""
-    row = record.row[first]
+def _unrested(record: Record, first: int, rest_a: float) -> Notice | None:
+    """Why the voltage at the start does not tell the state of charge; None where it does."""
+    row = int(record.row[first])
     is_loaded = ~is_rested(record, rest_a)[: first + 1]
     if is_loaded[first]:
-        return (
-            f"{record.name}: the simulation starts at row {row} under "
-            f"{record.current_a[first]:+.3g} A (discharge positive), so the voltage there does "
-            "not give the state of charge"
-        )
+        current_a = record.current_a[first]
+        return notice("start.under-load", record.name, start_row=row, current_a=current_a)
     if np.any(is_loaded):
         rest_s = record.time_s[first] - record.time_s[np.flatnonzero(is_loaded)[-1]]
         if rest_s < MINIMUM_REST_S:
-            return (
-                f"{record.name}: at row {row}, where the simulation starts, the cell has rested "
-                f"for only {rest_s:.0f} s, but its voltage gives the state of charge only after "
-                f"{MINIMUM_REST_S:.0f} s"
-            )
-    return ""
+            rests_s = {"rest_s": rest_s, "needed_s": MINIMUM_REST_S}
+            return notice("start.short-rest", record.name, start_row=row, **rests_s)
+    return None
 
 
 def _soc_from_rest(record: Record, cell: CellModel, first: int, direction: int) -> float:

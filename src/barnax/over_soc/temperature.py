@@ -20,6 +20,7 @@ from ..errors import InputError
 from ..global_optimum.proof import Proof
 from ..model.axes import Axis
 from ..model.prepared import PreparedRecord
+from ..notices import notice
 from ..search.evaluate import Evaluation
 from ..settings import is_temperature
 from .certificate import certify
@@ -255,9 +256,7 @@ def require_temperature(prepared: PreparedRecord) -> float:
     """A record's temperature in degC. Raises `InputError` where it is not known, or no cell's."""
     degc, name = prepared.temperature_degc, prepared.record.name
     if degc is None:
-        raise InputError(
-            f"{name}: no temperature column, and no temperature given; give it with `temperature`"
-        )
+        raise notice("temperature.unknown", name).error()
     if not is_temperature(degc):
         raise InputError(
             f"{name}: no cell is measured at {degc:.4g} degC; give it with `temperature`, or "

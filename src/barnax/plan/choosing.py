@@ -8,7 +8,6 @@ from typing import Any
 from ..checks.roles import VALIDATION_STEPS
 from ..errors import InputError
 from ..inputs import (
-    SAME_SAMPLES,
     Given,
     Watch,
     listed,
@@ -123,7 +122,7 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         content = Content(each.record)
         same = next((known for known in unlike if content.is_like(known)), None)
         if same is not None:
-            draft.take(each, "not used", f"{SAME_SAMPLES} {same.record.name}")
+            draft.take(each, "not used", f"of the same samples as {same.record.name}")
         else:
             unlike.append(content)
     for each in others:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError, listed, printable
+from ..errors import InputError, listed
 from ..notices import Notice, notice
 from .cell_values import CLOCKS, DAY_S, is_clock, numbers
 from .columns import (
@@ -76,16 +76,15 @@ def examine_columns(
     what = other_table(table.header)
     is_mostly = 2 * impedance_rows(table).sum() > len(table.row)
     if what and (is_mostly or not names_record(table.header, given)):
-        remedy = "give the file of samples over time"
-        raise InputError(f"{file}: {what}, not a record of time, current and voltage; {remedy}.")
+        raise notice("columns.no-record", file, table=what).error(".")
     found = columns_of(table.header, given)
     wrong = list(_not_there(table, found, given))
     is_nameless = np.mean([False, *map(_is_number, filter(None, table.header))]) >= 0.5
     is_like = any(q.name in found or likely_names(q, table.header) for q in REQUIRED)
     if not is_like and not is_nameless:
         if wrong:
-            raise wrong[0].about(file).error()
-        raise InputError(_no_record(table, file))
+            raise wrong[0].about(file).error(".")
+        raise _no_record(table).about(file).error(".")
     findings = [*table.notes, *wrong]
     for name in found.keys() & CLOCKS:
         # Numbers that are dates tell their unit by their size.
@@ -229,18 +228,17 @@ def _is_off_by(ratios: np.ndarray, unit: Unit, column: Column) -> bool:
     return bool(np.mean(np.abs(ratios * column.unit.factor / unit.factor - 1) < 0.01) > 0.5)
 
 
-def _no_record(table: Table, file: str) -> str:
-    names = printable(listed(name for name in table.header if name)) or "none"
-    message = f"{file}: no column for time, current, voltage; columns found: {names}. "
+def _no_record(table: Table) -> Notice:
+    names = listed(name for name in table.header if name) or "none"
     if is_ocv_table(table.header):
-        return f"{message}It is a table of OCV over SOC; give it as the OCV test (`ocv`)."
+        return notice("columns.none", columns=names, advice="ocv")
     if any(normal(name).startswith(("dod", "depth of discharge")) for name in table.header):
-        return f"{message}For a table of OCV, write 1 - DoD into a column named 'SOC [-]'."
+        return notice("columns.none", columns=names, advice="dod")
     accepted = "; ".join(
         f"for the {quantity.name} {_examples(quantity)} (units {_symbols(quantity)})"
         for quantity in REQUIRED
     )
-    return f"{message}Accepted names: {accepted}. Rename the columns, or name them with `columns`."
+    return notice("columns.none", columns=names, advice="names", accepted=accepted)
 
 
 def _missing(

@@ -226,7 +226,7 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
     """
     samples = source.cut(samples)
     if short := _too_short(samples):
-        raise short.about(source.name).error()
+        raise short.about(source.name).error(".")
     turn = -1.0 if sign.value == CHARGE else 1.0
     held_ah = samples.held_ah(hold.value)
     counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)

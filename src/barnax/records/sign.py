@@ -52,7 +52,7 @@ def decide_sign(
         return Decision(given, "given", f"given by the user, and {found.reason}"), []
     told = {"given": given, "found": found.value, "reason": found.reason}
     if found.strength == "strong":
-        raise notice("sign.against-data", file, **told).error()
+        raise notice("sign.against-data", file, **told).error(".")
     decision = Decision(given, "given", f"given by the user, although {found.reason}")
     return decision, [notice("sign.against-weak", **told)]
 

@@ -117,16 +117,11 @@ def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path:
     """
     places = [folder / name for folder in folders if (folder / name).is_file()]
     if not places:
-        raise InputError(
-            f"{name}: not found in {', '.join(map(str, folders))}; give its folder with `data`"
-        )
+        raise notice("file.not-found", name, folders=", ".join(map(str, folders))).error()
     for place in places:
         if not sha256 or sha256 == hashlib.sha256(_read_content(place)).hexdigest():
             return place
-    raise InputError(
-        f"{places[0]}: not the file that the result was made from (its SHA-256 differs); give "
-        "the folder of the original with `data`"
-    )
+    raise notice("file.changed", str(places[0])).error()
 
 
 def source_from_frame(
@@ -192,16 +187,12 @@ def _read_content(path: Path) -> bytes:
             # A pipe or a device has no size, and the latter no end.
             content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
     except IsADirectoryError:
-        raise InputError(f"{shown}: this is a folder; give the files in it.") from None
+        raise notice("file.folder", shown).error(".") from None
     except FileNotFoundError:
-        words = "there is no such file; check the name and the folder."
-        raise InputError(f"{shown}: {words}") from None
+        raise notice("file.missing", shown).error(".") from None
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{shown}: cannot be read ({reason}).") from error
+        reason = str(getattr(error, "strerror", None) or error)
+        raise notice("file.unreadable", shown, reason=reason).error(".") from error
     if max(size, len(content)) > LARGEST_FILE:
-        raise InputError(
-            f"{shown}: larger than the limit of {LARGEST_FILE / 1e9:g} GB; give a part "
-            "of the record."
-        )
+        raise notice("file.too-large", shown, limit_gb=LARGEST_FILE / 1e9).error(".")
     return content

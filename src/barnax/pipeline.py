@@ -13,6 +13,7 @@ from operator import ne
 from .bundled import BUNDLED
 from .candidates import CONTRADICTED, WEIGHED, tabulated_circuit
 from .cell import CellModel, get_circuit
+from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
 from .inputs import (
     Inputs,

@@ -28,7 +28,7 @@ from barnax.reporting.soc_tables import constants_table, nodes_table
 from barnax.reporting.verdict import next_step
 from barnax.search.refine import Optimum
 from barnax.table_run import TableRun
-from barnax.uncertainty import Band, Diagnostics, Estimate, Finding, Identifiability
+from barnax.uncertainty import Band, Diagnostics, Estimate, Identifiability, Undetermined
 from barnax.uncertainty import Suggestion as Change
 from barnax.uncertainty.covariance import NoiseParts, Uncertainty
 from helpers.results import NODES, make_fit, make_table_result
@@ -81,7 +81,7 @@ SUM = known("R0 + R1 [Ohm]", 0.0649, 0.0640, 0.0658)
 
 def findings() -> list[str]:
     def said(kind, *estimates, **given) -> str:
-        return finding_sentence(Finding(kind, estimates, 1.0, 19_680.0, **given))
+        return finding_sentence(Undetermined(kind, estimates, 1.0, 19_680.0, **given))
 
     held = replace(TAU2, held="at upper bound", value=19_680.0)
     return [

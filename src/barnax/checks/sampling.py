@@ -34,6 +34,13 @@ _ANSWERS, _FEWEST_STEPS, _STEP_SHARE = 5, 50, 0.05
 # is over within two samples. More than this share of the whole, at so many deviations, is late.
 _LASTING, _LATE_SHARE, _LATE_SURE = 2.0, 0.03, 4.0
 
+# What is told of a current that changes faster than it is sampled, by what its rows are.
+_FAST_LOAD = {
+    "instants": "fast-load.instants",
+    "means": "fast-load.means",
+    "open": "fast-load.open",
+}
+
 Intervals = Float[np.ndarray, "intervals"]
 
 
@@ -216,7 +223,7 @@ def find_fast_load(given: CheckInput) -> Iterator[Notice]:
         return
     rows, hold = rows_are(given.record), given.record.hold
     if rows == "instants" or hold.strength == "assumed":
-        yield notice(f"fast-load.{rows}", interval_s=given.samples.interval_s)
+        yield notice(_FAST_LOAD[rows], interval_s=given.samples.interval_s)
 
 
 def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:

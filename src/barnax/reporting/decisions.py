@@ -396,6 +396,5 @@ def reproduction_section(stored: "Stored") -> Section:
 
 def warnings_section(warnings: Sequence[Notice]) -> list[Section]:
     """A section of warnings, where there are any."""
-    if not warnings:
-        return []
-    return [Section("Warnings", (Bullets(tuple(map(str, warnings)), are_warnings=True),))]
+    told = Bullets(tuple(map(str, warnings)), are_warnings=True)
+    return [Section("Warnings", (told,))] if warnings else []

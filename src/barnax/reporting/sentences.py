@@ -13,7 +13,7 @@ from ..global_optimum.search import FACTOR, optimality_gap
 from ..search.refine import AtBound
 from ..uncertainty.assessment import Band, Diagnostics
 from ..uncertainty.covariance import WIDEST_FACTOR, Estimate, Held, Uncertainty
-from ..uncertainty.identifiability import Finding, Identifiability
+from ..uncertainty.identifiability import Identifiability, Undetermined
 from ..uncertainty.suggestions import Suggestion
 from .words import between, capitalized, counted, figures, joined, percent, symbol, with_unit
 
@@ -132,7 +132,7 @@ def identifiability_sentences(identifiability: Identifiability) -> tuple[str, ..
     return found or ("The data determine every free parameter.",)
 
 
-def finding_sentence(finding: Finding) -> str:
+def finding_sentence(finding: Undetermined) -> str:
     """One thing that the data do not determine, and what they determine instead."""
     first, *others = finding.estimates
     name, value = symbol(first.name), with_unit(first.name, first.value)
@@ -163,7 +163,7 @@ def finding_sentence(finding: Finding) -> str:
             return f"{text}; {combined} is determined." if combined else f"{text}."
 
 
-def _too_fast(finding: Finding, combined: str) -> str:
+def _too_fast(finding: Undetermined, combined: str) -> str:
     tau, *others = finding.estimates
     pair = symbol(tau.name).removeprefix("tau")
     text = f"tau{pair} = {tau.value:.2g} s is too fast for {figures(finding.interval_s)} s sampling"
@@ -175,7 +175,7 @@ def _too_fast(finding: Finding, combined: str) -> str:
     return text
 
 
-def _too_slow(finding: Finding) -> str:
+def _too_slow(finding: Undetermined) -> str:
     tau, resistance = finding.estimates
     capacitance = finding.combined
     text = f"{symbol(tau.name)} is as long as the record ({_seconds(finding.duration_s)}) or longer"
@@ -193,7 +193,7 @@ def _too_slow(finding: Finding) -> str:
     return f"{text}, with {_at_bounds(at_bound)}. {DRIFT}"
 
 
-def _loose(finding: Finding) -> str:
+def _loose(finding: Undetermined) -> str:
     (each,) = finding.estimates
     name = symbol(each.name)
     if each.low is None or each.high is None:

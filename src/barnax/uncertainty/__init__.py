@@ -13,8 +13,8 @@ from .covariance import Covariance as Covariance
 from .covariance import Estimate as Estimate
 from .covariance import Uncertainty as Uncertainty
 from .covariance import compile_linearization as compile_linearization
-from .identifiability import Finding as Finding
 from .identifiability import Identifiability as Identifiability
+from .identifiability import Undetermined as Undetermined
 from .profiles import Profile as Profile
 from .profiles import profile as profile
 from .suggestions import Suggestion as Suggestion

@@ -27,11 +27,11 @@ LEAST_SHARE = 1e-12
 # What changes by less than this in a direction is not part of it.
 PART_OF_DIRECTION = 0.1
 
-FindingKind = Literal["too fast", "too slow", "alike", "at bound", "loose", "direction"]
+UndeterminedKind = Literal["too fast", "too slow", "alike", "at bound", "loose", "direction"]
 
 
 @dataclass(frozen=True)
-class Finding:
+class Undetermined:
     """One thing the data do not determine, and the estimates it is about.
 
     - "too fast": a pair that is over within a sampling interval. Its resistance and R0 show as one,
@@ -47,7 +47,7 @@ class Finding:
     the sampling interval, `duration_s` the record's scored duration.
     """
 
-    kind: FindingKind
+    kind: UndeterminedKind
     estimates: tuple[Estimate, ...]
     interval_s: float
     duration_s: float
@@ -80,7 +80,7 @@ class Identifiability:
     collinearity_index: float
     condition_number: float
     collinear_pairs: tuple[CollinearPair, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[Undetermined, ...]
 
 
 def identifiability(
@@ -88,7 +88,7 @@ def identifiability(
 ) -> Identifiability:
     """What the records of a problem determine of an optimum and what they leave open."""
     linearization = covariance.linearization
-    findings = _Findings(
+    findings = _Search(
         covariance,
         {each.name: each for each in uncertainty.estimates},
         min(prepared.median_interval_s for prepared in problem.prepared_records),
@@ -119,7 +119,7 @@ def _singular(scaled: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Findings:
+class _Search:
     """What findings are looked for in."""
 
     covariance: Covariance
@@ -127,12 +127,12 @@ class _Findings:
     interval_s: float
     duration_s: float
 
-    def all(self, names: Sequence[ElementNames]) -> tuple[Finding, ...]:
+    def all(self, names: Sequence[ElementNames]) -> tuple[Undetermined, ...]:
         """All findings. A parameter that one kind is about is left out by the next ones."""
         told: set[str] = set()
-        found: list[Finding] = []
+        found: list[Undetermined] = []
 
-        def add(more: list[Finding]) -> None:
+        def add(more: list[Undetermined]) -> None:
             found.extend(more)
             told.update(name for each in more for name in each.parameters)
 
@@ -147,15 +147,15 @@ class _Findings:
 
     def finding(
         self,
-        kind: FindingKind,
+        kind: UndeterminedKind,
         names: Sequence[str],
         combined: Estimate | None = None,
         log_steps: tuple[float, ...] = (),
-    ) -> Finding:
+    ) -> Undetermined:
         estimates = tuple(self.estimates[name] for name in names)
-        return Finding(kind, estimates, self.interval_s, self.duration_s, combined, log_steps)
+        return Undetermined(kind, estimates, self.interval_s, self.duration_s, combined, log_steps)
 
-    def too_fast(self, pair: ElementNames) -> list[Finding]:
+    def too_fast(self, pair: ElementNames) -> list[Undetermined]:
         """A pair that is over within a sampling interval: below half of it, as the default box.
 
         Where a current is held from its sample on, such a pair still answers one sample after R0,
@@ -173,13 +173,15 @@ class _Findings:
             return []
         return [self.finding("too fast", (tau.name,), resistance)]
 
-    def too_slow(self, pair: ElementNames) -> list[Finding]:
+    def too_slow(self, pair: ElementNames) -> list[Undetermined]:
         resistance, tau, capacitance = pair
         if not self.estimates[tau].value >= self.duration_s * (1 - 1e-3):
             return []
         return [self.finding("too slow", (tau, resistance), self.estimates[str(capacitance)])]
 
-    def alike(self, faster: ElementNames, slower: ElementNames, told: set[str]) -> list[Finding]:
+    def alike(
+        self, faster: ElementNames, slower: ElementNames, told: set[str]
+    ) -> list[Undetermined]:
         """Neighboring time constants whose ratio may be 1, where the sum is better known."""
         first, second = faster.tau, slower.tau
         if first in told or second in told:
@@ -198,7 +200,7 @@ class _Findings:
             return []
         return [self.finding("alike", (first, second, *resistances), total)]
 
-    def at_bounds(self, told: set[str]) -> list[Finding]:
+    def at_bounds(self, told: set[str]) -> list[Undetermined]:
         held = self.covariance.linearization.held
         return [
             self.finding("at bound", (name,))
@@ -206,7 +208,7 @@ class _Findings:
             if held[name] != "fixed" and name not in told and name in self.estimates
         ]
 
-    def loose(self, told: set[str]) -> list[Finding]:
+    def loose(self, told: set[str]) -> list[Undetermined]:
         return [
             self.finding("loose", (name,))
             for name, each in self.estimates.items()
@@ -216,7 +218,7 @@ class _Findings:
             and not _is_tight(each)
         ]
 
-    def weak_directions(self) -> list[Finding]:
+    def weak_directions(self) -> list[Undetermined]:
         """Changes of several parameters at once that the data do not notice."""
         names = self.covariance.linearization.names
         variances, directions = np.linalg.eigh(self.covariance.matrix)

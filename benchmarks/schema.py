@@ -27,6 +27,9 @@ for notice in checked.findings:
     print(notice)
 ```
 
+What the data do not determine of a circuit is not worded so: it has its `kind` and its estimates in
+`result.constant.assessment.identifiability.findings`.
+
 What is found in many samples may be more severe than usual, and is then stored so. This page is
 written by `python -m benchmarks.schema`.
 """

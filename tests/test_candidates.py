@@ -158,7 +158,7 @@ def test_asking_for_tables_takes_the_simpler_ones_too_unless_others_are_worth_it
 def test_files_and_a_folder_get_the_same_answer(result, tmp_path):
     for path in (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv):
         (tmp_path / path.name).write_bytes(path.read_bytes())
-    found = barnax.identify(tmp_path, seeds=0)
+    found = barnax.identify(tmp_path, validate=tmp_path / BUNDLED.validation.name, seeds=0)
     assert found.tables is not None
     assert found.metrics.identification.rmse_v == pytest.approx(
         result.metrics.identification.rmse_v, rel=1e-6

@@ -80,7 +80,7 @@ def plan(
     >>> from barnax.bundled import BUNDLED
     >>> found = plan([BUNDLED.validation, *BUNDLED.ocv, BUNDLED.record])
     >>> [part.name for part in found.of_role("identification")]
-    ['identification.parquet']
+    ['identification.parquet', 'validation.parquet']
     """
     given, tests, others = (files_of(listed(each)) for each in (sources, ocv, validate))
     settled = {Path(each).resolve() for each in (*tests, *others) if isinstance(each, str | Path)}

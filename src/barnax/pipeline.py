@@ -8,7 +8,6 @@ validated.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from operator import ne
 
 from .bundled import BUNDLED
 from .candidates import CONTRADICTED, WEIGHED, tabulated_circuit
@@ -81,10 +80,11 @@ def _identified(job: Job) -> Result:
     is_over_temperature = job.over == OVER_TEMPERATURE
     optimizer = make_optimizer(job.method, job.population, job.iterations)
     found: list[OwnOcv] = []
+    given = job
 
-    def cell_of(without_test: Sequence[Record]) -> CellModel:
+    def cell_of(without_test: Sequence[Record], asked: Job = given) -> CellModel:
         """The cell of records that have no OCV test."""
-        found.append(_own_ocv(job, without_test))
+        found.append(_own_ocv(asked, without_test))
         return found[-1].cell
 
     inputs = read_inputs(
@@ -99,18 +99,28 @@ def _identified(job: Job) -> Result:
         own = {"over": "soc"} if job.model is None else {}
         job = job.changed(window={**windows_by_name(job.window), **found[0].windows}, **own)
     with telling(inputs.warnings), job.watch("Setting up the problem", 0):
-        windows = windows_of(inputs, job.window, job.capacity)
+        told = windows = windows_of(inputs, job.window, job.capacity)
         if not found and not is_over_temperature:
-            windows = _registered(job, inputs, windows)
+            windows = _registered(job, inputs, told)
         asked = job.table_settings, job.bounds, job.fix, job.advise
         weighing = weigh(inputs, windows, job, *asked, *found)
         held = [each.record for each in weighing.first.prepared_records]
-        if found and any(map(ne, held, inputs.records)):
+        is_other = any(
+            one.hold.value != each.hold.value
+            for one, each in zip(held, inputs.records, strict=True)
+        )
+        if is_other and (found or windows != told):
             # The voltage told another hold of the current than was assumed: all over again.
-            # Its capacity is that of the first fit, which the windows give now.
-            again = replace(cell_of(held), capacity_origin=inputs.cell.capacity_origin)
-            inputs = replace(inputs, records=held, cell=again)
-            weighing = weigh(inputs, windows, job, *asked, found[-1])
+            inputs = replace(inputs, records=held)
+            if found:
+                # Its capacity is that of the first fit.
+                again = cell_of(held, given.changed(capacity=inputs.cell.capacity_ah))
+                again = replace(again, capacity_origin=inputs.cell.capacity_origin)
+                inputs = replace(inputs, cell=again)
+                windows = {**windows, **found[-1].windows}
+            else:
+                windows = _registered(job, inputs, told)
+            weighing = weigh(inputs, windows, job, *asked, *found[-1:])
         if is_over_temperature:
             require_temperatures(group_by_temperature(weighing.first.prepared_records))
             for each in weighing.validation(weighing.first):

@@ -1,11 +1,14 @@
 """Starts and capacities that records of one cell tell of each other, against a known truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import barnax
 from barnax.model.window import Window
-from helpers.known_cell import made
+from helpers.known_cell import R0_OHM, made
+from helpers.reference import make_record
 
 TRUE_SOC, TRUE_AH = np.array([1.0, 0.994, 0.988]), np.array([2.0, 2.01, 1.99])
 SMALL = {"model": "so-rc", "over": "soc", "seeds": 0, "trust": "none", "advise": False}
@@ -72,3 +75,26 @@ def test_a_record_to_validate_on_is_told_with_its_start_moved_too(registered):
     assert rmse_v < 0.5 * found.metrics.rmse_v
     stays = registered.validate(record, Window(initial_soc=0.99 + moved_soc, capacity_ah=2.0))
     assert abs(stays.registered[0]) < 1e-3
+
+
+def logged_at_end(record):
+    """The same on an uneven clock, with the mean current since the row before, as none says."""
+    current_a = np.append(0.0, record.current_a[:-1])
+    voltage_v = record.voltage_v + R0_OHM * (record.current_a - current_a)
+    is_steady = np.append(current_a[:-1] == current_a[1:], False)
+    keep = ~is_steady | (np.random.default_rng(1).random(len(is_steady)) > 0.4)
+    keep[:5] = True
+    own = make_record(record.time_s[keep], current_a[keep], voltage_v[keep], name=record.name)
+    return replace(own, hold=replace(own.hold, strength="assumed"))
+
+
+def test_what_another_hold_tells_is_registered_with_it(records):
+    """The fit that is stored is that of the windows that are stored."""
+    found = identified([logged_at_end(each) for each in records])
+    inputs = found.of_role("identification")
+    assert [each.hold.value for each in inputs] == ["backward"] * 3
+    for each, own in zip(found.tables.fit.errors, found.metrics.jointly, strict=True):
+        assert own.rmse_v == pytest.approx(each.rmse_v, rel=1e-2)
+    soc = np.array([each.window.initial_soc for each in inputs])
+    np.testing.assert_allclose(soc - soc.mean(), TRUE_SOC - TRUE_SOC.mean(), atol=1e-3)
+    assert {each.window.registration.told_source for each in inputs} == {"given"}

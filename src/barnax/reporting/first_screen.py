@@ -190,7 +190,7 @@ def _numbered(role: str, count: int) -> list[str]:
 def _parameters_table(result: "Result") -> Whole:
     """Resistances at the left, the time constants of their pairs at the right."""
     if result.tables is not None:
-        heads, rows = middle_of_tables(result.tables)
+        heads, rows = middle_of_tables(result.tables, len(result.of_role("identification")))
         if result.tables.over_temperature is not None:
             return bare_table(heads, rows)
         return bare_table(heads, rows, [place in (1, 5) for place in range(len(heads))])

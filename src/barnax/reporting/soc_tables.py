@@ -251,16 +251,23 @@ def _temperature_table(part: "TablesPart", over: "OverTemperature") -> Table:
     )
 
 
-def middle_of_tables(part: "TablesPart") -> tuple[list[str], list[tuple[str, ...]]]:
+def middle_of_tables(
+    part: "TablesPart", records: int
+) -> tuple[list[str], list[tuple[str, ...]]]:
     """Heads and rows: each table at 50 % SOC with its interval and its range, or the resistances
-    and errors of each temperature; then what is the same at every SOC."""
+    and errors of each temperature; then what is the same at every SOC.
+
+    The head of the intervals says what they are of: the `records` identified on, or of three and
+    more what another one would show.
+    """
     if part.over_temperature is not None:
         return _middle_by_temperature(part, part.over_temperature)
     fit, nodes = part.fit, part.fit.tables.nodes
     visited = _visited(fit)
     middle = min(visited, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
     are_several = any(each.record_low is not None for each in fit.intervals)
-    kind = "another record" if are_several else "95 % interval"
+    # Of a record that was not identified on, the interval may be wide of the truth.
+    kind = "another record" if are_several else "this record" if records == 1 else "these records"
     heads = ["", f"at {100 * nodes[middle]:g} % SOC", kind, "over SOC", "", "", ""]
     known = {
         (each.name, each.soc): _of_another(each)

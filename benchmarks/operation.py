@@ -1,0 +1,231 @@
+"""Whether intervals from operation hold: `python -m benchmarks.operation [FIRST COUNT]`.
+
+Cells of known truth, NMC and LFP-like, with and without a moving hysteresis, each with three logs
+of different loads and no OCV test. Every log is said to start full on the nominal capacity, and
+does not quite. The voltage is made with SciPy's `lfilter`. Writes benchmarks/results/operation.md;
+with FIRST and COUNT it only prints what some cells give.
+"""
+
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import lfilter
+
+import barnax
+from barnax.over_soc import NodeInterval
+from benchmarks.pages import as_markdown, provenance, save_page
+
+RESULTS = Path(__file__).parent / "results" / "operation.md"
+CELLS, LOGS, SAMPLES, NOMINAL_AH = 100, 3, 9000, 2.0
+KINDS = [(name, moves) for name in ("NMC", "LFP") for moves in (False, True)]
+START_SD, CAPACITY_SD, NOISE_V = 0.003, 0.003, 3e-4
+# Nodes so far inside are judged, and R0 so far off is wrong.
+INSIDE, WRONG = (0.1, 0.9), 0.1
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell, and how its logs begin."""
+
+    kind: str
+    moves: bool
+    seed: int
+
+    @property
+    def drawn(self) -> np.random.Generator:
+        return np.random.default_rng([self.seed, 28])
+
+    def ocv_v(self, soc):
+        """The mean of both branches in V."""
+        if self.kind == "LFP":
+            ends = 0.25 * np.tanh((soc - 0.01) / 0.04) + 0.08 * np.exp((soc - 1) / 0.015)
+            return 3.02 + ends + 0.04 * np.tanh((soc - 0.68) / 0.05) + 0.03 * soc
+        return 3.25 + 0.75 * soc + 0.18 * np.tanh((soc - 0.04) / 0.05) + 0.06 * soc**5
+
+    @property
+    def half_gap_v(self) -> float:
+        return {"LFP": 0.012, "NMC": 0.006}[self.kind] * self.moves
+
+    def r_ohm(self, soc):
+        """R0, R1 and R2 over SOC."""
+        low = np.exp(-np.maximum(soc, 0.0) / 0.12)
+        r0, r1, r2 = self.drawn.uniform((0.02, 0.008, 0.01), (0.06, 0.02, 0.03))
+        return r0 * (1 + 0.6 * low), r1 * (1 + 1.5 * low), r2 * (1 + 1.0 * low)
+
+    @property
+    def tau_s(self) -> tuple[float, float]:
+        draw = self.drawn
+        draw.uniform(size=3)
+        return float(draw.uniform(8, 25)), float(draw.uniform(100, 250))
+
+    @property
+    def starts(self):
+        """The SOC at the start of every log, and the capacity in Ah that its current counts."""
+        draw = self.drawn
+        draw.uniform(size=5)
+        soc = np.minimum(1 - START_SD + START_SD * draw.standard_normal(LOGS), 1.0)
+        return soc, NOMINAL_AH * (1 + CAPACITY_SD * draw.standard_normal(LOGS))
+
+    def logs(self) -> Iterator[barnax.Record]:
+        for number, (soc, capacity_ah) in enumerate(zip(*self.starts, strict=True)):
+            yield self._log(number, soc, capacity_ah)
+
+    def _log(self, number: int, start_soc: float, capacity_ah: float) -> barnax.Record:
+        draw = np.random.default_rng([self.seed, number])
+        # Steps of other lengths and heights in each log, from full to nearly empty.
+        lengths = draw.integers(2, (12, 40, 120)[number], SAMPLES)
+        heights = draw.gamma(0.8, 1.0, SAMPLES) * draw.choice([1, 1, 1, -0.6, 0], SAMPLES)
+        current_a = np.repeat(heights, lengths)[:SAMPLES]
+        current_a *= 0.93 * 3600 * NOMINAL_AH / current_a.sum()
+        current_a[:60] = 0.0
+        soc = start_soc - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / capacity_ah
+        r0, *r = self.r_ohm(soc)
+        voltage_v = self.ocv_v(soc) - r0 * current_a
+        for each, tau_s in zip(r, self.tau_s, strict=True):
+            share = np.exp(-1 / tau_s)
+            drive = np.append(0.0, (each * current_a)[:-1])
+            voltage_v -= lfilter([1 - share], [1, -share], drive)
+        state = 1.0
+        if self.moves:
+            states = np.empty(SAMPLES)
+            for at, passed in enumerate(np.diff(soc, prepend=soc[0])):
+                kept = np.exp(-30 * abs(passed))
+                state = kept * state + (1 - kept) * np.sign(passed)
+                states[at] = state
+            voltage_v += self.half_gap_v * states
+        voltage_v += NOISE_V * draw.standard_normal(SAMPLES)
+        table = {
+            "Time [s]": np.arange(SAMPLES, dtype=float),
+            "Current [A]": -current_a,
+            "Voltage [V]": voltage_v,
+        }
+        return barnax.record_from_frame(
+            table, name=f"log{number + 1}", current_sign="charge-positive", current_hold="forward"
+        )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one cell: how many intervals hold and how many there are, by name, and what was said."""
+
+    cell: Cell
+    held: dict[str, tuple[int, int]]
+    r0_off: float
+    ocv_off_v: float
+    seconds: float
+    codes: frozenset[str]
+
+    @property
+    def is_wrong(self) -> bool:
+        return abs(self.r0_off) > WRONG
+
+
+def identified(cell: Cell) -> Outcome:
+    """One cell from its logs, and the truth on the axis that was found."""
+    began = time.perf_counter()
+    window = barnax.Window(initial_soc=1.0, capacity_ah=NOMINAL_AH)
+    result = barnax.identify([*cell.logs()], window=window, seeds=0, trust="none", advise=False)
+    seconds = time.perf_counter() - began
+    windows = [each.window for each in result.of_role("identification")]
+    soc, capacity_ah = cell.starts
+    # The axis is the one on which what was told is right on the average.
+    scale = capacity_ah.mean() / NOMINAL_AH
+
+    def true_soc(found):
+        return soc.mean() - (1 - np.asarray(found)) / scale
+
+    held: dict[str, tuple[int, int]] = {}
+
+    def count(name: str, low: float, high: float, truth: float) -> None:
+        good, of = held.get(name, (0, 0))
+        held[name] = good + (low <= truth <= high), of + 1
+
+    for window, own_soc, own_ah in zip(windows, soc, capacity_ah, strict=True):
+        known = window.registration
+        count("start", known.soc_low, known.soc_high, own_soc - soc.mean() + 1)
+        count("capacity", known.capacity_low_ah, known.capacity_high_ah, own_ah / scale)
+    assert result.tables is not None, "an OCV of the records' own is a table"
+    r0_off, ocv_off_v = [], []
+    for each in result.tables.fit.intervals:
+        if each.soc is None or not INSIDE[0] <= each.soc <= INSIDE[1] or each.low is None:
+            continue
+        truth = _truth(cell, each, float(true_soc(each.soc)))
+        if truth is None:
+            continue
+        count(each.name, each.low, each.high, truth)
+        if each.record_low is not None:
+            count(f"{each.name}, another record", each.record_low, each.record_high, truth)
+        if each.name.startswith("R0"):
+            r0_off.append(each.value / truth - 1)
+        if each.name.startswith("OCV"):
+            ocv_off_v.append(abs(each.value - truth))
+    codes = frozenset(each.code for each in result.warnings)
+    return Outcome(
+        cell, held, float(np.median(r0_off)), float(np.median(ocv_off_v or [0.0])), seconds, codes
+    )
+
+
+def _truth(cell: Cell, each: NodeInterval, soc: float) -> float | None:
+    """The true value at a node; None of a pair, which another pair can stand for, and of an OCV
+    that has two branches."""
+    if each.name.startswith("R0"):
+        return float(cell.r_ohm(soc)[0])
+    if each.name.startswith("OCV") and not cell.moves:
+        return float(cell.ocv_v(soc))
+    return None
+
+
+def report(outcomes: list[Outcome], command: str) -> str:
+    """The page."""
+    rows = []
+    for kind, moves in KINDS:
+        own = [each for each in outcomes if (each.cell.kind, each.cell.moves) == (kind, moves)]
+        if not own:
+            continue
+        row = {"cell": f"{kind}, {'moving hysteresis' if moves else 'no hysteresis'}"}
+        for name in ("start", "capacity", "R0 [Ohm]", "R0 [Ohm], another record", "OCV [V]"):
+            good, of = np.sum([each.held.get(name, (0, 0)) for each in own], axis=0)
+            row[name] = f"{100 * good / of:.1f} % of {of}" if of else ""
+        off = np.quantile(np.abs([each.r0_off for each in own]), 0.95)
+        row["R0 off in 95 % of cells"] = f"at most {100 * off:.1f} %"
+        off_mv = 1e3 * np.median([each.ocv_off_v for each in own])
+        row["median OCV off"] = "" if moves else f"{off_mv:.2f} mV"
+        row["R0 wrong"] = str(sum(each.is_wrong for each in own))
+        rows.append(row)
+    seconds = np.median([each.seconds for each in outcomes])
+    return (
+        "# Intervals from operation, without an OCV test\n\n"
+        f"{len(outcomes)} cells of known truth, three logs of 2.5 h each. Every log is said to "
+        f"start full on {NOMINAL_AH:g} Ah; starts differ by {100 * START_SD:g} %, counters by "
+        f"{100 * CAPACITY_SD:g} %. Shares of 95 % intervals that hold the truth, of nodes from 10 "
+        "to 90 % SOC. R0 is wrong where its median over SOC is off by more than 10 %. The OCV of a "
+        "cell with a moving hysteresis is one of two branches and not judged.\n\n"
+        f"{_table(rows)}\n\nMedian time a cell: {seconds:.1f} s.\n\n"
+        f"{as_markdown(provenance(command, 0))}\n"
+    )
+
+
+def _table(rows: list[dict[str, str]]) -> str:
+    lines = [[*rows[0]], ["---"] * len(rows[0]), *([*each.values()] for each in rows)]
+    return "\n".join(f"| {' | '.join(each)} |" for each in lines)
+
+
+def main(words: list[str]) -> None:
+    """Run the cells and print the page; write it where all were run."""
+    first, count = map(int, words) if words else (0, CELLS)
+    outcomes = []
+    for seed in range(first, first + count):
+        outcomes.append(identified(Cell(*KINDS[seed % len(KINDS)], seed)))
+        print(outcomes[-1] if words else f"{seed + 1} of {CELLS}", file=sys.stderr)
+    page = report(outcomes, " ".join(["python -m benchmarks.operation", *words]))
+    print(page)
+    if not words:
+        save_page(RESULTS, page)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

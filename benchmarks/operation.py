@@ -80,6 +80,8 @@ class Cell:
         lengths = draw.integers(2, (12, 40, 120)[number], SAMPLES)
         heights = draw.gamma(0.8, 1.0, SAMPLES) * draw.choice([1, 1, 1, -0.6, 0], SAMPLES)
         current_a = np.repeat(heights, lengths)[:SAMPLES]
+        # Nothing charges a cell that is full.
+        current_a[: SAMPLES // 5] = np.abs(current_a[: SAMPLES // 5])
         current_a *= 0.93 * 3600 * NOMINAL_AH / current_a.sum()
         current_a[:60] = 0.0
         soc = start_soc - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / capacity_ah

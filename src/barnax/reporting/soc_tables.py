@@ -251,9 +251,7 @@ def _temperature_table(part: "TablesPart", over: "OverTemperature") -> Table:
     )
 
 
-def middle_of_tables(
-    part: "TablesPart", records: int
-) -> tuple[list[str], list[tuple[str, ...]]]:
+def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[tuple[str, ...]]]:
     """Heads and rows: each table at 50 % SOC with its interval and its range, or the resistances
     and errors of each temperature; then what is the same at every SOC.
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 from .bundled import BUNDLED
 from .candidates import CONTRADICTED, WEIGHED, tabulated_circuit
 from .cell import CellModel, get_circuit
+from .checks.against_cell import compare_resistances
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
 from .inputs import (
@@ -230,6 +231,9 @@ def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
         if each.metrics.r2 < 0:
             name = each.prepared.record.name
             told.append(notice("answer.worse-than-constant", name, r2=each.metrics.r2))
+    told += compare_resistances(
+        [(each.prepared.record, each.prepared.temperature_degc) for each in run.identification]
+    )
     for each in run.validation:
         told += [*each.prepared.record.warnings, *each.prepared.warnings]
     if run.tables is None:

@@ -6,7 +6,11 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize
-from barnax.checks.against_cell import compare_temperatures, compare_with_cell
+from barnax.checks.against_cell import (
+    compare_resistances,
+    compare_temperatures,
+    compare_with_cell,
+)
 from barnax.records import read_record
 
 
@@ -77,3 +81,26 @@ def test_temperatures_far_from_every_ocv_test_are_told():
     assert (cold.subject, cold.values["other_degc"]) == ("cold.csv", 0.4)
     assert str(warm).startswith("warm.csv: was measured at 25 degC, the OCV test ocv-45.csv at 45")
     assert compare_temperatures(records, tests[2:]) == []
+
+
+def test_a_record_of_another_resistance_among_some_is_named(bundled_record, validation_record):
+    more_v = validation_record.voltage_v - 0.06 * validation_record.current_a
+    other = replace(validation_record, name="other.csv", voltage_v=more_v)
+    two = [(bundled_record, 25.0), (validation_record, None)]
+    assert compare_resistances(two) == []
+    (told,) = compare_resistances([(other, 25.0), *two])
+    assert (told.code, told.subject) == ("answer.other-resistance", "other.csv")
+    apart_ohm = float(told.values["own_ohm"]) - float(told.values["other_ohm"])
+    assert apart_ohm == pytest.approx(0.06, rel=0.05)
+    # Of two none is the usual one.
+    assert len(compare_resistances([(other, 25.0), two[0]])) == 1
+    # At another temperature it may have it.
+    assert compare_resistances([(other, 0.0), (bundled_record, 25.0)]) == []
+
+
+@pytest.mark.parametrize("degc", ["25degC", "_0degC"])
+def test_measured_records_of_one_cell_have_resistances_alike(real_data, degc):
+    for folder, names in (("lg-hg2-18650", "[hlmu]*"), ("calce-inr18650-20r", "[du]*")):
+        paths = [each for each in (real_data / folder).glob(names) if degc in each.name]
+        assert len(paths) >= 2
+        assert compare_resistances([(read_record(each), None) for each in paths]) == []

@@ -31,6 +31,8 @@ _SAMPLES, _SMALL_HOURS = 400, 5.0
 _STARTS = 61
 # Parameters of a cell change noticeably over so many degrees.
 _DEGREES = 5.0
+# Records of one cell that are logged as fast, within such a factor, have resistances so much alike.
+_AS_FAST, _ALIKE = 2.0, 1.5
 
 
 def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[float], float]:
@@ -117,4 +119,30 @@ def compare_temperatures(
                 other, own_degc = apart[min(apart)]
                 told = {"temperature_degc": degc, "other": other, "other_degc": own_degc}
                 found.append(notice(code, name, **told))
+    return found
+
+
+def compare_resistances(records: Sequence[tuple[Record, float | None]]) -> list[Notice]:
+    """A notice of each record whose current steps show another resistance than those of most do,
+    at about the same temperature and logged about as fast. Of two, the first one says it."""
+    known = [
+        (ohm, record, degc) for record, degc in records if (ohm := record_resistance_ohm(record))
+    ]
+    found: list[Notice] = []
+    for own_ohm, record, degc in known:
+        fast_s = float(np.median(record.interval_s))
+        alike = [
+            (ohm, each.name)
+            for ohm, each, other in known
+            if (degc is None or other is None or abs(other - degc) <= _DEGREES)
+            and 1 / _AS_FAST <= float(np.median(each.interval_s)) / fast_s <= _AS_FAST
+        ]
+        if len(alike) == 2:
+            alike = [each for each in alike if each[1] != record.name]
+            if any(each.values["other"] == record.name for each in found):
+                continue
+        usual_ohm, other = sorted(alike)[(len(alike) - 1) // 2]
+        if not 1 / _ALIKE <= own_ohm / usual_ohm <= _ALIKE:
+            told = {"own_ohm": own_ohm, "other": other, "other_ohm": usual_ohm}
+            found.append(notice("answer.other-resistance", record.name, **told))
     return found

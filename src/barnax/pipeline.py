@@ -140,7 +140,7 @@ def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict
     if len(inputs.records) < 2 or chosen.keep_starts or not chosen.ocv_correction:
         return dict(windows)
     try:
-        tables = _bounded(job)
+        tables = _bounded(job, but="[F]")
         told = [
             prepare_record(each, inputs.cell, circuit, windows[each.name])
             for each in inputs.records
@@ -151,12 +151,15 @@ def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict
         return dict(windows)
 
 
-def _bounded(job: Job) -> TableSettings:
-    """How tables are fitted, with the bounds and fixed values of the circuit."""
-    _, ranges = ranges_of(job.bounds)
-    tables = job.table_settings
-    bounds = {**(ranges or {}), **tables.bounds}
-    return replace(tables, bounds=bounds, fixed={**(job.fix or {}), **tables.fixed})
+def _bounded(job: Job, but: str | None = None) -> TableSettings:
+    """How tables are fitted, with the bounds and fixed values of the circuit, but those in a unit
+    that tables do not have."""
+    ranges, tables = ranges_of(job.bounds)[1], job.table_settings
+    bounds, fixed = (
+        {name: each for name, each in (given or {}).items() if but is None or but not in name}
+        for given in (ranges, job.fix)
+    )
+    return replace(tables, bounds={**bounds, **tables.bounds}, fixed={**fixed, **tables.fixed})
 
 
 def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:

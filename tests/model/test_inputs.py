@@ -13,6 +13,7 @@ from barnax.model.prepared import both_directions, prepare_record, soc_along
 from barnax.model.problem import make_problem
 from barnax.model.window import Window, first_sample, scored_samples
 from barnax.search.evaluate import evaluate
+from barnax.settings import Registration
 from helpers.problems import R0_OHM, R_OHM, TAU_S, simulated_record
 from helpers.reference import make_record
 
@@ -219,6 +220,15 @@ def test_a_given_state_of_charge_that_the_rested_voltage_denies_is_doubted(
     warnings = rested_at(bundled_cell, rested_v, initial_soc=given_soc).warnings
     socs = [(each.code, each.values["rested_soc"], each.values["given_soc"]) for each in warnings]
     assert socs == [("start.other-soc", pytest.approx(0.999, abs=5e-4), 0.95)] * is_doubted
+
+
+@pytest.mark.parametrize("told_soc", [None, 0.95])
+def test_a_start_that_other_records_moved_is_doubted_as_it_was_told(bundled_cell, told_soc):
+    rested_v, told = ocv_v(bundled_cell.charge, 0.999), Window(initial_soc=told_soc)
+    known = Registration(told, told_soc or 0.999, 2.0, "rested voltage", 0.93, 0.97, 1.9, 2.1)
+    moved = {"initial_soc": 0.951, "soc_source": "registered", "registration": known}
+    warnings = rested_at(bundled_cell, rested_v, **moved).warnings
+    assert [each.values["given_soc"] for each in warnings] == [0.95] * (told_soc is not None)
 
 
 def test_a_start_under_load_denies_nothing(bundled_cell):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import barnax
+from barnax.bundled import BUNDLED
 from barnax.model.window import Window
 from helpers.known_cell import R0_OHM, made
 from helpers.reference import make_record
@@ -98,3 +99,10 @@ def test_what_another_hold_tells_is_registered_with_it(records):
     soc = np.array([each.window.initial_soc for each in inputs])
     np.testing.assert_allclose(soc - soc.mean(), TRUE_SOC - TRUE_SOC.mean(), atol=1e-3)
     assert {each.window.registration.told_source for each in inputs} == {"given"}
+
+
+def test_bounds_of_what_tables_do_not_have_leave_records_registered():
+    given = {"fix": {"C1 [F]": 1e3}, "ocv": BUNDLED.ocv, "seeds": 0, "trust": "none"}
+    found = barnax.identify([BUNDLED.record, BUNDLED.validation], model="so-rc", **given)
+    for each in found.of_role("identification"):
+        assert each.window.registration is not None

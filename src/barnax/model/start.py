@@ -279,8 +279,10 @@ def _doubts(record: Record, cell: CellModel, window: Window, start: Start) -> li
     if beyond_v > BEYOND_OCV_V:
         ends = {"beyond_v": beyond_v, "low_v": low_v, "high_v": high_v}
         return [notice("start.beyond-ocv", record.name, **place, **ends)]
-    if window.initial_soc is None or not _denies(cell, start.voltage_v, start.soc):
+    # What other records of the cell made of it is no doubt of what was given.
+    given_soc = window.as_told.initial_soc
+    if given_soc is None or not _denies(cell, start.voltage_v, given_soc):
         return []
     soc = cell.soc_from_rest_voltage(start.voltage_v, start.direction)
-    socs = {"rested_soc": soc, "given_soc": start.soc}
+    socs = {"rested_soc": soc, "given_soc": given_soc}
     return [notice("start.other-soc", record.name, **place, **socs)]

@@ -142,7 +142,7 @@ def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict
     try:
         tables = _bounded(job, but="[F]")
         told = [
-            prepare_record(each, inputs.cell, circuit, windows[each.name])
+            prepare_record(each, inputs.cell, circuit, windows[each.name].as_told)
             for each in inputs.records
         ]
         return {**windows, **{each.record.name: each.window for each in register(told, tables)}}

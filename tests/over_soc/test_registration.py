@@ -106,3 +106,9 @@ def test_bounds_of_what_tables_do_not_have_leave_records_registered():
     found = barnax.identify([BUNDLED.record, BUNDLED.validation], model="so-rc", **given)
     for each in found.of_role("identification"):
         assert each.window.registration is not None
+    windows = {each.name: each.window for each in found.of_role("identification")}
+    again = barnax.identify(
+        [BUNDLED.record, BUNDLED.validation], model="so-rc", window=windows, **given
+    )
+    # What was registered is no more told than before.
+    assert {each.name: each.window for each in again.of_role("identification")} == windows

@@ -214,8 +214,9 @@ def with_spread(
     """The intervals of nodes with those of what another record of the cell would show.
 
     They follow from the spread of the records' own tables, at the time constants of all: the mean
-    and t s sqrt(1 + 1 / n) of at least three records that visit a node. A record's own interval is
-    far narrower than what another load of the same cell shows.
+    and t s sqrt(1 + 1 / n) of at least three records that visit a node, and at least as far as the
+    joint interval. A record's own interval is far narrower than what another load of the same cell
+    shows.
     """
     records, parts = objective.prepared_records, objective.parts
     if len(records) < FEWEST_RECORDS or len(parts) != 2 * len(records):
@@ -244,6 +245,10 @@ def with_spread(
         reach = stdtrit(len(own) - 1, (1 + CONFIDENCE) / 2) * np.std(own, ddof=1)
         reach = float(reach * np.sqrt(1 + 1 / len(own)))
         middle, least = float(np.mean(own)), 0.0 if each.name.startswith("R") else -np.inf
-        return replace(each, record_low=max(middle - reach, least), record_high=middle + reach)
+        low, high = max(middle - reach, least), middle + reach
+        if each.low is not None and each.high is not None:
+            # What all records leave open, another one can show too.
+            low, high = min(low, each.low), max(high, each.high)
+        return replace(each, record_low=low, record_high=high)
 
     return tuple(map(spread, intervals))

@@ -185,8 +185,9 @@ def moved_start_sentence(found: "MetricsPart") -> str:
     moved, least_v = found.start_moved_soc, found.registered_v
     if not moved or least_v is None:
         return ""
+    where = "as far as is tried" if abs(moved) >= MAX_MOVED_SOC else "where it fits best"
     return (
-        f"with the start of {found.record} moved by {100 * moved:+.2f} % SOC, where it fits best, "
+        f"with the start of {found.record} moved by {100 * moved:+.2f} % SOC, {where}, "
         f"{millivolt(least_v)} in place of {millivolt(found.rmse_v)}"
     )
 

@@ -244,6 +244,10 @@ def is_temperature(degc: float) -> bool:
     return -100 < degc < 200
 
 
+# The start of a record to validate on is moved by at most so much, to see what that gains.
+MAX_MOVED_SOC = 0.03
+
+
 @dataclass(frozen=True)
 class Registration:
     """Where other records of the cell put a record's start and capacity, with 95 % intervals, and

@@ -18,13 +18,10 @@ from barnax.plots.pictures import record_roles
 from barnax.records import Decision
 from barnax.reporting.decisions import (
     box_sentences,
-    carried_sentences,
     decision_sentences,
     files_table,
     guess_sentences,
-    known_words,
     ocv_sentences,
-    start_sentence,
     window_sentences,
 )
 from barnax.reporting.document import Picture
@@ -32,6 +29,7 @@ from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document, validation_sentences
 from barnax.reporting.illustrations import identification_illustrations
 from barnax.reporting.render import to_html, to_markdown
+from barnax.reporting.starts import carried_sentences, known_words, start_sentence
 from barnax.reporting.verdict import (
     best_possible,
     next_step,

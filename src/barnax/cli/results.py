@@ -151,9 +151,9 @@ def validate(on: OnRecord, output: Errors) -> None:
     session = Session(is_quiet=output.quiet or output.as_json)
     with session.watch("Loading JAX"):
         use_compilation_cache()
-        from ..reporting.decisions import moved_start_sentence
         from ..reporting.identification import metrics_table
         from ..reporting.soc_tables import prediction_sentence
+        from ..reporting.starts import moved_start_sentence
         from ..reporting.terminal import terminal_table
         from ..storing import metrics_part
 

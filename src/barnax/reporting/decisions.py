@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 from ..cell import CellModel, PolynomialCurve
 from ..notices import Notice
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
-from .words import NOTHING, joined, millivolt, percent, significant, with_unit
+from .starts import CAME_FROM, own_ocv_sentences, start_sentence
+from .words import NOTHING, joined, millivolt, significant, with_unit
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..model.start import Start
     from ..model.window import Window
     from ..records import Decision
-    from ..result_parts import InputPart, MetricsPart, PlannedFile
+    from ..result_parts import InputPart, PlannedFile
     from ..results import Result
 
     Stored = Result | ComparisonResult
@@ -30,15 +30,9 @@ FIRMNESS = {
 }
 FLOWS = {"forward": "until the next sample", "backward": "since the previous sample"}
 FLOWS["centered"] = "for half of the intervals on either side of it"
-CAME_FROM = {1: "charged", -1: "discharged"}
-ENDS = {1: "full", -1: "empty"}
 HASH_LETTERS = 16
 # What passes this close to its points passes through them.
 THROUGH_V = 1e-6
-# Sources of a start's SOC that are told in another line, or need no telling.
-TOLD = ("given", "rested voltage", "own full charge", "own span", "registered")
-# More records are counted, not named.
-MAX_NAMES = 2
 # A change of R0 by less than this share is none.
 SAME_OHM = 1e-3
 
@@ -128,70 +122,6 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
             )
 
 
-def own_ocv_sentences(stored: "Result") -> Iterator[str]:
-    """What the axis of SOC is where there is no OCV test."""
-    cell = stored.cell_model
-    if not cell.is_of_records:
-        return
-    parts = stored.of_role("identification")
-    starts = {
-        "own full charge": "full after the full charge in it",
-        "own span": "full where it is fullest",
-        "given": "its start as given",
-    }
-    # The others start by their rest on the OCV of this one.
-    name, start = next(
-        (each.name, starts[source])
-        for each in parts
-        if each.start is not None and (source := told_source(each)) in starts
-    )
-    whose = f"{name} " if len(parts) > 1 else ""
-    names = [each.name for each in parts]
-    whole = joined(names) if len(names) <= MAX_NAMES else f"these {len(names)} records"
-    yield (
-        f"no OCV test: the OCV is that of {whole}, whose SOC is "
-        f"counted over {cell.capacity_ah:.4g} Ah ({cell.capacity_origin}), {whose}{start}; "
-        "`capacity` and `initial_soc` set this axis."
-    )
-
-
-def told_source(part: "InputPart") -> str:
-    """Where a record's start was known from before it was registered."""
-    registration = part.window and part.window.registration
-    return registration.told_source if registration else part.start.soc_source if part.start else ""
-
-
-def registered_sentences(stored: "Result") -> Iterator[str]:
-    """What several records of a cell made of each other's start and capacity."""
-    known = [
-        (each.start.soc - own.told_soc, each.window.capacity_ah / own.told_capacity_ah - 1)
-        for each in stored.of_role("identification")
-        if each.start and each.window and (own := each.window.registration)
-        and each.window.capacity_ah
-    ]  # fmt: skip
-    if not known:
-        return
-    soc, capacity = (
-        f"{100 * min(own):+.2f} to {100 * max(own):+.2f} %" for own in zip(*known, strict=True)
-    )
-    yield (
-        f"the records moved each other's start by {soc} SOC and capacity by {capacity}; "
-        "`keep_starts` leaves them as told."
-    )
-
-
-def moved_start_sentence(found: "MetricsPart") -> str:
-    """What moving the start of a record to validate on gains; empty where it moves nowhere."""
-    moved, least_v = found.start_moved_soc, found.registered_v
-    if not moved or least_v is None:
-        return ""
-    where = "as far as is tried" if abs(moved) >= MAX_MOVED_SOC else "where it fits best"
-    return (
-        f"with the start of {found.record} moved by {100 * moved:+.2f} % SOC, {where}, "
-        f"{millivolt(least_v)} in place of {millivolt(found.rmse_v)}"
-    )
-
-
 def _other_r0(stored: "Result") -> tuple[float, float] | None:
     """The answer's R0, of tables the median one, and by how much the other hold changes it."""
     if stored.tables is not None:
@@ -209,57 +139,6 @@ def _would_be(own_ohm: float, change_ohm: float) -> str:
         return "R0 would be the same"
     more = "more" if change_ohm > 0 else "less"
     return f"R0 would be {with_unit('R0 [Ohm]', abs(change_ohm))} {more}"
-
-
-def start_sentence(part: "InputPart", is_planned: bool = False) -> str:
-    """Where one record starts, and how that is known; `is_planned` is an SOC that the plan set."""
-    name, start = part.name, part.start
-    assert start is not None, "asked of simulated records"
-    given = "as the folder's plan says" if is_planned else "given"
-    known = {"given": given, **known_words(start)}[told_source(part)]
-    if part.window and (own := part.window.registration):
-        known = (
-            f"95 %: {own.soc_low:.3f} to {own.soc_high:.3f}, by all records together; alone "
-            f"{own.told_soc:.3f}, {known}. Its capacity is {part.window.capacity_ah:.4g} Ah, "
-            f"{own.capacity_low_ah:.4g} to {own.capacity_high_ah:.4g}; alone "
-            f"{own.told_capacity_ah:.4g}"
-        )
-    last = f"last {CAME_FROM[start.direction]}"
-    direction = {
-        "given": f"with the cell {last}, as given",
-        "load before": f"with the cell {last}, as the load before it shows",
-        "full or empty": f"where the cell is {ENDS[start.direction]}, so it was {last}",
-        "better fit": f"with the cell {last}, which fits better",
-        "without effect": f"with the cell {last}, which is assumed and makes no difference",
-        "assumed": f"with the cell {last}, which is assumed",
-    }[start.direction_source]
-    return (
-        f"The simulation of {name} starts at a state of charge of {start.soc:.3f} ({known}), "
-        f"{direction}."
-    )
-
-
-def known_words(start: "Start") -> dict[str, str]:
-    """What the state of charge at the start is from, by its source."""
-    rested, row = f"from the rested voltage {start.voltage_v:.4f} V", f"row {start.row}"
-    return {
-        "rested voltage": f"{rested} at {row}",
-        "full end": f"counted in ampere-hours from the charge to full that ends at {row}",
-        "empty end": f"counted in ampere-hours from the discharge to empty that ends at {row}",
-        "full voltage": f"from the voltage of a full cell, {start.voltage_v:.4f} V at {row}",
-        "counters": "from the tester's counters, which began at full or empty; the voltage agrees",
-        "rest elsewhere": f"{rested} at {row}, and the ampere-hours since",
-        "own full charge": "counted in ampere-hours from the full charge in the record",
-        "own span": "its fullest sample being full",
-    }
-
-
-def carried_sentences(stored: "Result") -> Iterator[str]:
-    """Starts whose state of charge comes from another place of the record."""
-    for each in stored.inputs:
-        if each.start is not None and each.start.soc_source not in TOLD:
-            known = known_words(each.start)[each.start.soc_source]
-            yield f"{each.name} starts at {percent(each.start.soc)} SOC, {known}."
 
 
 def ocv_sentences(cell: CellModel) -> Iterator[str]:

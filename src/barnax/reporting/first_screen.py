@@ -9,12 +9,7 @@ from rich.text import Text
 
 from ..cell.elements import names_beside
 from .candidates import ranked
-from .decisions import (
-    carried_sentences,
-    guess_sentences,
-    moved_start_sentence,
-    registered_sentences,
-)
+from .decisions import guess_sentences
 from .pulses import middle_heads, middle_pulses
 from .soc_tables import (
     expectation,
@@ -22,6 +17,7 @@ from .soc_tables import (
     middle_of_tables,
     prediction_sentences,
 )
+from .starts import carried_sentences, moved_start_sentence, registered_sentences
 from .terminal import Whole, bare_table, headed_line, indented
 from .words import (
     between,

@@ -24,9 +24,10 @@ from ..model.simulate import terminal_voltage
 from ..model.window import Window
 from ..notices import Notice
 from ..records import Record
+from ..settings import MAX_MOVED_SOC
 
-# A start is moved by so much to see what that does, and at most by this.
-PROBE_SOC, MAX_MOVED_SOC = 0.002, 0.03
+# A start is moved by so much to see what that does.
+PROBE_SOC = 0.002
 
 
 @dataclass(frozen=True, eq=False, repr=False)

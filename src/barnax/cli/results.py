@@ -297,7 +297,8 @@ def rerun(of: Rerun) -> None:
     with session.watch("Repeating"), tempfile.TemporaryDirectory() as folder:
         repeated = _run(command, Path(folder, "repeated"))
     # The roles that a plan chose are given now.
-    repeated = repeated.model_copy(update={"plan": repeated.plan or stored.plan})
+    given = {"plan": stored.plan, "command": stored.command} if stored.plan else {}
+    repeated = repeated.model_copy(update=given)
     if repeated.to_json() == stored.to_json():
         session.show(["The result is the same, byte for byte."])
         return

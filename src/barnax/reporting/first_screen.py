@@ -72,7 +72,7 @@ def first_screen(
     if over is not None:
         lines.append(("Temperatures", f"where none was measured, {expectation(over)}"))
         lines += [("", told) for told in prediction_sentences(result)]
-    lines += [("Registered", text) for text in registered_sentences(result)]
+    lines += [("Adjusted", text) for text in registered_sentences(result)]
     lines += [
         ("Start", text + ".")
         for each in result.metrics.validation

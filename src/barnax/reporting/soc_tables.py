@@ -349,14 +349,14 @@ def left_out_sentences(result: "Result") -> Iterator[str]:
     if not held or not held.by_record:
         return
     names = [each.name for each in result.of_role("identification")]
+    adjusted = [f", adjusted {errors_words(each)}" for each in held.registered]
     told = [
-        f"{name} {errors_words(errors)}"
-        for name, errors in zip(names, held.by_record, strict=False)
+        f"{name} {errors_words(errors)}{own}"
+        for name, errors, own in zip(
+            names, held.by_record, adjusted or [""] * len(names), strict=False
+        )
     ]
-    yield f"predicted by the other records, in mV (above 10 % SOC): {joined(told)}"
-    if held.registered:
-        again = [errors_words(errors) for errors in held.registered]
-        yield f"the same with their starts and capacities registered: {joined(again)}"
+    yield f"predicted by the other records, in mV (above 10 % SOC): {'; '.join(told)}"
 
 
 def _between(each: "NodeInterval", fit: "TableFit") -> str:

@@ -28,7 +28,7 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     starts = {
         "own full charge": "full after the full charge in it",
         "own span": "full where it is fullest",
-        "given": "its start as given",
+        "given": "starting as given",
     }
     # The others start by their rest on the OCV of this one.
     name, start = next(
@@ -66,8 +66,8 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
         f"{100 * min(own):+.2f} to {100 * max(own):+.2f} %" for own in zip(*known, strict=True)
     )
     yield (
-        f"the records moved each other's start by {soc} SOC and capacity by {capacity}; "
-        "`keep_starts` leaves them as told."
+        f"starts by {soc} SOC and capacities by {capacity}, so that the records agree; "
+        "`keep_starts` leaves them as given."
     )
 
 

@@ -22,7 +22,7 @@ from benchmarks.pages import as_markdown, provenance, save_page
 RESULTS = Path(__file__).parent / "results" / "operation.md"
 CELLS, LOGS, SAMPLES, NOMINAL_AH = 100, 3, 9000, 2.0
 KINDS = [(name, moves) for name in ("NMC", "LFP") for moves in (False, True)]
-START_SD, CAPACITY_SD, NOISE_V = 0.003, 0.003, 3e-4
+START_SD, CAPACITY_SD, NOISE_V = 0.004, 0.002, 3e-4
 # Nodes so far inside are judged, and R0 so far off is wrong.
 INSIDE, WRONG = (0.1, 0.9), 0.1
 

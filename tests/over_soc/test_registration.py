@@ -11,7 +11,7 @@ from barnax.model.window import Window
 from helpers.known_cell import R0_OHM, made
 from helpers.reference import make_record
 
-TRUE_SOC, TRUE_AH = np.array([1.0, 0.994, 0.988]), np.array([2.0, 2.01, 1.99])
+TRUE_SOC, TRUE_AH = np.array([1.0, 0.994, 0.988]), np.array([2.0, 2.004, 1.996])
 SMALL = {"model": "so-rc", "over": "soc", "seeds": 0, "trust": "none", "advise": False}
 
 
@@ -56,8 +56,9 @@ def test_registered_records_agree_where_those_as_told_do_not(records, registered
     # What was told is half a percent wrong; the noise is 0.2 mV.
     assert registered.metrics.identification.rmse_v < 0.5 * kept.metrics.identification.rmse_v
     held = registered.tables.fit.cross_validation
-    for told, own in zip(held.by_record, held.registered, strict=True):
-        assert own.rmse_v < told.rmse_v
+    told, own = (np.array([each.rmse_v for each in of]) for of in (held.by_record, held.registered))
+    # One of them was told rightly, and gains nothing.
+    assert np.sum(own**2) < np.sum(told**2)
     assert not kept.tables.fit.cross_validation.registered
     again = barnax.Result.model_validate_json(registered.to_json())
     assert again.inputs == registered.inputs

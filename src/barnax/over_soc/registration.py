@@ -30,7 +30,7 @@ from .settings import TableSettings
 
 # Standard deviations of what is told: of a start at a full charge, of the voltage at a rest, of the
 # start that this tells at most, and of a capacity.
-FULL_SD, REST_SD_V, MAX_SD, CAPACITY_SD = 0.005, 0.005, 0.05, 0.005
+FULL_SD, REST_SD_V, MAX_SD, CAPACITY_SD = 0.004, 0.005, 0.05, 0.002
 FROM_VOLTAGE = ("rested voltage", "rest elsewhere")
 # The OCV's slope is a difference over so much SOC.
 STEP_SOC = 1e-3

@@ -16,6 +16,7 @@ from barnax.over_soc import TableSettings, fit_tables, reduced, simulate, simula
 from barnax.over_soc.fit import box_of, reduced_objective
 from barnax.over_soc.intervals import linearized, sag_of
 from barnax.over_soc.search import find_best, polish
+from barnax.records.samples import record_resistance_ohm
 
 from .conftest import BOX, NODES, SMALL
 
@@ -93,16 +94,30 @@ def test_a_corrected_ocv_rises_between_all_nodes_unless_it_is_left_free(falling)
     assert reach[0] > 0
 
 
-def test_a_visited_node_without_any_resistance_is_told(prepared):
+def test_r0_has_a_floor_by_the_current_steps_where_samples_would_have_none(prepared):
     fixed = {"tau1 [s]": 10.0, "tau2 [s]": 100.0, **dict.fromkeys(("R1 [Ohm]", "R2 [Ohm]"), 0.0)}
     source_v = prepared.source_v - 0.4 * prepared.current_a * (prepared.soc < 0.9)
     inverted = replace(prepared, source_v=source_v)
-    fit = fit_tables([inverted], replace(SMALL, bounds={}, fixed=fixed))
-    told = [each.values["soc"] for each in fit.warnings if each.code == "tables.no-resistance"]
-    table = dict(zip(NODES, fit.tables.r0_ohm, strict=True))
-    assert told
-    assert [table[soc] for soc in told] == [0.0] * len(told)
-    assert 1.0 not in told
+    settings = replace(SMALL, bounds={}, fixed=fixed)
+    fit = fit_tables([inverted], settings)
+    floor_ohm = record_resistance_ohm(prepared.record) / 3
+    (told,) = [each for each in fit.warnings if each.code == "tables.r0-at-floor"]
+    table, seen = dict(zip(NODES, fit.tables.r0_ohm, strict=True)), fit.tables.visited
+    assert min(table.values()) == floor_ohm
+    held = [
+        node
+        for node, is_near in zip(NODES, seen, strict=True)
+        if is_near and table[node] == floor_ohm
+    ]
+    assert told.values["percent"] == ", ".join(f"{100 * node:g}" for node in held)
+    assert held
+    assert 1.0 not in held
+    low = {each.soc: each.low for each in fit.of_table("R0 [Ohm]")}
+    assert [low[node] for node in held] == [None] * len(held)
+    # What is asked for is done, and told where it is nothing.
+    free = replace(settings, bounds={"R0 [Ohm]": (0.0, 1.0)})
+    bare = fit_tables([inverted], free).warnings
+    assert [each.values["soc"] for each in bare if each.code == "tables.no-resistance"] == held
 
 
 @pytest.mark.parametrize("name", ["prepared", "with_hysteresis"])

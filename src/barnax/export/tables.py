@@ -259,6 +259,10 @@ def _caveats(result: Result, over_soc: Sequence[SocTables], kind: Hysteresis) ->
             f"No sample is near the nodes at SOC {nodes}{where}: their values follow from their "
             "neighbors'."
         )
+    if open_ended := _not_determined(result):
+        told.append(
+            f"Not determined by the samples there, but by bounds and smoothness: {open_ended}."
+        )
     if not over:
         return tuple(told)
     degc = ", ".join(f"{each:.3g}" for each in over.temperatures_degc)
@@ -273,6 +277,18 @@ def _caveats(result: Result, over_soc: Sequence[SocTables], kind: Hysteresis) ->
         own_ah = ", ".join(f"{each:.4g}" for each in capacities_ah)
         text += f" So is the capacity; at {degc} degC it was {own_ah} Ah."
     return (*told, text)
+
+
+def _not_determined(result: Result) -> str:
+    """The resistances that the samples near a node do not tell, with the SOC of the node."""
+    found: dict[str, set[float]] = {}
+    for fit in result.tables.fits if result.tables else ():
+        for each in fit.intervals:
+            if each.soc is not None and each.low is None and each.name.endswith("[Ohm]"):
+                found.setdefault(each.name.partition(" ")[0], set()).add(each.soc)
+    return "; ".join(
+        f"{name} at SOC {', '.join(f'{soc:g}' for soc in sorted(at))}" for name, at in found.items()
+    )
 
 
 def _heading(result: Result) -> str:

@@ -292,6 +292,11 @@ def _warnings(
     resistance_ohm = np.sum([tables.r0_ohm, *tables.r_ohm], axis=0)
     bare = np.array(tables.nodes)[objective.visited & (resistance_ohm < LEAST_OHM)]
     found += [notice("tables.no-resistance", soc=soc) for soc in bare.tolist()]
+    floor_ohm = objective.least_r0_ohm
+    held = np.array(tables.nodes)[objective.visited & (np.array(tables.r0_ohm) <= floor_ohm)]
+    if floor_ohm and len(held):
+        where = ", ".join(f"{100 * soc:g}" for soc in held)
+        found.append(notice("tables.r0-at-floor", floor_ohm=floor_ohm, percent=where))
     moved, ranges = least_travel_soc(objective.prepared_records), objective.settings.ranges
     if moved < BOTH_WAYS_SOC and tables.half_hysteresis_v is not None:
         found.append(notice("tables.one-direction", moved_soc=moved))

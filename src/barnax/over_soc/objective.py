@@ -20,9 +20,14 @@ from ..model.compressed import BLOCK
 from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
+from ..records.samples import record_resistance_ohm
 from .reduced import Columns, Reduced
 from .search import LogScales, Solved
 from .settings import OCV, TableSettings
+
+# Of the voltage step at a current step, R0 is at least this share: what a sampling interval lets
+# the fastest pair add is less, even of a minute. Only where nothing else tells R0 is it that low.
+LEAST_SHARE = 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,11 +203,22 @@ class TableObjective:
         return self.penalty.T @ self.penalty
 
     @cached_property
+    def least_r0_ohm(self) -> float:
+        """A floor of R0 at every node by the current steps of all records, for no cell is without:
+        an OCV that is wrong would be fitted with none. Zero where they do not tell it."""
+        if OHMIC in self.settings.ranges:
+            return 0.0
+        return LEAST_SHARE * min(
+            record_resistance_ohm(each.record) for each in self.prepared_records
+        )
+
+    @cached_property
     def box(self) -> tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]]:
         """Lowest and highest value of every unknown. From node to node, a correction of an OCV that
         is to rise may fall by as much as the known OCV rises at least; else it is free."""
         low = [np.zeros(len(nodes)) for nodes in self.nodes_of]
         high = [np.full(len(nodes), np.inf) for nodes in self.nodes_of]
+        low[0][:] = self.least_r0_ohm
         ranges = self.settings.ranges
         names = (OHMIC, *(each.resistance for each in names_of(self.elements)))
         for table, name in enumerate(names):

@@ -20,6 +20,7 @@ from .style import (
     OPEN,
     SKY_BLUE,
     SOC_LABEL,
+    VERMILLION,
     finish,
     finish_bar,
     is_column,
@@ -95,7 +96,7 @@ def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
 @illustration(
     "The tables over the state of charge{} with the intervals of their nodes, and the constant "
     "circuit behind. Hollow: nodes without samples near them, whose values follow from those "
-    "of their neighbors.",
+    "of their neighbors. Crossed: nodes with samples that do not determine the value.",
     "Resistances and OCV correction over the state of charge, with intervals",
     is_dense=False,
     is_main=True,
@@ -103,8 +104,9 @@ def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
 def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) -> Figure:
     """Every table over SOC with the intervals of its nodes, the constant circuit's value behind.
 
-    Nodes that samples visit are filled, with their band; the others are hollow on a dashed line,
-    for their values follow from their neighbors. What is not in the scale is said above the panel.
+    Nodes that samples visit are filled, with their band, and crossed where the value is not
+    determined; the others are hollow on a dashed line, for their values follow from their
+    neighbors. What is not in the scale is said above the panel.
 
     Args:
         fit: Tables over SOC.
@@ -148,6 +150,9 @@ def _draw_table(axes: Axes, table: DrawnTable) -> None:
     axes.vlines(nodes[known], table.low[known], table.high[known], **ends)
     style = {"linestyle": "none", "marker": "o", "markersize": 3.6, "zorder": 4, "clip_on": True}
     axes.plot(nodes[visited], values[visited], color=BLUE, label="node", **style)
+    open_ended = visited & ~known
+    crossed = {**style, "marker": "x", "markersize": 5.5, "color": VERMILLION}
+    axes.plot(nodes[open_ended], values[open_ended], **crossed, label="not determined")
     hollow = {**OPEN, "markeredgecolor": BLUE}
     axes.plot(nodes[~visited], values[~visited], label="node without samples", **style, **hollow)
     bottom, top = table.scale

@@ -278,7 +278,8 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
     for name, values in fit.tables.tables.items():
         if name == OCV_CORRECTION:
             continue
-        seen = [values[place] for place in visited]
+        told = {each.soc for each in fit.of_table(name) if each.low is not None}
+        seen = [values[n] for n in visited if nodes[n] in told] or [values[n] for n in visited]
         here = known.get((name, nodes[middle]), "")
         ranges = between(name, min(seen), max(seen))
         row = [_name(name), *_under_one_unit(with_unit(name, values[middle]), here, ranges)]

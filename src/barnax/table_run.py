@@ -18,6 +18,7 @@ from .over_soc import (
     Reversal,
     TableFits,
     TableSettings,
+    compare_with_own,
     fit_tables,
     fit_temperatures,
     group_by_temperature,
@@ -26,6 +27,9 @@ from .search.evaluate import Evaluation, evaluate_from_either, with_registered
 
 # Validation may leave the SOC that tables were identified on by this much without a word.
 OUTSIDE_SOC = 0.005
+# The OCV of a test and that of records lie apart by 3 to 20 mV at 25 degC; a capacity 10 % off, or
+# another cell's test, makes it 40 and more.
+DISAGREES_V = 0.03
 R0 = "R0 [Ohm]"
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
@@ -139,9 +143,13 @@ def _answer(hold: str, kept: float) -> tuple[float, float]:
 def fit_over(
     over: str, prepared_records: Sequence[PreparedRecord], settings: TableSettings
 ) -> TableFits:
-    """The tables over "soc", or for each temperature over "soc,temperature"."""
+    """The tables over "soc", beside an OCV test with what the records' own gives; or for each
+    temperature over "soc,temperature"."""
     if over == "soc":
-        return TableFits((fit_tables(prepared_records, settings),))
+        fit = fit_tables(prepared_records, settings)
+        if not prepared_records[0].cell.is_of_records:
+            fit = replace(fit, own_ocv=compare_with_own(prepared_records, fit, settings))
+        return TableFits((fit,))
     return fit_temperatures(group_by_temperature(prepared_records), settings)
 
 
@@ -156,6 +164,11 @@ def table_warnings(run: TableRun) -> Iterator[Notice]:
     for found in told.values():
         # What is so at every temperature is said once.
         yield from found if len(found) < len(degc) else [found[0].about("tables over SOC")]
+    for fit in run.found.fits:
+        own = fit.own_ocv
+        if own is not None and own.median_v > DISAGREES_V:
+            where = {"largest_v": own.largest_v, "soc": own.largest_soc}
+            yield notice("ocv-test.disagrees", median_v=own.median_v, **where)
     yield from _reversal_warnings(run)
     yield from _outside_warnings(run)
 

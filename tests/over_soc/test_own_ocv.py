@@ -148,6 +148,35 @@ def test_what_needs_an_ocv_test_says_so(options, message):
         barnax.identify(read_record(BUNDLED.record), **options)
 
 
+def with_a_test(record, wrong):
+    """The record identified with a test whose SOC is wrong by a share of the charge that is out."""
+    soc = np.linspace(0, 1, 101)
+    test = {"SOC": soc, "OCV [V]": ocv_v(1 - (1 - wrong) * (1 - soc))}
+    window = Window(initial_soc=1.0, capacity_ah=2.0)
+    given = {"model": "so-rc", "over": "soc", "capacity": 2.0, "window": window, "advise": False}
+    return barnax.identify([record], ocv=test, seeds=0, trust="none", max_boxes=0, **given)
+
+
+def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, tmp_path):
+    record, visited, alone = known
+    soc = np.linspace(max(visited.min(), 0.1), 0.9, 81)
+    right, bad = (with_a_test(record, wrong) for wrong in (0.0, 0.1))
+    for result, wrong in ((right, 0.0), (bad, 0.1)):
+        own = result.tables.fit.own_ocv
+        apart_v = np.median(np.abs(ocv_v(soc) - ocv_v(1 - (1 - wrong) * (1 - soc))))
+        assert own.median_v == pytest.approx(apart_v, rel=0.1, abs=1e-3)
+        assert own.own_v == pytest.approx(alone.fit.errors[0].rmse_v, rel=0.02)
+        codes = {each.code for each in result.warnings}
+        assert ("ocv-test.disagrees" in codes) == (wrong > 0)
+    # What the test says has no part in it but by the time constants.
+    held_v = [each.tables.fit.own_ocv.held_out.rmse_v for each in (right, bad)]
+    assert held_v[1] == pytest.approx(held_v[0], rel=0.1)
+    path = tmp_path / "result.json"
+    path.write_text(bad.to_json())
+    again = barnax.Result.from_json(path)
+    assert again.tables.fit.own_ocv == bad.tables.fit.own_ocv
+
+
 def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     result = barnax.identify(
         BUNDLED.record, validate=BUNDLED.validation, seeds=2, iterations=20, trust="none"

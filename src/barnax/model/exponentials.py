@@ -8,6 +8,7 @@ the skeleton, give the others. None of this depends on a record.
 
 import functools
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -79,6 +80,28 @@ def span_of(lower: float, upper: float, tolerance: float) -> Span:
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
         return _table(count, half_width, tolerance / 2)._replace(center=center)
+
+
+def span_through(log_taus: Sequence[float]) -> Span:
+    """Those time constants themselves, between which nothing is known.
+
+    >>> span_through((math.log(2.0), math.log(50.0))).skeleton_tau.round(9).tolist()
+    [2.0, 50.0]
+    """
+    low = min(log_taus)
+    # A single one has no width.
+    half_width = (max(log_taus) - low) / 2 or 1.0
+    center, eye = low + half_width, np.eye(len(log_taus))
+    return Span(
+        center=center,
+        half_width=half_width,
+        nodes=(np.array(log_taus) - center) / half_width,
+        weights=np.ones(len(eye)),
+        slope=np.zeros_like(eye),
+        skeleton=np.arange(len(eye)),
+        from_skeleton=eye,
+        error=0.0,
+    )
 
 
 @functools.cache

@@ -3,12 +3,14 @@
 from .cross_validation import CrossValidation as CrossValidation
 from .cross_validation import SocErrors as SocErrors
 from .fit import HELD_GAMMA as HELD_GAMMA
+from .fit import OcvCompared as OcvCompared
 from .fit import TableFit as TableFit
 from .fit import constant_held_out as constant_held_out
 from .fit import errors_on as errors_on
 from .fit import fit_tables as fit_tables
 from .intervals import NodeInterval as NodeInterval
 from .own_ocv import OwnOcv as OwnOcv
+from .own_ocv import compare_with_own as compare_with_own
 from .own_ocv import fit_with_ocv as fit_with_ocv
 from .registration import register as register
 from .settings import TableSettings as TableSettings

@@ -1,7 +1,7 @@
 """Tables identified from prepared records, and all that is said of them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -50,6 +50,25 @@ BOTH_WAYS_SOC = 0.1
 HELD_GAMMA = 20.0
 
 
+@dataclass(frozen=True)
+class OcvCompared:
+    """An OCV of the records' own in place of an OCV test, fitted at the same time constants.
+
+    Attributes:
+        own_v: RMSE with it on the records.
+        held_out: Its errors on what the cross-validation holds out.
+        median_v: How far it is from the test's, the median from 10 to 90 % SOC where visited.
+        largest_v: Own minus test, where that is largest.
+        largest_soc: Where that is.
+    """
+
+    own_v: float
+    held_out: SocErrors | None
+    median_v: float
+    largest_v: float
+    largest_soc: float
+
+
 @dataclass(frozen=True, repr=False)
 class TableFit(Brief):
     """Tables over SOC, with their proof, intervals and errors.
@@ -67,6 +86,7 @@ class TableFit(Brief):
         intervals: 95 % intervals of visited nodes, then of searched constants.
         cross_validation: Errors on blocks held out.
         warnings: What is doubtful, with what to do.
+        own_ocv: What an OCV of the records' own gives, beside that of an OCV test.
     """
 
     tables: SocTables
@@ -81,6 +101,7 @@ class TableFit(Brief):
     intervals: tuple[NodeInterval, ...]
     cross_validation: CrossValidation | None
     warnings: tuple[Told, ...]
+    own_ocv: OcvCompared | None = None
 
     @property
     def proved_gap(self) -> float:
@@ -176,8 +197,9 @@ def reduced_objective(
     prepared_records: Sequence[PreparedRecord],
     settings: TableSettings,
     ranges: Mapping[str, Range] | None = None,
+    seen: Callable[[PreparedRecord], PreparedRecord] = lambda prepared: prepared,
 ) -> TableObjective:
-    """The objective over all records, in the ranges given or their own."""
+    """The objective over all records, as they are `seen`, in the ranges given or their own."""
     ranges = ranges or box_of(prepared_records, settings)
     layout = layout_of(
         settings.nodes,
@@ -192,12 +214,13 @@ def reduced_objective(
     def reduced(records: Sequence[PreparedRecord]) -> list[Reduced]:
         return reduce_records(records, layout, *blocks_of(records, settings))
 
-    parts, told = reduced(prepared_records), []
+    own = [seen(each) for each in prepared_records]
+    parts, told = reduced(own), []
     if settings.folds and any(each.window.registration for each in prepared_records):
-        told = reduced([each.as_told for each in prepared_records])
+        told = reduced([seen(each.as_told) for each in prepared_records])
     with one_blas_thread():
         whole = together(parts)
-    return TableObjective(prepared_records, settings, ranges, whole, parts, told)
+    return TableObjective(own, settings, ranges, whole, parts, told)
 
 
 def errors_on(prepared: PreparedRecord, tables: SocTables) -> SocErrors:

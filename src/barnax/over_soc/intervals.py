@@ -19,7 +19,7 @@ from scipy.special import stdtrit
 
 from ..cell.elements import rungs_of
 from ..execution import in_float64
-from ..model.exponentials import Span
+from ..model.exponentials import span_through
 from ..uncertainty.covariance import CONFIDENCE, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .objective import Solution, TableObjective
@@ -215,9 +215,9 @@ def linearized(objective: TableObjective, found: Solution):
     tau, rate = found.log_scales[:pairs], found.log_scales[pairs:]
     rungs = rungs_of(objective.elements)
     rung_scales = [tau[each.element] + math.log(each.ratio) for each in rungs]
-    layout = replace(
-        layout, in_tau=_around(rung_scales, 1), in_rate=_around(rate, -1) if rate else None
-    )
+    in_tau = span_through(_around(rung_scales))
+    in_rate = span_through([-each for each in _around(rate)]) if rate else None
+    layout = replace(layout, in_tau=in_tau, in_rate=in_rate)
     part = replace(objective.reduced, layout=layout)
     for prepared in objective.prepared_records:
         for block in blocks(prepared, layout):
@@ -247,8 +247,6 @@ def linearized(objective: TableObjective, found: Solution):
             yield columns, base, prepared.informed[block.here][scored]
 
 
-def _around(log_scales: Sequence[float], sign: int) -> Span:
-    """A span whose skeleton is every scale and what is one step beside it."""
-    nodes = np.array([sign * (scale + step) for scale in log_scales for step in (-STEP, 0, STEP)])
-    eye = np.eye(len(nodes))
-    return Span(0.0, 1.0, nodes, eye[0], eye, np.arange(len(nodes)), eye, 0.0)
+def _around(scales: Sequence[float]) -> list[float]:
+    """Every scale with what is one step beside it."""
+    return [scale + step for scale in scales for step in (-STEP, 0.0, STEP)]

@@ -6,6 +6,7 @@ capacity and its start only name the axis, and are taken from what is given, fro
 the record holds, or from its own span.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -19,14 +20,22 @@ from ..cell.curves import InterpolatedCurve, SegmentedHysteresis
 from ..cell.model import FitError
 from ..display import Brief
 from ..errors import InputError
-from ..model.prepared import OCV_MARGIN, prepare_record, soc_along
+from ..execution import in_float64
+from ..model.prepared import OCV_MARGIN, PreparedRecord, prepare_record, soc_along
 from ..model.start import find_start, held_charges
 from ..model.window import Window, first_sample, scored_samples
 from ..records import Record, rest_current_a
 from ..records.record import FULL_CHARGE
 from ..settings import NODES
 from .certificate import certify
-from .fit import TableFit, constant_with_ocv_held_out, fit_of, reduced_objective
+from .cross_validation import held_out_errors
+from .fit import (
+    OcvCompared,
+    TableFit,
+    constant_with_ocv_held_out,
+    fit_of,
+    reduced_objective,
+)
 from .registration import register
 from .search import find_best
 from .settings import OCV, TableSettings
@@ -44,6 +53,8 @@ FREE_RIDGE = 1e-12
 NEARLY_LEVEL_V = 1e-6
 # Between two nodes the OCV is a straight line: so many points of it make a curve of that.
 POINTS_A_NODE = 8
+# Where it is compared with that of an OCV test.
+COMPARED_SOC = np.linspace(0.1, 0.9, 81)
 
 AxisSource = Literal["given", "own full charge", "own span", "rest elsewhere"]
 # A start so far outside 0 to 1 is rounding.
@@ -97,12 +108,7 @@ def fit_with_ocv(
     """
     axis_ah, origin = _capacity(records, windows, capacity_ah)
     axes = {each.name: _axis(each, windows[each.name], axis_ah) for each in records}
-    own = replace(
-        settings,
-        ocv_nodes=settings.ocv_nodes or OCV_NODES,
-        ocv_correction=True,
-        voltage_ridge=min(settings.voltage_ridge, FREE_RIDGE),
-    )
+    own = _with_own(settings)
     known = [each for each in records if axes[each.name].source != "own span"]
     known = known or [max(records, key=_span_ah)]
     for each in known:
@@ -124,6 +130,55 @@ def fit_with_ocv(
         told = [prepare_record(each, first.cell, circuit, windows[each.name]) for each in records]
         windows = {each.record.name: each.window for each in register(told, own)}
     return _fitted(records, circuit, windows, own, axis_ah, origin)
+
+
+@in_float64
+def compare_with_own(
+    prepared_records: Sequence[PreparedRecord], fit: TableFit, settings: TableSettings
+) -> OcvCompared | None:
+    """What an OCV of the records' own gives in place of their cell's, at the time constants of
+    tables that were fitted to them; None where they visit too little of the SOC.
+
+    No search and no proof: the records are reduced once more, to few columns.
+    """
+    first = prepared_records[0]
+    level = _level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
+
+    def leveled(prepared: PreparedRecord) -> PreparedRecord:
+        # With the hysteresis that it has.
+        known_v, level_v = (cell.average_ocv_v(prepared.soc) for cell in (prepared.cell, level))
+        return replace(prepared, cell=level, source_v=prepared.source_v - known_v + level_v)
+
+    ranges = {name: (value, value) for name, value in fit.tables.constants.items()}
+    objective = reduced_objective(prepared_records, _with_own(settings), ranges, leveled)
+    with one_blas_thread():
+        log_scales = tuple(math.log(low) for low, _ in ranges.values())
+        best = objective.solve(log_scales, exact=True)
+        held_out = held_out_errors(objective, best)
+    nodes, own_v = objective.ocv_at(best)
+    seen = nodes[objective.visited_of(objective.names.index(OCV))]
+    soc = COMPARED_SOC[(seen.min() <= COMPARED_SOC) & (seen.max() >= COMPARED_SOC)]
+    if not len(soc):
+        return None
+    apart_v = np.interp(soc, nodes, own_v) - first.cell.average_ocv_v(soc)
+    largest = int(np.argmax(np.abs(apart_v)))
+    return OcvCompared(
+        own_v=float(np.sqrt(best.error @ best.error)),
+        held_out=held_out,
+        median_v=float(np.median(np.abs(apart_v))),
+        largest_v=float(apart_v[largest]),
+        largest_soc=float(soc[largest]),
+    )
+
+
+def _with_own(settings: TableSettings) -> TableSettings:
+    """The same with a table of the OCV in place of its correction."""
+    return replace(
+        settings,
+        ocv_nodes=settings.ocv_nodes or OCV_NODES,
+        ocv_correction=True,
+        voltage_ridge=min(settings.voltage_ridge, FREE_RIDGE),
+    )
 
 
 def _on_axes(

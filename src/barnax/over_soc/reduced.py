@@ -29,7 +29,8 @@ from ..model.compressed import (
     shorten,
     update_triangular,
 )
-from ..model.exponentials import Span
+from ..model.exponentials import Span, span_through
+from ..model.intervals import AT_ONCE
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
 from ..model.simulate import SimulationInput
@@ -190,12 +191,21 @@ def layout_of(
     interval_s: float,
 ) -> Layout:
     """Columns for the elements' time constants and gamma of these ranges, to the accuracy of the
-    scan; no interval is shorter than `interval_s`.
+    scan, and far fewer where all are held; no interval is shorter than `interval_s`.
 
     Raises `InputError` where a range is too wide.
     """
     limits = [limits for name, limits in ranges.items() if name != RATE]
     ratios = [get_element(name).ratios for name in elements]
+    if all(low == high for low, high in ranges.values()):
+        taus_s = {
+            max(tau_s * ratio, interval_s / AT_ONCE)
+            for (tau_s, _), own in zip(limits, ratios, strict=True)
+            for ratio in own
+        }
+        in_tau = span_through([math.log(each) for each in sorted(taus_s)])
+        in_rate = span_through([-math.log(ranges[RATE][0])]) if RATE in ranges else None
+        return Layout(nodes, ocv_nodes, in_tau, in_rate, has_correction, has_amplitude)
     fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
     slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
     spans = Spans.between((fastest_s, slowest_s), ranges.get(RATE), interval_s)

@@ -1,11 +1,11 @@
 """The circuits that were weighed against each other, and tables against the constant one."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from .document import Bullets, Cells, Section, Table, make_table
-from .words import NOTHING, fixed, percent
+from .words import NOTHING, fixed, millivolt, percent
 
 if TYPE_CHECKING:
     from ..candidates import Candidate
@@ -175,3 +175,24 @@ def errors_words(errors: "SocErrors | None") -> str:
         return NOTHING
     above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)})"
     return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"
+
+
+def ocv_test_sentences(result: "Result") -> Iterator[str]:
+    """What an OCV test is worth: what the records' own OCV gives in place of it."""
+    fit = None if result.tables is None else result.tables.fit
+    tests = {each.sha256 for each in result.of_role("ocv")}
+    # That of a pulse test is the records' own already.
+    is_other = tests.isdisjoint(each.sha256 for each in result.of_role("identification"))
+    if fit is None or fit.own_ocv is None or not is_other:
+        return
+    own, held = fit.own_ocv, both_held_out(fit)
+    left = worth = ""
+    if own.held_out is not None and held is not None:
+        left = f", {millivolt(own.held_out.rmse_v)} left out"
+        if own.held_out.is_worth(held[1]):
+            worth = "; that predicts better: try without `ocv`"
+    yield (
+        f"with an OCV of the records' own in its place {millivolt(own.own_v)}{left}; they are "
+        f"{1e3 * own.median_v:.2g} mV apart (median), {1e3 * own.largest_v:+.0f} mV at "
+        f"{percent(own.largest_soc)} SOC{worth}."
+    )

@@ -8,7 +8,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ..cell.elements import names_beside
-from .candidates import ranked
+from .candidates import ocv_test_sentences, ranked
 from .decisions import guess_sentences
 from .pulses import middle_heads, middle_pulses
 from .soc_tables import (
@@ -67,6 +67,7 @@ def first_screen(
     ]
     lines = [*unfit, ("Best possible", best_possible(result))]
     lines += [("Left out", text) for text in left_out_sentences(result)]
+    lines += [("OCV test", text) for text in ocv_test_sentences(result)]
     lines += [("Search", text) for text in search_sentences(result)]
     over = None if result.tables is None else result.tables.over_temperature
     if over is not None:

@@ -12,6 +12,7 @@ from .candidates import (
     errors_words,
     held_out_errors,
     held_out_words,
+    ocv_test_sentences,
     pay_sentence,
     unseen_errors,
 )
@@ -110,6 +111,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
     names = result.constant.model, result.model
     if pays := pay_sentence(unseen, held, *names, held_out_words(fit)):
         yield capitalized(pays)
+    yield from map(capitalized, ocv_test_sentences(result))
     if part.settings.ocv_correction:
         yield (
             "The OCV correction absorbs errors of the OCV test, and with them any error of the SOC."

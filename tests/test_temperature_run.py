@@ -131,6 +131,31 @@ def test_an_ocv_test_of_unknown_temperature_beside_others_is_refused():
     assert group_tests(tests[:1], None) == {}
 
 
+def test_without_an_ocv_test_each_temperature_has_the_ocv_of_its_records():
+    nodes = (0.05, 0.25, 0.5, 0.75, 1.0)
+    found = identify(
+        [replace(at(degc), name=f"at {degc:g} degC", temperature_degc=None) for degc in DEGC],
+        window=Window(initial_soc=1.0), capacity=CAPACITY_AH, over="soc,temperature",
+        nodes=nodes, ocv_nodes=nodes, max_boxes=0, folds=0, trust="none", advise=False, **FEW,
+    )  # fmt: skip
+    assert found.tables.over_temperature.temperatures_degc == DEGC
+    soc = np.array([0.25, 0.5, 0.9])
+    for degc, fit in zip(DEGC, found.tables.fits, strict=True):
+        own_v = found.cell.at(degc).average_ocv_v(soc)
+        # Full, the temperatures are 20 mV apart.
+        assert own_v == pytest.approx(3.2 + (0.875 + 1e-3 * degc) * soc, abs=8e-3)
+        own_ohm = fit.tables.at("R0 [Ohm]", soc)
+        assert own_ohm == pytest.approx(arrhenius(degc) * r0_ohm(soc), rel=0.02)
+    # What is left out keeps its OCV, and lacks its resistances only.
+    left = found.tables.over_temperature.left_out
+    assert max(each.own.rmse_v for each in left) < 1e-3
+    assert left[1].errors.rmse_v < 2e-3 < left[0].errors.rmse_v
+    assert found.cell.at(5.0).is_of_records
+    assert "OCV: each temperature has its own, of its records at 5 degC, 25 degC" in " ".join(
+        shown(found).split()
+    )
+
+
 def test_pulses_stand_by_temperature(result):
     assert "discharge at 1C (2 A), 45 degC" in shown(result)
 

@@ -97,7 +97,7 @@ def _identified(job: Job) -> Result:
     )  # fmt: skip
     if found:
         # The tables came with the OCV; a constant circuit with that OCV is another fit.
-        own = {"over": "soc"} if job.model is None else {}
+        own = {"over": job.over or "soc"} if job.model is None else {}
         job = job.changed(window={**windows_by_name(job.window), **found[0].windows}, **own)
     with telling(inputs.warnings), job.watch("Setting up the problem", 0):
         told = windows = windows_of(inputs, job.window, job.capacity)
@@ -167,7 +167,6 @@ def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
     is asked for needs one."""
     circuit = get_circuit(job.model or WEIGHED[0])
     asked = {
-        f"`over` {OVER_TEMPERATURE!r}": job.over == OVER_TEMPERATURE,
         f"the hysteresis of {circuit.name}": circuit.has_hysteresis,
         "an OCV polynomial": job.ocv_fit == "polynomial",
     }
@@ -175,7 +174,8 @@ def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
         if is_asked:
             raise notice("ocv-test.missing", asked=what).error()
     windows = {each.name: window_of(job.window, each.name).as_told for each in records}
-    return fit_with_ocv(records, circuit.name, windows, _bounded(job), job.capacity)
+    is_over = job.over == OVER_TEMPERATURE
+    return fit_with_ocv(records, circuit.name, windows, _bounded(job), job.capacity, is_over)
 
 
 @takes_options(Job)

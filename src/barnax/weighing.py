@@ -157,7 +157,7 @@ def weigh(
         of.get(tabulated, first) if has_tables else None,
         wanted,
         validation,
-        None if own_ocv is None else TableFits((own_ocv.fit,)),
+        None if own_ocv is None else own_ocv.found,
     )
 
 

@@ -139,7 +139,6 @@ def test_the_cell_has_the_ocv_of_every_sample():
     [
         ({"model": "esc"}, "the hysteresis of esc needs an OCV test"),
         ({"setup": "li2023"}, "the hysteresis of iso-rc needs an OCV test"),
-        ({"over": "soc,temperature"}, "needs an OCV test of the cell; give it with `ocv`"),
         ({"ocv_fit": "polynomial"}, "an OCV polynomial needs an OCV test"),
     ],
 )

@@ -158,10 +158,14 @@ def characterize_over_temperature(
     """The cell that OCV tests at several temperatures show: as at the one nearest to 25 degC, and
     with `CellModel.at` at the others. Options are those of `characterize`, which raises what it
     does for the tests of one temperature."""
-    cells = {
-        degc: replace(characterize(tests, **options), temperature_degc=degc)
-        for degc, tests in sorted(by_degc.items())
-    }
+    return over_temperatures(
+        {degc: characterize(tests, **options) for degc, tests in sorted(by_degc.items())}
+    )
+
+
+def over_temperatures(by_degc: Mapping[float, CellModel]) -> CellModel:
+    """One cell of those of several temperatures in degC, from cold to warm."""
+    cells = {degc: replace(each, temperature_degc=degc) for degc, each in by_degc.items()}
     nearest = min(cells, key=lambda degc: abs(degc - REFERENCE_DEGC))
     others = tuple(each for degc, each in cells.items() if degc != nearest)
     warnings = dict.fromkeys(one for each in cells.values() for one in each.warnings)

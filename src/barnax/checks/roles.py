@@ -3,7 +3,6 @@
 The kind is told by its sweeps, its current steps and how far they reach.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,6 +14,7 @@ from ..cell import OcvPoint, OcvTable
 from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, decide_capacity, join_sweeps
 from ..errors import InputError, counted
 from ..notices import notice
+from ..records.record import degc_in_name
 from .check_input import CheckInput
 from .windows import SuggestedWindow, suggest_window
 
@@ -32,7 +32,6 @@ _REACH = (0.05, 0.95)
 _STEPS_A_POINT = 3
 # A discharge that passes so much of all the charge was one of a capacity test.
 _MOST = 0.8
-_NAMED_DEGC = re.compile(r"(?<![\d.])(-?\d{1,2}(?:\.\d+)?)[ _]?(?:degC|deg_?C|°C)(?![a-zA-Z])")
 
 
 @dataclass(frozen=True)
@@ -132,8 +131,7 @@ def _temperature_degc(given: CheckInput) -> float | None:
     measured = given.record.temperature_degc
     if measured is not None and np.isfinite(measured).any():
         return float(np.nanmedian(measured))
-    named = _NAMED_DEGC.search(given.record.name)
-    return float(named[1]) if named else None
+    return degc_in_name(given.record.name)
 
 
 def require_load(file: str, kind: Kind) -> None:

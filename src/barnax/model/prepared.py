@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..execution import as_input
 from ..notices import Notice, notice
 from ..records import Record, current_direction, rest_current_a
+from ..records.record import degc_in_name
 from ..records.samples import record_resistance_ohm
 from .intervals import Intervals
 from .simulate import HysteresisInput, SimulationInput
@@ -226,12 +227,13 @@ def prepare_record(
 def temperature_of(
     record: Record, window: Window, samples: slice | Int[np.ndarray, "_"] = slice(None)
 ) -> float | None:
-    """The temperature given for a record in degC, else the median of those measured, if any."""
-    if window.temperature_degc is not None or record.temperature_degc is None:
+    """The temperature given for a record in degC, else the median of those measured, else that in
+    its name, if any."""
+    if window.temperature_degc is not None:
         return window.temperature_degc
-    measured = record.temperature_degc[samples]
+    measured = np.empty(0) if record.temperature_degc is None else record.temperature_degc[samples]
     known = measured[np.isfinite(measured)]
-    return float(np.median(known)) if len(known) else None
+    return float(np.median(known)) if len(known) else degc_in_name(record.name)
 
 
 def group_tests(
@@ -245,7 +247,9 @@ def group_tests(
     degc = [
         temperature_of(each, own.get(each.name, Window()))
         if isinstance(each, Record)
-        else own.get(each.name, Window()).temperature_degc
+        else own[each.name].temperature_degc
+        if each.name in own
+        else degc_in_name(each.name)
         for each in tests
     ]
     pairs = list(zip(degc, tests, strict=True))

@@ -16,14 +16,22 @@ from jaxtyping import Float
 
 from ..blas import one_blas_thread
 from ..cell import CellModel, OcvPoint, OcvTable, characterize
+from ..cell.characterize import over_temperatures
 from ..cell.curves import InterpolatedCurve, SegmentedHysteresis
-from ..cell.model import FitError
+from ..cell.model import FitError, group_near
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
-from ..model.prepared import OCV_MARGIN, PreparedRecord, prepare_record, soc_along
+from ..model.prepared import (
+    OCV_MARGIN,
+    PreparedRecord,
+    prepare_record,
+    soc_along,
+    temperature_of,
+)
 from ..model.start import find_start, held_charges
 from ..model.window import Window, first_sample, scored_samples
+from ..notices import notice
 from ..records import Record, rest_current_a
 from ..records.record import FULL_CHARGE
 from ..settings import NODES
@@ -36,9 +44,11 @@ from .fit import (
     fit_of,
     reduced_objective,
 )
+from .objective import Solution, TableObjective
 from .registration import register
 from .search import find_best
 from .settings import OCV, TableSettings
+from .temperature import TableFits, fit_temperatures, group_by_temperature
 
 # An OCV bends more than resistances do: closer nodes, but near empty, where no circuit follows and
 # the fall of one record would be taken for that of all.
@@ -74,16 +84,21 @@ class OwnOcv(Brief):
     """A cell whose OCV the records themselves show, and the tables that were fitted with it.
 
     Attributes:
-        cell: The cell; one OCV for both directions, no hysteresis.
+        cell: The cell; one OCV for both directions, no hysteresis. Over temperature, one for each.
         windows: The windows of the records, each with its start on the axis.
-        fit: The tables over SOC, and the OCV among their intervals.
+        found: The tables over SOC, and the OCV among their intervals.
         settings: How they were fitted.
     """
 
     cell: CellModel
     windows: Mapping[str, Window]
-    fit: TableFit
+    found: TableFits
     settings: TableSettings
+
+    @property
+    def fit(self) -> TableFit:
+        """The tables, of several temperatures those nearest to 25 degC."""
+        return self.found.reference
 
 
 def fit_with_ocv(
@@ -92,10 +107,12 @@ def fit_with_ocv(
     windows: Mapping[str, Window],
     settings: TableSettings,
     capacity_ah: float | None = None,
+    over_temperature: bool = False,
 ) -> OwnOcv:
     """Tables over SOC and the OCV that fit some records of one cell best, together.
 
-    Records without a known start take theirs from a rest, on the OCV that the others show.
+    Records without a known start take theirs from a rest, on the OCV that the others show. Over
+    temperature, each one has its own OCV and tables, on one axis with one set of time constants.
 
     Args:
         records: The records.
@@ -103,12 +120,37 @@ def fit_with_ocv(
         windows: The window of each record by its name.
         settings: How tables are fitted; the OCV stands at `ocv_nodes`, by default closer ones.
         capacity_ah: The capacity; None takes what the records span.
+        over_temperature: Whether records of each temperature are fitted by themselves.
 
-    Raises `InputError` where a start is not known, and as `fit_tables` does.
+    Raises `InputError` where a start or a temperature is not known, and as `fit_tables` and
+    `fit_temperatures` do.
     """
     axis_ah, origin = _capacity(records, windows, capacity_ah)
-    axes = {each.name: _axis(each, windows[each.name], axis_ah) for each in records}
     own = _with_own(settings)
+    groups: list[Sequence[Record]] = [records]
+    if over_temperature:
+        known: list[tuple[float, Record]] = []
+        for each in records:
+            if (degc := temperature_of(each, windows[each.name])) is None:
+                raise notice("temperature.unknown", each.name).error()
+            known.append((degc, each))
+        groups = list(group_near(known).values())
+    started: dict[str, Window] = {}
+    for alike in groups:
+        started |= _started(alike, circuit, windows, own, axis_ah, origin)
+    return _fitted(records, circuit, started, own, axis_ah, origin, over_temperature)
+
+
+def _started(
+    records: Sequence[Record],
+    circuit: str,
+    windows: Mapping[str, Window],
+    own: TableSettings,
+    axis_ah: float,
+    origin: str,
+) -> dict[str, Window]:
+    """The windows of records of one temperature with their starts."""
+    axes = {each.name: _axis(each, windows[each.name], axis_ah) for each in records}
     known = [each for each in records if axes[each.name].source != "own span"]
     known = known or [max(records, key=_span_ah)]
     for each in known:
@@ -124,12 +166,12 @@ def fit_with_ocv(
                 rest_a = window.rest_current_a or rest_current_a(each, axis_ah)
                 start, _ = find_start(each, first.cell, window, axis_ah, at, rest_a)
                 axes[each.name] = Axis(start.soc, "rest elsewhere")
-    windows = _on_axes(records, windows, axes, axis_ah)
+    found = _on_axes(records, windows, axes, axis_ah)
     if len(records) > 1 and not own.keep_starts:
-        first = _fitted(records, circuit, windows, quick, axis_ah, origin)
-        told = [prepare_record(each, first.cell, circuit, windows[each.name]) for each in records]
-        windows = {each.record.name: each.window for each in register(told, own)}
-    return _fitted(records, circuit, windows, own, axis_ah, origin)
+        first = _fitted(records, circuit, found, quick, axis_ah, origin)
+        told = [prepare_record(each, first.cell, circuit, found[each.name]) for each in records]
+        found = {each.record.name: each.window for each in register(told, own)}
+    return found
 
 
 @in_float64
@@ -137,10 +179,7 @@ def compare_with_own(
     prepared_records: Sequence[PreparedRecord], fit: TableFit, settings: TableSettings
 ) -> OcvCompared | None:
     """What an OCV of the records' own gives in place of their cell's, at the time constants of
-    tables that were fitted to them; None where they visit too little of the SOC.
-
-    No search and no proof: the records are reduced once more, to few columns.
-    """
+    tables that were fitted to them, without search or proof; None where they visit too little."""
     first = prepared_records[0]
     level = _level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
 
@@ -207,21 +246,45 @@ def _fitted(
     settings: TableSettings,
     capacity_ah: float,
     origin: str,
+    over_temperature: bool = False,
 ) -> OwnOcv:
     level = _level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
     prepared = [prepare_record(each, level, circuit, windows[each.name]) for each in records]
-    objective = reduced_objective(prepared, settings)
-    with one_blas_thread():
-        proof = certify(objective, find_best(objective))
-    nodes, ocv_v = objective.ocv_at(proof.best)
-    soc = np.concatenate([each.soc[each.scored] for each in prepared])
-    cell = _cell_of(records, capacity_ah, nodes, ocv_v, soc)
-    # Of its own kind: what a table of a measured OCV would be asked is not asked.
-    cell = replace(cell, capacity_origin=origin, warnings=())
-    at_home = [prepare_record(each, cell, circuit, windows[each.name]) for each in records]
-    fit = fit_of(objective, proof, at_home)
+    cells: list[CellModel] = []
+
+    def at_home(objective: TableObjective, best: Solution) -> list[PreparedRecord]:
+        """The objective's records with the OCV that was found."""
+        nodes, ocv_v = objective.ocv_at(best)
+        soc = np.concatenate([each.soc[each.scored] for each in objective.prepared_records])
+        own = [each.record for each in objective.prepared_records]
+        cell = _cell_of(own, capacity_ah, nodes, ocv_v, soc)
+        # What a table of a measured OCV would be asked is not asked.
+        cells.append(replace(cell, capacity_origin=origin, warnings=()))
+        return [prepare_record(each, cells[-1], circuit, windows[each.name]) for each in own]
+
+    if over_temperature:
+        groups = group_by_temperature(prepared)
+        found = fit_temperatures(groups, settings, at_home)
+        cell = over_temperatures(dict(zip(groups, cells, strict=True)))
+    else:
+        objective, groups = reduced_objective(prepared, settings), {0.0: prepared}
+        with one_blas_thread():
+            proof = certify(objective, find_best(objective))
+        home = at_home(objective, proof.best)
+        found, cell = TableFits((fit_of(objective, proof, home),)), cells[0]
+    fits = tuple(
+        _of_ocv(fit, own, settings, level)
+        for fit, own in zip(found.fits, groups.values(), strict=True)
+    )
+    return OwnOcv(cell, windows, replace(found, fits=fits), settings)
+
+
+def _of_ocv(
+    fit: TableFit, prepared: Sequence[PreparedRecord], settings: TableSettings, level: CellModel
+) -> TableFit:
+    """A fit whose OCV is told as such, and whose constant circuit has an OCV of its own too, which
+    in each fold knows no more than the tables' does."""
     if fit.cross_validation is not None:
-        # With its own OCV too, which in each fold knows no more than the tables' does.
         constant = constant_with_ocv_held_out(prepared, settings)
         if constant is not None:
             crossed = replace(fit.cross_validation, constant=constant)
@@ -230,7 +293,7 @@ def _fitted(
         each.moved(float(level.average_ocv_v(np.array(each.soc)))) if each.name == OCV else each
         for each in fit.intervals
     )
-    return OwnOcv(cell, windows, replace(fit, intervals=intervals), settings)
+    return replace(fit, intervals=intervals)
 
 
 def _level_cell(capacity_ah: float, voltage_v: float) -> CellModel:

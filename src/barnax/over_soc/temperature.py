@@ -6,7 +6,7 @@ each temperature are the exact optimum of its own bounded least-squares problem.
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -198,11 +198,19 @@ class _Joint:
         return math.sqrt(float(self.weights @ squares))
 
 
+def _as_fitted(objective: TableObjective, best: Solution) -> Sequence[PreparedRecord]:
+    del best
+    return objective.prepared_records
+
+
 def fit_temperatures(
-    by_degc: Mapping[float, Sequence[PreparedRecord]], settings: TableSettings | None = None
+    by_degc: Mapping[float, Sequence[PreparedRecord]],
+    settings: TableSettings | None = None,
+    at_home: Callable[[TableObjective, Solution], Sequence[PreparedRecord]] = _as_fitted,
 ) -> TableFits:
     """The tables over SOC that fit the records of each temperature best, with time constants (and
-    gamma) that are the same at all of them. `by_degc` are the records by temperature in degC.
+    gamma) that are the same at all of them. `by_degc` are the records by temperature in degC;
+    `at_home` gives those of an objective with the OCV of its solution, from cold to warm.
 
     Raises `InputError` for fewer than two temperatures, and as `fit_tables` does.
     """
@@ -218,10 +226,13 @@ def fit_temperatures(
             for each, part in zip(joint.objectives, best.parts, strict=True)
         ]
         lower_bound_v, best = _prove_together(joint, best, proofs)
-        left_out = _left_out(joint, best, degc)
+        homes = [at_home(each, part) for _, each, part in joint.parts_at(best)]
+        left_out = _left_out(joint, best, degc, homes)
     fits = tuple(
-        fit_of(objective, Proof(min(proof.lower_bound_v, part.rms_v), proof.boxes, part))
-        for objective, proof, part in zip(joint.objectives, proofs, best.parts, strict=True)
+        fit_of(objective, Proof(min(proof.lower_bound_v, part.rms_v), proof.boxes, part), home)
+        for objective, proof, part, home in zip(
+            joint.objectives, proofs, best.parts, homes, strict=True
+        )
     )
     over_temperature = OverTemperature(
         temperatures_degc=degc,
@@ -281,7 +292,12 @@ def _prove_together(
     return min(max(alone_v, together.lower_bound_v), best_v), together.best
 
 
-def _left_out(joint: _Joint, best: _JointSolution, degc: Sequence[float]) -> tuple[LeftOut, ...]:
+def _left_out(
+    joint: _Joint,
+    best: _JointSolution,
+    degc: Sequence[float],
+    homes: Sequence[Sequence[PreparedRecord]],
+) -> tuple[LeftOut, ...]:
     """Every temperature predicted by the others, whose time constants are searched anew."""
     found = []
     for left, objective in enumerate(joint.objectives):
@@ -294,13 +310,13 @@ def _left_out(joint: _Joint, best: _JointSolution, degc: Sequence[float]) -> tup
                 for each, part in zip(others.objectives, anew.parts, strict=True)
             ),
         )
-        own, at_home = objective.prepared_records, objective.tables_at(best.parts[left])
+        own, of_own = homes[left], objective.tables_at(best.parts[left])
         found.append(
             LeftOut(
                 temperature_degc=degc[left],
                 is_between=0 < left < len(degc) - 1,
                 errors=pooled_errors(own, tables.at(degc[left])),
-                own=pooled_errors(own, at_home),
+                own=pooled_errors(own, of_own),
             )
         )
     return tuple(found)

@@ -171,24 +171,27 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
 
 
 def _on_records(draft: Draft, groups: Sequence[Sequence[CandidateFile]]) -> Plan | None:
-    """A plan without an OCV test, where records of some temperature can do without: the OCV is
-    then the records' own."""
-    for group in groups:
-        runs = [
-            (each, each.window)
-            for each in group
-            if each not in draft.taken and not each.missing_for(draft.given_ah, VALIDATION_STEPS)
-        ]
-        runs.sort(key=lambda run: (bool(run[0].missing_for(draft.given_ah)), -reach_ah(run[0])))
-        if not runs or runs[0][0].missing_for(draft.given_ah):
+    """A plan without an OCV test, where records of some temperature can do without, or over
+    temperature those of several: the OCV is then the records' own."""
+    known = [group for group in groups if draft.is_over and group[0].temperature_degc is not None]
+    # Where the temperatures are not enough for that, it is said as where files are given.
+    for together in (known, *([group] for group in groups)):
+        runs = [run for group in together for run in _without_test(draft, group)]
+        if not runs:
             continue
-        record, window = runs[0]
-        why = (
-            f"{words_of(draft, record)}; its OCV is identified with it, because there is no OCV "
-            "test"
-        )
-        draft.take(record, "identification", why, window)
-        _take_others(draft, runs[1:], draft.given_ah)
+        record = runs[0][0]
+        for each, window in runs:
+            alone = each is record and len(together) == 1
+            its = "its OCV" if alone else "the OCV of its temperature" if draft.is_over else ""
+            why = f"{its} is identified with it, because there is no OCV test" if its else ""
+            if missing := each.missing_for(draft.given_ah):
+                reason = f"too little to identify on: {missing}"
+                draft.take(each, "validation", reason, window)
+            else:
+                told = "; ".join(filter(None, (words_of(draft, each), why)))
+                draft.take(each, "identification", told, window)
+        if draft.is_over:
+            draft.tell_temperatures()
         at = named_degc(record.temperature_degc)
         for each in draft.files:
             if each not in draft.taken:
@@ -198,6 +201,18 @@ def _on_records(draft: Draft, groups: Sequence[Sequence[CandidateFile]]) -> Plan
         given = {} if draft.given_ah is None else {"capacity": draft.given_ah}
         return Plan("identify", draft.parts(), given, dict.fromkeys(given, "given"))
     return None
+
+
+def _without_test(draft: Draft, group: Sequence[CandidateFile]) -> list[Runnable]:
+    """What can be identified on without an OCV test, and then validated on, the widest first; none
+    where the first cannot be identified on."""
+    runs = [
+        (each, each.window)
+        for each in group
+        if each not in draft.taken and not each.missing_for(draft.given_ah, VALIDATION_STEPS)
+    ]
+    runs.sort(key=lambda run: (bool(run[0].missing_for(draft.given_ah)), -reach_ah(run[0])))
+    return [] if not runs or runs[0][0].missing_for(draft.given_ah) else runs
 
 
 def _without_record(draft: Draft, free: Sequence[CandidateFile]) -> Plan:

@@ -1,5 +1,6 @@
 """One measured record of one cell in one convention, its rests and its direction."""
 
+import re
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,6 +14,12 @@ Hold = Literal["forward", "backward", "centered"]
 Strength = Literal["given", "strong", "weak", "assumed"]
 # In `Record.state`, what is no discharge (+1), charge (-1) or rest (0).
 OTHER_STATE = 9
+# A hyphen may be one between words.
+_NAMED_DEGC = re.compile(
+    r"(?<![\d.])(?P<minus>(?<![a-zA-Z\d])(?:-|minus|neg|m|n)[ _]?)?(?P<degrees>\d{1,2}(?:\.\d+)?)"
+    r"[ _]?(?:degC|deg_?C|°C)(?![a-zA-Z])",
+    re.IGNORECASE,
+)
 
 
 @dataclass(frozen=True)
@@ -229,3 +236,15 @@ def rest_blocks(record: Record, threshold_a: float) -> list[tuple[int, int]]:
     """
     first, last = runs(is_rested(record, threshold_a))
     return list(zip(first.tolist(), last.tolist(), strict=True))
+
+
+def degc_in_name(name: str) -> float | None:
+    """The temperature in degC that a file's name tells, None without such.
+
+    >>> [degc_in_name(each) for each in ("dst_25degC.csv", "ocv-5degC", "us06_minus10degC.csv")]
+    [25.0, 5.0, -10.0]
+    """
+    named = _NAMED_DEGC.search(name)
+    if named is None:
+        return None
+    return -float(named["degrees"]) if named["minus"] else float(named["degrees"])

@@ -17,7 +17,12 @@ from .soc_tables import (
     middle_of_tables,
     prediction_sentences,
 )
-from .starts import carried_sentences, moved_start_sentence, registered_sentences
+from .starts import (
+    carried_sentences,
+    moved_start_sentence,
+    ocv_sentences,
+    registered_sentences,
+)
 from .terminal import Whole, bare_table, headed_line, indented
 from .words import (
     between,
@@ -73,6 +78,7 @@ def first_screen(
     if over is not None:
         lines.append(("Temperatures", f"where none was measured, {expectation(over)}"))
         lines += [("", told) for told in prediction_sentences(result)]
+        lines += [("OCV", told) for told in ocv_sentences(result)]
     lines += [("Adjusted", text) for text in registered_sentences(result)]
     lines += [
         ("Start", text + ".")

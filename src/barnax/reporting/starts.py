@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from ..cell.model import NEAR_DEGC
 from ..settings import MAX_MOVED_SOC
-from .words import joined, millivolt, percent
+from .words import degrees, joined, millivolt, percent
 
 if TYPE_CHECKING:
     from ..model.start import Start
@@ -44,6 +45,30 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
         f"counted over {cell.capacity_ah:.4g} Ah ({cell.capacity_origin}), {whose}{start}; "
         "`capacity` and `initial_soc` set this axis."
     )
+
+
+def ocv_sentences(stored: "Result") -> Iterator[str]:
+    """Which OCV the records of each temperature have, over temperature."""
+    over = stored.tables and stored.tables.over_temperature
+    if not over:
+        return
+    cell, whose = stored.cell_model, "an OCV test"
+    if cell.is_of_records:
+        whose = "its records"
+    elif not cell.elsewhere:
+        yield "all temperatures have the same OCV; `ocv` takes a test of each of them."
+        return
+    degc = [each.temperature_degc or 0.0 for each in (cell, *cell.elsewhere)]
+    without = [
+        degrees(each)
+        for each in over.temperatures_degc
+        if min(abs(own - each) for own in degc) > NEAR_DEGC
+    ]
+    where = joined(list(map(degrees, sorted(degc))))
+    if not without:
+        yield f"each temperature has its own, of {whose} at {where}."
+    else:
+        yield f"that at {joined(without)} follows from those of {whose} at {where}."
 
 
 def told_source(part: "InputPart") -> str:

@@ -28,7 +28,7 @@ LAYERS = (
     ("candidates", "table_run", "job"),
     ("result_parts", "run"),
     ("results",),
-    ("storing", "simulation", "result_filter"),
+    ("storing", "simulation", "result_filter", "scenarios"),
     ("reopening", "replay"),
     ("export", "plan", "weighing"),
     ("comparison",),

@@ -31,11 +31,12 @@ from .filters import (
 )
 from .filters.model import CAPACITY, OFFSET
 from .inputs import Given, read_validation
-from .model.prepared import PreparedRecord, prepare_record
+from .model.prepared import prepare_record
 from .model.window import Window
 from .over_soc import require_temperature
 from .result_filter import model_of
 from .results import Result
+from .scenarios import SCENARIOS, Case, Scenario, case_of, first_with_room, in_place
 from .schema import Count, Document, Part, Told
 from .settings import AutoHold, AutoSign, Reading
 
@@ -46,6 +47,12 @@ if TYPE_CHECKING:
 CONVERGED, HOLDS_S = 0.03, 600.0
 # Two standard deviations of a normal distribution hold 95 %.
 BAND = 1.959964
+# Where the OCV's error is over this SOC, as a standard deviation, the voltage hardly tells the SOC.
+FLAT = 0.05
+# Offset and capacity gather the errors of a whole record: on measured cells they are off by up to
+# three of the filter's deviations. They are told where thrice the deviation is half of what was
+# believed before.
+DOUBT, TOLD = 3.0, 0.5
 
 
 @dataclass(frozen=True)
@@ -53,55 +60,33 @@ class FilterSettings:
     """The Kalman filter that replays a record.
 
     Args:
-        kind: The extended ("ekf") or the unscented ("ukf") Kalman filter.
+        kind: A Gaussian sum of extended Kalman filters ("sum"), one extended ("ekf") or one
+            unscented ("ukf") Kalman filter.
         form: Estimated parameters as states of the same filter ("joint"), or in a second one
-            ("dual").
+            ("dual"), which the sum does not have.
         estimate: Parameters to estimate: "offset" (of the current), "capacity", and resistances and
             time constants such as "R0" or "tau1".
         soc_sd: Standard deviation of the SOC at the start, a fraction.
         tables: Use the tables over SOC if the result has them.
 
-    Raises `InputError` for an unknown kind or form, and for `soc_sd` outside 0 to 1.
+    Raises `InputError` for an unknown kind or form, a dual sum, and for `soc_sd` outside 0 to 1.
     """
 
-    kind: Kind = "ekf"
+    kind: Kind = "sum"
     form: Form = "joint"
     estimate: tuple[str, ...] = (OFFSET, CAPACITY)
-    soc_sd: float = 0.1
+    soc_sd: float = 0.15
     tables: bool = True
 
     def __post_init__(self):
-        if self.kind not in ("ekf", "ukf"):
-            raise InputError(f"`filter` {self.kind!r} is not known; there are ekf, ukf")
+        if self.kind not in ("sum", "ekf", "ukf"):
+            raise InputError(f"`filter` {self.kind!r} is not known; there are sum, ekf, ukf")
         if self.form not in ("joint", "dual"):
             raise InputError(f"`form` {self.form!r} is not known; there are joint, dual")
+        if (self.kind, self.form) == ("sum", "dual"):
+            raise InputError("`form` dual needs `filter` ekf or ukf: the sum has no dual form")
         if not 0 < self.soc_sd <= 1:
             raise InputError(f"soc_sd {self.soc_sd:g} must be above 0 and at most 1")
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """Errors of a battery manager's knowledge.
-
-    Args:
-        name: What it is called in reports.
-        soc_error: Error of the SOC at the start, a fraction.
-        offset_c: Offset of the current, as a C-rate.
-        capacity_factor: The capacity that is believed, relative to the right one.
-    """
-
-    name: str
-    soc_error: float = 0.0
-    offset_c: float = 0.0
-    capacity_factor: float = 1.0
-
-
-SCENARIOS = (
-    Scenario("right start"),
-    Scenario("start 20 % off", soc_error=0.2),
-    Scenario("current offset", offset_c=0.01),
-    Scenario("capacity 5 % high", capacity_factor=1.05),
-)
 
 
 class ScenarioPart(Part):
@@ -111,6 +96,7 @@ class ScenarioPart(Part):
 
     Attributes:
         name: The scenario's.
+        start_s: When it starts, after the beginning of the replay.
         start_soc: The SOC that the filter starts from.
         offset_a: The current's offset.
         capacity_ah: The capacity that is believed.
@@ -118,14 +104,18 @@ class ScenarioPart(Part):
         rms: Root mean square of the error.
         rms_above_10_soc: The same above 10 % SOC.
         max: The largest error.
+        band: Mean half width of the 95 % band, over all samples.
+        widest: The largest half width of it after the first ten minutes.
         in_band: Share of all samples where the 95 % band holds the counter.
         counter_rms: Root mean square of plain counting over the same samples.
         counter_max: The largest error of plain counting.
-        estimates: Final values of the estimated parameters, with their standard deviations.
+        estimates: Final values of the estimated parameters, with their standard deviations; of
+            offset and capacity only those that the record tells.
         diverged_s: Time at which the filter's numbers ceased to be finite.
     """
 
     name: str
+    start_s: float = 0.0
     start_soc: float
     offset_a: float
     capacity_ah: float
@@ -133,6 +123,8 @@ class ScenarioPart(Part):
     rms: float | None = None
     rms_above_10_soc: float | None = None
     max: float | None = None
+    band: float | None = None
+    widest: float | None = None
     in_band: float | None = None
     counter_rms: float | None = None
     counter_max: float | None = None
@@ -152,7 +144,7 @@ class SocReplay(Document):
     none.
 
     Attributes:
-        schema_version: Version 1 of the file.
+        schema_version: Version 2 of the file; one of version 1 is read too.
         record: Name of the record.
         sha256: Digest of its file.
         model: The circuit.
@@ -162,12 +154,16 @@ class SocReplay(Document):
         samples: Number of samples.
         duration_s: Length of the replay.
         soc_range: Lowest and highest SOC of the counter.
+        flat_soc: Lowest and highest SOC of the counter where the errors of the circuit's OCV are
+            over 5 % SOC, as one standard deviation: the voltage hardly tells the SOC there.
+        flat_share: The share of the samples where they are.
         scenarios: The filter's errors in every scenario.
+        untried: Scenarios whose start the record has no room for.
         innovations: Tests of the innovations from the right start, None if it diverged.
         warnings: What is doubtful, with what to do.
     """
 
-    schema_version: Annotated[int, Field(ge=1, le=1)] = 1
+    schema_version: Annotated[int, Field(ge=1, le=2)] = 2
     record: str
     sha256: str
     model: str
@@ -177,7 +173,10 @@ class SocReplay(Document):
     samples: Count
     duration_s: float
     soc_range: tuple[float, float]
+    flat_soc: tuple[float, float] | None = None
+    flat_share: float = 0.0
     scenarios: tuple[ScenarioPart, ...]
+    untried: tuple[str, ...] = ()
     innovations: Innovations | None
     warnings: tuple[Told, ...] = ()
 
@@ -210,7 +209,8 @@ class SocReplay(Document):
 class Traces(Brief):
     """What stands over time in a replay: the counter as the truth, and every scenario's estimate.
 
-    `counted` is the SOC that plain counting gives in each scenario.
+    `counted` is the SOC that plain counting gives in each scenario. Before a scenario starts, both
+    are not a number.
     """
 
     time_s: Float[np.ndarray, "samples"]
@@ -276,22 +276,32 @@ def replay_soc(
         model_of(used, settings.estimate),
         jnp.asarray(prepared.capacity_ah),
     )
-    cases = [_case(model, prepared, each, settings.soc_sd) for each in scenarios]
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *cases)
+    tried = {each: first_with_room(prepared.soc, each.soc_error) for each in scenarios}
+    cases = [
+        case_of(model, prepared, each, first, settings.soc_sd)
+        for each, first in tried.items()
+        if first is not None
+    ]
+    if not cases:
+        raise InputError(f"{measured.name}: its SOC leaves no room for any start of `scenarios`")
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(each.given for each in cases))
     program = compile_for(_run_all, *stacked, settings.kind, settings.form)
-    found = program(*stacked, settings.kind, settings.form)
-    estimate = jax.tree.map(np.asarray, found)
+    estimate = jax.tree.map(np.asarray, program(*stacked, settings.kind, settings.form))
+    late = [
+        jax.tree.map(
+            lambda each, place=place, case=case: in_place(each[place], case.first), estimate
+        )
+        for place, case in enumerate(cases)
+    ]
     traces = Traces(
-        time_s=prepared.time_s - prepared.time_s[0],
-        truth=prepared.soc,
-        estimate=estimate,
-        counted=np.stack([_counted(case) for case in cases]),
+        prepared.time_s - prepared.time_s[0],
+        prepared.soc,
+        jax.tree.map(lambda *leaves: np.stack(leaves), *late),
+        np.stack([in_place(case.counted, case.first) for case in cases]),
     )
-    parts = tuple(
-        _score(model, case, each, traces, place)
-        for place, (each, case) in enumerate(zip(scenarios, cases, strict=True))
-    )
-    normalised = np.asarray(estimate.innovation_v[0] / estimate.innovation_sd_v[0])
+    parts = tuple(_score(model, case, traces, place) for place, case in enumerate(cases))
+    normalised = traces.estimate.innovation_v[0] / traces.estimate.innovation_sd_v[0]
+    flat_soc = prepared.soc[model.doubt_at(prepared.soc) > FLAT]
     replay = SocReplay(
         record=measured.name,
         sha256=measured.sha256,
@@ -302,8 +312,13 @@ def replay_soc(
         samples=len(prepared.soc),
         duration_s=float(traces.time_s[-1]),
         soc_range=(float(prepared.soc.min()), float(prepared.soc.max())),
+        flat_soc=(float(flat_soc.min()), float(flat_soc.max())) if len(flat_soc) else None,
+        flat_share=len(flat_soc) / len(prepared.soc),
         scenarios=parts,
-        innovations=None if parts[0].diverged_s is not None else examine_innovations(normalised),
+        untried=tuple(each.name for each, first in tried.items() if first is None),
+        innovations=None
+        if parts[0].diverged_s is not None
+        else examine_innovations(normalised[cases[0].first :]),
         warnings=tuple(dict.fromkeys([*warnings, *measured.warnings, *prepared.warnings])),
     )
     replay._traces = traces
@@ -317,57 +332,37 @@ def _run_all(models: FilterModel, starts: Any, drives: Drive, kind: Kind, form: 
     )
 
 
-def _case(model: FilterModel, prepared: PreparedRecord, scenario: Scenario, soc_sd: float):
-    """The model, the start and the drive as the battery manager has them."""
-    soc, drive = prepared.start.soc, Drive.of(prepared)
-    # Where there is no room below, the start is too high.
-    soc += scenario.soc_error if soc < scenario.soc_error else -scenario.soc_error
-    capacity_ah = model.capacity_ah * scenario.capacity_factor
-    offset_a = scenario.offset_c * prepared.capacity_ah
-    drive = drive._replace(
-        held_a=drive.held_a.at[1:].add(offset_a), current_a=drive.current_a + offset_a
-    )
-    direction_sd = 1.0 if prepared.start.direction_source == "assumed" else 0.0
-    believed = eqx.tree_at(lambda each: each.capacity_ah, model, capacity_ah)
-    return believed, model.start(soc, soc_sd, float(prepared.start.direction), direction_sd), drive
-
-
-def _counted(case: Any) -> Float[np.ndarray, "samples"]:
-    """SOC by counting alone, with what the manager has wrong."""
-    believed, (state, _), drive = case
-    passed_ah = np.cumsum(np.asarray(drive.held_a * drive.interval_s)) / 3600
-    return float(state[0]) - passed_ah / float(believed.capacity_ah)
-
-
-def _score(
-    model: FilterModel, case: Any, scenario: Scenario, traces: Traces, place: int
-) -> ScenarioPart:
+def _score(model: FilterModel, case: Case, traces: Traces, place: int) -> ScenarioPart:
     """What a filter's estimates are worth against the counter."""
-    believed, (state, _), _ = case
-    soc = np.asarray(traces.estimate.soc[place])
-    soc_sd = np.asarray(traces.estimate.soc_sd[place])
+    believed, (state, _), _ = case.given
+    here = slice(case.first, None)
+    time_s, truth = traces.time_s[here] - traces.time_s[case.first], traces.truth[here]
+    soc = np.asarray(traces.estimate.soc[place])[here]
+    band = BAND * np.asarray(traces.estimate.soc_sd[place])[here]
     part = ScenarioPart(
-        name=scenario.name,
+        name=case.scenario.name,
+        start_s=float(traces.time_s[case.first]),
         start_soc=float(state[0]),
-        offset_a=scenario.offset_c * float(model.capacity_ah),
+        offset_a=case.scenario.offset_c * float(model.capacity_ah),
         capacity_ah=float(believed.capacity_ah),
     )
-    is_number = np.isfinite(soc) & np.isfinite(soc_sd)
+    is_number = np.isfinite(soc) & np.isfinite(band)
     if not np.all(is_number):
-        return part.model_copy(update={"diverged_s": float(traces.time_s[np.argmin(is_number)])})
-    error, counter_error = soc - traces.truth, traces.counted[place] - traces.truth
+        return part.model_copy(update={"diverged_s": float(time_s[np.argmin(is_number)])})
+    error, counter_error = soc - truth, traces.counted[place][here] - truth
     slow, slow_sd = traces.estimate.slow[place, -1], traces.estimate.slow_sd[place, -1]
-    # All but the offset are logarithms of a factor.
-    estimates = {
-        name: (float(value if name == OFFSET else np.exp(value)), float(sd))
-        for name, value, sd in zip(model.slow, slow, slow_sd, strict=True)
+    told = zip(model.slow, slow, slow_sd, np.asarray(model.slow_sd), strict=True)
+    found: dict[str, Any] = {
+        "in_band": float(np.mean(np.abs(error) <= band)),
+        "band": float(np.mean(band)),
+        "widest": float(band[time_s >= min(HOLDS_S, time_s[-1])].max()),
+        "estimates": {each[0]: _told(*each[:3]) for each in told if _is_told(*each)},
     }
-    found = {"in_band": float(np.mean(np.abs(error) <= BAND * soc_sd)), "estimates": estimates}
-    first = _converged(traces.time_s, np.abs(error) <= CONVERGED)
+    first = _converged(time_s, np.abs(error) <= CONVERGED)
     if first is not None:
-        after, above = error[first:], error[first:][is_above(traces.truth[first:])]
+        after, above = error[first:], error[first:][is_above(truth[first:])]
         found |= {
-            "converged_s": float(traces.time_s[first]),
+            "converged_s": float(time_s[first]),
             "rms": _rms(after),
             "rms_above_10_soc": _rms(above) if len(above) else None,
             "max": float(np.abs(after).max()),
@@ -375,6 +370,19 @@ def _score(
             "counter_max": float(np.abs(counter_error[first:]).max()),
         }
     return part.model_copy(update=found)
+
+
+def _is_told(name: str, _: float, sd: float, prior_sd: float) -> bool:
+    """Whether a record tells an offset or a capacity from the errors of the circuit: from one that
+    is only believed."""
+    return name not in (OFFSET, CAPACITY) or DOUBT * sd <= TOLD * prior_sd
+
+
+def _told(name: str, value: float, sd: float) -> tuple[float, float]:
+    """A final value with its deviation; all but the offset are logarithms of a factor."""
+    if name in (OFFSET, CAPACITY):
+        sd *= DOUBT
+    return (float(value if name == OFFSET else np.exp(value)), float(sd))
 
 
 def _converged(

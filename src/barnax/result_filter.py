@@ -1,71 +1,87 @@
-"""A result's circuit as the model of a filter, with its errors as the fit left them."""
+"""A result's circuit as the model of a filter, with the errors that it has on other records."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from .cell.tables import OCV_CORRECTION
 from .errors import InputError
-from .filters.model import CAPACITY, OFFSET, ErrorModel, FilterModel, make_model
+from .filters.model import CAPACITY, GRID, OFFSET, ErrorModel, FilterModel, make_model
+from .over_soc.registration import FULL_SD
 from .results import Result
 
-TENTHS = (np.arange(10) + 0.5) / 10
 # No tester resolves less, and a measurement without any noise would be believed without limit.
 LEAST_NOISE_V = 1e-4
-# Parts of the error weaker than this share of the whole are left out: each costs a state.
-WEAKEST_PART = 0.01
 # Prior standard deviation of a capacity, relative; resistances and times have that of their fit.
 CAPACITY_SD = 0.05
 LEAST_SD, LARGEST_SD = 0.02, 0.5
 
 
+@dataclass(frozen=True)
+class ElsewhereError:
+    """The errors of a circuit on a record that it was not fitted to, by those where it was.
+
+    `white` and `lasting` are how many times the residuals' own size they are: from sample to
+    sample, lasting for `white_s` at least, and over `lasting_s`. `hysteresis` is the share of half
+    the measured gap by which the OCV may be off: that of a circuit without hysteresis moves within
+    the gap, and one measured on a slow sweep is not that of a drive.
+    """
+
+    white: float = 4.0
+    white_s: float = 1.0
+    lasting: float = 3.0
+    lasting_s: float = 100.0
+    hysteresis: float = 0.5
+
+
+# Chosen on two drives of one cell at 0, 25 and 45 degC, each from the other, and one LFP drive
+# (`python -m benchmarks.filters`): half or twice of each keeps RMS and band within a few tenths.
+ELSEWHERE = ElsewhereError()
+
+
 def errors_of(result: Result) -> ErrorModel:
-    """The error model of an identification; with tables over SOC, as large as theirs at every SOC.
+    """The error model of an identification: that of its tables over SOC, if it has them.
 
-    The parts are those of the noise fitted to the residuals, the white one as large as the
-    residuals themselves: what the fit leaves for white is under a millivolt, and a filter that
-    believed neighboring samples so closely would read a wrong hysteresis or resistance at every
-    turn of the current for a change of SOC.
-
-    A correction of the open-circuit voltage is counted as an error of its own size: by that the
-    OCV test and the record identified on disagree, and on another record either may hold. The
-    errors left on the one record, which it was fitted to, would say that it is known.
-
-    The size in a tenth of SOC is that over it and its neighbors. What a circuit misses of the
-    OCV changes sign over SOC, and so is small by itself in some tenth; on another drive it
-    crosses zero elsewhere, and a filter that believed the voltage there would read the
-    difference for a capacity.
+    White and lasting parts are multiples of the residuals in a tenth of SOC. The bias is that of
+    the OCV: the standard error and the bias of its correction at a node, which allow for the
+    correlation of the residuals, and beyond the visited nodes what the correction goes on by.
+    Residuals would say far less than that, for the correction was fitted to them. A circuit without
+    a correction is off for long by its residuals. What the hysteresis leaves open is added.
 
     Raises `InputError` for a result without an assessment.
     """
-    constant = result.constant
+    constant, tables = result.constant, result.tables
     if constant.assessment is None:
         raise InputError(
             "this result has no residual statistics, which set the filter's noise; "
             "identify again with `trust` 'basic'"
         )
-    noise = constant.assessment.uncertainty.noise
-    rmse_v = constant.metrics.identification.rmse_v
-    stored = constant.assessment.diagnostics if result.tables is None else result.tables
-    bands = stored.by_soc
-    total_v2 = sum(sd**2 for sd in noise.sd_v)
-    parts = [
-        each
-        for each in zip(noise.correlation_s, noise.sd_v, strict=True)
-        if each[0] and each[1] ** 2 > WEAKEST_PART**2 * total_v2
-    ]
-    error_v = {round(10 * (each.low or 0.0)): each.rmse_v for each in bands}
-    if result.tables is not None and OCV_CORRECTION in result.tables.fit.tables.tables:
-        moved_v = result.tables.fit.tables.at(OCV_CORRECTION, TENTHS)
-        error_v = {at: float(np.hypot(each, moved_v[at])) for at, each in error_v.items()}
-    # Where the fit has seen nothing, its error as a whole has to do.
-    tenths = np.array([error_v.get(tenth, rmse_v) / rmse_v for tenth in range(10)])
-    around = [tenths[max(tenth - 1, 0) : tenth + 2] for tenth in range(10)]
+    bands = constant.assessment.diagnostics.by_soc if tables is None else tables.by_soc
+    # Where the fit has seen nothing, its nearest error has to do; a result may have none by SOC.
+    by_soc = {((each.low or 0.0) + (each.high or 1.0)) / 2: each.rmse_v for each in bands}
+    by_soc = by_soc or {0.5: constant.metrics.identification.rmse_v}
+    residual_v = np.interp(GRID, list(by_soc), list(by_soc.values()))
+    residual_v = np.maximum(residual_v, LEAST_NOISE_V)
+    bias_v = ELSEWHERE.lasting * residual_v
+    known = [] if tables is None else tables.fit.of_table(OCV_CORRECTION)
+    known = [each for each in known if each.low is not None]
+    if tables is not None and known:
+        soc = np.array([each.soc for each in known])
+        bias_v = np.interp(GRID, soc, [np.hypot(each.standard_error, each.bias) for each in known])
+        moved_v = tables.fit.tables.at(OCV_CORRECTION, GRID)
+        held_v = tables.fit.tables.at(OCV_CORRECTION, np.clip(GRID, soc[0], soc[-1]))
+        bias_v = np.hypot(bias_v, moved_v - held_v)
+    half_v = result.cell_at().hysteresis_v(np.clip(GRID, 0.0, 1.0)) / 2
     return ErrorModel(
-        max(rmse_v, LEAST_NOISE_V),
-        *(zip(*parts, strict=True) if parts else ((), ())),
-        soc=tuple(TENTHS.tolist()),
-        scale=tuple(float(np.sqrt(np.mean(each**2))) for each in around),
+        ELSEWHERE.white,
+        (ELSEWHERE.lasting_s,),
+        (ELSEWHERE.lasting,),
+        soc=tuple(GRID.tolist()),
+        scale=tuple(residual_v.tolist()),
+        bias_v=tuple(np.hypot(bias_v, ELSEWHERE.hysteresis * half_v).tolist()),
+        white_s=ELSEWHERE.white_s,
+        axis_sd=FULL_SD,
     )
 
 

@@ -34,8 +34,8 @@ int main(int count, char **given)
     while (fread(in, sizeof(double), 4, stdin) == 4) {
         barnax_filter_step(&f, (barnax_real)in[0], (barnax_real)in[1], (barnax_real)in[2],
                            (barnax_real)in[3]);
-        out[0] = f.x[0];
-        out[1] = sqrt(f.p[0][0]);
+        out[0] = f.soc;
+        out[1] = f.soc_sd;
         out[2] = f.innovation_v;
         out[3] = f.innovation_sd_v;
         fwrite(out, sizeof(double), 4, stdout);

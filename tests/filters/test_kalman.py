@@ -20,7 +20,10 @@ from barnax.filters.model import GRID
 from helpers.results import make_cell
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0), gamma=80.0)
-ERRORS = ErrorModel(2e-3, (20.0, 900.0), (4e-3, 3e-3), soc=(0.2, 0.8), scale=(1.5, 0.7))
+ERRORS = ErrorModel(
+    2e-3, (20.0, 900.0), (4e-3, 3e-3),
+    soc=(0.2, 0.8), scale=(1.5, 0.7), bias_v=(6e-3, 2e-3), white_s=1.2, axis_sd=4e-3,
+)  # fmt: skip
 REST_A, SLOW, SLOW_SD = 0.02, ("offset", "capacity"), (0.02, 0.05)
 SAMPLES = 400
 
@@ -51,16 +54,18 @@ class Plain:
         self.circuit, self.cell = circuit, cell
         self.is_dynamic = circuit == "esc"
         self.first_error = 3 + self.is_dynamic
-        self.count = self.first_error + 2
+        # Two parts that last, and the bias.
+        self.count = self.first_error + 3
 
     def curves(self, soc):
-        """OCV, half the hysteresis voltage, the scale of errors, and the slope of each."""
+        """OCV, half the hysteresis voltage, the scale of errors, the bias, and slopes of each."""
         place = int(np.clip(np.searchsorted(GRID, soc, side="right") - 1, 0, len(GRID) - 2))
         nodes = GRID[place : place + 2]
         for curve in (
             self.cell.average_ocv_v(nodes),
             self.cell.hysteresis_v(nodes) / 2 * (self.circuit != "so-rc"),
             np.interp(nodes, ERRORS.soc, ERRORS.scale),
+            np.interp(nodes, ERRORS.soc, ERRORS.bias_v),
         ):
             slope = (curve[1] - curve[0]) / (nodes[1] - nodes[0])
             yield curve[0] + slope * (soc - nodes[0]), slope
@@ -84,27 +89,39 @@ class Plain:
         for place, tau_s in enumerate(ERRORS.correlation_s, self.first_error):
             new[place] = slope[place, place] = np.exp(-dt / tau_s)
             new[place] *= x[place]
+        place = self.count - 1
+        slope[place, place] = self.bias_left(dt, held)
+        new[place] = slope[place, place] * x[place]
         return new, slope
 
-    def voltage(self, x, current, direction):
-        (ocv, ocv_slope), (half, half_slope), (scale, scale_slope) = self.curves(x[0])
+    def bias_left(self, dt, held):
+        return np.exp(-abs(held) * dt / (3600 * 2.0) / 0.05)
+
+    def voltage(self, x, dt, current, direction, near):
+        """The sizes of errors are those at the SOC `near`, whatever the state's own."""
+        (ocv, ocv_slope), (half, half_slope), *_ = self.curves(x[0])
+        (scale, _), (bias, _) = list(self.curves(near))[2:]
         h = {"so-rc": 0.0, "iso-rc": direction, "esc": x[3]}[self.circuit]
-        errors = slice(self.first_error, self.count)
+        errors = slice(self.first_error, self.count - 1)
         slope = np.zeros(len(x))
-        slope[0] = ocv_slope + h * half_slope + scale_slope * x[errors].sum()
+        slope[0] = ocv_slope + h * half_slope
+        slope[self.count - 1] = bias
         slope[1:3], slope[errors], slope[-2] = -1.0, scale, CIRCUIT.r0
         if self.is_dynamic:
             slope[3] = half
         drop = CIRCUIT.r0 * (current - x[-2]) + x[1] + x[2]
-        return ocv + h * half - drop + scale * x[errors].sum(), slope, (scale * 2e-3) ** 2
+        missed = scale * x[errors].sum() + bias * x[self.count - 1]
+        often = max(1.0, 1.2 / dt) if dt else 1.0
+        return ocv + h * half - drop + missed, slope, (scale * 2e-3) ** 2 * often
 
-    def walk(self, dt):
+    def walk(self, dt, held):
         q = np.zeros(self.count + 2)
         q[0] = (REST_A / 5 * dt / 3600 / 2.0) ** 2
         for place, (tau_s, sd) in enumerate(
             zip(ERRORS.correlation_s, ERRORS.sd_v, strict=True), self.first_error
         ):
             q[place] = sd**2 * (1 - np.exp(-2 * dt / tau_s))
+        q[self.count - 1] = 1 - self.bias_left(dt, held) ** 2
         q[-2:] = np.array(SLOW_SD) ** 2 * dt / 360_000
         return np.diag(q)
 
@@ -119,23 +136,24 @@ class Plain:
         for dt, held, turning, current, direction, measured in zip(*drive, strict=True):
             if kind == "ekf":
                 x, slope = self.advance(x, dt, held, turning)
-                p = slope @ p @ slope.T + self.walk(dt)
-                v, slope, r = self.voltage(x, current, direction)
+                p = slope @ p @ slope.T + self.walk(dt, held)
+                v, slope, r = self.voltage(x, dt, current, direction, x[0])
                 with_state, variance = p @ slope, slope @ p @ slope
             else:
                 points, w = self.points(x, p)
                 moved = np.array([self.advance(each, dt, held, turning)[0] for each in points])
                 x = w @ moved
-                p = (w[:, None] * (moved - x)).T @ (moved - x) + self.walk(dt)
+                p = (w[:, None] * (moved - x)).T @ (moved - x) + self.walk(dt, held)
                 points, w = self.points(x, p)
-                seen = np.array([self.voltage(each, current, direction)[0] for each in points])
-                v, r = w @ seen, self.voltage(x, current, direction)[2]
+                seen = [self.voltage(each, dt, current, direction, x[0])[0] for each in points]
+                v, r = w @ seen, self.voltage(x, dt, current, direction, x[0])[2]
+                seen = np.array(seen)
                 with_state = (w * (seen - v)) @ (points - x)
                 variance = w @ (seen - v) ** 2
             s = variance + r
             x = x + with_state / s * (measured - v)
             p = p - np.outer(with_state, with_state) / s
-            found.append((x[0], np.sqrt(p[0, 0]), *x[-2:], measured - v, np.sqrt(s)))
+            found.append((x[0], np.sqrt(p[0, 0] + 4e-3**2), *x[-2:], measured - v, np.sqrt(s)))
         return np.array(found)
 
 
@@ -206,9 +224,12 @@ def simulated(model, key, soc, samples=SAMPLES):
     def step(state, sample):
         drive, walk, white = sample
         moved = model.advance(state, slow, drive)
-        moved = moved + jnp.sqrt(model.walk(slow, drive.interval_s)[0]) * walk
+        moved = moved + jnp.sqrt(model.walk(slow, drive)[0]) * walk
         voltage_v = model.voltage(moved, slow, drive)
-        return moved, (voltage_v + jnp.sqrt(model.noise_v2(moved[0])) * white, moved[0])
+        return moved, (
+            voltage_v + jnp.sqrt(model.noise_v2(moved[0], drive.interval_s)) * white,
+            moved[0],
+        )
 
     walks = jax.random.normal(walk_key, (samples, len(start)))
     whites = jax.random.normal(white_key, (samples,))
@@ -280,7 +301,7 @@ def test_cells_and_tunings_run_in_one_call():
         return run_filter(changed, changed.start(0.6, 0.1, 1.0, 0.0), drive).soc
 
     together = jax.vmap(tuned)(white_v)
-    np.testing.assert_allclose(together[1], filtered(model, drive, "ekf").soc, rtol=1e-12)
+    np.testing.assert_allclose(together[1], filtered(model, drive, "sum").soc, rtol=1e-12)
     assert not np.allclose(together[0], together[2])
 
 

@@ -202,13 +202,17 @@ def _validation_page(evaluation: "Evaluation", table: "Table", answer: str) -> b
 class FilterOptions:
     """Which filter replays the record, and what it estimates."""
 
-    filter: Literal["ekf", "ukf"] = option(
-        FILTER, "ekf|ukf", "Extended or unscented Kalman filter.", "ekf"
+    filter: Literal["sum", "ekf", "ukf"] = option(
+        FILTER,
+        "sum|ekf|ukf",
+        "Gaussian sum of extended Kalman filters, one extended or one unscented Kalman filter.",
+        "sum",
     )
     form: Literal["joint", "dual"] = option(
         FILTER,
         "joint|dual",
-        "Estimate parameters in the filter's own state (joint) or in a second filter (dual).",
+        "Estimate parameters in the filter's own state (joint) or in a second filter (dual, not "
+        "with sum).",
         "joint",
     )
     estimate: str = option(
@@ -231,9 +235,9 @@ class FilterOptions:
 def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     """Replay a record through a Kalman filter, and say how well the circuit tracks its SOC.
 
-    The filter runs from a right and a wrong start, with a current offset, and
-    with a wrong capacity. The window of the identification applies, unless
-    options change it.
+    The filter runs from a right start, from starts 20 % too low and too high,
+    with a current offset, and with a wrong capacity. The window of the
+    identification applies, unless options change it.
     """
     session, folder = output.begun(SOC_FOLDER, (on.result, on.record))
     with session.watch("Loading JAX"):

@@ -1,6 +1,6 @@
 """Exports that are plain files: C headers, CSV, JSON, and a `.mat` file for Simscape.
 
-The C filter is the one of `barnax.filters` with "joint" offset and capacity: no allocation, one
+The C filter is the sum of `barnax.filters` with "joint" offset and capacity: no allocation, one
 structure, single or double precision by one definition.
 """
 
@@ -17,7 +17,8 @@ from xlsxwriter import Workbook
 from ..cell.circuits import TURN_WIDTH, get_circuit
 from ..errors import InputError
 from ..execution import in_float64
-from ..filters.model import CAPACITY, GRID, OFFSET, STEPS_PER_SOC, WALK_S
+from ..filters.kalman import OUTSIDE_SD, OVERLAP, PARTS, SIDES
+from ..filters.model import BIAS_SOC, CAPACITY, GRID, OFFSET, STEPS_PER_SOC, WALK_S
 from ..result_filter import model_of
 from ..results import Result
 from .exporter import Export, from_template, hysteresis_is_left_out, note_lines
@@ -60,6 +61,7 @@ def write_c_filter(result: Result) -> Export:
         "barnax_filter.h.jinja", tables, (*caveats, *tables.caveats),
         model=model,
         kind=REMEMBERS if is_remembering else HYSTERESIS[model.hysteresis],
+        parts=PARTS, sides=SIDES, overlap=OVERLAP, outside_sd=OUTSIDE_SD, bias_soc=BIAS_SOC,
         turn_soc=TURN_WIDTH, walk_s=WALK_S, first_soc=GRID[0], steps_per_soc=STEPS_PER_SOC,
         place=np.where(varies, np.cumsum(varies) - 1, -1),
         constant=np.where(varies, 0.0, table[0]),

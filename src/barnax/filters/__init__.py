@@ -1,6 +1,7 @@
 """Kalman filters on an identified circuit: what a battery manager would know of its cell."""
 
-from .kalman import Form, Innovations, Kind, examine_innovations, mean_bounds, run_filter
+from .innovations import Innovations, examine_innovations, mean_bounds
+from .kalman import Form, Kind, run_filter
 from .model import Drive, ErrorModel, Estimate, FilterModel, make_model
 
 __all__ = [

@@ -1,10 +1,16 @@
-"""Extended and unscented Kalman filters over a whole record as one `lax.scan`, and their tests.
+"""Kalman filters over a whole record as one `lax.scan`.
+
+A Gaussian sum (Alspach and Sorenson, IEEE Trans. Automatic Control 17 (1972) 439) is the default:
+extended filters side by side from SOC around the one believed, each weighed by how probable it
+makes the voltages. Where the OCV is flat, many of them stay probable, and their spread says that
+the SOC is not known; one filter alone takes the first slope it meets for that of all SOC and is
+soon sure of a wrong one.
 
 Parameters are known, joint (further states of the one filter) or dual (a filter of their own
 beside that of the states). All of it is written for one cell; callers vmap it over cells or
-tunings. `cuthbert` (0.1.1) has both filters as scans, but takes Numba and LLVM along, has no dual
-form, and wants the model as log densities; what a filter of one measured voltage needs is shorter
-than its use would be.
+tunings. `cuthbert` (0.1.1) has extended and unscented filters as scans, but takes Numba and LLVM
+along, has no dual form, and wants the model as log densities; what a filter of one measured voltage
+needs is shorter than its use would be.
 
 Sources: Plett, J. Power Sources 134 (2004) 262-292 (extended, joint and dual) and 161 (2006)
 1369-1384 (sigma points); Julier and Uhlmann (1997) for the unscented transform, with kappa = 1,
@@ -12,24 +18,27 @@ which keeps all weights positive.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
+from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float, Scalar
-from scipy.special import chdtrc
-from scipy.stats import chi2
 
 from .model import Drive, Estimate, FilterModel
 
-Kind = Literal["ekf", "ukf"]
+Kind = Literal["sum", "ekf", "ukf"]
 Form = Literal["joint", "dual"]
 Vector = Float[Array, "states"]
 Matrix = Float[Array, "states states"]
 KAPPA = 1.0
+# Filters of a Gaussian sum, over so many standard deviations of the start to either side, each
+# with this share of the distance between two as its own deviation. Five are enough for a sloping
+# OCV; a flat one needs nine, and more change nothing.
+PARTS, SIDES, OVERLAP = 11, 2.5, 0.8
+# A start beyond full or empty by more than this is improbable.
+OUTSIDE_SD = 0.02
 
 
 class Gaussian(NamedTuple):
@@ -51,14 +60,15 @@ def run_filter(
     model: FilterModel,
     start: tuple[Vector, Vector],
     drive: Drive,
-    kind: Kind = "ekf",
+    kind: Kind = "sum",
     form: Form = "joint",
     adapting: float = 0.0,
 ) -> Estimate:
     """A filter's estimates along a record, from a state and its variances (`FilterModel.start`).
 
-    In the dual form the measurement noise may adapt: `adapting` is the share of it that a sample
-    renews, from its residual (Mohamed and Schwarz, J. Geodesy 73 (1999) 193).
+    The dual form is of the extended and the unscented filter. There the measurement noise may
+    adapt: `adapting` is the share of it that a sample renews, from its residual (Mohamed and
+    Schwarz, J. Geodesy 73 (1999) 193).
     """
     mean, variance = start
     slow = jnp.zeros_like(model.slow_sd)
@@ -70,62 +80,102 @@ def run_filter(
         sensitivity = jnp.zeros((len(mean), len(slow)))
         step = _dual_step(model, kind, adapting)
         rows = lax.scan(step, (beliefs, sensitivity, jnp.ones_like(mean[0])), drive)[1]
-        return _estimate(rows, len(slow))
-    return _joint(model, start, drive, kind)
+    else:
+        parts = _parts(
+            jnp.concatenate([mean, slow]),
+            jnp.concatenate([variance, model.slow_sd**2]),
+            PARTS if kind == "sum" else 1,
+        )
+        rows = lax.scan(_joint_step(model, kind), parts, drive)[1]
+    return _estimate(model, rows)
 
 
-def _estimate(rows: Float[Array, "samples kept"], count: int) -> Estimate:
+def _estimate(model: FilterModel, rows: Float[Array, "samples kept"]) -> Estimate:
+    count = len(model.slow)
     deviations = jnp.sqrt(rows[:, 2 + count :])
     return Estimate(
-        *(rows[:, 0], deviations[:, 0], rows[:, 2 : 2 + count], deviations[:, 1:-1]),
-        *(rows[:, 1], deviations[:, -1]),
+        *(rows[:, 0], jnp.hypot(deviations[:, 0], model.axis_sd), rows[:, 2 : 2 + count]),
+        *(deviations[:, 1:-1], rows[:, 1], deviations[:, -1]),
     )
 
 
-def _row(belief: Gaussian, slow: Gaussian, innovation_v: Scalar, variance_v2: Scalar) -> Vector:
-    """All that is kept of a sample in one array: each further one costs as much as a product."""
-    return jnp.concatenate(
-        [
-            *(belief.mean[:1], innovation_v[None], slow.mean),
-            *(belief.covariance[0, :1], jnp.diag(slow.covariance), variance_v2[None]),
-        ]
-    )
+def _parts(mean: Vector, variance: Vector, count: int) -> tuple[Gaussian, Float[Array, "parts"]]:
+    """Gaussians around a start, with the logarithms of their weights.
 
-
-def _joint(model: FilterModel, start: tuple[Vector, Vector], drive: Drive, kind: Kind) -> Estimate:
-    mean, variance = start
-    belief = Gaussian(
-        jnp.concatenate([mean, jnp.zeros_like(model.slow_sd)]),
-        jnp.diag(jnp.concatenate([variance, model.slow_sd**2])),
+    Together they have the mean and the variance of the start, but where they are beyond full or
+    empty.
+    """
+    step = 2 * SIDES / max(count - 1, 1)
+    own = OVERLAP * step if count > 1 else 1.0
+    away = jnp.linspace(-SIDES, SIDES, count) if count > 1 else jnp.zeros(1)
+    soc = mean[0] + jnp.sqrt(variance[0]) * away
+    log_weights = -(away**2) / (2 * (1 - own**2)) if count > 1 else away
+    if count > 1:
+        outside = jnp.maximum(jnp.maximum(-soc, soc - 1), 0.0)
+        log_weights = log_weights - (outside / OUTSIDE_SD) ** 2 / 2
+    covariance = jnp.diag(variance.at[0].multiply(own**2))
+    parts = Gaussian(
+        jnp.tile(mean, (count, 1)).at[:, 0].set(soc), jnp.tile(covariance, (count, 1, 1))
     )
-    return _estimate(lax.scan(_joint_step(model, kind), belief, drive)[1], len(model.slow_sd))
+    return parts, log_weights - logsumexp(log_weights)
 
 
 def _joint_step(model: FilterModel, kind: Kind):
-    """One sample of a filter whose state holds the slow parameters too."""
+    """One sample of filters whose states hold the slow parameters too."""
     count = model.states
-    is_extended = kind == "ekf"
-    predict = _predict_extended if is_extended else _predict_unscented
-    observe = _observe_extended if is_extended else _observe_unscented
+    is_unscented = kind == "ukf"
+    observe = _observe_unscented if is_unscented else _observe_extended
 
-    def step(belief: Gaussian, drive: Drive) -> tuple[Gaussian, Vector]:
-        def advance(both):
-            moved = model.advance(both[:count], both[count:], drive)
-            return jnp.concatenate([moved, both[count:]])
+    def step(
+        carry: tuple[Gaussian, Float[Array, "parts"]], drive: Drive
+    ) -> tuple[tuple[Gaussian, Float[Array, "parts"]], Vector]:
+        parts, log_weights = carry
+        weights = jnp.exp(log_weights)
 
-        def voltage(both):
-            return model.voltage(both[:count], both[count:], drive)
+        def predict(belief: Gaussian, near: Scalar) -> Gaussian:
+            walk = jnp.concatenate(model.walk(belief.mean[count:], drive))
+            if not is_unscented:
+                return _predict_extended(model, belief, drive, near, walk)
 
-        walk = jnp.concatenate(model.walk(belief.mean[count:], drive.interval_s))
-        belief = predict(advance, belief, walk)
-        observed = observe(voltage, belief)
-        innovation_v = drive.voltage_v - observed.voltage_v
-        variance_v2 = observed.variance_v2 + model.noise_v2(belief.mean[0])
-        belief = _correct(belief, observed.with_state, innovation_v, variance_v2)
-        slow = Gaussian(belief.mean[count:], belief.covariance[count:, count:])
-        return belief, _row(belief, slow, innovation_v, variance_v2)
+            def advance(both):
+                moved = model.advance(both[:count], both[count:], drive, near)
+                return jnp.concatenate([moved, both[count:]])
+
+            return _predict_unscented(advance, belief, walk)
+
+        def correct(belief: Gaussian, near: Scalar) -> tuple[Gaussian, Scalar, Scalar]:
+            def voltage(both):
+                return model.voltage(both[:count], both[count:], drive, near)
+
+            observed = observe(voltage, belief)
+            innovation_v = drive.voltage_v - observed.voltage_v
+            variance_v2 = observed.variance_v2 + model.noise_v2(near, drive.interval_s)
+            belief = _correct(belief, observed.with_state, innovation_v, variance_v2)
+            return belief, innovation_v, variance_v2
+
+        parts = jax.vmap(predict, (0, None))(parts, weights @ parts.mean[:, 0])
+        near = weights @ parts.mean[:, 0]
+        parts, innovation_v, variance_v2 = jax.vmap(correct, (0, None))(parts, near)
+        expected_v, expected_v2 = _moments(weights, innovation_v, variance_v2)
+        log_weights = log_weights - (innovation_v**2 / variance_v2 + jnp.log(variance_v2)) / 2
+        log_weights = log_weights - logsumexp(log_weights)
+        kept = jnp.array([0, *range(count, parts.mean.shape[1])])
+        spread = jnp.diagonal(parts.covariance, axis1=1, axis2=2)
+        mean, variance = _moments(jnp.exp(log_weights), parts.mean[:, kept], spread[:, kept])
+        row = (mean[:1], expected_v[None], mean[1:], variance, expected_v2[None])
+        return (parts, log_weights), jnp.concatenate(row)
 
     return step
+
+
+def _moments(
+    weights: Float[Array, "parts"],
+    mean: Float[Array, "parts *_"],
+    variance: Float[Array, "parts *_"],
+) -> tuple[Float[Array, "*_"], Float[Array, "*_"]]:
+    """Mean and variance of a mixture."""
+    middle = jnp.tensordot(weights, mean, axes=1)
+    return middle, jnp.tensordot(weights, variance + (mean - middle) ** 2, axes=1)
 
 
 def _dual_step(model: FilterModel, kind: Kind, adapting: float):
@@ -140,33 +190,42 @@ def _dual_step(model: FilterModel, kind: Kind, adapting: float):
     def step(carry, drive: Drive):
         (belief, slow), sensitivity, scale = carry
         before = belief.mean
-        state_walk, slow_walk = model.walk(slow.mean, drive.interval_s)
+        state_walk, slow_walk = model.walk(slow.mean, drive)
         slow = slow._replace(covariance=slow.covariance + jnp.diag(slow_walk))
 
         def advance(state):
-            return model.advance(state, slow.mean, drive)
-
-        def voltage(state):
-            return model.voltage(state, slow.mean, drive)
+            return model.advance(state, slow.mean, drive, before[0])
 
         if kind == "ekf":
-            belief = _predict_extended(advance, belief, state_walk)
+            kept = _kept(model, slow.mean, drive)
+            moved = kept[:, None] * belief.covariance * kept
+            belief = Gaussian(advance(before), moved + jnp.diag(state_walk))
+        else:
+            belief = _predict_unscented(advance, belief, state_walk)
+        near = belief.mean[0]
+
+        def voltage(state):
+            return model.voltage(state, slow.mean, drive, near)
+
+        if kind == "ekf":
             observed = _observe_extended(voltage, belief)
-            by_slow = jax.jacfwd(model.advance, 1)(before, slow.mean, drive)
-            sensitivity = by_slow + jax.jacfwd(advance)(before) @ sensitivity
-            total = jax.grad(model.voltage, 1)(belief.mean, slow.mean, drive)
+            by_slow = jax.jacfwd(model.advance, 1)(before, slow.mean, drive, before[0])
+            sensitivity = by_slow + _kept(model, slow.mean, drive)[:, None] * sensitivity
+            total = jax.grad(model.voltage, 1)(belief.mean, slow.mean, drive, near)
             total = total + jax.grad(voltage)(belief.mean) @ sensitivity
             covaried = slow.covariance @ total
             slow_observed = Observation(observed.voltage_v, total @ covaried, covaried)
         else:
-            belief = _predict_unscented(advance, belief, state_walk)
             observed = _observe_unscented(voltage, belief)
             total = jnp.zeros_like(slow.mean)
             slow_observed = _observe_unscented(
-                lambda other: model.voltage(model.advance(before, other, drive), other, drive), slow
+                lambda other: model.voltage(
+                    model.advance(before, other, drive, before[0]), other, drive, near
+                ),
+                slow,
             )
         innovation_v = drive.voltage_v - observed.voltage_v
-        fitted_v2 = model.noise_v2(belief.mean[0])
+        fitted_v2 = model.noise_v2(near, drive.interval_s)
         noise_v2 = scale * fitted_v2
         variance_v2 = observed.variance_v2 + noise_v2
         gain = observed.with_state / variance_v2
@@ -178,7 +237,13 @@ def _dual_step(model: FilterModel, kind: Kind, adapting: float):
             drive.voltage_v - slow_observed.voltage_v,
             slow_observed.variance_v2 + variance_v2,
         )
-        row = _row(belief, slow, innovation_v, variance_v2)
+        # All that is kept of a sample in one array: each further one costs as much as a product.
+        row = jnp.concatenate(
+            [
+                *(belief.mean[:1], innovation_v[None], slow.mean, belief.covariance[0, :1]),
+                *(jnp.diag(slow.covariance), variance_v2[None]),
+            ]
+        )
         if adapting:
             residual_v = drive.voltage_v - voltage(belief.mean)
             left_v2 = observed.variance_v2 * noise_v2 / variance_v2
@@ -199,15 +264,28 @@ def _correct(
     )
 
 
+def _kept(model: FilterModel, slow: Float[Array, "slow"], drive: Drive) -> Vector:
+    """What an interval leaves of every state's deviation: no state moves another but by `slow`."""
+    return jnp.concatenate([jnp.ones(1), 1 - model.gains(slow, drive)])
+
+
 def _predict_extended(
-    advance: Callable[[Vector], Vector], belief: Gaussian, walk: Vector
+    model: FilterModel, belief: Gaussian, drive: Drive, near: Scalar, walk: Vector
 ) -> Gaussian:
-    slope, mean = jax.jacfwd(lambda state: (advance(state),) * 2, has_aux=True)(belief.mean)
-    # Sums of products compile into one kernel with what is around them; products of such small
-    # matrices are a kernel each, and the filter takes half as long again.
-    half = jnp.sum(slope[:, :, None] * belief.covariance, axis=1)
-    moved = jnp.sum(half[:, None, :] * slope, axis=2)
-    return Gaussian(mean, moved + jnp.diag(walk))
+    count = model.states
+    state, slow = belief.mean[:count], belief.mean[count:]
+    kept = jnp.concatenate([_kept(model, slow, drive), jnp.ones_like(slow)])
+    mean = jnp.concatenate([model.advance(state, slow, drive, near), slow])
+    moved = kept[:, None] * belief.covariance
+    if len(slow):
+        by_slow = jax.jacfwd(model.advance, 1)(state, slow, drive, near)
+        by_slow = jnp.concatenate([by_slow, jnp.zeros((len(slow), len(slow)))])
+        # Sums of products compile into one kernel with what is around them; products of such small
+        # matrices are a kernel each, and the filter takes half as long again.
+        moved = moved + jnp.sum(by_slow[:, :, None] * belief.covariance[count:], axis=1)
+        aside = jnp.sum(moved[:, None, count:] * by_slow, axis=2)
+        return Gaussian(mean, moved * kept + aside + jnp.diag(walk))
+    return Gaussian(mean, moved * kept + jnp.diag(walk))
 
 
 def _observe_extended(voltage: Callable[[Vector], Scalar], belief: Gaussian) -> Observation:
@@ -258,70 +336,3 @@ def _root(covariance: Matrix) -> Matrix:
         columns.append(column)
         left = left - column[:, None] * column[None, :]
     return jnp.stack(columns, axis=1)
-
-
-LAGS = 20
-CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True)
-class Innovations:
-    """Innovations over their expected deviation, against white noise of variance one.
-
-    `first_lag` is their autocorrelation from one sample to the next; that of white noise stays
-    within `bound`. `p_value` is that of Ljung and Box's statistic (1978) over `lags` lags: below
-    0.05 they are not white. `mean_square` is the mean normalised innovation squared, whose 95 %
-    interval is `mean_square_bounds` where the filter's deviations are right.
-    """
-
-    samples: int
-    first_lag: float
-    bound: float
-    lags: int
-    p_value: float
-    mean_square: float
-    mean_square_bounds: tuple[float, float]
-
-    @property
-    def are_white(self) -> bool:
-        return self.p_value >= 1 - CONFIDENCE
-
-
-def examine_innovations(normalised: Float[np.ndarray, "samples"]) -> Innovations:
-    """Both tests on innovations divided by their expected deviations.
-
-    Over `LAGS` lags, or as many as half of a shorter record has.
-
-    >>> found = examine_innovations(np.random.default_rng(0).normal(size=1000))
-    >>> found.are_white, found.mean_square_bounds[0] < found.mean_square
-    (True, True)
-    """
-    count = len(normalised)
-    around = normalised - normalised.mean()
-    power = float(around @ around)
-    lags = np.arange(1, min(LAGS, count // 2) + 1)
-    correlation = np.array([around[lag:] @ around[:-lag] for lag in lags]) / (power or 1.0)
-    statistic = count * (count + 2) * float(np.sum(correlation**2 / (count - lags)))
-    low, high = mean_bounds(count)
-    return Innovations(
-        samples=count,
-        first_lag=float(correlation[0]),
-        bound=float(np.sqrt(chi2.ppf(CONFIDENCE, 1) / count)),
-        lags=len(lags),
-        p_value=float(chdtrc(len(lags), statistic)),
-        mean_square=float(np.mean(normalised**2)),
-        mean_square_bounds=(low, high),
-    )
-
-
-def mean_bounds(count: int, degrees: int = 1) -> tuple[float, float]:
-    """The 95 % interval of the mean of so many chi-square values of so many degrees of freedom.
-
-    Bar-Shalom, Li and Kirubarajan (2001), section 5.4: the test of estimation errors over
-    Monte-Carlo runs, and of innovations over time.
-
-    >>> [round(bound, 2) for bound in mean_bounds(100)]
-    [0.74, 1.3]
-    """
-    low, high = chi2.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], degrees * count) / count
-    return float(low), float(high)

@@ -1,11 +1,19 @@
 """An identified circuit as a state-space model: what a Kalman filter moves and compares.
 
 The state is SOC, the voltage over every RC pair, the dynamic hysteresis where the circuit has one,
-and the parts of the circuit's own voltage error. Identification finds that error to be correlated
-over hundreds of seconds (`uncertainty.noise`): a filter that took it for white noise would believe
-its voltage far too much. So each correlated part is a first-order state of its own with the fitted
-deviation and time, only the white part is measurement noise, and nothing is tuned by hand. How
-large the error is at a SOC, as the fit's residuals have it, scales all its parts.
+and the parts of the circuit's own voltage error. A filter that took that error for white noise
+would believe its voltage far too much. Parts that last for some time are first-order states; the
+bias b, which is an error of the OCV at a SOC, changes with the charge that passes and stands still
+at rest, however long:
+
+    b' = exp(-|ds| / L) b + sqrt(1 - exp(-2 |ds| / L)) w,    v = U(s) + ... + sd_b(s) b,
+
+with L the SOC over which it is correlated and w of variance one. Only the white part is
+measurement noise.
+
+Resistances and the sizes of errors are read at one SOC for all that a filter holds possible
+(`near`): they are known too poorly to tell the SOC, and a filter that lets them is sure of a wrong
+one.
 """
 
 from collections.abc import Sequence
@@ -33,6 +41,10 @@ OFFSET, CAPACITY = "offset", "capacity"
 NOISES_PER_REST = 5.0
 # A slow parameter forgets what it knew over this time: its walk gains its prior variance in it.
 WALK_S = 100 * 3600.0
+# SOC that has to pass until the OCV's error is another.
+BIAS_SOC = 0.05
+# Columns of the table: OCV, half the hysteresis voltage, the scale of errors, the bias, R0, R1 ...
+FIRST_RESISTANCE = 4
 
 
 class Drive(NamedTuple):
@@ -88,9 +100,11 @@ class FilterModel(eqx.Module):
     """A cell as a filter sees it; all of it may be batched, over cells or over tunings.
 
     `table` has a row for every SOC of `GRID` with the OCV, half the hysteresis voltage, the scale
-    of the errors, R0 and every pair's R. `slow` names the parameters that are estimated: "offset"
-    is that of the current in A, all others are logarithms of the factor on "capacity", "R0", "R1",
-    "tau1" and so on.
+    of the errors, the deviation of the bias in V, R0 and every pair's R. `slow` names the
+    parameters that are estimated: "offset" is that of the current in A, all others are logarithms
+    of the factor on "capacity", "R0", "R1", "tau1" and so on. The white part of the error lasts for
+    `white_s`, and counts as often. `axis_sd` is how far, as a standard deviation, a record's SOC
+    may be from that of the OCV: no voltage tells it.
     """
 
     table: Float[Array, "points rows"]
@@ -100,10 +114,13 @@ class FilterModel(eqx.Module):
     error_s: Float[Array, "parts"]
     error_sd_v: Float[Array, "parts"]
     white_sd_v: Scalar
+    white_s: Scalar
+    axis_sd: Scalar
     current_sd_a: Scalar
     slow_sd: Float[Array, "slow"]
     slow: tuple[str, ...] = eqx.field(static=True)
     hysteresis: Hysteresis = eqx.field(static=True)
+    has_bias: bool = eqx.field(static=True)
 
     @property
     def pairs(self) -> int:
@@ -111,7 +128,11 @@ class FilterModel(eqx.Module):
 
     @property
     def states(self) -> int:
-        return 1 + self.pairs + (self.hysteresis == "dynamic") + self.error_s.shape[-1]
+        return self.first_error + self.error_s.shape[-1] + self.has_bias
+
+    @property
+    def first_error(self) -> int:
+        return 1 + self.pairs + (self.hysteresis == "dynamic")
 
     def at(self, soc: Scalar) -> Float[Array, "rows"]:
         """The table's row at a SOC; it goes on straight beyond the grid."""
@@ -133,61 +154,96 @@ class FilterModel(eqx.Module):
     def offset_a(self, slow: Float[Array, "slow"]) -> Scalar | float:
         return slow[self.slow.index(OFFSET)] if OFFSET in self.slow else 0.0
 
-    def gains(self, slow: Float[Array, "slow"], interval_s: Scalar) -> Float[Array, "relaxing"]:
-        """The share of their way to rest that pairs and errors go in an interval."""
+    def gains(self, slow: Float[Array, "slow"], drive: Drive) -> Float[Array, "relaxing"]:
+        """The share of their way to rest that all but SOC go in an interval: pairs, hysteresis,
+        errors, bias."""
+        interval_s = drive.interval_s
         pairs_s = self.tau_s * self.factors("tau", slow)
+        along = [interval_s / pairs_s]
+        if self.hysteresis == "dynamic":
+            along.append((self.gamma * self.passed(drive.turning_a, slow, interval_s))[None])
+        along.append(interval_s / self.error_s)
+        if self.has_bias:
+            drawn = self.passed(drive.held_a, jnp.zeros_like(slow), interval_s)
+            along.append((drawn / BIAS_SOC)[None])
         # One call for all: in a filter each costs as much as the rest of a product.
-        return -jnp.expm1(-interval_s / jnp.concatenate([pairs_s, self.error_s]))
+        return -jnp.expm1(-jnp.concatenate(along))
+
+    def passed(self, current_a: Scalar, slow: Float[Array, "slow"], interval_s: Scalar) -> Scalar:
+        """The SOC that a current moves in an interval, up or down."""
+        capacity_as = 3600 * self.capacity_ah * self.factor(CAPACITY, slow)
+        return jnp.abs(current_a) * interval_s / capacity_as
 
     def advance(
-        self, state: Float[Array, "states"], slow: Float[Array, "slow"], drive: Drive
+        self,
+        state: Float[Array, "states"],
+        slow: Float[Array, "slow"],
+        drive: Drive,
+        near: Scalar | None = None,
     ) -> Float[Array, "states"]:
-        """The state one interval later, exact for current held over it."""
-        soc, pairs = state[0], state[1 : 1 + self.pairs]
-        interval_s, held_a = drive.interval_s, drive.held_a - self.offset_a(slow)
+        """The state one interval later, exact for current held over it.
+
+        Resistances are those at the SOC `near`, by default the state's own.
+        """
+        held_a = drive.held_a - self.offset_a(slow)
         capacity_as = 3600 * self.capacity_ah * self.factor(CAPACITY, slow)
-        gains = self.gains(slow, interval_s)
-        driven_v = self.at(soc)[4:] * self.factors("R", slow) * held_a
-        moved = [
-            (soc - interval_s * held_a / capacity_as)[None],
-            pairs + gains[: self.pairs] * (driven_v - pairs),
-        ]
+        ohm = self.at(state[0] if near is None else near)[FIRST_RESISTANCE + 1 :]
+        toward = [ohm * self.factors("R", slow) * held_a]
         if self.hysteresis == "dynamic":
-            passed = jnp.abs(drive.turning_a) * interval_s / capacity_as
-            gain = -jnp.expm1(-self.gamma * passed)
-            turned = state[1 + self.pairs]
-            moved.append((turned - gain * (jnp.sign(drive.turning_a) + turned))[None])
-        errors_v = state[self.states - self.error_s.shape[-1] :]
-        return jnp.concatenate([*moved, (1 - gains[self.pairs :]) * errors_v])
+            toward.append(-jnp.sign(drive.turning_a)[None])
+        toward.append(jnp.zeros(self.states - self.first_error))
+        soc = state[0] - drive.interval_s * held_a / capacity_as
+        rest = state[1:] + self.gains(slow, drive) * (jnp.concatenate(toward) - state[1:])
+        return jnp.concatenate([soc[None], rest])
 
     def voltage(
-        self, state: Float[Array, "states"], slow: Float[Array, "slow"], drive: Drive
+        self,
+        state: Float[Array, "states"],
+        slow: Float[Array, "slow"],
+        drive: Drive,
+        near: Scalar | None = None,
     ) -> Scalar:
-        """The terminal voltage in V, the model's own error included."""
+        """The terminal voltage in V, the model's own error included; `near` as in `advance`."""
         row = self.at(state[0])
+        there = row if near is None else self.at(near)
         current_a = drive.current_a - self.offset_a(slow)
-        voltage_v = row[0] - row[3] * self.factor("R0", slow) * current_a
+        voltage_v = row[0] - there[FIRST_RESISTANCE] * self.factor("R0", slow) * current_a
         if self.hysteresis == "instant":
             voltage_v = voltage_v + drive.direction * row[1]
         if self.hysteresis == "dynamic":
             voltage_v = voltage_v + state[1 + self.pairs] * row[1]
-        errors_v = state[self.states - self.error_s.shape[-1] :]
-        return voltage_v - jnp.sum(state[1 : 1 + self.pairs]) + row[2] * jnp.sum(errors_v)
+        lasting = state[self.first_error : self.first_error + self.error_s.shape[-1]]
+        voltage_v = voltage_v - jnp.sum(state[1 : 1 + self.pairs]) + there[2] * jnp.sum(lasting)
+        return voltage_v + there[3] * state[-1] if self.has_bias else voltage_v
 
-    def noise_v2(self, soc: Scalar) -> Scalar:
+    def doubt_at(self, soc: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
+        """The standard deviation of the SOC that a voltage at rest tells, from the bias alone."""
+        table = np.asarray(self.table)
+        # The slope is a mean over what nodes of tables are apart.
+        below, above = (np.interp(soc + by, GRID, table[:, 0]) for by in (-0.05, 0.05))
+        slope_v = np.maximum(above - below, 1e-9) / 0.1
+        return np.interp(soc, GRID, table[:, 3]) / slope_v
+
+    def noise_v2(self, soc: Scalar, interval_s: Scalar) -> Scalar:
         """The variance of the white part of the error at a SOC."""
-        return (self.at(soc)[2] * self.white_sd_v) ** 2
+        often = jnp.where(interval_s > 0, self.white_s / jnp.maximum(interval_s, 1e-9), 1.0)
+        return (self.at(soc)[2] * self.white_sd_v) ** 2 * jnp.maximum(often, 1.0)
 
     def walk(
-        self, slow: Float[Array, "slow"], interval_s: Scalar
+        self, slow: Float[Array, "slow"], drive: Drive
     ) -> tuple[Float[Array, "states"], Float[Array, "slow"]]:
         """The variance that an interval adds to every state and to every slow parameter."""
-        counted = self.current_sd_a * interval_s / (3600 * self.capacity_ah)
-        gain = self.gains(slow, interval_s)[self.pairs :]
-        still = jnp.zeros(self.states - 1 - self.error_s.shape[-1])
-        errors = gain * (2 - gain) * self.error_sd_v**2
+        counted = self.current_sd_a * drive.interval_s / (3600 * self.capacity_ah)
+        gain = self.gains(slow, drive)[self.first_error - 1 :]
+        still = jnp.zeros(self.first_error - 1)
+        errors = gain * (2 - gain) * self.errors_sd**2
         state = jnp.concatenate([(counted**2)[None], still, errors])
-        return state, self.slow_sd**2 * (interval_s / WALK_S)
+        return state, self.slow_sd**2 * (drive.interval_s / WALK_S)
+
+    @property
+    def errors_sd(self) -> Float[Array, "errors"]:
+        """The deviations of the states that are errors: in V, and one of the bias."""
+        return jnp.concatenate([self.error_sd_v, jnp.ones(int(self.has_bias))])
 
     def start(
         self, soc: Scalar | float, soc_sd: Scalar | float, direction: float, direction_sd: float
@@ -197,21 +253,23 @@ class FilterModel(eqx.Module):
         Pairs may hold what the current's noise leaves in them; errors are as they usually are.
         """
         soc, soc_sd = jnp.asarray(soc, float), jnp.asarray(soc_sd, float)
-        rest_v = self.at(soc)[4:] * NOISES_PER_REST * self.current_sd_a
+        rest_v = self.at(soc)[FIRST_RESISTANCE + 1 :] * NOISES_PER_REST * self.current_sd_a
         turned = [direction] if self.hysteresis == "dynamic" else []
         turned_sd = [direction_sd] if self.hysteresis == "dynamic" else []
         state = jnp.concatenate(
-            [soc[None], 0 * rest_v, jnp.asarray(turned, float), 0 * self.error_sd_v]
+            [soc[None], 0 * rest_v, jnp.asarray(turned, float), 0 * self.errors_sd]
         )
-        sd = jnp.concatenate([soc_sd[None], rest_v, jnp.asarray(turned_sd, float), self.error_sd_v])
+        sd = jnp.concatenate([soc_sd[None], rest_v, jnp.asarray(turned_sd, float), self.errors_sd])
         return state, sd**2
 
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """The circuit's voltage error: white, and in parts with a correlation time and a deviation.
+    """The circuit's voltage error: white, in parts with a correlation time and a deviation, and the
+    bias, which changes with the SOC.
 
-    All are multiplied by `scale` at `soc`, straight between and constant beyond.
+    White and timed parts are multiplied by `scale` at `soc`; it and the bias are read straight
+    between the SOC and constant beyond. `white_s` and `axis_sd` are as in `FilterModel`.
     """
 
     white_sd_v: float
@@ -219,6 +277,9 @@ class ErrorModel:
     sd_v: tuple[float, ...] = ()
     soc: tuple[float, ...] = (0.5,)
     scale: tuple[float, ...] = (1.0,)
+    bias_v: tuple[float, ...] = ()
+    white_s: float = 0.0
+    axis_sd: float = 0.0
 
 
 def make_model(
@@ -258,19 +319,23 @@ def make_model(
         if HALF_HYSTERESIS in tables.tables:
             half_v = tables.at(HALF_HYSTERESIS, GRID)
     scale = np.interp(GRID, errors.soc, errors.scale)
+    bias_v = np.interp(GRID, errors.soc, errors.bias_v) if errors.bias_v else 0 * GRID
     rest_a = rest_current_a or cell.capacity_ah / 100
     return FilterModel(
-        table=jnp.asarray(np.stack([ocv_v, half_v, scale, *columns], axis=1)),
+        table=jnp.asarray(np.stack([ocv_v, half_v, scale, bias_v, *columns], axis=1)),
         capacity_ah=jnp.asarray(cell.capacity_ah, float),
         tau_s=jnp.asarray(tau_s, float),
         gamma=jnp.asarray(gamma or 0.0, float),
         error_s=jnp.asarray(errors.correlation_s, float),
         error_sd_v=jnp.asarray(errors.sd_v, float),
         white_sd_v=jnp.asarray(errors.white_sd_v, float),
+        white_s=jnp.asarray(errors.white_s, float),
+        axis_sd=jnp.asarray(errors.axis_sd, float),
         current_sd_a=jnp.asarray(rest_a / NOISES_PER_REST, float),
         slow_sd=jnp.asarray(slow_sd, float),
         slow=tuple(slow),
         hysteresis=hysteresis,
+        has_bias=bool(errors.bias_v),
     )
 
 

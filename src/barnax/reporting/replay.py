@@ -13,12 +13,18 @@ if TYPE_CHECKING:
 
 # The columns of a replay's table.
 HEADS = (
-    *("errors in % SOC", "within 3 %", "RMS", "above 10 %", "max", "in band"),
-    *("counting", "max"),
+    *("errors in % SOC", "within 3 %", "RMS", "above 10 %", "max", "band", "in band"),
+    "counting",
 )
-FILTERS = {"ekf": "extended Kalman filter", "ukf": "unscented Kalman filter"}
+FILTERS = {
+    "sum": "Gaussian sum of extended Kalman filters",
+    "ekf": "extended Kalman filter",
+    "ukf": "unscented Kalman filter",
+}
 # A band of 95 % that holds less often than this is said to be wrong.
 TRUSTED_BAND = 0.9
+# A flat OCV at fewer samples than this is not worth a line.
+FLAT_SHARE = 0.05
 
 
 def replay_document(replay: "SocReplay", illustrations: "Iterable[Illustration]" = ()) -> Document:
@@ -47,8 +53,9 @@ def facts_of(replay: "SocReplay") -> tuple[str, str]:
 def replay_table(replay: "SocReplay") -> Table:
     """The filter's errors in every scenario, beside those of plain counting."""
     return Table(
-        "Errors of the filter's SOC in percent, after it has come within 3 %, and how often its "
-        "95 % band holds; on the right the errors of plain counting over the same samples.",
+        "Errors of the filter's SOC in percent, after it has come within 3 %, the mean half width "
+        "of its 95 % band, and how often that holds; on the right the RMS error of plain counting "
+        "over the same samples.",
         tuple(Column(head, role="number" if place else "text") for place, head in enumerate(HEADS)),
         tuple(map(_scenario_row, replay.scenarios)),
     )
@@ -80,6 +87,16 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
             f"the filter's 95 % band contains the reference SOC {shares} of the time: its errors "
             "of SOC are larger than it assumes",
         )
+    if replay.flat_soc is not None and replay.flat_share > FLAT_SHARE:
+        low, high = (f"{100 * soc:.0f}" for soc in replay.flat_soc)
+        widest = max(each.widest or 0.0 for each in replay.scenarios)
+        yield (
+            "Flat OCV",
+            f"between {low} and {high} % SOC a voltage does not tell SOC to 5 %: the filter counts "
+            f"there, with a band of up to {100 * widest:.0f} %",
+        )
+    for name in replay.untried:
+        yield "Not tried", f"{name}: the record's SOC leaves no room for it"
     found = [_estimate(name, *right.estimates[name]) for name in right.estimates]
     if found:
         yield "Estimated", f"from the right start, {joined(found)}"
@@ -88,25 +105,28 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         white = "white" if tested.are_white else "not white"
         low, high = tested.mean_square_bounds
         size = tested.mean_square
-        how = "as expected" if low <= size <= high else "smaller" if size < low else "larger"
-        than = "" if how == "as expected" else " than the filter expects of a single sample"
+        how = (
+            "as large as"
+            if low <= size <= high
+            else "smaller than"
+            if size < low
+            else "larger than"
+        )
         yield (
             "Innovations",
-            f"measured minus predicted voltage is {white} (autocorrelation at lag one "
-            f"{tested.first_lag:.2f}, below {tested.bound:.2f} for white noise), "
-            f"{how}{than} (mean square {size:.2g}, ideally 1)",
+            f"{white} (autocorrelation at lag one {tested.first_lag:.2f}), {how} the filter "
+            f"expects (mean square {size:.2g})",
         )
 
 
 def _scenario_row(each: "ScenarioPart") -> tuple[str, ...]:
-    errors = each.rms, each.rms_above_10_soc, each.max
-    counting = each.counter_rms, each.counter_max
+    errors = each.rms, each.rms_above_10_soc, each.max, each.band
     return (
         each.name,
         _converged(each),
         *(_in_percent(share) for share in errors),
         _in_percent(each.in_band, 0),
-        *(_in_percent(share) for share in counting),
+        _in_percent(each.counter_rms),
     )
 
 

@@ -287,7 +287,9 @@ def _beyond(replay: "SocReplay", widest: float) -> str:
     """What leaves the scale of the errors, and how far; nothing where nothing does."""
     traces, far = replay.traces, []
     for way, soc in (("filter", traces.estimate.soc), ("counting", traces.counted)):
-        most = 100 * np.abs(np.asarray(soc) - traces.truth).max(axis=1)
+        # Before a scenario starts there is nothing.
+        off = np.abs(np.asarray(soc) - traces.truth)
+        most = 100 * off.max(axis=1, where=~np.isnan(off), initial=0.0)
         far += [
             f"{part.name} ({way}, {error:.2g} %)"
             for part, error in zip(replay.scenarios, most, strict=True)

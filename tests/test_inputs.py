@@ -11,6 +11,7 @@ from barnax.bundled import BUNDLED
 from barnax.candidates import tabulated_circuit
 from barnax.cell import characterize, read_ocv_table
 from barnax.checks import check_file
+from barnax.checks.roles import require_load
 from barnax.cli.session import command_line
 from barnax.errors import InputError
 from barnax.inputs import (
@@ -202,6 +203,12 @@ def test_a_record_without_changes_of_load_is_refused_with_what_to_give(tmp_path)
         told = refusal(tmp_path / "charge.csv", window=Window(initial_soc=0.03))
         assert told.startswith(f"charge.csv: {what}")
         assert "give a record under a changing load" in told
+
+
+def test_a_charge_beside_a_drive_is_there_for_the_other_direction():
+    assert require_load({"drive.csv": "drive cycle", "charge.csv": "charge"}) is None
+    with pytest.raises(InputError, match="only charges"):
+        require_load({"one.csv": "charge", "two.csv": "charge"})
 
 
 def test_a_record_of_a_larger_cell_is_called_so(tmp_path):

@@ -18,7 +18,7 @@ from .cell import (
 )
 from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
-from .checks.roles import require_load
+from .checks.roles import Kind, require_load
 from .errors import InputError, printable
 from .model.prepared import group_tests, temperature_of
 from .model.search_space import Range, read_bounds
@@ -150,6 +150,7 @@ def _checked(
     Of what was given nothing is advised again, and what is not simulated is left out.
     """
     warnings: list[Notice] = []
+    kinds: dict[str, Kind] = {}
     degc: dict[bool, list[tuple[str, float | None]]] = {True: [], False: []}
     for role, source, taken in looked_at:
         if isinstance(taken, OcvTable):
@@ -173,10 +174,20 @@ def _checked(
             warnings += [each.about(found.file) for each in against]
         warnings += input_warnings(found, role, window)
         if role == "identification" and found.traits:
-            require_load(found.file, found.traits.kind(own_ah))
+            kinds[found.file] = found.traits.kind(own_ah)
         # What has no one temperature has that told.
         if found.traits and not any(each.check == "temperature" for each in found.findings):
             degc[is_test].append((found.file, found.traits.temperature_degc))
+    require_load(kinds)
+    # A charge beside a record under load is there for the other direction.
+    charges = {name for name, kind in kinds.items() if kind == "charge"}
+    warnings = [
+        each
+        for each in warnings
+        if each.code != "role.unfit"
+        or each.subject not in charges
+        or each.values["role"] != "identification"
+    ]
     return warnings + compare_temperatures(degc[False], degc[True], identified)
 
 

@@ -38,6 +38,7 @@ from .over_soc import (
     fit_with_ocv,
     group_by_temperature,
     register,
+    register_alone,
     require_temperature,
     require_temperatures,
 )
@@ -101,7 +102,7 @@ def _identified(job: Job) -> Result:
         job = job.changed(window={**windows_by_name(job.window), **found[0].windows}, **own)
     with telling(inputs.warnings), job.watch("Setting up the problem", 0):
         told = windows = windows_of(inputs, job.window, job.capacity)
-        if not found and not is_over_temperature:
+        if not found:
             windows = _registered(job, inputs, told)
         asked = job.table_settings, job.bounds, job.fix, job.advise
         weighing = weigh(inputs, windows, job, *asked, *found)
@@ -135,9 +136,10 @@ def _identified(job: Job) -> Result:
 
 
 def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict[str, Window]:
-    """The windows, with what several records of a cell tell of each other's start and capacity."""
+    """The windows, with what the OCV test tells of the start and capacity of records whose rests it
+    contradicts, and several records of one temperature of each other's."""
     circuit, chosen = job.model or tabulated_circuit(inputs.cell), job.table_settings
-    if len(inputs.records) < 2 or chosen.keep_starts or not chosen.ocv_correction:
+    if chosen.keep_starts or not chosen.ocv_correction:
         return dict(windows)
     try:
         tables = _bounded(job, but="[F]")
@@ -145,7 +147,10 @@ def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict
             prepare_record(each, inputs.cell, circuit, windows[each.name].as_told)
             for each in inputs.records
         ]
-        return {**windows, **{each.record.name: each.window for each in register(told, tables)}}
+        found = [register_alone(each, tables) for each in told]
+        if len(found) > 1 and job.over != OVER_TEMPERATURE:
+            found = register(found, tables)
+        return {**windows, **{each.record.name: each.window for each in found}}
     except InputError:
         # What tables cannot be fitted to is refused, or not, by what is fitted to it.
         return dict(windows)

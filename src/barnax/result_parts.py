@@ -201,9 +201,9 @@ class InputPart(Part):
 
     @property
     def told_capacity_ah(self) -> float | None:
-        """The capacity before other records of the cell moved it."""
+        """The capacity before other records of the cell, or its OCV test, moved it."""
         known = self.window and self.window.registration
-        return known.told_capacity_ah if known else self.capacity_ah
+        return known.origin.told_capacity_ah if known else self.capacity_ah
 
     def is_at(self, temperature_degc: float) -> bool:
         """Whether it is a record of this temperature, as far as one is told from another."""

@@ -250,9 +250,9 @@ MAX_MOVED_SOC = 0.03
 
 @dataclass(frozen=True)
 class Registration:
-    """Where other records of the cell put a record's start and capacity, with 95 % intervals, and
-    what was told of them before: its window, and what that gave. The axis is the one on which what
-    was told is right on the average."""
+    """Where other records of the cell, or its OCV test, put a record's start and capacity, with
+    95 % intervals, and what was told of them before: its window, and what that gave. The axis is
+    the one on which what was told is right on the average."""
 
     told: "Window"
     told_soc: float
@@ -262,6 +262,13 @@ class Registration:
     soc_high: float
     capacity_low_ah: float
     capacity_high_ah: float
+    by: Literal["records", "OCV test"] = "records"
+
+    @property
+    def origin(self) -> "Registration":
+        """That of what was told at first, where a record was registered by itself before."""
+        own = self.told.registration
+        return self if own is None else own.origin
 
 
 @dataclass(frozen=True)

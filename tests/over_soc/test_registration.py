@@ -7,9 +7,14 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
+from barnax.cell import OcvPoint, OcvTable, characterize
+from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from helpers.known_cell import R0_OHM, made
-from helpers.reference import make_record
+from barnax.over_soc import TableSettings, errors_on, fit_tables, register_alone
+from barnax.records import read_record
+from helpers.known_cell import R0_OHM, R_OHM, TAU_S, made
+from helpers.problems import drive_a
+from helpers.reference import drop_v, filtered_response, make_record
 
 TRUE_SOC, TRUE_AH = np.array([1.0, 0.994, 0.988]), np.array([2.0, 2.004, 1.996])
 SMALL = {"model": "so-rc", "over": "soc", "seeds": 0, "trust": "none", "advise": False}
@@ -113,3 +118,74 @@ def test_bounds_of_what_tables_do_not_have_leave_records_registered():
     )
     # What was registered is no more told than before.
     assert {each.name: each.window for each in again.of_role("identification")} == windows
+
+
+@pytest.fixture(scope="module")
+def emptied():
+    """A drive from full to 1.5 % of a cell that is flat in between, with a rest at its end."""
+    interval_s, last = 1.5, 400
+    current_a = np.append(0.7 * drive_a(5600, seed=3, interval=20), np.zeros(last))
+    time_s = interval_s * np.arange(len(current_a))
+    out_ah = np.append(0.0, np.cumsum(current_a[:-1] * interval_s)) / 3600
+    capacity_ah = float(out_ah[-1]) / 0.985
+
+    def response(time_s, current_a, tau, hold):
+        return filtered_response(interval_s, current_a, tau, hold)
+
+    drop = drop_v(response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
+    voltage_v = flat_v(1 - out_ah / capacity_ah) - drop
+    return make_record(time_s, current_a, voltage_v, name="emptied.csv"), capacity_ah
+
+
+def flat_v(soc):
+    """As of LFP: flat, but near empty and full."""
+    soc = np.minimum(soc, 1.0)
+    return 3.2 + 0.1 * soc - 0.6 * np.exp(-soc / 0.02) + 0.15 * np.exp(-(1 - soc) / 0.01)
+
+
+def prepared_with(record, capacity_ah):
+    soc = np.linspace(0.0, 1.0, 401)
+    pairs = zip(soc.tolist(), flat_v(soc).tolist(), strict=True)
+    points = tuple(OcvPoint(*each, "test", 1, 3600.0) for each in pairs)
+    test = OcvTable("test", {0: points}, sha256="")
+    cell = characterize([test], capacity_ah=capacity_ah, ocv_fit="interpolated")
+    return prepare_record(record, cell, "so-rc", Window(initial_soc=1.0))
+
+
+def test_charge_that_an_ocv_test_and_a_record_do_not_share_is_found_by_its_rests(emptied):
+    record, capacity_ah = emptied
+    told = prepared_with(record, 1.03 * capacity_ah)
+    found = register_alone(told, TableSettings())
+    known = found.window.registration
+    assert known.by == "OCV test"
+    assert (known.told_soc, known.told_capacity_ah) == (1.0, told.capacity_ah)
+    assert found.capacity_ah == pytest.approx(capacity_ah, rel=2e-3)
+    assert found.start.soc == pytest.approx(1.0, abs=2e-3)
+    error_v, told_v = (
+        fit_tables([each], TableSettings(max_boxes=0, folds=0)).errors[0].rmse_v
+        for each in (found, told)
+    )
+    assert error_v < 0.3 * told_v
+    right = prepared_with(record, capacity_ah)
+    assert register_alone(right, TableSettings()) is right
+
+
+def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(real_data):
+    """As told they are 48 mV off, 110 to 360 of that below 5 % SOC."""
+    folder = real_data / "plett-a123-26650"
+    tests = [read_record(folder / f"ocv-s{part}_25degC.parquet") for part in (1, 3)]
+    cell = characterize(tests, ocv_fit="interpolated")
+
+    def prepared(part, **window):
+        record = read_record(
+            folder / f"dyn-s{part}_25degC.parquet", current_sign="discharge-positive"
+        )
+        return prepare_record(record, cell, "esc", Window(**window))
+
+    drive = register_alone(prepared(1, initial_soc=1.0), TableSettings())
+    charge = prepared(3, initial_soc=0.0, score_steps=(11,), score_soc=(0.03, 0.95))
+    assert drive.capacity_ah == pytest.approx(2.0, abs=0.01)
+    tables = fit_tables([drive], TableSettings(max_boxes=0, folds=0)).tables
+    assert errors_on(charge, tables).rmse_v < 16e-3
+    together = fit_tables([drive, charge], TableSettings(max_boxes=0, folds=0)).errors
+    assert max(each.rmse_v for each in together) < 5e-3

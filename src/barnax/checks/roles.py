@@ -3,7 +3,7 @@
 The kind is told by its sweeps, its current steps and how far they reach.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
@@ -134,10 +134,12 @@ def _temperature_degc(given: CheckInput) -> float | None:
     return degc_in_name(given.record.name)
 
 
-def require_load(file: str, kind: Kind) -> None:
-    """Raise `InputError` where a record holds no changes of current that a circuit follows from."""
-    if kind in ("charge", "slow sweep"):
-        raise notice("role.no-load", file, what=kind).error()
+def require_load(kinds: Mapping[str, Kind]) -> None:
+    """Raise `InputError` for files, by name, of which one is a slow sweep, or none holds changes of
+    current that a circuit follows from: a charge beside a drive shows the other direction."""
+    for file, kind in kinds.items():
+        if kind == "slow sweep" or (kind == "charge" and set(kinds.values()) == {"charge"}):
+            raise notice("role.no-load", file, what=kind).error()
 
 
 # Current steps that a validation wants.

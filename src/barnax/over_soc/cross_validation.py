@@ -62,6 +62,11 @@ class SocErrors:
 
         return falls(self.rmse_v, simpler.rmse_v) and falls(self.above_v, simpler.above_v)
 
+    def is_no_worse(self, other: "SocErrors") -> bool:
+        """Whether neither is higher than another's."""
+        pairs = (self.rmse_v, other.rmse_v), (self.above_v, other.above_v)
+        return all(own is None or it is None or own <= it for own, it in pairs)
+
 
 @dataclass(frozen=True)
 class CrossValidation:

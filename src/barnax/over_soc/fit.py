@@ -216,7 +216,11 @@ def reduced_objective(
 
     own = [seen(each) for each in prepared_records]
     parts, told = reduced(own), []
-    if settings.folds and any(each.window.registration for each in prepared_records):
+    if (
+        settings.folds
+        and len(prepared_records) > 1
+        and any(each.window.registration for each in prepared_records)
+    ):
         told = reduced([seen(each.as_told) for each in prepared_records])
     with one_blas_thread():
         whole = together(parts)

@@ -5,27 +5,35 @@ does what a coulomb counter counts. In the records of one cell that is most of t
 empty, where the OCV is steep. To first order the voltage is linear in a record's start and
 capacity: dv = U'(s) (ds0 + (s0 - s) dC / C). They are fitted together with all tables, each held to
 what was told by a prior, and the record is prepared again.
+
+One record alone, whose rests are far from the OCV test, is registered on that test: on a flat OCV
+3 % of the charge, lost between two testers, is a wrong voltage of hundreds of mV near empty, which
+tables would take for resistance and for an OCV that no other record has.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
+from scipy.optimize import minimize
 from scipy.special import ndtri
 
 from ..blas import one_blas_thread
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord, prepare_record
+from ..records.record import runs
 from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
+from .cross_validation import WORTHWHILE, held_out_errors
 from .fit import reduced_objective
 from .intervals import LIGHT, linearized, noise_behind
 from .objective import Solution, TableObjective
 from .reduced import Columns
-from .search import find_best
+from .search import LogScales, find_best
 from .settings import TableSettings
 
 # Standard deviations of what is told: of a start at a full charge, of the voltage at a rest, of the
@@ -34,6 +42,10 @@ FULL_SD, REST_SD_V, MAX_SD, CAPACITY_SD = 0.004, 0.005, 0.05, 0.002
 FROM_VOLTAGE = ("rested voltage", "rest elsewhere")
 # The OCV's slope is a difference over so much SOC.
 STEP_SOC = 1e-3
+# Alone: the voltage at the end of a rest so long is so far from the OCV; what counting may have
+# lost of the capacity, the first steps of the descent in start and share, and how often it looks.
+LEAST_REST_S, FAR_V = 240.0, 0.1
+COUNTED_SD, FURTHEST, FIRST_STEPS, LOOKS = 0.03, 2.5, (-0.003, 0.005), 40
 # The tables bend: registered again until nothing moves by more than this, so often at most.
 SETTLED, ROUNDS = 5e-4, 2
 
@@ -76,6 +88,96 @@ def register(
                 return list(prepared_records)
             if is_settled:
                 break
+    return found
+
+
+@in_float64
+def register_alone(prepared: PreparedRecord, settings: TableSettings) -> PreparedRecord:
+    """A record with the start and capacity at which its tables fit best, with the OCV of its cell.
+
+    It stays as it was told where its rests lie on the OCV, where tables fit it no better by a
+    tenth, and where blocks that are held out are predicted worse.
+
+    Args:
+        prepared: The record as it was told, with the OCV of a test.
+        settings: How tables are fitted to it.
+    """
+    share = _counted_short(prepared)
+    if share is None:
+        return prepared
+    told_soc, told_ah = prepared.start.soc, prepared.capacity_ah
+    furthest = FURTHEST * np.array([_told_within(prepared)[0], COUNTED_SD])
+    plain = replace(settings, folds=0, max_boxes=0)
+
+    def moved(shift: Float[np.ndarray, "two"], *errors: float) -> PreparedRecord | None:
+        try:
+            return _moved(prepared, told_soc, told_ah, *shift.tolist(), *(errors or (0.0, 0.0)))
+        except InputError:
+            return None
+
+    def fitted(
+        record: PreparedRecord, at: LogScales, how: TableSettings
+    ) -> tuple[TableObjective, Solution]:
+        held = {
+            name: (math.exp(each), math.exp(each)) for name, each in zip(names, at, strict=True)
+        }
+        objective = reduced_objective([record], how, held)
+        return objective, objective.solve(at)
+
+    def objective_v2(shift: Float[np.ndarray, "two"]) -> float:
+        record = moved(shift) if np.all(np.abs(shift) <= furthest) else None
+        return math.inf if record is None else fitted(record, at, plain)[1].objective_v2
+
+    # By the rest alone; time constants of what was told would be those of its wrong OCV.
+    guess = np.array([0.0, share])
+    guessed = moved(guess)
+    if guessed is None:
+        return prepared
+    with one_blas_thread():
+        objective = reduced_objective([prepared], plain)
+        names, kept = [axis.name for axis in objective.axes], find_best(objective)
+        at = find_best(reduced_objective([guessed], plain)).log_scales
+        simplex = guess + np.array([(0.0, 0.0), (FIRST_STEPS[0], 0.0), (0.0, FIRST_STEPS[1])])
+        options = {"initial_simplex": simplex, "maxfev": LOOKS, "xatol": 1e-4, "fatol": 0.0}
+        best = minimize(objective_v2, guess, method="Nelder-Mead", options=options)
+        found = moved(best.x)
+        if found is None or best.fun > (1 - WORTHWHILE) ** 2 * kept.objective_v2:
+            return prepared
+        before = held_out_errors(*fitted(prepared, kept.log_scales, settings))
+        after = held_out_errors(*fitted(found, at, settings))
+        if before is not None and after is not None and not after.is_no_worse(before):
+            return prepared
+        prior = furthest[None] / FURTHEST
+        errors = _shifts(*fitted(found, at, plain), np.zeros((1, 2)), prior)[1][0]
+    found = moved(best.x, *errors.tolist()) or found
+    assert found.window.registration is not None, "moved so"
+    own = replace(found.window.registration, by="OCV test")
+    return replace(found, window=replace(found.window, registration=own))
+
+
+def _counted_short(prepared: PreparedRecord) -> float | None:
+    """By which share the capacity would have to be another, for the rest at which the voltage is
+    furthest from the OCV to lie on it; None where none is far."""
+    furthest_v, found = FAR_V, None
+    resting = np.abs(prepared.current_a) < prepared.rest_current_a
+    for first, last in zip(*runs(resting), strict=True):
+        gone_soc = prepared.start.soc - prepared.soc[last]
+        is_long = prepared.time_s[last] - prepared.time_s[first] >= LEAST_REST_S
+        if not is_long or not prepared.scored[last] or not gone_soc:
+            continue
+        voltage_v = float(prepared.voltage_v[last])
+        apart_v = abs(
+            voltage_v - float(prepared.cell.average_ocv_v(prepared.soc[last : last + 1])[0])
+        )
+        if apart_v <= furthest_v:
+            continue
+        try:
+            rested_soc = prepared.cell.soc_from_rest_voltage(voltage_v)
+        except InputError:
+            continue
+        own_soc = prepared.start.soc - rested_soc
+        if own_soc * gone_soc > 0:
+            furthest_v, found = apart_v, float(gone_soc / own_soc - 1)
     return found
 
 

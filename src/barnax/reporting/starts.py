@@ -74,21 +74,37 @@ def ocv_sentences(stored: "Result") -> Iterator[str]:
 def told_source(part: "InputPart") -> str:
     """Where a record's start was known from before it was registered."""
     registration = part.window and part.window.registration
-    return registration.told_source if registration else part.start.soc_source if part.start else ""
+    if registration:
+        return registration.origin.told_source
+    return part.start.soc_source if part.start else ""
 
 
 def registered_sentences(stored: "Result") -> Iterator[str]:
-    """What several records of a cell made of each other's start and capacity."""
+    """What several records of a cell made of each other's start and capacity, and its OCV test of
+    those of one."""
     known = [
-        (each.start.soc - own.told_soc, each.window.capacity_ah / own.told_capacity_ah - 1)
+        (each, each.start.soc, each.window.capacity_ah, own)
         for each in stored.of_role("identification")
         if each.start and each.window and (own := each.window.registration)
         and each.window.capacity_ah
     ]  # fmt: skip
-    if not known:
+    for each, soc, capacity_ah, own in known:
+        if own.origin.by == "OCV test":
+            told = f"{100 * own.origin.told_soc:.1f} % and {own.origin.told_capacity_ah:.4g} Ah"
+            yield (
+                f"{each.name} starts at {100 * soc:.1f} % SOC and has {capacity_ah:.4g} Ah in "
+                f"place of {told}, so that its rests lie on the OCV; `keep_starts` leaves that as "
+                "given."
+            )
+    joint = [
+        (soc - own.told_soc, capacity_ah / own.told_capacity_ah - 1)
+        for _, soc, capacity_ah, own in known
+        if own.by == "records"
+    ]
+    if not joint:
         return
     soc, capacity = (
-        f"{100 * min(own):+.2f} to {100 * max(own):+.2f} %" for own in zip(*known, strict=True)
+        f"{100 * min(own):+.2f} to {100 * max(own):+.2f} %" for own in zip(*joint, strict=True)
     )
     yield (
         f"starts by {soc} SOC and capacities by {capacity}, so that the records agree; "
@@ -115,11 +131,12 @@ def start_sentence(part: "InputPart", is_planned: bool = False) -> str:
     given = "as the folder's plan says" if is_planned else "given"
     known = {"given": given, **known_words(start)}[told_source(part)]
     if part.window and (own := part.window.registration):
+        by = "the OCV test" if own.by == "OCV test" else "all records together"
+        capacity = f"{own.capacity_low_ah:.4g} to {own.capacity_high_ah:.4g}"
         known = (
-            f"95 %: {own.soc_low:.3f} to {own.soc_high:.3f}, by all records together; alone "
-            f"{own.told_soc:.3f}, {known}. Its capacity is {part.window.capacity_ah:.4g} Ah, "
-            f"{own.capacity_low_ah:.4g} to {own.capacity_high_ah:.4g}; alone "
-            f"{own.told_capacity_ah:.4g}"
+            f"95 %: {own.soc_low:.3f} to {own.soc_high:.3f}, by {by}; alone "
+            f"{own.origin.told_soc:.3f}, {known}. Its capacity is {part.window.capacity_ah:.4g} "
+            f"Ah, {capacity}; alone {own.origin.told_capacity_ah:.4g}"
         )
     last = f"last {CAME_FROM[start.direction]}"
     direction = {

@@ -252,7 +252,8 @@ MAX_MOVED_SOC = 0.03
 class Registration:
     """Where other records of the cell, or its OCV test, put a record's start and capacity, with
     95 % intervals, and what was told of them before: its window, and what that gave. The axis is
-    the one on which what was told is right on the average."""
+    the one on which what was told is right on the average. An offset of the current that records
+    share is in A, discharge positive, with its standard error."""
 
     told: "Window"
     told_soc: float
@@ -263,6 +264,8 @@ class Registration:
     capacity_low_ah: float
     capacity_high_ah: float
     by: Literal["records", "OCV test"] = "records"
+    offset_a: float | None = None
+    offset_error_a: float | None = None
 
     @property
     def origin(self) -> "Registration":

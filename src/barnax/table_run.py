@@ -169,8 +169,24 @@ def table_warnings(run: TableRun) -> Iterator[Notice]:
         if own is not None and own.median_v > DISAGREES_V:
             where = {"largest_v": own.largest_v, "soc": own.largest_soc}
             yield notice("ocv-test.disagrees", median_v=own.median_v, **where)
+    yield from _offset_warnings(run)
     yield from _reversal_warnings(run)
     yield from _outside_warnings(run)
+
+
+def _offset_warnings(run: TableRun) -> Iterator[Notice]:
+    """That the records agree far better without an offset of their current, which moves R."""
+    prepared = [each.prepared for each in run.identification]
+    known = prepared[0].window.registration
+    if known is None or known.offset_a is None or known.offset_error_a is None:
+        return
+    # As the files have it.
+    is_turned = {each.record.sign.value for each in prepared} == {"charge-positive"}
+    offset_a = -known.offset_a if is_turned else known.offset_a
+    told = {"offset_a": offset_a, "error_a": 2 * known.offset_error_a}
+    names = ", ".join(each.record.name for each in prepared)
+    hours = known.told_capacity_ah / abs(offset_a)
+    yield notice("answer.current-offset", names, **told, hours=hours)
 
 
 def _reversal_warnings(run: TableRun) -> Iterator[Notice]:

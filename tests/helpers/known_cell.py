@@ -13,11 +13,11 @@ def ocv_v(soc):
     return 3.3 + 0.7 * soc + 0.15 * np.tanh((soc - 0.05) / 0.06) + 0.08 * soc**6
 
 
-def made(seed=0, start=1.0, hours=2.5, noise_v=2e-4, charge=False, capacity_ah=2.0):
+def made(seed=0, start=1.0, hours=2.5, noise_v=2e-4, charge=False, capacity_ah=2.0, scale=1.0):
     """A drive from `start` on a cell of 2 Ah that everything is known of, first charged to full
-    by a held voltage where `charge`."""
+    by a held voltage where `charge`; its current is `scale` times the usual."""
     interval_s = 3600 * hours / SAMPLES
-    current_a = 0.7 * drive_a(SAMPLES, seed=seed, interval=20)
+    current_a = scale * 0.7 * drive_a(SAMPLES, seed=seed, interval=20)
     if charge:
         taper_a = -np.concatenate([np.full(400, 0.8), 0.8 * np.exp(-np.arange(600) / 180)])
         current_a = np.concatenate([taper_a, np.zeros(300), current_a])

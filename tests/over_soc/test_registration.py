@@ -189,3 +189,22 @@ def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(rea
     assert errors_on(charge, tables).rmse_v < 16e-3
     together = fit_tables([drive, charge], TableSettings(max_boxes=0, folds=0)).errors
     assert max(each.rmse_v for each in together) < 5e-3
+
+
+@pytest.mark.parametrize("offset_a", [-0.02, 0.0, 0.02])
+def test_records_of_different_rates_tell_an_offset_of_their_current(offset_a):
+    fast, slow = made(0, 0.98, 2.4, 1e-3)[0], made(1, 0.98, 4.8, 1e-3, scale=0.5)[0]
+    records = [replace(each, current_a=each.current_a + offset_a) for each in (fast, slow)]
+    # What is told of the starts is not quite right either.
+    windows = {
+        each.name: Window(initial_soc=0.98 + moved, capacity_ah=2.0)
+        for each, moved in zip(records, (0.003, -0.002), strict=True)
+    }
+    given = {"window": windows, "seeds": 0, "trust": "none", "max_boxes": 0, "folds": 0}
+    found = barnax.identify(records, **given)
+    told = [each for each in found.warnings if each.code == "answer.current-offset"]
+    assert len(told) == (offset_a != 0)
+    for each in told:
+        # 95 % of the time within this; the sign is that of the files, which charge positive.
+        assert each.values["error_a"] < 4e-3
+        assert each.values["offset_a"] == pytest.approx(offset_a, abs=each.values["error_a"])

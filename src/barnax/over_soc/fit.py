@@ -227,6 +227,12 @@ def reduced_objective(
     return TableObjective(own, settings, ranges, whole, parts, told)
 
 
+def held_at(objective: TableObjective, log_scales: Sequence[float]) -> dict[str, Range]:
+    """The ranges that hold the time constants and gamma at some scales: far less to reduce for."""
+    scales = zip(objective.ranges, log_scales, strict=True)
+    return {name: (math.exp(scale), math.exp(scale)) for name, scale in scales}
+
+
 def errors_on(prepared: PreparedRecord, tables: SocTables) -> SocErrors:
     """The errors of tables on a record, by scan."""
     return pooled_errors([prepared], tables)

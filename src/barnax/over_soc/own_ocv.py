@@ -9,6 +9,7 @@ the record holds, or from its own span.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -17,8 +18,7 @@ from jaxtyping import Float
 from ..blas import one_blas_thread
 from ..cell import CellModel, OcvPoint, OcvTable, characterize
 from ..cell.characterize import over_temperatures
-from ..cell.curves import InterpolatedCurve, SegmentedHysteresis
-from ..cell.model import FitError, group_near
+from ..cell.model import group_near
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
@@ -34,7 +34,6 @@ from ..model.window import Window, first_sample, scored_samples
 from ..notices import notice
 from ..records import Record, rest_current_a
 from ..records.record import FULL_CHARGE
-from ..settings import NODES
 from .certificate import certify
 from .cross_validation import held_out_errors
 from .fit import (
@@ -44,23 +43,13 @@ from .fit import (
     fit_of,
     reduced_objective,
 )
+from .level import level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .registration import register
 from .search import find_best
 from .settings import OCV, TableSettings
 from .temperature import TableFits, fit_temperatures, group_by_temperature
 
-# An OCV bends more than resistances do: closer nodes, but near empty, where no circuit follows and
-# the fall of one record would be taken for that of all.
-OCV_NODES = (
-    *(each for each in NODES if each < 0.05),
-    *(place / 80 for place in range(4, 16)),
-    *(place / 40 for place in range(8, 36)),
-    *(place / 80 for place in range(72, 81)),
-)
-# It is measured from a line that says nothing.
-FREE_RIDGE = 1e-12
-NEARLY_LEVEL_V = 1e-6
 # Between two nodes the OCV is a straight line: so many points of it make a curve of that.
 POINTS_A_NODE = 8
 # Where it is compared with that of an OCV test.
@@ -126,7 +115,7 @@ def fit_with_ocv(
     `fit_temperatures` do.
     """
     axis_ah, origin = _capacity(records, windows, capacity_ah)
-    own = _with_own(settings)
+    own = with_own_ocv(settings)
     groups: list[Sequence[Record]] = [records]
     if over_temperature:
         known: list[tuple[float, Record]] = []
@@ -181,15 +170,10 @@ def compare_with_own(
     """What an OCV of the records' own gives in place of their cell's, at the time constants of
     tables that were fitted to them, without search or proof; None where they visit too little."""
     first = prepared_records[0]
-    level = _level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
-
-    def leveled(prepared: PreparedRecord) -> PreparedRecord:
-        # With the hysteresis that it has.
-        known_v, level_v = (cell.average_ocv_v(prepared.soc) for cell in (prepared.cell, level))
-        return replace(prepared, cell=level, source_v=prepared.source_v - known_v + level_v)
-
+    level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
     ranges = {name: (value, value) for name, value in fit.tables.constants.items()}
-    objective = reduced_objective(prepared_records, _with_own(settings), ranges, leveled)
+    own, seen = with_own_ocv(settings), partial(leveled, level=level)
+    objective = reduced_objective(prepared_records, own, ranges, seen)
     with one_blas_thread():
         log_scales = tuple(math.log(low) for low, _ in ranges.values())
         best = objective.solve(log_scales, exact=True)
@@ -207,16 +191,6 @@ def compare_with_own(
         median_v=float(np.median(np.abs(apart_v))),
         largest_v=float(apart_v[largest]),
         largest_soc=float(soc[largest]),
-    )
-
-
-def _with_own(settings: TableSettings) -> TableSettings:
-    """The same with a table of the OCV in place of its correction."""
-    return replace(
-        settings,
-        ocv_nodes=settings.ocv_nodes or OCV_NODES,
-        ocv_correction=True,
-        voltage_ridge=min(settings.voltage_ridge, FREE_RIDGE),
     )
 
 
@@ -248,7 +222,7 @@ def _fitted(
     origin: str,
     over_temperature: bool = False,
 ) -> OwnOcv:
-    level = _level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
+    level = level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
     prepared = [prepare_record(each, level, circuit, windows[each.name]) for each in records]
     cells: list[CellModel] = []
 
@@ -294,17 +268,6 @@ def _of_ocv(
         for each in fit.intervals
     )
     return replace(fit, intervals=intervals)
-
-
-def _level_cell(capacity_ah: float, voltage_v: float) -> CellModel:
-    """A cell whose OCV says nothing: all of it is left to the table."""
-    soc = np.array([-1.0, 2.0])
-    line = InterpolatedCurve.fit(soc, voltage_v + NEARLY_LEVEL_V * soc)
-    points = tuple(OcvPoint(each, voltage_v, "", 0, 0.0) for each in soc.tolist())
-    error = FitError(0.0, 0.0)
-    return CellModel(
-        capacity_ah, "", line, line, SegmentedHysteresis.zero(), (), points, {"average": error}
-    )
 
 
 def _cell_of(

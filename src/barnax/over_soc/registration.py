@@ -11,13 +11,11 @@ One record alone, whose rests are far from the OCV test, is registered on that t
 tables would take for resistance and for an OCV that no other record has.
 """
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.linalg import block_diag
+from jaxtyping import Float
 from scipy.optimize import minimize
 from scipy.special import ndtri
 
@@ -29,10 +27,10 @@ from ..records.record import runs
 from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
 from .cross_validation import WORTHWHILE, held_out_errors
-from .fit import reduced_objective
-from .intervals import LIGHT, linearized, noise_behind
+from .current_offset import CurrentOffset, shared_offset
+from .fit import held_at, reduced_objective
+from .nuisances import estimate, of_starts
 from .objective import Solution, TableObjective
-from .reduced import Columns
 from .search import LogScales, find_best
 from .settings import TableSettings
 
@@ -63,18 +61,24 @@ def register(
     Where the records leave the axis of SOC so, they stay as they were told.
     """
     plain = replace(settings, folds=0, max_boxes=0)
-    found, log_scales = list(prepared_records), None
+    found = list(prepared_records)
     told = np.array([[each.start.soc, each.capacity_ah] for each in prepared_records])
     prior = np.array([_told_within(each) for each in prepared_records])
     shifts = errors = np.zeros_like(told)
     with one_blas_thread():
-        for _ in range(ROUNDS):
-            objective = reduced_objective(found, plain)
-            best = find_best(objective) if log_scales is None else objective.solve(log_scales)
-            log_scales = best.log_scales
-            moved, errors = _shifts(objective, best, shifts, prior)
+        objective = reduced_objective(found, plain)
+        best = find_best(objective)
+        as_told = objective, best
+        for number in range(ROUNDS):
+            if number:
+                objective = reduced_objective(found, plain, held_at(objective, best.log_scales))
+                best = objective.solve(best.log_scales)
+            estimated = estimate(objective, best, _of_starts, shifts.ravel(), prior.ravel())
+            moved, errors = (
+                each.reshape(shifts.shape) for each in (estimated.values, estimated.errors)
+            )
             # The axis is the one on which what was told is right on the average.
-            moved -= np.average(moved, axis=0, weights=prior**-2.0)
+            moved = moved - np.average(moved, axis=0, weights=prior**-2.0)
             is_settled = np.max(np.abs(moved - shifts)) < SETTLED
             shifts = moved
             try:
@@ -88,7 +92,16 @@ def register(
                 return list(prepared_records)
             if is_settled:
                 break
-    return found
+        offset = shared_offset(*as_told, prior, best.rms_v)
+    return found if offset is None else [_with_offset(each, offset) for each in found]
+
+
+def _with_offset(prepared: PreparedRecord, offset: CurrentOffset) -> PreparedRecord:
+    """The registered record, with an offset that the records share."""
+    known = prepared.window.registration
+    assert known is not None, "it is registered"
+    known = replace(known, offset_a=offset.value_a, offset_error_a=offset.error_a)
+    return replace(prepared, window=replace(prepared.window, registration=known))
 
 
 @in_float64
@@ -118,15 +131,12 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     def fitted(
         record: PreparedRecord, at: LogScales, how: TableSettings
     ) -> tuple[TableObjective, Solution]:
-        held = {
-            name: (math.exp(each), math.exp(each)) for name, each in zip(names, at, strict=True)
-        }
-        objective = reduced_objective([record], how, held)
-        return objective, objective.solve(at)
+        own = reduced_objective([record], how, held_at(objective, at))
+        return own, own.solve(at)
 
     def objective_v2(shift: Float[np.ndarray, "two"]) -> float:
         record = moved(shift) if np.all(np.abs(shift) <= furthest) else None
-        return math.inf if record is None else fitted(record, at, plain)[1].objective_v2
+        return np.inf if record is None else fitted(record, at, plain)[1].objective_v2
 
     # By the rest alone; time constants of what was told would be those of its wrong OCV.
     guess = np.array([0.0, share])
@@ -135,7 +145,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         return prepared
     with one_blas_thread():
         objective = reduced_objective([prepared], plain)
-        names, kept = [axis.name for axis in objective.axes], find_best(objective)
+        kept = find_best(objective)
         at = find_best(reduced_objective([guessed], plain)).log_scales
         simplex = guess + np.array([(0.0, 0.0), (FIRST_STEPS[0], 0.0), (0.0, FIRST_STEPS[1])])
         options = {"initial_simplex": simplex, "maxfev": LOOKS, "xatol": 1e-4, "fatol": 0.0}
@@ -147,8 +157,8 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         after = held_out_errors(*fitted(found, at, settings))
         if before is not None and after is not None and not after.is_no_worse(before):
             return prepared
-        prior = furthest[None] / FURTHEST
-        errors = _shifts(*fitted(found, at, plain), np.zeros((1, 2)), prior)[1][0]
+        prior = furthest / FURTHEST
+        errors = estimate(*fitted(found, at, plain), _of_starts, np.zeros(2), prior).errors
     found = moved(best.x, *errors.tolist()) or found
     assert found.window.registration is not None, "moved so"
     own = replace(found.window.registration, by="OCV test")
@@ -230,51 +240,9 @@ def _moved(
     return prepare_record(prepared.record, prepared.cell, prepared.circuit, window)
 
 
-def _shifts(
-    objective: TableObjective,
-    best: Solution,
-    shifts: Float[np.ndarray, "records two"],
-    prior: Float[np.ndarray, "records two"],
-) -> tuple[Float[np.ndarray, "records two"], Float[np.ndarray, "records two"]]:
-    """Starts and capacities as shifts from what was told, and their standard errors.
-
-    The noise is correlated, so that H^-1 (J' G J + P S P) H^-1 is the covariance, with S the prior
-    and P its weight in the least squares, the noise's own strength over S.
-    """
-    lighter = replace(objective, smoothing_scale=LIGHT * objective.smoothing_scale)
-    light = lighter.solve(best.log_scales, best.sides, exact=True)
-    of_tables, open_axes = lighter.ways(light), np.eye(len(objective.axes))
-    ways = np.asarray(block_diag(of_tables, open_axes, np.eye(shifts.size)))
-    rows = _with_shifts(lighter, light)
-    noise, to_noise, normal, slopes = noise_behind(lighter, light, ways, rows)
-    bent, count = lighter.table_penalty @ of_tables, of_tables.shape[1]
-    normal[:count, :count] += bent.T @ bent
-    weight = float(np.mean(np.diag(noise.spread_v2))) / objective.reduced.scored
-    own = slice(len(normal) - shifts.size, None)
-    pull = weight / prior.ravel() ** 2
-    normal[own, own] += np.diag(pull)
-    slopes[own] += pull * shifts.ravel()
-    # What tables and time constants would make of it too is left to the fit that follows.
-    moved = np.linalg.lstsq(normal, np.column_stack([slopes, to_noise.T]))[0][own]
-    back = np.linalg.lstsq(normal, np.eye(len(normal))[:, own])[0][own]
-    variance = np.einsum("ij,jk,ik->i", moved[:, 1:], noise.spread_v2, moved[:, 1:])
-    variance += (back * pull) ** 2 @ prior.ravel() ** 2
-    return shifts - moved[:, 0].reshape(shifts.shape), np.sqrt(variance).reshape(shifts.shape)
-
-
-def _with_shifts(
-    objective: TableObjective, found: Solution
-) -> Iterator[tuple[Columns, Float[np.ndarray, "rows"], Bool[np.ndarray, "rows"]]]:
-    """The rows of `linearized` with two columns more for every record."""
-    count = len(objective.prepared_records)
-    for place, prepared in enumerate(objective.prepared_records):
-        soc, first = prepared.soc[prepared.scored], 0
-        slope = _slope(prepared, soc)
-        # The error falls where the simulated voltage rises.
-        own = -np.column_stack([slope, slope * (prepared.start.soc - soc)])
-        alone = replace(objective, prepared_records=[prepared])
-        for columns, base, informed in linearized(alone, found):
-            here = np.zeros((len(base), 2 * count))
-            here[:, 2 * place : 2 * place + 2] = own[first : first + len(base)]
-            first += len(base)
-            yield np.hstack([columns, here]), base, informed
+def _of_starts(
+    objective: TableObjective, found: Solution, place: int
+) -> Float[np.ndarray, "samples nuisances"]:
+    """The columns of starts and capacities, with the slope of the cell's own OCV."""
+    prepared = objective.prepared_records[place]
+    return of_starts(objective, place, _slope(prepared, prepared.soc[prepared.scored]))

@@ -1,0 +1,154 @@
+"""An offset of the current that several records of a cell share, as those of one tester do.
+
+An offset o adds dv = o (U'(s) t / C + R) after a time t. In one record that is a capacity, or a
+slow pair. Where records differ in rate it moves their charge apart by shares that no start and no
+capacity explain, and is one more unknown beside these, with an OCV of the records' own: a measured
+one need not reach where the charge goes without the offset.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import InputError
+from ..model.prepared import PreparedRecord, prepare_record
+from .fit import held_at, reduced_objective
+from .level import level_cell, leveled, with_own_ocv
+from .nuisances import estimate, of_starts
+from .objective import Solution, TableObjective
+from .settings import TableSettings
+
+# Offsets that are tried first, in shares of the capacity per hour, and the standard deviation of
+# what may be.
+TRIED_PER_H, SD_PER_H = (-0.015, -0.01, -0.005, 0.005, 0.01, 0.015), 0.02
+# One is told from so many standard errors on, where it is more than so much and leaves less of the
+# error than this share. The rounds end where the first leaves more open than this, and where a
+# later one finds less than so many errors.
+TOLD_ERRORS, LEAST_PER_H, LEAVES = 3.0, 1 / 300, 0.85
+OPEN_PER_H, DOUBTED_ERRORS = 0.0075, 1.5
+# Charge is off by percents, so slopes of the OCV are over as much; in rounds, until it moves by
+# less than this share of its error.
+STEP_SOC, ROUNDS, SETTLED = 0.02, 6, 0.05
+
+
+@dataclass(frozen=True)
+class CurrentOffset:
+    """An offset in A, discharge positive, with its standard error."""
+
+    value_a: float
+    error_a: float
+
+
+@dataclass(frozen=True)
+class _Moved:
+    """Records with their starts and capacities moved, and their current without an offset."""
+
+    told: Sequence[PreparedRecord]
+    settings: TableSettings
+    shifts: Float[np.ndarray, "records two"]
+    offset_a: float
+
+    def objective(self, ranges) -> TableObjective:
+        """With an OCV of their own. Raises `InputError` where they leave the axis of SOC."""
+        first = self.told[0]
+        level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
+        records = [
+            replace(each.record, current_a=each.record.current_a - self.offset_a)
+            for each in self.told
+        ]
+        windows = [
+            replace(
+                each.window,
+                initial_soc=each.start.soc + soc,
+                soc_source="registered",
+                capacity_ah=each.capacity_ah * (1 + share),
+            )
+            for each, (soc, share) in zip(self.told, self.shifts.tolist(), strict=True)
+        ]
+        moved = [
+            prepare_record(record, each.cell, each.circuit, window)
+            for record, each, window in zip(records, self.told, windows, strict=True)
+        ]
+        own = with_own_ocv(self.settings)
+        return reduced_objective(moved, own, ranges, partial(leveled, level=level))
+
+
+def shared_offset(
+    objective: TableObjective,
+    best: Solution,
+    prior: Float[np.ndarray, "records two"],
+    registered_v: float,
+) -> CurrentOffset | None:
+    """The offset of the current that records share; None where they do not tell one.
+
+    Args:
+        objective: That of the records as they were told.
+        best: Its best tables.
+        prior: Standard deviations of what was told of starts, and of capacities as shares.
+        registered_v: sqrt(J) with starts and capacities registered, and no offset.
+    """
+    capacity_ah = objective.prepared_records[0].capacity_ah
+    lowest, highest = np.transpose([[axis.low, axis.high] for axis in objective.axes])
+    sds = np.append(prior.ravel(), SD_PER_H * capacity_ah)
+    told = _Moved(objective.prepared_records, objective.settings, np.zeros(prior.shape), 0.0)
+    ranges = held_at(objective, best.log_scales)
+    now, least_v2 = told, np.inf
+    for tried in (0.0, *TRIED_PER_H):
+        other = replace(told, offset_a=tried * capacity_ah)
+        try:
+            objective_v2 = other.objective(ranges).solve(best.log_scales).objective_v2
+        except InputError:
+            continue
+        if objective_v2 < least_v2:
+            now, least_v2 = other, objective_v2
+    error_a = leaves = np.inf
+    log_scales = np.array(best.log_scales)
+    for number in range(ROUNDS):
+        names = objective.ranges
+        ranges = {
+            name: 2 * (at,) for name, at in zip(names, np.exp(log_scales).tolist(), strict=True)
+        }
+        try:
+            objective = now.objective(ranges)
+        except InputError:
+            return None
+        best = objective.solve(tuple(log_scales.tolist()))
+        before = np.append(now.shifts.ravel(), now.offset_a)
+        found = estimate(objective, best, _of_starts_and_offset, before, sds)
+        log_scales = np.clip(log_scales + found.moved_scales, lowest, highest)
+        shifts = found.values[:-1].reshape(prior.shape)
+        # The axis is the one on which what was told is right on the average.
+        shifts = shifts - np.average(shifts, axis=0, weights=prior**-2.0)
+        offset_a, error_a = float(found.values[-1]), float(found.errors[-1])
+        is_settled = abs(offset_a - now.offset_a) < SETTLED * error_a
+        now = replace(told, shifts=shifts, offset_a=offset_a)
+        farthest_a = abs(offset_a) + TOLD_ERRORS * error_a
+        is_none = abs(offset_a) < DOUBTED_ERRORS * error_a or farthest_a < LEAST_PER_H * capacity_ah
+        if is_none if number else error_a > OPEN_PER_H * capacity_ah:
+            return None
+        leaves = best.rms_v / registered_v
+        if is_settled:
+            break
+    least_a = max(TOLD_ERRORS * error_a, LEAST_PER_H * capacity_ah)
+    is_told = abs(now.offset_a) > least_a and leaves < LEAVES
+    return CurrentOffset(now.offset_a, error_a) if is_told else None
+
+
+def _of_starts_and_offset(
+    objective: TableObjective, found: Solution, place: int
+) -> Float[np.ndarray, "samples nuisances"]:
+    """The columns of starts and capacities, and of an offset of the current that all share."""
+    prepared = objective.prepared_records[place]
+    soc, (nodes, ocv_v) = prepared.soc[prepared.scored], objective.ocv_at(found)
+    below, above = (
+        np.clip(soc + step, nodes[0], nodes[-1]) for step in (-STEP_SOC / 2, STEP_SOC / 2)
+    )
+    slope = (np.interp(above, nodes, ocv_v) - np.interp(below, nodes, ocv_v)) / (above - below)
+    hours = (prepared.time_s - prepared.time_s[0])[prepared.scored] / 3600
+    r_ohm = np.sum(found.values[: 1 + objective.pairs], axis=0)
+    of_offset = slope * hours / prepared.capacity_ah
+    of_offset += np.interp(soc, objective.nodes_of[0], r_ohm)
+    return np.column_stack([of_starts(objective, place, slope), of_offset])

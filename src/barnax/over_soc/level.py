@@ -1,0 +1,51 @@
+"""A cell whose OCV says nothing: what a table then finds is the OCV of the records alone."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..cell import CellModel, OcvPoint
+from ..cell.curves import InterpolatedCurve, SegmentedHysteresis
+from ..cell.model import FitError
+from ..model.prepared import PreparedRecord
+from ..settings import NODES
+from .settings import TableSettings
+
+# An OCV bends more than resistances do: closer nodes, but near empty, where no circuit follows and
+# the fall of one record would be taken for that of all.
+OCV_NODES = (
+    *(each for each in NODES if each < 0.05),
+    *(place / 80 for place in range(4, 16)),
+    *(place / 40 for place in range(8, 36)),
+    *(place / 80 for place in range(72, 81)),
+)
+# It is measured from a line that says nothing.
+FREE_RIDGE = 1e-12
+NEARLY_LEVEL_V = 1e-6
+
+
+def with_own_ocv(settings: TableSettings) -> TableSettings:
+    """The same with a table of the OCV in place of its correction."""
+    return replace(
+        settings,
+        ocv_nodes=settings.ocv_nodes or OCV_NODES,
+        ocv_correction=True,
+        voltage_ridge=min(settings.voltage_ridge, FREE_RIDGE),
+    )
+
+
+def level_cell(capacity_ah: float, voltage_v: float) -> CellModel:
+    """A cell whose OCV says nothing: all of it is left to the table."""
+    soc = np.array([-1.0, 2.0])
+    line = InterpolatedCurve.fit(soc, voltage_v + NEARLY_LEVEL_V * soc)
+    points = tuple(OcvPoint(each, voltage_v, "", 0, 0.0) for each in soc.tolist())
+    error = FitError(0.0, 0.0)
+    return CellModel(
+        capacity_ah, "", line, line, SegmentedHysteresis.zero(), (), points, {"average": error}
+    )
+
+
+def leveled(prepared: PreparedRecord, level: CellModel) -> PreparedRecord:
+    """The record with such a cell, and the hysteresis that it has."""
+    known_v, level_v = (cell.average_ocv_v(prepared.soc) for cell in (prepared.cell, level))
+    return replace(prepared, cell=level, source_v=prepared.source_v - known_v + level_v)

@@ -1,0 +1,84 @@
+"""What records of one cell leave open beside its tables: estimated with them, each with a prior."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.linalg import block_diag
+
+from .intervals import LIGHT, linearized, noise_behind
+from .objective import Solution, TableObjective
+from .reduced import Columns
+
+# Columns of the voltage by the nuisances of all records, at the scored samples of one.
+Nuisances = Callable[[TableObjective, Solution, int], Float[np.ndarray, "samples nuisances"]]
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """Nuisances, counted from what was told, with their standard errors, and by how much more the
+    logarithm of every searched scale would be with them."""
+
+    values: Float[np.ndarray, "nuisances"]
+    errors: Float[np.ndarray, "nuisances"]
+    moved_scales: Float[np.ndarray, "axes"]
+
+
+def of_starts(
+    objective: TableObjective, place: int, slope: Float[np.ndarray, "samples"]
+) -> Float[np.ndarray, "samples nuisances"]:
+    """The columns of a start and a capacity of every record, with the slope of the OCV by SOC."""
+    prepared = objective.prepared_records[place]
+    soc = prepared.soc[prepared.scored]
+    columns = np.zeros((len(soc), 2 * len(objective.prepared_records)))
+    columns[:, 2 * place] = slope
+    columns[:, 2 * place + 1] = slope * (prepared.start.soc - soc)
+    return columns
+
+
+def estimate(
+    objective: TableObjective,
+    best: Solution,
+    nuisances: Nuisances,
+    now: Float[np.ndarray, "nuisances"],
+    prior: Float[np.ndarray, "nuisances"],
+) -> Estimated:
+    """The nuisances of records that are prepared with those that are `now`, together with all
+    tables; `prior` are standard deviations of what was told.
+
+    The noise is correlated, so that H^-1 (J' G J + P S P) H^-1 is the covariance, with S the prior
+    and P its weight in the least squares, the noise's own strength over S.
+    """
+    lighter = replace(objective, smoothing_scale=LIGHT * objective.smoothing_scale)
+    light = lighter.solve(best.log_scales, best.sides, exact=True)
+    of_tables, open_axes = lighter.ways(light), np.eye(len(objective.axes))
+    ways = np.asarray(block_diag(of_tables, open_axes, np.eye(now.size)))
+    rows = _with_nuisances(lighter, light, nuisances)
+    noise, to_noise, normal, slopes = noise_behind(lighter, light, ways, rows)
+    bent, count = lighter.table_penalty @ of_tables, of_tables.shape[1]
+    normal[:count, :count] += bent.T @ bent
+    weight = float(np.mean(np.diag(noise.spread_v2))) / objective.reduced.scored
+    own = slice(len(normal) - now.size, len(normal))
+    pull = weight / prior**2
+    normal[own, own] += np.diag(pull)
+    slopes[own] += pull * now
+    moved = np.linalg.lstsq(normal, np.column_stack([slopes, to_noise.T]))[0]
+    back = np.linalg.lstsq(normal, np.eye(len(normal))[:, own])[0][own]
+    by_noise = moved[own, 1:]
+    variance = np.einsum("ij,jk,ik->i", by_noise, noise.spread_v2, by_noise)
+    variance += (back * pull) ** 2 @ prior**2
+    return Estimated(now - moved[own, 0], np.sqrt(variance), -moved[count : own.start, 0])
+
+
+def _with_nuisances(
+    objective: TableObjective, found: Solution, nuisances: Nuisances
+) -> Iterator[tuple[Columns, Float[np.ndarray, "rows"], Bool[np.ndarray, "rows"]]]:
+    """The rows of `linearized` with the columns of nuisances."""
+    for place, prepared in enumerate(objective.prepared_records):
+        # The error falls where the simulated voltage rises.
+        own, first = -nuisances(objective, found, place), 0
+        alone = replace(objective, prepared_records=[prepared])
+        for columns, base, informed in linearized(alone, found):
+            yield np.hstack([columns, own[first : first + len(base)]]), base, informed
+            first += len(base)

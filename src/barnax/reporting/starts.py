@@ -1,6 +1,6 @@
 """Where simulations start: how that is known, what other records made of it, and on which axis."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from ..cell.model import NEAR_DEGC
@@ -88,14 +88,19 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
         if each.start and each.window and (own := each.window.registration)
         and each.window.capacity_ah
     ]  # fmt: skip
-    for each, soc, capacity_ah, own in known:
-        if own.origin.by == "OCV test":
-            told = f"{100 * own.origin.told_soc:.1f} % and {own.origin.told_capacity_ah:.4g} Ah"
-            yield (
-                f"{each.name} starts at {100 * soc:.1f} % SOC and has {capacity_ah:.4g} Ah in "
-                f"place of {told}, so that its rests lie on the OCV; `keep_starts` leaves that as "
-                "given."
-            )
+    by_test = [each for each in known if each[-1].origin.by == "OCV test"]
+    if by_test:
+        parts, soc, capacity_ah, own = zip(*by_test, strict=True)
+        told = [(each.origin.told_soc, each.origin.told_capacity_ah) for each in own]
+        told_soc, told_ah = zip(*told, strict=True)
+        is_one = len(parts) == 1
+        whose = f"{parts[0].name} starts" if is_one else f"{len(parts)} records start"
+        yield (
+            f"{whose} at {_span(soc, 100)} % SOC and {'has' if is_one else 'have'} "
+            f"{_span(capacity_ah)} Ah in place of {_span(told_soc, 100)} % and {_span(told_ah)} "
+            f"Ah, so that {'its' if is_one else 'their'} rests lie on the OCV; `keep_starts` "
+            "leaves that as given."
+        )
     joint = [
         (soc - own.told_soc, capacity_ah / own.told_capacity_ah - 1)
         for _, soc, capacity_ah, own in known
@@ -110,6 +115,12 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
         f"starts by {soc} SOC and capacities by {capacity}, so that the records agree; "
         "`keep_starts` leaves them as given."
     )
+
+
+def _span(values: Sequence[float], scale: float = 1.0) -> str:
+    """The least and the most of some values, where they are not the same."""
+    ends = [f"{scale * each:.4g}" for each in (min(values), max(values))]
+    return " to ".join(dict.fromkeys(ends))
 
 
 def moved_start_sentence(found: "MetricsPart") -> str:

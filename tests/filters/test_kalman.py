@@ -81,11 +81,11 @@ class Plain:
             new[pair] += gain * (r * (held - offset) - x[pair])
             slope[pair, pair], slope[pair, -2] = 1 - gain, -gain * r
         if self.is_dynamic:
-            passed = abs(turning) * dt / capacity_as
+            passed = abs(turning) * dt / (3600 * 2.0)
             left = np.exp(-CIRCUIT.gamma * passed)
             toward = -np.sign(turning)
             new[3] = toward + left * (x[3] - toward)
-            slope[3, 3], slope[3, -1] = left, (x[3] - toward) * left * CIRCUIT.gamma * passed
+            slope[3, 3] = left
         for place, tau_s in enumerate(ERRORS.correlation_s, self.first_error):
             new[place] = slope[place, place] = np.exp(-dt / tau_s)
             new[place] *= x[place]
@@ -224,7 +224,7 @@ def simulated(model, key, soc, samples=SAMPLES):
     def step(state, sample):
         drive, walk, white = sample
         moved = model.advance(state, slow, drive)
-        moved = moved + jnp.sqrt(model.walk(slow, drive)[0]) * walk
+        moved = moved + jnp.sqrt(model.walk(drive)[0]) * walk
         voltage_v = model.voltage(moved, slow, drive)
         return moved, (
             voltage_v + jnp.sqrt(model.noise_v2(moved[0], drive.interval_s)) * white,

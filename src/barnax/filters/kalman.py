@@ -23,7 +23,6 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float, Scalar
 
 from .model import Drive, Estimate, FilterModel
@@ -34,9 +33,9 @@ Vector = Float[Array, "states"]
 Matrix = Float[Array, "states states"]
 KAPPA = 1.0
 # Filters of a Gaussian sum, over so many standard deviations of the start to either side, each
-# with this share of the distance between two as its own deviation. Five are enough for a sloping
-# OCV; a flat one needs nine, and more change nothing.
-PARTS, SIDES, OVERLAP = 11, 2.5, 0.8
+# with this share of the distance between two as its own deviation. One is enough for a sloping
+# OCV; a flat one needs all, and more change little.
+PARTS, SIDES, OVERLAP = 9, 2.25, 0.8
 # A start beyond full or empty by more than this is improbable.
 OUTSIDE_SD = 0.02
 
@@ -46,6 +45,10 @@ class Gaussian(NamedTuple):
 
     mean: Vector
     covariance: Matrix
+
+
+# Gaussians, the logarithms of their weights, and these.
+Parts = tuple[Gaussian, Float[Array, "parts"], Float[Array, "parts"]]
 
 
 class Observation(NamedTuple):
@@ -99,8 +102,8 @@ def _estimate(model: FilterModel, rows: Float[Array, "samples kept"]) -> Estimat
     )
 
 
-def _parts(mean: Vector, variance: Vector, count: int) -> tuple[Gaussian, Float[Array, "parts"]]:
-    """Gaussians around a start, with the logarithms of their weights.
+def _parts(mean: Vector, variance: Vector, count: int) -> Parts:
+    """Gaussians around a start.
 
     Together they have the mean and the variance of the start, but where they are beyond full or
     empty.
@@ -117,23 +120,20 @@ def _parts(mean: Vector, variance: Vector, count: int) -> tuple[Gaussian, Float[
     parts = Gaussian(
         jnp.tile(mean, (count, 1)).at[:, 0].set(soc), jnp.tile(covariance, (count, 1, 1))
     )
-    return parts, log_weights - logsumexp(log_weights)
+    weights = jnp.exp(log_weights - jnp.max(log_weights))
+    return parts, log_weights - jnp.max(log_weights), weights / jnp.sum(weights)
 
 
 def _joint_step(model: FilterModel, kind: Kind):
     """One sample of filters whose states hold the slow parameters too."""
     count = model.states
     is_unscented = kind == "ukf"
-    observe = _observe_unscented if is_unscented else _observe_extended
 
-    def step(
-        carry: tuple[Gaussian, Float[Array, "parts"]], drive: Drive
-    ) -> tuple[tuple[Gaussian, Float[Array, "parts"]], Vector]:
-        parts, log_weights = carry
-        weights = jnp.exp(log_weights)
+    def step(carry: Parts, drive: Drive) -> tuple[Parts, Vector]:
+        parts, log_weights, weights = carry
+        walk = jnp.concatenate(model.walk(drive))
 
         def predict(belief: Gaussian, near: Scalar) -> Gaussian:
-            walk = jnp.concatenate(model.walk(belief.mean[count:], drive))
             if not is_unscented:
                 return _predict_extended(model, belief, drive, near, walk)
 
@@ -147,35 +147,44 @@ def _joint_step(model: FilterModel, kind: Kind):
             def voltage(both):
                 return model.voltage(both[:count], both[count:], drive, near)
 
-            observed = observe(voltage, belief)
+            if is_unscented:
+                observed = _observe_unscented(voltage, belief)
+            else:
+                state, slow = belief.mean[:count], belief.mean[count:]
+                slope = model.slopes(state, slow, drive, near)
+                observed = _observe_extended(voltage(belief.mean), slope, belief)
             innovation_v = drive.voltage_v - observed.voltage_v
             variance_v2 = observed.variance_v2 + model.noise_v2(near, drive.interval_s)
             belief = _correct(belief, observed.with_state, innovation_v, variance_v2)
             return belief, innovation_v, variance_v2
 
-        parts = jax.vmap(predict, (0, None))(parts, weights @ parts.mean[:, 0])
-        near = weights @ parts.mean[:, 0]
+        # Sums of products, here and below, compile into one kernel with what is around them;
+        # products of such small matrices are a kernel each.
+        near = jnp.sum(weights * parts.mean[:, 0])
+        parts = jax.vmap(predict, (0, None))(parts, near)
+        near = jnp.sum(weights * parts.mean[:, 0])
         parts, innovation_v, variance_v2 = jax.vmap(correct, (0, None))(parts, near)
-        expected_v, expected_v2 = _moments(weights, innovation_v, variance_v2)
+        expected = _moments(weights[:, None], innovation_v[:, None], variance_v2[:, None])
         log_weights = log_weights - (innovation_v**2 / variance_v2 + jnp.log(variance_v2)) / 2
-        log_weights = log_weights - logsumexp(log_weights)
-        kept = jnp.array([0, *range(count, parts.mean.shape[1])])
+        log_weights = log_weights - jnp.max(log_weights)
+        weights = jnp.exp(log_weights)
+        weights = weights / jnp.sum(weights)
         spread = jnp.diagonal(parts.covariance, axis1=1, axis2=2)
-        mean, variance = _moments(jnp.exp(log_weights), parts.mean[:, kept], spread[:, kept])
-        row = (mean[:1], expected_v[None], mean[1:], variance, expected_v2[None])
-        return (parts, log_weights), jnp.concatenate(row)
+        mean, variance = _moments(weights[:, None], parts.mean, spread)
+        row = (mean[:1], expected[0], mean[count:], variance[:1], variance[count:], expected[1])
+        return (parts, log_weights, weights), jnp.concatenate(row)
 
     return step
 
 
 def _moments(
-    weights: Float[Array, "parts"],
-    mean: Float[Array, "parts *_"],
-    variance: Float[Array, "parts *_"],
-) -> tuple[Float[Array, "*_"], Float[Array, "*_"]]:
-    """Mean and variance of a mixture."""
-    middle = jnp.tensordot(weights, mean, axes=1)
-    return middle, jnp.tensordot(weights, variance + (mean - middle) ** 2, axes=1)
+    weights: Float[Array, "parts 1"],
+    mean: Float[Array, "parts n"],
+    variance: Float[Array, "parts n"],
+) -> tuple[Float[Array, "n"], Float[Array, "n"]]:
+    """Mean and variance of mixtures."""
+    middle = jnp.sum(weights * mean, axis=0)
+    return middle, jnp.sum(weights * (variance + (mean - middle) ** 2), axis=0)
 
 
 def _dual_step(model: FilterModel, kind: Kind, adapting: float):
@@ -190,7 +199,7 @@ def _dual_step(model: FilterModel, kind: Kind, adapting: float):
     def step(carry, drive: Drive):
         (belief, slow), sensitivity, scale = carry
         before = belief.mean
-        state_walk, slow_walk = model.walk(slow.mean, drive)
+        state_walk, slow_walk = model.walk(drive)
         slow = slow._replace(covariance=slow.covariance + jnp.diag(slow_walk))
 
         def advance(state):
@@ -208,11 +217,12 @@ def _dual_step(model: FilterModel, kind: Kind, adapting: float):
             return model.voltage(state, slow.mean, drive, near)
 
         if kind == "ekf":
-            observed = _observe_extended(voltage, belief)
+            slope = model.slopes(belief.mean, slow.mean, drive, near)
+            total, slope = slope[model.states :], slope[: model.states]
+            observed = _observe_extended(voltage(belief.mean), slope, belief)
             by_slow = jax.jacfwd(model.advance, 1)(before, slow.mean, drive, before[0])
             sensitivity = by_slow + _kept(model, slow.mean, drive)[:, None] * sensitivity
-            total = jax.grad(model.voltage, 1)(belief.mean, slow.mean, drive, near)
-            total = total + jax.grad(voltage)(belief.mean) @ sensitivity
+            total = total + slope @ sensitivity
             covaried = slow.covariance @ total
             slow_observed = Observation(observed.voltage_v, total @ covaried, covaried)
         else:
@@ -280,16 +290,13 @@ def _predict_extended(
     if len(slow):
         by_slow = jax.jacfwd(model.advance, 1)(state, slow, drive, near)
         by_slow = jnp.concatenate([by_slow, jnp.zeros((len(slow), len(slow)))])
-        # Sums of products compile into one kernel with what is around them; products of such small
-        # matrices are a kernel each, and the filter takes half as long again.
         moved = moved + jnp.sum(by_slow[:, :, None] * belief.covariance[count:], axis=1)
         aside = jnp.sum(moved[:, None, count:] * by_slow, axis=2)
         return Gaussian(mean, moved * kept + aside + jnp.diag(walk))
     return Gaussian(mean, moved * kept + jnp.diag(walk))
 
 
-def _observe_extended(voltage: Callable[[Vector], Scalar], belief: Gaussian) -> Observation:
-    voltage_v, slope = jax.value_and_grad(voltage)(belief.mean)
+def _observe_extended(voltage_v: Scalar, slope: Vector, belief: Gaussian) -> Observation:
     with_state = jnp.sum(belief.covariance * slope, axis=1)
     return Observation(voltage_v, jnp.sum(slope * with_state), with_state)
 

@@ -24,7 +24,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float, Scalar
+from jaxtyping import Array, Float, Int, Scalar
 
 from ..cell import CellModel, CircuitParameters, SocTables, get_circuit
 from ..cell.parameters import RATE
@@ -136,10 +136,14 @@ class FilterModel(eqx.Module):
 
     def at(self, soc: Scalar) -> Float[Array, "rows"]:
         """The table's row at a SOC; it goes on straight beyond the grid."""
-        along = (soc - GRID[0]) * STEPS_PER_SOC
-        place = jnp.clip(lax.stop_gradient(along), 0, len(GRID) - 2).astype(jnp.int32)
+        place = self.place(soc)
         below, above = self.table[place], self.table[place + 1]
-        return below + (along - place) * (above - below)
+        return below + ((soc - GRID[0]) * STEPS_PER_SOC - place) * (above - below)
+
+    def place(self, soc: Scalar) -> Int[Array, ""]:
+        """The row of the table at a SOC or below it."""
+        along = lax.stop_gradient(soc - GRID[0]) * STEPS_PER_SOC
+        return jnp.clip(along, 0, len(GRID) - 2).astype(jnp.int32)
 
     def factor(self, name: str, slow: Float[Array, "slow"]) -> Scalar | float:
         """What a slow parameter multiplies; one where it is not estimated."""
@@ -161,18 +165,17 @@ class FilterModel(eqx.Module):
         pairs_s = self.tau_s * self.factors("tau", slow)
         along = [interval_s / pairs_s]
         if self.hysteresis == "dynamic":
-            along.append((self.gamma * self.passed(drive.turning_a, slow, interval_s))[None])
+            along.append((self.gamma * self.passed(drive.turning_a, interval_s))[None])
         along.append(interval_s / self.error_s)
         if self.has_bias:
-            drawn = self.passed(drive.held_a, jnp.zeros_like(slow), interval_s)
-            along.append((drawn / BIAS_SOC)[None])
-        # One call for all: in a filter each costs as much as the rest of a product.
-        return -jnp.expm1(-jnp.concatenate(along))
+            along.append((self.passed(drive.held_a, interval_s) / BIAS_SOC)[None])
+        # One call for all, and once: in a filter each costs as much as the rest of a product.
+        return lax.optimization_barrier(-jnp.expm1(-jnp.concatenate(along)))
 
-    def passed(self, current_a: Scalar, slow: Float[Array, "slow"], interval_s: Scalar) -> Scalar:
-        """The SOC that a current moves in an interval, up or down."""
-        capacity_as = 3600 * self.capacity_ah * self.factor(CAPACITY, slow)
-        return jnp.abs(current_a) * interval_s / capacity_as
+    def passed(self, current_a: Scalar, interval_s: Scalar) -> Scalar:
+        """The SOC that a current moves in an interval, up or down, by the capacity believed: what
+        hysteresis and bias turn with need no better one."""
+        return jnp.abs(current_a) * interval_s / (3600 * self.capacity_ah)
 
     def advance(
         self,
@@ -216,6 +219,31 @@ class FilterModel(eqx.Module):
         voltage_v = voltage_v - jnp.sum(state[1 : 1 + self.pairs]) + there[2] * jnp.sum(lasting)
         return voltage_v + there[3] * state[-1] if self.has_bias else voltage_v
 
+    def slopes(
+        self, state: Float[Array, "states"], slow: Float[Array, "slow"], drive: Drive, near: Scalar
+    ) -> Float[Array, "both"]:
+        """How the voltage depends on every state and slow parameter: its gradient, written out,
+        for that of a look-up in a table takes as long as the rest of the filter."""
+        row, there = self.at(state[0]), self.at(near)
+        place = self.place(state[0])
+        rise = (self.table[place + 1, :2] - self.table[place, :2]) * STEPS_PER_SOC
+        if self.hysteresis == "none":
+            by_soc = rise[0]
+        else:
+            turned = drive.direction if self.hysteresis == "instant" else state[1 + self.pairs]
+            by_soc = rise[0] + turned * rise[1]
+        parts = [by_soc[None], -jnp.ones(self.pairs)]
+        if self.hysteresis == "dynamic":
+            parts.append(row[1:2])
+        parts.append(jnp.full_like(self.error_s, there[2]))
+        if self.has_bias:
+            parts.append(there[3:4])
+        current_a = drive.current_a - self.offset_a(slow)
+        r0 = there[FIRST_RESISTANCE] * self.factor("R0", slow)
+        by_slow = {OFFSET: r0, "R0": -r0 * current_a}
+        parts += [jnp.reshape(by_slow.get(name, 0.0), 1) for name in self.slow]
+        return jnp.concatenate(parts)
+
     def doubt_at(self, soc: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
         """The standard deviation of the SOC that a voltage at rest tells, from the bias alone."""
         table = np.asarray(self.table)
@@ -229,12 +257,10 @@ class FilterModel(eqx.Module):
         often = jnp.where(interval_s > 0, self.white_s / jnp.maximum(interval_s, 1e-9), 1.0)
         return (self.at(soc)[2] * self.white_sd_v) ** 2 * jnp.maximum(often, 1.0)
 
-    def walk(
-        self, slow: Float[Array, "slow"], drive: Drive
-    ) -> tuple[Float[Array, "states"], Float[Array, "slow"]]:
+    def walk(self, drive: Drive) -> tuple[Float[Array, "states"], Float[Array, "slow"]]:
         """The variance that an interval adds to every state and to every slow parameter."""
         counted = self.current_sd_a * drive.interval_s / (3600 * self.capacity_ah)
-        gain = self.gains(slow, drive)[self.first_error - 1 :]
+        gain = self.gains(jnp.zeros_like(self.slow_sd), drive)[self.first_error - 1 :]
         still = jnp.zeros(self.first_error - 1)
         errors = gain * (2 - gain) * self.errors_sd**2
         state = jnp.concatenate([(counted**2)[None], still, errors])

@@ -258,7 +258,7 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
     over_time, errors = figure.subplots(2, sharex=True, height_ratios=(2, 3))
     draw_line(over_time, time, 100 * traces.truth, color=BLACK, label="ampere-hour counter")
     held = replay.scenarios[0].in_band
-    told = "95 % band" if held is None else f"95 % band, holds {100 * held:.0f} % of the time"
+    told = "95 % band" if held is None else f"95 % band ({100 * held:.0f} % in it)"
     band = 100 * BAND_SD * np.nan_to_num(traces.estimate.soc_sd[0])
     errors.fill_between(time, -band, band, color=SHADE, linewidth=0, label=told)
     errors.axhline(0.0, color=BLACK, linewidth=0.6)
@@ -279,8 +279,9 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
     over_time.set_ylabel("State of charge [%]")
     errors.set_ylabel("Error of SOC [%]\n(filter − counter)")
     errors.set_xlabel(unit.label)
-    title(over_time, f"{replay.record}: {replay.model}, {replay.settings.kind.upper()}")
-    return finish(figure, over_time, errors, columns=4)
+    kind = "Gaussian sum" if replay.settings.kind == "sum" else replay.settings.kind.upper()
+    title(over_time, f"{replay.record}: {replay.model}, {kind}")
+    return finish(figure, over_time, errors, columns=3)
 
 
 def _beyond(replay: "SocReplay", widest: float) -> str:

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from barnax import Result, identify
 from barnax.errors import InputError
+from barnax.inputs import read_inputs
 from barnax.model.prepared import group_tests
 from barnax.model.window import Window
 from barnax.pipeline import hppc
@@ -18,6 +19,7 @@ from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import tables_csv
 from barnax.reporting.render import to_markdown
 from barnax.reporting.soc_tables import prediction_sentence
+from barnax.settings import Reading
 from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm
 
 FEW = {"seeds": 2, "iterations": 5, "population": 8}
@@ -153,6 +155,23 @@ def test_without_an_ocv_test_each_temperature_has_the_ocv_of_its_records():
     assert "OCV: each temperature has its own, of its records at 5 degC, 25 degC" in " ".join(
         shown(found).split()
     )
+
+
+def test_a_record_has_the_test_of_its_temperature_of_those_that_are_given():
+    given = [replace(at(degc), name=f"test at {degc:g}") for degc in DEGC]
+    inputs = read_inputs(
+        [at(45.0)], given, [], Reading(), capacity=CAPACITY_AH, ocv_capacity=None,
+        ocv_fit="interpolated", hysteresis_fit="continuous", window=None,
+    )  # fmt: skip
+    own_v = inputs.cell.at(45.0).average_ocv_v(np.array([0.5]))
+    assert own_v == pytest.approx(3.2 + 0.92 * 0.5, abs=1e-5)
+    again = replace(made_record(2.0, factor=2.0, degc=7.0), name="again")
+    with pytest.raises(InputError, match="give only one"):
+        read_inputs(
+            [at(45.0)], [given[0], again], [], Reading(),
+            capacity=CAPACITY_AH, ocv_capacity=None, ocv_fit="interpolated",
+            hysteresis_fit="continuous", window=None,
+        )  # fmt: skip
 
 
 def test_pulses_stand_by_temperature(result):

@@ -1,7 +1,7 @@
 """From files to checked records and the cell they show: each file is read once."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -126,15 +126,31 @@ def read_inputs(
             "hysteresis_fit": hysteresis_fit,
             "rest_current_a": common.rest_current_a,
         }
-        by_degc = group_tests(ocv_records, window) if over_temperature else {}
         if is_without_test and without_test is not None:
             cell = without_test(dynamic)
-        elif cell is None and by_degc:
-            cell = characterize_over_temperature(by_degc, **options)
         elif cell is None:
-            cell = characterize(ocv_records, **options)
+            cell = _characterized(ocv_records, window, over_temperature, options)
     warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window, reading)
     return Inputs(dynamic, ocv_records, further, cell, tuple(warnings), is_without_test)
+
+
+def _characterized(
+    tests: Sequence[Record | OcvTable],
+    window: Window | Mapping[str, Window] | None,
+    over_temperature: bool,
+    options: Any,
+) -> CellModel:
+    """The cell of OCV tests: at each temperature by those of it, over temperature, and where they
+    are not one test together."""
+    if over_temperature and (by_degc := group_tests(tests, window)):
+        return characterize_over_temperature(by_degc, **options)
+    try:
+        return characterize(tests, **options)
+    except InputError as problem:
+        with suppress(InputError):
+            if by_degc := group_tests(tests, window):
+                return characterize_over_temperature(by_degc, **options)
+        raise problem
 
 
 def _checked(

@@ -41,6 +41,7 @@ from .over_soc import (
     register_alone,
     require_temperature,
     require_temperatures,
+    rest_warnings,
 )
 from .plan import plan_of, planned
 from .plan.running import prepare_pulse_tests
@@ -244,6 +245,7 @@ def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
     )
     for each in run.validation:
         told += [*each.prepared.record.warnings, *each.prepared.warnings]
+        told += rest_warnings(each.prepared)
     if run.tables is None:
         told += [
             notice("answer.at-bound", name=each.name, side=each.side)

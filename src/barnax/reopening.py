@@ -21,6 +21,7 @@ from .model.problem import Problem, make_problem
 from .model.window import Window
 from .notices import notice
 from .optimizers import OPTIMIZERS, make_optimizer
+from .over_soc import rest_warnings
 from .records import Record, find_file, read_record
 from .records.fingerprint import Content, read_fingerprint
 from .result_parts import InputPart, MetricsBlock, MetricsPart
@@ -233,4 +234,5 @@ def validated(
         by_circuit = partial(evaluate, parameters=stored.constant.circuit_parameters)
     found = with_registered(evaluate_from_either(prepared, cell, by_circuit), by_circuit)
     told = (*warnings, *measured.notes, *measured.warnings, *prepared.warnings)
+    told += tuple(rest_warnings(prepared))
     return replace(found, warnings=tuple(dict.fromkeys(told)))

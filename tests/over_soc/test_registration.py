@@ -10,7 +10,13 @@ from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings, errors_on, fit_tables, register_alone
+from barnax.over_soc import (
+    TableSettings,
+    errors_on,
+    fit_tables,
+    register_alone,
+    rest_warnings,
+)
 from barnax.records import read_record
 from helpers.known_cell import R0_OHM, R_OHM, TAU_S, made
 from helpers.problems import drive_a
@@ -208,3 +214,11 @@ def test_records_of_different_rates_tell_an_offset_of_their_current(offset_a):
         # 95 % of the time within this; the sign is that of the files, which charge positive.
         assert each.values["error_a"] < 4e-3
         assert each.values["offset_a"] == pytest.approx(offset_a, abs=each.values["error_a"])
+
+
+def test_a_rest_far_from_the_ocv_of_a_record_to_validate_on_is_told(emptied):
+    record, capacity_ah = emptied
+    (told,) = rest_warnings(prepared_with(record, 1.03 * capacity_ah))
+    assert told.code == "soc.rest-off-ocv"
+    assert told.values["own_ah"] == pytest.approx(capacity_ah, rel=5e-3)
+    assert not rest_warnings(prepared_with(record, capacity_ah))

@@ -14,6 +14,7 @@ from .own_ocv import compare_with_own as compare_with_own
 from .own_ocv import fit_with_ocv as fit_with_ocv
 from .registration import register as register
 from .registration import register_alone as register_alone
+from .registration import rest_warnings as rest_warnings
 from .settings import TableSettings as TableSettings
 from .simulate import evaluate_tables as evaluate_tables
 from .simulate import simulate_tables as simulate_tables

@@ -13,6 +13,7 @@ tables would take for resistance and for an OCV that no other record has.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -23,6 +24,7 @@ from ..blas import one_blas_thread
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord, prepare_record
+from ..notices import Notice, notice
 from ..records.record import runs
 from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
@@ -115,9 +117,10 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         prepared: The record as it was told, with the OCV of a test.
         settings: How tables are fitted to it.
     """
-    share = _counted_short(prepared)
-    if share is None:
+    rest = _far_rest(prepared)
+    if rest is None:
         return prepared
+    share = rest.share
     told_soc, told_ah = prepared.start.soc, prepared.capacity_ah
     furthest = FURTHEST * np.array([_told_within(prepared)[0], COUNTED_SD])
     plain = replace(settings, folds=0, max_boxes=0)
@@ -165,10 +168,33 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     return replace(found, window=replace(found.window, registration=own))
 
 
-def _counted_short(prepared: PreparedRecord) -> float | None:
-    """By which share the capacity would have to be another, for the rest at which the voltage is
-    furthest from the OCV to lie on it; None where none is far."""
-    furthest_v, found = FAR_V, None
+class _Rest(NamedTuple):
+    """The last sample of a rest, how far its voltage is from the OCV at the state of charge that
+    is counted there, and by which share another capacity would put it there."""
+
+    sample: int
+    apart_v: float
+    share: float
+
+
+def rest_warnings(prepared: PreparedRecord) -> list[Notice]:
+    """That a rest of a record lies far from the OCV, which its capacity or start may be why of."""
+    rest = _far_rest(prepared)
+    if rest is None:
+        return []
+    told = {
+        "apart_v": rest.apart_v,
+        "soc": float(prepared.soc[rest.sample]),
+        "capacity_ah": prepared.capacity_ah,
+        "own_ah": prepared.capacity_ah * (1 + rest.share),
+    }
+    row = int(prepared.record.row[prepared.first + rest.sample])
+    return [notice("soc.rest-off-ocv", prepared.record.name, row, **told)]
+
+
+def _far_rest(prepared: PreparedRecord) -> _Rest | None:
+    """The rest whose voltage is furthest from the OCV; None where none is far."""
+    found: _Rest | None = None
     resting = np.abs(prepared.current_a) < prepared.rest_current_a
     for first, last in zip(*runs(resting), strict=True):
         gone_soc = prepared.start.soc - prepared.soc[last]
@@ -176,10 +202,9 @@ def _counted_short(prepared: PreparedRecord) -> float | None:
         if not is_long or not prepared.scored[last] or not gone_soc:
             continue
         voltage_v = float(prepared.voltage_v[last])
-        apart_v = abs(
-            voltage_v - float(prepared.cell.average_ocv_v(prepared.soc[last : last + 1])[0])
-        )
-        if apart_v <= furthest_v:
+        ocv_v = prepared.cell.average_ocv_v(prepared.soc[last : last + 1])
+        apart_v = voltage_v - float(ocv_v[0])
+        if abs(apart_v) <= (abs(found.apart_v) if found else FAR_V):
             continue
         try:
             rested_soc = prepared.cell.soc_from_rest_voltage(voltage_v)
@@ -187,7 +212,7 @@ def _counted_short(prepared: PreparedRecord) -> float | None:
             continue
         own_soc = prepared.start.soc - rested_soc
         if own_soc * gone_soc > 0:
-            furthest_v, found = apart_v, float(gone_soc / own_soc - 1)
+            found = _Rest(int(last), apart_v, float(gone_soc / own_soc - 1))
     return found
 
 

@@ -166,7 +166,7 @@ def test_a_record_has_the_test_of_its_temperature_of_those_that_are_given():
     own_v = inputs.cell.at(45.0).average_ocv_v(np.array([0.5]))
     assert own_v == pytest.approx(3.2 + 0.92 * 0.5, abs=1e-5)
     again = replace(made_record(2.0, factor=2.0, degc=7.0), name="again")
-    with pytest.raises(InputError, match="give only one"):
+    with pytest.raises(InputError, match="Give only one test"):
         read_inputs(
             [at(45.0)], [given[0], again], [], Reading(),
             capacity=CAPACITY_AH, ocv_capacity=None, ocv_fit="interpolated",

@@ -18,7 +18,7 @@ from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import tables_csv
 from barnax.reporting.render import to_markdown
-from barnax.reporting.soc_tables import prediction_sentence
+from barnax.reporting.temperatures import prediction_sentence
 from barnax.settings import Reading
 from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm
 

@@ -31,7 +31,7 @@ from .search.evaluate import Evaluation, evaluate, evaluate_from_either, with_re
 from .search.refine import Refinement
 from .search.seeds import Search
 from .settings import Reading
-from .table_run import TableRun
+from .table_run import TableRun, no_temperature
 
 # Across machines and versions a stored circuit's error agrees this closely, relative.
 SAME_ERROR = 1e-6
@@ -233,6 +233,8 @@ def validated(
     else:
         by_circuit = partial(evaluate, parameters=stored.constant.circuit_parameters)
     found = with_registered(evaluate_from_either(prepared, cell, by_circuit), by_circuit)
+    if stored.tables is not None:
+        warnings += no_temperature(prepared, stored.tables.found)
     told = (*warnings, *measured.notes, *measured.warnings, *prepared.warnings)
     told += tuple(rest_warnings(prepared))
     return replace(found, warnings=tuple(dict.fromkeys(told)))

@@ -44,7 +44,14 @@ UNITS = {
     "degc": "degC",
 }
 # Other than their names would give: shorter, or as stored before.
-KEYS = {"history_v": "history", "boxes": "cells", "max_boxes": "most_cells"}
+KEYS = {
+    "history_v": "history",
+    "boxes": "cells",
+    "max_boxes": "most_cells",
+    "beta_per_k": "beta [1/K]",
+    "kappa_per_a2": "kappa [1/A2]",
+    "reference_a2": "reference [A2]",
+}
 # JSON, where a file's name was wanted.
 _TEXT = re.compile(r"\s*[{\[]\s*[\"{\[\]}]")
 _LABEL = re.compile(rf" \[({'|'.join(map(re.escape, UNITS.values()))})\]$")

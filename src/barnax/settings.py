@@ -18,18 +18,16 @@ AutoHold = Literal["auto", "forward", "backward", "centered"]
 OcvFit = Literal["polynomial", "interpolated"]
 HysteresisFit = Literal["continuous", "independent"]
 Over = Literal["soc", "soc,temperature"]
+# What resistances follow beside SOC.
+Follow = Literal[
+    "auto", "none", "temperature", "heating", "current", "temperature,current", "heating,current"
+]  # fmt: skip
 Trust = Literal["none", "basic", "full"]
 # How the state of charge at a start is known, where it was not given.
 SocSource = Literal[
-    "full end",
-    "empty end",
-    "full voltage",
-    "counters",
-    "rest elsewhere",
-    "own full charge",
-    "own span",
-    "registered",
-]
+    "full end", "empty end", "full voltage", "counters", "rest elsewhere", "own full charge",
+    "own span", "registered",
+]  # fmt: skip
 OVER_TEMPERATURE: Over = "soc,temperature"
 # The section of a docstring that explains arguments.
 ARGS = r"Args:\n((?:    .*(?:\n|$))+)"
@@ -190,6 +188,9 @@ class TableOptions:
         proved_share: A fit is certified if its sqrt(J) is proved to be within this share of the
             lowest.
         max_boxes: At most so many boxes of time constants for the proof; 0 means no proof.
+        resistances_follow: What resistances follow beside SOC: the measured temperature, the cell's
+            heating by its current, the current (Butler and Volmer), or none; auto takes what lowers
+            the held-out errors.
         keep_starts: Keep every record's start and capacity as told. Otherwise several records of
             one cell tell each other's, within some tenths of a percent.
         folds: Folds of the cross-validation, blocks held out in turn; 0 means none.
@@ -206,6 +207,7 @@ class TableOptions:
     voltage_ridge: float = VOLTAGE_RIDGE
     proved_share: float = 0.01
     max_boxes: int = 1000
+    resistances_follow: Follow = "auto"
     keep_starts: bool = False
     folds: int = FOLDS
     block_s: float = BLOCK_S

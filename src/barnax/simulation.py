@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .cell.curves import SegmentedHysteresis
+from .cell.dependence import BETA
 from .cell.model import SAME_DEGC
 from .errors import InputError
 from .model.prepared import OCV_MARGIN, prepare_record
@@ -63,7 +64,8 @@ def simulate_frame(
         profile = _columns(current)
     _require_numbers(profile)
     time_s, current_a, *_ = profile
-    found = simulate_current(result, time_s, current_a, temperature_degc=temperature_degc, **known)
+    known |= {"temperature_degc": temperature_degc, "measured_degc": profile.temperature_degc}
+    found = simulate_current(result, time_s, current_a, **known)
     for each in _doubts(result, profile, found.soc):
         # Told of the line that calls `Result.simulate`.
         warnings.warn(str(each), stacklevel=3)
@@ -144,7 +146,9 @@ def _doubts(
                 held=None if result.tables is None else "true",
             )
     degc = profile.temperature_degc
-    if degc is not None and np.nanmax(degc) - np.nanmin(degc) > SAME_DEGC:
+    tables = result.tables and result.tables.fit.tables
+    is_followed = tables and tables.dependence and BETA in tables.dependence.numbers
+    if degc is not None and not is_followed and np.nanmax(degc) - np.nanmin(degc) > SAME_DEGC:
         yield notice("simulation.temperature", NAME)
 
 
@@ -156,7 +160,9 @@ def simulate_current(
     initial_soc: float | None = None,
     initial_direction: Literal[-1, 1] | None = None,
     temperature_degc: float | None = None,
+    measured_degc: Float[np.ndarray, "samples"] | None = None,
     has_hysteresis: bool = True,
+    has_dependence: bool = True,
 ) -> Simulated:
     """A result's circuit, or its tables, on a current that is held from each time to the next.
 
@@ -168,12 +174,15 @@ def simulate_current(
     if not has_hysteresis:
         cell = replace(cell, hysteresis=SegmentedHysteresis.zero())
         tables = None if tables is None else replace(tables, half_hysteresis_v=None)
+    if not has_dependence and tables is not None:
+        tables = replace(tables, dependence=None)
     start = result.start
     start_soc = start.soc if initial_soc is None else initial_soc
     window = Window(
         initial_soc=start_soc,
         initial_direction=start.direction if initial_direction is None else initial_direction,
         rest_current_a=result.start_rest_current_a,
+        temperature_degc=temperature_degc,
     )
     discharged_ah = np.cumsum(current_a[:-1] * np.diff(time_s)) / 3600
     soc = start_soc - np.concatenate([[0.0], discharged_ah]) / cell.capacity_ah
@@ -192,7 +201,7 @@ def simulate_current(
         current_a=current_a,
         # Nothing is measured here; a simulation does not look at it.
         voltage_v=cell.average_ocv_v(soc),
-        temperature_degc=None,
+        temperature_degc=measured_degc,
         step=None,
         row=np.arange(len(soc)) + 2,
         sign=replace(given, value="discharge-positive"),

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .cell import CellModel
+from .cell.dependence import BETA
 from .cell.elements import names_beside, rungs_of
 from .display import Brief
 from .global_optimum import OtherHold, hold_warning
@@ -172,6 +173,17 @@ def table_warnings(run: TableRun) -> Iterator[Notice]:
     yield from _offset_warnings(run)
     yield from _reversal_warnings(run)
     yield from _outside_warnings(run)
+    for each in run.validation:
+        yield from no_temperature(each.prepared, run.found)
+
+
+def no_temperature(prepared: PreparedRecord, found: TableFits) -> Iterator[Notice]:
+    """That a record has no temperature that the resistances could follow."""
+    known = found.of(prepared).dependence
+    if known is not None and BETA in known.numbers and prepared.known_degc is None:
+        yield notice(
+            "tables.no-temperature", prepared.record.name, reference_degc=known.reference_degc
+        )
 
 
 def _offset_warnings(run: TableRun) -> Iterator[Notice]:

@@ -1,5 +1,7 @@
 """A cell of which everything is known: its OCV, its circuit, and drives from any start."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from helpers.problems import drive_a
@@ -13,9 +15,20 @@ def ocv_v(soc):
     return 3.3 + 0.7 * soc + 0.15 * np.tanh((soc - 0.05) / 0.06) + 0.08 * soc**6
 
 
-def made(seed=0, start=1.0, hours=2.5, noise_v=2e-4, charge=False, capacity_ah=2.0, scale=1.0):
+def made(
+    seed=0,
+    start=1.0,
+    hours=2.5,
+    noise_v=2e-4,
+    charge=False,
+    capacity_ah=2.0,
+    scale=1.0,
+    driven=None,
+):
     """A drive from `start` on a cell of 2 Ah that everything is known of, first charged to full
-    by a held voltage where `charge`; its current is `scale` times the usual."""
+    by a held voltage where `charge`; its current is `scale` times the usual. Of times and currents
+    `driven` gives the temperature, if it is measured, and the currents that flow through R0 and
+    through the pairs."""
     interval_s = 3600 * hours / SAMPLES
     current_a = scale * 0.7 * drive_a(SAMPLES, seed=seed, interval=20)
     if charge:
@@ -29,9 +42,14 @@ def made(seed=0, start=1.0, hours=2.5, noise_v=2e-4, charge=False, capacity_ah=2
     def response(time_s, current_a, tau, hold):
         return filtered_response(interval_s, current_a, tau, hold)
 
-    voltage_v = ocv_v(soc) - drop_v(response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
+    degc, ohmic_a, through_a = None, current_a, current_a
+    if driven is not None:
+        degc, ohmic_a, through_a = driven(time_s, current_a)
+    voltage_v = ocv_v(soc) - R0_OHM * ohmic_a
+    voltage_v -= drop_v(response, time_s, through_a, (0.0, R_OHM, TAU_S))
     if charge:
         held = np.arange(len(soc)) < 1000
         voltage_v = np.where(held, 4.25, voltage_v)
     voltage_v += noise_v * np.random.default_rng(seed).standard_normal(len(soc))
-    return make_record(time_s, current_a, voltage_v, name=f"made{seed}.csv"), soc
+    record = make_record(time_s, current_a, voltage_v, name=f"made{seed}.csv")
+    return replace(record, temperature_degc=degc), soc

@@ -13,8 +13,8 @@ from barnax.execution import in_float64
 from barnax.model import compressed
 from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables, reduced, simulate, simulate_tables
-from barnax.over_soc.fit import box_of, reduced_objective
 from barnax.over_soc.intervals import linearized, sag_of
+from barnax.over_soc.problem import box_of, reduced_objective
 from barnax.over_soc.search import find_best, polish
 from barnax.records.samples import record_resistance_ohm
 

@@ -10,6 +10,7 @@ from .curves import (
     PolynomialCurve,
     SegmentedHysteresis,
 )
+from .dependence import Dependence
 from .elements import ELEMENTS, Element
 from .model import CellModel, FitError
 from .ocv_table import OcvTable, read_ocv_table, read_ocv_test
@@ -24,6 +25,7 @@ __all__ = [
     "CellModel",
     "Circuit",
     "CircuitParameters",
+    "Dependence",
     "Element",
     "FitError",
     "HysteresisFit",

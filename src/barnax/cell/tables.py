@@ -8,13 +8,13 @@ from jaxtyping import Float
 
 from ..display import Brief
 from ..errors import InputError
+from .dependence import ZERO_DEGC_K, Dependence, between
 from .elements import RC, names_of, require_order, rungs_of
 from .parameters import OHMIC, RATE
 
 OCV_CORRECTION = "OCV correction [V]"
 HALF_HYSTERESIS = "half hysteresis [V]"
 
-ZERO_DEGC_K = 273.15
 # Below this a resistance is at its bound of zero, which has no logarithm.
 LEAST_OHM = 1e-7
 
@@ -48,6 +48,7 @@ class SocTables(Brief):
         visited: True for nodes that are the nearest of some counted sample: the values of the
             others follow from their neighbors and mean nothing by themselves.
         elements: What each pair is, by name; an RC pair where nothing is said.
+        dependence: What the resistances follow beside SOC; None for nothing.
 
     Raises `InputError` if nodes do not rise or a table has another length.
 
@@ -65,6 +66,7 @@ class SocTables(Brief):
     gamma: float | None = None
     visited: tuple[bool, ...] = ()
     elements: tuple[str, ...] = ()
+    dependence: Dependence | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "elements", self.elements or (RC.name,) * len(self.tau_s))
@@ -99,10 +101,13 @@ class SocTables(Brief):
 
     @property
     def constants(self) -> Mapping[str, float]:
-        """What does not change with SOC, by name: the time constants and, if any, gamma."""
+        """What does not change with SOC, by name: the time constants and, if any, gamma and the
+        numbers of a dependence."""
         names = [each.tau for each in names_of(self.elements)]
         named = dict(zip(names, self.tau_s, strict=True))
-        return named if self.gamma is None else named | {RATE: self.gamma}
+        if self.gamma is not None:
+            named[RATE] = self.gamma
+        return named if self.dependence is None else named | self.dependence.numbers
 
     def laddered(self) -> "SocTables":
         """The same tables, those of each element as of the RC pairs that it consists of."""
@@ -155,8 +160,8 @@ class TemperatureTables:
             raise InputError("the temperatures of tables must each be above the previous one")
         first = self.tables[0]
         for each in self.tables:
-            alike = (each.nodes, each.constants, each.tables.keys())
-            if alike != (first.nodes, first.constants, first.tables.keys()):
+            alike = (each.nodes, each.tau_s, each.gamma, each.tables.keys())
+            if alike != (first.nodes, first.tau_s, first.gamma, first.tables.keys()):
                 raise InputError(
                     "the tables of all temperatures need the same nodes, the same time constants "
                     "and the same names"
@@ -195,6 +200,7 @@ class TemperatureTables:
             gamma=cold.gamma,
             visited=tuple(a and b for a, b in zip(cold.visited, warm.visited, strict=True)),
             elements=cold.elements,
+            dependence=between(cold.dependence, warm.dependence, temperature_degc, along),
         )
 
 

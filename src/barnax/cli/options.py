@@ -85,6 +85,7 @@ METAVARS: dict[Any, str] = {
 FLAGS = {
     "rising_ocv": "--rising-ocv/--free-ocv",
     "half_hysteresis": "--half-hysteresis",
+    "resistances_follow": "--resistances-follow",
     "keep_starts": "--keep-starts",
 }
 COMPLETED = {
@@ -284,8 +285,8 @@ class Tables:
     over: Given = options_of(Settings(), TABLES, "over")
     how: Given = options_of(
         TableOptions(), TABLES,
-        *("ocv_correction", "rising_ocv", "half_hysteresis", "keep_starts", "nodes", "roughness"),
-        *("resistance_ridge", "voltage_ridge", "folds", "block_s"),
+        *("ocv_correction", "rising_ocv", "half_hysteresis", "resistances_follow", "keep_starts"),
+        *("nodes", "roughness", "resistance_ridge", "voltage_ridge", "folds", "block_s"),
     )  # fmt: skip
 
     def chosen(self) -> dict[str, Any]:

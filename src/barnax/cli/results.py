@@ -152,8 +152,8 @@ def validate(on: OnRecord, output: Errors) -> None:
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from ..reporting.identification import metrics_table
-        from ..reporting.soc_tables import prediction_sentence
         from ..reporting.starts import moved_start_sentence
+        from ..reporting.temperatures import prediction_sentence
         from ..reporting.terminal import terminal_table
         from ..storing import metrics_part
 

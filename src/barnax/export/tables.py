@@ -263,6 +263,13 @@ def _caveats(result: Result, over_soc: Sequence[SocTables], kind: Hysteresis) ->
         told.append(
             f"Not determined by the samples there, but by bounds and smoothness: {open_ended}."
         )
+    for known in (each.dependence for each in over_soc if each.dependence is not None):
+        numbers = ", ".join(f"{name} {value:.4g}" for name, value in known.numbers.items())
+        at = "" if known.reference_degc is None else f", at {known.reference_degc:g} degC"
+        told.append(
+            f"Resistances stand as at the reference{at}: what they follow beside SOC is left out "
+            f"({numbers})."
+        )
     if not over:
         return tuple(told)
     degc = ", ".join(f"{each:.3g}" for each in over.temperatures_degc)

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..cell import CellModel, OcvTable, get_circuit
+from ..cell import CellModel, Dependence, OcvTable, get_circuit
+from ..cell.dependence import filled
 from ..cell.model import group_near
 from ..display import Brief
 from ..errors import InputError
@@ -53,6 +54,8 @@ class PreparedRecord(Brief):
     rest_current_a: float
     capacity_ah: float
     warnings: tuple[Notice, ...]
+    dependence: Dependence | None = None
+    resistance_factor: Float[np.ndarray, "simulated"] | None = None
 
     @property
     def span(self) -> slice:
@@ -70,7 +73,19 @@ class PreparedRecord(Brief):
         """The same with start and capacity as they were told before they were registered."""
         if self.window.registration is None:
             return self
-        return prepare_record(self.record, self.cell, self.circuit, self.window.as_told)
+        told = prepare_record(self.record, self.cell, self.circuit, self.window.as_told)
+        return told.following(self.dependence)
+
+    def following(self, dependence: Dependence | None) -> "PreparedRecord":
+        """The same with resistances that follow temperature or current so; None for not."""
+        if dependence == self.dependence:
+            return self
+        factor = None
+        if dependence is not None:
+            record = self.record
+            given = record.time_s, record.interval_current_a
+            factor = dependence.factor(*given, self.known_degc)[self.span]
+        return replace(self, dependence=dependence, resistance_factor=factor)
 
     def fitting_better(self, other_rmse_v: float) -> "PreparedRecord":
         """The same, said to come from the direction that fits better than the other does."""
@@ -79,7 +94,7 @@ class PreparedRecord(Brief):
 
     def part(self, here: slice) -> "PreparedRecord":
         """Some neighboring ones of the simulated samples; the last one's current leads nowhere."""
-        amplitude_v = self.hysteresis_amplitude_v
+        amplitude_v, factor = self.hysteresis_amplitude_v, self.resistance_factor
         return replace(
             self,
             first=self.first + here.start,
@@ -88,6 +103,7 @@ class PreparedRecord(Brief):
             source_v=self.source_v[here],
             hysteresis_amplitude_v=None if amplitude_v is None else amplitude_v[here],
             scored=self.scored[here],
+            resistance_factor=None if factor is None else factor[here],
         )
 
     def parts(self, samples: int) -> Iterator["PreparedRecord"]:
@@ -120,6 +136,22 @@ class PreparedRecord(Brief):
         return float(self.time_s[after - 1] - self.time_s[first])
 
     @property
+    def known_degc(self) -> Float[np.ndarray, "samples"] | None:
+        """The temperature at every sample of the record: measured, else given."""
+        degc, given = self.record.temperature_degc, self.window.temperature_degc
+        if degc is not None and np.any(np.isfinite(degc)):
+            return filled(self.record.time_s, degc)
+        return None if given is None else np.full(self.record.samples, given)
+
+    @property
+    def measured_degc(self) -> Float[np.ndarray, "simulated"] | None:
+        """The temperature at every simulated sample, None where none was measured."""
+        degc = self.record.temperature_degc
+        if degc is None or not np.any(np.isfinite(degc[self.span])):
+            return None
+        return filled(self.record.time_s, degc)[self.span]
+
+    @property
     def median_interval_s(self) -> float:
         return float(np.median(np.diff(self.time_s), overwrite_input=True))
 
@@ -136,9 +168,13 @@ class PreparedRecord(Brief):
 
         With dynamic hysteresis, exact for rates up to `highest_gamma`.
         """
+        ohmic_a, through_pairs_a = self.current_a, self.held_a
+        if self.dependence is not None and self.resistance_factor is not None:
+            ohmic_a = self.resistance_factor * ohmic_a
+            through_pairs_a = self.resistance_factor * self.dependence.through_pairs(self.held_a)
         return SimulationInput(
-            current_a=as_input(self.current_a),
-            held_a=as_input(self.held_a),
+            current_a=as_input(ohmic_a),
+            held_a=as_input(through_pairs_a),
             source_v=as_input(self.source_v),
             base_error_v=as_input(self.voltage_v - self.source_v),
             weight=None if np.all(self.scored) else as_input(self.scored.astype(float)),

@@ -2,7 +2,6 @@
 
 from .cross_validation import CrossValidation as CrossValidation
 from .cross_validation import SocErrors as SocErrors
-from .fit import HELD_GAMMA as HELD_GAMMA
 from .fit import OcvCompared as OcvCompared
 from .fit import TableFit as TableFit
 from .fit import constant_held_out as constant_held_out
@@ -12,6 +11,7 @@ from .intervals import NodeInterval as NodeInterval
 from .own_ocv import OwnOcv as OwnOcv
 from .own_ocv import compare_with_own as compare_with_own
 from .own_ocv import fit_with_ocv as fit_with_ocv
+from .problem import HELD_GAMMA as HELD_GAMMA
 from .registration import register as register
 from .registration import register_alone as register_alone
 from .registration import rest_warnings as rest_warnings

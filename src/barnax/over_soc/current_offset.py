@@ -15,10 +15,10 @@ from jaxtyping import Float
 
 from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record
-from .fit import held_at, reduced_objective
 from .level import level_cell, leveled, with_own_ocv
 from .nuisances import estimate, of_starts
 from .objective import Solution, TableObjective
+from .problem import held_at, reduced_objective
 from .settings import TableSettings
 
 # Offsets that are tried first, in shares of the capacity per hour, and the standard deviation of
@@ -69,7 +69,7 @@ class _Moved:
             for each, (soc, share) in zip(self.told, self.shifts.tolist(), strict=True)
         ]
         moved = [
-            prepare_record(record, each.cell, each.circuit, window)
+            prepare_record(record, each.cell, each.circuit, window).following(each.dependence)
             for record, each, window in zip(records, self.told, windows, strict=True)
         ]
         own = with_own_ocv(self.settings)

@@ -1,24 +1,19 @@
 """Tables identified from prepared records, and all that is said of them."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from ..blas import one_blas_thread
-from ..cell import SocTables, get_circuit
-from ..cell.elements import get_element, names_of
-from ..cell.parameters import OHMIC, RATE
+from ..cell import SocTables
+from ..cell.parameters import RATE
 from ..cell.tables import LEAST_OHM
 from ..display import Brief
-from ..errors import InputError
 from ..execution import in_float64
 from ..global_optimum.proof import Proof
 from ..model.prepared import PreparedRecord
-from ..model.search_space import RATE_RANGE, Range
 from ..notices import Notice, notice
 from ..schema import Told
 from ..search.refine import AtBound
@@ -26,28 +21,22 @@ from .certificate import certify
 from .cross_validation import (
     CrossValidation,
     SocErrors,
-    blocks_of,
     cross_validate,
     held_out_errors,
     with_spread,
 )
+from .dependence import with_dependence
 from .intervals import NodeInterval, intervals_of
 from .objective import Solution, TableObjective
-from .reduced import Reduced, layout_of, reduce_records, together
+from .problem import BOTH_WAYS_SOC, HELD_GAMMA, least_travel_soc, reduced_objective
 from .search import find_best
-from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
+from .settings import TableSettings
 from .simulate import error_blocks
 
 # A constant is at a bound within this share of the logarithm of its range.
 AT_BOUND = 1e-3
-# This share of a record's samples is enough to tell a time constant of their interval.
-DENSE_QUANTILE = 0.05
 # A table of which more nodes than this were not visited is mostly extrapolated.
 MOSTLY = 0.5
-# Records that go less SOC than this without turning tell nothing of the branch of that direction.
-BOTH_WAYS_SOC = 0.1
-# Of a dynamic hysteresis that such records do not tell: it has turned after about 10 % SOC.
-HELD_GAMMA = 20.0
 
 
 @dataclass(frozen=True)
@@ -79,7 +68,8 @@ class TableFit(Brief):
         errors: Errors on each record, by scan.
         tau_ranges_s: The box of time constants.
         lower_bound_v: No tables with time constants in the box have a smaller sqrt(J).
-        status: "certified" where that is within the share asked for, else "grid-verified".
+        status: "certified" where that is within the share asked for, else "grid-verified", as with
+            resistances that follow more than SOC, for whose numbers nothing is proved.
         boxes: Boxes of time constants that the proof took.
         at_bound: Time constants at a bound.
         parameters: Number of values that samples visit and of searched constants.
@@ -134,7 +124,8 @@ def fit_tables(
     objective = reduced_objective(prepared_records, settings)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
-        proof = certify(objective, find_best(objective))
+        objective, best = with_dependence(objective, find_best(objective))
+        proof = certify(objective, best)
     return fit_of(objective, proof)
 
 
@@ -150,6 +141,11 @@ def fit_of(
         tables = objective.tables_at(best)
         intervals = with_spread(objective, best, intervals_of(objective, best))
         held_out = cross_validate(objective, best)
+    if held_out is not None and tables.dependence is not None:
+        # The constant circuit follows nothing but SOC.
+        plain = [each.following(None) for each in objective.prepared_records]
+        constant = constant_held_out(plain, settings) or held_out.constant
+        held_out = replace(held_out, constant=constant)
     at_bound = _at_bound(objective, best)
     taus_s = tuple(limits for name, limits in objective.ranges.items() if name != RATE)
     is_close = proof.lower_bound_v >= (1 - settings.proved_share) * best.rms_v
@@ -161,7 +157,8 @@ def fit_of(
         ),
         tau_ranges_s=taus_s,
         lower_bound_v=proof.lower_bound_v,
-        status="certified" if is_close else "grid-verified",
+        # What resistances follow is not in the box of the proof.
+        status="certified" if is_close and tables.dependence is None else "grid-verified",
         boxes=proof.boxes,
         at_bound=at_bound,
         parameters=sum(int(np.sum(objective.visited_of(n))) for n in range(objective.tables))
@@ -193,46 +190,6 @@ def constant_with_ocv_held_out(
         return held_out_errors(objective, find_best(objective))
 
 
-def reduced_objective(
-    prepared_records: Sequence[PreparedRecord],
-    settings: TableSettings,
-    ranges: Mapping[str, Range] | None = None,
-    seen: Callable[[PreparedRecord], PreparedRecord] = lambda prepared: prepared,
-) -> TableObjective:
-    """The objective over all records, as they are `seen`, in the ranges given or their own."""
-    ranges = ranges or box_of(prepared_records, settings)
-    layout = layout_of(
-        settings.nodes,
-        settings.ocv_nodes or settings.nodes,
-        ranges,
-        settings.ocv_correction,
-        settings.half_hysteresis,
-        get_circuit(prepared_records[0].circuit).elements,
-        min(float(np.min(np.diff(each.time_s))) for each in prepared_records),
-    )
-
-    def reduced(records: Sequence[PreparedRecord]) -> list[Reduced]:
-        return reduce_records(records, layout, *blocks_of(records, settings))
-
-    own = [seen(each) for each in prepared_records]
-    parts, told = reduced(own), []
-    if (
-        settings.folds
-        and len(prepared_records) > 1
-        and any(each.window.registration for each in prepared_records)
-    ):
-        told = reduced([seen(each.as_told) for each in prepared_records])
-    with one_blas_thread():
-        whole = together(parts)
-    return TableObjective(own, settings, ranges, whole, parts, told)
-
-
-def held_at(objective: TableObjective, log_scales: Sequence[float]) -> dict[str, Range]:
-    """The ranges that hold the time constants and gamma at some scales: far less to reduce for."""
-    scales = zip(objective.ranges, log_scales, strict=True)
-    return {name: (math.exp(scale), math.exp(scale)) for name, scale in scales}
-
-
 def errors_on(prepared: PreparedRecord, tables: SocTables) -> SocErrors:
     """The errors of tables on a record, by scan."""
     return pooled_errors([prepared], tables)
@@ -245,59 +202,6 @@ def pooled_errors(prepared_records: Sequence[PreparedRecord], tables: SocTables)
         (error_v[each.scored[here]], each.soc[here][each.scored[here]])
         for each in prepared_records
         for here, error_v in error_blocks(each, tables)
-    )
-
-
-def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) -> dict[str, Range]:
-    """The ranges of every pair's time constant, and that of gamma where there is one, by name."""
-    circuit, ranges = get_circuit(prepared_records[0].circuit), settings.ranges
-    interval_s = min(each.median_interval_s for each in prepared_records)
-    duration_s = max(each.scored_duration_s for each in prepared_records)
-    slowest_s = min(SLOWEST_TAU_S, duration_s * (SLOWEST_SHARE if settings.ocv_correction else 1.0))
-    # What is much faster than the sampling cannot be told from the ohmic resistance. A pulse test
-    # logs its rests slowly and its pulses fast, which tell.
-    dense_s = min(
-        float(np.quantile(np.diff(each.time_s), DENSE_QUANTILE, overwrite_input=True))
-        for each in prepared_records
-    )
-    fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), dense_s / 2), slowest_s)
-    box, known = {}, {OHMIC, RATE}
-    for names, element in zip(names_of(circuit.elements), circuit.elements, strict=True):
-        # The box is of the slowest RC pair in it.
-        ratio = get_element(element).ratios[0]
-        box[names.tau] = ranges.get(names.tau, (fastest_s / ratio, slowest_s / ratio))
-        known |= {names.tau, names.resistance}
-    unknown = ranges.keys() - known
-    if unknown or (RATE in ranges and not circuit.has_rate):
-        raise InputError(
-            f"the circuit {circuit.name} has no {', '.join(sorted(unknown)) or RATE} to bound or "
-            "fix"
-        )
-    if settings.half_hysteresis and not circuit.has_rate:
-        raise InputError(
-            f"the circuit {circuit.name} has no dynamic hysteresis, so `half_hysteresis` has no "
-            "amplitude to fit; choose the circuit esc"
-        )
-    if any(high < math.nextafter(low, 0) for low, high in box.values()):
-        raise InputError("the bounds leave no range for the time constants; widen them")
-    if circuit.has_rate:
-        # Held where the records do not tell it, and nothing else is asked for.
-        is_told = settings.half_hysteresis or least_travel_soc(prepared_records) >= BOTH_WAYS_SOC
-        box[RATE] = ranges.get(RATE, RATE_RANGE if is_told else (HELD_GAMMA, HELD_GAMMA))
-    return box
-
-
-def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
-    """How far the SOC goes without turning back, in the direction in which it goes less far."""
-
-    def furthest(soc: Float[np.ndarray, "samples"], extreme: np.ufunc) -> float:
-        ends = extreme.accumulate(soc)
-        np.subtract(soc, ends, out=ends)
-        return float(max(ends.max(), -ends.min()))
-
-    return min(
-        max(furthest(each.soc, extreme) for each in prepared_records)
-        for extreme in (np.minimum, np.maximum)
     )
 
 

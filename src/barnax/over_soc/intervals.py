@@ -18,12 +18,15 @@ from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
 from ..cell.elements import rungs_of
+from ..cell.tables import SocTables
 from ..execution import in_float64
 from ..model.exponentials import span_through
+from ..model.prepared import PreparedRecord
 from ..uncertainty.covariance import CONFIDENCE, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .objective import Solution, TableObjective
 from .reduced import Columns, blocks
+from .simulate import errors_along
 
 # Of the smoothing weights, those of the fit that standard errors are of.
 LIGHT = 0.01
@@ -87,16 +90,28 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         for axis, scale in zip(objective.axes, best.log_scales, strict=True)
     ]
     of_tables = lighter.ways(light)
-    ways = np.asarray(block_diag(of_tables, np.eye(len(is_open))[:, is_open]))
+    dependence = objective.prepared_records[0].dependence
+    numbers = {} if dependence is None else dependence.numbers
+    of_constants = block_diag(np.eye(len(is_open))[:, is_open], np.eye(len(numbers)))
+    ways = np.asarray(block_diag(of_tables, of_constants))
     noise, to_noise, products, _ = noise_behind(lighter, light, ways, linearized(lighter, light))
     normal, count = products.copy(), of_tables.shape[1]
     bent = lighter.table_penalty @ of_tables
     normal[:count, :count] += bent.T @ bent
+    usual = {} if dependence is None else dependence.usual
+    places = [len(normal) - len(numbers) + [*numbers].index(name) for name in usual]
+    pull = best.objective_v2 * np.array([each.pull for each in usual.values()])
+    normal[places, places] += pull
     is_seen = np.diag(products) > UNSEEN**2 * np.max(np.diag(products))
     # Columns of H^-1 J' / N by which the noise moves every value.
     # By least squares, for a short record leaves some of them undetermined.
     moved = ways @ np.linalg.lstsq(normal, to_noise.T)[0]
-    errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", moved, noise.spread_v2, moved), 0.0))
+    variance = np.einsum("ij,jk,ik->i", moved, noise.spread_v2, moved)
+    if places:
+        # What is usual is itself uncertain.
+        back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, places])[0]
+        variance += (back * pull) ** 2 @ np.array([each.sd for each in usual.values()]) ** 2
+    errors = np.sqrt(np.maximum(variance, 0.0))
     freedom = [max(1.0, min(noise.degrees_of_freedom(row), 1e6)) for row in moved]
     factors = stdtrit(np.array(freedom), (1 + CONFIDENCE) / 2)
     is_known = np.any(ways[:, is_seen] != 0, axis=1)
@@ -122,14 +137,14 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
             if name.startswith("R") and each.low is not None:
                 each = replace(each, low=max(each.low, 0.0))
             found.append(each)
-    for number, (axis, scale) in enumerate(zip(objective.axes, best.log_scales, strict=True)):
+    scales = zip((axis.name for axis in objective.axes), best.log_scales, strict=True)
+    logarithms = dict(scales) | {name: math.log(value) for name, value in numbers.items()}
+    for number, (name, scale) in enumerate(logarithms.items()):
         # Of the logarithm, so that the interval is positive.
-        each = interval(axis.name, None, len(best.unknowns) + number, scale, scale)
+        each = interval(name, None, len(best.unknowns) + number, scale, scale)
         value = math.exp(scale)
         low, high = (None if end is None else math.exp(end) for end in (each.low, each.high))
-        found.append(
-            NodeInterval(axis.name, None, value, value * each.standard_error, 0.0, low, high)
-        )
+        found.append(NodeInterval(name, None, value, value * each.standard_error, 0.0, low, high))
     return tuple(found)
 
 
@@ -209,8 +224,8 @@ def noise_behind(
 
 
 def linearized(objective: TableObjective, found: Solution):
-    """Columns of all unknowns and of all axes at the scored samples, the base error, and which of
-    them come after the first load."""
+    """Columns of all unknowns, of all axes and of a dependence's numbers at the scored samples, the
+    base error, and which of them come after the first load."""
     pairs, layout = objective.pairs, objective.reduced.layout
     tau, rate = found.log_scales[:pairs], found.log_scales[pairs:]
     rungs = rungs_of(objective.elements)
@@ -220,6 +235,7 @@ def linearized(objective: TableObjective, found: Solution):
     layout = replace(layout, in_tau=in_tau, in_rate=in_rate)
     part = replace(objective.reduced, layout=layout)
     for prepared in objective.prepared_records:
+        beside = _dependence_slopes(prepared, objective.tables_at(found))
         for block in blocks(prepared, layout):
             scored = prepared.scored[block.here]
             if not np.any(scored):
@@ -243,8 +259,31 @@ def linearized(objective: TableObjective, found: Solution):
             if rate:
                 counts = found.values[-1] if layout.has_amplitude else np.ones(1)
                 moved.append((responses[2] - responses[0]) @ counts / (2 * STEP))
+            moved += [each[block.here][scored] for each in beside]
             columns = np.concatenate([*tables, np.stack(moved, axis=1)], axis=1)
             yield columns, base, prepared.informed[block.here][scored]
+
+
+def _dependence_slopes(
+    prepared: PreparedRecord, tables: SocTables
+) -> list[Float[np.ndarray, "simulated"]]:
+    """The derivatives of the error by the logarithm of every number that resistances follow."""
+    if tables.dependence is None:
+        return []
+    found = []
+    for name, value in tables.dependence.numbers.items():
+        above, below = (
+            errors_along(
+                prepared,
+                replace(
+                    tables,
+                    dependence=tables.dependence.with_numbers({name: value * math.exp(step)}),
+                ),
+            )
+            for step in (STEP, -STEP)
+        )
+        found.append((above - below) / (2 * STEP))
+    return found
 
 
 def _around(scales: Sequence[float]) -> list[float]:

@@ -52,8 +52,10 @@ def estimate(
     """
     lighter = replace(objective, smoothing_scale=LIGHT * objective.smoothing_scale)
     light = lighter.solve(best.log_scales, best.sides, exact=True)
-    of_tables, open_axes = lighter.ways(light), np.eye(len(objective.axes))
-    ways = np.asarray(block_diag(of_tables, open_axes, np.eye(now.size)))
+    of_tables, axes = lighter.ways(light), len(objective.axes)
+    dependence = objective.prepared_records[0].dependence
+    constants = axes + (len(dependence.numbers) if dependence else 0)
+    ways = np.asarray(block_diag(of_tables, np.eye(constants), np.eye(now.size)))
     rows = _with_nuisances(lighter, light, nuisances)
     noise, to_noise, normal, slopes = noise_behind(lighter, light, ways, rows)
     bent, count = lighter.table_penalty @ of_tables, of_tables.shape[1]
@@ -68,7 +70,7 @@ def estimate(
     by_noise = moved[own, 1:]
     variance = np.einsum("ij,jk,ik->i", by_noise, noise.spread_v2, by_noise)
     variance += (back * pull) ** 2 @ prior**2
-    return Estimated(now - moved[own, 0], np.sqrt(variance), -moved[count : own.start, 0])
+    return Estimated(now - moved[own, 0], np.sqrt(variance), -moved[count : count + axes, 0])
 
 
 def _with_nuisances(

@@ -322,4 +322,5 @@ class TableObjective:
             gamma=gamma,
             visited=tuple(self.visited.tolist()),
             elements=self.elements,
+            dependence=self.prepared_records[0].dependence,
         )

@@ -9,7 +9,6 @@ the record holds, or from its own span.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -36,15 +35,16 @@ from ..records import Record, rest_current_a
 from ..records.record import FULL_CHARGE
 from .certificate import certify
 from .cross_validation import held_out_errors
+from .dependence import with_dependence
 from .fit import (
     OcvCompared,
     TableFit,
     constant_with_ocv_held_out,
     fit_of,
-    reduced_objective,
 )
 from .level import level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
+from .problem import box_of, reduced_objective
 from .registration import register
 from .search import find_best
 from .settings import OCV, TableSettings
@@ -171,9 +171,13 @@ def compare_with_own(
     tables that were fitted to them, without search or proof; None where they visit too little."""
     first = prepared_records[0]
     level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
-    ranges = {name: (value, value) for name, value in fit.tables.constants.items()}
-    own, seen = with_own_ocv(settings), partial(leveled, level=level)
-    objective = reduced_objective(prepared_records, own, ranges, seen)
+    found = fit.tables.constants
+    ranges = {name: (found[name], found[name]) for name in box_of(prepared_records, settings)}
+
+    def without_ocv(prepared: PreparedRecord) -> PreparedRecord:
+        return leveled(prepared, level).following(fit.tables.dependence)
+
+    objective = reduced_objective(prepared_records, with_own_ocv(settings), ranges, without_ocv)
     with one_blas_thread():
         log_scales = tuple(math.log(low) for low, _ in ranges.values())
         best = objective.solve(log_scales, exact=True)
@@ -243,7 +247,8 @@ def _fitted(
     else:
         objective, groups = reduced_objective(prepared, settings), {0.0: prepared}
         with one_blas_thread():
-            proof = certify(objective, find_best(objective))
+            objective, best = with_dependence(objective, find_best(objective))
+            proof = certify(objective, best)
         home = at_home(objective, proof.best)
         found, cell = TableFits((fit_of(objective, proof, home),)), cells[0]
     fits = tuple(

@@ -30,9 +30,10 @@ from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
 from .cross_validation import WORTHWHILE, held_out_errors
 from .current_offset import CurrentOffset, shared_offset
-from .fit import held_at, reduced_objective
+from .dependence import with_dependence
 from .nuisances import estimate, of_starts
 from .objective import Solution, TableObjective
+from .problem import held_at, reduced_objective
 from .search import LogScales, find_best
 from .settings import TableSettings
 
@@ -68,8 +69,11 @@ def register(
     prior = np.array([_told_within(each) for each in prepared_records])
     shifts = errors = np.zeros_like(told)
     with one_blas_thread():
-        objective = reduced_objective(found, plain)
-        best = find_best(objective)
+        # What resistances follow is known by what is held out, from starts as told.
+        objective = reduced_objective(found, settings)
+        objective, best = with_dependence(objective, find_best(objective))
+        dependence = objective.prepared_records[0].dependence
+        objective = replace(objective, settings=plain)
         as_told = objective, best
         for number in range(ROUNDS):
             if number:
@@ -85,7 +89,7 @@ def register(
             shifts = moved
             try:
                 found = [
-                    _moved(each, *row)
+                    _moved(each, *row).following(dependence)
                     for each, row in zip(
                         prepared_records, np.hstack([told, shifts, errors]).tolist(), strict=True
                     )
@@ -95,6 +99,7 @@ def register(
             if is_settled:
                 break
         offset = shared_offset(*as_told, prior, best.rms_v)
+    found = [each.following(None) for each in found]
     return found if offset is None else [_with_offset(each, offset) for each in found]
 
 

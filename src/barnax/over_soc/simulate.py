@@ -166,7 +166,7 @@ def error_blocks(
     prepared: PreparedRecord, tables: SocTables
 ) -> Iterator[tuple[slice, Float[np.ndarray, "samples"]]]:
     """Measured minus simulated voltage in V, block after block. Call inside float64."""
-    tables = tables.laddered()
+    tables, prepared = tables.laddered(), prepared.following(tables.dependence)
     parameters, nodes = TableParameters.of(tables), np.array(tables.nodes)
     at_rest = len(tables.tau_s) + (tables.gamma is not None)
     states = jnp.zeros(at_rest, parameters.tables.dtype)
@@ -174,6 +174,11 @@ def error_blocks(
         advance = compile_for(_advanced, parameters, given, states)
         states, error_v = advance(parameters, given, states)
         yield here, np.asarray(error_v)[: here.stop - here.start]
+
+
+def errors_along(prepared: PreparedRecord, tables: SocTables) -> Float[np.ndarray, "simulated"]:
+    """Measured minus simulated voltage in V at every simulated sample. Call inside float64."""
+    return np.concatenate([error_v for _, error_v in error_blocks(prepared, tables)])
 
 
 def evaluate_tables(prepared: PreparedRecord, tables: SocTables) -> Evaluation:

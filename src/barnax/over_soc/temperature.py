@@ -25,8 +25,10 @@ from ..search.evaluate import Evaluation
 from ..settings import is_temperature
 from .certificate import certify
 from .cross_validation import SocErrors
-from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
+from .dependence import with_dependence
+from .fit import TableFit, fit_of, pooled_errors
 from .objective import Solution, TableObjective
+from .problem import box_of, reduced_objective
 from .search import LogScales, Solved, find_best, polish
 from .settings import TableSettings
 from .simulate import evaluate_tables
@@ -221,6 +223,11 @@ def fit_temperatures(
     joint = _Joint(tuple(reduced_objective(by_degc[each], settings, ranges) for each in degc))
     with one_blas_thread():
         best = find_best(joint)
+        given = zip(joint.objectives, best.parts, strict=True)
+        following = tuple(with_dependence(each, part)[0] for each, part in given)
+        if following != joint.objectives:
+            joint = _Joint(following)
+            best = find_best(joint)
         proofs = [
             certify(each, polish(each, part))
             for each, part in zip(joint.objectives, best.parts, strict=True)

@@ -10,19 +10,16 @@ from rich.text import Text
 from ..cell.elements import names_beside
 from .candidates import ocv_test_sentences, ranked
 from .decisions import guess_sentences
+from .dependence import dependence_sentences
 from .pulses import middle_heads, middle_pulses
-from .soc_tables import (
-    expectation,
-    left_out_sentences,
-    middle_of_tables,
-    prediction_sentences,
-)
+from .soc_tables import left_out_sentences, middle_of_tables
 from .starts import (
     carried_sentences,
     moved_start_sentence,
     ocv_sentences,
     registered_sentences,
 )
+from .temperatures import expectation, prediction_sentences
 from .terminal import Whole, bare_table, headed_line, indented
 from .words import (
     between,
@@ -71,6 +68,8 @@ def first_screen(
         if each.code == "role.unfit" and each.values["role"] == "identification"
     ]
     lines = [*unfit, ("Best possible", best_possible(result))]
+    if result.tables is not None:
+        lines += [("Resistances", text) for text in dependence_sentences(result.tables)]
     lines += [("Left out", text) for text in left_out_sentences(result)]
     lines += [("OCV test", text) for text in ocv_test_sentences(result)]
     lines += [("Search", text) for text in search_sentences(result)]

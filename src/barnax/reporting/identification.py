@@ -38,7 +38,8 @@ from .sentences import (
     suggestion_sentences,
     uncertainty_sentence,
 )
-from .soc_tables import answer_tables, prediction_sentences, tables_section
+from .soc_tables import answer_tables, tables_section
+from .temperatures import prediction_sentences
 from .verdict import best_possible, circuit_words, seeds_sentences, weakest_point
 from .words import (
     NOTHING,

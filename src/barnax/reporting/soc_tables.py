@@ -16,8 +16,10 @@ from .candidates import (
     pay_sentence,
     unseen_errors,
 )
+from .dependence import dependence_sentences, numbers_of
 from .document import Bullets, Cells, Pictures, Section, Table, make_table
 from .sentences import better_than
+from .temperatures import expectation
 from .words import (
     NOTHING,
     between,
@@ -85,6 +87,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
             f"all temperatures, leaves {constant}."
         )
         yield f"Best possible: {best_of(part, result.model)}"
+        yield from (f"Resistances: {each}" for each in dependence_sentences(part))
         costs = over.objective_v / over.separate_v - 1 if over.separate_v else 0.0
         yield (
             "The time constants are the same at every temperature; separate ones would lower the "
@@ -107,6 +110,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         "were searched."
     )
     yield f"Best possible: {best_of(part, result.model)}"
+    yield from (f"Resistances: {each}" for each in dependence_sentences(part))
     unseen, held = unseen_errors(result), held_out_errors(result)
     names = result.constant.model, result.model
     if pays := pay_sentence(unseen, held, *names, held_out_words(fit)):
@@ -144,56 +148,12 @@ def best_tables(fit: "TableFit", model: str) -> str:
         return f"proved: {gap}"
     if fit.lower_bound_v <= 0:
         return f"{GRID}, not proved."
+    if fit.tables.dependence is not None:
+        return (
+            f"{GRID}; what the resistances follow was searched from one start, and with that it is "
+            f"proved that {gap}"
+        )
     return f"{GRID}; the proof stopped after {fit.boxes:,} boxes: {gap}"
-
-
-def expectation(over: "OverTemperature") -> str:
-    """What is to be expected of temperatures that were not measured."""
-    worst: dict[bool, float] = {}
-    for each in over.left_out:
-        worst[each.is_between] = max(each.errors.rmse_v, worst.get(each.is_between, 0.0))
-    told = [f"{millivolt(worst[True])} between the measured ones"] if True in worst else []
-    told.append(f"{millivolt(worst[False])} beyond")
-    text = (
-        f"the error was at most {joined(told)} where each temperature was left out in turn; on "
-        "another record it may be more."
-    )
-    if len(over.left_out) == 2:
-        text += " Between them it may be less; a third temperature would show it."
-    return text
-
-
-def prediction_sentences(result: "Result") -> Iterator[str]:
-    """One sentence for each record of a result at a temperature without tables of its own."""
-    if result.tables is None:
-        return
-    for each in result.of_role("validation"):
-        if told := prediction_sentence(result.tables, each.name, each.temperature_degc):
-            yield told
-
-
-def prediction_sentence(part: "TablesPart", name: str, temperature_degc: float | None) -> str:
-    """What a prediction at a temperature rests on; empty where it has tables of its own."""
-    over = part.over_temperature
-    if over is None or temperature_degc is None or over.measured_near(temperature_degc) is not None:
-        return ""
-    known = over.temperatures_degc
-    if known[0] < temperature_degc < known[-1]:
-        above = next(place for place, each in enumerate(known) if each > temperature_degc)
-        ends = known[above - 1 : above + 1]
-        how = f"lie between those of {joined([degrees(end) for end in ends])}"
-    else:
-        nearest = known[0] if temperature_degc <= known[0] else known[-1]
-        how = f"are those of {degrees(nearest)}"
-    told = [
-        f"{degrees(each.temperature_degc)} was predicted to {millivolt(each.errors.rmse_v)} (with "
-        f"its own tables {millivolt(each.own.rmse_v)})"
-        for each in over.like(temperature_degc)
-    ]
-    return (
-        f"{name} is at {degrees(temperature_degc)}, which was not measured: its tables "
-        f"{how}. Left out of the fit, {joined(told)}."
-    )
 
 
 def nodes_table(fit: "TableFit", where: str = "") -> Table:
@@ -233,7 +193,8 @@ def constants_table(fit: "TableFit", where: str = "") -> Table:
         "95 % interval": lambda name: _interval(known.get(name), fit),
     }
     caption = f"The parameters with one value at every SOC{where}."
-    return make_table(caption, fit.tables.constants, cells, cells)
+    names = [name for name in fit.tables.constants if not where or name not in numbers_of(fit)]
+    return make_table(caption, names, cells, cells)
 
 
 def _temperature_table(part: "TablesPart", over: "OverTemperature") -> Table:
@@ -292,7 +253,7 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
             row += [symbol(tau), *_under_one_unit(value, known.get((tau, None), ""))]
         rows.append((*row, *[""] * (len(heads) - len(row))))
     for name, value in constants.items():
-        if not name.startswith("tau"):
+        if not name.startswith("tau") and name not in numbers_of(fit):
             row = (symbol(name), with_unit(name, value), known.get((name, None), ""))
             rows.append((*row, *[""] * (len(heads) - len(row))))
     return heads, rows
@@ -323,6 +284,8 @@ def _middle_by_temperature(
         ]
         rows.append((degrees(left.temperature_degc), *values, *errors))
     for name, value in part.fits[0].tables.constants.items():
+        if name in numbers_of(part.fits[0]):
+            continue
         rows.append((symbol(name), with_unit(name, value), *[""] * (len(names) + 2)))
     return heads, rows
 

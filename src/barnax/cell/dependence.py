@@ -1,0 +1,146 @@
+"""What resistances follow beside the state of charge: temperature, the cell's own heat, current."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ..display import Brief
+
+ZERO_DEGC_K = 273.15
+
+BETA, KAPPA, HEATING, ONSET = "beta [1/K]", "kappa [1/A2]", "heating tau [s]", "i0 [A]"
+FIELDS = {
+    BETA: "beta_per_k",
+    KAPPA: "kappa_per_a2",
+    HEATING: "heating_tau_s",
+    ONSET: "onset_a",
+}
+Samples = Float[np.ndarray, "samples"]
+
+
+@dataclass(frozen=True, repr=False)
+class Dependence(Brief):
+    """What the resistances of a circuit follow beside SOC, with one number for all of them.
+
+    R(s) is what they are at `reference_degc`, or of a cell that has warmed itself so far as those
+    identified on had on the average. At every sample all of them are R(s) exp(-beta (T - T_ref)),
+    with T measured; where it is not, they are R(s) exp(-kappa (h - h_ref)), with h the heating: tau
+    dh/dt = i^2 - h, and h = 0 at the start of the record. The current through the RC pairs is i0
+    asinh(i / i0) in place of i, as by Butler and Volmer with transfer coefficients of a half
+    (Plett, Battery Management Systems, Vol. I, 2015, Sec. 3.11).
+
+    Attributes:
+        beta_per_k: Share by which resistances fall a kelvin; 0 where no temperature drives them.
+        reference_degc: The temperature at which the tables are.
+        kappa_per_a2: The same by the low-passed square of the current.
+        heating_tau_s: Its time constant; None where self-heating does not drive them.
+        reference_a2: The low-passed square at which the tables are.
+        onset_a: i0, the current from which on the pairs' resistances fall; None where they do not.
+    """
+
+    beta_per_k: float = 0.0
+    reference_degc: float | None = None
+    kappa_per_a2: float = 0.0
+    heating_tau_s: float | None = None
+    reference_a2: float = 0.0
+    onset_a: float | None = None
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """What it consists of, by name with unit; all positive."""
+        found = {BETA: self.beta_per_k, KAPPA: self.kappa_per_a2}
+        found |= {HEATING: self.heating_tau_s or 0.0, ONSET: self.onset_a or 0.0}
+        return {name: value for name, value in found.items() if value}
+
+    @property
+    def usual(self) -> Mapping[str, "Usual"]:
+        """What is known of some of its numbers before any record is seen."""
+        found = {HEATING: Usual(math.log(USUAL_HEATING_S), 1.0, 0.02)}
+        if self.reference_degc is not None:
+            found[BETA] = Usual(math.log(arrhenius_beta(self.reference_degc)), 0.4, 0.3)
+        return {name: each for name, each in found.items() if name in self.numbers}
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> "Dependence":
+        """The same with other numbers, by name."""
+        return replace(self, **{FIELDS[name]: value for name, value in numbers.items()})
+
+    def factor(
+        self,
+        time_s: Samples,
+        interval_current_a: Float[np.ndarray, "intervals"],
+        degc: Samples | None,
+    ) -> Samples:
+        """What resistances are multiplied by at every sample of a record."""
+        exponent = np.zeros(len(time_s))
+        if degc is not None and self.reference_degc is not None:
+            exponent -= self.beta_per_k * (degc - self.reference_degc)
+        if self.heating_tau_s is not None:
+            heat_a2 = heat_of(time_s, interval_current_a, self.heating_tau_s)
+            exponent -= self.kappa_per_a2 * (heat_a2 - self.reference_a2)
+        return np.exp(exponent)
+
+    def through_pairs(self, current_a: Samples) -> Samples:
+        """The current that counts in the RC pairs."""
+        if self.onset_a is None:
+            return current_a
+        return self.onset_a * np.arcsinh(current_a / self.onset_a)
+
+
+@dataclass(frozen=True)
+class Usual:
+    """The logarithm that a number usually has, its standard deviation among cells, and its pull:
+    a logarithm off by one has to lower the squared error by this share. Within one record
+    temperature rises as SOC falls, and nearly any beta fits."""
+
+    logarithm: float
+    sd: float
+    pull: float
+
+
+def between(
+    cold: Dependence | None, warm: Dependence | None, degc: float, share: float
+) -> Dependence | None:
+    """What holds so far on the way from a cold temperature to a warm one; what only one of them
+    follows is left out."""
+    if cold is None or warm is None:
+        return None
+    ends = cold.numbers, warm.numbers
+    names = [name for name in ends[0] if name in ends[1]]
+    numbers = {name: ends[0][name] ** (1 - share) * ends[1][name] ** share for name in names}
+    if not names:
+        return None
+    reference_degc = degc if BETA in names else None
+    reference_a2 = (1 - share) * cold.reference_a2 + share * warm.reference_a2
+    joined = Dependence(reference_degc=reference_degc, reference_a2=reference_a2)
+    return joined.with_numbers(numbers)
+
+
+# What a lithium-ion cell's resistances usually have, of 20 to 50 kJ/mol.
+USUAL_ACTIVATION_J_PER_MOL, GAS_J_PER_MOL_K = 35e3, 8.314
+# In which a cell's temperature follows its losses, of 10 minutes to 2 hours.
+USUAL_HEATING_S = 1800.0
+
+
+def arrhenius_beta(degc: float) -> float:
+    """beta in 1/K of resistances with a usual activation energy, around a temperature."""
+    return USUAL_ACTIVATION_J_PER_MOL / (GAS_J_PER_MOL_K * (ZERO_DEGC_K + degc) ** 2)
+
+
+def filled(time_s: Samples, degc: Samples) -> Samples:
+    """Temperatures with those that are missing taken from their neighbors."""
+    is_known = np.isfinite(degc)
+    return np.interp(time_s, time_s[is_known], degc[is_known])
+
+
+def heat_of(
+    time_s: Samples, interval_current_a: Float[np.ndarray, "intervals"], tau_s: float
+) -> Samples:
+    """The low-passed square of the current that flows between samples, in A^2."""
+    kept = np.exp(-np.diff(time_s) / tau_s)
+    squares_a2, states = (interval_current_a**2).tolist(), [0.0]
+    for own, square_a2 in zip(kept.tolist(), squares_a2, strict=True):
+        states.append(own * states[-1] + (1 - own) * square_a2)
+    return np.array(states)

@@ -1,0 +1,297 @@
+"""Whether resistances follow the cell's temperature, its own heat or the current, and how much.
+
+The numbers of a `Dependence` have no grid as time constants have. What each could gain is told by
+one step of Gauss and Newton from none; from there such steps go on in the logarithms of the numbers
+and of all time constants, with the best tables at each.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..cell import Dependence
+from ..cell.dependence import BETA, KAPPA, ONSET, Usual, arrhenius_beta, heat_of
+from ..errors import InputError
+from ..execution import in_float64
+from ..model.box_least_squares import least_in_box
+from ..model.prepared import PreparedRecord
+from .cross_validation import SocErrors, held_out_errors
+from .intervals import linearized
+from .objective import Solution, TableObjective
+from .problem import reduced_objective
+from .search import find_best
+from .simulate import errors_along
+
+# Temperatures that move by less than this tell nothing of what follows them.
+LEAST_SPREAD_K = 1.0
+# What a first step promises has to be more than this share of sqrt(J).
+PROMISING = 0.01
+# What follows more has to save this share of what is held out, and none of that above 10 % SOC.
+WORTHWHILE = 0.02
+# Self-heating is tried with these time constants, by this exponent at its largest.
+HEATING_TAUS_S, TRIED_EXPONENT = (300.0, 1000.0, 3000.0), 0.3
+# A first step goes this far from what is tried at most: it is a straight line.
+FEWEST, MOST = 0.05, 4.0
+# So many steps at most, until one gains less than this share of J; no logarithm moves further in
+# one, and what leads uphill is tried again with a part of it.
+ROUNDS, SETTLED, FURTHEST, BACK = 6, 1e-3, 1.0, 0.3
+# Of a long record only every so many samples count in a step that so many are left.
+ENOUGH = 20_000
+
+
+def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:
+    """The same with resistances that follow what `resistances_follow` says: by itself, what lowers
+    the errors on what is held out.
+
+    Within one record a cell gets warmer and emptier together, so that only what was measured is
+    tried on one; heat and current need several, each left out in turn.
+    """
+    settings, records = objective.settings, objective.prepared_records
+    asked = settings.resistances_follow
+    if asked == "none" or (asked == "auto" and not settings.folds):
+        return objective, best
+    is_measured = all(each.measured_degc is not None for each in records)
+    kinds = ["temperature"] if is_measured else ["heating"]
+    kinds = [*kinds, "current"] if len(records) > 1 else kinds if is_measured else []
+    if asked != "auto":
+        for what in asked.split(","):
+            objective, best = _following(objective, best, what, is_asked=True) or (objective, best)
+        return objective, best
+    held = held_out_errors(objective, best)
+    while kinds and held is not None:
+        worth: dict[str, tuple[SocErrors, TableObjective, Solution]] = {}
+        for what in kinds:
+            tried = _following(objective, best, what)
+            errors = tried and held_out_errors(*tried)
+            if tried and errors and is_worth(errors, held):
+                worth[what] = errors, *tried
+        if not worth:
+            break
+        # The one that saves most, then what else saves more beside it.
+        what = min(worth, key=lambda each: worth[each][0].rmse_v)
+        held, objective, best = worth.pop(what)
+        kinds = list(worth)
+    return objective, best
+
+
+def _following(
+    objective: TableObjective, best: Solution, what: str, is_asked: bool = False
+) -> tuple[TableObjective, Solution] | None:
+    """The same with resistances that follow something more; None where it promises nothing."""
+    proposed = propose(objective, best, what, is_asked)
+    if proposed is None:
+        return None
+    records = [each.following(proposed) for each in objective.prepared_records]
+    tried = reduced_objective(records, objective.settings, objective.ranges)
+    return tried, find_best(tried)
+
+
+def is_worth(one: SocErrors, without: SocErrors) -> bool:
+    """Whether what is held out speaks for a dependence."""
+    above_v, without_v = one.above_v or 0.0, without.above_v or 0.0
+    return one.rmse_v < (1 - WORTHWHILE) * without.rmse_v and above_v <= without_v
+
+
+@in_float64
+def propose(
+    objective: TableObjective, best: Solution, what: str, is_asked: bool = False
+) -> Dependence | None:
+    """What resistances follow besides, from the best tables without it.
+
+    `what` is "temperature" where that was measured, "heating" or "current". None where a first step
+    promises too little, unless it is asked for.
+
+    Raises `InputError` where a temperature is asked for and not measured.
+    """
+    records = objective.prepared_records
+    known = records[0].dependence
+    trials = [_joined(known, each) for each in _trials(records, what, is_asked)]
+    if not trials:
+        return None
+    normal = _Normal.of(objective, best, trials)
+    at, scales = normal.solved(best.log_scales, best.sides), len(best.log_scales)
+    others = [*range(scales + (len(known.numbers) if known else 0))]
+    _, without = normal.step(at, others)
+    promised = []
+    for place, each in enumerate(trials):
+        step, gain = normal.step(at, [*others, len(others) + place])
+        if is_asked or (step[-1] > 0 and gain - without > 2 * PROMISING * at.objective_v2):
+            promised.append((gain - without, float(step[-1]), each))
+    if not promised:
+        return None
+    _, share, tried = max(promised, key=lambda each: each[0])
+    return _polished(objective, at, _scaled(tried, min(max(share, FEWEST), MOST), what))
+
+
+def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> list[Dependence]:
+    """Resistances that follow something moderately."""
+    if what == "current":
+        return [Dependence(onset_a=max(float(np.max(np.abs(each.current_a))) for each in records))]
+    if what == "heating":
+        found = []
+        for tau_s in HEATING_TAUS_S:
+            heat_a2 = np.concatenate(
+                [
+                    heat_of(each.record.time_s, each.record.interval_current_a, tau_s)[each.span]
+                    for each in records
+                ]
+            )
+            kappa_per_a2 = TRIED_EXPONENT / max(float(np.max(heat_a2)), 1e-12)
+            mean_a2 = float(np.mean(heat_a2))
+            found.append(
+                Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=tau_s, reference_a2=mean_a2)
+            )
+        return found
+    known = [each.measured_degc for each in records]
+    spread_k = max((float(np.ptp(each)) for each in known if each is not None), default=0.0)
+    if is_asked:
+        for each, degc in zip(records, known, strict=True):
+            if degc is None:
+                raise InputError(
+                    f"{each.record.name}: has no column of temperatures that resistances could "
+                    "follow; name it 'Temperature [degC]', or use `resistances_follow` 'heating'"
+                )
+    if any(each is None for each in known) or not (is_asked or spread_k >= LEAST_SPREAD_K):
+        return []
+    # That of the tables too, where they are of several temperatures.
+    middle_degc = float(
+        np.mean([degc for each in records if (degc := each.temperature_degc) is not None])
+    )
+    return [Dependence(beta_per_k=arrhenius_beta(middle_degc), reference_degc=middle_degc)]
+
+
+def _joined(known: Dependence | None, other: Dependence) -> Dependence:
+    """What follows both."""
+    if known is None:
+        return other
+    reference_degc = known.reference_degc if BETA in known.numbers else other.reference_degc
+    reference_a2 = known.reference_a2 or other.reference_a2
+    joined = other.with_numbers(known.numbers)
+    return replace(joined, reference_degc=reference_degc, reference_a2=reference_a2)
+
+
+def _scaled(tried: Dependence, share: float, what: str) -> Dependence:
+    """The trial so many times as strong."""
+    name = {"temperature": BETA, "heating": KAPPA, "current": ONSET}[what]
+    times = share**-0.5 if name == ONSET else share
+    return tried.with_numbers({name: times * tried.numbers[name]})
+
+
+def _polished(objective: TableObjective, start: Solution, first: Dependence) -> Dependence:
+    """The dependence where steps of Gauss and Newton end, in its numbers and all time constants."""
+    axes, names = objective.axes, list(first.numbers)
+    count, open_ended = len(axes), [np.inf] * len(names)
+    low = np.array([*(each.low for each in axes), *np.negative(open_ended)])
+    high = np.array([*(each.high for each in axes), *open_ended])
+    scales = np.array([*start.log_scales, *map(math.log, first.numbers.values())])
+    known = [first.usual.get(name, Usual(0.0, 1.0, 0.0)) for name in names]
+    pull = np.array([*[0.0] * count, *(each.pull for each in known)])
+    usual = np.array([*start.log_scales, *(each.logarithm for each in known)])
+    best, best_v2, found, step = first, math.inf, start, np.zeros(len(scales))
+    for _ in range(ROUNDS):
+        tried = np.clip(scales + step, low, high)
+        numbers = dict(zip(names, np.exp(tried[count:]).tolist(), strict=True))
+        own = first.with_numbers(numbers)
+        here = following(objective, own)
+        log_scales = tuple(tried[:count].tolist())
+        normal = _Normal.of(here, replace(found, log_scales=log_scales))
+        now = normal.solved(log_scales, found.sides)
+        now_v2 = now.objective_v2 * math.exp(float(pull @ (tried - usual) ** 2))
+        if now_v2 >= best_v2:
+            step = BACK * step
+            continue
+        is_settled = best_v2 - now_v2 < SETTLED * now_v2
+        best, best_v2, found, scales = own, now_v2, now, tried
+        own_pull = now.objective_v2 * pull
+        step, gain = normal.step(now, range(len(scales)), own_pull, own_pull * (scales - usual))
+        step = np.clip(step, -FURTHEST, FURTHEST)
+        if is_settled or gain < SETTLED * now_v2:
+            break
+    return best
+
+
+def following(objective: TableObjective, dependence: Dependence | None) -> TableObjective:
+    """The objective with records that follow it; its factors are still without."""
+    records = [each.following(dependence) for each in objective.prepared_records]
+    return replace(objective, prepared_records=records)
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """The mean products of an objective's columns of tables, of slopes, and of the base error.
+
+    The slopes are by all scales and by a dependence's numbers, then the differences of trials.
+    """
+
+    objective: TableObjective
+    products: Float[np.ndarray, "columns columns"]
+
+    @classmethod
+    def of(
+        cls, objective: TableObjective, found: Solution, trials: Sequence[Dependence] = ()
+    ) -> "_Normal":
+        products, samples = np.zeros(()), 0
+        count = objective.reduced.scored
+        tables = objective.tables_at(found)
+        for prepared in objective.prepared_records:
+            without_v = errors_along(prepared, tables) if trials else None
+            differences = [
+                (errors_along(prepared, replace(tables, dependence=each)) - without_v)[
+                    prepared.scored
+                ]
+                for each in trials
+            ]
+            alone, first = replace(objective, prepared_records=[prepared]), 0
+            for columns, base, _ in linearized(alone, found):
+                here = slice(first, first + len(base))
+                rows = np.column_stack([columns, *(each[here] for each in differences), base])
+                rows = rows[:: 1 + count // ENOUGH]
+                products = products + rows.T @ rows
+                first, samples = first + len(base), samples + len(rows)
+        return cls(objective, products / samples)
+
+    @property
+    def _values(self) -> int:
+        return sum(len(each) for each in self.objective.nodes_of)
+
+    def solved(self, log_scales: tuple[float, ...], sides: Int[np.ndarray, "_"]) -> Solution:
+        """The best tables at these scales; their errors are not known."""
+        objective, own = self.objective, slice(0, self._values)
+        to_tables = objective.to_tables
+        normal = to_tables.T @ self.products[own, own] @ to_tables + objective.penalty_normal
+        gradient = to_tables.T @ self.products[own, -1]
+        x, sides = least_in_box(normal, gradient, *objective.box, sides)
+        objective_v2 = float(self.products[-1, -1] + x @ (2 * gradient + normal @ x))
+        rows = to_tables @ x
+        values = tuple(rows[objective.block(table)] for table in range(objective.tables))
+        return Solution(log_scales, sides, objective_v2, values, x, np.empty(0))
+
+    def step(
+        self,
+        at: Solution,
+        slopes: Sequence[int],
+        pull: Float[np.ndarray, "slopes"] | float = 0.0,
+        pulled: Float[np.ndarray, "slopes"] | float = 0.0,
+    ) -> tuple[Float[np.ndarray, "slopes"], float]:
+        """The best step along some slopes, all tables following within their bounds, and by how
+        much it promises to lower J. `pull` is half the curvature of what else is added to J, and
+        `pulled` half its slope."""
+        count, ways = self._values, self.objective.ways(at)
+        free = ways.shape[1]
+        chosen = np.zeros((len(self.products) - 1, free + len(slopes)))
+        chosen[:count, :free] = ways
+        chosen[count + np.array(slopes, int), free + np.arange(len(slopes))] = 1.0
+        values, bent = np.concatenate(at.values), self.objective.table_penalty
+        known = self.products[:-1, :-1].copy()
+        known[:count, :count] += bent.T @ bent
+        error = known[:, :count] @ values + self.products[:-1, -1]
+        normal, slope = chosen.T @ known @ chosen, chosen.T @ error
+        normal[np.arange(free, len(normal)), np.arange(free, len(normal))] += pull
+        slope[free:] += pulled
+        scale = np.sqrt(np.diag(normal))
+        scale = np.where(scale > 0, scale, 1.0)
+        moved = np.linalg.lstsq(normal / np.outer(scale, scale), -slope / scale, 1e-12)[0] / scale
+        return moved[free:], float(-slope @ moved)

@@ -1,0 +1,119 @@
+"""From prepared records to the objective of their tables: what is searched, and reduced factors."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ..blas import one_blas_thread
+from ..cell import get_circuit
+from ..cell.elements import get_element, names_of
+from ..cell.parameters import OHMIC, RATE
+from ..errors import InputError
+from ..model.prepared import PreparedRecord
+from ..model.search_space import RATE_RANGE, Range
+from .cross_validation import blocks_of
+from .objective import TableObjective
+from .reduced import Reduced, layout_of, reduce_records, together
+from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
+
+# This share of a record's samples is enough to tell a time constant of their interval.
+DENSE_QUANTILE = 0.05
+# Records that go less SOC than this without turning tell nothing of the branch of that direction.
+BOTH_WAYS_SOC = 0.1
+# Of a dynamic hysteresis that such records do not tell: it has turned after about 10 % SOC.
+HELD_GAMMA = 20.0
+
+
+def reduced_objective(
+    prepared_records: Sequence[PreparedRecord],
+    settings: TableSettings,
+    ranges: Mapping[str, Range] | None = None,
+    seen: Callable[[PreparedRecord], PreparedRecord] = lambda prepared: prepared,
+) -> TableObjective:
+    """The objective over all records, as they are `seen`, in the ranges given or their own."""
+    ranges = ranges or box_of(prepared_records, settings)
+    layout = layout_of(
+        settings.nodes,
+        settings.ocv_nodes or settings.nodes,
+        ranges,
+        settings.ocv_correction,
+        settings.half_hysteresis,
+        get_circuit(prepared_records[0].circuit).elements,
+        min(float(np.min(np.diff(each.time_s))) for each in prepared_records),
+    )
+
+    def reduced(records: Sequence[PreparedRecord]) -> list[Reduced]:
+        return reduce_records(records, layout, *blocks_of(records, settings))
+
+    own = [seen(each) for each in prepared_records]
+    parts, told = reduced(own), []
+    if (
+        settings.folds
+        and len(prepared_records) > 1
+        and any(each.window.registration for each in prepared_records)
+    ):
+        told = reduced([seen(each.as_told) for each in prepared_records])
+    with one_blas_thread():
+        whole = together(parts)
+    return TableObjective(own, settings, ranges, whole, parts, told)
+
+
+def held_at(objective: TableObjective, log_scales: Sequence[float]) -> dict[str, Range]:
+    """The ranges that hold the time constants and gamma at some scales: far less to reduce for."""
+    scales = zip(objective.ranges, log_scales, strict=True)
+    return {name: (math.exp(scale), math.exp(scale)) for name, scale in scales}
+
+
+def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) -> dict[str, Range]:
+    """The ranges of every pair's time constant, and that of gamma where there is one, by name."""
+    circuit, ranges = get_circuit(prepared_records[0].circuit), settings.ranges
+    interval_s = min(each.median_interval_s for each in prepared_records)
+    duration_s = max(each.scored_duration_s for each in prepared_records)
+    slowest_s = min(SLOWEST_TAU_S, duration_s * (SLOWEST_SHARE if settings.ocv_correction else 1.0))
+    # What is much faster than the sampling cannot be told from the ohmic resistance. A pulse test
+    # logs its rests slowly and its pulses fast, which tell.
+    dense_s = min(
+        float(np.quantile(np.diff(each.time_s), DENSE_QUANTILE, overwrite_input=True))
+        for each in prepared_records
+    )
+    fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), dense_s / 2), slowest_s)
+    box, known = {}, {OHMIC, RATE}
+    for names, element in zip(names_of(circuit.elements), circuit.elements, strict=True):
+        # The box is of the slowest RC pair in it.
+        ratio = get_element(element).ratios[0]
+        box[names.tau] = ranges.get(names.tau, (fastest_s / ratio, slowest_s / ratio))
+        known |= {names.tau, names.resistance}
+    unknown = ranges.keys() - known
+    if unknown or (RATE in ranges and not circuit.has_rate):
+        raise InputError(
+            f"the circuit {circuit.name} has no {', '.join(sorted(unknown)) or RATE} to bound or "
+            "fix"
+        )
+    if settings.half_hysteresis and not circuit.has_rate:
+        raise InputError(
+            f"the circuit {circuit.name} has no dynamic hysteresis, so `half_hysteresis` has no "
+            "amplitude to fit; choose the circuit esc"
+        )
+    if any(high < math.nextafter(low, 0) for low, high in box.values()):
+        raise InputError("the bounds leave no range for the time constants; widen them")
+    if circuit.has_rate:
+        # Held where the records do not tell it, and nothing else is asked for.
+        is_told = settings.half_hysteresis or least_travel_soc(prepared_records) >= BOTH_WAYS_SOC
+        box[RATE] = ranges.get(RATE, RATE_RANGE if is_told else (HELD_GAMMA, HELD_GAMMA))
+    return box
+
+
+def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
+    """How far the SOC goes without turning back, in the direction in which it goes less far."""
+
+    def furthest(soc: Float[np.ndarray, "samples"], extreme: np.ufunc) -> float:
+        ends = extreme.accumulate(soc)
+        np.subtract(soc, ends, out=ends)
+        return float(max(ends.max(), -ends.min()))
+
+    return min(
+        max(furthest(each.soc, extreme) for each in prepared_records)
+        for extreme in (np.minimum, np.maximum)
+    )

@@ -1,0 +1,60 @@
+"""What resistances follow beside the state of charge, in sentences."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from ..cell.dependence import BETA, KAPPA, ONSET
+from .words import degrees, duration, figures
+
+if TYPE_CHECKING:
+    from ..over_soc import TableFit
+    from ..result_parts import TablesPart
+
+
+def dependence_sentences(part: "TablesPart") -> Iterator[str]:
+    """What the resistances of tables follow, with intervals; nothing where that is SOC alone."""
+    over = part.over_temperature
+    if over is None:
+        yield from _sentences(part.fit, "")
+        return
+    for degc, fit in zip(over.temperatures_degc, part.fits, strict=True):
+        yield from _sentences(fit, f"at {degrees(degc)}, ")
+
+
+def numbers_of(fit: "TableFit") -> Mapping[str, float]:
+    """The numbers of what the resistances of tables follow, by name."""
+    return {} if fit.tables.dependence is None else fit.tables.dependence.numbers
+
+
+def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
+    known = fit.tables.dependence
+    if known is None:
+        return
+    numbers = known.numbers
+    ends = {each.name: each for each in fit.intervals if each.name in numbers}
+
+    def interval(name: str, times: float, unit: str) -> str:
+        each = ends.get(name)
+        if each is None or each.low is None or each.high is None:
+            return "not determined"
+        return f"95 %: {figures(times * each.low, 2)} to {figures(times * each.high, 2)}{unit}"
+
+    if BETA in numbers and known.reference_degc is not None:
+        yield (
+            f"{where}all of them fall by {100 * known.beta_per_k:.2g} % a kelvin with the measured "
+            f"temperature ({interval(BETA, 100, ' %')}); tables are at "
+            f"{degrees(known.reference_degc)}."
+        )
+    if KAPPA in numbers and known.heating_tau_s is not None:
+        percent_a2 = 100 * known.kappa_per_a2
+        yield (
+            f"{where}all of them fall by {percent_a2:.2g} % an A^2 of the squared current, as in a "
+            f"cell that heats itself ({interval(KAPPA, 100, ' %')}), in "
+            f"{duration(known.heating_tau_s)}; no temperature was measured. Tables are at "
+            f"{figures(known.reference_a2)} A^2, the average."
+        )
+    if ONSET in numbers:
+        yield (
+            f"{where}those of the pairs fall with the current: i0 asinh(i / i0) flows in place of "
+            f"i, with i0 = {figures(numbers[ONSET])} A ({interval(ONSET, 1, ' A')})."
+        )

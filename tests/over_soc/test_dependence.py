@@ -1,0 +1,176 @@
+"""What resistances follow beside SOC, against cells of which it is known."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import barnax
+from barnax import InputError
+from barnax.cell import Dependence, SocTables, TemperatureTables
+from barnax.cell.dependence import arrhenius_beta, heat_of
+from barnax.model.window import Window
+from helpers.known_cell import R0_OHM, made
+from helpers.reference import make_record
+
+SMALL = {"model": "so-rc", "over": "soc", "seeds": 0, "trust": "none", "advise": False}
+BETA, REFERENCE_DEGC = 0.06, 10.0
+
+
+def by_temperature(start_degc, rise_k, beta=BETA):
+    """A cell that gets warmer as it is discharged."""
+
+    def driven(time_s, current_a):
+        degc = start_degc + rise_k * time_s / time_s[-1]
+        flowing_a = np.exp(-beta * (degc - REFERENCE_DEGC)) * current_a
+        return degc, flowing_a, flowing_a
+
+    return driven
+
+
+def by_heat(tau_s, kappa_per_a2, reference_a2):
+    """A cell that heats itself, whose temperature nobody measures; the low-pass is SciPy's."""
+
+    def driven(time_s, current_a):
+        kept = np.exp(-(time_s[1] - time_s[0]) / tau_s)
+        heat_a2 = lfilter([0.0, 1 - kept], [1.0, -kept], current_a**2)
+        flowing_a = np.exp(-kappa_per_a2 * (heat_a2 - reference_a2)) * current_a
+        return None, flowing_a, flowing_a
+
+    return driven
+
+
+def by_current(onset_a):
+    def driven(time_s, current_a):
+        return None, current_a, onset_a * np.arcsinh(current_a / onset_a)
+
+    return driven
+
+
+def identified(records, **options):
+    window = Window(initial_soc=1.0, capacity_ah=2.0)
+    return barnax.identify(records, window=window, **SMALL, keep_starts=True, **options)
+
+
+def interval(fit, name):
+    (found,) = (each for each in fit.intervals if each.name == name and each.soc is None)
+    return found
+
+
+@pytest.fixture(scope="module")
+def warming():
+    """Two drives of one cell at different temperatures."""
+    degc = [(5.0, 10.0), (9.0, 3.0)]
+    return [made(seed, driven=by_temperature(*each))[0] for seed, each in enumerate(degc)]
+
+
+@pytest.fixture(scope="module")
+def followed(warming):
+    return identified(warming)
+
+
+def test_a_beta_of_the_measured_temperature_is_found(followed):
+    fit = followed.tables.fit
+    known = fit.tables.dependence
+    assert known.beta_per_k == pytest.approx(BETA, rel=0.03)
+    assert (known.heating_tau_s, known.onset_a) == (None, None)
+    found = interval(fit, "beta [1/K]")
+    assert found.low < BETA < found.high
+    true_ohm = R0_OHM * np.exp(-BETA * (known.reference_degc - REFERENCE_DEGC))
+    own = [each for each in fit.of_table("R0 [Ohm]") if each.low is not None]
+    np.testing.assert_allclose([each.value for each in own], true_ohm, rtol=0.02)
+    # Its numbers have no proof, and the result says so.
+    assert fit.status == "grid-verified"
+
+
+def test_it_comes_back_from_a_file_and_predicts_another_temperature(followed, tmp_path):
+    path = tmp_path / "result.json"
+    path.write_text(followed.to_json())
+    again = barnax.Result.load(path)
+    assert again.tables.fit.tables == followed.tables.fit.tables
+    other, _ = made(7, driven=by_temperature(18.0, 4.0))
+    window = Window(initial_soc=1.0, capacity_ah=2.0)
+    near = again.validate(other, window)
+    assert near.metrics.rmse_v < 1.5e-3
+    # Where it does not know the temperature, it says what it takes.
+    far = again.validate(replace(other, temperature_degc=None), window)
+    assert far.metrics.rmse_v > 3 * near.metrics.rmse_v
+    assert "tables.no-temperature" in [each.code for each in far.warnings]
+    assert "tables.no-temperature" not in [each.code for each in near.warnings]
+
+
+def test_a_simulation_follows_a_temperature_of_its_own(followed):
+    record, soc = made(7, driven=by_temperature(18.0, 4.0))
+    frame = {
+        "Time [s]": record.time_s,
+        "Current [A]": record.current_a,
+        "Temperature [degC]": record.temperature_degc,
+    }
+    with warnings.catch_warnings(action="ignore"):
+        found = followed.simulate(frame, initial_soc=float(soc[0]))
+    assert np.sqrt(np.mean((found["Voltage [V]"] - record.voltage_v) ** 2)) < 1.5e-3
+
+
+def test_without_such_a_cell_nothing_is_followed():
+    """Temperatures that change nothing, and none at all."""
+    idle = [made(seed, driven=by_temperature(5.0, 8.0, beta=0.0))[0] for seed in range(2)]
+    plain = [made(seed)[0] for seed in range(2)]
+    for records in (idle, plain):
+        assert identified(records).tables.fit.tables.dependence is None
+
+
+def test_none_is_asked_for_and_taken(warming):
+    assert identified(warming, resistances_follow="none").tables.fit.tables.dependence is None
+
+
+def test_heat_of_its_own_is_found_from_several_records():
+    driven = by_heat(1500.0, 0.25, 0.9)
+    # One drives harder, so that it is warmer at the same SOC.
+    records = [made(seed, driven=driven, hours=hours)[0] for seed, hours in ((0, 2.5), (1, 1.5))]
+    known = identified(records).tables.fit.tables.dependence
+    assert known.kappa_per_a2 == pytest.approx(0.25, rel=0.25)
+    assert known.heating_tau_s == pytest.approx(1500.0, rel=0.4)
+
+
+def test_a_current_of_butler_and_volmer_is_found():
+    records = [made(seed, driven=by_current(0.8))[0] for seed in range(2)]
+    known = identified(records).tables.fit.tables.dependence
+    assert known.onset_a == pytest.approx(0.8, rel=0.1)
+    assert known.numbers.keys() == {"i0 [A]"}
+
+
+def test_a_temperature_that_nobody_measured_cannot_be_followed():
+    record, _ = made()
+    with pytest.raises(InputError, match=r"made0.csv: has no column of temperatures.*'heating'"):
+        identified([record], resistances_follow="temperature")
+
+
+def test_heat_is_the_low_passed_square():
+    """Closed form of a constant current, on an uneven clock."""
+    time_s = np.cumsum(np.random.default_rng(0).uniform(0.1, 30.0, 400))
+    found = heat_of(time_s, np.full(399, 3.0), 250.0)
+    np.testing.assert_allclose(found, 9 * -np.expm1(-(time_s - time_s[0]) / 250.0), rtol=1e-12)
+
+
+def test_between_two_temperatures_what_both_follow_is_followed():
+    def at(degc, dependence):
+        return SocTables((0.5,), (60.0,), (0.05,), ((0.01,),), dependence=dependence)
+
+    cold, warm = (Dependence(beta_per_k=arrhenius_beta(x), reference_degc=x) for x in (0.0, 40.0))
+    tables = TemperatureTables((0.0, 40.0), (at(0.0, cold), at(40.0, warm)))
+    middle = tables.at(20.0).dependence
+    assert middle.reference_degc == 20.0
+    assert warm.beta_per_k < middle.beta_per_k < cold.beta_per_k
+    assert middle.factor(np.zeros(1), np.zeros(0), np.array([20.0])) == pytest.approx(1.0)
+    alone = TemperatureTables((0.0, 40.0), (at(0.0, cold), at(40.0, None)))
+    assert alone.at(20.0).dependence is None
+
+
+def test_a_record_without_current_heats_nothing():
+    record = make_record(np.arange(5.0), np.zeros(5))
+    factor = Dependence(kappa_per_a2=0.1, heating_tau_s=100.0).factor(
+        record.time_s, record.interval_current_a, None
+    )
+    assert factor.tolist() == [1.0] * 5

@@ -272,6 +272,17 @@ def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
     assert second.window.initial_soc == pytest.approx(expected, abs=0.005)
 
 
+def test_a_record_that_takes_a_little_more_than_its_test_has_a_capacity_of_its_own(folder):
+    for name in ("b", "d"):
+        path = folder / f"{name}.parquet"
+        less = pl.read_parquet(path).with_columns(pl.col("Current / A") * 0.85)
+        less.write_parquet(path)
+    part = next(part for part in plan(folder).parts if part.name == "c.parquet")
+    assert part.role == "identification"
+    moved_ah = barnax.read_record(folder / "c.parquet").discharged_ah.max()
+    assert part.window.capacity_ah == pytest.approx(moved_ah, rel=1e-3)
+
+
 def test_records_of_another_cell_than_the_ocv_test_s_say_so(folder):
     for name in ("b", "d"):
         path = folder / f"{name}.parquet"

@@ -1,5 +1,6 @@
 """Which files are the OCV test, and where a record starts on it: at full, or at another's end."""
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -20,6 +21,8 @@ _FULL = 0.005
 _HOLE = 0.25
 # To so many digits a capacity and a state of charge are known.
 DIGITS = 4
+# What one test takes more out of a cell than another does; a larger cell takes more than that.
+_LITTLE_MORE = 1.15
 # A file goes on from another where its counters agree to this share of the capacity, so soon after.
 _SAME_COUNT, _PAUSE_S = 1e-3, 3600.0
 
@@ -185,6 +188,9 @@ def started(
     try:
         start = prepare_record(file.record, choice.cell, "so-rc", own).start
     except InputError:
+        full = _fuller(file, own, choice)
+        if full is not None:
+            return Started(replace(window, capacity_ah=full.capacity_ah), is_full=True)
         before = next((each for each in files if _goes_on(each, file, choice)), None)
         soc = None if before is None else _final_soc(before, choice)
         if before is None or soc is None or window.is_chosen:
@@ -195,6 +201,19 @@ def started(
     shown = f", at full: {start.voltage_v:.4f} V" if start.soc_source == "full voltage" else ""
     is_full = window.initial_soc is None and start.soc >= 1 - _FULL
     return Started(window, shown, is_full)
+
+
+def _fuller(file: CandidateFile, window: Window, choice: OcvChoice) -> Window | None:
+    """The window with the charge that a record takes out of the full cell where that is a little
+    more than the test did; None where it is more than that, or it does not start full."""
+    own = replace(window, capacity_ah=record_capacity_ah(file, window, choice, is_full=True))
+    if (own.capacity_ah or math.inf) > _LITTLE_MORE * choice.cell.capacity_ah:
+        return None
+    try:
+        start = prepare_record(file.record, choice.cell, "so-rc", own).start
+    except InputError:
+        return None
+    return own if start.soc >= 1 - _FULL else None
 
 
 def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> bool:

@@ -284,7 +284,9 @@ def _table(part: Part, common: Mapping[str, Any]) -> Table:
     for option, value in own.items():
         table.add(option, value)
     for name in _TOLD:
-        if value := getattr(part, name):
+        value = getattr(part, name)
+        # 0 degC is told.
+        if value is not None and value is not False and value != "":
             table.add(name, value)
     return table
 

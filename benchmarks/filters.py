@@ -11,7 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jax
@@ -24,7 +24,7 @@ from barnax.filters import Drive, ErrorModel, make_model, run_filter
 from barnax.filters.kalman import PARTS
 from barnax.model.prepared import prepare_record
 from barnax.replay import BAND, HOLDS_S, ScenarioPart, SocReplay
-from barnax.result_filter import model_of
+from barnax.result_filter import model_of, window_of
 from barnax.scenarios import SCENARIOS, Scenario, case_of, first_with_room
 from benchmarks.pages import provenance, save_page
 
@@ -48,8 +48,15 @@ class Case:
     ocv: tuple[Path, ...]
     replayed: Path
     window: barnax.Window | None = None
-    own: barnax.Window | None = None
+    changed: tuple[tuple[str, object], ...] = ()
     capacity_ah: float | None = None
+
+    def own(self, result: barnax.Result) -> barnax.Window:
+        """The window of the replay, with the capacity of the record identified on."""
+        if not self.changed:
+            return window_of(result, self.replayed.name)
+        window = window_of(result, self.identified[0].name)
+        return replace(window, registration=None, **dict(self.changed))
 
     def result(self) -> barnax.Result:
         """The answer of `barnax identify`, whatever circuit that is."""
@@ -71,15 +78,14 @@ def cases(folder: Path) -> Iterator[Case]:
                     (samsung / "ocv-incremental_25degC_SP20-3.parquet",),
                     samsung / f"{other}_{degc}degC_{soc}soc_SP20-2.parquet",
                     WINDOW,
-                    barnax.Window(start_after_step=3, initial_soc=1.0),
-                    2.0,
+                    capacity_ah=2.0,
                 )
     ocv = tuple(a123 / f"ocv-s{part}_25degC.parquet" for part in (1, 3))
     drive = a123 / "dyn-s1_25degC.parquet"
-    yield Case("A123", (drive,), ocv, drive, own=barnax.Window(initial_soc=1.0))
-    charged = barnax.Window(initial_soc=0.0, initial_direction=-1, score_to_s=28_403.0)
+    yield Case("A123", (drive,), ocv, drive)
+    charged = (("initial_soc", 0.0), ("initial_direction", -1), ("score_to_s", 28_403.0))
     charge = a123 / "dyn-s3_25degC.parquet"
-    yield Case("A123, drive to its C/3 charge", (drive,), ocv, charge, own=charged)
+    yield Case("A123, drive to its C/3 charge", (drive,), ocv, charge, changed=charged)
     for degc in (25, 0):
         drives = tuple(lg / f"{each}_{degc}degC.parquet" for each in ("us06", "mixed1"))
         la92 = lg / f"la92_{degc}degC.parquet"
@@ -124,9 +130,8 @@ def estimate_rows(case: Case, replay: SocReplay) -> Iterator[tuple[str, bool]]:
 @in_float64
 def plain_row(case: Case, result: barnax.Result, scenario: Scenario) -> str:
     """An extended filter of SOC and the pairs alone."""
-    window = case.own or result.common_window
     record = barnax.read_record(case.replayed)
-    prepared = prepare_record(record, result.cell_model, result.model, window)
+    prepared = prepare_record(record, result.cell_model, result.model, case.own(result))
     tables = None if result.tables is None else result.tables.fit.tables
     model = make_model(
         result.cell_at(), result.model, result.constant.circuit_parameters, ErrorModel(PLAIN_V),
@@ -135,7 +140,7 @@ def plain_row(case: Case, result: barnax.Result, scenario: Scenario) -> str:
     first = first_with_room(prepared.soc, scenario.soc_error)
     assert first is not None, "every drive has room for its scenarios"
     given = case_of(model, prepared, scenario, first, 0.15).given
-    found = jax.jit(lambda *each: run_filter(*each, "ekf"))(*given)
+    found = jax.jit(lambda own, start, drive: run_filter(own, start, drive, "ekf"))(*given)
     truth = prepared.soc[first:]
     error = np.asarray(found.soc)[: len(truth)] - truth
     held = np.mean(np.abs(error) <= BAND * np.asarray(found.soc_sd)[: len(truth)])
@@ -197,10 +202,10 @@ def times(folder: Path, result: barnax.Result) -> Iterator[str]:
                 f"| {CELLS:,} cells in one call over one cell, {SAMPLES // 10:,} samples each "
                 f"| {ratio:.0f} times, {ratio * 100 / CELLS:.1f} per 100 cells |"
             )
-    for parts in (PARTS, 1):
+    for count in (PARTS, 1):
         for precision in ("double", "float"):
-            spent_us = c_time_us(result, repeated, precision, parts)
-            yield f"| C, {parts} filter{'s' * (parts > 1)}, {precision}, a sample | {spent_us:.2f} us |"
+            spent_us = c_time_us(result, repeated, precision, count)
+            yield f"| C, filters: {count}, {precision}, a sample | {spent_us:.2f} us |"
 
 
 def best_s(function, *arguments) -> float:
@@ -214,14 +219,14 @@ def best_s(function, *arguments) -> float:
     return min(spent)
 
 
-def c_time_us(result: barnax.Result, drive: Drive, precision: str, parts: int) -> float:
+def c_time_us(result: barnax.Result, drive: Drive, precision: str, count: int) -> float:
     """What the exported filter takes for a sample."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         exporter = barnax.export.get_exporter("c-filter")
         (folder / "barnax_filter.h").write_bytes(exporter.write(result).content)
         (folder / "main.c").write_text(TIMED)
-        given = (f"-DBARNAX_REAL={precision}", f"-DBARNAX_PARTS={parts}")
+        given = (f"-DBARNAX_REAL={precision}", f"-DBARNAX_PARTS={count}")
         command = ["cc", "-std=c99", "-O2", *given]
         subprocess.run([*command, folder / "main.c", "-o", folder / "run", "-lm"], check=True)
         parts = (drive.interval_s, drive.held_a, drive.current_a, drive.voltage_v)
@@ -261,7 +266,7 @@ def main() -> None:
     for case in everything:
         key = case.identified
         result = results[key] = results.get(key) or case.result()
-        replay = barnax.replay_soc(result, case.replayed, case.own)
+        replay = barnax.replay_soc(result, case.replayed, case.own(result))
         rows += [f"| {case.name} | {each.name} | {cells(each)}" for each in replay.scenarios]
         told += estimate_rows(case, replay)
         print("\n".join(rows[-len(replay.scenarios) :]), flush=True)
@@ -270,7 +275,9 @@ def main() -> None:
         plain += [plain_row(case, result, each) for each in STARTS]
         for kind, tables in OTHERS:
             settings = barnax.FilterSettings(kind, tables=tables)
-            found = barnax.replay_soc(result, case.replayed, case.own, settings, scenarios=STARTS)
+            found = barnax.replay_soc(
+                result, case.replayed, case.own(result), settings, scenarios=STARTS
+            )
             name = f"{kind}{', constants' * (not tables)}"
             others += [
                 f"| {case.name} | {name}, {each.name} | {cells(each)}" for each in found.scenarios
@@ -288,8 +295,8 @@ def main() -> None:
         f"{origin['machine']}.",
         "",
         "Errors against the counter, in % of the capacity, from where they stay within 3 % for ten "
-        "minutes; the band is the mean half width of the filter's 95 % band, and in it is the share "
-        "of all samples. Every row is the default: a Gaussian sum with the answer of `barnax "
+        "minutes; the band is the mean half width of the filter's 95 % band, and in it is the "
+        "share of all samples. Every row is the default: a Gaussian sum with the answer of `barnax "
         "identify`. A start that is too high begins where the record leaves room for it.",
         "",
         "The Samsung INR18650-20R is identified on one drive and replayed on another from full to "
@@ -305,8 +312,8 @@ def main() -> None:
         "## What is told of offset and capacity",
         "",
         "Only where three of the filter's standard deviations are half of the prior, or less; "
-        f"{len(told)} of {2 * len(rows)} were told, and {sum(holds for _, holds in told)} hold. The "
-        "intervals are of 95 % by that.",
+        f"{len(told)} of {2 * len(rows)} were told, and {sum(holds for _, holds in told)} of them "
+        "hold.",
         "",
         "| cell | scenario | parameter | told | true | holds |",
         "|---|---|---|---|---|---|",
@@ -314,8 +321,8 @@ def main() -> None:
         "",
         "## Other filters",
         "",
-        "One extended or unscented filter with the same errors of the circuit, and the Gaussian sum "
-        "with the best constant circuit of the same answer.",
+        "One extended or unscented filter with the same errors of the circuit, and the Gaussian "
+        "sum with the best constant circuit of the same answer.",
         "",
         f"| cell | filter, start | {columns}",
         ruler,

@@ -6,6 +6,7 @@ counts with an offset, or takes a wrong capacity, and has the voltage to notice 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import equinox as eqx
@@ -34,7 +35,7 @@ from .inputs import Given, read_validation
 from .model.prepared import prepare_record
 from .model.window import Window
 from .over_soc import require_temperature
-from .result_filter import model_of
+from .result_filter import model_of, window_of
 from .results import Result
 from .scenarios import SCENARIOS, Case, Scenario, case_of, first_with_room, in_place
 from .schema import Count, Document, Part, Told
@@ -240,8 +241,8 @@ def replay_soc(
     Args:
         result: The identified circuit; its assessment gives the filter its noise.
         record: A file, `Record` or data frame.
-        window: The part of the record that is replayed; by default the window on which the records
-            identified on agree.
+        window: The part of the record that is replayed; by default its own if it was identified
+            on, else that on which those identified on agree.
         settings: The filter.
         scenarios: Errors of a battery manager's knowledge; by default four cases.
         current_sign: The sign of the file's current; "auto" decides from the data.
@@ -253,7 +254,8 @@ def replay_soc(
     Raises `InputError` if the record, its window or `settings.estimate` cannot be used, and for a
     result without an assessment.
     """
-    settings, window = settings or FilterSettings(), window or result.common_window
+    settings = settings or FilterSettings()
+    window = window or window_of(result, Path(str(getattr(record, "name", record))).name)
     reading = Reading(
         validate_current_sign=current_sign,
         current_hold=current_hold,
@@ -300,7 +302,7 @@ def replay_soc(
         np.stack([in_place(case.counted, case.first) for case in cases]),
     )
     parts = tuple(_score(model, case, traces, place) for place, case in enumerate(cases))
-    normalised = traces.estimate.innovation_v[0] / traces.estimate.innovation_sd_v[0]
+    normalised = np.asarray(traces.estimate.innovation_v[0] / traces.estimate.innovation_sd_v[0])
     flat_soc = prepared.soc[model.doubt_at(prepared.soc) > FLAT]
     replay = SocReplay(
         record=measured.name,
@@ -350,13 +352,13 @@ def _score(model: FilterModel, case: Case, traces: Traces, place: int) -> Scenar
     if not np.all(is_number):
         return part.model_copy(update={"diverged_s": float(time_s[np.argmin(is_number)])})
     error, counter_error = soc - truth, traces.counted[place][here] - truth
-    slow, slow_sd = traces.estimate.slow[place, -1], traces.estimate.slow_sd[place, -1]
-    told = zip(model.slow, slow, slow_sd, np.asarray(model.slow_sd), strict=True)
     found: dict[str, Any] = {
         "in_band": float(np.mean(np.abs(error) <= band)),
         "band": float(np.mean(band)),
         "widest": float(band[time_s >= min(HOLDS_S, time_s[-1])].max()),
-        "estimates": {each[0]: _told(*each[:3]) for each in told if _is_told(*each)},
+        "estimates": _told(
+            model, traces.estimate.slow[place, -1], traces.estimate.slow_sd[place, -1]
+        ),
     }
     first = _converged(time_s, np.abs(error) <= CONVERGED)
     if first is not None:
@@ -372,17 +374,15 @@ def _score(model: FilterModel, case: Case, traces: Traces, place: int) -> Scenar
     return part.model_copy(update=found)
 
 
-def _is_told(name: str, _: float, sd: float, prior_sd: float) -> bool:
-    """Whether a record tells an offset or a capacity from the errors of the circuit: from one that
-    is only believed."""
-    return name not in (OFFSET, CAPACITY) or DOUBT * sd <= TOLD * prior_sd
-
-
-def _told(name: str, value: float, sd: float) -> tuple[float, float]:
-    """A final value with its deviation; all but the offset are logarithms of a factor."""
-    if name in (OFFSET, CAPACITY):
-        sd *= DOUBT
-    return (float(value if name == OFFSET else np.exp(value)), float(sd))
+def _told(model: FilterModel, values: Any, deviations: Any) -> dict[str, tuple[float, float]]:
+    """Final values with their deviations; of offset and capacity only what a record tells from the
+    errors of the circuit. All but the offset are logarithms of a factor."""
+    told, rows = {}, zip(model.slow, values, deviations, model.slow_sd.tolist(), strict=True)
+    for name, value, sd, prior_sd in rows:
+        sd *= DOUBT if name in (OFFSET, CAPACITY) else 1.0
+        if name not in (OFFSET, CAPACITY) or sd <= TOLD * prior_sd:
+            told[name] = float(value if name == OFFSET else np.exp(value)), float(sd)
+    return told
 
 
 def _converged(

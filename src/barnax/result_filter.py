@@ -8,6 +8,7 @@ import numpy as np
 from .cell.tables import OCV_CORRECTION
 from .errors import InputError
 from .filters.model import CAPACITY, GRID, OFFSET, ErrorModel, FilterModel, make_model
+from .model.window import Window
 from .over_soc.registration import FULL_SD
 from .results import Result
 
@@ -38,6 +39,12 @@ class ElsewhereError:
 # Chosen on two drives of one cell at 0, 25 and 45 degC, each from the other, and one LFP drive
 # (`python -m benchmarks.filters`): half or twice of each keeps RMS and band within a few tenths.
 ELSEWHERE = ElsewhereError()
+
+
+def window_of(result: Result, name: str) -> Window:
+    """The window of a record: its own, as it was registered, if it was identified on."""
+    own = (each.window for each in result.inputs if each.window and each.name == name)
+    return next(own, None) or result.common_window
 
 
 def errors_of(result: Result) -> ErrorModel:

@@ -69,19 +69,20 @@ class OnRecord:
 
         Raises `InputError` for an option that is given for another record.
         """
+        from ..result_filter import window_of
+
         name, chosen = self.record.name, self.of_records.chosen()
         unknown = sorted(chosen.keys() - {"", name})
         if unknown:
             raise InputError(f"an option is given for {unknown[0]!r}; the record is {name}")
         given = {**chosen.get("", {}), **chosen.get(name, {})}
         # What was given for one record alone is not another's, and another start makes more void.
-        own = {each.name: each.window for each in stored.inputs if each.window}
         void: tuple[str, ...] = ()
         if self.whole_record:
             void = START + SCORING
         elif given.keys() & {"start_time_s", "start_after_step"}:
             void = START
-        return replace(own.get(name) or stored.common_window, **(dict.fromkeys(void) | given))
+        return replace(window_of(stored, name), **(dict.fromkeys(void) | given))
 
 
 def load(path: Path) -> "Result":

@@ -150,7 +150,7 @@ def plain_row(case: Case, result: barnax.Result, scenario: Scenario) -> str:
 
 
 TIMES = "## Times"
-SAMPLES, CELLS, REPEATS = 20_000, 1000, 25
+SAMPLES, REPEATS = 20_000, 25
 TIMED = """\
 #include <stdio.h>
 #include <time.h>
@@ -181,7 +181,7 @@ int main(void)
 
 @in_float64
 def times(folder: Path, result: barnax.Result) -> Iterator[str]:
-    """Warm times of one cell and of many, and of a sample in C."""
+    """Warm times of a record, and of a sample in C."""
     record = barnax.read_record(folder / SAMSUNG / "us06_25degC_80soc_SP20-2.parquet")
     prepared = prepare_record(record, result.cell_model, result.model, WINDOW)
     repeated = jax.tree.map(lambda each: jnp.tile(each, 2)[:SAMPLES], Drive.of(prepared))
@@ -191,17 +191,6 @@ def times(folder: Path, result: barnax.Result) -> Iterator[str]:
         single = jax.jit(lambda each, start, drive, kind=kind: run_filter(each, start, drive, kind))
         alone_s = best_s(single, model, start, repeated)
         yield f"| {kind}, one cell, {SAMPLES:,} samples | {1e3 * alone_s:.1f} ms |"
-        if kind == "sum":
-            # Every cell has its own model, start and current.
-            many = jax.tree.map(lambda each: jnp.repeat(each[None], CELLS, 0), (model, start))
-            short = jax.tree.map(lambda each: each[: SAMPLES // 10], repeated)
-            drives = jax.tree.map(lambda each: jnp.repeat(each[None], CELLS, 0), short)
-            together_s = best_s(jax.jit(jax.vmap(run_filter)), *many, drives)
-            ratio = together_s / best_s(single, model, start, short)
-            yield (
-                f"| {CELLS:,} cells in one call over one cell, {SAMPLES // 10:,} samples each "
-                f"| {ratio:.0f} times, {ratio * 100 / CELLS:.1f} per 100 cells |"
-            )
     for count in (PARTS, 1):
         for precision in ("double", "float"):
             spent_us = c_time_us(result, repeated, precision, count)
@@ -246,7 +235,7 @@ def time_table(folder: Path, result: barnax.Result) -> list[str]:
         f"Processor time, the least of {REPEATS} warm runs, float64 ({command['date']}, load "
         f"{os.getloadavg()[0]:.0f} on {os.cpu_count()} cores), with tables over SOC.",
         "",
-        "| what | processor time or ratio |",
+        "| what | processor time |",
         "|---|---|",
         *times(folder, result),
     ]

@@ -210,8 +210,7 @@ class SocReplay(Document):
 class Traces(Brief):
     """What stands over time in a replay: the counter as the truth, and every scenario's estimate.
 
-    `counted` is the SOC that plain counting gives in each scenario. Before a scenario starts, both
-    are not a number.
+    `counted` is plain counting in each scenario; before one starts there are no numbers.
     """
 
     time_s: Float[np.ndarray, "samples"]
@@ -257,12 +256,9 @@ def replay_soc(
     settings = settings or FilterSettings()
     window = window or window_of(result, Path(str(getattr(record, "name", record))).name)
     reading = Reading(
-        validate_current_sign=current_sign,
-        current_hold=current_hold,
-        voltage_lag=voltage_lag,
-        columns=columns,
-        series=series,
-    )
+        validate_current_sign=current_sign, current_hold=current_hold,
+        voltage_lag=voltage_lag, columns=columns, series=series,
+    )  # fmt: skip
     measured, warnings = read_validation(
         record, reading, window, result.cell_model, result.measured_at
     )
@@ -273,6 +269,8 @@ def replay_soc(
         degc = require_temperature(prepared)
     if degc is not None:
         used = used.at_temperature(degc)
+    if used.tables is not None:
+        prepared = prepared.following(used.tables.fit.tables.dependence)
     model = eqx.tree_at(
         lambda each: each.capacity_ah,
         model_of(used, settings.estimate),

@@ -87,6 +87,7 @@ def case_of(
         interval_s=drive.interval_s.at[0].set(0.0),
         held_a=drive.held_a.at[1:].add(offset_a),
         current_a=drive.current_a + offset_a,
+        pairs_a=None if drive.pairs_a is None else drive.pairs_a.at[1:].add(offset_a),
     )
     believed = eqx.tree_at(lambda each: each.capacity_ah, model, capacity_ah)
     return Case(scenario, first, (believed, (state, variance), drive))

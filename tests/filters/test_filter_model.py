@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from barnax.cell import CircuitParameters, SocTables
+from barnax.cell import CircuitParameters, Dependence, SocTables
 from barnax.errors import InputError
 from barnax.execution import in_float64
 from barnax.filters import Drive, ErrorModel, make_model
@@ -61,6 +61,23 @@ def test_without_corrections_it_simulates_tables_over_soc(circuit):
     )
     expected_v = simulate_tables(prepared, tables)
     assert np.abs(open_loop(model, prepared) - expected_v).max() < GRID_V
+
+
+def test_without_corrections_its_resistances_follow_heat_and_current_too():
+    beside = Dependence(kappa_per_a2=0.05, heating_tau_s=200.0, reference_a2=1.0, onset_a=1.5)
+    tables = SocTables(
+        NODES, (20.0, 300.0), (0.09, 0.06, 0.05, 0.05),
+        ((0.03, 0.02, 0.01, 0.01), (0.05, 0.02, 0.02, 0.03)),
+        visited=(True,) * 4, dependence=beside,
+    )  # fmt: skip
+    prepared = prepare_record(make_record(600), make_cell(), "so-rc", Window(initial_soc=0.9))
+    parameters = CircuitParameters(0.05, (0.01, 0.02), (2000.0, 15000.0))
+    model = in_float64(make_model)(
+        make_cell(), "so-rc", parameters, ErrorModel(1e-3), tables=tables
+    )
+    expected_v = simulate_tables(prepared, tables)
+    assert np.abs(open_loop(model, prepared.following(beside)) - expected_v).max() < GRID_V
+    assert np.abs(open_loop(model, prepared) - expected_v).max() > 1e-3
 
 
 def test_a_result_without_an_assessment_is_refused():

@@ -62,6 +62,7 @@ class Drive(NamedTuple):
     current_a: Float[Array, "*samples"]
     direction: Float[Array, "*samples"]
     voltage_v: Float[Array, "*samples"]
+    pairs_a: Float[Array, "*samples"] | None = None
 
     @classmethod
     def of(cls, prepared: PreparedRecord) -> "Drive":
@@ -71,13 +72,19 @@ class Drive(NamedTuple):
         direction, turning = prepared.direction, get_circuit(prepared.circuit).turning
         if turning is not None:
             direction = turning(prepared.soc, direction)
+        dependence, factor, pairs_a = prepared.dependence, prepared.resistance_factor, None
+        if dependence is not None and factor is not None:
+            through_a = factor * dependence.through_pairs(prepared.held_a)
+            pairs_a = jnp.asarray(np.append(0.0, through_a[:-1]))
+        ohmic_a = prepared.current_a if factor is None else factor * prepared.current_a
         return cls(
             interval_s=jnp.asarray(np.diff(prepared.time_s, prepend=prepared.time_s[0])),
             held_a=jnp.asarray(held_a),
             turning_a=jnp.asarray(np.where(is_moving, held_a, 0.0)),
-            current_a=jnp.asarray(prepared.current_a),
+            current_a=jnp.asarray(ohmic_a),
             direction=jnp.asarray(direction),
             voltage_v=jnp.asarray(prepared.voltage_v),
+            pairs_a=pairs_a,
         )
 
 
@@ -189,9 +196,10 @@ class FilterModel(eqx.Module):
         Resistances are those at the SOC `near`, by default the state's own.
         """
         held_a = drive.held_a - self.offset_a(slow)
+        pairs_a = held_a if drive.pairs_a is None else drive.pairs_a - self.offset_a(slow)
         capacity_as = 3600 * self.capacity_ah * self.factor(CAPACITY, slow)
         ohm = self.at(state[0] if near is None else near)[FIRST_RESISTANCE + 1 :]
-        toward = [ohm * self.factors("R", slow) * held_a]
+        toward = [ohm * self.factors("R", slow) * pairs_a]
         if self.hysteresis == "dynamic":
             toward.append(-jnp.sign(drive.turning_a)[None])
         toward.append(jnp.zeros(self.states - self.first_error))

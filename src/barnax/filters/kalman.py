@@ -33,7 +33,7 @@ Vector = Float[Array, "states"]
 Matrix = Float[Array, "states states"]
 KAPPA = 1.0
 # Filters of a Gaussian sum, over so many standard deviations of the start to either side, each
-# with this share of the distance between two as its own deviation. One is enough for a sloping
+# with this share of the distance between two as its own deviation. Five are enough for a sloping
 # OCV; a flat one needs all, and more change little.
 PARTS, SIDES, OVERLAP = 9, 2.25, 0.8
 # A start beyond full or empty by more than this is improbable.

@@ -80,9 +80,22 @@ class TableRun(Brief):
         current that flows after it; with a = exp(-T / tau), w is 0 and q is 1 there, 1 - a and a
         under one that flowed before it, (1 - a) / 2 and (1 + a) / 2 where it is half of both.
         """
+        hold = self.identification[0].prepared.record.hold.value
+        return self._moved_ohm("backward" if hold == "forward" else "forward")
+
+    @property
+    def means_shifts_ohm(self) -> tuple[float, ...]:
+        """What R0 may be off by where rows are taken for means, whose current is half that of the
+        interval before and half that of the one after: as it would be for a current that stood
+        still in each of them, to either side, for what it does in them is not known."""
+        if self.identification[0].prepared.record.hold.value != "centered":
+            return ()
+        moved_ohm = self._moved_ohm("means")
+        return moved_ohm, -moved_ohm
+
+    def _moved_ohm(self, other: str) -> float:
         prepared = self.identification[0].prepared
         hold = prepared.record.hold.value
-        other = "backward" if hold == "forward" else "forward"
         (tau, *_) = [
             {each.name: each.value for each in fit.intervals if each.name.startswith("tau")}
             for fit in self.found.fits
@@ -138,6 +151,9 @@ def _answer(hold: str, kept: float) -> tuple[float, float]:
     as shares of it; `kept` is what an interval leaves of it."""
     if hold == "centered":
         return (1 - kept) / 2, (1 + kept) / 2
+    if hold == "means":
+        later = (1 - kept) / -math.log(kept) if 0 < kept < 1 else 1 - kept
+        return 1 - later, later
     return (0.0, 1.0) if hold == "forward" else (1 - kept, kept)
 
 

@@ -324,6 +324,8 @@ def search_and_assess(
                     warnings += table_run.hold_warnings(problem, other_hold)
                     shifts_ohm += [other_hold.parameters.r0 - own.r0, table_run.hold_shift_ohm]
                 table_run = table_run.spanning(shifts_ohm)
+        if table_run is not None:
+            table_run = table_run.spanning(table_run.means_shifts_ohm)
         if trust == "full" and assessment is not None:
             key = jax.random.key(settings.key)
             given = problem, answer.parameters, assessment

@@ -150,3 +150,18 @@ def test_a_given_hold_is_taken_and_the_proof_against_it_told(tmp_path):
     decision = decided(tmp_path, counted("backward"), current_hold="forward")
     assert (decision.value, decision.strength) == ("forward", "given")
     assert "although" in decision.reason
+
+
+@pytest.mark.parametrize(("logged", "hold"), [("means", "centered"), ("instants", "forward")])
+def test_levels_that_change_through_parts_of_both_are_means_of_slow_rows(tmp_path, logged, hold):
+    rng = np.random.default_rng(1)
+    levels = rng.uniform(-1, 2, 400)
+    # Steps that last longer than rows, and begin anywhere in them.
+    current = np.repeat(levels, rng.integers(25, 90, 400))
+    current = current[: len(current) // 10 * 10]
+    voltage = simulated_cell(current)
+    rows = [each.reshape(-1, 10) for each in (current, voltage)]
+    current, voltage = (each.mean(axis=1) if logged == "means" else each[:, 0] for each in rows)
+    clock = 10.0 * np.arange(len(current))
+    table = {"Test Time / s": clock, "Current / A": -current, "Voltage / V": voltage}
+    assert decided(tmp_path, pl.DataFrame(table)).value == hold

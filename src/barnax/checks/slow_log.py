@@ -13,6 +13,7 @@ from jaxtyping import Float
 from scipy.signal import lfilter
 
 from ..records import Record
+from ..records.samples import changes_through_values_between
 
 # Time constants of pairs in rows, and SOC nodes of R0 and of the OCV.
 _TAUS, _R0_NODES, _OCV_NODES = (1.0, 3.0, 10.0, 30.0), 5, 11
@@ -23,9 +24,6 @@ _INSIDE, _FEWEST = (0.15, 0.98), 3
 _INSTANTS, _MORE, _MOVES, _MEANS = -0.455, 0.5, 0.02, -0.5
 # Innovations are looked for in so many rows at a time, as shares of the noise.
 _BLOCK, _SHARES = 64, np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 40)])
-# Levels of a load stand within this share of the largest current and are so far apart; so many
-# changes through a value between them, more than straight ones, are of means.
-_STEADY, _APART, _BETWEEN, _FEWEST_BETWEEN = 0.015, 0.1, (0.1, 0.9), 5
 
 Rows = Literal["instants", "means", "open"]
 
@@ -33,7 +31,7 @@ Rows = Literal["instants", "means", "open"]
 def rows_are(record: Record) -> Rows:
     """What the rows of a record are whose load changes between them."""
     left = _left_v(record)
-    if _changes_through_values_between(record.current_a):
+    if changes_through_values_between(record.current_a):
         return "means"
     if left is None:
         return "open"
@@ -43,20 +41,6 @@ def rows_are(record: Record) -> Rows:
     if correlation > least and _innovation(left_v, moved_v) > _MOVES:
         return "instants"
     return "means" if correlation < _MEANS else "open"
-
-
-def _changes_through_values_between(current_a: Float[np.ndarray, "rows"]) -> bool:
-    """Whether levels of the load mostly change through a row that holds a part of both."""
-    largest_a = float(np.max(np.abs(current_a)))
-    is_steady = np.abs(np.diff(current_a)) < _STEADY * largest_a
-    is_far = np.abs(np.diff(current_a)) > _APART * largest_a
-    straight = np.count_nonzero(is_steady[:-2] & is_far[1:-1] & is_steady[2:])
-    whole_a = current_a[3:-1] - current_a[1:-3]
-    is_apart = np.abs(whole_a) > _APART * largest_a
-    share = (current_a[2:-2] - current_a[1:-3]) / np.where(is_apart, whole_a, 1.0)
-    is_between = (share > _BETWEEN[0]) & (share < _BETWEEN[1])
-    through = np.count_nonzero(is_steady[:-3] & is_apart & is_between & is_steady[3:])
-    return bool(through > max(straight, _FEWEST_BETWEEN - 1))
 
 
 def _left_v(

@@ -143,10 +143,10 @@ def _of_starts_and_offset(
     """The columns of starts and capacities, and of an offset of the current that all share."""
     prepared = objective.prepared_records[place]
     soc, (nodes, ocv_v) = prepared.soc[prepared.scored], objective.ocv_at(found)
-    below, above = (
-        np.clip(soc + step, nodes[0], nodes[-1]) for step in (-STEP_SOC / 2, STEP_SOC / 2)
-    )
-    slope = (np.interp(above, nodes, ocv_v) - np.interp(below, nodes, ocv_v)) / (above - below)
+    half = STEP_SOC / 2
+    middle = np.clip(soc, nodes[0] + half, nodes[-1] - half)
+    below_v, above_v = (np.interp(middle + step, nodes, ocv_v) for step in (-half, half))
+    slope = (above_v - below_v) / STEP_SOC
     hours = (prepared.time_s - prepared.time_s[0])[prepared.scored] / 3600
     r_ohm = np.sum(found.values[: 1 + objective.pairs], axis=0)
     of_offset = slope * hours / prepared.capacity_ah

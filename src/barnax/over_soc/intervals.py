@@ -76,8 +76,12 @@ class NodeInterval:
         """The same with an interval that reaches over those of values so far off, as possible."""
         if self.low is None or self.high is None:
             return self
-        low = max(self.low + min([0.0, *shifts]), 0.0)
-        return replace(self, low=low, high=self.high + max([0.0, *shifts]))
+        low, high = max(self.low + min([0.0, *shifts]), 0.0), self.high + max([0.0, *shifts])
+        if self.record_low is None or self.record_high is None:
+            return replace(self, low=low, high=high)
+        # Another record leaves it open too.
+        ends = {"record_low": min(self.record_low, low), "record_high": max(self.record_high, high)}
+        return replace(self, low=low, high=high, **ends)
 
 
 @in_float64

@@ -19,7 +19,7 @@ from ..records.fingerprint import Content
 from ..settings import OVER_TEMPERATURE, Reading
 from .document import Plan
 from .draft import Draft, another_cell, named_degc, reach_ah, why_useless, words_of
-from .looking import CandidateFile, by_temperature, files_of, is_same_degc, look, split
+from .looking import CandidateFile, by_temperature, files_of, found_in, is_same_degc, look, split
 from .ocv import (
     DIGITS,
     OCV_KINDS,
@@ -66,8 +66,8 @@ def plan(
 
     Args:
         sources: A folder, or files.
-        ocv: Files that are OCV tests.
-        validate: Files to validate on.
+        ocv: Files that are OCV tests; names alone are those of files in the folder.
+        validate: Files to validate on, likewise.
         over: With "soc,temperature", and for a folder of pulse tests alone, one record at each
             temperature is identified, with the OCV test of its own where there is one.
         window: What is known of the records, as in `identify`.
@@ -82,7 +82,9 @@ def plan(
     >>> [part.name for part in found.of_role("identification")]
     ['identification.parquet', 'validation.parquet']
     """
-    given, tests, others = (files_of(listed(each)) for each in (sources, ocv, validate))
+    given, tests, others = (
+        files_of(found_in(listed(each), listed(sources))) for each in (sources, ocv, validate)
+    )
     settled = {Path(each).resolve() for each in (*tests, *others) if isinstance(each, str | Path)}
     given = [
         each

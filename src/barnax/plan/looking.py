@@ -162,6 +162,19 @@ def files_of(sources: Sequence[Any]) -> list[Any]:
     return found
 
 
+def found_in(given: Sequence[Any], sources: Sequence[Any]) -> list[Any]:
+    """What was given, of which names that are no files here stand for those in a folder given."""
+    folders = [Path(each) for each in sources if isinstance(each, str | Path)]
+
+    def found(each: Any) -> Any:
+        if not isinstance(each, str | Path) or os.path.exists(each):
+            return each
+        inside = (folder / each for folder in folders if folder.is_dir())
+        return next((path for path in inside if path.exists()), each)
+
+    return [found(each) for each in given]
+
+
 def _is_of_files(path: Path) -> bool:
     """Whether it is a folder with something in it, other than a result."""
     if not path.is_dir() or not os.access(path, os.R_OK) or (path / "result.json").exists():

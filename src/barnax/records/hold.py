@@ -64,7 +64,9 @@ def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
         words = f"{samples.dialect.name} testers log a sample at its interval's end"
         return Decision("backward", "weak", words)
     if samples.changes_between:
-        reason = "it changes as often as it is logged, so that it changes between samples too"
+        reason = (
+            "the load changes between samples, as often as it is logged or through parts of both"
+        )
         return Decision("centered", "assumed", reason)
     reason = (
         "no counters prove otherwise; `current_hold='backward'` is for testers that log a sample "

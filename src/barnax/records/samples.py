@@ -18,6 +18,9 @@ _FEWEST_STEPS, _AGREEING = 3, 0.5
 # From this interval on, a current that differs from both its neighbors in so many of the samples
 # under load, by this share of the largest, also changed between them.
 SLOW_S, ALONE, ALONE_SHARE = 2.5, 0.35, 0.05
+# Levels of a load stand within this share of the largest current and are so far apart; so many
+# changes through a value between them, more than straight ones, are of means.
+_STEADY, _APART, _BETWEEN, _FEWEST_BETWEEN = 0.015, 0.1, (0.1, 0.9), 5
 # An interval so many times the usual one is a gap that may hide a load, of at most so many times
 # the largest current that was logged.
 _FAR_LONGER, _HEAVIER = 30, 3
@@ -133,14 +136,15 @@ class Samples(Lines):
 
     @cached_property
     def changes_between(self) -> bool:
-        """Whether the current changes as often as it is logged, slowly: then it changes between
-        samples too."""
+        """Whether the current changes between samples: it does where it changes as often as it is
+        logged, slowly, and where its levels change through rows that hold a part of both."""
         is_changed = np.abs(self.step_a) > ALONE_SHARE * self.peak_a
         is_loaded = np.abs(self.current_a[1:-1]) > STEADY_SHARE * self.peak_a
         is_alone = is_changed[1:] & is_changed[:-1]
-        return self.interval_s >= SLOW_S and float(np.sum(is_alone & is_loaded)) >= ALONE * max(
-            float(np.sum(is_loaded)), 1.0
-        )
+        if self.interval_s < SLOW_S:
+            return False
+        often = float(np.sum(is_alone & is_loaded)) >= ALONE * max(float(np.sum(is_loaded)), 1.0)
+        return often or changes_through_values_between(self.current_a)
 
     @cached_property
     def is_loaded(self) -> Bool[np.ndarray, "intervals"]:
@@ -257,3 +261,17 @@ def step_resistance_ohm(
         return 0.0
     is_large = np.abs(step_a) >= np.median(np.abs(step_a))
     return abs(float(np.median(step_v[is_large] / step_a[is_large])))
+
+
+def changes_through_values_between(current_a: Float[np.ndarray, "rows"]) -> bool:
+    """Whether levels of the load mostly change through a row that holds a part of both."""
+    largest_a = float(np.max(np.abs(current_a)))
+    is_steady = np.abs(np.diff(current_a)) < _STEADY * largest_a
+    is_far = np.abs(np.diff(current_a)) > _APART * largest_a
+    straight = np.count_nonzero(is_steady[:-2] & is_far[1:-1] & is_steady[2:])
+    whole_a = current_a[3:-1] - current_a[1:-3]
+    is_apart = np.abs(whole_a) > _APART * largest_a
+    share = (current_a[2:-2] - current_a[1:-3]) / np.where(is_apart, whole_a, 1.0)
+    is_between = (share > _BETWEEN[0]) & (share < _BETWEEN[1])
+    through = np.count_nonzero(is_steady[:-3] & is_apart & is_between & is_steady[3:])
+    return bool(through > max(straight, _FEWEST_BETWEEN - 1))

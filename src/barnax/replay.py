@@ -35,7 +35,7 @@ from .inputs import Given, read_validation
 from .model.prepared import prepare_record
 from .model.window import Window
 from .over_soc import require_temperature
-from .result_filter import model_of, window_of
+from .result_filter import axis_sd_of, model_of, window_of
 from .results import Result
 from .scenarios import SCENARIOS, Case, Scenario, case_of, first_with_room, in_place
 from .schema import Count, Document, Part, Told
@@ -271,10 +271,11 @@ def replay_soc(
         used = used.at_temperature(degc)
     if used.tables is not None:
         prepared = prepared.following(used.tables.fit.tables.dependence)
+    capacity_ah = prepared.capacity_ah
     model = eqx.tree_at(
-        lambda each: each.capacity_ah,
+        lambda each: (each.capacity_ah, each.axis_sd),
         model_of(used, settings.estimate),
-        jnp.asarray(prepared.capacity_ah),
+        (jnp.asarray(capacity_ah), jnp.asarray(axis_sd_of(result, capacity_ah))),
     )
     tried = {each: first_with_room(prepared.soc, each.soc_error) for each in scenarios}
     cases = [

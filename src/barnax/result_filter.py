@@ -47,6 +47,19 @@ def window_of(result: Result, name: str) -> Window:
     return next(own, None) or result.common_window
 
 
+def axis_sd_of(result: Result, capacity_ah: float) -> float:
+    """How far, as a standard deviation, the SOC that is counted over a capacity may be from that of
+    the OCV.
+
+    That is what is called full, and, where the records identified on were registered on the OCV
+    test because their charge contradicts it, what another capacity than theirs makes of it over the
+    whole axis.
+    """
+    own = (each.window for each in result.inputs if each.window and each.window.registration)
+    off = [abs(capacity_ah / each.capacity_ah - 1) for each in own if each.capacity_ah]
+    return float(np.hypot(FULL_SD, max(off, default=0.0) / np.sqrt(3)))
+
+
 def errors_of(result: Result) -> ErrorModel:
     """The error model of an identification: that of its tables over SOC, if it has them.
 

@@ -4,11 +4,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from .cell import CellModel
+from .model.prepared import PreparedRecord
 from .over_soc import SocErrors, TableFit
 from .search.evaluate import Evaluation
 
 # Constant circuits, the simplest first: no hysteresis, switched at once, and following the charge.
 WEIGHED = ("so-rc", "iso-rc", "esc")
+# Logs as fast as this show a pair more; tables of both are weighed.
+TWO_PAIRS, THREE_PAIRS, FAST_S = "so-rc", "3rc", 0.25
 # Its hysteresis follows the charge: where that is the best constant circuit, its tables are weighed
 # too.
 FOLLOWING = "esc"
@@ -80,7 +83,12 @@ def _together(evaluations: Iterable[Evaluation]) -> SocErrors:
 def tabulated_circuit(cell: CellModel) -> str:
     """The circuit that tables are of: their OCV correction stands in for a switched hysteresis;
     on an OCV as flat as LFP's the hysteresis matters, and follows the charge."""
-    return "esc" if cell.has_flat_ocv else "so-rc"
+    return FOLLOWING if cell.has_flat_ocv else TWO_PAIRS
+
+
+def is_fast(prepared_records: Iterable[PreparedRecord]) -> bool:
+    """Whether all records are sampled fast enough to show a third RC pair."""
+    return all(each.median_interval_s <= FAST_S for each in prepared_records)
 
 
 def spans_enough(fit: TableFit) -> bool:

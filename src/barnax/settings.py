@@ -255,7 +255,8 @@ class Registration:
     """Where other records of the cell, or its OCV test, put a record's start and capacity, with
     95 % intervals, and what was told of them before: its window, and what that gave. The axis is
     the one on which what was told is right on the average. An offset of the current that records
-    share is in A, discharge positive, with its standard error."""
+    share is in A, discharge positive, with its standard error. What resistances follow is found
+    with them, by the names of a `Dependence`; empty is SOC alone."""
 
     told: "Window"
     told_soc: float
@@ -268,6 +269,7 @@ class Registration:
     by: Literal["records", "OCV test"] = "records"
     offset_a: float | None = None
     offset_error_a: float | None = None
+    follows: Mapping[str, float | None] | None = None
 
     @property
     def origin(self) -> "Registration":

@@ -12,11 +12,14 @@ import numpy as np
 
 from .candidates import (
     FOLLOWING,
+    THREE_PAIRS,
+    TWO_PAIRS,
     WEIGHED,
     Candidate,
     best_of,
     is_alike,
     is_better,
+    is_fast,
     spans_enough,
     tabulated_circuit,
 )
@@ -63,16 +66,16 @@ class Weighing(Brief):
     Attributes:
         problems: Those of the constant circuits, the simplest first.
         chosen: The problem that the constant answer is of; None leaves it to the held-out errors.
-        tabulated: The problem whose records tables are fitted to, None without tables.
+        tabulated: The problems whose records tables are fitted to, the simplest first.
         tables: How they are fitted, and how blocks are held out, by circuit; a circuit without
             holds out nothing.
         validation: The records to validate on, prepared for the circuit of a problem.
-        fitted: The tables of `tabulated`, where they are known already.
+        fitted: The tables of the first `tabulated`, where they are known already.
     """
 
     problems: tuple[Problem, ...]
     chosen: Problem | None
-    tabulated: Problem | None
+    tabulated: tuple[Problem, ...]
     tables: Mapping[str, TableSettings]
     validation: Callable[[Problem], list[PreparedRecord]]
     fitted: TableFits | None = None
@@ -82,9 +85,9 @@ class Weighing(Brief):
         return self.problems[0]
 
     @property
-    def tabulated_name(self) -> str | None:
-        """The circuit whose tables are weighed; None without tables."""
-        return None if self.tabulated is None else self.tabulated.circuit
+    def tabulated_names(self) -> tuple[str, ...]:
+        """The circuits whose tables are weighed."""
+        return tuple(each.circuit for each in self.tabulated)
 
 
 def weigh(
@@ -142,6 +145,12 @@ def weigh(
             for name, (own, held) in zip(models, known, strict=True)
         }
 
+    fitted = [of.get(tabulated, first)]
+    is_open = model is None and own_ocv is None and not (ranges or fix or over == OVER_TEMPERATURE)
+    if is_open and tabulated == TWO_PAIRS and is_fast(first.prepared_records):
+        fitted.append(_problem(inputs, windows, settings, THREE_PAIRS, source, None, None))
+        wanted[THREE_PAIRS] = tables
+
     def validation(problem: Problem) -> list[PreparedRecord]:
         return [
             prepare_record(record, problem.cell, problem.circuit, windows[record.name])
@@ -154,7 +163,7 @@ def weigh(
     return Weighing(
         tuple(problems),
         chosen,
-        of.get(tabulated, first) if has_tables else None,
+        tuple(fitted) if has_tables else (),
         wanted,
         validation,
         None if own_ocv is None else own_ocv.found,
@@ -208,8 +217,7 @@ def search_and_assess(
     problems, over = weighing.problems, settings.over or "soc"
     with threads(3) as beside:
         tables_futures = []
-        if weighing.tabulated is not None:
-            tables_futures.append(_fitting(beside, over, weighing, weighing.tabulated))
+        tables_futures += [_fitting(beside, over, weighing, each) for each in weighing.tabulated]
         held_out_futures = [
             beside.submit(_held_out_or_none, each, weighing.tables.get(each.circuit))
             if weighing.fitted is None and (len(problems) > 1 or tables_futures)
@@ -228,7 +236,7 @@ def search_and_assess(
                 held_out = [crossed and crossed.constant] * len(problems)
         place = best_of(held_out) if weighing.chosen is None else problems.index(weighing.chosen)
         problem, optimum = problems[place], optima[place]
-        if weighing.chosen is None and problem.circuit == FOLLOWING != weighing.tabulated_name:
+        if weighing.chosen is None and problem.circuit == FOLLOWING not in weighing.tabulated_names:
             tables_futures.append(_fitting(beside, over, weighing, problem))
         linearization = beside.submit(compile_linearization, problem) if trust != "none" else None
         other_hold_future = beside.submit(try_other_hold, problem) if advise else None

@@ -23,6 +23,7 @@ from .intervals import linearized
 from .objective import Solution, TableObjective
 from .problem import reduced_objective
 from .search import find_best
+from .settings import TableSettings
 from .simulate import errors_along
 
 # Temperatures that move by less than this tell nothing of what follows them.
@@ -40,6 +41,29 @@ FEWEST, MOST = 0.05, 4.0
 ROUNDS, SETTLED, FURTHEST, BACK = 6, 1e-3, 1.0, 0.3
 # Of a long record only every so many samples count in a step that so many are left.
 ENOUGH = 20_000
+
+
+def searched(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings
+) -> tuple[TableObjective, Solution]:
+    """The best tables of some records, with what their resistances follow."""
+    told = [own and own.follows for own in (each.window.registration for each in prepared_records)]
+    is_known = settings.resistances_follow == "auto" and None not in told
+    if is_known and all(each == told[0] for each in told) and told[0] is not None:
+        # It was found where starts and capacities were adjusted.
+        known = Dependence(**told[0]) if told[0] else None
+        objective = reduced_objective(
+            [each.following(known) for each in prepared_records], settings
+        )
+        return objective, find_best(objective)
+    objective = reduced_objective(prepared_records, settings)
+    return with_dependence(objective, find_best(objective))
+
+
+def adjusted(objective: TableObjective, best: Solution) -> Dependence | None:
+    """The numbers of what records follow already, where their tables fit best."""
+    known = objective.prepared_records[0].dependence
+    return known and _polished(objective, best, known)
 
 
 def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:

@@ -25,7 +25,7 @@ from .cross_validation import (
     held_out_errors,
     with_spread,
 )
-from .dependence import with_dependence
+from .dependence import searched
 from .intervals import NodeInterval, intervals_of
 from .objective import Solution, TableObjective
 from .problem import BOTH_WAYS_SOC, HELD_GAMMA, least_travel_soc, reduced_objective
@@ -121,10 +121,9 @@ def fit_tables(
     without a dynamic hysteresis.
     """
     settings = settings or TableSettings()
-    objective = reduced_objective(prepared_records, settings)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
-        objective, best = with_dependence(objective, find_best(objective))
+        objective, best = searched(prepared_records, settings)
         proof = certify(objective, best)
     return fit_of(objective, proof)
 

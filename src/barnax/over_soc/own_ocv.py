@@ -35,7 +35,7 @@ from ..records import Record, rest_current_a
 from ..records.record import FULL_CHARGE
 from .certificate import certify
 from .cross_validation import held_out_errors
-from .dependence import with_dependence
+from .dependence import searched
 from .fit import (
     OcvCompared,
     TableFit,
@@ -46,7 +46,6 @@ from .level import level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
 from .registration import register
-from .search import find_best
 from .settings import OCV, TableSettings
 from .temperature import TableFits, fit_temperatures, group_by_temperature
 
@@ -245,9 +244,9 @@ def _fitted(
         found = fit_temperatures(groups, settings, at_home)
         cell = over_temperatures(dict(zip(groups, cells, strict=True)))
     else:
-        objective, groups = reduced_objective(prepared, settings), {0.0: prepared}
+        groups = {0.0: prepared}
         with one_blas_thread():
-            objective, best = with_dependence(objective, find_best(objective))
+            objective, best = searched(prepared, settings)
             proof = certify(objective, best)
         home = at_home(objective, proof.best)
         found, cell = TableFits((fit_of(objective, proof, home),)), cells[0]

@@ -12,7 +12,7 @@ tables would take for resistance and for an OCV that no other record has.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from scipy.optimize import minimize
 from scipy.special import ndtri
 
 from ..blas import one_blas_thread
+from ..cell import Dependence
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord, prepare_record
@@ -30,7 +31,7 @@ from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
 from .cross_validation import WORTHWHILE, held_out_errors
 from .current_offset import CurrentOffset, shared_offset
-from .dependence import with_dependence
+from .dependence import adjusted, with_dependence
 from .nuisances import estimate, of_starts
 from .objective import Solution, TableObjective
 from .problem import held_at, reduced_objective
@@ -79,6 +80,7 @@ def register(
             if number:
                 objective = reduced_objective(found, plain, held_at(objective, best.log_scales))
                 best = objective.solve(best.log_scales)
+                dependence = adjusted(objective, best)
             estimated = estimate(objective, best, _of_starts, shifts.ravel(), prior.ravel())
             moved, errors = (
                 each.reshape(shifts.shape) for each in (estimated.values, estimated.errors)
@@ -89,7 +91,7 @@ def register(
             shifts = moved
             try:
                 found = [
-                    _moved(each, *row).following(dependence)
+                    _moved(each, *row, follows=dependence).following(dependence)
                     for each, row in zip(
                         prepared_records, np.hstack([told, shifts, errors]).tolist(), strict=True
                     )
@@ -246,6 +248,7 @@ def _moved(
     share: float,
     soc_error: float,
     share_error: float,
+    follows: Dependence | None = None,
 ) -> PreparedRecord:
     """The record with its start and capacity moved."""
     factor = float(ndtri((1 + CONFIDENCE) / 2))
@@ -265,6 +268,7 @@ def _moved(
             soc_high=own + reach,
             capacity_low_ah=own_ah - reach_ah,
             capacity_high_ah=own_ah + reach_ah,
+            follows={} if follows is None else asdict(follows),
         ),
     )
     return prepare_record(prepared.record, prepared.cell, prepared.circuit, window)

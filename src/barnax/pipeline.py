@@ -226,7 +226,7 @@ def identify_problem(
     settings = settings or Settings(seeds=0)
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
     better = with_better_directions(without_sweep_drop(problem))
-    alone = Weighing((better,), better, None, {}, lambda problem: [])
+    alone = Weighing((better,), better, (), {}, lambda problem: [])
     run = search_and_assess(alone, optimizer, settings, trust, unwatched, False)
     return make_result(replace(run, warnings=_all_warnings((), run)))
 

@@ -284,7 +284,7 @@ def replay_soc(
         if first is not None
     ]
     if not cases:
-        raise InputError(f"{measured.name}: its SOC leaves no room for any start of `scenarios`")
+        raise InputError(f"{measured.name}: its SOC leaves no room for a start so far off")
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(each.given for each in cases))
     program = compile_for(_run_all, *stacked, settings.kind, settings.form)
     estimate = jax.tree.map(np.asarray, program(*stacked, settings.kind, settings.form))

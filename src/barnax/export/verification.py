@@ -120,8 +120,9 @@ def simulate_here(
     time_s = np.interp(np.arange(finer * samples[-1] + 1) / finer, samples, profile.time_s)
     current_a = np.append(np.repeat(profile.current_a[:-1], finer), profile.current_a[-1])
     # No export holds what resistances follow beside SOC, as its caveats say.
-    left_out = {"has_hysteresis": not without_hysteresis, "has_dependence": False}
-    found = simulate_current(result, time_s, current_a, **left_out)
+    found = simulate_current(
+        result, time_s, current_a, has_hysteresis=not without_hysteresis, has_dependence=False
+    )
     return found.voltage_v[::finer]
 
 

@@ -8,6 +8,7 @@ and of all time constants, with the best tables at each.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -47,7 +48,8 @@ def searched(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings
 ) -> tuple[TableObjective, Solution]:
     """The best tables of some records, with what their resistances follow."""
-    told = [own and own.follows for own in (each.window.registration for each in prepared_records)]
+    known = [each.window.registration for each in prepared_records]
+    told: list[Any] = [own and own.follows for own in known]
     is_known = settings.resistances_follow == "auto" and None not in told
     if is_known and all(each == told[0] for each in told) and told[0] is not None:
         # It was found where starts and capacities were adjusted.

@@ -177,7 +177,7 @@ def errors_words(errors: "SocErrors | None") -> str:
     return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"
 
 
-def ocv_test_sentences(result: "Result") -> Iterator[str]:
+def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str]:
     """What an OCV test is worth: what the records' own OCV gives in place of it."""
     fit = None if result.tables is None else result.tables.fit
     tests = {each.sha256 for each in result.of_role("ocv")}
@@ -191,6 +191,10 @@ def ocv_test_sentences(result: "Result") -> Iterator[str]:
         left = f", {millivolt(own.held_out.rmse_v)} left out"
         if own.held_out.is_worth(held[1]):
             worth = "; that predicts better: try without `ocv`"
+    if is_short:
+        apart = f"the OCVs are {1e3 * own.median_v:.2g} mV apart"
+        yield f"without it {millivolt(own.own_v)}{left}; {apart}{worth}."
+        return
     yield (
         f"with an OCV of the records' own in its place {millivolt(own.own_v)}{left}; they are "
         f"{1e3 * own.median_v:.2g} mV apart (median), {1e3 * own.largest_v:+.0f} mV at "

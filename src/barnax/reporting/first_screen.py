@@ -71,7 +71,7 @@ def first_screen(
     if result.tables is not None:
         lines += [("Resistances", text) for text in dependence_sentences(result.tables)]
     lines += [("Left out", text) for text in left_out_sentences(result)]
-    lines += [("OCV test", text) for text in ocv_test_sentences(result)]
+    lines += [("OCV test", text) for text in ocv_test_sentences(result, is_short=True)]
     lines += [("Search", text) for text in search_sentences(result)]
     over = None if result.tables is None else result.tables.over_temperature
     if over is not None:

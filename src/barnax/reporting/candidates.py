@@ -192,7 +192,7 @@ def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str
         if own.held_out.is_worth(held[1]):
             worth = "; that predicts better: try without `ocv`"
     if is_short:
-        apart = f"the OCVs are {1e3 * own.median_v:.2g} mV apart"
+        apart = f"OCVs {1e3 * own.median_v:.2g} mV apart"
         yield f"without it {millivolt(own.own_v)}{left}; {apart}{worth}."
         return
     yield (

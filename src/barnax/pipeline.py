@@ -254,6 +254,9 @@ def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
         told += _contradictions(run)
     else:
         told += table_warnings(run.tables)
+    # Its file says so already, with rows and voltages.
+    closed = {each.subject for each in told if each.code == "closure.open"}
+    told = [each for each in told if each.code != "ocv-test.open" or each.subject not in closed]
     return tuple(dict.fromkeys([*told, *run.warnings]))
 
 

@@ -533,7 +533,7 @@ def test_no_more_charge_is_in_doubt_than_passed(tmp_path):
 
 
 @pytest.mark.parametrize("late", [0.0, 0.1, 0.4])
-def test_a_late_voltage_is_told_with_what_each_sample_shows(tmp_path, late):
+def test_a_late_voltage_knows_what_each_sample_shows(tmp_path, late):
     rng = np.random.default_rng(0)
     current_a = np.repeat(rng.uniform(-1, 2, 200), rng.integers(2, 20, 200))
     voltage_v = simulated_cell(current_a)
@@ -545,7 +545,7 @@ def test_a_late_voltage_is_told_with_what_each_sample_shows(tmp_path, late):
     if not late:
         assert outcome.is_clean
         return
-    what = found(outcome, "late voltage").what
-    first, second = (float(ohm) for ohm in re.findall(r"([\d.]+) mOhm", what)[:2])
+    told = found(outcome, "late voltage").values
+    first, second = [value for name, value in told.items() if name.endswith("_ohm")][:2]
     # By parts of a sample, what came at once is shared between it and the next.
     assert first / (first + second) == pytest.approx(1 - late, abs=0.04)

@@ -146,8 +146,15 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     for number, (name, scale) in enumerate(logarithms.items()):
         # Of the logarithm, so that the interval is positive.
         each = interval(name, None, len(best.unknowns) + number, scale, scale)
-        value = math.exp(scale)
-        low, high = (None if end is None else math.exp(end) for end in (each.low, each.high))
+        value, ends = math.exp(scale), (each.low, each.high)
+        if name in usual and each.low is not None and each.high is not None:
+            # However little the data tell, that is what cells usually have.
+            middle, reach = usual[name].logarithm, 2 * usual[name].sd
+            ends = (
+                max(each.low, min(scale, middle - reach)),
+                min(each.high, max(scale, middle + reach)),
+            )
+        low, high = (None if end is None else math.exp(end) for end in ends)
         found.append(NodeInterval(name, None, value, value * each.standard_error, 0.0, low, high))
     return tuple(found)
 

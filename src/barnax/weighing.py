@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -148,8 +149,10 @@ def weigh(
     fitted = [of.get(tabulated, first)]
     is_open = model is None and own_ocv is None and not (ranges or fix or over == OVER_TEMPERATURE)
     if is_open and tabulated == TWO_PAIRS and is_fast(first.prepared_records):
-        fitted.append(_problem(inputs, windows, settings, THREE_PAIRS, source, None, None))
-        wanted[THREE_PAIRS] = tables
+        # A short record may be enough for two pairs alone.
+        with suppress(InputError):
+            fitted.append(_problem(inputs, windows, settings, THREE_PAIRS, source, None, None))
+            wanted[THREE_PAIRS] = tables
 
     def validation(problem: Problem) -> list[PreparedRecord]:
         return [
@@ -216,8 +219,7 @@ def search_and_assess(
     """The search, and what does not wait for it beside it. No failure of either is swallowed."""
     problems, over = weighing.problems, settings.over or "soc"
     with threads(3) as beside:
-        tables_futures = []
-        tables_futures += [_fitting(beside, over, weighing, each) for each in weighing.tabulated]
+        tables_futures = [_fitting(beside, over, weighing, each) for each in weighing.tabulated]
         held_out_futures = [
             beside.submit(_held_out_or_none, each, weighing.tables.get(each.circuit))
             if weighing.fitted is None and (len(problems) > 1 or tables_futures)

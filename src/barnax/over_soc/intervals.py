@@ -34,8 +34,11 @@ LIGHT = 0.01
 MAX_SLOTS = 4096
 # Half the step in a logarithm of which slopes are differences.
 STEP = 1e-4
-# Directions that move the errors by less than this share of what the largest do are unseen.
-UNSEEN = 1e-9
+# Directions that move the errors by less than this share of what the largest do are unseen: below
+# it least squares take their curvature for rounding, and would give them no error at all.
+UNSEEN = 1e-6
+# A constant that may lie anywhere over such a span of logarithms, nine decades, is not told.
+WIDEST = 9 * math.log(10)
 
 
 @dataclass(frozen=True)
@@ -154,8 +157,11 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
                 max(each.low, min(scale, middle - reach)),
                 min(each.high, max(scale, middle + reach)),
             )
-        low, high = (None if end is None else math.exp(end) for end in ends)
-        found.append(NodeInterval(name, None, value, value * each.standard_error, 0.0, low, high))
+        # What may be anything has no end, as where no sample moves it.
+        is_told = ends[0] is not None and ends[1] is not None and ends[1] - ends[0] < WIDEST
+        low, high = (math.exp(end) if is_told and end is not None else None for end in ends)
+        error = value * each.standard_error if is_told else 0.0
+        found.append(NodeInterval(name, None, value, error, 0.0, low, high))
     return tuple(found)
 
 

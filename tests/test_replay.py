@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from barnax.bundled import BUNDLED
-from barnax.cell import InterpolatedCurve
+from barnax.cell import Dependence, InterpolatedCurve
 from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.pipeline import identify
@@ -16,7 +16,7 @@ from barnax.plots import plot_soc_replay
 from barnax.replay import FilterSettings, Scenario, SocReplay, _converged, replay_soc
 from barnax.reporting.replay import soc_lines
 from barnax.reporting.terminal import soc_screen
-from helpers.results import make_record, make_result
+from helpers.results import make_record, make_result, make_table_result
 
 SCENARIOS = (Scenario("right start"), Scenario("lost", offset_c=1e300))
 
@@ -111,6 +111,15 @@ def test_without_tables_the_cell_is_that_of_the_records_temperature():
     )
     np.testing.assert_array_equal(both.traces.estimate.soc, alone.traces.estimate.soc)
     assert both.scenarios == alone.scenarios
+
+
+def test_resistances_that_follow_a_temperature_that_is_not_there_are_told_of():
+    made = make_table_result()
+    fit, warm = made.tables.fit, Dependence(beta_per_k=0.03, reference_degc=20.0)
+    fits = (replace(fit, tables=replace(fit.tables, dependence=warm)),)
+    made = made.model_copy(update={"tables": made.tables.model_copy(update={"fits": fits})})
+    told = replay_soc(made, make_record(300), Window(initial_soc=0.9)).warnings
+    assert "tables.no-temperature" in [each.code for each in told]
 
 
 def test_convergence_must_hold_ten_minutes_or_to_the_end():

@@ -40,6 +40,7 @@ from .results import Result
 from .scenarios import SCENARIOS, Case, Scenario, case_of, first_with_room, in_place
 from .schema import Count, Document, Part, Told
 from .settings import AutoHold, AutoSign, Reading
+from .table_run import no_temperature
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -250,8 +251,7 @@ def replay_soc(
         columns: Names of columns, as for `read_record`.
         series: How many cells are in series, as for `read_record`.
 
-    Raises `InputError` if the record, its window or `settings.estimate` cannot be used, and for a
-    result without an assessment.
+    Raises `InputError` if record, window or `settings.estimate` are no use, or without assessment.
     """
     settings = settings or FilterSettings()
     window = window or window_of(result, Path(str(getattr(record, "name", record))).name)
@@ -271,6 +271,7 @@ def replay_soc(
         used = used.at_temperature(degc)
     if used.tables is not None:
         prepared = prepared.following(used.tables.fit.tables.dependence)
+        warnings += no_temperature(prepared, used.tables.found)
     capacity_ah = prepared.capacity_ah
     model = eqx.tree_at(
         lambda each: (each.capacity_ah, each.axis_sd),

@@ -202,7 +202,7 @@ class Result(Document):
             initial_soc: State of charge at the first sample, from 0 (empty) to 1 (full); by default
                 the one at which the first record identified on starts, `result.start.soc`.
             temperature: The one temperature of the cell in degC throughout, which tables over
-                temperature need. A column of temperature is not followed.
+                temperature need. Of a column, resistances that follow it do so, and nothing else.
             initial_direction: Direction of the load before the start, for hysteresis: +1 charged,
                 -1 discharged; by default that of the identification.
 

@@ -1,5 +1,6 @@
 """What resistances follow beside SOC, against cells of which it is known."""
 
+import math
 import warnings
 from dataclasses import replace
 
@@ -9,10 +10,21 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax import InputError
-from barnax.cell import Dependence, SocTables, TemperatureTables
+from barnax.cell import (
+    Dependence,
+    OcvPoint,
+    OcvTable,
+    SocTables,
+    TemperatureTables,
+    characterize,
+)
 from barnax.cell.dependence import arrhenius_beta, heat_of
+from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from helpers.known_cell import R0_OHM, made
+from barnax.over_soc import TableSettings
+from barnax.over_soc.intervals import intervals_of
+from barnax.over_soc.problem import reduced_objective
+from helpers.known_cell import R0_OHM, TAU_S, made, ocv_v
 from helpers.reference import make_record
 
 SMALL = {"model": "so-rc", "over": "soc", "seeds": 0, "trust": "none", "advise": False}
@@ -94,11 +106,18 @@ def test_it_comes_back_from_a_file_and_predicts_another_temperature(followed, tm
     window = Window(initial_soc=1.0, capacity_ah=2.0)
     near = again.validate(other, window)
     assert near.metrics.rmse_v < 1.5e-3
+    # Where a sensor fails, its neighbors are taken.
+    failing_degc = np.where(np.arange(other.samples) % 1000 == 7, 6553.5, other.temperature_degc)
+    failing = again.validate(replace(other, temperature_degc=failing_degc), window)
+    assert failing.metrics.rmse_v == pytest.approx(near.metrics.rmse_v, rel=1e-3)
     # Where it does not know the temperature, it says what it takes.
     far = again.validate(replace(other, temperature_degc=None), window)
     assert far.metrics.rmse_v > 3 * near.metrics.rmse_v
     assert "tables.no-temperature" in [each.code for each in far.warnings]
     assert "tables.no-temperature" not in [each.code for each in near.warnings]
+    # Its name may tell one.
+    named = replace(other, name="u20degC.csv", temperature_degc=None)
+    assert again.validate(named, window).metrics.rmse_v < 0.3 * far.metrics.rmse_v
 
 
 def test_a_simulation_follows_a_temperature_of_its_own(followed):
@@ -139,6 +158,22 @@ def test_a_current_of_butler_and_volmer_is_found():
     known = identified(records).tables.fit.tables.dependence
     assert known.onset_a == pytest.approx(0.8, rel=0.1)
     assert known.numbers.keys() == {"i0 [A]"}
+
+
+@pytest.mark.parametrize("kappa_per_a2", [1e-6, 1e-5])
+def test_what_may_be_anything_has_no_interval(kappa_per_a2):
+    """A heat so weak that no sample tells its logarithm."""
+    record, _ = made(noise_v=5e-3)
+    soc = np.linspace(0.0, 1.0, 101).tolist()
+    curve = OcvTable("known", {0: tuple(OcvPoint(x, ocv_v(x), "", 0, 0.0) for x in soc)}, "")
+    cell = characterize([curve], capacity_ah=2.0, ocv_fit="interpolated")
+    prepared = prepare_record(record, cell, "so-rc", Window(initial_soc=1.0))
+    weak = Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=1000.0)
+    held = {"tau1 [s]": (TAU_S[0],) * 2, "tau2 [s]": (TAU_S[1],) * 2}
+    objective = reduced_objective([prepared.following(weak)], TableSettings(), held)
+    best = objective.solve(tuple(math.log(low) for low, _ in held.values()))
+    (found,) = (each for each in intervals_of(objective, best) if each.name == "kappa [1/A2]")
+    assert (found.low, found.high, found.standard_error) == (None, None, 0.0)
 
 
 def test_a_temperature_that_nobody_measured_cannot_be_followed():

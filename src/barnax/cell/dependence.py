@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..display import Brief
+from ..settings import is_temperature
 
 ZERO_DEGC_K = 273.15
 
@@ -129,10 +130,11 @@ def arrhenius_beta(degc: float) -> float:
     return USUAL_ACTIVATION_J_PER_MOL / (GAS_J_PER_MOL_K * (ZERO_DEGC_K + degc) ** 2)
 
 
-def filled(time_s: Samples, degc: Samples) -> Samples:
-    """Temperatures with those that are missing taken from their neighbors."""
-    is_known = np.isfinite(degc)
-    return np.interp(time_s, time_s[is_known], degc[is_known])
+def filled(time_s: Samples, degc: Samples) -> Samples | None:
+    """Temperatures with those that are missing, or no cell's, taken from their neighbors; None
+    where none is known."""
+    is_known = np.fromiter(map(is_temperature, degc.tolist()), bool)
+    return np.interp(time_s, time_s[is_known], degc[is_known]) if np.any(is_known) else None
 
 
 def heat_of(

@@ -16,6 +16,7 @@ from ..notices import Notice, notice
 from ..records import Record, current_direction, rest_current_a
 from ..records.record import degc_in_name
 from ..records.samples import record_resistance_ohm
+from ..settings import is_temperature
 from .intervals import Intervals
 from .simulate import HysteresisInput, SimulationInput
 from .start import Start, find_start
@@ -137,19 +138,18 @@ class PreparedRecord(Brief):
 
     @property
     def known_degc(self) -> Float[np.ndarray, "samples"] | None:
-        """The temperature at every sample of the record: measured, else given."""
-        degc, given = self.record.temperature_degc, self.window.temperature_degc
-        if degc is not None and np.any(np.isfinite(degc)):
-            return filled(self.record.time_s, degc)
-        return None if given is None else np.full(self.record.samples, given)
+        """The temperature at every sample of the record: measured, else given or in its name."""
+        degc, told = self.record.temperature_degc, self.temperature_degc
+        if degc is not None and (measured := filled(self.record.time_s, degc)) is not None:
+            return measured
+        is_told = told is not None and is_temperature(told)
+        return np.full(self.record.samples, told) if is_told else None
 
     @property
     def measured_degc(self) -> Float[np.ndarray, "simulated"] | None:
         """The temperature at every simulated sample, None where none was measured."""
         degc = self.record.temperature_degc
-        if degc is None or not np.any(np.isfinite(degc[self.span])):
-            return None
-        return filled(self.record.time_s, degc)[self.span]
+        return None if degc is None else filled(self.time_s, degc[self.span])
 
     @property
     def median_interval_s(self) -> float:
@@ -157,7 +157,8 @@ class PreparedRecord(Brief):
 
     @property
     def temperature_degc(self) -> float | None:
-        """The given temperature, else the median of those measured at scored samples."""
+        """The given temperature, else the median of those measured at scored samples, else that in
+        the name."""
         here = np.arange(self.record.samples)[self.span][self.scored]
         return temperature_of(self.record, self.window, here)
 

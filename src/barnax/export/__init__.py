@@ -61,7 +61,7 @@ EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
                 "barnax_cell.json", files.write_json,
             ),
             Exporter(
-                "c-filter", "C99 header: the circuit with its extended Kalman filter",
+                "c-filter", "C99 header: the circuit with its Gaussian sum of Kalman filters",
                 "barnax_filter.h", files.write_c_filter,
             ),
         )

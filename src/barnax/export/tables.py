@@ -263,9 +263,12 @@ def _caveats(result: Result, over_soc: Sequence[SocTables], kind: Hysteresis) ->
         told.append(
             f"Not determined by the samples there, but by bounds and smoothness: {open_ended}."
         )
-    for known in (each.dependence for each in over_soc if each.dependence is not None):
+    # Between measured temperatures it lies between theirs.
+    fits = result.tables.fits if over and result.tables else ()
+    own = [each.tables for each in fits] if len(over_soc) > 1 else over_soc
+    for known in (each.dependence for each in own if each.dependence is not None):
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in known.numbers.items())
-        at = "" if known.reference_degc is None else f", at {known.reference_degc:g} degC"
+        at = "" if known.reference_degc is None else f", at {known.reference_degc:.3g} degC"
         told.append(
             f"Resistances stand as at the reference{at}: what they follow beside SOC is left out "
             f"({numbers})."

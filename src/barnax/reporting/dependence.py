@@ -50,8 +50,8 @@ def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
         yield (
             f"{where}all of them fall by {percent_a2:.2g} % an A^2 of the squared current, as in a "
             f"cell that heats itself ({interval(KAPPA, 100, ' %')}), in "
-            f"{duration(known.heating_tau_s)}; no temperature was measured. Tables are at "
-            f"{figures(known.reference_a2)} A^2, the average."
+            f"{duration(known.heating_tau_s)}; tables are at {figures(known.reference_a2)} A^2, "
+            "the average."
         )
     if ONSET in numbers:
         yield (

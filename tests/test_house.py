@@ -29,7 +29,7 @@ LAYERS = (
     ("result_parts", "run"),
     ("results",),
     ("storing", "simulation", "result_filter", "scenarios"),
-    ("reopening", "replay"),
+    ("reopening", "replay", "experiment"),
     ("export", "plan", "weighing"),
     ("comparison",),
     ("pipeline", "plots"),

@@ -19,6 +19,7 @@ HOOKS |= {
     "Result.report": "barnax.reporting.report:report_of",
     "Result.to_frame": "barnax.reporting.parameters:parameters_frame",
     "Result._repr_html_": "barnax.reporting.report:fragment_of",
+    "Design.figure": "barnax.plots:plot_design",
     "SocReplay.figure": "barnax.plots:plot_soc_replay",
     "SocReplay._repr_png_": "barnax.plots.pictures:encode",
 }

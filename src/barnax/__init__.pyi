@@ -23,6 +23,10 @@ from .comparison import compare as compare
 from .comparison import make_comparison_result as make_comparison_result
 from .comparison.result import compare_files as compare_files
 from .errors import InputError as InputError
+from .experiment import Block as Block
+from .experiment import Design as Design
+from .experiment import candidate_blocks as candidate_blocks
+from .experiment import design as design
 from .fleet import FleetCell as FleetCell
 from .fleet import identify_fleet as identify_fleet
 from .fleet import read_manifest as read_manifest

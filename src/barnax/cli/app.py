@@ -6,6 +6,7 @@ import typer
 
 from .. import __version__
 from .compare import compare, optimizers
+from .design import design
 from .files import check, convert, export
 from .fleet import fleet
 from .identify import hppc, identify
@@ -29,6 +30,7 @@ COMMANDS = (
     report,
     validate,
     soc,
+    design,
     compare,
     rerun,
     export,

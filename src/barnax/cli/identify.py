@@ -17,6 +17,7 @@ from .options import (
     FLAGS,
     INPUT,
     LIVE,
+    OUTPUT,
     PAPER,
     REPORT,
     SEARCH,
@@ -28,6 +29,7 @@ from .options import (
     argument,
     flag,
     group,
+    option,
     options_of,
     run_options,
 )
@@ -55,6 +57,9 @@ class Choices:
     scope: Given = options_of(Scope(), SEARCH)
     report: bool = REPORT
     live: bool = LIVE
+    design: Path | None = option(
+        OUTPUT, "FOLDER", "Show what this barnax design promised beside what the record reached."
+    )
     paper: bool = PAPER
 
 
@@ -147,10 +152,13 @@ def _run(
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from .. import pipeline
+        from ..experiment import Design
         from ..job import Job
         from ..plan import plan_given, plan_of, plan_to_toml, with_choices
+        from ..reporting.design import promised_lines
         from ..reporting.terminal import plan_lines
 
+    promise = None if chosen.design is None else Design.load(chosen.design)
     if folder is not None:
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
         module = "matplotlib.backends.backend_agg"
@@ -173,6 +181,8 @@ def _run(
     try:
         # Read while the figures are drawn.
         _show_answer(session, result, output.verbose)
+        if promise is not None:
+            session.show(promised_lines(promise, result))
     except OSError as problem:
         # A screen that takes no more, such as a closed pipe, costs no result.
         unseen = problem

@@ -29,7 +29,15 @@ from ..errors import OPTION, InputError, printable, reason_of
 
 # Where and how results appear is no part of them.
 DRAWN = {"--report": 1, "--live": 1, "--paper": 1}
-APPEARANCE = {"--out": 2, "--force": 1, "--json": 1, "--quiet": 1, "-q": 1, "--verbose": 1}
+APPEARANCE = {
+    "--design": 2,
+    "--out": 2,
+    "--force": 1,
+    "--json": 1,
+    "--quiet": 1,
+    "-q": 1,
+    "--verbose": 1,
+}
 
 
 def flag_of(name: str) -> str:

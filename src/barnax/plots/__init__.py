@@ -6,6 +6,7 @@ package loads matplotlib, but not JAX.
 """
 
 from .cell import plot_hysteresis, plot_ocv, plot_pulse_resistances, plot_pulses
+from .design import plot_design
 from .error import plot_error, plot_soc_replay
 from .parameters import plot_compared_parameters, plot_trajectories
 from .search import plot_compared_convergence, plot_convergence, plot_landscape
@@ -25,6 +26,7 @@ __all__ = [
     "plot_compared_parameters",
     "plot_condition",
     "plot_convergence",
+    "plot_design",
     "plot_error",
     "plot_error_map",
     "plot_hysteresis",

@@ -1,0 +1,161 @@
+"""`barnax design`: the next test of a cell."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from .options import argument, group, option
+from .output import Output
+from .session import as_flags, use_compilation_cache
+
+FOLDER = Path("barnax-design")
+CELL, TEST, LIMITS = "Cell", "Test", "Limits"
+
+
+@group
+class Cell:
+    """What is known of the cell."""
+
+    result: Path | None = argument(
+        "[RESULT]",
+        "The folder that identify wrote, or its result.json: what it determines counts. "
+        "Without it, --capacity and --chemistry are what is known.",
+        None,
+    )
+    capacity: float | None = option(CELL, "AH", "Capacity (default: the result's).")
+    chemistry: str = option(CELL, "nmc|lfp", "What is believed of a cell without a result.", "nmc")
+
+
+@group
+class Test:
+    """What the test is for."""
+
+    want: list[str] | None = option(
+        TEST,
+        "NAME=HALF",
+        "Half the 95 % interval that is wanted from 10 to 90 % SOC, such as R0=2%, R1=10%, R2=10% "
+        "or OCV=10mV; repeatable (default: these).",
+    )
+    max_hours: float = option(TEST, "HOURS", "The longest that it may take.", 3.0)
+    blocks: str | None = option(
+        TEST, "NAME,NAME", "Only pieces whose names begin so, such as pulse,rest,long,short."
+    )
+    key: int = option(TEST, "N", "Random key of the random pieces.", 0)
+
+
+@group
+class Kept:
+    """What the test must keep."""
+
+    low_voltage: float | None = option(LIMITS, "V", "Lowest voltage (default: the chemistry's).")
+    high_voltage: float | None = option(LIMITS, "V", "Highest voltage.")
+    max_discharge: str | None = option(
+        LIMITS,
+        "RATE",
+        "Largest discharge in 1/h of the capacity, or over SOC as SOC=RATE,SOC=RATE (default: 1, "
+        "with a result the largest of its records).",
+    )
+    max_charge: str | None = option(
+        LIMITS, "RATE", "Largest charge, likewise (default: half of that)."
+    )
+    temperature: float | None = option(LIMITS, "DEGC", "Temperature of the test.")
+
+
+def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
+    """Design the next test of a cell: the shortest that narrows its intervals to what is wanted.
+
+    Writes the steps as CSV, as a profile, as a PyBaMM experiment and as text
+    for a cycler's editor, with what they are predicted to tell.
+    """
+    given = [] if cell.result is None else [cell.result]
+    session, folder = output.begun(FOLDER, given)
+    with session.watch("Loading JAX"):
+        use_compilation_cache()
+        import jax
+
+        from ..experiment import candidate_blocks
+        from ..experiment import design as designed
+        from ..experiment.design import drive_levels
+        from ..reporting.design import design_files, design_screen
+        from ..reporting.terminal import parts_line
+
+    blocks = None
+    if test.blocks is not None:
+        beginnings = tuple(name.strip() for name in test.blocks.split(","))
+        known = candidate_blocks(jax.random.key(test.key), drive_levels())
+        blocks = [each for each in known if each.name.startswith(beginnings)]
+        if not blocks:
+            names = ", ".join(each.name for each in known)
+            raise InputError(f"`blocks` {test.blocks!r}: no piece is called so; there are {names}")
+    with session.watch("Designing"):
+        found = designed(
+            cell.result, capacity=cell.capacity, chemistry=cell.chemistry,
+            max_hours=test.max_hours, want=_wanted(test.want), blocks=blocks, key=test.key,
+            low_voltage=kept.low_voltage, high_voltage=kept.high_voltage,
+            max_discharge=_rate("max_discharge", kept.max_discharge),
+            max_charge=_rate("max_charge", kept.max_charge), temperature=kept.temperature,
+        )  # fmt: skip
+
+    def files() -> dict[str, bytes]:
+        from ..plots import plot_design
+        from ..plots.pictures import encode
+
+        return {**design_files(found), "figures/design.png": encode(plot_design(found))}
+
+    session.show(
+        [as_flags(line) if isinstance(line, str) else line for line in design_screen(found)]
+    )
+    folder, _ = output.deliver(session, folder, "design.json", found.to_json(), files)
+    if folder is not None:
+        names = ["steps.csv", "profile.csv", "experiment_pybamm.py", "procedure.txt", "figures"]
+        session.show(
+            ["", parts_line([f"{folder}/{names[0]}", *names[1:], f"{session.elapsed_s:.1f} s"])]
+        )
+        session.show(_next(found, folder))
+
+
+def _next(found: Any, folder: Path) -> list[Any]:
+    from ..reporting.terminal import next_lines
+
+    given = f"--capacity {found.capacity_ah:g} --initial-soc {found.initial_soc:g}"
+    return [
+        *next_lines(
+            "run it, and identify the record",
+            f"barnax identify RECORD {given} --design {folder}",
+        )
+    ]
+
+
+def _wanted(texts: Sequence[str] | None) -> dict[str, float] | None:
+    """Wishes such as R0=2% or OCV=10mV."""
+    if not texts:
+        return None
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        number, scale = value.strip(), 1.0
+        for unit, worth in {"%": 1e-2, "mV": 1e-3, "V": 1.0}.items():
+            if number.endswith(unit):
+                number, scale = number.removesuffix(unit), worth
+                break
+        try:
+            found[name.strip()] = scale * float(number)
+        except ValueError as problem:
+            raise InputError(f"`want` {text!r}: write it like R0=2% or OCV=10mV") from problem
+    return found
+
+
+def _rate(name: str, text: str | None) -> float | list[tuple[float, float]] | None:
+    """A rate, or pairs of SOC and rate."""
+    if text is None:
+        return None
+    try:
+        if "=" not in text:
+            return float(text)
+        pairs = (pair.split("=") for pair in text.split(","))
+        return [(float(soc), float(rate)) for soc, rate in pairs]
+    except ValueError as problem:
+        raise InputError(
+            f"`{name}` {text!r}: write a rate like 1.5, or rates over SOC like 0=0.5,0.8=1,1=0.2"
+        ) from problem

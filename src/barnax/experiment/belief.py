@@ -1,0 +1,135 @@
+"""What is believed of a cell before its next test: by a result, or by its chemistry alone."""
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from ..bundled import bundled_file
+from ..cell import SocTables, characterize
+from ..cell.elements import RC
+from ..cell.tables import LEAST_OHM, OCV_CORRECTION
+from ..errors import InputError
+from ..over_soc.level import with_own_ocv
+from ..over_soc.settings import TableSettings
+from ..records import read_record
+from ..settings import NODES
+from .information import Believed, Name
+
+if TYPE_CHECKING:
+    from ..results import Result
+
+Chemistry = Literal["nmc", "lfp"]
+# Lowest and highest voltage of a cell.
+WINDOW_V = {"nmc": (2.5, 4.2), "lfp": (2.0, 3.65)}
+# Resistances of a typical cell of 1 Ah half full, R0, R1 and R2, and how much more they are empty.
+TYPICAL_OHM, EMPTY, EMPTY_SOC = (0.10, 0.03, 0.05), (0.3, 1.0, 1.0), 0.08
+TYPICAL_TAU_S = (12.0, 120.0)
+# How many times that a cell's may be, and how far its OCV from the bundled cell's.
+UNKNOWN, UNKNOWN_OCV_V = 2.0, {"nmc": 0.05, "lfp": 0.03}
+# What a fit of a measured record leaves: eight records of three cells at 25 degC leave 4 to 9 mV,
+# about so much of it white and correlated over 10, 200 and 1000 s. Shares of the RMSE, and the RMSE
+# where none is known.
+SHAPE = ((0.0, 0.4), (10.0, 0.65), (200.0, 0.7), (1000.0, 0.5))
+TYPICAL_V = 5e-3
+# A table of a known cell may be off by its interval, and by this.
+LEAST_WORST, LEAST_OCV_V = 1.15, 5e-3
+
+
+def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
+    """A typical cell, of which no record exists: the test has to find its OCV too.
+
+    Raises `InputError` for an unknown chemistry.
+    """
+    if chemistry not in get_args(Chemistry):
+        known = ", ".join(get_args(Chemistry))
+        raise InputError(f"`chemistry` {chemistry!r} is not known; there are {known}")
+    if not 0 < capacity_ah < math.inf:
+        raise InputError(f"`capacity` {capacity_ah:g} Ah must be positive and finite")
+    prefix = "" if chemistry == "nmc" else "lfp_"
+    tests = [read_record(bundled_file(f"{prefix}ocv_{way}")) for way in ("charge", "discharge")]
+    cell = replace(characterize(tests, ocv_fit="interpolated"), capacity_ah=capacity_ah)
+    nodes = np.array(NODES)
+    rise = np.exp(-np.maximum(nodes, 0.0) / EMPTY_SOC)
+    r0, *r = (
+        tuple((ohm / capacity_ah * (1 + more * rise)).tolist())
+        for ohm, more in zip(TYPICAL_OHM, EMPTY, strict=True)
+    )
+    return Believed(
+        cell=cell,
+        tables=SocTables(NODES, TYPICAL_TAU_S, r0, tuple(r)),
+        worst=np.full(len(NODES), UNKNOWN),
+        noise=noise_of(TYPICAL_V),
+        settings=with_own_ocv(TableSettings()),
+        known={},
+        ocv_reach_v=UNKNOWN_OCV_V[chemistry],
+    )
+
+
+def believed_of_result(result: "Result", temperature_degc: float | None = None) -> Believed:
+    """The cell of a result, with what its records tell.
+
+    Raises `InputError` where its answer has elements that are no RC pairs.
+    """
+    if temperature_degc is not None:
+        result = result.at_temperature(temperature_degc)
+    part, known = result.tables, dict[Name, float]()
+    if part is None:
+        circuit = result.constant.circuit_parameters
+        tables = SocTables(
+            (0.0, 1.0), circuit.tau_s, (circuit.r0,) * 2, tuple((each,) * 2 for each in circuit.r)
+        )
+        settings, worst = TableSettings(), np.full(len(NODES), UNKNOWN)
+    else:
+        tables, settings = part.fit.tables, part.settings
+        for each in part.fit.intervals:
+            if each.low is not None and each.standard_error > 0:
+                scale = each.value if each.soc is None else 1.0
+                known[each.name, each.soc] = each.standard_error / scale
+        worst = _worst(part.fit, settings.nodes)
+    if any(each != RC.name for each in (tables.elements or ())):
+        raise InputError(
+            f"a test is designed for RC pairs, and the answer is {result.model}; identify with "
+            "`model` so-rc"
+        )
+    cell = result.cell_at(temperature_degc)
+    if cell.is_of_records:
+        settings = with_own_ocv(settings)
+    corrections = [sd for (name, _), sd in known.items() if name == OCV_CORRECTION]
+    rows = [
+        tuple(np.maximum(np.interp(settings.nodes, tables.nodes, row), LEAST_OHM).tolist())
+        for row in (tables.r0_ohm, *tables.r_ohm)
+    ]
+    correction = tables.ocv_correction_v
+    return Believed(
+        cell=cell,
+        tables=SocTables(
+            settings.nodes, tables.tau_s, rows[0], tuple(rows[1:]), ocv_correction_v=correction
+        ),
+        worst=worst,
+        noise=noise_of(result.metrics.identification.rmse_v),
+        settings=settings,
+        known=known,
+        ocv_reach_v=LEAST_OCV_V + 2 * max(corrections, default=0.0),
+    )
+
+
+def noise_of(rmse_v: float) -> tuple[tuple[float, float], ...]:
+    """What a fit with that error is taken to leave: correlation times in s, deviations in V."""
+    return tuple((time_s, share * rmse_v) for time_s, share in SHAPE)
+
+
+def _worst(fit, nodes: tuple[float, ...]) -> np.ndarray:
+    """The largest sum of the resistances within their intervals over the sum itself."""
+    values, high = np.zeros(len(nodes)), np.zeros(len(nodes))
+    told = np.zeros(len(nodes), bool)
+    for each in fit.intervals:
+        if each.soc is None or not each.name.startswith("R"):
+            continue
+        place = nodes.index(each.soc)
+        values[place] += each.value
+        high[place] += min(each.high or math.inf, UNKNOWN * each.value)
+        told[place] = True
+    ratio = np.where(told, high / np.maximum(values, LEAST_OHM), UNKNOWN)
+    return np.maximum(ratio, LEAST_WORST)

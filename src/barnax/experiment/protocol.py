@@ -1,0 +1,123 @@
+"""A test as steps of constant current: composed, simulated, and held within limits."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.signal import lfilter
+
+from .information import Believed
+
+INTERVAL_S = 1.0
+SHORTEST_MOVE_S = 5
+
+
+@dataclass(frozen=True)
+class Step:
+    """A current held for a while.
+
+    Args:
+        block: The piece of the test that it is of.
+        duration_s: Its duration.
+        current_a: The current.
+    """
+
+    block: str
+    duration_s: float
+    current_a: float
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a test must keep.
+
+    Args:
+        low_v: Lowest voltage.
+        high_v: Highest voltage.
+        discharge_c: Largest discharge in 1/h of the capacity; pairs of SOC and rate where it
+            follows the SOC, linear between them.
+        charge_c: Largest charge, likewise.
+        margin_v: How far from both voltages the worst case stays.
+    """
+
+    low_v: float
+    high_v: float
+    discharge_c: float | Sequence[tuple[float, float]] = 1.0
+    charge_c: float | Sequence[tuple[float, float]] = 0.5
+    margin_v: float = 0.02
+
+    def allowed(self, believed: Believed, high_soc: float, low_soc: float) -> tuple[float, float]:
+        """The largest discharge and charge in A between two states of charge, where resistances are
+        as large as they may be."""
+        soc = np.linspace(low_soc, high_soc, 5)
+        tables, capacity_ah = believed.tables, believed.cell.capacity_ah
+        total = np.sum([tables.at(n, soc) for n in tables.tables if n.startswith("R")], axis=0)
+        worst = total * np.interp(soc, tables.nodes, believed.worst)
+        discharge_v = believed.ocv_v(soc) - believed.ocv_reach_v
+        charge_v = believed.ocv_v(soc) + believed.ocv_reach_v
+        down = np.min((discharge_v - self.low_v - self.margin_v) / worst)
+        up = np.min((self.high_v - self.margin_v - charge_v) / worst)
+        rates = (np.min(_at(rate, soc)) * capacity_ah for rate in (self.discharge_c, self.charge_c))
+        discharge_a, charge_a = (
+            max(0.0, min(float(limit), float(rate)))
+            for limit, rate in zip((down, up), rates, strict=True)
+        )
+        # A cell that is full cannot be charged.
+        return discharge_a, charge_a * (high_soc < 0.98)
+
+
+def _at(rate: float | Sequence[tuple[float, float]], soc: np.ndarray) -> np.ndarray:
+    if isinstance(rate, int | float):
+        return np.full(len(soc), float(rate))
+    return np.interp(soc, *np.transpose(sorted(rate)))
+
+
+def sampled(steps: Sequence[Step], interval_s: float = INTERVAL_S) -> Float[np.ndarray, "samples"]:
+    """The current at every sample; the last step's end is the last one."""
+    counts = [round(step.duration_s / interval_s) for step in steps]
+    return np.append(np.repeat([step.current_a for step in steps], counts), steps[-1].current_a)
+
+
+def voltage_along(
+    believed: Believed, current_a: Float[np.ndarray, "samples"], soc: float, worst: int = 0
+) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]:
+    """The voltage and the state of charge that are believed to follow out of a rest; with `worst`
+    the lowest (-1) or highest (+1) where every resistance is as large as it may be."""
+    passed = np.append(0.0, np.cumsum(current_a[:-1])) * INTERVAL_S / 3600
+    along = soc - passed / believed.cell.capacity_ah
+    tables = believed.tables
+    factor = np.interp(along, tables.nodes, believed.worst) if worst else np.ones(len(along))
+    names = [name for name in tables.tables if name.startswith("R")]
+    drops = [tables.at(name, along) * factor * current_a for name in names]
+    total = drops[0]
+    for tau_s, drop in zip(tables.tau_s, drops[1:], strict=True):
+        kept = np.exp(-INTERVAL_S / tau_s)
+        total = total + lfilter([0.0, 1 - kept], [1.0, -kept], drop)
+    half_gap_v = believed.cell.hysteresis_v(along) / 2 if worst else 0.0
+    ocv_v = believed.ocv_v(along) + worst * (believed.ocv_reach_v + half_gap_v)
+    return ocv_v - total, along
+
+
+def hppc_steps(capacity_ah: float, discharge_a: float, charge_a: float) -> list[Step]:
+    """A pulse test as it is usually run: at every 10 % an hour of rest, 30 s of discharge, 40 s of
+    rest, 10 s of charge, and a move of C/3."""
+    steps = []
+    for level in range(10):
+        steps.append(Step("rest", 3600, 0.0))
+        steps += [Step("pulse", 30, discharge_a), Step("pulse", 40, 0.0)]
+        steps += [Step("pulse", 10, -charge_a if level else 0.0), Step("pulse", 40, 0.0)]
+        if level < 9:
+            pulsed_ah = (30 * discharge_a - (10 * charge_a if level else 0)) / 3600
+            steps.append(move("move", 0.1 * capacity_ah - pulsed_ah, capacity_ah / 3))
+    return steps
+
+
+def move(name: str, charge_ah: float, rate_a: float) -> Step:
+    """A step that takes a charge out (in, where it is negative) at up to a current; none for a
+    charge of a few seconds."""
+    seconds = math.ceil(3600 * abs(charge_ah) / rate_a)
+    if seconds < SHORTEST_MOVE_S:
+        return Step(name, 0.0, 0.0)
+    return Step(name, float(seconds), round(charge_ah * 3600 / seconds, 4))

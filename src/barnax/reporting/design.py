@@ -1,0 +1,300 @@
+"""A designed test in words, tables, and the forms that cyclers and PyBaMM take."""
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
+
+from ..experiment.protocol import sampled
+from .document import Document, Paragraph, Section, Table, make_table
+from .terminal import bare_table, headed_line, indented, terminal_table
+from .words import NOTHING, counted, duration, millivolt, percent
+
+if TYPE_CHECKING:
+    from ..experiment import Design, Step
+    from ..experiment.information import Width
+    from ..over_soc import TableFit
+    from ..results import Result
+
+EMPTYING = "to empty"
+# Below this a step is a rest.
+REST_A = 1e-9
+# Promised and reached are held to agree within this.
+AGREES = 0.25
+# What has more different steps is run from a profile.
+LONGEST_LINE = 8
+
+
+def design_screen(design: "Design") -> Iterator[RenderableType]:
+    """What the test costs, what it is predicted to tell, its pieces, and what to do before it."""
+    yield Text()
+    yield indented(_widths_table(design))
+    yield Text()
+    yield indented(terminal_table(pieces_table(design)))
+    yield Text()
+    for head, text in _sentences(design):
+        yield indented(headed_line(head, text))
+
+
+def _widths_table(design: "Design"):
+    """Half the 95 % interval of every table, before and after, beside usual tests."""
+    heads = [
+        "half a 95 % interval",
+        "wanted",
+        "before",
+        "this test",
+        *(r.name for r in design.references),
+    ]
+    rows = [
+        ["hours", "", "", f"{design.hours:.2f}", *(f"{r.hours:.1f}" for r in design.references)]
+    ]
+    for name, wanted in design.wanted.items():
+        own = design.of_table(name)
+        before = [each.before for each in own if each.before is not None]
+        known = _middle(name, before) if len(before) > len(own) / 2 else NOTHING
+        tests = [own, *(design.of_table(name, each.widths) for each in design.references)]
+        middle = [_middle(name, [each.after for each in test]) for test in tests]
+        widest = [_said(name, max(each.after for each in test)) for test in tests]
+        rows.append([name, _said(name, wanted), known, *middle])
+        rows.append(["  widest", "", "", *widest])
+    return bare_table(heads, rows)
+
+
+def _middle(name: str, halves: Sequence[float]) -> str:
+    return _said(name, float(np.median(halves)))
+
+
+def _said(name: str, half: float) -> str:
+    return millivolt(half) if name == "OCV" else percent(half)
+
+
+def pieces_table(design: "Design") -> Table:
+    """The test piece by piece."""
+    first, taken_ah, items = 1, 0.0, []
+    for name, steps in design.pieces:
+        begins = design.initial_soc - taken_ah / design.capacity_ah
+        taken_ah += sum(step.duration_s * step.current_a for step in steps) / 3600
+        items.append(
+            (first, name, steps, begins, design.initial_soc - taken_ah / design.capacity_ah)
+        )
+        first += len(steps)
+
+    def currents(steps: "Sequence[Step]") -> str:
+        low, high = (way(step.current_a for step in steps) + 0.0 for way in (min, max))
+        return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+
+    return make_table(
+        "The test by pieces; every step of them is in steps.csv. Discharge current is positive.",
+        items,
+        {
+            "steps": lambda x: f"{x[0]}" if len(x[2]) == 1 else f"{x[0]}-{x[0] + len(x[2]) - 1}",
+            "piece": lambda x: x[1],
+            "duration": lambda x: duration(sum(step.duration_s for step in x[2])),
+            "current [A]": lambda x: currents(x[2]),
+            "SOC [%]": lambda x: f"{100 * x[3]:.0f} to {100 * x[4] + 0.0:.0f}",
+        },
+        ["steps", "piece", "duration"],
+    )
+
+
+def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
+    predicted, limits = design.predicted, design.limits
+    if not design.is_reached:
+        yield "Not reached", "this is the best for `max_hours` and these currents."
+    expected = f"{predicted.voltage_v.min():.2f} to {predicted.voltage_v.max():.2f} V"
+    kept = f"{limits.low_v:g} to {limits.high_v:g} V"
+    yield "Voltage", f"{expected} expected; let the cycler end the test outside {kept}."
+    yield "Before it", _before(design)
+    whole_v = sum(sd**2 for _, sd in design.noise) ** 0.5
+    longest_s = max(time for time, _ in design.noise)
+    yield (
+        "Reckons with",
+        f"an error of the fit of {millivolt(whole_v)}, correlated over up to {longest_s:g} s.",
+    )
+
+
+def _before(design: "Design") -> str:
+    return (
+        f"charge at C/2 to {design.limits.high_v:g} V and hold until C/20, then rest 1 h; the test "
+        "starts full."
+    )
+
+
+def design_document(design: "Design") -> Document:
+    """The test as a report has it."""
+    told = tuple(Paragraph(f"{head}: {text}") for head, text in _sentences(design))
+    return Document("The next test", "", (Section("Steps", (pieces_table(design), *told)),))
+
+
+def design_files(design: "Design") -> dict[str, bytes]:
+    """The test in all its forms, by the names of their files."""
+    texts = {
+        "steps.csv": steps_csv(design),
+        "profile.csv": profile_csv(design),
+        "experiment_pybamm.py": pybamm_script(design),
+        "procedure.txt": procedure(design),
+    }
+    return {name: text.encode() for name, text in texts.items()}
+
+
+def steps_csv(design: "Design") -> str:
+    """Every step in a row, as a cycler's editor has it."""
+    limits, soc = design.limits, design.initial_soc
+    rows = []
+    for number, step in enumerate(design.steps, 1):
+        soc -= step.duration_s * step.current_a / 3600 / design.capacity_ah
+        rows.append(
+            [number, step.block, _mode(step), f"{step.duration_s:g}", f"{abs(step.current_a):.4f}",
+             f"{abs(step.current_a) / design.capacity_ah:.3f}", f"{limits.low_v:g}",
+             f"{limits.high_v:g}", 1, f"{soc:.4f}"]
+        )  # fmt: skip
+    heads = (
+        *("Step", "Piece", "Mode", "Duration / s", "Current / A", "Rate / C", "Lowest voltage / V"),
+        *("Highest voltage / V", "Log every / s", "SOC at the end"),
+    )
+    return _csv(heads, rows)
+
+
+def profile_csv(design: "Design") -> str:
+    """The current of every second, for cyclers that run a profile (discharge positive)."""
+    current_a = sampled(design.steps)
+    rows = ([second, f"{each:.4f}"] for second, each in enumerate(current_a.tolist()))
+    return _csv(("Time / s", "Current / A"), rows)
+
+
+def _csv(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([heads, *rows])
+    return text.getvalue()
+
+
+def _mode(step: "Step") -> str:
+    if abs(step.current_a) < REST_A:
+        return "rest"
+    return "discharge" if step.current_a > 0 else "charge"
+
+
+def pybamm_steps(design: "Design") -> list[str]:
+    """Every step as PyBaMM's `Experiment` takes it."""
+    limits = {"discharge": design.limits.low_v, "charge": design.limits.high_v}
+    steps = []
+    for step in design.steps:
+        mode = _mode(step)
+        if mode == "rest":
+            steps.append(f"Rest for {step.duration_s:g} seconds")
+            continue
+        # What empties the cell ends at the voltage, not before.
+        seconds = step.duration_s * (2 if step.block == EMPTYING else 1)
+        steps.append(
+            f"{mode.capitalize()} at {abs(step.current_a):.4f} A for {seconds:g} seconds or until "
+            f"{limits[mode]:g} V"
+        )
+    return steps
+
+
+def pybamm_script(design: "Design") -> str:
+    """The same as a module with the experiment."""
+    lines = "\n".join(f'    "{step}",' for step in pybamm_steps(design))
+    return (
+        '"""The designed test, from a full and rested cell."""\n\nimport pybamm\n\n'
+        f"steps = [\n{lines}\n]\n"
+        'experiment = pybamm.Experiment([tuple(steps)], period="1 second")\n'
+    )
+
+
+def procedure(design: "Design") -> str:
+    """The test in lines that are typed into a cycler's editor; what has many steps is run from a
+    profile."""
+    limits = design.limits
+    lines = [
+        f"Test of a cell of {design.capacity_ah:g} Ah, {design.hours:.2f} h",
+        f"End the test below {limits.low_v:g} V and above {limits.high_v:g} V. Log every second.",
+        f"Before: {_before(design)}",
+        "",
+    ]
+    second, row = 0, 1
+    for number, (name, steps) in enumerate(design.pieces, 1):
+        seconds = round(sum(step.duration_s for step in steps))
+        unit = next(n for n in range(1, len(steps) + 1) if _repeats(steps, n))
+        what = "; ".join(map(_line, steps[:unit]))
+        if unit < len(steps):
+            what = f"{len(steps) // unit} times ({what})"
+        if unit > LONGEST_LINE:
+            rows = f"rows {second} to {second + seconds - 1} of profile.csv"
+            what = f"{rows}, or steps {row} to {row + len(steps) - 1} of steps.csv"
+        if name == EMPTYING:
+            what = f"discharge {steps[0].current_a:.4g} A until {limits.low_v:g} V"
+        lines.append(f"{number:3d}  {name}: {what}")
+        second, row = second + seconds, row + len(steps)
+    return "\n".join(lines) + "\n"
+
+
+def _repeats(steps: "Sequence[Step]", count: int) -> bool:
+    """Whether steps are the first `count` again and again."""
+    return len(steps) % count == 0 and all(
+        step == steps[place % count] for place, step in enumerate(steps)
+    )
+
+
+def _line(step: "Step") -> str:
+    mode = _mode(step)
+    current = "" if mode == "rest" else f" {abs(step.current_a):.4g} A"
+    return f"{mode}{current} {step.duration_s:g} s"
+
+
+def promised_lines(design: "Design", result: "Result") -> Iterator[RenderableType]:
+    """What a design promised beside what an identification reached."""
+    if result.tables is None:
+        yield headed_line(
+            "Promised", "the answer has no tables over SOC to compare; give `over` soc"
+        )
+        return
+    is_alone = len(result.of_role("identification")) == 1
+    yield Text()
+    yield indented(terminal_table(promised_table(design, result.tables.fit, is_alone)))
+
+
+def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> Table:
+    """What a design promised of its intervals, beside what the record's identification reached."""
+    rows = []
+    for name in design.wanted:
+        pairs = [
+            (promised, reached)
+            for each in design.of_table(name)
+            if (reached := _reached(fit, each)) is not None
+            for promised in [each.alone if is_alone else each.after]
+        ]
+        if not pairs:
+            rows.append((name, "", "", "not determined", ""))
+            continue
+        promised, reached = np.transpose(pairs)
+        ratio = reached / promised
+        near = int(np.sum(np.abs(np.log(ratio)) <= math.log1p(AGREES)))
+        rows.append(
+            (name, _middle(name, promised), _middle(name, reached), f"{np.median(ratio):.2f}",
+             f"{near} of {counted(len(design.of_table(name)), 'node')}")
+        )  # fmt: skip
+    heads = ("", "promised", "reached", "ratio", "within 25 %")
+    cells = {head: (lambda row, place=place: row[place]) for place, head in enumerate(heads)}
+    return make_table(
+        "Half the 95 % interval that was promised and reached, medians from 10 to 90 % SOC.",
+        rows,
+        cells,
+        [""],
+    )
+
+
+def _reached(fit: "TableFit", width: "Width") -> float | None:
+    """Half the interval that a fit has where a width was promised, in its measure."""
+    for each in fit.intervals:
+        if each.name == width.name and each.soc == width.soc:
+            if each.low is None or each.high is None:
+                return None
+            scale = each.value if each.name.startswith("R") else 1.0
+            return (each.high - each.low) / 2 / scale if scale > 0 else None
+    return None

@@ -1,0 +1,157 @@
+"""A designed test: what it promises, what it keeps, and the forms it is given in."""
+
+import csv
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+
+import barnax
+from barnax.errors import InputError
+from barnax.experiment.belief import believed_of_chemistry
+from barnax.experiment.information import columns_along, information_of, widths_of
+from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
+from barnax.reporting.design import procedure, profile_csv, pybamm_steps, steps_csv
+
+LIMITS = {"max_discharge": 2.0, "max_charge": 1.0}
+
+
+# A few pieces of every kind, so that a search is short.
+BLOCKS = [
+    each
+    for each in barnax.candidate_blocks(jax.random.key(0))
+    if each.name in ("rest", "short pulses", "binary 4 s", "binary 12 s, no charge")
+]
+
+
+@pytest.fixture(scope="module")
+def designed():
+    return barnax.design(capacity=2.0, max_hours=1.8, blocks=BLOCKS, **LIMITS)
+
+
+@pytest.fixture(scope="module")
+def believed():
+    return believed_of_chemistry("nmc", 2.0)
+
+
+def test_columns_are_the_derivatives_of_the_voltage(believed):
+    current_a = np.repeat([0.0, 3.0, -1.0, 0.5], 40)
+    columns, _ = columns_along(believed, current_a, 0.62)
+    nodes = believed.settings.nodes
+    for row in range(1 + believed.tables.pairs):
+        place = row * len(nodes) + nodes.index(0.6)
+        rows = [list(believed.tables.r0_ohm), *map(list, believed.tables.r_ohm)]
+        changed = []
+        for step in (1e-3, -1e-3):
+            moved = [list(each) for each in rows]
+            moved[row][nodes.index(0.6)] += step
+            tables = replace(
+                believed.tables, r0_ohm=tuple(moved[0]), r_ohm=tuple(map(tuple, moved[1:]))
+            )
+            changed.append(voltage_along(replace(believed, tables=tables), current_a, 0.62)[0])
+        slope = (changed[0] - changed[1]) / 2e-3
+        np.testing.assert_allclose(columns[:, place], -slope, atol=1e-9)
+
+
+def test_the_noise_of_products_is_that_of_the_whole_covariance(believed):
+    columns, _ = columns_along(believed, np.repeat([0.0, 2.0, -1.0], 60), 0.5)
+    found = information_of(believed, columns)
+    lags = np.arange(len(columns))
+    rows = [sd**2 * (np.exp(-lags / time) if time else lags == 0) for time, sd in believed.noise]
+    covariance = toeplitz(np.sum(rows, axis=0))
+    expected = columns.T @ covariance @ columns
+    np.testing.assert_allclose(found.noise, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_currents_twice_as_large_halve_the_widths_of_resistances(believed):
+    halves = []
+    for scale in (1.0, 2.0):
+        steps = hppc_steps(2.0, 1.0, 1.0)[1:60]
+        current_a = scale * sampled([replace(each, duration_s=20.0) for each in steps])
+        columns, _ = columns_along(believed, current_a, 0.6)
+        widths = widths_of(believed, information_of(believed, columns))
+        halves.append(min(each.alone for each in widths if each.name == "R0 [Ohm]"))
+    assert halves[1] == pytest.approx(halves[0] / 2, rel=0.2)
+
+
+def test_a_design_keeps_its_time_and_its_limits(designed):
+    assert designed.hours <= 1.8
+    predicted, limits = designed.predicted, designed.limits
+    current_a = [step.current_a for step in designed.steps]
+    assert max(current_a) <= 2 * 2.0 + 1e-6
+    assert min(current_a) >= -2 * 1.0 - 1e-6
+    loaded = [step.block != "to empty" for step in designed.steps if step.block != "last rest"]
+    counted = 2 * sum(loaded)
+    assert predicted.low_v[:counted].min() >= limits.low_v
+    charging = predicted.current_a[:counted] < 0
+    assert predicted.high_v[:counted][charging].max() <= limits.high_v
+    assert predicted.soc.min() >= -1e-3
+    assert predicted.soc.max() <= 1
+
+
+def test_a_design_promises_more_than_a_pulse_test_in_a_fraction_of_its_time(designed):
+    hppc = designed.references[0]
+    assert designed.hours < hppc.hours / 6
+    own, others = (
+        np.median([each.after for each in designed.of_table("R0", widths)])
+        for widths in (designed.widths, hppc.widths)
+    )
+    assert own < others
+
+
+def test_the_same_key_gives_the_same_design(designed):
+    again = barnax.design(capacity=2.0, max_hours=1.8, blocks=BLOCKS, **LIMITS)
+    assert again.to_json() == designed.to_json()
+    other = barnax.candidate_blocks(jax.random.key(1))
+    assert other != barnax.candidate_blocks(jax.random.key(0))
+
+
+def test_a_wish_that_is_easy_takes_less_time_than_is_given():
+    found = barnax.design(capacity=2.0, max_hours=2.5, want={"R0": 0.05}, blocks=BLOCKS, **LIMITS)
+    assert found.is_reached
+    assert found.hours < 2.0
+
+
+def test_what_is_known_narrows_what_a_test_leaves(believed):
+    columns, _ = columns_along(believed, np.tile(np.repeat([2.0, -1.0], 30), 20), 0.6)
+    found = information_of(believed, columns)
+    known = {("R1 [Ohm]", 0.6): 1e-5}
+    (width,) = [
+        each
+        for each in widths_of(replace(believed, known=known), found)
+        if (each.name, each.soc) == ("R1 [Ohm]", 0.6)
+    ]
+    assert width.after < 0.1 * width.alone
+    assert width.before == pytest.approx(1.96 * 1e-5 / width.value)
+
+
+def test_all_forms_hold_the_same_current(designed, tmp_path):
+    rows = list(csv.DictReader(steps_csv(designed).splitlines()))
+    sign = {"rest": 0, "discharge": 1, "charge": -1}
+    signed = [sign[row["Mode"]] * float(row["Current / A"]) for row in rows]
+    np.testing.assert_allclose(signed, [step.current_a for step in designed.steps], atol=1e-4)
+    profile = np.array([row.split(",")[1] for row in profile_csv(designed).split()[5:]], float)
+    taken_ah = profile[:-1].sum() / 3600
+    wanted_ah = sum(step.duration_s * step.current_a for step in designed.steps) / 3600
+    assert taken_ah == pytest.approx(wanted_ah, abs=2e-3)
+    assert len(pybamm_steps(designed)) == len(designed.steps)
+    assert procedure(designed).count("\n") < len(designed.steps)
+    path = tmp_path / "design.json"
+    path.write_text(designed.to_json())
+    assert barnax.Design.load(tmp_path).steps == designed.steps
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({}, "`capacity`"),
+        ({"capacity": 2.0, "chemistry": "lto"}, "nmc, lfp"),
+        ({"capacity": 2.0, "max_hours": 0.5}, "`max_discharge`"),
+        ({"capacity": 2.0, "want": {"R7": 0.1}}, "R0, R1, R2, OCV"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_what_to_do(asked, words):
+    with pytest.raises(InputError, match=words):
+        barnax.design(**asked)

@@ -25,7 +25,7 @@ LAYERS = (
     ("search", "inputs", "pulses", "filters"),
     ("global_optimum", "uncertainty", "baselines"),
     ("over_soc",),
-    ("candidates", "table_run", "job"),
+    ("candidates", "table_run", "job", "factors"),
     ("result_parts", "run"),
     ("results",),
     ("storing", "simulation", "result_filter", "scenarios"),
@@ -48,7 +48,13 @@ GENERAL = {
     "blas": set(),
 }
 # Where what users give is read, beside the command line.
-READING = {"records/source.py", "schema.py", "model/search_space.py", "plan/document.py"}
+READING = {
+    "records/source.py",
+    "schema.py",
+    "factors.py",
+    "model/search_space.py",
+    "plan/document.py",
+}
 # Files within a file in memory.
 READING |= {"records/readers/room.py"}
 # The words of all that is told.

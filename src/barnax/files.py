@@ -15,6 +15,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+# What ends the name of a file of factors.
+SUFFIX = ".factors.npz"
+
+
+def is_factor_file(path: str | Path) -> bool:
+    """Whether a path is named as files of factors are.
+
+    >>> is_factor_file("fleet/factors/A1.factors.npz"), is_factor_file("A1.csv")
+    (True, False)
+    """
+    return str(path).endswith(SUFFIX)
+
 
 def aside(folder: Path) -> Path:
     """A name in a folder that nothing else has."""

@@ -143,7 +143,7 @@ def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict
     if chosen.keep_starts or not chosen.ocv_correction:
         return dict(windows)
     try:
-        tables = _bounded(job, but="[F]")
+        tables = bounded_tables(job, but="[F]")
         told = [
             prepare_record(each, inputs.cell, circuit, windows[each.name].as_told)
             for each in inputs.records
@@ -157,7 +157,7 @@ def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict
         return dict(windows)
 
 
-def _bounded(job: Job, but: str | None = None) -> TableSettings:
+def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
     """How tables are fitted, with the bounds and fixed values of the circuit, but those in a unit
     that tables do not have."""
     ranges, tables = ranges_of(job.bounds)[1], job.table_settings
@@ -181,7 +181,7 @@ def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
             raise notice("ocv-test.missing", asked=what).error()
     windows = {each.name: window_of(job.window, each.name).as_told for each in records}
     is_over = job.over == OVER_TEMPERATURE
-    return fit_with_ocv(records, circuit.name, windows, _bounded(job), job.capacity, is_over)
+    return fit_with_ocv(records, circuit.name, windows, bounded_tables(job), job.capacity, is_over)
 
 
 @takes_options(Job)

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import typer
+
 from ..errors import InputError, as_keys
 from ..files import replacing
 from ..settings import Settings
@@ -74,14 +76,29 @@ class EngineOptions:
 
 
 @group
+class KeptFleet:
+    """A fleet whose factors were kept, in place of a manifest, and how its rows are grouped."""
+
+    fleet: Path | None = typer.Option(
+        None, "--from", metavar="FOLDER", rich_help_panel=INPUT,
+        help="Instead of a manifest, a fleet that kept factors: fit them without its records.",
+    )  # fmt: skip
+    group: str = option(
+        INPUT, "COLUMN,...", "With --from: rows that are alike in these columns are one cell.", "id"
+    )
+
+
+@group
 class FleetOptions:
     """All that identifying a fleet can be told."""
 
-    manifest: Path = argument(
-        "MANIFEST",
+    manifest: Path | None = argument(
+        "[MANIFEST]",
         "Table in CSV, Parquet or TOML with one row per cell: id, records, ocv and further "
         "options; other columns are copied to the dataset.",
+        None,
     )
+    kept: KeptFleet
     files: Files
     of_records: RecordOptions
     search: FleetSearch
@@ -96,6 +113,12 @@ class FleetOptions:
     keep_results: bool = flag(
         OUTPUT, "--keep-results", "Also write each cell's result.json, to results/ID."
     )
+    keep_factors: Literal["tables", "constants"] | None = option(
+        OUTPUT,
+        "tables|constants",
+        "Also keep what a fit of the records needs, to factors/ID: of tables over SOC, or of "
+        "constant circuits alone.",
+    )
     quiet: bool = flag(OUTPUT, "--quiet -q", "Print nothing but warnings.")
 
     @property
@@ -107,7 +130,8 @@ class FleetOptions:
             from ..model.search_space import parse_fixed
 
             chosen["fix"] = parse_fixed(search.fix)
-        keep = {"keep_results": True} if self.keep_results else {}
+        keep: dict[str, Any] = {"keep_results": True} if self.keep_results else {}
+        keep |= {"keep_factors": self.keep_factors} if self.keep_factors else {}
         return chosen | self.tables.chosen() | keep
 
     @property
@@ -138,8 +162,18 @@ def fleet(given: FleetOptions) -> None:
     from ..reporting.fleet import closing_lines, problem_lines, progress_remark
     from ..reporting.words import counted
 
-    manifest, engine, out = given.manifest, given.engine, given.out
-    cells, carried = read_manifest(manifest, given.defaults)
+    engine, out, manifest = given.engine, given.out, given.manifest or given.kept.fleet
+    if manifest is None or (given.manifest and given.kept.fleet):
+        raise InputError("give a manifest, or the folder of a fleet with `from`")
+    if given.manifest:
+        cells, carried = read_manifest(manifest, given.defaults)
+    elif manifest.resolve() == out.resolve():
+        raise InputError(f"{out}: is the fleet that is regrouped; give `out` another folder")
+    else:
+        from ..fleet.regroup import regrouped
+
+        columns = tuple(each.strip() for each in given.kept.group.split(","))
+        cells, carried = regrouped(manifest, columns), columns
     session.note(_what_is_there(cells, carried))
     prepare_process()
     # Loads JAX, which no exception may stop.

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from ..errors import InputError
+from ..files import is_factor_file, write_whole
 from ..settings import WINDOW_OPTIONS, Scope, Settings
 from .options import (
     FLAGS,
@@ -118,7 +119,33 @@ def identify(options: Identification, on: Records) -> None:
     """
     if on.plan:
         return _print_plan(options, on.records or [])
+    if on.records and all(is_factor_file(path) for path in on.records):
+        return _fit_factors(options, on.records)
     _run("identify", options, on.records or [])
+
+
+def _fit_factors(options: Identification, paths: list[Path]) -> None:
+    """Tables of records of which only factors were kept, on the screen; files of `out` if given."""
+    session = Session(is_quiet=options.output.quiet)
+    with session.watch("Loading JAX"):
+        use_compilation_cache()
+        from ..factors import read_factors
+        from ..job import Job
+        from ..over_soc.kept import fit_kept
+        from ..pipeline import bounded_tables
+        from ..reporting.kept import kept_csv, kept_document
+        from ..reporting.terminal import to_terminal
+
+    kept = [each for path in paths for each in read_factors(path)]
+    job = Job(**options.given([]), watch=session.watch)
+    fit = fit_kept(kept, bounded_tables(job, but="[F]"))
+    session.show(to_terminal(kept_document(kept, fit)))
+    if folder := options.output.out:
+        if (place := folder / "tables.csv").exists() and not options.output.force:
+            raise InputError(f"{place}: is there already; give `out` another folder")
+        write_whole(place, kept_csv(fit))
+        session.show(["", str(place)])
+    session.warn(fit.warnings)
 
 
 def _print_plan(options: Identification, records: list[Path]) -> None:

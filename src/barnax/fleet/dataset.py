@@ -15,14 +15,14 @@ from typing import Any
 import polars as pl
 
 from ..errors import InputError
-from ..files import replacing
+from ..files import SUFFIX, replacing
 
 try:
     import fcntl
 except ImportError:  # Windows
     fcntl = None
 
-RESULTS = "results"
+RESULTS, FACTORS = "results", "factors"
 Shard = tuple[int, int]
 # Columns whose type a part without any value cannot show.
 TYPES = {
@@ -102,12 +102,27 @@ def _joined(frames: Sequence[pl.DataFrame]) -> pl.DataFrame:
 
 def keep_result(out: Path, name: str, text: str) -> None:
     """A cell's result.json beside the dataset. Raises `InputError` where it would be elsewhere."""
-    folder = out / RESULTS / name
-    for place in (folder.parent, folder):
+    _keep(out, out / RESULTS / name / "result.json", text.encode())
+
+
+def keep_factors(out: Path, name: str, content: bytes) -> int:
+    """The length in bytes of a cell's factor file, now beside the dataset. Raises as
+    `keep_result` does."""
+    _keep(out, factors_path(out, name), content)
+    return len(content)
+
+
+def factors_path(out: Path, name: str) -> Path:
+    """Where the factors of a cell's records are."""
+    return out / FACTORS / f"{name}{SUFFIX}"
+
+
+def _keep(out: Path, path: Path, content: bytes) -> None:
+    for place in reversed(path.parents[: len(path.relative_to(out).parts) - 1]):
         _require_no_link(place)
-    folder.mkdir(parents=True, exist_ok=True)
-    with replacing(folder / "result.json") as file:
-        file.write(text.encode())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as file:
+        file.write(content)
 
 
 def _require_no_link(folder: Path) -> None:

@@ -122,8 +122,9 @@ KNOWN = {"id", "cell", "bounds", *FILES, *OPTIONS, *OF_WINDOWS}
 # Columns that the dataset has of its own, by their whole names.
 OWN = re.compile(
     r"error( code)?|samples|answer|certified|proved gap|at bound|warnings|warning codes|seconds"
+    r"|factor bytes"
     r"|inputs sha256|fingerprint|duration \[s\]|capacity \[A\.h\]|temperature \[degC\]|initial SOC"
-    r"|(validation |tables )?(RMSE|max error).* \[V\]|tables at SOC"
+    r"|(validation |tables |held-out )?(RMSE|max error).* \[V\]|tables at SOC"
     r"|((tables )?(R|C|tau)\d \[\w+\]|gamma)( low| high)?"
 )
 

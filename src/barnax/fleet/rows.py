@@ -9,48 +9,57 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import polars as pl
 
 from ..cell import CellModel, OcvTable, characterize, read_ocv_test
 from ..checks import check_file
 from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, reason_of
+from ..factors import factors_to_bytes, read_factors
+from ..files import is_factor_file
 from ..inputs import file_names, input_warnings, source_of
 from ..job import Job
 from ..model.window import Window
 from ..notices import Notice
 from ..over_soc import TableFit
-from ..pipeline import identify, identify_problem
+from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep
+from ..pipeline import bounded_tables, identify, identify_problem
 from ..records import Record, source_from_frame
 from ..result_parts import MetricsPart
 from ..results import Result
 from ..settings import CellSettings, Reading, Settings
 from ..storing import bands_by_soc, joint_metrics
 from ..uncertainty.covariance import named_values
-from .dataset import keep_result
+from .dataset import keep_factors, keep_result
 from .manifest import FleetCell, is_address, short_name, stamp
 
 # Settings of a fleet that are no arguments of `identify`.
-OWN = ("keep_results",)
+OWN = ("keep_results", "keep_factors")
 CELLS_KEPT = 16
 # Where tables stand in a row.
 MIDDLE_SOC = 0.5
 
 
 def identify_cell(
-    cell: FleetCell, settings: Mapping[str, Any], results: Path | None = None
+    cell: FleetCell, settings: Mapping[str, Any], out: Path | None = None
 ) -> dict[str, Any]:
     """The row of a cell; where it cannot be identified, with the reason in one sentence.
 
-    `results` is the fleet's folder, where its `result.json` is to be kept.
+    `out` is the fleet's folder, where its `result.json` and factors are kept if that is asked for.
     """
     start_s = time.perf_counter()
     row: dict[str, Any] = {"id": cell.id, "error": None, "error code": None, **cell.carried}
     try:
-        result, warnings = identified(cell, settings)
-        row |= row_of(result, warnings)
-        if results is not None:
-            keep_result(results, cell.id, result.to_json())
+        if cell.records and all(map(is_factor_file, cell.records)):
+            row |= _refitted(cell, settings)
+        else:
+            result, warnings = identified(cell, settings)
+            row |= row_of(result, warnings)
+            if out is not None and settings.get("keep_results"):
+                keep_result(out, cell.id, result.to_json())
+            if out is not None and (kind := settings.get("keep_factors")):
+                row["factor bytes"] = keep_factors(out, cell.id, _factors_of(result, kind))
     except InputError as problem:
         # One sentence, and what is told of each file of a folder with the warnings.
         row["error"], *row["warnings"] = str(problem).splitlines()
@@ -97,6 +106,42 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     measured = [(each.record.name, each.temperature_degc) for each in used]
     more = compare_temperatures(measured, known.temperatures_degc)
     return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
+
+
+def _factors_of(result: Result, kind: str) -> bytes:
+    """The factors of the records that a result was identified on."""
+    grid = Grid(nodes=CONSTANT) if kind == "constants" else Grid()
+    return factors_to_bytes([keep(each.prepared, grid) for each in result.run.identification])
+
+
+def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The row of records of which only factors were kept, without where it is of."""
+    if cell.missing:
+        raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
+    kept = [each for path in cell.records for each in read_factors(path)]
+    job = job_of(settings).changed(**cell.options, bounds=cell.bounds)
+    fit = fit_kept(kept, bounded_tables(job, but="[F]"))
+    counts = [each.scored for each in kept]
+    whole_v = float(np.sqrt(np.average([e.rmse_v**2 for e in fit.errors], weights=counts)))
+    is_constant = kept[0].grid.is_constant
+    row: dict[str, Any] = {
+        "circuit": kept[0].circuit,
+        "records": f"{len(kept)} kept",
+        "samples": sum(counts),
+        "duration [s]": sum(each.scored_duration_s for each in kept),
+        "capacity [A.h]": kept[0].capacity_ah,
+        "RMSE [V]": whole_v,
+        **_middle_of(fit, "" if is_constant else "tables "),
+        **fit.tables.constants,
+        "answer": "constants" if is_constant else "tables over SOC",
+        "certified": False,
+        "proved gap": None,
+        "at bound": "; ".join(f"{each.name} {each.side}" for each in fit.at_bound),
+        "warnings": [str(each) for each in fit.warnings],
+        "warning codes": [each.code for each in fit.warnings],
+    }
+    held = fit.cross_validation
+    return row | {"held-out RMSE [V]": held and held.tables.rmse_v}
 
 
 def job_of(settings: Mapping[str, Any]) -> Job:
@@ -231,7 +276,7 @@ def _proof_of(result: Result) -> tuple[bool, float | None]:
     return (False, None) if optimum is None else (optimum.status == "certified", optimum.proved_gap)
 
 
-def _middle_of(fit: TableFit) -> dict[str, float | None]:
+def _middle_of(fit: TableFit, whose: str = "tables ") -> dict[str, float | None]:
     """The resistances of tables at the node nearest to 50 % SOC that samples visit."""
     known = {(each.name, each.soc): each for each in fit.intervals}
     visited = list(itertools.compress(fit.tables.nodes, fit.tables.visited))
@@ -241,9 +286,9 @@ def _middle_of(fit: TableFit) -> dict[str, float | None]:
     for name, values in fit.tables.tables.items():
         if name.startswith("R"):
             each = known.get((name, soc))
-            found[f"tables {name}"] = values[place]
-            found[f"tables {name} low"] = each and each.low
-            found[f"tables {name} high"] = each and each.high
+            found[f"{whose}{name}"] = values[place]
+            found[f"{whose}{name} low"] = each and each.low
+            found[f"{whose}{name} high"] = each and each.high
     return found
 
 

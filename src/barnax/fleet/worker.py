@@ -51,12 +51,11 @@ def run_batch(
     prepare_process()
     from .rows import identify_cell
 
-    kept = Path(out) if settings.get("keep_results") else None
     rows = []
     with marking(Path(folder), name) as mark:
         for place, (cell, print_) in enumerate(zip(cells, prints, strict=True)):
             mark(place)
-            rows.append(identify_cell(cell, settings, kept) | {"fingerprint": print_})
+            rows.append(identify_cell(cell, settings, Path(out)) | {"fingerprint": print_})
         write_rows(part, rows)
     return len(rows), sum(row["error"] is not None for row in rows)
 

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from ..cell import CellModel, Dependence, OcvTable, get_circuit
 from ..cell.dependence import filled
 from ..cell.model import group_near
+from ..cell.tables import hats
 from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input
@@ -17,6 +18,7 @@ from ..records import Record, current_direction, rest_current_a
 from ..records.record import degc_in_name
 from ..records.samples import record_resistance_ohm
 from ..settings import is_temperature
+from .compressed import BLOCK
 from .intervals import Intervals
 from .simulate import HysteresisInput, SimulationInput
 from .start import Start, find_start
@@ -29,6 +31,8 @@ NO_MARGIN = 1e-4
 # A voltage so far inside the OCV, R I left out, is of no cell that is full or empty.
 _INSIDE_V = 0.1
 FEWEST_SAMPLES = 10
+# This share of a record's samples is enough to tell a time constant of their interval.
+DENSE_QUANTILE = 0.05
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -156,9 +160,24 @@ class PreparedRecord(Brief):
         return float(np.median(np.diff(self.time_s), overwrite_input=True))
 
     @property
+    def dense_interval_s(self) -> float:
+        """The interval of the densest samples, enough of them to tell a time constant of it."""
+        return float(np.quantile(np.diff(self.time_s), DENSE_QUANTILE, overwrite_input=True))
+
+    @property
+    def step_ohm(self) -> float:
+        """The resistance at the current's steps; zero where they do not tell it."""
+        return record_resistance_ohm(self.record)
+
+    def nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
+        """Which nodes some scored sample is nearest to."""
+        soc = self.soc[self.scored]
+        shares = (hats(soc[n : n + BLOCK], nodes) for n in range(0, len(soc), BLOCK))
+        return np.any([np.any(each >= 0.5, axis=0) for each in shares], axis=0)
+
+    @property
     def temperature_degc(self) -> float | None:
-        """The given temperature, else the median of those measured at scored samples, else that in
-        the name."""
+        """The given temperature, else the median of scored samples, else that in the name."""
         here = np.arange(self.record.samples)[self.span][self.scored]
         return temperature_of(self.record, self.window, here)
 

@@ -14,7 +14,7 @@ from ..model.prepared import PreparedRecord
 from ..uncertainty.covariance import CONFIDENCE
 from .intervals import NodeInterval
 from .objective import Solution, TableObjective
-from .reduced import Columns, Groups, Reduced
+from .reduced import Groups, Reduced
 from .search import find_best
 from .settings import TableSettings
 
@@ -132,12 +132,12 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
     plain = replace(settings, nodes=(0.5,), ocv_correction=False)
     whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
     flat, flat_told = ([part.constant() for part in each] for each in (parts, told))
-    records = objective.prepared_records
+    records = objective.facts
     by_fold = _held_out(objective, best, parts, told)
     registered = _held_out(objective, best, parts, parts) if objective.told else []
     return CrossValidation(
         len(parts) // 2,
-        None if len(records) > 1 else _block_s(records[0], settings),
+        None if len(records) > 1 else _block_s(objective.prepared_records[0], settings),
         _together(by_fold),
         _together(_held_out(whole, find_best(whole), flat, flat_told)),
         tuple(map(_errors_of, by_fold)) if len(records) > 1 else (),
@@ -151,6 +151,17 @@ def held_out_errors(objective: TableObjective, best: Solution) -> SocErrors | No
         return None
     told = objective.told or objective.parts
     return _together(_held_out(objective, best, objective.parts, told))
+
+
+def record_errors(objective: TableObjective, best: Solution) -> tuple[SocErrors, ...]:
+    """The errors on each record, from the factors of its samples below and above 10 % SOC."""
+    squares = []
+    for part in objective.parts:
+        columns, base = replace(objective, reduced=part).columns(best.log_scales)
+        squares.append(part.scored * np.sum((base + columns @ best.unknowns) ** 2))
+    counts = np.array([part.scored for part in objective.parts])
+    sums = zip(np.reshape(squares, (-1, 2)), counts.reshape(-1, 2), strict=True)
+    return tuple(map(_errors_of, sums))
 
 
 def _has_folds(objective: TableObjective) -> bool:
@@ -200,8 +211,8 @@ def _at(objective: TableObjective, best: Solution, parts: Sequence[Reduced]):
 def _fitted_to(
     objective: TableObjective,
     best: Solution,
-    columns: Sequence[Columns],
-    bases: Sequence[Float[np.ndarray, "rows"]],
+    columns: Sequence[Float[np.ndarray, "_ columns"]],
+    bases: Sequence[Float[np.ndarray, "_"]],
     scored: Int[np.ndarray, "groups"],
 ) -> Float[np.ndarray, "unknowns"]:
     """The unknowns that fit some groups of samples best, at the time constants of all."""
@@ -223,16 +234,16 @@ def with_spread(
     joint interval. A record's own interval is far narrower than what another load of the same cell
     shows.
     """
-    records, parts = objective.prepared_records, objective.parts
+    records, parts = objective.facts, objective.parts
     if len(records) < FEWEST_RECORDS or len(parts) != 2 * len(records):
         return tuple(intervals)
     columns, bases = _at(objective, best, parts)
     scored = np.array([part.scored for part in parts])
     rows, visits = [], []
-    for number, record in enumerate(records):
+    for number in range(len(records)):
         is_own = np.arange(len(parts)) // 2 == number
         x = _fitted_to(objective, best, columns, bases, np.where(is_own, scored, 0))
-        alone = replace(objective, prepared_records=[record])
+        alone = objective.alone(number)
         rows.append(objective.to_tables @ x)
         visits.append(np.concatenate([alone.visited_of(n) for n in range(objective.tables)]))
     values, is_there = np.array(rows), np.array(visits)
@@ -251,6 +262,14 @@ def with_spread(
         reach = float(reach * np.sqrt(1 + 1 / len(own)))
         middle, least = float(np.mean(own)), 0.0 if each.name.startswith("R") else -np.inf
         low, high = max(middle - reach, least), middle + reach
+        if objective.kept:
+            # Nothing else is known of the joint value than what the records make of it.
+            error, both = (
+                float(np.std(own, ddof=1)) / len(own) ** 0.5,
+                reach / (len(own) + 1) ** 0.5,
+            )
+            ends = float(max(each.value - both, least)), float(each.value + both)
+            each = replace(each, standard_error=error, low=ends[0], high=ends[1])
         if each.low is not None and each.high is not None:
             # What all records leave open, another one can show too.
             low, high = min(low, each.low), max(high, each.high)

@@ -132,13 +132,18 @@ def fit_of(
     objective: TableObjective,
     proof: Proof,
     prepared_records: Sequence[PreparedRecord] | None = None,
+    *,
+    intervals: Sequence[NodeInterval] | None = None,
+    errors: tuple[SocErrors, ...] | None = None,
 ) -> TableFit:
     """All that is known of the tables of a proof; their errors are on other records than those of
-    the objective where these have another OCV."""
+    the objective where these have another OCV. Of records without samples, `intervals` and `errors`
+    are given."""
     settings, best = objective.settings, proof.best
     with one_blas_thread():
         tables = objective.tables_at(best)
-        intervals = with_spread(objective, best, intervals_of(objective, best))
+        known = intervals_of(objective, best) if intervals is None else intervals
+        intervals = with_spread(objective, best, known)
         held_out = cross_validate(objective, best)
     if held_out is not None and tables.dependence is not None:
         # The constant circuit follows nothing but SOC.
@@ -151,7 +156,8 @@ def fit_of(
     return TableFit(
         tables=tables,
         objective_v=best.rms_v,
-        errors=tuple(
+        errors=errors
+        or tuple(
             errors_on(each, tables) for each in prepared_records or objective.prepared_records
         ),
         tau_ranges_s=taus_s,
@@ -233,6 +239,8 @@ def _warnings(
     if floor_ohm and len(held):
         where = ", ".join(f"{100 * soc:g}" for soc in held)
         found.append(notice("tables.r0-at-floor", floor_ohm=floor_ohm, percent=where))
+    if tables.half_hysteresis_v is None and tables.gamma is None:
+        return tuple(found)
     moved, ranges = least_travel_soc(objective.prepared_records), objective.settings.ranges
     if moved < BOTH_WAYS_SOC and tables.half_hysteresis_v is not None:
         found.append(notice("tables.one-direction", moved_soc=moved))

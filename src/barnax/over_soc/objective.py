@@ -2,25 +2,24 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
-from ..cell import SocTables
+from ..cell import Dependence, SocTables
 from ..cell.circuits import get_circuit
 from ..cell.elements import RC, alike, get_element, names_of
 from ..cell.parameters import OHMIC, RATE
-from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION, hats
+from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
 from ..model.axes import Axis
 from ..model.box_least_squares import Sides, least_in_box, least_squares_in_box
-from ..model.compressed import BLOCK
 from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
-from ..records.samples import record_resistance_ohm
 from .reduced import Columns, Reduced
 from .search import LogScales, Solved
 from .settings import OCV, TableSettings
@@ -42,6 +41,22 @@ class Solution(Solved):
     error: Float[np.ndarray, "rows"]
 
 
+class Facts(Protocol):
+    """What a fit asks of a record beside its columns: a prepared one, or one that was kept."""
+
+    @property
+    def circuit(self) -> str: ...
+    @property
+    def capacity_ah(self) -> float: ...
+    @property
+    def dependence(self) -> Dependence | None: ...
+    @property
+    def step_ohm(self) -> float: ...
+    @property
+    def cell(self) -> Any: ...
+    def nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]: ...
+
+
 @dataclass(frozen=True, eq=False)
 class TableObjective:
     """J of `settings` over some records of a cell, for circuits with so many pairs.
@@ -50,6 +65,7 @@ class TableObjective:
     name; `LogScales` are the logarithms of these. `reduced` is the factor of all scored samples,
     `parts` those of the groups of `blocks_of`; `told` are the same with starts and capacities as
     they were told, where they were registered; `smoothing_scale` scales all smoothing weights.
+    Records that were `kept` are without samples, and stand in place of prepared ones.
     """
 
     prepared_records: Sequence[PreparedRecord]
@@ -59,10 +75,22 @@ class TableObjective:
     parts: Sequence[Reduced] = ()
     told: Sequence[Reduced] = ()
     smoothing_scale: float = 1.0
+    kept: Sequence[Any] = ()
+
+    @property
+    def facts(self) -> Sequence[Facts]:
+        """What is known of every record beside its factor."""
+        return self.kept or self.prepared_records
+
+    def alone(self, place: int) -> "TableObjective":
+        """The same of one record, but for the factors."""
+        own = slice(place, place + 1)
+        records, kept = self.prepared_records[own], self.kept[own]
+        return replace(self, prepared_records=records, kept=kept)
 
     @property
     def elements(self) -> tuple[str, ...]:
-        return get_circuit(self.prepared_records[0].circuit).elements
+        return get_circuit(self.facts[0].circuit).elements
 
     @property
     def pairs(self) -> int:
@@ -97,12 +125,7 @@ class TableObjective:
         return self._nearest(np.array(self.reduced.layout.ocv_nodes))
 
     def _nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
-        found = np.zeros(len(nodes), bool)
-        for prepared in self.prepared_records:
-            for part in prepared.parts(BLOCK):
-                shares = hats(part.soc[part.scored], nodes)
-                found |= np.any(shares >= 0.5, axis=0)
-        return found
+        return np.any([each.nearest(nodes) for each in self.facts], axis=0)
 
     def block(self, table: int) -> slice:
         """The unknowns of a table."""
@@ -164,7 +187,7 @@ class TableObjective:
     def weights(self) -> list[tuple[float, float]]:
         """Every table's w, of resistances the capacity in Ah over 1 h, and its ridge."""
         settings, others = self.settings, self.tables - self.pairs - 1
-        resistance = self.prepared_records[0].capacity_ah, settings.resistance_ridge
+        resistance = self.facts[0].capacity_ah, settings.resistance_ridge
         return [resistance] * (self.pairs + 1) + [(1.0, settings.voltage_ridge)] * others
 
     @cached_property
@@ -208,9 +231,7 @@ class TableObjective:
         an OCV that is wrong would be fitted with none. Zero where they do not tell it."""
         if OHMIC in self.settings.ranges:
             return 0.0
-        return LEAST_SHARE * min(
-            record_resistance_ohm(each.record) for each in self.prepared_records
-        )
+        return LEAST_SHARE * min(each.step_ohm for each in self.facts)
 
     @cached_property
     def box(self) -> tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]]:
@@ -228,7 +249,7 @@ class TableObjective:
             low[self.pairs + 1][:] = -np.inf
             if self.settings.rising_ocv:
                 nodes = self.nodes_of[self.pairs + 1]
-                slopes = [each.cell.least_ocv_slopes(nodes) for each in self.prepared_records]
+                slopes = [each.cell.least_ocv_slopes(nodes) for each in self.facts]
                 low[self.pairs + 1][1:] = -np.diff(nodes) * np.min(slopes, axis=0)
         return np.concatenate(low), np.concatenate(high)
 
@@ -304,8 +325,7 @@ class TableObjective:
         """Nodes and OCV in V of a solution that has one of its own."""
         place = self.names.index(OCV)
         nodes = self.nodes_of[place]
-        known_v = self.prepared_records[0].cell.average_ocv_v(nodes)
-        return nodes, known_v + found.values[place]
+        return nodes, self.facts[0].cell.average_ocv_v(nodes) + found.values[place]
 
     def tables_at(self, found: Solution) -> SocTables:
         """A solution as stored, pairs from fast to slow; an OCV of its own is left out."""
@@ -322,5 +342,5 @@ class TableObjective:
             gamma=gamma,
             visited=tuple(self.visited.tolist()),
             elements=self.elements,
-            dependence=self.prepared_records[0].dependence,
+            dependence=self.facts[0].dependence,
         )

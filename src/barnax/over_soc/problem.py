@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -18,8 +19,6 @@ from .objective import TableObjective
 from .reduced import Reduced, layout_of, reduce_records, together
 from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 
-# This share of a record's samples is enough to tell a time constant of their interval.
-DENSE_QUANTILE = 0.05
 # Records that go less SOC than this without turning tell nothing of the branch of that direction.
 BOTH_WAYS_SOC = 0.1
 # Of a dynamic hysteresis that such records do not tell: it has turned after about 10 % SOC.
@@ -66,18 +65,16 @@ def held_at(objective: TableObjective, log_scales: Sequence[float]) -> dict[str,
     return {name: (math.exp(scale), math.exp(scale)) for name, scale in scales}
 
 
-def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) -> dict[str, Range]:
-    """The ranges of every pair's time constant, and that of gamma where there is one, by name."""
+def box_of(prepared_records: Sequence[Any], settings: TableSettings) -> dict[str, Range]:
+    """The ranges of every pair's time constant, and that of gamma where there is one, by name; of
+    records that were kept too."""
     circuit, ranges = get_circuit(prepared_records[0].circuit), settings.ranges
     interval_s = min(each.median_interval_s for each in prepared_records)
     duration_s = max(each.scored_duration_s for each in prepared_records)
     slowest_s = min(SLOWEST_TAU_S, duration_s * (SLOWEST_SHARE if settings.ocv_correction else 1.0))
     # What is much faster than the sampling cannot be told from the ohmic resistance. A pulse test
     # logs its rests slowly and its pulses fast, which tell.
-    dense_s = min(
-        float(np.quantile(np.diff(each.time_s), DENSE_QUANTILE, overwrite_input=True))
-        for each in prepared_records
-    )
+    dense_s = min(each.dense_interval_s for each in prepared_records)
     fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), dense_s / 2), slowest_s)
     box, known = {}, {OHMIC, RATE}
     for names, element in zip(names_of(circuit.elements), circuit.elements, strict=True):

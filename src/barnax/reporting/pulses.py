@@ -187,6 +187,13 @@ def tables_csv(result: "Result") -> bytes:
     return _csv(["temperature [degC]", *head], rows)
 
 
+def fit_csv(fit: "TableFit", *more: str) -> bytes:
+    """The same of one fit, with the nodes of `more` that only intervals tell of."""
+    rows = [*_table_rows(fit)]
+    rows += [[n.name, n.soc, n.value, n.low, n.high, 1] for n in fit.intervals if n.name in more]
+    return _csv(["table", "SOC", "value", "low", "high", "visited"], rows)
+
+
 def _table_rows(fit: "TableFit") -> Iterator[list[object]]:
     known = {(each.name, each.soc): (each.low, each.high) for each in fit.intervals}
     unknown = (None, None)

@@ -1,0 +1,243 @@
+"""Factor files: records kept as what their fits need, as NumPy's `.npz` without objects.
+
+A file holds a JSON header, the columns in use and the rows of every factor, each a trapezoid
+without the zeros below it, and the SHA-256 of these. Nothing in it is code, nothing is compressed,
+and no more memory is taken than the file is long before every size in it has been checked.
+"""
+
+import hashlib
+import io
+import json
+import os
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from .cell.tables import require_nodes
+from .errors import InputError, printable
+from .over_soc.kept import Grid, Kept, KeptOcv, OcvSource
+from .over_soc.reduced import Layout, Reduced
+
+VERSION = 1
+# What may be in a file: enough for any record, and little enough to hold.
+LARGEST_FILE = 2_000_000_000
+MOST_RECORDS, MOST_COLUMNS, MOST_NODES, LONGEST_TEXT = 10_000, 4096, 1000, 1000
+_MEMBERS = ("header", "columns", "rows", "sha256")
+_TYPES = dict(zip(_MEMBERS, ("|u1", "<i4", "<f8", "|u1"), strict=True))
+
+_Number = Field(ge=0, allow_inf_nan=False)
+_Count = Field(ge=0, lt=2**53)
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class _Part(_Strict):
+    """One factor: its samples, rows and columns in use."""
+
+    scored: int = _Count
+    rows: int = Field(ge=1, le=MOST_COLUMNS)
+    columns: int = Field(ge=0, le=MOST_COLUMNS)
+
+    @property
+    def size(self) -> int:
+        """How many numbers are stored: the rows without what stands below the trapezoid."""
+        filled = min(self.rows, self.columns)
+        return filled * self.columns - filled * (filled - 1) // 2
+
+
+class _Head(_Strict):
+    """What stands in the header of one record."""
+
+    name: str = Field(max_length=LONGEST_TEXT)
+    low_s: float
+    high_s: float
+    skeleton: list[int] = Field(max_length=MOST_NODES)
+    circuit: str = Field(max_length=LONGEST_TEXT)
+    nodes: list[float] = Field(min_length=1, max_length=MOST_NODES)
+    ocv: OcvSource
+    capacity_ah: float = Field(gt=0, allow_inf_nan=False)
+    step_ohm: float = _Number
+    median_interval_s: float = _Number
+    dense_interval_s: float = _Number
+    scored_duration_s: float = _Number
+    visited: list[bool] = Field(max_length=MOST_NODES)
+    visited_ocv: list[bool] = Field(max_length=MOST_NODES)
+    ocv_v: list[float] = Field(max_length=MOST_NODES)
+    slopes_v: list[float] = Field(max_length=MOST_NODES)
+    parts: tuple[_Part, _Part]
+
+
+def factors_to_bytes(kept: Sequence[Kept]) -> bytes:
+    """The content of a factor file; equal records give equal bytes."""
+    heads, columns, rows = [], [np.empty(0, "<i4")], [np.empty(0)]
+    for each in kept:
+        parts = []
+        for part in each.parts:
+            order, factor = _trapezoid(part.factor)
+            parts.append(_Part(scored=part.scored, rows=len(part.factor), columns=len(order)))
+            columns.append(order)
+            rows += [row[place:] for place, row in enumerate(factor)]
+        heads.append(_head_of(each, (parts[0], parts[1])).model_dump())
+    header = json.dumps({"version": VERSION, "records": heads}).encode()
+    members = {
+        "header": np.frombuffer(header, np.uint8),
+        "columns": np.concatenate(columns).astype("<i4"),
+        "rows": np.concatenate(rows).astype("<f8"),
+    }
+    members["sha256"] = np.frombuffer(_digest(members), np.uint8)
+    file = io.BytesIO()
+    np.savez(file, allow_pickle=False, **members)
+    return file.getvalue()
+
+
+def _head_of(kept: Kept, parts: tuple[_Part, _Part]) -> _Head:
+    grid = kept.grid
+    return _Head(
+        **{name: getattr(kept, name) for name in _Head.model_fields.keys() & vars(kept).keys() - {
+            "parts", "visited", "visited_ocv"}},
+        **{name: getattr(grid, name) for name in ("low_s", "high_s", "circuit", "ocv")},
+        skeleton=grid.span.skeleton.tolist(),
+        nodes=list(grid.nodes),
+        visited=kept.visited.tolist(),
+        visited_ocv=kept.visited_ocv.tolist(),
+        ocv_v=kept.cell.ocv_v.tolist(),
+        slopes_v=kept.cell.slopes_v.tolist(),
+        parts=parts,
+    )  # fmt: skip
+
+
+def _trapezoid(factor: Float[np.ndarray, "rows columns"]) -> tuple[Int[np.ndarray, "used"], Any]:
+    """The columns in use, those that most rows have no number in first, and their rows: upper
+    trapezoidal, for pivoting has permuted a triangle."""
+    lengths = np.array([np.max(np.flatnonzero(c), initial=-1) for c in factor.T])
+    order = np.argsort(lengths, kind="stable")
+    order = order[lengths[order] >= 0].astype("<i4")
+    return order, factor[: len(order), order]
+
+
+def _digest(members: dict[str, np.ndarray]) -> bytes:
+    digest = hashlib.sha256()
+    for name in _MEMBERS[:-1]:
+        digest.update(np.ascontiguousarray(members[name]).data)
+    return digest.digest()
+
+
+def read_factors(path: str | Path) -> list[Kept]:
+    """The records of a factor file.
+
+    Args:
+        path: A file that a fleet wrote, whoever's; reading it runs nothing.
+
+    Raises `InputError` where it is none, broken, of another version or too large.
+    """
+    try:
+        if os.path.getsize(path) > LARGEST_FILE:
+            raise InputError(f"{path}: is longer than {LARGEST_FILE:,} bytes, and not read")
+        members = _members(Path(path).read_bytes())
+        header = json.loads(members["header"].tobytes())
+        version = header.pop("version", None)
+        if version != VERSION:
+            raise InputError(
+                f"{path}: is of version {printable(str(version)[:20])} of factor files, and this "
+                f"barnax reads version {VERSION}; keep the factors anew, from the records"
+            )
+        if _digest(members) != members["sha256"].tobytes():
+            raise ValueError("its checksum does not match")
+        records = header.get("records")
+        if not isinstance(records, list) or len(records) > MOST_RECORDS:
+            raise ValueError(f"it has no list of at most {MOST_RECORDS:,} records")
+        heads = [_Head.model_validate_json(json.dumps(each)) for each in records]
+        return list(_records(heads, members["columns"], members["rows"]))
+    except OSError as problem:
+        raise InputError(f"{path}: cannot be read ({problem.strerror})") from problem
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:
+        if isinstance(problem, InputError):
+            raise
+        reason = str(problem).splitlines()[0] if str(problem) else type(problem).__name__
+        if isinstance(problem, ValidationError):
+            first = problem.errors()[0]
+            reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        raise InputError(
+            f"{path}: is no whole factor file ({printable(reason[:200])}); keep the factors anew, "
+            "from the records"
+        ) from problem
+    except zipfile.BadZipFile as problem:
+        raise InputError(f"{path}: is no factor file; give one that a fleet kept") from problem
+
+
+def _members(content: bytes) -> dict[str, np.ndarray]:
+    """The arrays of a file: views of its own bytes, so that no size is believed."""
+    found = {}
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        infos = archive.infolist()
+        if [each.filename for each in infos] != [f"{name}.npy" for name in _MEMBERS]:
+            raise ValueError("its members are others")
+        for name, info in zip(_MEMBERS, infos, strict=True):
+            is_stored = info.compress_type == zipfile.ZIP_STORED
+            if not is_stored or info.file_size != info.compress_size:
+                raise ValueError("a member is compressed")
+            stream = io.BytesIO(archive.read(info))
+            if np.lib.format.read_magic(stream) != (1, 0):
+                raise ValueError("an array is of another version")
+            shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+            values = np.frombuffer(stream.getbuffer()[stream.tell() :], _TYPES[name])
+            if dtype.str != _TYPES[name] or shape != (len(values),):
+                raise ValueError(f"the array {name} is another")
+            found[name] = values
+    return found
+
+
+def _records(
+    heads: Sequence[_Head], columns: Int[np.ndarray, "_"], rows: Float[np.ndarray, "_"]
+) -> Iterator[Kept]:
+    parts = [part for head in heads for part in head.parts]
+    sizes = sum(part.columns for part in parts), sum(part.size for part in parts)
+    if sizes != (len(columns), len(rows)) or not np.all(np.isfinite(rows)):
+        raise ValueError("its sizes or numbers do not fit")
+    first_column = first_row = 0
+    layouts: dict[Grid, Layout] = {}
+    for head in heads:
+        require_nodes(head.nodes)
+        grid = Grid(head.low_s, head.high_s, head.circuit, tuple(head.nodes), head.ocv)
+        layout = layouts[grid] = layouts.get(grid) or grid.layout
+        wide, count = len(layout.ocv_nodes), len(layout.nodes)
+        if layout.in_tau.skeleton.tolist() != head.skeleton:
+            raise InputError(
+                f"{head.name}: its factor is on another grid of time constants than this barnax "
+                "makes; keep the factors anew, from the records"
+            )
+        lengths = [len(each) for each in (head.visited, head.visited_ocv, head.ocv_v)]
+        is_short = len(head.slopes_v) != (wide - 1 if layout.has_correction else 0)
+        if lengths != [count, wide, wide] or is_short or layout.width > MOST_COLUMNS:
+            raise ValueError("its nodes do not fit")
+        own = []
+        for part in head.parts:
+            order = columns[first_column : first_column + part.columns]
+            values = rows[first_row : first_row + part.size]
+            if len(np.unique(order)) != len(order) or np.any((order < 0) | (order >= layout.width)):
+                raise ValueError("its columns do not fit")
+            factor = np.zeros((part.rows, layout.width))
+            place = 0
+            for row in range(min(part.rows, part.columns)):
+                long = part.columns - row
+                factor[row, order[row:]] = values[place : place + long]
+                place += long
+            own.append(Reduced(layout, part.scored, factor))
+            first_column, first_row = first_column + part.columns, first_row + part.size
+        yield Kept(
+            **head.model_dump(include={
+                "name", "capacity_ah", "step_ohm", "median_interval_s", "dense_interval_s",
+                "scored_duration_s"}),
+            grid=grid,
+            visited=np.array(head.visited),
+            visited_ocv=np.array(head.visited_ocv),
+            cell=KeptOcv(np.array(head.ocv_v), np.array(head.slopes_v)),
+            parts=(own[0], own[1]),
+        )  # fmt: skip

@@ -1,0 +1,46 @@
+"""A fleet whose factors were kept, as cells of any grouping: no raw data are read again."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import polars as pl
+
+from ..errors import InputError, listed
+from .dataset import factors_path, read_rows
+from .manifest import FleetCell
+
+
+def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
+    """A cell for all rows of a fleet that have the same values in some columns.
+
+    Args:
+        fleet: The folder of a fleet that was identified with `keep_factors`.
+        group: Columns of its dataset, such as those copied from its manifest.
+
+    Raises `InputError` where the dataset has no such column, or a row's factors are not there.
+    """
+    out = Path(fleet)
+    rows = read_rows(out)
+    unknown = [name for name in group if name not in rows.columns]
+    if unknown or not group:
+        raise InputError(
+            f"`group` {listed(unknown) or 'nothing'}: no column of {out}; there are "
+            f"{listed(rows.columns)}"
+        )
+    good = rows.filter(pl.col("error").is_null())
+    cells = []
+    for values, members in good.group_by(group, maintain_order=True):
+        paths = [factors_path(out, name) for name in members["id"]]
+        gone = [path for path in paths if not path.is_file()]
+        if gone:
+            raise InputError(
+                f"{gone[0]}: is not there; identify the fleet with `keep_factors` again"
+            )
+        name = ", ".join(map(str, values)).replace("/", "-").replace("\\", "-")
+        carried = dict(zip(group, values, strict=True))
+        # The name of a cell is its own column.
+        carried.pop("id", None)
+        cells.append(FleetCell(name, tuple(map(str, paths)), carried=carried))
+    if not cells:
+        raise InputError(f"{out}: has no rows with factors; identify it with `keep_factors`")
+    return cells

@@ -1,0 +1,297 @@
+"""Records kept as their factors: what a fit of any grouping of them needs, without their samples.
+
+A factor here is of one grid of time constants for all records, so that those of any records can be
+joined: the triangular factor of two is that of their rows together. The grid answers every time
+constant between its ends to 1e-7 of the largest current.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..blas import one_blas_thread
+from ..cell import get_circuit
+from ..cell.soc_axis import is_above
+from ..errors import InputError
+from ..execution import in_float64
+from ..global_optimum.proof import Proof
+from ..model.compressed import shorten
+from ..model.exponentials import Span, span_of
+from ..model.prepared import PreparedRecord, prepare_record
+from .cross_validation import record_errors
+from .fit import TableFit, fit_of
+from .intervals import NodeInterval
+from .level import OCV_NODES, level_cell, leveled, with_own_ocv
+from .objective import Solution, TableObjective
+from .problem import box_of
+from .reduced import Layout, Reduced, reduce_records, together
+from .search import find_best
+from .settings import OCV, TableSettings
+
+# Bound on the error of a pair's answer between the grid's ends, relative to the largest current.
+TOLERANCE = 1e-7
+# Rows of a factor that add less than this to any column's RMS, in V, are left out.
+NEGLIGIBLE_V = 1e-9
+# The one node of a constant circuit.
+CONSTANT = (0.5,)
+
+OcvSource = Literal["OCV test", "own"]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Which columns are kept: one choice for all records that are to be fitted together.
+
+    Args:
+        low_s: Fastest time constant that a fit may try.
+        high_s: Slowest one.
+        circuit: Name of the circuit, one without dynamic hysteresis.
+        nodes: States of charge of the resistances' tables; a single one is a constant circuit,
+            whose OCV is that of the test as it is.
+        ocv: Whether the OCV is that of a test, with a correction of it, or one of the records' own.
+    """
+
+    low_s: float = 1.0
+    high_s: float = 1000.0
+    circuit: str = "so-rc"
+    nodes: tuple[float, ...] = TableSettings().nodes
+    ocv: OcvSource = "OCV test"
+
+    def __post_init__(self) -> None:
+        if not 0 < self.low_s < self.high_s < np.inf:
+            raise InputError(
+                f"a grid of time constants from {self.low_s:g} to {self.high_s:g} s is none; the "
+                "faster one comes first, as in 1,1000"
+            )
+        if get_circuit(self.circuit).has_rate:
+            raise InputError(
+                f"the circuit {self.circuit} has a dynamic hysteresis, of which no factors are "
+                "kept; use so-rc or iso-rc"
+            )
+
+    @property
+    def is_constant(self) -> bool:
+        return len(self.nodes) == 1
+
+    @property
+    def span(self) -> Span:
+        return span_of(self.low_s, self.high_s, TOLERANCE)
+
+    @property
+    def layout(self) -> Layout:
+        ocv_nodes = OCV_NODES if self.ocv == "own" else self.nodes
+        has_correction = self.ocv == "own" or not self.is_constant
+        return Layout(self.nodes, ocv_nodes, self.span, None, has_correction, False)
+
+
+@dataclass(frozen=True, eq=False)
+class KeptOcv:
+    """The OCV that a record's errors are counted from: in V and its least slopes, at the nodes."""
+
+    ocv_v: Float[np.ndarray, "nodes"]
+    slopes_v: Float[np.ndarray, "intervals"]
+
+    def average_ocv_v(self, nodes: Float[np.ndarray, "nodes"]) -> Float[np.ndarray, "nodes"]:
+        """At the nodes, the only place where it is known."""
+        del nodes
+        return self.ocv_v
+
+    def least_ocv_slopes(self, nodes: Float[np.ndarray, "nodes"]) -> Float[np.ndarray, "_"]:
+        """Between the nodes."""
+        del nodes
+        return self.slopes_v
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """A record's factors and what a fit asks of it besides: all that its length costs.
+
+    `parts` are of the samples below and above 10 % SOC, which errors are told of by themselves.
+    `visited` and `visited_ocv` say which nodes some sample is nearest to, and the numbers are those
+    of `PreparedRecord`.
+    """
+
+    name: str
+    grid: Grid
+    capacity_ah: float
+    step_ohm: float
+    median_interval_s: float
+    dense_interval_s: float
+    scored_duration_s: float
+    visited: Bool[np.ndarray, "nodes"]
+    visited_ocv: Bool[np.ndarray, "ocv_nodes"]
+    cell: KeptOcv
+    parts: tuple[Reduced, Reduced]
+    dependence: None = None
+
+    @property
+    def circuit(self) -> str:
+        return self.grid.circuit
+
+    @property
+    def scored(self) -> int:
+        """How many samples it has."""
+        return sum(part.scored for part in self.parts)
+
+    def nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
+        """Which nodes of its tables some sample is nearest to."""
+        return self.visited if np.array_equal(nodes, self.grid.nodes) else self.visited_ocv
+
+    def counted_from(self, ocv: KeptOcv) -> "Kept":
+        """The same with errors counted from another OCV, which differs by lines between nodes."""
+        apart_v = self.cell.ocv_v - ocv.ocv_v
+        if not np.any(apart_v):
+            return self
+
+        def moved(part: Reduced) -> Reduced:
+            places, factor = part.layout.places, part.factor.copy()
+            factor[:, places["base"][0]] -= factor[:, places["correction"][0]] @ apart_v[:, None]
+            return replace(part, factor=factor)
+
+        return replace(self, cell=ocv, parts=tuple(map(moved, self.parts)))
+
+
+@in_float64
+def keep(prepared: PreparedRecord, grid: Grid | None = None) -> Kept:
+    """A record's factors on a grid; that of a cell without an OCV test has its OCV among the
+    columns. Raises `InputError` where the grid's circuit does not fit the cell."""
+    grid = grid or Grid()
+    cell = prepared.cell
+    told = prepare_record(prepared.record, cell, grid.circuit, prepared.window)
+    if cell.is_of_records:
+        grid = replace(grid, ocv="own")
+        told = leveled(told, level_cell(prepared.capacity_ah, float(np.median(prepared.voltage_v))))
+    layout = grid.layout
+    nodes, ocv_nodes = np.array(layout.nodes), np.array(layout.ocv_nodes)
+
+    def below_or_above(here: slice):
+        return np.where(told.scored[here], is_above(told.soc[here]), -1)
+
+    parts = []
+    for part in reduce_records([told], layout, [below_or_above], 2):
+        with one_blas_thread():
+            factor = shorten(part.factor, NEGLIGIBLE_V * np.sqrt(max(part.scored, 1)))
+        # What is shorter than a multiple of rows was filled up.
+        filled = max(1, int(np.count_nonzero(np.any(factor, axis=1))))
+        parts.append(replace(part, factor=factor[:filled]))
+    slopes_v = np.empty(0)
+    if layout.has_correction:
+        slopes_v = told.cell.least_ocv_slopes(ocv_nodes)
+    return Kept(
+        name=prepared.record.name,
+        grid=grid,
+        capacity_ah=told.capacity_ah,
+        step_ohm=told.step_ohm,
+        median_interval_s=told.median_interval_s,
+        dense_interval_s=told.dense_interval_s,
+        scored_duration_s=told.scored_duration_s,
+        visited=told.nearest(nodes),
+        visited_ocv=told.nearest(ocv_nodes),
+        cell=KeptOcv(told.cell.average_ocv_v(ocv_nodes), slopes_v),
+        parts=(parts[0], parts[1]),
+    )
+
+
+def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> TableFit:
+    """The best tables for some kept records together, as `fit_tables` finds them from samples.
+
+    There is no proof. Intervals are of the spread of at least three records' own fits: what is
+    correlated within a record is not kept.
+
+    Args:
+        kept: Records on one grid, whose states of charge are on one axis.
+        settings: Weights, bounds and fixed values; the nodes are the grid's.
+
+    Raises `InputError` where records are on different grids.
+    """
+    first = kept[0]
+    for each in kept:
+        if each.grid != first.grid:
+            raise InputError(_other_grid(first, each))
+    objective = objective_of(kept, settings or TableSettings())
+    with one_blas_thread():
+        best = find_best(objective)
+    fit = fit_of(
+        objective,
+        Proof(0.0, 0, best),
+        intervals=_without_noise(objective, best),
+        errors=record_errors(objective, best),
+    )
+    if first.grid.ocv != "own":
+        return fit
+    known_v = dict(zip(first.grid.layout.ocv_nodes, first.cell.ocv_v.tolist(), strict=True))
+    intervals = tuple(
+        each.moved(known_v[each.soc]) if each.name == OCV and each.soc is not None else each
+        for each in fit.intervals
+    )
+    return replace(fit, intervals=intervals)
+
+
+def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjective:
+    """What is searched: time constants are those of the records that the grid answers."""
+    grid = kept[0].grid
+    layout = grid.layout
+    settings = replace(
+        settings,
+        nodes=grid.nodes,
+        ocv_nodes=None,
+        ocv_correction=layout.has_correction,
+        rising_ocv=settings.rising_ocv and layout.has_correction,
+        half_hysteresis=False,
+        resistances_follow="none",
+    )
+    if grid.ocv == "own":
+        settings = with_own_ocv(settings)
+        kept = [each.counted_from(kept[0].cell) for each in kept]
+    ranges = {
+        name: (min(max(low, grid.low_s), grid.high_s), max(min(high, grid.high_s), grid.low_s))
+        for name, (low, high) in box_of(kept, settings).items()
+    }
+    parts = [part for each in kept for part in each.parts]
+    with one_blas_thread():
+        whole = together([_empty(layout), *parts])
+    return TableObjective((), settings, ranges, whole, parts, kept=kept)
+
+
+def _empty(layout: Layout) -> Reduced:
+    """The factor of no samples, which others join."""
+    return Reduced(layout, 0, np.zeros((layout.width, layout.width)))
+
+
+def _without_noise(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:
+    """The values of visited nodes and the time constants, whose intervals are not known yet."""
+    found = [
+        NodeInterval(name, float(node), float(value), 0.0, 0.0, None, None)
+        for table, name in enumerate(objective.names)
+        for node, value, is_visited in zip(
+            objective.nodes_of[table],
+            best.values[table],
+            objective.visited_of(table),
+            strict=True,
+        )
+        if is_visited
+    ]
+    found += [
+        NodeInterval(axis.name, None, float(np.exp(scale)), 0.0, 0.0, None, None)
+        for axis, scale in zip(objective.axes, best.log_scales, strict=True)
+    ]
+    return tuple(found)
+
+
+def _other_grid(first: Kept, other: Kept) -> str:
+    """What differs between the grids of two records, in words."""
+    one, two = first.grid, other.grid
+    differences = {
+        "time constants": tuple(f"{g.low_s:g} to {g.high_s:g} s" for g in (one, two)),
+        "circuits": (one.circuit, two.circuit),
+        "OCVs": (one.ocv, two.ocv),
+        "nodes": tuple(", ".join(f"{node:g}" for node in g.nodes) for g in (one, two)),
+    }
+    what, (mine, others) = next(pair for pair in differences.items() if pair[1][0] != pair[1][1])
+    return (
+        f"{other.name}: its factor is on another grid than that of {first.name}: {what} {others} "
+        f"instead of {mine}; keep factors of all records with the same options"
+    )

@@ -1,0 +1,41 @@
+"""Fits of records of which only factors were kept, in words and tables."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from .document import Document, Paragraph, Section
+from .pulses import fit_csv
+from .soc_tables import nodes_table
+from .words import counted, millivolt, symbol, with_unit
+
+if TYPE_CHECKING:
+    from ..over_soc import TableFit
+    from ..over_soc.kept import Kept
+
+
+def kept_document(kept: "Sequence[Kept]", fit: "TableFit") -> Document:
+    """The fit of some kept records together."""
+    samples = sum(each.scored for each in kept)
+    errors = ", ".join(
+        f"{each.name} {millivolt(one.rmse_v)}" for each, one in zip(kept, fit.errors, strict=True)
+    )
+    constants = ", ".join(
+        f"{symbol(name)} {with_unit(name, value)}" for name, value in fit.tables.constants.items()
+    )
+    told = [
+        f"{counted(len(kept), 'record')} of {samples:,} samples, from factors: RMSE {errors}.",
+        f"{constants}, verified on a grid.",
+    ]
+    if held := fit.cross_validation:
+        told.append(f"Each record left out in turn: {millivolt(held.tables.rmse_v)}.")
+    else:
+        told.append("No intervals: they are of the spread of three records or more.")
+    blocks = (*map(Paragraph, told), nodes_table(fit))
+    return Document("Kept records", "", (Section("Kept records", blocks),))
+
+
+def kept_csv(fit: "TableFit") -> bytes:
+    """Every node of every table, an OCV of the records' own too."""
+    from ..over_soc.settings import OCV
+
+    return fit_csv(fit, OCV)

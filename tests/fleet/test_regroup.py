@@ -1,0 +1,47 @@
+"""Fleets that kept factors, grouped and fitted again."""
+
+import polars as pl
+import pytest
+
+from barnax.errors import InputError
+from barnax.factors import factors_to_bytes
+from barnax.fleet.dataset import dataset_path, keep_factors, write_rows
+from barnax.fleet.regroup import regrouped
+from barnax.fleet.rows import identify_cell
+from barnax.model.prepared import Window, prepare_record
+from barnax.over_soc.kept import CONSTANT, Grid, keep
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory, bundled_record, bundled_cell):
+    """Two rows of one cell with factors of constants, and one that failed."""
+    out = tmp_path_factory.mktemp("fleet")
+    rows = []
+    for name, first_s in (("a", 0.0), ("b", 2000.0)):
+        window = Window(score_from_s=first_s, score_to_s=first_s + 2000.5)
+        prepared = prepare_record(bundled_record, bundled_cell, "so-rc", window)
+        kept = keep(prepared, Grid(low_s=4.0, high_s=250.0, nodes=CONSTANT))
+        size = keep_factors(out, name, factors_to_bytes([kept]))
+        rows.append({"id": name, "error": None, "cell_name": "A/1", "factor bytes": size})
+    rows.append({"id": "c", "error": "no such file", "cell_name": "B", "factor bytes": None})
+    write_rows(dataset_path(out), rows)
+    return out
+
+
+def test_rows_alike_in_a_column_are_one_cell(fleet):
+    (cell,) = regrouped(fleet, ["cell_name"])
+    assert (cell.id, len(cell.records), cell.carried) == ("A-1", 2, {"cell_name": "A/1"})
+    row = identify_cell(cell, {"seeds": 0})
+    assert row["error"] is None
+    assert row["samples"] == 2000 + 2001
+    # That of the bundled cell.
+    assert row["R0 [Ohm]"] == pytest.approx(0.05, rel=0.1)
+
+
+def test_factors_of_constants_are_small(fleet):
+    assert pl.read_parquet(dataset_path(fleet))["factor bytes"].max() < 10_000
+
+
+def test_a_column_that_is_not_there_is_refused(fleet):
+    with pytest.raises(InputError, match="month: no column"):
+        regrouped(fleet, ["cell_name", "month"])

@@ -1,0 +1,161 @@
+"""Kept factors: equal to fits from the samples, in files that can do nothing but be read."""
+
+import io
+import json
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barnax.errors import InputError
+from barnax.factors import factors_to_bytes, read_factors
+from barnax.model.prepared import Window, prepare_record
+from barnax.over_soc import TableSettings, fit_tables
+from barnax.over_soc.kept import Grid, fit_kept, keep
+
+NODES = (0.3, 0.5, 0.7, 0.85, 1.0)
+GRID = Grid(low_s=4.0, high_s=250.0, nodes=NODES)
+BOX = {"tau1 [s]": (5.0, 20.0), "tau2 [s]": (40.0, 200.0)}
+SETTINGS = TableSettings(nodes=NODES, bounds=BOX, max_boxes=0, resistances_follow="none")
+
+
+@pytest.fixture(scope="module")
+def records(bundled_record, bundled_cell):
+    windows = (Window(score_from_s=first, score_to_s=first + 3000.5) for first in (200.0, 2e3, 4e3))
+    return [prepare_record(bundled_record, bundled_cell, "so-rc", each) for each in windows]
+
+
+@pytest.fixture(scope="module")
+def kept(records):
+    return [keep(each, GRID) for each in records]
+
+
+@pytest.fixture(scope="module")
+def content(kept):
+    return factors_to_bytes(kept)
+
+
+def written(tmp_path, content):
+    path = tmp_path / "a.factors.npz"
+    path.write_bytes(content)
+    return path
+
+
+def test_a_fit_of_factors_read_back_is_the_fit_of_the_samples(records, content, tmp_path):
+    ours = fit_kept(read_factors(written(tmp_path, content)), SETTINGS)
+    theirs = fit_tables(records, SETTINGS)
+    assert ours.objective_v == pytest.approx(theirs.objective_v, rel=1e-9)
+    assert ours.tables.r0_ohm == pytest.approx(theirs.tables.r0_ohm, abs=1e-9)
+    assert ours.tables.ocv_correction_v == pytest.approx(theirs.tables.ocv_correction_v, abs=1e-9)
+    for one, other in zip(ours.errors, theirs.errors, strict=True):
+        assert one.rmse_v == pytest.approx(other.rmse_v, rel=1e-8)
+    held, its = ours.cross_validation.tables, theirs.cross_validation.tables
+    assert held.rmse_v == pytest.approx(its.rmse_v, rel=1e-8)
+    # Where all three records are.
+    known = [each for each in ours.of_table("R0 [Ohm]") if each.low is not None]
+    assert known
+    assert all(each.low < each.value < each.high for each in known)
+
+
+def test_an_ocv_of_ones_own_is_counted_from_one_level(records, bundled_cell):
+    # The records' own levels differ; the joint OCV does not know which came first.
+    own = replace(
+        bundled_cell,
+        charge_points=tuple(replace(each, row=0) for each in bundled_cell.charge_points),
+        discharge_points=tuple(replace(each, row=0) for each in bundled_cell.discharge_points),
+    )
+    two = [keep(replace(each, cell=own), GRID) for each in records[:2]]
+    one, other = fit_kept(two, SETTINGS), fit_kept(two[::-1], SETTINGS)
+    ocv = [[n.value for n in fit.of_table("OCV [V]")] for fit in (one, other)]
+    assert ocv[0] == pytest.approx(ocv[1], abs=1e-6)
+    assert np.all(np.diff(ocv[0]) > 0)
+
+
+def test_equal_records_give_equal_bytes(kept, content):
+    assert factors_to_bytes(kept) == content
+
+
+def test_a_short_log_is_no_longer_than_its_rows(bundled_record, bundled_cell):
+    window = Window(score_from_s=200.0, score_to_s=219.5)
+    short = keep(prepare_record(bundled_record, bundled_cell, "so-rc", window), GRID)
+    assert sum(len(part.factor) for part in short.parts) <= short.scored + 1
+
+
+def test_another_grid_is_refused_in_words(records, kept):
+    other = keep(records[1], replace(GRID, high_s=300.0))
+    with pytest.raises(InputError, match="time constants 4 to 300 s instead of 4 to 250 s"):
+        fit_kept([kept[0], other], SETTINGS)
+    with pytest.raises(InputError, match="dynamic hysteresis"):
+        Grid(circuit="esc")
+
+
+def remade(content, **changes):
+    """The file with other arrays, and the checksum that it had."""
+    with np.load(io.BytesIO(content)) as arrays:
+        members = {name: arrays[name] for name in arrays.files}
+    members |= changes
+    file = io.BytesIO()
+    np.savez(file, **members)
+    return file.getvalue()
+
+
+def header_of(content, **changes):
+    with np.load(io.BytesIO(content)) as arrays:
+        header = json.loads(arrays["header"].tobytes())
+    return np.frombuffer(json.dumps(header | changes).encode(), np.uint8)
+
+
+def hostile(content):
+    """Files that are broken, of another version, or ask for more than they hold."""
+    with np.load(io.BytesIO(content)) as arrays:
+        rows = arrays["rows"].copy()
+    rows[3] += 1e-3
+    compressed = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(content)) as given,
+        zipfile.ZipFile(compressed, "w", zipfile.ZIP_DEFLATED) as packed,
+    ):
+        for info in given.infolist():
+            packed.writestr(info.filename, given.read(info))
+    vast = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(content)) as given, zipfile.ZipFile(vast, "w") as packed:
+        for info in given.infolist():
+            array = given.read(info)
+            head = io.BytesIO()
+            np.lib.format.write_array_header_1_0(
+                head, {"descr": "<f8", "fortran_order": False, "shape": (10**13,)}
+            )
+            packed.writestr(info.filename, head.getvalue() if "rows" in info.filename else array)
+    objects = np.array([{"a": 1}], dtype=object)
+    return {
+        "checksum": remade(content, rows=rows),
+        "version 7": remade(content, header=header_of(content, version=7)),
+        "compressed": compressed.getvalue(),
+        "no whole factor file": vast.getvalue(),
+        "is no whole": remade(content, rows=objects),
+        "its members": remade(content, more=rows),
+        "is no factor file": content[: len(content) // 2],
+    }
+
+
+def test_a_file_of_somebody_else_is_refused_in_words(content, tmp_path):
+    for told, given in hostile(content).items():
+        with pytest.raises(InputError, match=told):
+            read_factors(written(tmp_path, given))
+
+
+def test_a_header_that_promises_other_sizes_is_refused(kept, content, tmp_path):
+    from barnax.factors import _digest
+
+    with np.load(io.BytesIO(content)) as arrays:
+        members = {name: arrays[name] for name in arrays.files}
+    header = json.loads(members["header"].tobytes())
+    part = header["records"][0]["parts"][1]
+    for name, value in (("rows", 4000), ("columns", 10**9), ("scored", -1)):
+        changed = json.loads(json.dumps(header))
+        changed["records"][0]["parts"][1] = part | {name: value}
+        own = members | {"header": np.frombuffer(json.dumps(changed).encode(), np.uint8)}
+        own["sha256"] = np.frombuffer(_digest(own), np.uint8)
+        with pytest.raises(InputError, match="no whole factor file"):
+            read_factors(written(tmp_path, remade(content, **own)))

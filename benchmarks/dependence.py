@@ -91,7 +91,8 @@ def main() -> None:
             print(lines[-1], flush=True)
     text = (
         "# What it is worth that resistances follow temperature\n\n"
-        "Tables over SOC (so-rc) with an OCV test, identified on one or two drive cycles: with\n"
+        "Tables over SOC with an OCV test, of two or three RC pairs as `identify` chooses in each\n"
+        "row, identified on one or two drive cycles: with\n"
         "resistances of SOC alone, and, where `identify` chooses more by what is held out, with\n"
         "that too. *On others* are the records of the same temperature that were not used, in the\n"
         "order US06, Mixed1, LA92. The CALCE files have no temperatures.\n\n"

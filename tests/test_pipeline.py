@@ -15,6 +15,7 @@ from barnax.model.window import Window
 from barnax.notices import notice
 from barnax.records import read_record
 from barnax.results import Result
+from helpers import known_cell
 from helpers.reference import filtered_response, make_record
 
 SHORT = Window(score_to_s=1500.0)
@@ -309,3 +310,13 @@ def test_score_soc_leaves_out_what_it_says():
     result = barnax.identify(window=window, **SMALL)
     low, high = result.of_role("identification")[0].soc_range
     assert 0.9 <= low < 0.91 < high
+
+
+def test_a_fast_record_without_an_ocv_test_shows_its_third_pair(monkeypatch):
+    monkeypatch.setattr(known_cell, "R_OHM", (0.01, 0.02, 0.03))
+    monkeypatch.setattr(known_cell, "TAU_S", (1.5, 12.0, 100.0))
+    fast, _ = known_cell.made(hours=0.4, scale=6.0, noise_v=1e-4)
+    found = barnax.identify(fast, seeds=0, trust="none", advise=False, max_boxes=0)
+    assert found.model == "3rc"
+    taus_s = [found.tables.fit.tables.constants[f"tau{pair} [s]"] for pair in (1, 2, 3)]
+    assert np.allclose(taus_s, (1.5, 12.0, 100.0), rtol=0.1)

@@ -3,9 +3,12 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from .cell import CellModel
 from .model.prepared import PreparedRecord
 from .over_soc import SocErrors, TableFit
+from .records import Record
 from .search.evaluate import Evaluation
 
 # Constant circuits, the simplest first: no hysteresis, switched at once, and following the charge.
@@ -86,9 +89,9 @@ def tabulated_circuit(cell: CellModel) -> str:
     return FOLLOWING if cell.has_flat_ocv else TWO_PAIRS
 
 
-def is_fast(prepared_records: Iterable[PreparedRecord]) -> bool:
+def is_fast(records: Iterable[PreparedRecord | Record]) -> bool:
     """Whether all records are sampled fast enough to show a third RC pair."""
-    return all(each.median_interval_s <= FAST_S for each in prepared_records)
+    return all(float(np.median(np.diff(each.time_s))) <= FAST_S for each in records)
 
 
 def spans_enough(fit: TableFit) -> bool:

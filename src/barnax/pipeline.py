@@ -7,10 +7,18 @@ validated.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from .bundled import BUNDLED
-from .candidates import CONTRADICTED, WEIGHED, tabulated_circuit
+from .candidates import (
+    CONTRADICTED,
+    THREE_PAIRS,
+    WEIGHED,
+    is_better,
+    is_fast,
+    tabulated_circuit,
+)
 from .cell import CellModel, get_circuit
 from .checks.against_cell import compare_resistances
 from .errors import InputError
@@ -181,7 +189,21 @@ def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
             raise notice("ocv-test.missing", asked=what).error()
     windows = {each.name: window_of(job.window, each.name).as_told for each in records}
     is_over = job.over == OVER_TEMPERATURE
-    return fit_with_ocv(records, circuit.name, windows, bounded_tables(job), job.capacity, is_over)
+
+    def fitted(circuit: str) -> OwnOcv:
+        return fit_with_ocv(records, circuit, windows, bounded_tables(job), job.capacity, is_over)
+
+    found = fitted(circuit.name)
+    is_open = job.model is None and not (is_over or job.bounds or job.fix)
+    held_out = found.fit.cross_validation
+    if is_open and held_out is not None and is_fast(records):
+        # A short record may be enough for two pairs alone.
+        with suppress(InputError):
+            tried = fitted(THREE_PAIRS)
+            errors = tried.fit.cross_validation
+            if is_better(errors and errors.tables, held_out.tables):
+                return tried
+    return found
 
 
 @takes_options(Job)

@@ -105,7 +105,7 @@ def weigh(
     test the tables came with the cell's OCV."""
     over, model = settings.over, settings.model
     tables = tables if own_ocv is None else own_ocv.settings
-    tabulated = model or tabulated_circuit(inputs.cell)
+    tabulated = own_ocv.circuit if own_ocv else model or tabulated_circuit(inputs.cell)
     if over == OVER_TEMPERATURE or own_ocv is not None:
         models = (tabulated,)
     elif model is None:

@@ -76,12 +76,14 @@ class OwnOcv(Brief):
         windows: The windows of the records, each with its start on the axis.
         found: The tables over SOC, and the OCV among their intervals.
         settings: How they were fitted.
+        circuit: Name of the circuit that they are of.
     """
 
     cell: CellModel
     windows: Mapping[str, Window]
     found: TableFits
     settings: TableSettings
+    circuit: str
 
     @property
     def fit(self) -> TableFit:
@@ -254,7 +256,7 @@ def _fitted(
         _of_ocv(fit, own, settings, level)
         for fit, own in zip(found.fits, groups.values(), strict=True)
     )
-    return OwnOcv(cell, windows, replace(found, fits=fits), settings)
+    return OwnOcv(cell, windows, replace(found, fits=fits), settings, circuit)
 
 
 def _of_ocv(

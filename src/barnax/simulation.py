@@ -66,7 +66,7 @@ def simulate_frame(
     time_s, current_a, *_ = profile
     known |= {"temperature_degc": temperature_degc, "measured_degc": profile.temperature_degc}
     found = simulate_current(result, time_s, current_a, **known)
-    for each in _doubts(result, profile, found.soc):
+    for each in _doubts(result, profile, found.soc, temperature_degc):
         # Told of the line that calls `Result.simulate`.
         warnings.warn(str(each), stacklevel=3)
     columns = {
@@ -115,7 +115,10 @@ def _columns(frame: Any) -> Profile:
 
 
 def _doubts(
-    result: Result, profile: Profile, soc: Float[np.ndarray, "samples"]
+    result: Result,
+    profile: Profile,
+    soc: Float[np.ndarray, "samples"],
+    given_degc: float | None,
 ) -> Iterator[Notice]:
     """Where a simulation goes beyond what the answer was identified on."""
     parts = result.of_role("identification")
@@ -146,10 +149,16 @@ def _doubts(
                 held=None if result.tables is None else "true",
             )
     degc = profile.temperature_degc
-    tables = result.tables and result.tables.fit.tables
+    known = _at(result, given_degc).tables
+    tables = known and known.fit.tables
     is_followed = tables and tables.dependence and BETA in tables.dependence.numbers
     if degc is not None and not is_followed and np.nanmax(degc) - np.nanmin(degc) > SAME_DEGC:
         yield notice("simulation.temperature", NAME)
+    if degc is not None and is_followed and given_degc is not None:
+        column_degc = float(np.nanmedian(degc))
+        if abs(column_degc - given_degc) > SAME_DEGC:
+            told = {"column_degc": column_degc, "given_degc": given_degc}
+            yield notice("simulation.temperatures", NAME, **told)
 
 
 def simulate_current(

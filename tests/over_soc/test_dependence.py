@@ -130,6 +130,11 @@ def test_a_simulation_follows_a_temperature_of_its_own(followed):
     with warnings.catch_warnings(action="ignore"):
         found = followed.simulate(frame, initial_soc=float(soc[0]))
     assert np.sqrt(np.mean((found["Voltage [V]"] - record.voltage_v) ** 2)) < 1.5e-3
+    known_degc = next(degc for _, degc in followed.measured_at if degc is not None)
+    frame["Temperature [degC]"] = record.temperature_degc + 20.0
+    with warnings.catch_warnings(record=True, action="always") as told:
+        followed.simulate(frame, initial_soc=float(soc[0]), temperature=known_degc)
+    assert any("in the middle, and" in str(each.message) for each in told)
 
 
 def test_without_such_a_cell_nothing_is_followed():
@@ -189,7 +194,7 @@ def test_heat_is_the_low_passed_square():
     np.testing.assert_allclose(found, 9 * -np.expm1(-(time_s - time_s[0]) / 250.0), rtol=1e-12)
 
 
-def test_between_two_temperatures_what_both_follow_is_followed():
+def test_between_two_temperatures_what_is_followed_changes_without_a_jump():
     def at(degc, dependence):
         return SocTables((0.5,), (60.0,), (0.05,), ((0.01,),), dependence=dependence)
 
@@ -200,7 +205,9 @@ def test_between_two_temperatures_what_both_follow_is_followed():
     assert warm.beta_per_k < middle.beta_per_k < cold.beta_per_k
     assert middle.factor(np.zeros(1), np.zeros(0), np.array([20.0])) == pytest.approx(1.0)
     alone = TemperatureTables((0.0, 40.0), (at(0.0, cold), at(40.0, None)))
-    assert alone.at(20.0).dependence is None
+    half = alone.at(20.0).dependence
+    assert half is not None and half.beta_per_k == pytest.approx(cold.beta_per_k / 2)
+    assert alone.at(39.999).dependence.beta_per_k == pytest.approx(0.0, abs=1e-5)
 
 
 def test_a_record_without_current_heats_nothing():

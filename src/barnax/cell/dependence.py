@@ -104,19 +104,29 @@ class Usual:
 def between(
     cold: Dependence | None, warm: Dependence | None, degc: float, share: float
 ) -> Dependence | None:
-    """What holds so far on the way from a cold temperature to a warm one; what only one of them
-    follows is left out."""
-    if cold is None or warm is None:
+    """What holds so far on the way from a cold temperature to a warm one: beta, kappa and 1 / i0
+    are linear in it, and zero where nothing is followed."""
+    if cold is None and warm is None:
         return None
-    ends = cold.numbers, warm.numbers
-    names = [name for name in ends[0] if name in ends[1]]
-    numbers = {name: ends[0][name] ** (1 - share) * ends[1][name] ** share for name in names}
-    if not names:
-        return None
-    reference_degc = degc if BETA in names else None
-    reference_a2 = (1 - share) * cold.reference_a2 + share * warm.reference_a2
-    joined = Dependence(reference_degc=reference_degc, reference_a2=reference_a2)
-    return joined.with_numbers(numbers)
+    first, second = (each or Dependence() for each in (cold, warm))
+
+    def mixed(cold_value: float, warm_value: float) -> float:
+        return (1 - share) * cold_value + share * warm_value
+
+    rate = mixed(*(1 / each.onset_a if each.onset_a else 0.0 for each in (first, second)))
+    taus_s = [
+        each.heating_tau_s or other.heating_tau_s
+        for each, other in ((first, second), (second, first))
+    ]
+    beta_per_k = mixed(first.beta_per_k, second.beta_per_k)
+    return Dependence(
+        beta_per_k=beta_per_k,
+        reference_degc=degc if beta_per_k else None,
+        kappa_per_a2=mixed(first.kappa_per_a2, second.kappa_per_a2),
+        heating_tau_s=mixed(*taus_s) if all(taus_s) else None,
+        reference_a2=mixed(first.reference_a2, second.reference_a2),
+        onset_a=1 / rate if rate else None,
+    )
 
 
 # What a lithium-ion cell's resistances usually have, of 20 to 50 kJ/mol.

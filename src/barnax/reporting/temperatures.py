@@ -49,6 +49,9 @@ def prediction_sentence(part: "TablesPart", name: str, temperature_degc: float |
     else:
         nearest = known[0] if temperature_degc <= known[0] else known[-1]
         how = f"are those of {degrees(nearest)}"
+        known_by = part.found.at(nearest).dependence
+        if known_by is not None and known_by.beta_per_k:
+            how += ", with resistances that follow its temperature from there"
     told = [
         f"{degrees(each.temperature_degc)} was predicted to {millivolt(each.errors.rmse_v)} (with "
         f"its own tables {millivolt(each.own.rmse_v)})"

@@ -206,7 +206,8 @@ def test_between_two_temperatures_what_is_followed_changes_without_a_jump():
     assert middle.factor(np.zeros(1), np.zeros(0), np.array([20.0])) == pytest.approx(1.0)
     alone = TemperatureTables((0.0, 40.0), (at(0.0, cold), at(40.0, None)))
     half = alone.at(20.0).dependence
-    assert half is not None and half.beta_per_k == pytest.approx(cold.beta_per_k / 2)
+    assert half is not None
+    assert half.beta_per_k == pytest.approx(cold.beta_per_k / 2)
     assert alone.at(39.999).dependence.beta_per_k == pytest.approx(0.0, abs=1e-5)
 
 

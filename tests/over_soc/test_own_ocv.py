@@ -189,3 +189,20 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     assert again.cell_model.is_of_records
     simulated = again.simulate({"Time [s]": [0.0, 1.0, 2.0], "Current [A]": [0.0, 2.0, 2.0]})
     assert simulated["Voltage [V]"][0] > simulated["Voltage [V]"][1]
+
+
+def test_what_an_offset_of_the_current_would_do_is_what_it_does():
+    record, _ = made(0)
+
+    def fitted(record):
+        return fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK).fit
+
+    told = fitted(record)
+    effect = told.of_offset
+    moved = fitted(replace(record, current_a=record.current_a + effect.offset_a)).tables
+
+    def total_ohm(tables):
+        return np.sum([tables.r0_ohm, *tables.r_ohm], axis=0)[list(tables.visited)]
+
+    change = np.median(np.abs(total_ohm(moved) / total_ohm(told.tables) - 1))
+    assert 1e-3 < 0.5 * change < effect.total < 2 * change

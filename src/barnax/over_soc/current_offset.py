@@ -29,6 +29,8 @@ TRIED_PER_H, SD_PER_H = (-0.015, -0.01, -0.005, 0.005, 0.01, 0.015), 0.02
 # later one finds less than so many errors.
 TOLD_ERRORS, LEAST_PER_H, LEAVES = 3.0, 1 / 300, 0.85
 OPEN_PER_H, DOUBTED_ERRORS = 0.0075, 1.5
+# What a tester may well have without a word: its effect is told where nothing shows it.
+DOUBTED_PER_H = 1 / 200
 # Charge is off by percents, so slopes of the OCV are over as much; in rounds, until it moves by
 # less than this share of its error.
 STEP_SOC, ROUNDS, SETTLED = 0.02, 6, 0.05
@@ -40,6 +42,16 @@ class CurrentOffset:
 
     value_a: float
     error_a: float
+
+
+@dataclass(frozen=True)
+class OffsetEffect:
+    """By which shares an offset of the current that nothing tells would move R0, and all
+    resistances together: the medians of their sizes over the visited nodes."""
+
+    offset_a: float
+    r0: float
+    total: float
 
 
 @dataclass(frozen=True)
@@ -135,6 +147,30 @@ def shared_offset(
     least_a = max(TOLD_ERRORS * error_a, LEAST_PER_H * capacity_ah)
     is_told = abs(now.offset_a) > least_a and leaves < LEAVES
     return CurrentOffset(now.offset_a, error_a) if is_told else None
+
+
+def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | None:
+    """What an offset of `DOUBTED_PER_H` would do to tables that were fitted to one record with its
+    own OCV, at their time constants; None where it would leave the axis of SOC with it."""
+    (prepared,) = objective.prepared_records
+    offset_a = DOUBTED_PER_H * prepared.capacity_ah
+    # SOC goes as far as without it, so that the same states are compared.
+    full, empty = int(np.argmax(prepared.soc)), int(np.argmin(prepared.soc))
+    hours = float(prepared.time_s[empty] - prepared.time_s[full]) / 3600
+    share = -DOUBTED_PER_H * hours / float(np.ptp(prepared.soc))
+    shifts = np.array([[0.0, share]])
+    moved = _Moved([prepared], objective.settings, shifts, offset_a)
+    try:
+        other = moved.objective(held_at(objective, best.log_scales)).solve(best.log_scales)
+    except InputError:
+        return None
+
+    def moves(tables: slice) -> float:
+        before, after = (np.sum(each.values[tables], axis=0) for each in (best, other))
+        known = objective.visited & (before > 0)
+        return float(np.median(np.abs(after / np.where(known, before, 1.0) - 1)[known]))
+
+    return OffsetEffect(offset_a, moves(slice(1)), moves(slice(1 + objective.pairs)))
 
 
 def _of_starts_and_offset(

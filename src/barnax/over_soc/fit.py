@@ -25,6 +25,7 @@ from .cross_validation import (
     held_out_errors,
     with_spread,
 )
+from .current_offset import OffsetEffect
 from .dependence import searched
 from .intervals import NodeInterval, intervals_of
 from .objective import Solution, TableObjective
@@ -77,6 +78,8 @@ class TableFit(Brief):
         cross_validation: Errors on blocks held out.
         warnings: What is doubtful, with what to do.
         own_ocv: What an OCV of the records' own gives, beside that of an OCV test.
+        of_offset: What an offset of the current would do that one record cannot tell from an OCV of
+            its own.
     """
 
     tables: SocTables
@@ -92,6 +95,7 @@ class TableFit(Brief):
     cross_validation: CrossValidation | None
     warnings: tuple[Told, ...]
     own_ocv: OcvCompared | None = None
+    of_offset: OffsetEffect | None = None
 
     @property
     def proved_gap(self) -> float:

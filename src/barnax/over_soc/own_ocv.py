@@ -35,6 +35,7 @@ from ..records import Record, rest_current_a
 from ..records.record import FULL_CHARGE
 from .certificate import certify
 from .cross_validation import held_out_errors
+from .current_offset import offset_effect
 from .dependence import searched
 from .fit import (
     OcvCompared,
@@ -250,8 +251,10 @@ def _fitted(
         with one_blas_thread():
             objective, best = searched(prepared, settings)
             proof = certify(objective, best)
-        home = at_home(objective, proof.best)
-        found, cell = TableFits((fit_of(objective, proof, home),)), cells[0]
+            # Several records whose rates differ would tell it.
+            effect = offset_effect(objective, proof.best) if len(records) == 1 else None
+        fit = fit_of(objective, proof, at_home(objective, proof.best))
+        found, cell = TableFits((replace(fit, of_offset=effect),)), cells[0]
     fits = tuple(
         _of_ocv(fit, own, settings, level)
         for fit, own in zip(found.fits, groups.values(), strict=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..cell import CellModel, PolynomialCurve
 from ..notices import Notice
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
-from .starts import CAME_FROM, own_ocv_sentences, start_sentence
+from .starts import CAME_FROM, offset_sentence, own_ocv_sentences, start_sentence
 from .words import NOTHING, joined, millivolt, significant, with_unit
 
 if TYPE_CHECKING:
@@ -94,6 +94,7 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
     """The decisions that were guesses and that the answer depends on, with how to settle them."""
     simulated = [each for each in stored.inputs if each.start is not None]
     yield from own_ocv_sentences(stored)
+    yield from offset_sentence(stored)
     guessed = [each for each in simulated if each.hold and each.hold.strength == "assumed"]
     if guessed:
         value = guessed[0].hold.value if guessed[0].hold else ""

@@ -47,6 +47,17 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     )
 
 
+def offset_sentence(stored: "Result") -> Iterator[str]:
+    """What an offset of the current would do that a single record cannot show."""
+    effect = stored.tables and stored.tables.fit.of_offset
+    if effect:
+        yield (
+            "the current has no offset, which one record cannot show: one of "
+            f"{1e3 * effect.offset_a:.2g} mA would move R0 by {percent(effect.r0)}, and all "
+            f"resistances together by {percent(effect.total)}."
+        )
+
+
 def ocv_sentences(stored: "Result") -> Iterator[str]:
     """Which OCV the records of each temperature have, over temperature."""
     over = stored.tables and stored.tables.over_temperature

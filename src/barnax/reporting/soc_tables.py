@@ -1,6 +1,7 @@
 """Tables over SOC, and over temperature, in words and tables: how good they are, every node."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..cell.elements import names_beside
@@ -159,8 +160,14 @@ def best_tables(fit: "TableFit", model: str) -> str:
 def nodes_table(fit: "TableFit", where: str = "") -> Table:
     """Every table at every node that samples visit, with its interval."""
     cells: Cells[int] = {"SOC [%]": lambda place: f"{100 * fit.tables.nodes[place]:g}"}
+    are_several = any(each.record_low is not None for each in fit.intervals)
+    intervals = [each for each in fit.intervals if each.soc is not None]
+    if are_several:
+        intervals = [
+            replace(each, low=each.record_low, high=each.record_high) for each in intervals
+        ]
     for name, values in fit.tables.tables.items():
-        known = {each.soc: each for each in fit.of_table(name)}
+        known = {each.soc: each for each in intervals if each.name == name}
 
         def value(place: int, values: tuple = values, known: dict = known) -> str:
             return figures(1e3 * values[place]) + _edge(known.get(fit.tables.nodes[place]))
@@ -170,9 +177,9 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
 
         cells[f"{_name(name)} [{'mOhm' if 'Ohm' in name else 'mV'}]"] = value
         cells[f"{_name(name)}, 95 %"] = interval
-    mark = ""
-    if any(_edge(each) for each in fit.intervals if each.soc is not None):
-        mark = (
+    mark = " 95 %: what another record of the cell would show." if are_several else ""
+    if any(map(_edge, intervals)):
+        mark += (
             f" {EDGE}: the value is at one end of its interval: smoothing over SOC moved it. The "
             "interval is that of a fit with a hundredth of the smoothing, extended to the value."
         )
@@ -338,8 +345,8 @@ def _interval(each: "NodeInterval | None", fit: "TableFit", scale: float = 1.0) 
 
 
 def _edge(each: "NodeInterval | None") -> str:
-    """A mark where a value is at an end of its interval."""
-    if each is None or each.low is None or each.high is None:
+    """A mark where a value is at an end of its own interval."""
+    if each is None or each.low is None or each.high is None or each.record_low is not None:
         return ""
     near = AT_EDGE * (each.high - each.low)
     return f" {EDGE}" if min(each.value - each.low, each.high - each.value) <= near else ""

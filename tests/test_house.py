@@ -33,6 +33,7 @@ LAYERS = (
     ("export", "plan", "weighing"),
     ("comparison",),
     ("pipeline", "plots"),
+    ("pack",),
     ("fleet",),
     ("reporting",),
     ("cli",),

@@ -45,6 +45,8 @@ from .over_soc import TableSettings as TableSettings
 from .over_soc import evaluate_tables as evaluate_tables
 from .over_soc import fit_tables as fit_tables
 from .over_soc import simulate_tables as simulate_tables
+from .pack import Pack as Pack
+from .pack import identify_pack as identify_pack
 from .pipeline import hppc as hppc
 from .pipeline import identify as identify
 from .pipeline import identify_problem as identify_problem

@@ -62,3 +62,18 @@ def _determination(squares: float, measured_v: Voltage, center_v: float) -> floa
         # A flat record explains nothing: perfect only if it is met exactly.
         return 1.0 if squares == 0 else -np.inf
     return 1 - squares / spread
+
+
+# 1.4826 median absolute deviations are a normal distribution's standard deviation.
+TO_SD = 1.4826
+
+
+def robust_deviations(values: Float[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
+    """How many robust standard deviations each value is from the median; zero without a spread.
+
+    >>> robust_deviations(np.array([1.0, 2.0, 3.0, 4.0, 100.0])).round(1).tolist()
+    [-1.3, -0.7, 0.0, 0.7, 65.4]
+    """
+    apart = values - np.median(values)
+    sd = TO_SD * float(np.median(np.abs(apart)))
+    return apart / sd if sd > 0 else np.zeros(len(values))

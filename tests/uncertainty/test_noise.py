@@ -112,17 +112,15 @@ def test_a_fit_that_follows_much_of_every_burst_knows_its_noise_as_well_as_it_sc
     rng = np.random.default_rng(9)
     noise_v = rng.normal(size=(120, len(time_s))) @ np.linalg.cholesky(covariance).T
     moved = noise_v @ columns
-    fits = [
-        fit_gathered(
-            slots,
-            counts=slots.gathered(time_s, np.ones(len(time_s))),
-            error_v=slots.gathered(time_s, each),
-            columns=slots.gathered(time_s, columns),
-            products=np.eye(24),
-            squares_v2=float(each @ each),
-        )
-        for each in noise_v - moved @ columns.T
-    ]
+    left_v = (noise_v - moved @ columns.T).T
+    fits = fit_gathered(
+        slots,
+        counts=slots.gathered(time_s, np.ones(len(time_s))),
+        errors_v=slots.gathered(time_s, left_v),
+        columns=slots.gathered(time_s, columns),
+        products=np.eye(24),
+        squares_v2=np.sum(left_v**2, axis=0),
+    )
     # The step of one burst, which slow noise hardly moves, and its mean, which that does.
     for place in (0, 1):
         variance = np.array(

@@ -11,6 +11,7 @@ from .files import check, convert, export
 from .fleet import fleet
 from .identify import hppc, identify
 from .options import grouped
+from .pack import pack
 from .report import report
 from .results import rerun, show, soc, validate
 
@@ -25,6 +26,7 @@ app = typer.Typer(
 COMMANDS = (
     identify,
     hppc,
+    pack,
     fleet,
     show,
     report,

@@ -4,6 +4,7 @@ A part is written aside and put in place in one step, so that it is there whole 
 final file takes in the parts the same way; what both hold counts once.
 """
 
+import io
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -32,6 +33,7 @@ TYPES = {
     "warnings": pl.List(pl.String),
     "warning codes": pl.List(pl.String),
     "at bound": pl.String,
+    "pack": pl.String,
     "fingerprint": pl.String,
 }
 
@@ -52,13 +54,20 @@ def parts_folder(out: Path, shard: Shard | None = None) -> Path:
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]] | pl.DataFrame) -> None:
     """The rows as a Parquet file, whole or not at all."""
-    if isinstance(rows, pl.DataFrame):
-        frame = rows
-    else:
-        names = dict.fromkeys(name for row in rows for name in row)
-        frame = pl.DataFrame([_column(name, [row.get(name) for row in rows]) for name in names])
     with replacing(path) as file:
-        frame.write_parquet(file)
+        (rows if isinstance(rows, pl.DataFrame) else _framed(rows)).write_parquet(file)
+
+
+def rows_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """The rows as the content of such a file."""
+    file = io.BytesIO()
+    _framed(rows).write_parquet(file)
+    return file.getvalue()
+
+
+def _framed(rows: Sequence[Mapping[str, Any]]) -> pl.DataFrame:
+    names = dict.fromkeys(name for row in rows for name in row)
+    return pl.DataFrame([_column(name, [row.get(name) for row in rows]) for name in names])
 
 
 def _column(name: str, values: Sequence[Any]) -> pl.Series:
@@ -167,8 +176,10 @@ def count_rows(part: Path) -> tuple[int, int] | None:
     """How many rows a part has, and how many of them are errors; None where it is not there."""
     if not part.exists():
         return None
-    errors = pl.read_parquet(part, columns=["error"], glob=False)["error"]
-    return len(errors), len(errors) - errors.null_count()
+    rows = pl.read_parquet(part, glob=False)
+    # Those of a pack's cells are its own.
+    own = rows.filter(pl.col("pack").is_null()) if "pack" in rows.columns else rows
+    return len(own), len(own) - own["error"].null_count()
 
 
 def read_rows(

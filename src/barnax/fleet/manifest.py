@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Values of columns and options, by name.
 Options = Mapping[str, Any]
 # What a row of a manifest may say of how its files are read and what is identified.
-OPTIONS = ("model", *vars(CellSettings()), *vars(Reading()))
+OPTIONS = ("model", "pack_cells", *vars(CellSettings()), *vars(Reading()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ KNOWN = {"id", "cell", "bounds", *FILES, *OPTIONS, *OF_WINDOWS}
 # Columns that the dataset has of its own, by their whole names.
 OWN = re.compile(
     r"error( code)?|samples|answer|certified|proved gap|at bound|warnings|warning codes|seconds"
-    r"|factor bytes"
+    r"|factor bytes|pack|odd|weakest|SOC shift.*|capacity ratio.*|loaded voltage.*|total R.*"
     r"|inputs sha256|fingerprint|duration \[s\]|capacity \[A\.h\]|temperature \[degC\]|initial SOC"
     r"|(validation |tables |held-out )?(RMSE|max error).* \[V\]|tables at SOC"
     r"|((tables )?(R|C|tau)\d \[\w+\]|gamma)( low| high)?"

@@ -23,7 +23,8 @@ from ..job import Job
 from ..model.window import Window
 from ..notices import Notice
 from ..over_soc import TableFit
-from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep
+from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
+from ..pack import Pack, identify_pack
 from ..pipeline import bounded_tables, identify, identify_problem
 from ..records import Record, source_from_frame
 from ..result_parts import MetricsPart
@@ -35,18 +36,30 @@ from .dataset import keep_factors, keep_result
 from .manifest import FleetCell, is_address, short_name, stamp
 
 # Settings of a fleet that are no arguments of `identify`.
-OWN = ("keep_results", "keep_factors")
+OWN = ("keep_results", "keep_factors", "pack_cells")
 CELLS_KEPT = 16
 # Where tables stand in a row.
 MIDDLE_SOC = 0.5
 
 
-def identify_cell(
+def identify_rows(
     cell: FleetCell, settings: Mapping[str, Any], out: Path | None = None
+) -> list[dict[str, Any]]:
+    """The row of a cell; of a pack that of its mean cell, then one for each cell."""
+    found: list[dict[str, Any]] = []
+    return [identify_cell(cell, settings, out, found), *found]
+
+
+def identify_cell(
+    cell: FleetCell,
+    settings: Mapping[str, Any],
+    out: Path | None = None,
+    of_pack: list[dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
     """The row of a cell; where it cannot be identified, with the reason in one sentence.
 
     `out` is the fleet's folder, where its `result.json` and factors are kept if that is asked for.
+    `of_pack` takes the rows of the cells of a pack.
     """
     start_s = time.perf_counter()
     row: dict[str, Any] = {"id": cell.id, "error": None, "error code": None, **cell.carried}
@@ -54,12 +67,28 @@ def identify_cell(
         if cell.records and all(map(is_factor_file, cell.records)):
             row |= _refitted(cell, settings)
         else:
-            result, warnings = identified(cell, settings)
+            pack = None
+            if "pack_cells" in cell.options:
+                pack = _identified_pack(cell, settings)
+                result, warnings = pack.result, pack.result.warnings
+            else:
+                result, warnings = identified(cell, settings)
             row |= row_of(result, warnings)
+            if pack is not None and of_pack is not None:
+                of_pack += [{**own, **cell.carried} for own in pack_rows(pack, cell.id)]
             if out is not None and settings.get("keep_results"):
                 keep_result(out, cell.id, result.to_json())
             if out is not None and (kind := settings.get("keep_factors")):
-                row["factor bytes"] = keep_factors(out, cell.id, _factors_of(result, kind))
+                grid = Grid(nodes=CONSTANT) if kind == "constants" else Grid()
+                used = [each.prepared for each in result.run.identification]
+                kept = [keep(each, grid) for each in used]
+                row["factor bytes"] = keep_factors(out, cell.id, factors_to_bytes(kept))
+                if pack is not None and of_pack:
+                    names = [each.name for each in pack.fit.cells]
+                    cells = keep_all(used[0], grid, pack.beside_v, names)
+                    for own, each in zip(of_pack, cells, strict=True):
+                        size = keep_factors(out, own["id"], factors_to_bytes([each]))
+                        own["factor bytes"] = size
     except InputError as problem:
         # One sentence, and what is told of each file of a folder with the warnings.
         row["error"], *row["warnings"] = str(problem).splitlines()
@@ -108,10 +137,32 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
 
 
-def _factors_of(result: Result, kind: str) -> bytes:
-    """The factors of the records that a result was identified on."""
-    grid = Grid(nodes=CONSTANT) if kind == "constants" else Grid()
-    return factors_to_bytes([keep(each.prepared, grid) for each in result.run.identification])
+def _identified_pack(cell: FleetCell, settings: Mapping[str, Any]) -> Pack:
+    """The pack in a cell's one record."""
+    if cell.missing or len(cell.records) != 1:
+        why = "; ".join(cell.missing) or "a pack is one file with all its cells"
+        raise InputError(f"{why}: correct the manifest")
+    options = {name: each for name, each in cell.options.items() if name != "pack_cells"}
+    given = {**settings, **options, "over": "soc"}
+    job = job_of(given).changed(window=_windows(cell), bounds=cell.bounds)
+    asked = str(cell.options["pack_cells"])
+    return identify_pack(
+        cell.records[0], None if asked == "auto" else asked, ocv=cell.ocv, **job.chosen
+    )
+
+
+def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
+    """The rows of a pack's cells, as a fleet's dataset has them."""
+    rows, result = [], pack.result
+    samples = result.metrics.identification.samples
+    for own, each in zip(pack.rows(), pack.fit.cells, strict=True):
+        plain = own.pop("cell").replace("/", "-").replace("\\", "-")
+        row: dict[str, Any] = {"id": f"{name} {plain}", "error": None, "error code": None}
+        row |= {"circuit": result.run.tables and result.run.tables.model, "pack": name}
+        row |= {"samples": samples, **own, **each.tables.constants}
+        row |= {"answer": "tables over SOC", "certified": False, "at bound": ""}
+        rows.append(row | {"warnings": [], "warning codes": []})
+    return rows
 
 
 def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:

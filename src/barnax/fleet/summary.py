@@ -83,7 +83,13 @@ def read_fleet(out: str | Path, ids: Iterable[str] | None = None) -> pl.DataFram
         ids: The cells to read; by default all.
     """
     rows = read_rows(Path(out))
-    return rows if ids is None else rows.filter(pl.col("id").is_in([*ids]))
+    if ids is None:
+        return rows
+    wanted = [*ids]
+    is_wanted = pl.col("id").is_in(wanted)
+    if "pack" in rows.columns:
+        is_wanted |= pl.col("pack").is_in(wanted)
+    return rows.filter(is_wanted)
 
 
 def summarize(rows: pl.DataFrame) -> Summary:

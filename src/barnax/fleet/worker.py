@@ -49,15 +49,16 @@ def run_batch(
     if known is not None:
         return known
     prepare_process()
-    from .rows import identify_cell
+    from .rows import identify_rows
 
     rows = []
     with marking(Path(folder), name) as mark:
         for place, (cell, print_) in enumerate(zip(cells, prints, strict=True)):
             mark(place)
-            rows.append(identify_cell(cell, settings, Path(out)) | {"fingerprint": print_})
+            found = identify_rows(cell, settings, Path(out))
+            rows += [row | {"fingerprint": print_} for row in found]
         write_rows(part, rows)
-    return len(rows), sum(row["error"] is not None for row in rows)
+    return len(cells), sum(row["error"] is not None and row.get("pack") is None for row in rows)
 
 
 @functools.cache

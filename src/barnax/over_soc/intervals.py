@@ -201,17 +201,35 @@ def noise_behind(
 ]:
     """The noise in coordinates Q, the T / N with J = Q T, J'J / N and J'e / N of some ways to move,
     from the rows of `linearized`."""
+    values = np.concatenate(found.values)[:, None]
+    sided = ((columns, base[:, None], informed) for columns, base, informed in rows)
+    (noise,), to_noise, products, slopes = noises_behind(objective, values, ways, sided)
+    return noise, to_noise, products, slopes[:, 0]
+
+
+def noises_behind(
+    objective: TableObjective,
+    values: Float[np.ndarray, "values sides"],
+    ways: Float[np.ndarray, "all_values ways"],
+    rows: Iterable[tuple[Columns, Float[np.ndarray, "rows sides"], Bool[np.ndarray, "rows"]]],
+) -> tuple[
+    list[Noise],
+    Float[np.ndarray, "seen ways"],
+    Float[np.ndarray, "ways ways"],
+    Float[np.ndarray, "ways sides"],
+]:
+    """The same of several voltages under one current, each with its tables' values."""
     time_s = one_clock(objective.prepared_records)
     longest_s = max(each.scored_duration_s for each in objective.prepared_records)
     slots = Slots.of(time_s, longest_s, MAX_SLOTS)
-    counts, errors = np.zeros(slots.count), np.zeros(slots.count)
-    width = ways.shape[1]
+    width, sides = ways.shape[1], values.shape[1]
+    counts, errors = np.zeros(slots.count), np.zeros((slots.count, sides))
     sums = np.zeros((slots.count, width))
-    products, slopes, squares_v2, first = np.zeros((width, width)), np.zeros(width), 0.0, 0
+    products, slopes, first = np.zeros((width, width)), np.zeros((width, sides)), 0
+    squares_v2 = np.zeros(sides)
     for columns, base, informed in rows:
         here = time_s[first : first + len(base)][informed]
         first += len(base)
-        values = np.concatenate(found.values)
         error = (base + columns[:, : len(values)] @ values)[informed]
         columns = columns[informed] @ ways
         counts += slots.gathered(here, np.ones(len(error)))
@@ -219,30 +237,35 @@ def noise_behind(
         sums += slots.gathered(here, columns)
         products += columns.T @ columns
         slopes += columns.T @ error
-        squares_v2 += float(error @ error)
+        squares_v2 += np.einsum("ij,ij->j", error, error)
     scale = np.sqrt(np.diag(products))
     scale = np.where(scale > 0, scale, 1.0)
-    values, vectors = np.linalg.eigh(products / np.outer(scale, scale))
-    seen = values > UNSEEN * values[-1]
+    lengths, vectors = np.linalg.eigh(products / np.outer(scale, scale))
+    seen = lengths > UNSEEN * lengths[-1]
     # J = Q T with T the square root of J'J in the seen directions.
-    root = np.sqrt(values[seen])
+    root = np.sqrt(lengths[seen])
     to_noise = root[:, None] * vectors[:, seen].T * scale
     columns = (sums / scale) @ vectors[:, seen] / root
-    noise = fit_gathered(
+    noises = fit_gathered(
         slots,
         counts=counts,
-        error_v=errors,
+        errors_v=errors,
         columns=columns,
         products=np.eye(len(root)),
         squares_v2=squares_v2,
     )
     samples = len(time_s)
-    return noise, to_noise / samples, products / samples, slopes / samples
+    return noises, to_noise / samples, products / samples, slopes / samples
 
 
-def linearized(objective: TableObjective, found: Solution):
+def linearized(
+    objective: TableObjective,
+    found: Solution,
+    beside_v: Float[np.ndarray, "simulated sides"] | None = None,
+):
     """Columns of all unknowns, of all axes and of a dependence's numbers at the scored samples, the
-    base error, and which of them come after the first load."""
+    base error, and which of them come after the first load. With `beside_v` as `reduce_records` has
+    it, the base error is a column for every side."""
     pairs, layout = objective.pairs, objective.reduced.layout
     tau, rate = found.log_scales[:pairs], found.log_scales[pairs:]
     rungs = rungs_of(objective.elements)
@@ -253,7 +276,7 @@ def linearized(objective: TableObjective, found: Solution):
     part = replace(objective.reduced, layout=layout)
     for prepared in objective.prepared_records:
         beside = _dependence_slopes(prepared, objective.tables_at(found))
-        for block in blocks(prepared, layout):
+        for block in blocks(prepared, layout, beside_v):
             scored = prepared.scored[block.here]
             if not np.any(scored):
                 continue
@@ -263,11 +286,11 @@ def linearized(objective: TableObjective, found: Solution):
             for own, each in zip(answers.reshape(-1, 3, *answers.shape[1:]), rungs, strict=True):
                 taus[3 * each.element : 3 * each.element + 3] += each.share * own
             amplitude = list(initial)
-            base = base[0][:, 0]
+            base = base[0][:, 0] if beside_v is None else base[:, :, 0].T
             if rate and layout.has_amplitude:
                 amplitude = [initial[0] + responses[1]]
             elif rate:
-                base = base + responses[1][:, 0]
+                base = base + responses[1][:, 0].reshape(-1, *[1] * (base.ndim - 1))
             tables = [*current, *taus[1::3], *correction, *amplitude]
             moved = [
                 (taus[3 * pair + 2] - taus[3 * pair]) @ found.values[pair + 1] / (2 * STEP)

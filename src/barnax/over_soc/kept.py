@@ -154,33 +154,38 @@ class Kept:
         return replace(self, cell=ocv, parts=tuple(map(moved, self.parts)))
 
 
-@in_float64
 def keep(prepared: PreparedRecord, grid: Grid | None = None) -> Kept:
     """A record's factors on a grid; that of a cell without an OCV test has its OCV among the
     columns. Raises `InputError` where the grid's circuit does not fit the cell."""
-    grid = grid or Grid()
+    (kept,) = keep_all(prepared, grid or Grid())
+    return kept
+
+
+@in_float64
+def keep_all(
+    prepared: PreparedRecord,
+    grid: Grid,
+    beside_v: Float[np.ndarray, "simulated cells"] | None = None,
+    names: Sequence[str] = (),
+) -> list[Kept]:
+    """The same of every cell of a pack, whose voltages are so far above the record's."""
     cell = prepared.cell
     told = prepare_record(prepared.record, cell, grid.circuit, prepared.window)
     if cell.is_of_records:
         grid = replace(grid, ocv="own")
         told = leveled(told, level_cell(prepared.capacity_ah, float(np.median(prepared.voltage_v))))
-    layout = grid.layout
+    count = len(names) or 1
+    layout = replace(grid.layout, sides=count)
     nodes, ocv_nodes = np.array(layout.nodes), np.array(layout.ocv_nodes)
 
     def below_or_above(here: slice):
         return np.where(told.scored[here], is_above(told.soc[here]), -1)
 
-    parts = []
-    for part in reduce_records([told], layout, [below_or_above], 2):
-        with one_blas_thread():
-            factor = shorten(part.factor, NEGLIGIBLE_V * np.sqrt(max(part.scored, 1)))
-        # What is shorter than a multiple of rows was filled up.
-        filled = max(1, int(np.count_nonzero(np.any(factor, axis=1))))
-        parts.append(replace(part, factor=factor[:filled]))
+    wholes = reduce_records([told], layout, [below_or_above], 2, beside_v)
     slopes_v = np.empty(0)
     if layout.has_correction:
         slopes_v = told.cell.least_ocv_slopes(ocv_nodes)
-    return Kept(
+    alone = Kept(
         name=prepared.record.name,
         grid=grid,
         capacity_ah=told.capacity_ah,
@@ -191,8 +196,23 @@ def keep(prepared: PreparedRecord, grid: Grid | None = None) -> Kept:
         visited=told.nearest(nodes),
         visited_ocv=told.nearest(ocv_nodes),
         cell=KeptOcv(told.cell.average_ocv_v(ocv_nodes), slopes_v),
-        parts=(parts[0], parts[1]),
+        parts=(_shortened(wholes[0].side(0)), _shortened(wholes[1].side(0))),
     )
+    if not names:
+        return [alone]
+    return [
+        replace(alone, name=f"{alone.name} {name}", parts=tuple(
+            _shortened(whole.side(side)) for whole in wholes))
+        for side, name in enumerate(names)
+    ]  # fmt: skip
+
+
+def _shortened(part: Reduced) -> Reduced:
+    with one_blas_thread():
+        factor = shorten(part.factor, NEGLIGIBLE_V * np.sqrt(max(part.scored, 1)))
+    # What is shorter than a multiple of rows was filled up.
+    filled = max(1, int(np.count_nonzero(np.any(factor, axis=1))))
+    return replace(part, factor=factor[:filled])
 
 
 def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> TableFit:

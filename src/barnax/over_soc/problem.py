@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,8 +31,10 @@ def reduced_objective(
     settings: TableSettings,
     ranges: Mapping[str, Range] | None = None,
     seen: Callable[[PreparedRecord], PreparedRecord] = lambda prepared: prepared,
+    beside_v: Float[np.ndarray, "simulated sides"] | None = None,
 ) -> TableObjective:
-    """The objective over all records, as they are `seen`, in the ranges given or their own."""
+    """The objective over all records, as they are `seen`, in the ranges given or their own. With
+    `beside_v`, as `reduce_records` has it, its factor has a side for each voltage of one record."""
     ranges = ranges or box_of(prepared_records, settings)
     layout = layout_of(
         settings.nodes,
@@ -44,8 +47,10 @@ def reduced_objective(
     )
 
     def reduced(records: Sequence[PreparedRecord]) -> list[Reduced]:
-        return reduce_records(records, layout, *blocks_of(records, settings))
+        return reduce_records(records, layout, *blocks_of(records, settings), beside_v)
 
+    if beside_v is not None:
+        layout = replace(layout, sides=beside_v.shape[1])
     own = [seen(each) for each in prepared_records]
     parts, told = reduced(own), []
     if (
@@ -55,7 +60,8 @@ def reduced_objective(
     ):
         told = reduced([seen(each.as_told) for each in prepared_records])
     with one_blas_thread():
-        whole = together(parts)
+        # What is shortened is no triangle any more, of which a side is taken.
+        whole = together(parts) if beside_v is None else parts[0]
     return TableObjective(own, settings, ranges, whole, parts, told)
 
 

@@ -51,7 +51,7 @@ Groups = Callable[[slice], Int[np.ndarray, "samples"]]
 class Layout:
     """Which columns a factor has. `amplitude` says what a dynamic hysteresis has of them: none,
     those of the measured gap, or those of a table. The OCV correction stands at `ocv_nodes`, all
-    other tables at `nodes`."""
+    other tables at `nodes`. Several voltages under one current are so many `sides`."""
 
     nodes: tuple[float, ...]
     ocv_nodes: tuple[float, ...]
@@ -59,6 +59,7 @@ class Layout:
     in_rate: Span | None
     has_correction: bool
     has_amplitude: bool
+    sides: int = 1
 
     @cached_property
     def places(self) -> dict[str, Int[np.ndarray, "count width"]]:
@@ -84,7 +85,7 @@ class Layout:
             "initial_hysteresis": (int(self.has_amplitude), nodes),
             "current": (1, nodes),
             "correction": (int(self.has_correction), len(self.ocv_nodes)),
-            "base": (1, 1),
+            "base": (self.sides, 1),
         }
 
 
@@ -102,6 +103,16 @@ class Reduced:
         # Contiguous for the products of a search, which are over the first axis.
         return np.ascontiguousarray(block.transpose(1, 0, 2))
 
+    def side(self, number: int) -> "Reduced":
+        """The same of one of several voltages: what is left of its base error is one row."""
+        places = self.layout.places["base"][:, 0]
+        columns = np.delete(np.arange(self.layout.width), np.delete(places, number))
+        above, below = np.split(self.factor[:, columns], [places[0]])
+        last = np.zeros((1, len(columns)))
+        last[0, -1] = np.linalg.norm(below[:, -1])
+        layout = replace(self.layout, sides=1)
+        return Reduced(layout, self.scored, np.concatenate([above, last]))
+
     def constant(self) -> "Reduced":
         """The same for a circuit that does not change with SOC: hats add up to one everywhere."""
         layout = replace(self.layout, nodes=(0.5,), has_correction=False)
@@ -117,15 +128,17 @@ def reduce_records(
     layout: Layout,
     groups: Sequence[Groups],
     count: int,
+    beside_v: Float[np.ndarray, "simulated sides"] | None = None,
 ) -> list[Reduced]:
     """The factor of each of `count` groups of samples; `groups` number those of every record, -1
-    for samples that do not count. Nothing longer than a block is ever held.
+    for samples that do not count. Nothing longer than a block is ever held. Of a single record,
+    `beside_v` is how far above its voltage that of every side is.
     """
     chains: dict[tuple[int, int], Future] = {}
     scored = np.zeros(count, int)
     with one_blas_thread(), threads(CHAINS) as pool:
         for prepared, group_of in zip(prepared_records, groups, strict=True):
-            for turn, block in enumerate(blocks(prepared, layout)):
+            for turn, block in enumerate(blocks(prepared, layout, beside_v)):
                 numbers = group_of(block.here)
                 for group in np.unique(numbers[numbers >= 0]).tolist():
                     is_own = numbers == group
@@ -225,7 +238,11 @@ class Block:
     to_global: Float[np.ndarray, "few columns"]
 
 
-def blocks(prepared: PreparedRecord, layout: Layout) -> Iterator[Block]:
+def blocks(
+    prepared: PreparedRecord,
+    layout: Layout,
+    beside_v: Float[np.ndarray, "simulated sides"] | None = None,
+) -> Iterator[Block]:
     """The columns at all samples of a record, block after block. Call inside float64."""
     nodes, rate = np.array(layout.nodes), layout.in_rate
     pairs = _SharedAnswers(layout.in_tau, len(nodes))
@@ -241,6 +258,8 @@ def blocks(prepared: PreparedRecord, layout: Layout) -> Iterator[Block]:
         spread = spread[:, near]
         left, decays, answers = pairs.next_block(inputs, near, spread)
         base = np.asarray(inputs.base_error_v)[:size, None]
+        if beside_v is not None:
+            base = base + beside_v[here]
 
         into, columns = [layout.places["pairs"][:, near]], [answers]
         if rate is not None and hysteresis is not None:

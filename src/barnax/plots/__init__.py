@@ -8,6 +8,7 @@ package loads matplotlib, but not JAX.
 from .cell import plot_hysteresis, plot_ocv, plot_pulse_resistances, plot_pulses
 from .design import plot_design
 from .error import plot_error, plot_soc_replay
+from .pack import plot_pack
 from .parameters import plot_compared_parameters, plot_trajectories
 from .search import plot_compared_convergence, plot_convergence, plot_landscape
 from .soc_tables import (
@@ -33,6 +34,7 @@ __all__ = [
     "plot_landscape",
     "plot_ocv",
     "plot_over_temperature",
+    "plot_pack",
     "plot_pulse_resistances",
     "plot_pulses",
     "plot_soc_replay",

@@ -155,14 +155,15 @@ def fit_noise(
     that; without it all is one record.
     """
     slots = Slots.of(time_s, longest_s)
-    return fit_gathered(
+    (noise,) = fit_gathered(
         slots,
         counts=slots.gathered(time_s, np.ones(len(time_s))),
-        error_v=slots.gathered(time_s, error_v),
+        errors_v=slots.gathered(time_s, error_v[:, None]),
         columns=slots.gathered(time_s, columns),
         products=columns.T @ columns,
-        squares_v2=float(error_v @ error_v),
+        squares_v2=np.array([error_v @ error_v]),
     )
+    return noise
 
 
 @dataclass(frozen=True)
@@ -205,14 +206,15 @@ def fit_gathered(
     slots: Slots,
     *,
     counts: Float[np.ndarray, "slots"],
-    error_v: Float[np.ndarray, "slots"],
+    errors_v: Float[np.ndarray, "slots sides"],
     columns: Float[np.ndarray, "slots columns"],
     products: Float[np.ndarray, "columns columns"],
-    squares_v2: float,
-) -> Noise:
-    """The same from what was gathered in slots: how many samples, their errors' and columns' sums.
+    squares_v2: Float[np.ndarray, "sides"],
+) -> list[Noise]:
+    """The same from what was gathered in slots: how many samples, their errors' and columns' sums;
+    of several voltages that share the columns, one each.
 
-    `products` are the scalar products of the columns, `squares_v2` that of the errors.
+    `products` are the scalar products of the columns, `squares_v2` those of the errors.
     """
     slot_s, reach, samples = slots.slot_s, slots.reach, float(counts.sum())
     padded = 1 << (2 * slots.count - 2).bit_length()
@@ -240,37 +242,41 @@ def fit_gathered(
     taken = np.einsum("bij,pij->bp", within, spread[1:]) - 2 * crossed
     expected = np.column_stack([white, _binned(pairs * decays, edges).T + taken])
 
-    power = np.abs(rfft(error_v, padded)) ** 2
-    measured = _binned(irfft(power, padded)[: slots.count], edges)
     # Every bin counts alike, as the mean over its pairs. Lags that no two samples have do not, and
     # where an uneven clock has few pairs of a lag, that bin counts for less.
     total_pairs = _binned(pairs, edges)
     even_pairs = _binned((samples / slots.count) ** 2 * (slots.count - lag), edges)
     fewest = np.maximum(FEW_PAIRS * even_pairs, 0.5)
     weight = np.where(total_pairs > 0.5, 1 / np.maximum(total_pairs, fewest), 0.0)
-    unit_v2 = squares_v2 / samples
     design = expected * weight[:, None]
-    variance = np.zeros(len(spread))
-    if unit_v2 > 0:
-        variance = unit_v2 * nnls(design, measured * weight / unit_v2)[0]
-    autocovariance = variance[1:] @ decays
-    autocovariance[0] += variance[0]
     has_pairs = weight > 0
-    return Noise(
-        correlation_s=np.append(0.0, slot_s * times),
-        variance_v2=variance,
-        lags_s=slot_s * (edges[:-1] + np.diff(edges) / 2 - 0.5)[has_pairs],
-        autocorrelation=(measured * weight)[has_pairs] / (unit_v2 or 1.0),
-        parts_spread=spread,
-        _design=design,
-        _weight=weight,
-        _edges=edges,
-        _power_v2=np.maximum(_mirrored_spectrum(pairs * autocovariance, padded), 0.0),
-        _counts=counts,
-        _autocovariance=autocovariance,
-        _columns=columns,
-        _padded=padded,
-    )
+
+    def noise_of(error_v: Float[np.ndarray, "slots"], unit_v2: float) -> Noise:
+        power = np.abs(rfft(error_v, padded)) ** 2
+        measured = _binned(irfft(power, padded)[: slots.count], edges)
+        variance = np.zeros(len(spread))
+        if unit_v2 > 0:
+            variance = unit_v2 * nnls(design, measured * weight / unit_v2)[0]
+        autocovariance = variance[1:] @ decays
+        autocovariance[0] += variance[0]
+        return Noise(
+            correlation_s=np.append(0.0, slot_s * times),
+            variance_v2=variance,
+            lags_s=slot_s * (edges[:-1] + np.diff(edges) / 2 - 0.5)[has_pairs],
+            autocorrelation=(measured * weight)[has_pairs] / (unit_v2 or 1.0),
+            parts_spread=spread,
+            _design=design,
+            _weight=weight,
+            _edges=edges,
+            _power_v2=np.maximum(_mirrored_spectrum(pairs * autocovariance, padded), 0.0),
+            _counts=counts,
+            _autocovariance=autocovariance,
+            _columns=columns,
+            _padded=padded,
+        )
+
+    units_v2 = (squares_v2 / samples).tolist()
+    return [noise_of(*each) for each in zip(errors_v.T, units_v2, strict=True)]
 
 
 def _lag_edges(reach: int) -> Int[np.ndarray, "edges"]:

@@ -1,0 +1,258 @@
+"""The cells of a pack: one current and many voltages, so one reduction with as many right sides.
+
+The axis of SOC is the mean cell's, and every cell has an OCV of its own on it. At the pack's time
+constants the columns of all cells are the same, and so is how they project the noise of residuals.
+What is left for each cell is a least-squares problem in a box, and the fit of its own noise. The
+way in which time constants move the errors is that of the mean cell for all.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import block_diag
+from scipy.special import stdtrit
+
+from ..blas import one_blas_thread
+from ..cell import SocTables
+from ..execution import in_float64
+from ..model.prepared import PreparedRecord
+from ..uncertainty.covariance import CONFIDENCE
+from .intervals import LIGHT, UNSEEN, linearized, noises_behind
+from .level import level_cell, leveled, with_own_ocv
+from .objective import Solution, TableObjective
+from .problem import box_of, reduced_objective
+from .reduced import together
+from .search import polish
+from .settings import TableSettings
+
+# Where resistances are averaged: near the ends few samples tell them.
+MIDDLE = (0.1, 0.9)
+# What is told with a wider half interval than this, in SOC or as a share of the capacity, is not.
+TOLD = 0.1
+R0, TOTAL, SHIFT, CAPACITY, LOADED = (
+    "R0 [Ohm]", "total R [Ohm]", "SOC shift", "capacity ratio", "loaded voltage [V]",
+)  # fmt: skip
+QUANTITIES = (R0, TOTAL, SHIFT, CAPACITY, LOADED)
+
+
+@dataclass(frozen=True)
+class Value:
+    """A value with its 95 % interval.
+
+    Attributes:
+        value: The value.
+        low: Lower end of the interval.
+        high: Upper end.
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class PackCell:
+    """One cell of a pack.
+
+    Attributes:
+        name: Its column.
+        rmse_v: RMSE of its tables, by the reduction.
+        tables: Its tables over the pack's SOC.
+        ocv_v: Its OCV at `ocv_nodes`; nan where no sample is near.
+        values: By name: R0 and the sum of all resistances, averaged over the visited nodes from 10
+            to 90 % SOC; how much fuller than the mean it starts, and its capacity over the mean's,
+            where its OCV tells them; and its voltage under 1C at the lowest visited SOC above 10 %.
+    """
+
+    name: str
+    rmse_v: float
+    tables: SocTables
+    ocv_v: tuple[float, ...]
+    values: Mapping[str, Value]
+
+
+@dataclass(frozen=True, eq=False)
+class PackFit:
+    """All cells of a pack on one axis of SOC, that of the mean cell.
+
+    Attributes:
+        ocv_nodes: States of charge of the cells' OCVs.
+        loaded_soc: That of their loaded voltages.
+        cells: The cells.
+    """
+
+    ocv_nodes: tuple[float, ...]
+    loaded_soc: float
+    cells: tuple[PackCell, ...]
+
+
+@in_float64
+def fit_pack(
+    prepared: PreparedRecord,
+    tables: SocTables,
+    beside_v: Float[np.ndarray, "simulated cells"],
+    names: Sequence[str],
+    settings: TableSettings,
+    own_time_constants: bool = False,
+) -> PackFit:
+    """The tables of every cell of a pack.
+
+    Args:
+        prepared: The mean cell's record.
+        tables: Its tables, whose time constants are the pack's.
+        beside_v: How far each cell's voltage is above the mean.
+        names: What the cells are called.
+        settings: How tables are fitted.
+        own_time_constants: Let every cell have its own, from descents that start at the pack's.
+    """
+    # On the nodes of a correction of the mean cell's, that of one that is shifted would be coarse.
+    level = level_cell(prepared.capacity_ah, float(np.median(prepared.voltage_v)))
+    prepared = leveled(prepared, level).following(tables.dependence)
+    settings = replace(with_own_ocv(settings), nodes=tables.nodes, folds=0)
+    known = tables.constants
+    sides_v = np.column_stack([np.zeros(len(prepared.soc)), beside_v])
+    held = {name: (known[name], known[name]) for name in box_of([prepared], settings)}
+    with one_blas_thread():
+        pack = reduced_objective([prepared], settings, held, beside_v=sides_v)
+        count, log_scales = 1 + len(names), tuple(math.log(low) for low, _ in held.values())
+        own = [replace(pack, reduced=pack.reduced.side(side)) for side in range(count)]
+        found = [each.solve(log_scales, exact=True) for each in own]
+        light = [_lightly(each, start) for each, start in zip(own, found, strict=True)]
+        spread = _Spread.of(replace(own[0], smoothing_scale=LIGHT), light, sides_v)
+        loaded_soc, directions = _directions(pack, found[0], prepared, spread)
+        if own_time_constants:
+            wide = reduced_objective([prepared], settings, beside_v=sides_v)
+            for side in range(count):
+                alone = replace(wide, reduced=together([wide.reduced.side(side)]))
+                found[side] = _polished(alone, found[side])
+                light[side] = _lightly(alone, found[side])
+    middle = np.concatenate(found[0].values), np.concatenate(light[0].values)
+    ocv = pack.block(1 + pack.pairs)
+    ocv_nodes = np.array(pack.reduced.layout.ocv_nodes)
+    seen = pack.visited_of(1 + pack.pairs)
+    known_v = prepared.cell.average_ocv_v(ocv_nodes)
+    cells = []
+    for side, name in enumerate(names, 1):
+        best, rows = found[side], np.concatenate(found[side].values)
+        lightly = np.concatenate(light[side].values)
+        values: dict[str, Value] = {}
+        for what, direction in directions.items():
+            # Of what is told by comparison, the values are those of the light fit.
+            is_other = what in (SHIFT, CAPACITY)
+            value = float(direction @ (lightly - middle[1] if is_other else rows))
+            near = float(direction @ (lightly - middle[1] if is_other else lightly))
+            if what == LOADED:
+                value, near = (each + _known_at(loaded_soc, prepared) for each in (value, near))
+            reach = spread.reach(side, direction)
+            ends = min(value, near - reach), max(value, near + reach)
+            if is_other and reach > TOLD:
+                continue
+            if what == CAPACITY:
+                value, *ends = (1 / (1 - each) for each in (value, *ends))
+            values[what] = Value(value, *ends)
+        ocv_v = np.where(seen, known_v + rows[ocv], np.nan)
+        rmse_v = math.sqrt(float(best.error @ best.error))
+        cells.append(PackCell(name, rmse_v, pack.tables_at(best), tuple(ocv_v.tolist()), values))
+    return PackFit(tuple(ocv_nodes.tolist()), loaded_soc, tuple(cells))
+
+
+def _polished(objective: TableObjective, start: Solution) -> Solution:
+    """The best tables near a start, with time constants of their own."""
+    met = polish(objective, objective.solve(start.log_scales, start.sides))
+    return objective.solve(met.log_scales, met.sides, exact=True)
+
+
+def _lightly(objective: TableObjective, found: Solution) -> Solution:
+    """The same time constants with tables that are hardly smoothed."""
+    lighter = replace(objective, smoothing_scale=LIGHT)
+    return lighter.solve(found.log_scales, found.sides, exact=True)
+
+
+def _known_at(soc: float, prepared: PreparedRecord) -> float:
+    return float(prepared.cell.average_ocv_v(np.array([soc]))[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Spread:
+    """How noise moves tables: `moved` is by the coordinates of the noise's projection."""
+
+    noises: Sequence
+    moved: Float[np.ndarray, "values seen"]
+
+    @classmethod
+    def of(
+        cls,
+        lighter: TableObjective,
+        light: Sequence[Solution],
+        sides_v: Float[np.ndarray, "simulated sides"],
+    ) -> "_Spread":
+        """That of every side, whose values are those of its light fit."""
+        middle = light[0]
+        of_tables = lighter.ways(middle)
+        dependence = lighter.facts[0].dependence
+        others = len(lighter.axes) + (len(dependence.numbers) if dependence else 0)
+        ways = np.asarray(block_diag(of_tables, np.eye(others)))
+        values = np.column_stack([np.concatenate(each.values) for each in light])
+        layout = replace(lighter.reduced.layout, sides=len(light))
+        sided = replace(lighter, reduced=replace(lighter.reduced, layout=layout))
+        rows = linearized(sided, middle, sides_v)
+        noises, to_noise, products, _ = noises_behind(lighter, values, ways, rows)
+        normal, count = products.copy(), of_tables.shape[1]
+        bent = lighter.table_penalty @ of_tables
+        normal[:count, :count] += bent.T @ bent
+        moved = ways @ np.linalg.lstsq(normal, to_noise.T, UNSEEN**2)[0]
+        return cls(noises, moved[: len(values)])
+
+    def reach(self, side: int, direction: Float[np.ndarray, "values"]) -> float:
+        """Half the 95 % interval of a combination of values."""
+        noise, moved = self.noises[side], direction @ self.moved
+        variance = float(np.einsum("i,pij,j->p", moved, noise.parts_spread, moved)
+                         @ noise.variance_v2)  # fmt: skip
+        freedom = max(1.0, min(noise.degrees_of_freedom(moved), 1e6))
+        return float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) * math.sqrt(max(variance, 0.0))
+
+    def variances(self, places: slice) -> Float[np.ndarray, "values"]:
+        """Of some values of the mean cell."""
+        moved = self.moved[places]
+        return np.einsum("ij,jk,ik->i", moved, self.noises[0].spread_v2, moved)
+
+
+def _directions(
+    pack: TableObjective, mean: Solution, prepared: PreparedRecord, spread: _Spread
+) -> tuple[float, dict[str, Float[np.ndarray, "values"]]]:
+    """What is told of every cell, as combinations of its tables' values, and the SOC at which it is
+    loaded.
+
+    A cell that starts a fuller and has a capacity of 1 / (1 - c) of the mean's is at the pack's SOC
+    s on its own OCV at s + a + (s0 - s) c. So a and c are least squares of what its OCV is above
+    the mean's by the slope of that, each node with the weight of its variance.
+    """
+    nodes, visited = pack.nodes_of[0], pack.visited
+    is_middle = visited & (nodes >= MIDDLE[0]) & (nodes <= MIDDLE[1])
+    chosen = is_middle if np.any(is_middle) else visited
+    mean_of = chosen / chosen.sum()
+    size = sum(len(each) for each in pack.nodes_of)
+    found = {name: np.zeros(size) for name in QUANTITIES}
+    found[R0][pack.block(0)] = mean_of
+    table = 1 + pack.pairs
+    places, ocv_nodes = pack.block(table), pack.nodes_of[table]
+    low = float(nodes[chosen][0])
+    for each in range(table):
+        found[TOTAL][pack.block(each)] = mean_of
+        found[LOADED][pack.block(each)] = -prepared.capacity_ah * (nodes == low)
+    found[LOADED][places] = np.array([np.interp(low, ocv_nodes, e) for e in np.eye(len(ocv_nodes))])
+
+    seen = np.flatnonzero(pack.visited_of(table))
+    ocv_v = prepared.cell.average_ocv_v(ocv_nodes) + mean.values[table]
+    slope = np.gradient(ocv_v[seen], ocv_nodes[seen])
+    start = float(prepared.soc[0])
+    design = slope[:, None] * np.column_stack([np.ones(len(seen)), start - ocv_nodes[seen]])
+    variance = spread.variances(places)[seen]
+    weight = np.where(variance > 0, 1 / np.sqrt(np.where(variance > 0, variance, 1.0)), 0.0)
+    told = np.linalg.pinv(design * weight[:, None]) * weight
+    for name, row in zip((SHIFT, CAPACITY), told, strict=True):
+        found[name][places.start + seen] = row
+    return low, found

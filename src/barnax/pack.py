@@ -1,0 +1,164 @@
+"""A pack: one current and many cell voltages, every cell from one reduction.
+
+The mean of the cell voltages is identified as a cell is, with its OCV test or without; that gives
+the axis of SOC, the time constants and what resistances follow. The cells are told beside it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .display import Brief
+from .errors import InputError
+from .inputs import source_of
+from .job import Job
+from .metrics import robust_deviations
+from .over_soc.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, fit_pack
+from .pipeline import identify
+from .records.pack import read_pack
+from .results import Result
+from .settings import Reading
+
+# So many robust deviations from the median of the cells are odd, where these are enough to tell.
+ODD, FEWEST = 6.0, 8
+# What odd cells are looked for in.
+LOOKED_AT = (R0, TOTAL, SHIFT, CAPACITY)
+
+
+@dataclass(frozen=True)
+class Odd:
+    """What is odd about a cell.
+
+    Attributes:
+        cell: Its name.
+        quantity: In what it is odd.
+        deviations: How many robust standard deviations it is off the median of the cells.
+    """
+
+    cell: str
+    quantity: str
+    deviations: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Pack(Brief):
+    """A pack identified.
+
+    Attributes:
+        result: The mean cell's.
+        fit: Every cell's tables, values and intervals.
+        odd: Cells far from the others, the farthest first.
+        weakest: The cell whose voltage under load at low SOC is the lowest.
+        left_out: Cells whose voltages could not be used, each with the reason.
+        beside_v: How far every cell's voltage is above the mean, at the simulated samples.
+    """
+
+    result: Result
+    fit: PackFit
+    odd: tuple[Odd, ...]
+    weakest: str
+    left_out: Mapping[str, str]
+    beside_v: Float[np.ndarray, "simulated cells"]
+
+    @property
+    def name(self) -> str:
+        """The file's."""
+        return self.result.name
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row for each cell: its values with the ends of their intervals, and what is odd."""
+        rows = []
+        for each in self.fit.cells:
+            row: dict[str, Any] = {"cell": each.name, "RMSE [V]": each.rmse_v}
+            for name in (*LOOKED_AT, LOADED):
+                known = each.values.get(name)
+                row[name] = known and known.value
+                row[f"{name} low"], row[f"{name} high"] = (
+                    (known.low, known.high) if known else (None, None)
+                )
+            odd = [own.quantity for own in self.odd if own.cell == each.name]
+            rows.append(row | {"odd": "; ".join(odd), "weakest": each.name == self.weakest})
+        return rows
+
+    def figure(self) -> Any:
+        """Every cell's values with their intervals, as a matplotlib `Figure`."""
+        from .plots import plot_pack
+
+        odd = {(each.cell, each.quantity) for each in self.odd}
+        return plot_pack(self.fit, odd, self.weakest)
+
+
+def identify_pack(
+    given: Any,
+    cells: str | None = None,
+    *,
+    own_time_constants: bool = False,
+    **options: Any,
+) -> Pack:
+    """Every cell of a pack, from a file or data frame with one current and many cell voltages.
+
+    Args:
+        given: The file, or a data frame.
+        cells: Names of the columns of cell voltages, as patterns such as "V*"; None finds them.
+        own_time_constants: Let every cell have time constants of its own; else they have the mean
+            cell's.
+
+    All other options are those of `identify`, such as `ocv`, `capacity` and `window`; the circuit
+    is `so-rc` with tables over SOC unless `model` is another one without dynamic hysteresis.
+
+    Raises `InputError` where the columns are not plain, and where `identify` does.
+
+    >>> import numpy as np
+    >>> import polars as pl
+    >>> from barnax import bundled_file, identify_pack
+    >>> table = pl.read_parquet(bundled_file("identification")).head(4000)
+    >>> cells = {f"V{k}": pl.col("Voltage / V") + 1e-3 * k for k in range(1, 4)}
+    >>> pack = identify_pack(
+    ...     table.with_columns(**cells).drop("Voltage / V"),
+    ...     ocv=[bundled_file("ocv_charge"), bundled_file("ocv_discharge")],
+    ... )
+    >>> pack.weakest
+    'V1'
+    """
+    chosen = {"seeds": 0, "trust": "none", "advise": False, "model": "so-rc", **options}
+    job = Job(**{**chosen, "over": "soc"})
+    reading = job.part(Reading)
+    read = read_pack(source_of(given, {}, reading), cells, **reading.options())
+    result = identify(job.changed(records=[read.record]))
+    if result.tables is None or result.run.tables is None:
+        raise InputError(f"{read.record.name}: has no tables over SOC, so no cells are told")
+    tables = result.run.tables
+    prepared = tables.identification[0].prepared
+    if prepared.hysteresis_amplitude_v is not None:
+        raise InputError("the circuit of a pack has no dynamic hysteresis; use so-rc or iso-rc")
+    rows = np.searchsorted(read.record.row, prepared.record.row[prepared.span])
+    beside_v = read.beside_v[rows]
+    fit = fit_pack(
+        prepared,
+        result.tables.fit.tables,
+        beside_v,
+        read.cells,
+        tables.settings,
+        own_time_constants,
+    )
+    weakest = min(fit.cells, key=lambda each: each.values[LOADED].value).name
+    return Pack(result, fit, tuple(odd_ones(fit)), weakest, read.left_out, beside_v)
+
+
+def odd_ones(fit: PackFit) -> list[Odd]:
+    """The cells far from the others in some quantity."""
+    found = []
+    for name in LOOKED_AT:
+        known = [(each.name, each.values[name].value) for each in fit.cells if name in each.values]
+        if len(known) < FEWEST:
+            continue
+        deviations = robust_deviations(np.array([value for _, value in known]))
+        found += [
+            Odd(cell, name, float(apart))
+            for (cell, _), apart in zip(known, deviations, strict=True)
+            if abs(apart) > ODD
+        ]
+    return sorted(found, key=lambda each: -abs(each.deviations))

@@ -1,0 +1,64 @@
+"""The cells of a pack side by side, each value with its interval."""
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .pictures import illustration
+from .style import BLACK, BLUE, GREY, VERMILLION, finish, make_figure, title
+
+if TYPE_CHECKING:
+    from ..over_soc.pack import PackFit
+
+# What a panel shows: its label, and by what a value is multiplied.
+PANELS = {
+    "R0 [Ohm]": ("R0 [mOhm]", 1e3),
+    "total R [Ohm]": ("Total R [mOhm]", 1e3),
+    "SOC shift": ("SOC shift [%]", 100.0),
+    "capacity ratio": ("Capacity, of the\nmean cell's [%]", 100.0),
+}
+
+
+@illustration(
+    "Every cell with its 95 % interval; dashed: the median of the cells. Odd cells are red, and "
+    "the weakest has a ring.",
+    "Resistances, SOC shift and capacity of every cell of a pack",
+    is_main=True,
+)
+def plot_pack(fit: "PackFit", odd: Collection[tuple[str, str]] = (), weakest: str = "") -> Figure:
+    """R0, total R, SOC shift and capacity of every cell of a pack.
+
+    Args:
+        fit: The cells.
+        odd: Names of odd cells, each with the quantity that is odd.
+        weakest: The name of the weakest cell.
+    """
+    shown = [name for name in PANELS if any(name in each.values for each in fit.cells)]
+    figure = make_figure(height_in=1.0 + 1.15 * len(shown))
+    panels = np.atleast_1d(figure.subplots(len(shown), 1, sharex=True))
+    for axes, name in zip(panels, shown, strict=True):
+        label, scale = PANELS[name]
+        known = [(k, e, e.values[name]) for k, e in enumerate(fit.cells, 1) if name in e.values]
+        axes.axhline(
+            scale * float(np.median([value.value for *_, value in known])),
+            color=GREY, linestyle="--", linewidth=0.8,
+        )  # fmt: skip
+        for place, each, value in known:
+            color = VERMILLION if (each.name, name) in odd else BLUE
+            axes.plot([place] * 2, [scale * value.low, scale * value.high], color=color, lw=1.0)
+            axes.plot(place, scale * value.value, "o", color=color, markersize=3.0)
+            if each.name == weakest:
+                ring = {"markersize": 8.0, "markerfacecolor": "none", "color": BLACK}
+                axes.plot(place, scale * value.value, "o", **ring)
+        axes.set_ylabel(label)
+    step = -(-len(fit.cells) // 24)
+    places = np.arange(1, len(fit.cells) + 1, step)
+    names = [fit.cells[place - 1].name for place in places]
+    is_long = max(map(len, names)) > 4
+    panels[-1].set_xticks(places, names, rotation=90 if is_long else 0)
+    panels[-1].set_xlim(0.5, len(fit.cells) + 0.5)
+    panels[-1].set_xlabel("Cell")
+    title(panels[0], "95 % intervals; ring: the weakest cell")
+    return finish(figure, *panels)

@@ -1,0 +1,81 @@
+"""A pack in words and tables: its cells, the odd ones and the weakest."""
+
+import csv
+import io
+from typing import TYPE_CHECKING, Any
+
+from .document import Cells, Document, Paragraph, Section, Table, make_table
+from .words import NOTHING, counted, figures, fixed, joined, millivolt
+
+if TYPE_CHECKING:
+    from ..pack import Pack
+
+# With more cells than this, the screen shows those that stand out.
+MOST_SHOWN = 24
+SCALES = {
+    "R0 [Ohm]": ("R0 [mOhm]", 1e3),
+    "total R [Ohm]": ("total R [mOhm]", 1e3),
+    "SOC shift": ("SOC shift [%]", 100.0),
+    "capacity ratio": ("capacity [%]", 100.0),
+}
+
+
+def pack_document(pack: "Pack") -> Document:
+    """The pack as the screen shows it."""
+    cells = pack.fit.cells
+    fit = pack.result.tables and pack.result.tables.fit
+    tau_s = [f"{each:.3g} s" for each in fit.tables.tau_s] if fit else []
+    told = [
+        f"{counted(len(cells), 'cell')} under one current; the mean cell's time constants are "
+        f"{joined(tau_s)}, its RMSE is {millivolt(pack.result.metrics.identification.rmse_v)}."
+    ]
+    for name in dict.fromkeys(each.cell for each in pack.odd):
+        why = joined(
+            [
+                f"{each.quantity.partition(' [')[0]} ({each.deviations:+.1f})"
+                for each in pack.odd
+                if each.cell == name
+            ]
+        )
+        told.append(f"{name} is odd: {why} robust deviations from the other cells.")
+    if not pack.odd:
+        told.append("No cell is odd.")
+    value = next(each for each in cells if each.name == pack.weakest).values["loaded voltage [V]"]
+    told.append(
+        f"{pack.weakest} is the weakest: under 1C at {100 * pack.fit.loaded_soc:.0f} % SOC it has "
+        f"{value.value:.3f} V ({value.low:.3f} to {value.high:.3f})."
+    )
+    told += [f"{name} is left out: {why}." for name, why in pack.left_out.items()]
+    return Document("Pack", "", (Section("Pack", (*map(Paragraph, told), _table(pack))),))
+
+
+def _table(pack: "Pack") -> Table:
+    rows = pack.rows()
+    caption = "The cells, with 95 % intervals; SOC shift and capacity are those beside the mean."
+    if len(rows) > MOST_SHOWN:
+        rows = [row for row in rows if row["odd"] or row["weakest"]]
+        caption = f"Those that stand out of {len(pack.fit.cells)} cells; cells.csv has all."
+    cells: Cells[dict[str, Any]] = {"cell": lambda row: row["cell"]}
+    for name, (head, scale) in SCALES.items():
+
+        def shown(row: dict[str, Any], name: str = name, scale: float = scale) -> str:
+            if row[name] is None:
+                return NOTHING
+            low, high = (fixed(scale * row[f"{name} {end}"], 2) for end in ("low", "high"))
+            return f"{fixed(scale * row[name], 2)} ({low} to {high})"
+
+        cells[head] = shown
+    cells["RMSE [mV]"] = lambda row: figures(1e3 * row["RMSE [V]"])
+    cells["stands out"] = lambda row: "; ".join(
+        filter(None, [row["odd"].replace(" [Ohm]", ""), "weakest" if row["weakest"] else ""])
+    )
+    return make_table(caption, rows, cells, ["cell", "stands out"])
+
+
+def cells_csv(pack: "Pack") -> str:
+    """A row for each cell."""
+    rows, text = pack.rows(), io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

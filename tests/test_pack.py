@@ -1,0 +1,171 @@
+"""Packs: every cell from one reduction, and the planted odd ones found."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax.errors import InputError
+from barnax.fleet.manifest import cell_of
+from barnax.fleet.rows import identify_rows
+from barnax.model.prepared import prepare_record
+from barnax.model.window import Window
+from barnax.over_soc import TableSettings
+from barnax.over_soc.kept import Grid, fit_kept, keep_all
+from barnax.over_soc.pack import fit_pack
+from barnax.pack import identify_pack
+from barnax.records import record_from_frame, source_from_frame
+from barnax.records.pack import read_pack
+from helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, ocv_v, simulated
+
+SAMPLES = 4500
+START = PackedCell().soc
+
+
+@pytest.fixture(scope="module")
+def cells():
+    """Twelve cells, of which one has a high R0, one a low capacity, and one started emptier."""
+    found = alike(12)
+    found[2] = replace(found[2], r0_ohm=1.2 * found[2].r0_ohm)
+    found[6] = replace(found[6], capacity_ah=0.94 * found[6].capacity_ah)
+    found[9] = replace(found[9], soc=found[9].soc - 0.04)
+    return found
+
+
+@pytest.fixture(scope="module")
+def voltages(cells):
+    current_a = drive_a(SAMPLES)
+    return simulated(cells, current_a), current_a
+
+
+@pytest.fixture(scope="module")
+def pack(voltages):
+    options = {"capacity": 5.0, "window": Window(initial_soc=START), "max_boxes": 0}
+    return identify_pack(frame(*voltages), **options)
+
+
+def test_the_planted_cells_are_odd_and_no_others(pack):
+    assert {(each.cell, each.quantity) for each in pack.odd} == {
+        ("V3", "R0 [Ohm]"), ("V3", "total R [Ohm]"), ("V7", "capacity ratio"), ("V10", "SOC shift"),
+    }  # fmt: skip
+    # Its end of discharge comes first.
+    assert pack.weakest == "V7"
+
+
+def test_every_cell_has_its_own_resistance_capacity_and_start(cells, pack):
+    capacity_ah = np.mean([each.capacity_ah for each in cells])
+    soc = np.mean([each.soc for each in cells])
+    for cell, row in zip(cells, pack.rows(), strict=True):
+        assert row["R0 [Ohm]"] == pytest.approx(cell.r0_ohm, rel=2e-3)
+        assert row["total R [Ohm]"] == pytest.approx(cell.total_ohm, rel=1e-2)
+        assert row["SOC shift"] == pytest.approx(cell.soc - soc, abs=2e-3)
+        assert row["capacity ratio"] == pytest.approx(cell.capacity_ah / capacity_ah, abs=5e-3)
+        assert row["R0 [Ohm] low"] < row["R0 [Ohm]"] < row["R0 [Ohm] high"]
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_cells_of_one_reduction_are_those_fitted_one_by_one(bundled_cell, voltages, own):
+    voltages_v, current_a = voltages[0][:1500, :2], voltages[1][:1500]
+    table = frame(voltages_v, current_a)
+    mean = table.select("Time [s]", "Current [A]", pl.mean_horizontal("V1", "V2").alias("V"))
+    window = Window(initial_soc=START, capacity_ah=5.0)
+    settings = TableSettings(
+        nodes=(0.5, 0.7, 0.85, 1.0), bounds={"tau1 [s]": (5.0, 40.0), "tau2 [s]": (60.0, 400.0)}
+    )
+
+    def fitted(frame_of_one, beside_v, names):
+        record = record_from_frame(frame_of_one, name="pack")
+        prepared = prepare_record(record, bundled_cell, "so-rc", window)
+        tables = replace(TABLES, nodes=settings.nodes)
+        return fit_pack(prepared, tables, beside_v, names, settings, own)
+
+    from barnax.cell import SocTables
+
+    TABLES = SocTables(settings.nodes, (15.0, 150.0), (0.02,) * 4, ((0.01,) * 4,) * 2)
+    beside_v = voltages_v - voltages_v.mean(axis=1)[:, None]
+    both = fitted(mean, beside_v, ["V1", "V2"])
+    for place, together in enumerate(both.cells):
+        alone = fitted(mean, beside_v[:, [place]], ["alone"]).cells[0]
+        itself = fitted(
+            table.select("Time [s]", "Current [A]", pl.col(f"V{place + 1}").alias("V")),
+            np.zeros((1500, 1)),
+            ["itself"],
+        ).cells[0]
+        for other in (alone, itself):
+            assert together.rmse_v == pytest.approx(other.rmse_v, rel=1e-9)
+            rel = 1e-5 if own else 1e-9
+            assert together.tables.r0_ohm == pytest.approx(other.tables.r0_ohm, rel=rel)
+
+
+def test_factors_of_cells_are_those_of_their_own_records(bundled_cell, voltages):
+    voltages_v, current_a = voltages[0][:1500, :2], voltages[1][:1500]
+    table = frame(voltages_v, current_a)
+    window = Window(initial_soc=START, capacity_ah=5.0)
+    grid = Grid(low_s=5.0, high_s=300.0, nodes=(0.5, 0.7, 0.85, 1.0))
+
+    def prepared(name):
+        one = table.select("Time [s]", "Current [A]", pl.col(name).alias("V"))
+        record = record_from_frame(one, name="pack")
+        return prepare_record(record, bundled_cell, "so-rc", window)
+
+    beside_v = voltages_v - voltages_v[:, [0]]
+    kept = keep_all(prepared("V1"), grid, beside_v, ["V1", "V2"])
+    (alone,) = keep_all(prepared("V2"), grid)
+    one, other = fit_kept(kept[1:]), fit_kept([alone])
+    assert one.objective_v == pytest.approx(other.objective_v, rel=1e-9)
+
+
+def test_a_fleet_has_a_row_for_every_cell_and_one_for_the_pack(voltages, tmp_path):
+    frame(voltages[0][:3000, :3], voltages[1][:3000]).write_csv(tmp_path / "pack.csv")
+    ocv_table().write_csv(tmp_path / "ocv.csv")
+    given = {"id": "P1", "records": "pack.csv", "ocv": "ocv.csv", "pack_cells": "V*"}
+    cell = cell_of({**given, "capacity": 5.0, "initial_soc": START, "car": 7}, tmp_path)
+    settings = {"seeds": 0, "keep_factors": "constants", "max_boxes": 0, "folds": 0}
+    rows = identify_rows(cell, settings, tmp_path / "out")
+    assert [row["error"] for row in rows] == [None] * 4
+    assert [row["id"] for row in rows] == ["P1", "P1 V1", "P1 V2", "P1 V3"]
+    assert {row["car"] for row in rows} == {7}
+    assert all(row["factor bytes"] > 0 for row in rows)
+
+
+def of(table, cells=None):
+    return read_pack(source_from_frame(table, "pack"), cells)
+
+
+def test_cells_are_found_by_their_numbers_or_named(voltages):
+    table = frame(voltages[0][:300], voltages[1][:300], name="Cell {} voltage [mV]")
+    millivolts = table.with_columns(pl.col("^Cell.*$") * 1000, pl.lit(23.0).alias("T1"))
+    assert of(millivolts).cells == tuple(f"Cell {k} voltage [mV]" for k in range(1, 13))
+    assert of(millivolts, "Cell 1*").cells == tuple(
+        f"Cell {k} voltage [mV]" for k in (1, 10, 11, 12)
+    )
+    mean_v = of(millivolts).record.voltage_v
+    assert mean_v == pytest.approx(voltages[0][:300].mean(axis=1))
+
+
+def test_a_cell_without_a_number_is_left_out_by_name(voltages):
+    table = frame(voltages[0][:300], voltages[1][:300])
+    broken = table.with_columns(
+        pl.when(pl.int_range(pl.len()) == 17).then(None).otherwise(pl.col("V4")).alias("V4"),
+        V5=pl.lit(0.01),
+    )
+    found = of(broken, "V*")
+    assert set(found.left_out) == {"V4", "V5"}
+    assert "row 19" in found.left_out["V4"]
+    assert len(found.cells) == found.beside_v.shape[1] == 10
+
+
+def test_columns_that_are_not_plain_are_asked_for(voltages):
+    table = frame(voltages[0][:300], voltages[1][:300])
+    other = table.with_columns(pl.col(f"V{k}").alias(f"U{k}") for k in range(1, 13))
+    with pytest.raises(InputError, match="name them with `cells`"):
+        of(other)
+    with pytest.raises(InputError, match="fits no column"):
+        of(table, "X*")
+
+
+def test_the_simulator_rests_on_its_ocv():
+    cell = PackedCell()
+    rested = simulated([cell], np.zeros(10), noise_v=0.0)
+    assert rested[:, 0] == pytest.approx(ocv_v(cell.soc))

@@ -2,6 +2,7 @@
 
 import csv
 from dataclasses import replace
+from typing import Any
 
 import jax
 import numpy as np
@@ -15,7 +16,7 @@ from barnax.experiment.information import columns_along, information_of, widths_
 from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
 from barnax.reporting.design import procedure, profile_csv, pybamm_steps, steps_csv
 
-LIMITS = {"max_discharge": 2.0, "max_charge": 1.0}
+LIMITS: dict[str, Any] = {"max_discharge": 2.0, "max_charge": 1.0, "starts": 2}
 
 
 # A few pieces of every kind, so that a search is short.

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from ..errors import InputError
 from .options import argument, group, option
@@ -35,7 +35,7 @@ class Test:
         TEST,
         "NAME=HALF",
         "Half the 95 % interval that is wanted from 10 to 90 % SOC, such as R0=2%, R1=10%, R2=10% "
-        "or OCV=10mV; repeatable (default: these).",
+        "or OCV=10mV; repeatable; hppc wants what an HPPC would tell.",
     )
     max_hours: float = option(TEST, "HOURS", "The longest that it may take.", 3.0)
     blocks: str | None = option(
@@ -76,7 +76,7 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
 
         from ..experiment import candidate_blocks
         from ..experiment import design as designed
-        from ..experiment.design import drive_levels
+        from ..experiment.next_test import drive_levels
         from ..reporting.design import design_files, design_screen
         from ..reporting.terminal import parts_line
 
@@ -127,10 +127,12 @@ def _next(found: Any, folder: Path) -> list[Any]:
     ]
 
 
-def _wanted(texts: Sequence[str] | None) -> dict[str, float] | None:
+def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] | None:
     """Wishes such as R0=2% or OCV=10mV."""
     if not texts:
         return None
+    if texts == ["hppc"]:
+        return "hppc"
     found = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -142,7 +144,9 @@ def _wanted(texts: Sequence[str] | None) -> dict[str, float] | None:
         try:
             found[name.strip()] = scale * float(number)
         except ValueError as problem:
-            raise InputError(f"`want` {text!r}: write it like R0=2% or OCV=10mV") from problem
+            raise InputError(
+                f"`want` {text!r}: write it like R0=2% or OCV=10mV, or hppc"
+            ) from problem
     return found
 
 

@@ -284,6 +284,8 @@ def _next(result: "Result", folder: Path | None) -> tuple[str, str]:
     advice = as_flags(step.advice)
     if step.exports and folder is not None:
         return advice, shlex.join(["barnax", "export", str(folder), "--to", "pybamm"])
+    if step.designs and folder is not None:
+        return advice, shlex.join(["barnax", "design", str(folder)])
     if not step.options and not step.without:
         return advice, ""
     flags = {flag_of(name): value for name, value in step.options.items()}

@@ -2,7 +2,7 @@
 
 from .blocks import Block as Block
 from .blocks import candidate_blocks as candidate_blocks
-from .design import Design as Design
-from .design import design as design
+from .next_test import design as design
 from .protocol import Limits as Limits
 from .protocol import Step as Step
+from .stored import Design as Design

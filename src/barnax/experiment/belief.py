@@ -5,17 +5,19 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
+from jaxtyping import Float
 
 from ..bundled import bundled_file
-from ..cell import SocTables, characterize
+from ..cell import CellModel, SocTables, characterize, get_circuit
 from ..cell.elements import RC
 from ..cell.tables import LEAST_OHM, OCV_CORRECTION
 from ..errors import InputError
+from ..over_soc import TableFit
 from ..over_soc.level import with_own_ocv
 from ..over_soc.settings import TableSettings
 from ..records import read_record
 from ..settings import NODES
-from .information import Believed, Name
+from .information import Believed
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -74,45 +76,58 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
     """
     if temperature_degc is not None:
         result = result.at_temperature(temperature_degc)
-    part, known = result.tables, dict[Name, float]()
-    if part is None:
-        circuit = result.constant.circuit_parameters
-        tables = SocTables(
-            (0.0, 1.0), circuit.tau_s, (circuit.r0,) * 2, tuple((each,) * 2 for each in circuit.r)
-        )
-        settings, worst = TableSettings(), np.full(len(NODES), UNKNOWN)
-    else:
-        tables, settings = part.fit.tables, part.settings
-        for each in part.fit.intervals:
-            if each.low is not None and each.standard_error > 0:
-                scale = each.value if each.soc is None else 1.0
-                known[each.name, each.soc] = each.standard_error / scale
-        worst = _worst(part.fit, settings.nodes)
-    if any(each != RC.name for each in (tables.elements or ())):
+    cell, rmse_v = result.cell_at(temperature_degc), result.metrics.identification.rmse_v
+    if any(each != RC.name for each in get_circuit(result.model).elements):
         raise InputError(
             f"a test is designed for RC pairs, and the answer is {result.model}; identify with "
             "`model` so-rc"
         )
-    cell = result.cell_at(temperature_degc)
-    if cell.is_of_records:
-        settings = with_own_ocv(settings)
-    corrections = [sd for (name, _), sd in known.items() if name == OCV_CORRECTION]
-    rows = [
-        tuple(np.maximum(np.interp(settings.nodes, tables.nodes, row), LEAST_OHM).tolist())
-        for row in (tables.r0_ohm, *tables.r_ohm)
-    ]
-    correction = tables.ocv_correction_v
+    if result.tables is not None:
+        return believed_of_fit(result.tables.fit, result.tables.settings, cell, rmse_v)
+    circuit = result.constant.circuit_parameters
+    rows = [(each,) * len(NODES) for each in (circuit.r0, *circuit.r)]
     return Believed(
         cell=cell,
-        tables=SocTables(
-            settings.nodes, tables.tau_s, rows[0], tuple(rows[1:]), ocv_correction_v=correction
-        ),
-        worst=worst,
-        noise=noise_of(result.metrics.identification.rmse_v),
-        settings=settings,
+        tables=SocTables(NODES, circuit.tau_s, rows[0], tuple(rows[1:])),
+        worst=np.full(len(NODES), UNKNOWN),
+        noise=noise_of(rmse_v),
+        settings=with_own_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
+        known={},
+        ocv_reach_v=LEAST_OCV_V,
+    )
+
+
+def believed_of_fit(
+    fit: TableFit, settings: TableSettings, cell: CellModel, rmse_v: float
+) -> Believed:
+    """The cell of tables that were fitted with these settings and left such an RMSE."""
+    known = {
+        (each.name, each.soc): each.standard_error / (each.value if each.soc is None else 1.0)
+        for each in fit.intervals
+        if each.low is not None and each.standard_error > 0
+    }
+    corrections = [sd for (name, _), sd in known.items() if name == OCV_CORRECTION]
+    tables = replace(
+        fit.tables,
+        r0_ohm=_positive(fit.tables.r0_ohm),
+        r_ohm=tuple(map(_positive, fit.tables.r_ohm)),
+        half_hysteresis_v=None,
+        gamma=None,
+        dependence=None,
+    )
+    return Believed(
+        cell=cell,
+        tables=tables,
+        worst=_worst(fit, settings.nodes),
+        noise=noise_of(rmse_v),
+        settings=with_own_ocv(settings) if cell.is_of_records else settings,
         known=known,
         ocv_reach_v=LEAST_OCV_V + 2 * max(corrections, default=0.0),
     )
+
+
+def _positive(row: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(max(each, LEAST_OHM) for each in row)
 
 
 def noise_of(rmse_v: float) -> tuple[tuple[float, float], ...]:
@@ -120,7 +135,7 @@ def noise_of(rmse_v: float) -> tuple[tuple[float, float], ...]:
     return tuple((time_s, share * rmse_v) for time_s, share in SHAPE)
 
 
-def _worst(fit, nodes: tuple[float, ...]) -> np.ndarray:
+def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"]:
     """The largest sum of the resistances within their intervals over the sum itself."""
     values, high = np.zeros(len(nodes)), np.zeros(len(nodes))
     told = np.zeros(len(nodes), bool)

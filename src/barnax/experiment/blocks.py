@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import jax
 import numpy as np
@@ -117,5 +118,5 @@ def _runs(
     lengths: Sequence[float], levels: Float[np.ndarray, "steps"]
 ) -> Iterator[tuple[float, float]]:
     firsts = np.flatnonzero(np.append(True, np.diff(levels) != 0))
-    for first, after in zip(firsts, [*firsts[1:], len(levels)], strict=True):
+    for first, after in pairwise([*firsts.tolist(), len(levels)]):
         yield float(sum(lengths[first:after])), round(float(levels[first]), 6)

@@ -172,8 +172,9 @@ def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0
         earlier = own.T @ lfilter([1.0], [1.0, -math.exp(-interval_s / time_s)], own, axis=0)
         noise += sd_v**2 * (earlier + earlier.T - products)
     whole = np.zeros((2, columns.shape[1], columns.shape[1]))
-    whole[np.ix_([0, 1], used, used)] = products, noise
-    return Information(len(columns), *whole)
+    for each, own_products in zip(whole, (products, noise), strict=True):
+        each[np.ix_(used, used)] = own_products
+    return Information(len(columns), whole[0], whole[1])
 
 
 @dataclass(frozen=True)
@@ -207,7 +208,7 @@ def widths_of(believed: Believed, found: Information) -> tuple[Width, ...]:
     full = found.normal + found.samples * believed.penalty
     full[np.diag_indices(len(full))] += 1e-12 * np.diag(full).max()
     smoothed = np.linalg.solve(full, moved) - inverse @ moved
-    joined = joint_variance(believed, covariance)
+    after = np.diag(joined(believed, covariance))
     widths = []
     for place, ((name, soc), value) in enumerate(zip(believed.names, believed.values, strict=True)):
         if found.normal[place, place] <= 0:
@@ -221,20 +222,20 @@ def widths_of(believed: Believed, found: Information) -> tuple[Width, ...]:
                 soc,
                 float(value),
                 float(HALF_95 * math.sqrt(covariance[place, place]) + extra) / scale,
-                float(HALF_95 * math.sqrt(joined[place]) + extra) / scale,
+                float(HALF_95 * math.sqrt(after[place]) + extra) / scale,
                 None if known is None else HALF_95 * known / scale,
             )
         )
     return tuple(widths)
 
 
-def joint_variance(believed: Believed, covariance: Normal) -> Float[np.ndarray, "unknowns"]:
-    """The variances with what existing records tell, which is independent of the test."""
+def joined(believed: Believed, covariance: Normal) -> Normal:
+    """The covariance with what existing records tell, which is independent of the test."""
     known = believed.known_information
     if not np.any(known):
-        return np.diag(covariance).copy()
+        return covariance
     # C - C (C + D)^-1 C with D = 1 / known, for the known alone.
     told = np.flatnonzero(known)
     between = covariance[np.ix_(told, told)] + np.diag(1 / known[told])
     gained = covariance[:, told] @ np.linalg.solve(between, covariance[told])
-    return np.diag(covariance - gained).copy()
+    return covariance - gained

@@ -21,20 +21,23 @@ from .information import (
     HALF_95,
     Believed,
     Information,
+    Normal,
     columns_along,
     information_of,
-    joint_variance,
+    joined,
 )
 from .protocol import Limits, Step, move, sampled
 
 # Widths over wished ones to a number: what a design lowers.
 Criterion = Callable[[Float[np.ndarray, "wishes"]], float]
 SEGMENT = 0.1
+DRIVE_WEIGHT = 10
 SWEEPS = 3
 # A longer move tells no more than so many whole segments.
 LONGEST_MOVE = 3.0
 LEAST_GAIN = 1e-3
-MOVE_C = 1.0
+# By how much blocks may take a cell below the end of their segment, but for the last.
+OVERSHOT = 0.05
 SETTLE_S = 300.0
 WARM_S = 600
 
@@ -54,6 +57,20 @@ class Wish:
 
     place: int
     half: float
+
+
+@dataclass(frozen=True, eq=False)
+class OnDrive:
+    """The RMSE in V that is wanted on a drive cycle, and the mean of J'J along that. It counts as
+    much as all wishes of one table do."""
+
+    wanted_v: float
+    normal: Normal
+
+
+def rmse_along(normal: Normal, covariance: Normal) -> float:
+    """The part in V of an RMSE that is due to what is not known, where the mean of J'J is this."""
+    return math.sqrt(max(float(np.sum(covariance * normal)), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +101,8 @@ class Choice:
     criterion: Criterion
     high_soc: float
     low_soc: float
+    drive: OnDrive | None = None
+    move_c: float = 1.0
 
     @cached_property
     def segments(self) -> tuple[Segment, ...]:
@@ -136,10 +155,15 @@ class Choice:
         return [self._alone([self._move(each, 0.0)], each) for each in self.segments]
 
     def _move(self, segment: Segment, taken_ah: float) -> Step:
-        rest_ah = (segment.high - segment.low) * self.believed.cell.capacity_ah - taken_ah
+        """What takes the rest of a segment's charge; endless where blocks take too much of it."""
+        capacity_ah = self.believed.cell.capacity_ah
+        rest_ah = (segment.high - segment.low) * capacity_ah - taken_ah
         fastest_a = segment.discharge_a if rest_ah > 0 else segment.charge_a
-        rate_a = min(MOVE_C * self.believed.cell.capacity_ah, fastest_a)
-        return move("move", rest_ah, rate_a) if rate_a > 0 else Step("move", math.inf, 0.0)
+        rate_a = min(self.move_c * capacity_ah, fastest_a)
+        beyond = OVERSHOT if segment.low > self.low_soc else 0.0
+        if rest_ah < -beyond * capacity_ah or rate_a <= 0:
+            return Step("move", math.inf, 0.0)
+        return move("move", rest_ah, rate_a)
 
     def _alone(self, steps: Sequence[Step], segment: Segment) -> Information:
         # Out of a load, as in the test: out of a rest, which only the first are, it tells more.
@@ -192,9 +216,13 @@ class Choice:
 
     def ratios(self, found: Information) -> Float[np.ndarray, "wishes"]:
         """Every wished value's width over the wished one."""
-        covariance, _ = found.covariance(self.believed)
-        variance = joint_variance(self.believed, covariance)[self._places]
-        return HALF_95 * np.sqrt(np.maximum(variance, 0.0)) / self._wished
+        covariance = joined(self.believed, found.covariance(self.believed)[0])
+        variance = np.diag(covariance)[self._places]
+        found_ratios = HALF_95 * np.sqrt(np.maximum(variance, 0.0)) / self._wished
+        if self.drive is None:
+            return found_ratios
+        on_drive = rmse_along(self.drive.normal, covariance) / self.drive.wanted_v
+        return np.append(found_ratios, [on_drive] * DRIVE_WEIGHT)
 
     @cached_property
     def _places(self) -> list[int]:
@@ -218,7 +246,12 @@ class Choice:
             # One block more in every segment.
             layers = []
             for block in range(len(self.blocks)):
-                other = Chosen(tuple(tuple(sorted((*own, block))) for own in chosen.blocks))
+                more = [tuple(sorted((*own, block))) for own in chosen.blocks]
+                fits = [math.isfinite(self._seconds(*each)) for each in enumerate(more)]
+                if not any(fits):
+                    continue
+                pairs = zip(fits, more, chosen.blocks, strict=True)
+                other = Chosen(tuple(new if fit else own for fit, new, own in pairs))
                 taken = self.hours(other)
                 if taken <= max_hours:
                     its = self.value(self.information(other))

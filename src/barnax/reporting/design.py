@@ -10,7 +10,9 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
+from ..experiment.information import HALF_95
 from ..experiment.protocol import sampled
+from ..experiment.stored import DRIVE
 from .document import Document, Paragraph, Section, Table, make_table
 from .terminal import bare_table, headed_line, indented, terminal_table
 from .words import NOTHING, counted, duration, millivolt, percent
@@ -60,8 +62,10 @@ def _widths_table(design: "Design"):
         tests = [own, *(design.of_table(name, each.widths) for each in design.references)]
         middle = [_middle(name, [each.after for each in test]) for test in tests]
         widest = [_said(name, max(each.after for each in test)) for test in tests]
-        rows.append([name, _said(name, wanted), known, *middle])
-        rows.append(["  widest", "", "", *widest])
+        shown = "error on a drive" if name == DRIVE else name
+        rows.append([shown, _said(name, wanted), known, *middle])
+        if len(own) > 1:
+            rows.append(["  widest", "", "", *widest])
     return bare_table(heads, rows)
 
 
@@ -70,7 +74,7 @@ def _middle(name: str, halves: Sequence[float]) -> str:
 
 
 def _said(name: str, half: float) -> str:
-    return millivolt(half) if name == "OCV" else percent(half)
+    return millivolt(half) if name in ("OCV", DRIVE) else percent(half)
 
 
 def pieces_table(design: "Design") -> Table:
@@ -96,7 +100,7 @@ def pieces_table(design: "Design") -> Table:
             "piece": lambda x: x[1],
             "duration": lambda x: duration(sum(step.duration_s for step in x[2])),
             "current [A]": lambda x: currents(x[2]),
-            "SOC [%]": lambda x: f"{100 * x[3]:.0f} to {100 * x[4] + 0.0:.0f}",
+            "SOC [%]": lambda x: f"{round(100 * x[3])} to {round(100 * x[4])}",
         },
         ["steps", "piece", "duration"],
     )
@@ -262,11 +266,11 @@ def promised_lines(design: "Design", result: "Result") -> Iterator[RenderableTyp
 def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> Table:
     """What a design promised of its intervals, beside what the record's identification reached."""
     rows = []
-    for name in design.wanted:
+    for name in [each for each in design.wanted if each != DRIVE]:
         pairs = [
             (promised, reached)
             for each in design.of_table(name)
-            if (reached := _reached(fit, each)) is not None
+            if (reached := reached_half(fit, each)) is not None
             for promised in [each.alone if is_alone else each.after]
         ]
         if not pairs:
@@ -282,19 +286,22 @@ def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> 
     heads = ("", "promised", "reached", "ratio", "within 25 %")
     cells = {head: (lambda row, place=place: row[place]) for place, head in enumerate(heads)}
     return make_table(
-        "Half the 95 % interval that was promised and reached, medians from 10 to 90 % SOC.",
+        "Half the 95 % interval that was promised and reached by the standard errors, medians from "
+        "10 to 90 % SOC. An interval is wider yet where a short record tells its noise badly.",
         rows,
         cells,
         [""],
     )
 
 
-def _reached(fit: "TableFit", width: "Width") -> float | None:
-    """Half the interval that a fit has where a width was promised, in its measure."""
+def reached_half(fit: "TableFit", width: "Width") -> float | None:
+    """Half the interval that a fit has where a width was promised, in its measure, were its noise
+    known as well as the promise takes it."""
     for each in fit.intervals:
         if each.name == width.name and each.soc == width.soc:
             if each.low is None or each.high is None:
                 return None
             scale = each.value if each.name.startswith("R") else 1.0
-            return (each.high - each.low) / 2 / scale if scale > 0 else None
+            half = HALF_95 * each.standard_error + abs(each.bias) / 2
+            return half / scale if scale > 0 else None
     return None

@@ -38,6 +38,8 @@ LEAST_GAP = 1e-4
 MUCH = 0.5
 # Held-out errors so many times those of the fit, and so large, say that more data are needed.
 LOST, LOST_V = 2.0, 0.01
+# A table of which fewer nodes than that have a standard error under this share is worth a test.
+WIDE, FEW = 0.5, 1 / 3
 
 
 def circuit_words(result: "Result") -> str:
@@ -135,12 +137,14 @@ def _no_circuit(result: "Result") -> str:
 
 @dataclass(frozen=True)
 class Next:
-    """What to do next: options to run again with or without, or an export of this result."""
+    """What to do next: options to run again with or without, or an export of this result, or a
+    test designed from it."""
 
     advice: str
     options: Mapping[str, str] = field(default_factory=dict)
     without: tuple[str, ...] = ()
     exports: bool = False
+    designs: bool = False
 
 
 def next_step(result: "Result") -> Next:
@@ -158,7 +162,7 @@ def next_step(result: "Result") -> Next:
         what = f"for tables over temperature too, with the records at {where} degC"
         return Next(what, {"over": OVER_TEMPERATURE})
     if told := _more_data(result):
-        return Next(told)
+        return Next(told, designs=True)
     crossed = result.tables and result.tables.fit.cross_validation
     is_tried = bool(result.metrics.validation or (crossed and crossed.by_record))
     if not is_tried:
@@ -167,6 +171,8 @@ def next_step(result: "Result") -> Next:
     if result.tables is not None and not pays:
         model = result.constant.model
         return Next(f"use the constant circuit, `model` {model}: tables are worse on other records")
+    if wide := _wide(result):
+        return Next(f"measure what is missing: {wide}", designs=True)
     if result.tables is not None:
         return Next("export the tables", exports=True)
     if len(result.candidates) > 1 and not any(each.over for each in result.candidates):
@@ -207,6 +213,25 @@ def _more_data(result: "Result") -> str:
     crossed = result.tables and result.tables.fit.cross_validation
     what = "records" if crossed and crossed.by_record else "blocks"
     return f"{use}: {what} left out of the fit are predicted to {left}, fitted ones to {fitted}"
+
+
+def _wide(result: "Result") -> str:
+    """Which table the data leave open nearly everywhere, empty where none."""
+    if result.tables is None or result.tables.over_temperature is not None:
+        return ""
+    for name in result.tables.fit.tables.tables:
+        nodes = result.tables.fit.of_table(name)
+        if not name.startswith("R") or not nodes:
+            continue
+        known = [
+            each
+            for each in nodes
+            if each.low is not None and each.standard_error <= WIDE * each.value
+        ]
+        if len(known) < FEW * len(nodes):
+            held = f"{len(known)} of {len(nodes)} nodes"
+            return f"the standard error of {symbol(name)} is under {percent(WIDE)} at {held}"
+    return ""
 
 
 def _other_temperatures(result: "Result") -> list[float]:

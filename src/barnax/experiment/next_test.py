@@ -4,36 +4,36 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Literal
 
 import jax
 import numpy as np
+from jaxtyping import Array
 
 from ..blas import one_blas_thread
 from ..bundled import bundled_file
 from ..errors import InputError
 from ..records import read_record
 from ..results import Result
-from ..schema import ARRAY, Document, Part
 from .belief import WINDOW_V, believed_of_chemistry, believed_of_result
 from .blocks import Block, candidate_blocks
-from .information import Believed, Width, columns_along, information_of, widths_of
+from .information import Believed, Normal, Width, columns_along, information_of, joined, widths_of
 from .protocol import INTERVAL_S, Limits, Step, hppc_steps, move, sampled, voltage_along
-from .search import Choice, Chosen, Criterion, Wish, worst_first
+from .search import Choice, Chosen, Criterion, OnDrive, Wish, rmse_along, worst_first
+from .stored import DRIVE, WANTED_SOC, Design, Predicted, Reference
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 HIGH_SOC, LOW_SOC = 1.0, 0.05
-# Where tables are wanted.
-WANTED_SOC = (0.1, 0.9)
-WANTED = {"R0": 0.02, "R1": 0.1, "R2": 0.1, "OCV": 10e-3}
+WANTED = {"R0": 0.02, "R1": 0.2, "R2": 0.3, "OCV": 15e-3, DRIVE: 5e-3}
 LEAST_HOURS, MAX_HOURS = 0.5, 3.0
 # What empties a cell whose OCV is not known, and the rest after it.
 EMPTYING_C, LAST_REST_S = 0.2, 900.0
 BISECTIONS, ADJUSTMENTS = 3, 8
+# Searches, the share of the blocks that each but the first has, and how slow its moves may be.
+STARTS, SHARE_OF_BLOCKS, SLOWEST_MOVE = 12, 0.6, 0.3
 # How much of a width counts for reaching a wish: rounding.
 REACHED = 1.005
 DEFAULT_C = (1.0, 0.5)
@@ -41,113 +41,13 @@ DEFAULT_C = (1.0, 0.5)
 REFERENCE_S = 2.0
 
 
-class Predicted(Part):
-    """The test as it is believed to go, at both ends of every step.
-
-    Attributes:
-        time_s: Time.
-        current_a: Current.
-        voltage_v: Voltage.
-        low_v: The lowest that it may be.
-        high_v: The highest that it may be.
-        soc: State of charge.
-    """
-
-    time_s: Annotated[np.ndarray, ARRAY]
-    current_a: Annotated[np.ndarray, ARRAY]
-    voltage_v: Annotated[np.ndarray, ARRAY]
-    low_v: Annotated[np.ndarray, ARRAY]
-    high_v: Annotated[np.ndarray, ARRAY]
-    soc: Annotated[np.ndarray, ARRAY]
-
-
-class Reference(Part):
-    """What a usual test would take and tell.
-
-    Attributes:
-        name: What it is.
-        hours: Its duration.
-        widths: What it is predicted to tell.
-    """
-
-    name: str
-    hours: float
-    widths: tuple[Width, ...]
-
-
-class Design(Document):
-    """A test to run next.
-
-    Attributes:
-        capacity_ah: Capacity that it is for.
-        limits: What it keeps: voltages, and rates in 1/h of the capacity.
-        temperature_degc: Temperature that it is for, None where nothing was said.
-        wanted: Half the 95 % intervals that were asked for, by table: relative, in V for an OCV.
-        is_reached: Whether all of them are predicted to be reached.
-        hours: Its duration, from the rest after the full charge on.
-        steps: All steps of constant current, in order.
-        widths: What it is predicted to tell.
-        references: Usual tests with the same currents, in comparison.
-        predicted: How it is believed to go.
-        initial_soc: State of charge at its start.
-        finds_ocv: Whether the OCV is found by the test too.
-        noise: Correlation times in s and standard deviations in V of the error it reckons with.
-        key: Random key.
-    """
-
-    capacity_ah: float
-    limits: Limits
-    temperature_degc: float | None
-    wanted: dict[str, float]
-    is_reached: bool
-    hours: float
-    steps: tuple[Step, ...]
-    widths: tuple[Width, ...]
-    references: tuple[Reference, ...]
-    predicted: Predicted
-    initial_soc: float
-    finds_ocv: bool
-    noise: tuple[tuple[float, float], ...]
-    key: int
-
-    what: ClassVar[str] = "barnax design"
-    remedy: ClassVar[str] = "give the folder or the design.json that barnax design wrote"
-
-    @classmethod
-    def load(cls, path: str | Path) -> "Design":
-        """The design in a folder, or in its `design.json`."""
-        path = Path(path)
-        return cls.from_json(path / "design.json" if path.is_dir() else path)
-
-    def of_table(self, name: str, widths: Sequence[Width] | None = None) -> tuple[Width, ...]:
-        """The widths of a table, such as "R0", where it is wanted."""
-        low, high = WANTED_SOC
-        return tuple(
-            each
-            for each in (self.widths if widths is None else widths)
-            if each.name.startswith(f"{name} [") or each.name.startswith(f"{name} correction")
-            if each.soc is not None and low <= each.soc <= high
-        )
-
-    @property
-    def pieces(self) -> list[tuple[str, list[Step]]]:
-        """Neighboring steps of one piece together."""
-        return [(name, [*steps]) for name, steps in groupby(self.steps, lambda each: each.block)]
-
-    def figure(self) -> "Figure":
-        """Current, voltage and state of charge as they are predicted."""
-        from ..display import hook
-
-        return hook("Design.figure")(self)
-
-
 def design(
-    result: Result | str | Path | None = None,
+    result: Result | Believed | str | Path | None = None,
     *,
     capacity: float | None = None,
     chemistry: str = "nmc",
     max_hours: float = MAX_HOURS,
-    want: Mapping[str, float] | None = None,
+    want: Mapping[str, float] | Literal["hppc"] | None = None,
     low_voltage: float | None = None,
     high_voltage: float | None = None,
     max_discharge: float | Sequence[tuple[float, float]] | None = None,
@@ -156,18 +56,20 @@ def design(
     blocks: Sequence[Block] | None = None,
     criterion: Criterion = worst_first,
     key: int = 0,
+    starts: int = STARTS,
 ) -> Design:
     """The test to run next: the shortest that narrows the intervals to what is wanted, or the best
     of the time that is given.
 
     Args:
-        result: What is known of the cell: a result, or the folder of one. None: nothing but
-            capacity and chemistry, and the test finds the OCV too.
+        result: What is known of the cell: a result, the folder of one, or what is believed in its
+            place. None: nothing but capacity and chemistry, and the test finds the OCV too.
         capacity: Capacity in Ah; by default that of the result.
         chemistry: nmc or lfp: what is believed of a cell without a result, and its voltages.
         max_hours: The longest that it may take.
         want: Half the 95 % interval wanted of R0, R1, R2 (relative) and OCV (in V), from 10 to 90 %
-            of the state of charge.
+            of the state of charge, and the RMSE that what is not known may make on a drive cycle
+            (`drive`, in V). "hppc" wants what an HPPC of the same currents is predicted to tell.
         low_voltage: Lowest voltage; by default that of the chemistry.
         high_voltage: Highest voltage.
         max_discharge: Largest discharge in 1/h of the capacity, or pairs of state of charge and
@@ -176,7 +78,8 @@ def design(
         temperature: Temperature of the test in degC, for a result over temperature.
         blocks: What it is composed of; by default `candidate_blocks`.
         criterion: What is lowered, a function of the widths over the wanted ones.
-        key: Random key of the blocks that are random; the same key gives the same test.
+        key: Random key of blocks and searches; the same key gives the same test.
+        starts: How many searches the best test is taken of.
 
     Raises `InputError` for limits that leave no room, for wishes of what is not there, and as
     `Result.load` does.
@@ -193,16 +96,17 @@ def design(
             raise InputError("a test needs a `capacity` in Ah, or the result of earlier records")
         believed = believed_of_chemistry(chemistry, capacity)
         rates = DEFAULT_C
+    elif isinstance(result, Believed):
+        believed, rates = result, DEFAULT_C
     else:
         believed = believed_of_result(result, temperature)
+        peaks_a = [each.peak_current_a or 0.0 for each in result.of_role("identification")]
+        largest_c = max(peaks_a, default=0.0) / believed.cell.capacity_ah or DEFAULT_C[0]
+        rates = largest_c, largest_c / 2
+    if result is not None:
+        chemistry = "lfp" if believed.cell.has_flat_ocv else "nmc"
         if capacity is not None:
             believed = replace(believed, cell=replace(believed.cell, capacity_ah=capacity))
-        chemistry = "lfp" if believed.cell.has_flat_ocv else "nmc"
-        peaks_a = [each.peak_current_a or 0.0 for each in result.of_role("identification")]
-        rates = (
-            max(peaks_a) / believed.cell.capacity_ah,
-            max(peaks_a) / believed.cell.capacity_ah / 2,
-        )
     usual_v = WINDOW_V.get(chemistry, WINDOW_V["nmc"])
     limits = Limits(
         usual_v[0] if low_voltage is None else low_voltage,
@@ -211,11 +115,25 @@ def design(
         rates[1] if max_charge is None else max_charge,
     )
     blocks = candidate_blocks(jax.random.key(key), drive_levels()) if blocks is None else blocks
-    wishes, wanted = _wishes(believed, want)
-    choice = Choice(believed, limits, tuple(blocks), wishes, criterion, HIGH_SOC, LOW_SOC)
+    capacity_ah = believed.cell.capacity_ah
+    columns, soc = columns_along(
+        believed,
+        sampled(_drive_steps(capacity_ah, rates[0] * capacity_ah), REFERENCE_S),
+        HIGH_SOC,
+        REFERENCE_S,
+    )
+    columns = columns[(soc >= WANTED_SOC[0]) & (soc <= HIGH_SOC)]
+    normal = columns.T @ columns / len(columns)
+    if want == "hppc":
+        largest = limits.allowed(believed, 0.6, 0.4)
+        steps = hppc_steps(capacity_ah, *largest)
+        want = _medians(believed, _widths(believed, steps, normal, REFERENCE_S))
+    wishes, wanted = wishes_of(believed, want)
+    drive = OnDrive(wanted[DRIVE], normal) if DRIVE in wanted else None
+    choice = Choice(believed, limits, tuple(blocks), wishes, criterion, HIGH_SOC, LOW_SOC, drive)
     with one_blas_thread():
-        planned = _planned(choice, max_hours)
-    widths = _widths(believed, planned.steps)
+        planned = _planned(choice, max_hours, jax.random.key(key), starts)
+    widths = _widths(believed, planned.steps, normal)
     low, high = WANTED_SOC
     largest_a, charged_a = (
         max((way * step.current_a for step in planned.steps), default=0.0) for way in (1, -1)
@@ -229,8 +147,7 @@ def design(
             each.after <= REACHED * wanted[name]
             for each in widths
             if (name := _short(each.name)) in wanted
-            and each.soc is not None
-            and low <= each.soc <= high
+            and (name == DRIVE or (each.soc is not None and low <= each.soc <= high))
         ),
         hours=sum(step.duration_s for step in planned.steps) / 3600,
         steps=tuple(planned.steps),
@@ -239,7 +156,7 @@ def design(
             Reference(
                 name=name,
                 hours=sum(step.duration_s for step in steps) / 3600,
-                widths=_widths(believed, steps, REFERENCE_S),
+                widths=_widths(believed, steps, normal, REFERENCE_S),
             )
             for name, steps in (
                 ("HPPC", hppc_steps(believed.cell.capacity_ah, largest_a, charged_a)),
@@ -259,13 +176,14 @@ def _short(name: str) -> str:
     return re.split(r"[ \[]", name)[0]
 
 
-def _wishes(
+def wishes_of(
     believed: Believed, want: Mapping[str, float] | None
 ) -> tuple[list[Wish], dict[str, float]]:
     """The wishes by place, and by table. Raises `InputError` for what the test cannot find."""
     names = dict.fromkeys(_short(name) for name, soc in believed.names if soc is not None)
     if believed.settings.ocv_nodes is None:
         names.pop("OCV")
+    names[DRIVE] = None
     for name, half in (want or {}).items():
         if name not in names:
             raise InputError(f"`want` {name!r}: the test can narrow {', '.join(names)}")
@@ -280,33 +198,50 @@ def _wishes(
     ], wanted
 
 
+def _medians(believed: Believed, widths: Sequence[Width]) -> dict[str, float]:
+    """The median width of every table where it is wanted, and that on a drive cycle."""
+    found: dict[str, list[float]] = {}
+    low, high = WANTED_SOC
+    for each in widths:
+        if each.soc is None or low <= each.soc <= high:
+            found.setdefault(_short(each.name), []).append(each.alone)
+    names = {_short(name) for name, soc in believed.names if soc is not None} | {DRIVE}
+    names -= {"OCV"} if believed.settings.ocv_nodes is None else set()
+    return {name: float(np.median(halves)) for name, halves in found.items() if name in names}
+
+
 @dataclass(frozen=True, eq=False)
 class _Planned:
     steps: list[Step]
     predicted: Predicted
 
 
-def _planned(choice: Choice, max_hours: float) -> _Planned:
+def _planned(choice: Choice, max_hours: float, key: Array, starts: int) -> _Planned:
     """The shortest test that reaches the wishes, or the best of the time, within all limits."""
     emptying = _emptying(choice.believed)
     spare = max_hours - sum(step.duration_s for step in emptying) / 3600
     shortest = choice.hours(Chosen(((),) * len(choice.segments)))
+    if not math.isfinite(shortest):
+        raise InputError(
+            f"between {choice.limits.low_v:g} and {choice.limits.high_v:g} V no discharge is "
+            "possible at some state of charge in the worst case; lower `low_voltage`"
+        )
     if not shortest <= spare:
         least = shortest + max_hours - spare
         raise InputError(
             f"`max_hours` {max_hours:g}: going through the state of charge alone takes "
             f"{least:.2f} h with these limits; give more time, or a larger `max_discharge`"
         )
-    best = choice.search(spare)
+    whole = choice
+    choice, best, is_reached = _best(whole, spare, key, starts)
     longest = choice.hours(best)
-    if _reaches(choice, best):
-        for _ in range(BISECTIONS):
-            middle = (shortest + longest) / 2
-            other = choice.search(middle)
-            if _reaches(choice, other):
-                best, longest = other, choice.hours(other)
-            else:
-                shortest = middle
+    for _ in range(BISECTIONS if is_reached else 0):
+        middle = (shortest + longest) / 2
+        again, other, is_reached = _best(whole, middle, key, -(-starts // 4))
+        if is_reached:
+            choice, best, longest = again, other, again.hours(other)
+        else:
+            shortest = middle
     for _ in range(ADJUSTMENTS):
         steps = [*choice.steps(best), *emptying]
         predicted, beyond_v = _simulated(choice, steps, len(steps) - len(emptying))
@@ -314,6 +249,11 @@ def _planned(choice: Choice, max_hours: float) -> _Planned:
             return _Planned(steps, predicted)
         margin_v = choice.limits.margin_v + beyond_v + 1e-3
         choice = replace(choice, limits=replace(choice.limits, margin_v=margin_v))
+        if not math.isfinite(choice.hours(Chosen(((),) * len(choice.segments)))):
+            break
+        if choice.hours(best) > spare:
+            # Smaller currents may not bring back the charge that the pieces take.
+            best = choice.search(spare)
     raise InputError(
         f"no test stays between {choice.limits.low_v:g} and {choice.limits.high_v:g} V in the "
         "worst case; widen `low_voltage` and `high_voltage`, or lower `max_discharge` and "
@@ -321,11 +261,28 @@ def _planned(choice: Choice, max_hours: float) -> _Planned:
     )
 
 
-def _reaches(choice: Choice, chosen: Chosen) -> bool:
-    """Whether the test as a whole reaches all wishes."""
-    steps = [*choice.steps(chosen), *_emptying(choice.believed)]
-    columns, _ = columns_along(choice.believed, sampled(steps), choice.high_soc)
-    return float(np.max(choice.ratios(information_of(choice.believed, columns)))) <= 1
+def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> tuple[Choice, Chosen, bool]:
+    """The best choice of several searches, and whether it reaches all wishes.
+
+    A search takes pieces for independent. So each start has some of them and a move of its own
+    rate, and the tests that they end in are judged as a whole.
+    """
+    found = []
+    for number in range(starts):
+        block_key, move_key = jax.random.split(jax.random.fold_in(key, number))
+        drawn = np.asarray(jax.random.uniform(block_key, (len(choice.blocks),))) < SHARE_OF_BLOCKS
+        slower = float(SLOWEST_MOVE ** jax.random.uniform(move_key)) if number else 1.0
+        kept = drawn if number else np.ones(len(drawn), bool)
+        blocks = tuple(choice.blocks[place] for place in np.flatnonzero(kept).tolist())
+        other = replace(choice, blocks=blocks, move_c=slower * choice.move_c)
+        if not blocks or other.hours(Chosen(((),) * len(other.segments))) > max_hours:
+            continue
+        chosen = other.search(max_hours)
+        steps = [*other.steps(chosen), *_emptying(choice.believed)]
+        columns, _ = columns_along(choice.believed, sampled(steps), choice.high_soc)
+        ratios = choice.ratios(information_of(choice.believed, columns))
+        found.append((choice.criterion(ratios), number, other, chosen, float(np.max(ratios)) <= 1))
+    return min(found)[2:]
 
 
 def _emptying(believed: Believed) -> list[Step]:
@@ -365,10 +322,14 @@ def _simulated(choice: Choice, steps: Sequence[Step], counted: int) -> tuple[Pre
 
 
 def _widths(
-    believed: Believed, steps: Sequence[Step], interval_s: float = INTERVAL_S
+    believed: Believed, steps: Sequence[Step], drive: Normal, interval_s: float = INTERVAL_S
 ) -> tuple[Width, ...]:
+    """What a test tells, the RMSE on a drive cycle with it."""
     columns, _ = columns_along(believed, sampled(steps, interval_s), HIGH_SOC, interval_s)
-    return widths_of(believed, information_of(believed, columns, interval_s))
+    found = information_of(believed, columns, interval_s)
+    covariance, _ = found.covariance(believed)
+    alone, after = (rmse_along(drive, each) for each in (covariance, joined(believed, covariance)))
+    return (*widths_of(believed, found), Width(f"{DRIVE} [V]", None, 0.0, alone, after, None))
 
 
 def drive_levels() -> np.ndarray:
@@ -381,7 +342,7 @@ def _drive_steps(capacity_ah: float, largest_a: float) -> list[Step]:
     """The bundled drive cycles with such a largest current, from full until empty."""
     current_a = read_record(bundled_file("identification")).current_a
     current_a = current_a / current_a.max() * largest_a
-    whole = np.tile(current_a, 3)
+    whole = np.tile(current_a, 4)
     soc = 1 - np.cumsum(whole) / 3600 / capacity_ah
     last = int(np.argmax(soc < LOW_SOC)) or len(whole)
     return [Step("drive cycle", REFERENCE_S, float(each)) for each in whole[:last:2]]

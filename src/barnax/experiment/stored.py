@@ -1,0 +1,119 @@
+"""A designed test as it is stored: its steps, and what they are predicted to tell."""
+
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import numpy as np
+
+from ..display import hook
+from ..schema import ARRAY, Document, Part
+from .information import Width
+from .protocol import Limits, Step
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Where tables are wanted.
+WANTED_SOC = (0.1, 0.9)
+# The RMSE that what is not known makes on a drive cycle is a wish too.
+DRIVE = "drive"
+
+
+class Predicted(Part):
+    """The test as it is believed to go, at both ends of every step.
+
+    Attributes:
+        time_s: Time.
+        current_a: Current.
+        voltage_v: Voltage.
+        low_v: The lowest that it may be.
+        high_v: The highest that it may be.
+        soc: State of charge.
+    """
+
+    time_s: Annotated[np.ndarray, ARRAY]
+    current_a: Annotated[np.ndarray, ARRAY]
+    voltage_v: Annotated[np.ndarray, ARRAY]
+    low_v: Annotated[np.ndarray, ARRAY]
+    high_v: Annotated[np.ndarray, ARRAY]
+    soc: Annotated[np.ndarray, ARRAY]
+
+
+class Reference(Part):
+    """What a usual test would take and tell.
+
+    Attributes:
+        name: What it is.
+        hours: Its duration.
+        widths: What it is predicted to tell.
+    """
+
+    name: str
+    hours: float
+    widths: tuple[Width, ...]
+
+
+class Design(Document):
+    """A test to run next.
+
+    Attributes:
+        capacity_ah: Capacity that it is for.
+        limits: What it keeps: voltages, and rates in 1/h of the capacity.
+        temperature_degc: Temperature that it is for, None where nothing was said.
+        wanted: Half the 95 % intervals that were asked for, by table: relative, in V for an OCV.
+        is_reached: Whether all of them are predicted to be reached.
+        hours: Its duration, from the rest after the full charge on.
+        steps: All steps of constant current, in order.
+        widths: What it is predicted to tell.
+        references: Usual tests with the same currents, in comparison.
+        predicted: How it is believed to go.
+        initial_soc: State of charge at its start.
+        finds_ocv: Whether the OCV is found by the test too.
+        noise: Correlation times in s and standard deviations in V of the error it reckons with.
+        key: Random key.
+    """
+
+    capacity_ah: float
+    limits: Limits
+    temperature_degc: float | None
+    wanted: dict[str, float]
+    is_reached: bool
+    hours: float
+    steps: tuple[Step, ...]
+    widths: tuple[Width, ...]
+    references: tuple[Reference, ...]
+    predicted: Predicted
+    initial_soc: float
+    finds_ocv: bool
+    noise: tuple[tuple[float, float], ...]
+    key: int
+
+    what: ClassVar[str] = "barnax design"
+    remedy: ClassVar[str] = "give the folder or the design.json that barnax design wrote"
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Design":
+        """The design in a folder, or in its `design.json`."""
+        path = Path(path)
+        return cls.from_json(path / "design.json" if path.is_dir() else path)
+
+    def of_table(self, name: str, widths: Sequence[Width] | None = None) -> tuple[Width, ...]:
+        """The widths of a table, such as "R0", where it is wanted."""
+        low, high = WANTED_SOC
+        return tuple(
+            each
+            for each in (self.widths if widths is None else widths)
+            if each.name.startswith(f"{name} [") or each.name.startswith(f"{name} correction")
+            if name == DRIVE or (each.soc is not None and low <= each.soc <= high)
+        )
+
+    @property
+    def pieces(self) -> list[tuple[str, list[Step]]]:
+        """Neighboring steps of one piece together."""
+        return [(name, [*steps]) for name, steps in groupby(self.steps, lambda each: each.block)]
+
+    def figure(self) -> "Figure":
+        """Current, voltage and state of charge as they are predicted."""
+        return hook("Design.figure")(self)

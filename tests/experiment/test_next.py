@@ -1,0 +1,49 @@
+"""From a result to its next test, and from the test's record to what was promised."""
+
+from dataclasses import replace
+
+import pytest
+
+import barnax
+from barnax.experiment import Step
+from barnax.reporting.design import promised_table
+from barnax.reporting.verdict import next_step
+
+BLOCKS = [
+    barnax.Block("pulse", (10.0, 40.0), (1.0, 0.0)),
+    barnax.Block("steps", (30.0, 30.0, 60.0, 60.0), (1.0, -1.0, 0.5, 0.0)),
+]
+
+
+@pytest.fixture(scope="module")
+def result():
+    return barnax.identify(seeds=0, trust="none", advise=False)
+
+
+def test_what_a_result_determines_counts(result):
+    design = barnax.design(result, max_hours=1.5, blocks=BLOCKS, starts=1)
+    assert not design.finds_ocv
+    assert design.steps[0] == Step("rest", 300.0, 0.0)
+    for each in design.of_table("R1"):
+        assert each.before is not None
+        assert each.after <= min(each.alone, 1.5 * each.before)
+
+
+def test_a_table_left_open_is_answered_with_a_test(result):
+    fit = result.tables.fit
+    opened = tuple(
+        replace(each, standard_error=each.value) if each.name == "R2 [Ohm]" else each
+        for each in fit.intervals
+    )
+    part = result.tables.model_copy(update={"fits": (replace(fit, intervals=opened),)})
+    assert not next_step(result).designs
+    step = next_step(result.model_copy(update={"tables": part}))
+    assert step.designs
+    assert "R2" in step.advice
+
+
+def test_promised_and_reached_stand_beside_each_other(result):
+    design = barnax.design(result, max_hours=1.5, blocks=BLOCKS, starts=1)
+    table = promised_table(design, result.tables.fit)
+    assert [row[0] for row in table.rows] == ["R0", "R1", "R2"]
+    assert all(float(row[3]) > 0 for row in table.rows)

@@ -176,9 +176,10 @@ def count_rows(part: Path) -> tuple[int, int] | None:
     """How many rows a part has, and how many of them are errors; None where it is not there."""
     if not part.exists():
         return None
-    rows = pl.read_parquet(part, glob=False)
     # Those of a pack's cells are its own.
-    own = rows.filter(pl.col("pack").is_null()) if "pack" in rows.columns else rows
+    has_packs = "pack" in pl.read_parquet_schema(part)
+    rows = pl.read_parquet(part, columns=["error", *["pack"] * has_packs], glob=False)
+    own = rows.filter(pl.col("pack").is_null()) if has_packs else rows
     return len(own), len(own) - own["error"].null_count()
 
 

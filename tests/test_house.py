@@ -30,7 +30,7 @@ LAYERS = (
     ("results",),
     ("storing", "simulation", "result_filter", "scenarios"),
     ("reopening", "replay", "experiment"),
-    ("export", "plan", "weighing"),
+    ("export", "plan", "weighing", "life"),
     ("comparison",),
     ("pipeline", "plots"),
     ("pack",),

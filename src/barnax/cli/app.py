@@ -10,6 +10,7 @@ from .design import design
 from .files import check, convert, export
 from .fleet import fleet
 from .identify import hppc, identify
+from .life import life
 from .options import grouped
 from .pack import pack
 from .report import report
@@ -28,6 +29,7 @@ COMMANDS = (
     hppc,
     pack,
     fleet,
+    life,
     show,
     report,
     validate,

@@ -119,6 +119,12 @@ class FleetOptions:
         "Also keep what a fit of the records needs, to factors/ID: of tables over SOC, or of "
         "constant circuits alone.",
     )
+    ageing: bool = flag(
+        OUTPUT,
+        "--ageing",
+        "Also keep what each row's records tell of ageing, for barnax life: capacity, OCV shift, "
+        "R0 and all resistances at 50 % SOC.",
+    )
     quiet: bool = flag(OUTPUT, "--quiet -q", "Print nothing but warnings.")
 
     @property
@@ -132,6 +138,7 @@ class FleetOptions:
             chosen["fix"] = parse_fixed(search.fix)
         keep: dict[str, Any] = {"keep_results": True} if self.keep_results else {}
         keep |= {"keep_factors": self.keep_factors} if self.keep_factors else {}
+        keep |= {"ageing": True} if self.ageing else {}
         return chosen | self.tables.chosen() | keep
 
     @property

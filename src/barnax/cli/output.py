@@ -18,7 +18,7 @@ from .session import Session
 
 DEFAULT_FOLDER = Path("barnax-out")
 # A folder that holds one of these was written by us.
-RESULTS = ("result.json", "comparison.json", "soc.json", "design.json")
+RESULTS = ("result.json", "comparison.json", "soc.json", "design.json", "life.json")
 # What a folder of results lists as its own; older ones have no list, and these names.
 LIST = "files.json"
 OURS = {*RESULTS, "timings.json", "report.html", "report.md", LIST}
@@ -32,7 +32,7 @@ class Output:
         OUTPUT,
         "FOLDER",
         "Folder for the results (default: barnax-out; barnax-soc for "
-        "soc, barnax-design for design).",
+        "soc, barnax-design for design, barnax-life for life).",
     )
     force: bool = flag(OUTPUT, "--force", "Replace the result in the folder.")
     as_json: bool = flag(OUTPUT, "--json", "Print the result as JSON; write files only with --out.")

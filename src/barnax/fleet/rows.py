@@ -5,6 +5,7 @@ import hashlib
 import itertools
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,9 +21,11 @@ from ..factors import factors_to_bytes, read_factors
 from ..files import is_factor_file
 from ..inputs import file_names, input_warnings, source_of
 from ..job import Job
+from ..model.prepared import PreparedRecord
 from ..model.window import Window
 from ..notices import Notice
-from ..over_soc import TableFit
+from ..over_soc import TableFit, TableSettings
+from ..over_soc.ageing import AGED, measure_ageing
 from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
 from ..pack import Pack, identify_pack
 from ..pipeline import bounded_tables, identify, identify_problem
@@ -36,7 +39,7 @@ from .dataset import keep_factors, keep_result
 from .manifest import FleetCell, is_address, short_name, stamp
 
 # Settings of a fleet that are no arguments of `identify`.
-OWN = ("keep_results", "keep_factors", "pack_cells")
+OWN = ("keep_results", "keep_factors", "pack_cells", "ageing")
 CELLS_KEPT = 16
 # Where tables stand in a row.
 MIDDLE_SOC = 0.5
@@ -76,6 +79,9 @@ def identify_cell(
             row |= row_of(result, warnings)
             if pack is not None and of_pack is not None:
                 of_pack += [{**own, **cell.carried} for own in pack_rows(pack, cell.id)]
+            if settings.get("ageing"):
+                records = [each.prepared for each in result.run.identification]
+                row |= ageing_row(records, is_own=not cell.ocv and cell.cell is None)
             if out is not None and settings.get("keep_results"):
                 keep_result(out, cell.id, result.to_json())
             if out is not None and (kind := settings.get("keep_factors")):
@@ -163,6 +169,28 @@ def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
         row |= {"answer": "tables over SOC", "certified": False, "at bound": ""}
         rows.append(row | {"warnings": [], "warning codes": []})
     return rows
+
+
+def ageing_row(
+    records: Sequence[PreparedRecord], *, is_own: bool = False
+) -> dict[str, float | None]:
+    """What the records of a cell at one age tell of its ageing, under "aged" names; `is_own` where
+    no other records, and no OCV test, told its OCV."""
+    passed_as = sum(
+        float(np.abs(each.record.interval_current_a) @ np.diff(each.record.time_s))
+        for each in records
+    )
+    row: dict[str, float | None] = {"record throughput [A.h]": passed_as / 3600}
+    told = {}
+    with suppress(InputError):
+        told = measure_ageing(
+            records, TableSettings(), is_own=is_own and records[0].cell.is_of_records
+        )
+    for name in AGED:
+        each = told.get(name)
+        row[f"aged {name}"] = each and each.value
+        row[f"aged {name} low"], row[f"aged {name} high"] = each and each.low, each and each.high
+    return row
 
 
 def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:

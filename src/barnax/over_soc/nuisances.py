@@ -18,11 +18,14 @@ Nuisances = Callable[[TableObjective, Solution, int], Float[np.ndarray, "samples
 @dataclass(frozen=True)
 class Estimated:
     """Nuisances, counted from what was told, with their standard errors, and by how much more the
-    logarithm of every searched scale would be with them."""
+    logarithm of every searched scale would be with them. Sums of the tables' values that were
+    wanted have theirs."""
 
     values: Float[np.ndarray, "nuisances"]
     errors: Float[np.ndarray, "nuisances"]
     moved_scales: Float[np.ndarray, "axes"]
+    sums: Float[np.ndarray, "wanted"]
+    sum_errors: Float[np.ndarray, "wanted"]
 
 
 def of_starts(
@@ -43,9 +46,11 @@ def estimate(
     nuisances: Nuisances,
     now: Float[np.ndarray, "nuisances"],
     prior: Float[np.ndarray, "nuisances"],
+    wanted: Float[np.ndarray, "wanted values"] | None = None,
 ) -> Estimated:
     """The nuisances of records that are prepared with those that are `now`, together with all
-    tables; `prior` are standard deviations of what was told.
+    tables; `prior` are standard deviations of what was told, and `wanted` weights of the tables'
+    values in sums.
 
     The noise is correlated, so that H^-1 (J' G J + P S P) H^-1 is the covariance, with S the prior
     and P its weight in the least squares, the noise's own strength over S.
@@ -66,11 +71,22 @@ def estimate(
     normal[own, own] += np.diag(pull)
     slopes[own] += pull * now
     moved = np.linalg.lstsq(normal, np.column_stack([slopes, to_noise.T]))[0]
-    back = np.linalg.lstsq(normal, np.eye(len(normal))[:, own])[0][own]
-    by_noise = moved[own, 1:]
+    values = np.concatenate(light.values)
+    wanted = np.empty((0, len(values))) if wanted is None else wanted
+    told = np.eye(len(normal))[own]
+    picked = np.vstack([told, wanted @ ways[: len(values)]])
+    back = picked @ np.linalg.lstsq(normal, told.T)[0]
+    by_noise = picked @ moved[:, 1:]
     variance = np.einsum("ij,jk,ik->i", by_noise, noise.spread_v2, by_noise)
     variance += (back * pull) ** 2 @ prior**2
-    return Estimated(now - moved[own, 0], np.sqrt(variance), -moved[count : count + axes, 0])
+    errors, found = np.sqrt(variance), np.append(now, wanted @ values) - picked @ moved[:, 0]
+    return Estimated(
+        found[: now.size],
+        errors[: now.size],
+        -moved[count : count + axes, 0],
+        found[now.size :],
+        errors[now.size :],
+    )
 
 
 def _with_nuisances(

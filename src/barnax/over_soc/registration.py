@@ -67,7 +67,7 @@ def register(
     plain = replace(settings, folds=0, max_boxes=0)
     found = list(prepared_records)
     told = np.array([[each.start.soc, each.capacity_ah] for each in prepared_records])
-    prior = np.array([_told_within(each) for each in prepared_records])
+    prior = np.array([told_within(each) for each in prepared_records])
     shifts = errors = np.zeros_like(told)
     with one_blas_thread():
         # What resistances follow is known by what is held out, from starts as told.
@@ -129,7 +129,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         return prepared
     share = rest.share
     told_soc, told_ah = prepared.start.soc, prepared.capacity_ah
-    furthest = FURTHEST * np.array([_told_within(prepared)[0], COUNTED_SD])
+    furthest = FURTHEST * np.array([told_within(prepared)[0], COUNTED_SD])
     plain = replace(settings, folds=0, max_boxes=0)
 
     def moved(shift: Float[np.ndarray, "two"], *errors: float) -> PreparedRecord | None:
@@ -223,16 +223,17 @@ def _far_rest(prepared: PreparedRecord) -> _Rest | None:
     return found
 
 
-def _told_within(prepared: PreparedRecord) -> tuple[float, float]:
-    """The standard deviations of a record's start and of its capacity, as a share."""
+def told_within(prepared: PreparedRecord, level_v: float = 0.0) -> tuple[float, float]:
+    """The standard deviations of a record's start and of its capacity, as a share, with an OCV
+    whose level is known within `level_v`."""
     start_sd = FULL_SD
     if prepared.start.soc_source in FROM_VOLTAGE:
-        slope = abs(float(_slope(prepared, np.array([prepared.start.soc]))[0]))
-        start_sd = min(max(start_sd, REST_SD_V / max(slope, 1e-9)), MAX_SD)
+        slope = abs(float(slope_of(prepared, np.array([prepared.start.soc]))[0]))
+        start_sd = min(max(start_sd, (REST_SD_V + level_v) / max(slope, 1e-9)), MAX_SD)
     return start_sd, CAPACITY_SD
 
 
-def _slope(prepared: PreparedRecord, soc: Float[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
+def slope_of(prepared: PreparedRecord, soc: Float[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
     """That of the cell's OCV in V by SOC."""
     above_v, below_v = (
         prepared.cell.average_ocv_v(soc + step) for step in (STEP_SOC / 2, -STEP_SOC / 2)
@@ -279,4 +280,4 @@ def _of_starts(
 ) -> Float[np.ndarray, "samples nuisances"]:
     """The columns of starts and capacities, with the slope of the cell's own OCV."""
     prepared = objective.prepared_records[place]
-    return of_starts(objective, place, _slope(prepared, prepared.soc[prepared.scored]))
+    return of_starts(objective, place, slope_of(prepared, prepared.soc[prepared.scored]))

@@ -8,6 +8,7 @@ package loads matplotlib, but not JAX.
 from .cell import plot_hysteresis, plot_ocv, plot_pulse_resistances, plot_pulses
 from .design import plot_design
 from .error import plot_error, plot_soc_replay
+from .life import plot_cell_life, plot_fleet_life
 from .pack import plot_pack
 from .parameters import plot_compared_parameters, plot_trajectories
 from .search import plot_compared_convergence, plot_convergence, plot_landscape
@@ -23,6 +24,7 @@ from .voltage import plot_condition, plot_voltage
 
 __all__ = [
     "column_width",
+    "plot_cell_life",
     "plot_compared_convergence",
     "plot_compared_parameters",
     "plot_condition",
@@ -30,6 +32,7 @@ __all__ = [
     "plot_design",
     "plot_error",
     "plot_error_map",
+    "plot_fleet_life",
     "plot_hysteresis",
     "plot_landscape",
     "plot_ocv",

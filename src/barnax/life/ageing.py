@@ -1,0 +1,258 @@
+"""What a fleet's dataset says of its cells' ageing: trends with intervals, and odd cells."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float
+from scipy.special import ndtri
+
+from ..errors import InputError, listed
+from ..over_soc.ageing import CAPACITY, R0, SHIFT, R
+from ..uncertainty.covariance import CONFIDENCE
+from .trends import Judged, Series, judge
+
+QUANTITIES = (CAPACITY, R0, R, SHIFT)
+# Columns that say how old a cell was, and which it is, where nothing is chosen.
+AGES = ("date", "age", "year", "month", "week", "day", "cycle", "efc", "throughput")
+NAMES = ("specimen", "cell_name", "name", "serial", "cell_id")
+# Years in a unit of time; of what is no time, so many of its units are judged as a year.
+YEARS = {"year": 1.0, "month": 1 / 12, "week": 7 / 365.25, "day": 1 / 365.25}
+CYCLES_A_YEAR = 365.0
+# With fewer cells nobody can say what is odd; covariates that vary by less say nothing.
+FEWEST, LEAST_K = 8, 2.0
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A quantity of a cell at the ages of its records: what each tells, and the smooth trend, both
+    with 95 % intervals. What a record does not determine is NaN, and so is the trend outside of the
+    first and the last that do."""
+
+    cell: str
+    quantity: str
+    age: Float[np.ndarray, "n"]
+    measured: Float[np.ndarray, "n 3"]
+    smooth: Float[np.ndarray, "n 3"]
+
+    @property
+    def estimates(self) -> int:
+        """How many records tell it."""
+        return int(np.count_nonzero(np.isfinite(self.measured[:, 0])))
+
+
+@dataclass(frozen=True)
+class Fault:
+    """How a cell departs from the fleet in a quantity: from which age on and by how much, in its
+    unit, of capacity and resistances as a share; `slope` and `knee` by unit of age."""
+
+    cell: str
+    quantity: str
+    kind: str
+    age: float
+    size: float
+    deviations: float
+
+
+@dataclass(frozen=True)
+class Life:
+    """A fleet over its ages, which are counted in `unit` from the first. `judged` has the models,
+    by quantity. `cycles` are equivalent full cycles of each cell at its last record, as far as
+    `cycles_known`; otherwise those within the records alone."""
+
+    unit: str
+    first_age: float
+    span: float
+    exposure: float
+    false_alarms: float
+    cells: tuple[str, ...]
+    trends: tuple[Trend, ...]
+    faults: tuple[Fault, ...]
+    judged: dict[str, tuple[tuple[str, ...], Judged]]
+    reference_degc: float | None
+    cycles: dict[str, float]
+    cycles_known: bool
+    failed: tuple[tuple[str, str], ...]
+    rows: int
+
+    def of(self, quantity: str, cell: str | None = None) -> list[Trend]:
+        """Trends of a quantity, of all cells or one."""
+        return [
+            each for each in self.trends
+            if each.quantity == quantity and cell in (None, each.cell)
+        ]  # fmt: skip
+
+    def along(self, trend: Trend, count: int = 80) -> tuple[np.ndarray, np.ndarray]:
+        """Ages, and the trend with its interval between the first and the last estimate."""
+        names, judged = self.judged[trend.quantity]
+        known = trend.age[np.isfinite(trend.measured[:, 0])]
+        age = np.linspace(known.min(), known.max(), count)
+        return age, _smooth(judged, names.index(trend.cell), self._scaled(age), trend.quantity)
+
+    def _scaled(self, age: np.ndarray) -> np.ndarray:
+        return (age - self.first_age) / self.span
+
+
+def life_of(
+    rows: pl.DataFrame,
+    age: str | None = None,
+    by: str | None = None,
+    throughput: str | None = None,
+    false_alarms: float = 0.005,
+    key: int = 0,
+) -> Life:
+    """A fleet's ageing from its dataset.
+
+    Args:
+        rows: Rows of a fleet that was identified with `ageing`.
+        age: Its column with dates, or with ages in days, months, years, cycles or ampere-hours.
+        by: Its column that names the cell of a row.
+        throughput: Its column of ampere-hours that have passed since the cell was new.
+        false_alarms: How many cells a year may be flagged without any fault, of each cell.
+        key: Of the random fleets without faults that say what is odd.
+
+    Raises `InputError` where there is no such column, or none that tells.
+    """
+    if f"aged {R0}" not in rows.columns:
+        raise InputError("the dataset says nothing of ageing; identify the fleet with `ageing`")
+    names, ages = _column(rows, by, NAMES, "by"), _column(rows, age, AGES, "age")
+    rows = rows.filter(pl.col(names).is_not_null() & pl.col(ages).is_not_null())
+    at, unit = _ages(rows[ages], ages)
+    rows = rows.with_columns(pl.col(names).cast(pl.String), pl.Series("_age", at)).sort("_age")
+    bad = rows.filter(pl.col("error").is_not_null())
+    good = rows.filter(pl.col("error").is_null())
+    if not len(good):
+        raise InputError("no row of the dataset was identified; see the column error")
+    cells = tuple(good[names].unique().sort())
+    own = {name: good.filter(pl.col(names) == name) for name in cells}
+    first, last = float(good["_age"].min()), float(good["_age"].max())  # pyright: ignore
+    span = last - first or 1.0
+    spans = [float(np.ptp(each["_age"].to_numpy())) for each in own.values()]
+    years = YEARS.get(unit, 1 / CYCLES_A_YEAR)
+    nominal_ah = {name: float(each["capacity [A.h]"][0]) for name, each in own.items()}
+    if unit == "A.h":
+        years = 1 / (CYCLES_A_YEAR * 2 * float(np.median([*nominal_ah.values()])))
+    degc = good["temperature [degC]"].drop_nulls().to_numpy()
+    has_degc = len(degc) == len(good) and np.ptp(degc) > LEAST_K
+    reference_degc = float(np.median(degc)) if has_degc else None
+    trends, faults, judged = [], [], {}
+    for quantity in QUANTITIES:
+        found = _judged(own, quantity, first, span, reference_degc,
+                        false_alarms * years * sum(spans) / len(QUANTITIES), key)  # fmt: skip
+        if found is not None:
+            judged[quantity] = found
+            faults += _faults(quantity, *found, first, span)
+        trends += _trends(own, quantity, found, first, span)
+    column = throughput or (ages if unit == "A.h" else None)
+    passed = {
+        name: float(each[column][-1] if column else each["record throughput [A.h]"].sum())
+        for name, each in own.items()
+    }
+    return Life(
+        unit, first, span, sum(spans) * years, false_alarms, cells, tuple(trends),
+        tuple(sorted(faults, key=lambda each: -abs(each.deviations))), judged, reference_degc,
+        {name: each / (2 * nominal_ah[name]) for name, each in passed.items()}, column is not None,
+        tuple(zip(bad[names], bad["error"], strict=True)), len(rows),
+    )  # fmt: skip
+
+
+def _column(rows: pl.DataFrame, chosen: str | None, usual: Iterable[str], option: str) -> str:
+    """The chosen column, else the first whose name is usual."""
+    own = [name for name in rows.columns if name not in ("id", "record throughput [A.h]")]
+    found = [name for each in usual for name in own if name.lower().startswith(each)]
+    if chosen in rows.columns or (chosen is None and found):
+        return chosen or found[0]
+    raise InputError(
+        f"`{option}` {chosen or 'is not given'}: no such column; the dataset has {listed(own)}"
+    )
+
+
+def _ages(column: pl.Series, name: str) -> tuple[np.ndarray, str]:
+    """Ages and their unit; of dates, days since the first."""
+    if column.dtype == pl.String:
+        with_dates = column.str.to_datetime(strict=False)
+        column = column.cast(pl.Float64, strict=False) if with_dates.has_nulls() else with_dates
+    if column.dtype.is_temporal():
+        days = column.cast(pl.Datetime("us")).cast(pl.Int64).to_numpy() / 86_400e6
+        return days - days.min(), "day"
+    if not column.dtype.is_numeric() or column.has_nulls():
+        raise InputError(f"`age` {name}: its values are neither numbers nor dates; correct them")
+    units = {**dict.fromkeys(YEARS), "cycle": None, "efc": None}
+    unit = next((each for each in reversed(units) if each in name.lower()), None)
+    if unit is None:
+        unit = "A.h" if "throughput" in name.lower() or "ah" in name.lower() else "day"
+    return column.cast(pl.Float64).to_numpy(), {"efc": "cycle"}.get(unit, unit)
+
+
+def _judged(
+    own: dict[str, pl.DataFrame], quantity: str, first: float, span: float,
+    reference_degc: float | None, expected: float, key: int,
+) -> tuple[tuple[str, ...], Judged] | None:  # fmt: skip
+    """The cells of which a quantity is known, and their model; None where there are none."""
+    known = {
+        name: each.filter(pl.col(f"aged {quantity}").is_not_null()) for name, each in own.items()
+    }
+    known = {name: each for name, each in known.items() if len(each)}
+    if not known:
+        return None
+    shape = len(known), max(map(len, known.values()))
+    age, value, variance, covariate = (np.zeros(shape) for _ in range(4))
+    is_known = np.zeros(shape, bool)
+    for place, each in enumerate(known.values()):
+        here = place, slice(len(each))
+        numbers = _as_fitted(_measured(each, quantity), quantity)
+        age[here], is_known[here] = (each["_age"].to_numpy() - first) / span, True
+        value[here] = numbers[:, 0]
+        variance[here] = ((numbers[:, 2] - numbers[:, 1]) / (2 * _REACH)) ** 2
+        if reference_degc is not None and quantity in (R0, R):
+            covariate[here] = (each["temperature [degC]"].to_numpy() - reference_degc) / 10
+    series = Series(age, value, variance, is_known, covariate)
+    is_enough = np.count_nonzero(is_known.sum(axis=1) > 2) >= FEWEST
+    return tuple(known), judge(series, expected if is_enough else 0.0, np.random.default_rng(key))
+
+
+def _faults(
+    quantity: str, names: tuple[str, ...], judged: Judged, first: float, span: float
+) -> Iterator[Fault]:
+    for place, each in judged.faults.items():
+        by_age = span if each.kind in ("slope", "knee") else 1.0
+        yield Fault(
+            names[place], quantity, each.kind, first + span * each.age, each.size / by_age,
+            each.deviations,
+        )  # fmt: skip
+
+
+def _trends(
+    own: dict[str, pl.DataFrame], quantity: str, found: Any, first: float, span: float
+) -> Iterator[Trend]:
+    for name, rows in own.items():
+        age, measured = rows["_age"].to_numpy(), _measured(rows, quantity)
+        smooth = np.full_like(measured, np.nan)
+        known = age[np.isfinite(measured[:, 0])]
+        if len(known):
+            inside = (age >= known.min()) & (age <= known.max())
+            place = found[0].index(name)
+            smooth[inside] = _smooth(found[1], place, (age[inside] - first) / span, quantity)
+        yield Trend(name, quantity, age, measured, smooth)
+
+
+def _smooth(judged: Judged, place: int, age: np.ndarray, quantity: str) -> np.ndarray:
+    value, error = judged.fit.trend(place, age)
+    found = np.stack([value, value - _REACH * error, value + _REACH * error], axis=1)
+    return found if quantity == SHIFT else np.exp(found)
+
+
+def _measured(rows: pl.DataFrame, quantity: str) -> np.ndarray:
+    columns = (f"aged {quantity}{end}" for end in ("", " low", " high"))
+    return np.stack(
+        [rows[each].cast(pl.Float64).fill_null(np.nan).to_numpy() for each in columns], 1
+    )
+
+
+def _as_fitted(numbers: np.ndarray, quantity: str) -> np.ndarray:
+    return numbers if quantity == SHIFT else np.log(numbers)
+
+
+_REACH = float(ndtri((1 + CONFIDENCE) / 2))

@@ -1,0 +1,308 @@
+"""Smooth trends of many cells over age, pooled over the fleet, and the cells that depart from it.
+
+The estimates y of a quantity of cell c at ages t, with known variances v, are
+
+    y = X beta + z_c(t) + e,    z_c = a_c + b_c t + w_c(t),    e ~ N(0, v + s^2),
+
+X beta the fleet's shape: a line, an integrated Wiener process and what a covariate adds; a cell's
+own level, slope and integrated Wiener process have variances that all cells share. Any of these
+alone is a cubic smoothing spline (Wahba 1978). The standard deviations are those of the largest
+restricted likelihood (Patterson and Thompson 1971), in which beta is integrated out in closed form:
+with V_c the covariance of a cell and A = sum X'V^-1 X + P,
+
+    -2 log L = sum log|V_c| + log|A| - log|P| + y'V^-1 y - b'A^-1 b,    b = sum X'V^-1 y.
+
+A shape h that a fault would add to a cell is judged by its score z = h'Q y / sqrt(h'Q h) with
+Q = V^-1 - V^-1 X A^-1 X'V^-1, normal where there is no fault.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.optimize import minimize
+
+# Knots of the fleet's shape, spread over all ages.
+KNOTS = 8
+# Ages at a hinge or step need so many others on either side.
+ASIDE = 2
+# What a fault adds is free within so many times what was found.
+FREE = 3.0
+DRAWS, MOST_SIMULATED = 4000, 300
+ROUNDS = 5
+
+Cells = Float[np.ndarray, "cells n"]
+
+
+@dataclass(frozen=True)
+class Series:
+    """A quantity of many cells: ages in a unit of the longest, estimates, their variances and a
+    covariate, filled up to one length; `known` says where there is an estimate."""
+
+    age: Cells
+    value: Cells
+    variance: Cells
+    known: Bool[np.ndarray, "cells n"]
+    covariate: Cells
+
+    def only(self, cells: Bool[np.ndarray, "cells"]) -> "Series":
+        """Some of the cells."""
+        return Series(*(each[cells] for each in vars(self).values()))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Standard deviations: of cells' levels, slopes and bends, of the fleet's bend, and of what one
+    estimate has beside its own error."""
+
+    level: float
+    slope: float
+    bend: float
+    fleet_bend: float
+    scatter: float
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a fault adds to a cell from an age on: `level`, `slope`, `knee` or `step`; how much of
+    it was found, by how many standard deviations."""
+
+    kind: str
+    age: float
+    size: float
+    deviations: float
+
+    def at(self, age: np.ndarray) -> np.ndarray:
+        """One unit of it."""
+        return _shape(self.kind, self.age, age)
+
+
+def _shape(kind: str, start: float, age: np.ndarray) -> np.ndarray:
+    later = np.maximum(age - start, 0.0)
+    found = {"level": np.ones_like(age), "slope": age, "knee": later}
+    return found[kind] if kind in found else (age > start) * 1.0
+
+
+def wiener(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The covariance of an integrated Wiener process, at rest at zero, between ages.
+
+    >>> float(wiener(np.array([1.0]), np.array([2.0]))[0, 0].round(4))
+    0.8333
+    """
+    low, high = (
+        np.minimum(one[..., None], other[..., None, :]),
+        np.maximum(one[..., None], other[..., None, :]),
+    )
+    return low**2 * (3 * high - low) / 6
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fleet's model at some standard deviations: its shape is that of the cells that are `good`;
+    `added` are shapes that single cells have."""
+
+    series: Series
+    spread: Spread
+    good: Bool[np.ndarray, "cells"]
+    added: tuple[tuple[int, Shape], ...] = ()
+
+    def own(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """The covariance of what is a cell's own, between its ages."""
+        its = self.spread
+        line = its.level**2 + its.slope**2 * one[..., None] * other[..., None, :]
+        return line + its.bend**2 * wiener(one, other)
+
+    def _own_of(self, cell: int | None, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        found = self.own(one, other)
+        for place, shape in self.added:
+            if cell is None or place == cell:
+                here = np.multiply.outer(
+                    *(shape.at(each if cell is not None else each[place]) for each in (one, other))
+                )
+                own = (FREE * shape.size) ** 2 * here
+                if cell is None:
+                    found[place] += own
+                else:
+                    found = found + own
+        return found
+
+    def columns(self, age: np.ndarray, covariate: np.ndarray) -> np.ndarray:
+        """X, whose first columns are free and whose others are of the fleet's bend."""
+        knots = np.linspace(0.0, 1.0, KNOTS + 1)[1:]
+        bent = np.linalg.solve(np.linalg.cholesky(wiener(knots, knots)), wiener(knots, age.ravel()))
+        bent = self.spread.fleet_bend * np.moveaxis(bent.reshape(KNOTS, *age.shape), 0, -1)
+        free = [np.ones_like(age), age]
+        if self.has_covariate:
+            free.append(covariate)
+        return np.concatenate([np.stack(free, axis=-1), bent], axis=-1)
+
+    @cached_property
+    def has_covariate(self) -> bool:
+        known = self.series.covariate[self.series.known]
+        return bool(np.ptp(known) > 0) if known.size else False
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """The Cholesky factor of every cell's covariance; what is filled up is apart."""
+        its = self.series
+        both = its.known[:, :, None] & its.known[:, None, :]
+        covariance = np.where(both, self._own_of(None, its.age, its.age), 0.0)
+        noise = np.where(its.known, its.variance + self.spread.scatter**2, 1.0)
+        return np.linalg.cholesky(covariance + noise[:, :, None] * np.eye(its.age.shape[1]))
+
+    @cached_property
+    def white(self) -> tuple[np.ndarray, np.ndarray]:
+        """X and y in units of the noise."""
+        its = self.series
+        columns = self.columns(its.age, its.covariate) * its.known[:, :, None]
+        value = np.where(its.known, its.value, 0.0)[:, :, None]
+        return np.linalg.solve(self.root, columns), np.linalg.solve(self.root, value)[:, :, 0]
+
+    @cached_property
+    def sums(self) -> tuple[np.ndarray, np.ndarray]:
+        """A and b of the fleet."""
+        columns, value = (each[self.good] for each in self.white)
+        bent = np.arange(columns.shape[2]) >= columns.shape[2] - KNOTS
+        normal = np.einsum("cni,cnj->ij", columns, columns) + np.diag(bent * 1.0)
+        return normal, np.einsum("cni,cn->i", columns, value)
+
+    def fleet_with(self, cell: int) -> tuple[np.ndarray, np.ndarray]:
+        """A^-1 and beta, a cell's own estimates with the others'."""
+        normal, right = self.sums
+        if not self.good[cell]:
+            columns, value = (each[cell] for each in self.white)
+            normal, right = normal + columns.T @ columns, right + columns.T @ value
+        inverse = np.linalg.inv(normal)
+        return inverse, inverse @ right
+
+    @property
+    def minus_two_log_likelihood(self) -> float:
+        """The restricted one, up to a constant."""
+        normal, right = self.sums
+        logarithms = 2 * np.sum(np.log(np.diagonal(self.root, axis1=1, axis2=2)))
+        found = np.linalg.slogdet(normal)[1] + logarithms + np.sum(self.white[1] ** 2)
+        return float(found - right @ np.linalg.solve(normal, right))
+
+    def trend(self, cell: int, age: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A cell's trend at some ages, without what the covariate adds, and its standard errors."""
+        its, known = self.series, self.series.known[cell]
+        root = self.root[cell][np.ix_(known, known)]
+        columns, value = (each[cell][known] for each in self.white)
+        link = np.linalg.solve(root, self._own_of(cell, its.age[cell][known], age))
+        here = self.columns(age, np.zeros_like(age))
+        rest = here - link.T @ columns
+        inverse, beta = self.fleet_with(cell)
+        found = here @ beta + link.T @ (value - columns @ beta)
+        prior = np.diagonal(self._own_of(cell, age, age))
+        variance = prior - np.sum(link**2, axis=0)
+        variance = variance + np.einsum("ai,ij,aj->a", rest, inverse, rest)
+        return found, np.sqrt(np.maximum(variance, 0.0))
+
+    def scores(self, cell: int) -> tuple[list[Shape], np.ndarray]:
+        """What each fault would have added to a cell, and the correlation of their scores."""
+        its, known = self.series, self.series.known[cell]
+        age = its.age[cell][known]
+        places = range(ASIDE, len(age) - ASIDE)
+        asked = [("level", 0.0), ("slope", 0.0)] if len(age) > 1 else []
+        asked += [("knee", float(age[place])) for place in places]
+        between = range(ASIDE, len(age) - ASIDE + 1)
+        asked += [("step", float(age[each - 1 : each + 1].mean())) for each in between]
+        if not asked:
+            return [], np.empty((0, 0))
+        root = self.root[cell][np.ix_(known, known)]
+        columns, value = (each[cell][known] for each in self.white)
+        shapes = np.linalg.solve(root, np.stack([_shape(*each, age) for each in asked], axis=1))
+        seen = shapes.T @ columns
+        inverse, beta = self.fleet_with(cell)
+        own = shapes.T @ shapes - seen @ inverse @ seen.T
+        pushes = shapes.T @ (value - columns @ beta)
+        strength = np.sqrt(np.maximum(np.diag(own), 1e-12))
+        found = [
+            Shape(*each, float(push / by**2), float(push / by))
+            for each, push, by in zip(asked, pushes, strength, strict=True)
+        ]
+        return found, own / np.outer(strength, strength)
+
+
+def fit(series: Series) -> Fit:
+    """The model of the largest restricted likelihood."""
+    known = series.known
+    scale = float(np.std(series.value[known])) or 1.0
+    typical = float(np.sqrt(np.median(series.variance[known])))
+    lowest = np.log(1e-3 * min(scale, typical) if typical else 1e-6 * scale)
+
+    def at(logarithms: np.ndarray) -> Fit:
+        return Fit(series, Spread(*np.exp(logarithms).tolist()), np.ones(len(known), bool))
+
+    best = minimize(
+        lambda logarithms: at(logarithms).minus_two_log_likelihood,
+        np.log([0.5 * scale, 0.3 * scale, 0.1 * scale, scale, max(0.5 * typical, 1e-3 * scale)]),
+        method="L-BFGS-B",
+        bounds=[(lowest, np.log(100 * scale))] * 5,
+    )
+    return at(best.x)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A fleet's model without its faults, the scores of every cell, above which a cell is flagged,
+    and what was found in those that are."""
+
+    fit: Fit
+    worst: tuple[Shape | None, ...]
+    threshold: float
+
+    @property
+    def faults(self) -> dict[int, Shape]:
+        """By cell."""
+        return {
+            cell: each for cell, each in enumerate(self.worst)
+            if each is not None and abs(each.deviations) > self.threshold
+        }  # fmt: skip
+
+
+def judge(series: Series, expected: float, rng: np.random.Generator) -> Judged:
+    """The fleet without the cells that depart from it, which are found one by one.
+
+    Args:
+        series: The estimates.
+        expected: How many cells of a fleet without faults may be flagged, on the average.
+        rng: Draws such fleets.
+    """
+    good = np.ones(len(series.age), bool)
+    for _ in range(ROUNDS):
+        model = Fit(series, fit(series.only(good)).spread, good)
+        found = [model.scores(cell) for cell in range(len(good))]
+        threshold = _threshold([each for _, each in found], expected, rng)
+        judged = Judged(
+            model,
+            tuple(
+                max(each, key=lambda one: abs(one.deviations), default=None) for each, _ in found
+            ),
+            threshold,
+        )
+        now = np.array([cell not in judged.faults for cell in range(len(good))])
+        if np.array_equal(now, good) or np.count_nonzero(now) < len(good) / 2:
+            break
+        good = now
+    return replace(judged, fit=replace(model, added=tuple(judged.faults.items())))
+
+
+def _threshold(
+    correlations: Sequence[np.ndarray], expected: float, rng: np.random.Generator
+) -> float:
+    """The largest score of a cell that so many cells of such a fleet exceed without any fault."""
+    judged = [each for each in correlations if len(each)]
+    if not judged:
+        return np.inf
+    drawn = judged
+    if len(judged) > MOST_SIMULATED:
+        drawn = [judged[place] for place in rng.choice(len(judged), MOST_SIMULATED, replace=False)]
+    largest = []
+    for each in drawn:
+        values, vectors = np.linalg.eigh(each)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        largest.append(np.max(np.abs(rng.standard_normal((DRAWS, len(each))) @ root.T), axis=1))
+    return float(np.quantile(np.concatenate(largest), 1 - min(1.0, expected / len(judged))))

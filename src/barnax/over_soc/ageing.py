@@ -1,0 +1,214 @@
+"""What a record tells of a cell's ageing: its capacity, resistances and OCV beside those of before.
+
+With the OCV U that the cell had over its state of charge s, a record's voltage is
+
+    v = U(s) + d - R0(s) i - ...,    s = s0 - charge / C,
+
+with its own capacity C, start s0 and shift d of the OCV, which a sensor's offset is too. They are
+estimated together with all tables (`nuisances`), without a correction of the OCV that could take
+their place, but for the errors that U may have. What was told of s0 and d is a prior; of C nothing
+is believed. A capacity that the
+record tells less well than it has to is not determined.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtri
+
+from ..blas import one_blas_thread
+from ..cell.tables import hats
+from ..errors import InputError
+from ..execution import in_float64
+from ..model.prepared import PreparedRecord, prepare_record
+from ..model.search_space import Range
+from ..uncertainty.covariance import CONFIDENCE
+from .nuisances import Estimated, estimate, of_starts
+from .objective import Solution, TableObjective
+from .problem import box_of, held_at, reduced_objective
+from .registration import slope_of, told_within
+from .search import find_best
+from .settings import TableSettings
+
+Nuisance = Float[np.ndarray, "nuisances"]
+CIRCUIT = "so-rc"
+CAPACITY, SHIFT, R0, R = "capacity [A.h]", "OCV shift [V]", "R0 [Ohm]", "R [Ohm]"
+AGED = (CAPACITY, "start SOC", SHIFT, R0, R)
+# Standard deviations of what is believed of a shift of the OCV, and of the logarithm of a capacity.
+SHIFT_SD_V, CAPACITY_SD = 0.02, 1.0
+# By SOC, the slope of an OCV.
+STRAIGHT_V = 1.0
+# Standard deviations of the OCV of before at its nodes, and of what is held.
+OCV_SD_V, OCV_NODES = 1.5e-3, np.linspace(0.0, 1.0, 11)
+HELD_SD = 1e-7
+# Shares of the capacity that are tried first, with time constants in s for which any do.
+SHARES, TRIED_S = (1.05, 0.98, 0.9, 0.82, 0.74, 0.66), (10.0, 100.0)
+# The descent's end, and its largest step in a share or in V.
+SETTLED, LARGEST_STEP, ROUNDS = 1e-5, 0.1, 8
+# An interval that reaches further than this share of the value to either side determines nothing.
+DETERMINED = {CAPACITY: 0.05, R0: 0.25, R: 0.5}
+
+
+@dataclass(frozen=True)
+class Aged:
+    """What a record tells of one quantity, with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@in_float64
+def measure_ageing(
+    prepared_records: Sequence[PreparedRecord],
+    settings: TableSettings,
+    soc: float = 0.5,
+    *,
+    is_own: bool = False,
+) -> dict[str, Aged]:
+    """Capacity, start, OCV shift, and R0 and all resistances at a state of charge, by name.
+
+    Args:
+        prepared_records: Records of one cell at one age, with the OCV that it had before.
+        settings: The bounds and weights of tables.
+        soc: Where the resistances are told, on the capacity that is found.
+        is_own: Whether the OCV was identified from these very records, of which it then tells R0
+            alone, on the capacity that was told.
+
+    What the records do not determine is left out: all of it where no capacity fits them.
+    """
+    records = [each.as_told for each in prepared_records]
+    records = [_moved(each, each.start.soc, each.capacity_ah) for each in records]
+    plain = replace(
+        settings, folds=0, max_boxes=0, resistances_follow="none", half_hysteresis=False
+    )
+    # A slower pair than a correction of the OCV leaves imitates a capacity.
+    ranges = box_of(records, plain)
+    plain = replace(plain, ocv_correction=False)
+    told, count = np.array([each.start.soc for each in records]), len(records)
+    own = [CAPACITY_SD, SHIFT_SD_V, *[OCV_SD_V] * len(OCV_NODES)]
+    prior = np.array([*map(_start_sd, records), *own])
+    prior = np.full_like(prior, HELD_SD) if is_own else prior
+
+    def objective_at(now: Nuisance, box: Mapping[str, Range]) -> TableObjective:
+        share, ocv_v = float(np.exp(now[count])), now[count + 1 :]
+        return reduced_objective(
+            [
+                _moved(each, start, share * each.capacity_ah, ocv_v)
+                for each, start in zip(records, (told + now[:count]).tolist(), strict=True)
+            ],
+            plain,
+            box,
+        )
+
+    with one_blas_thread():
+        shares = (1.0,) if is_own else SHARES
+        now = _first_guess(objective_at, ranges, shares, prior, count)
+        if now is None:
+            return {}
+        objective = objective_at(now, ranges)
+        best = find_best(objective)
+        for _ in range(ROUNDS):
+            weights = _weights_at(objective, soc)
+            found = estimate(objective, best, _columns, now, prior, weights)
+            step = np.clip(found.values - now, -LARGEST_STEP, LARGEST_STEP)
+            now = now + step
+            if np.max(np.abs(step)) < SETTLED:
+                break
+            lows, highs = np.log(np.array([*ranges.values()])).T
+            scales = np.clip(np.array(best.log_scales) + found.moved_scales, lows, highs)
+            try:
+                objective = objective_at(now, held_at(objective, scales.tolist()))
+            except InputError:
+                return {}
+            best = objective.solve(tuple(scales.tolist()), exact=True)
+    is_visited = np.any(objective.visited @ weights[0, : objective.nodes])
+    told_now = dict(_told(found, records, told, bool(is_visited)))
+    return {R0: told_now[R0]} if is_own and R0 in told_now else {} if is_own else told_now
+
+
+def _first_guess(
+    objective_at: Any, ranges: Mapping[str, Range], shares: Sequence[float], like: Nuisance, at: int
+) -> Nuisance | None:
+    """The share of the capacity that fits best where all else is as told; None where none does."""
+    tried = {name: (each, each) for name, each in zip(ranges, TRIED_S, strict=True)}
+    costs: dict[float, Nuisance] = {}
+    for share in shares:
+        now = np.zeros_like(like)
+        now[at] = np.log(share)
+        try:
+            objective = objective_at(now, tried)
+        except InputError:
+            continue
+        costs[objective.solve(tuple(np.log(TRIED_S).tolist())).objective_v2] = now
+    return costs[min(costs)] if costs else None
+
+
+def _moved(
+    prepared: PreparedRecord, soc: float, capacity_ah: float, ocv_v: Nuisance | None = None
+) -> PreparedRecord:
+    """The record with another start, capacity and OCV."""
+    window = replace(
+        prepared.window, initial_soc=soc, soc_source="registered", capacity_ah=capacity_ah
+    )
+    found = prepare_record(prepared.record, prepared.cell, CIRCUIT, window)
+    if ocv_v is None:
+        return found
+    return replace(found, source_v=found.source_v + _ocv_columns(found.soc) @ ocv_v)
+
+
+def _ocv_columns(soc: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples ocv"]:
+    """Those of the shift of the OCV, and of its errors."""
+    return np.column_stack([np.ones_like(soc), hats(soc, OCV_NODES)])
+
+
+def _start_sd(prepared: PreparedRecord) -> float:
+    """The standard deviation of a start; one that a voltage told moves with a shift of the OCV."""
+    return told_within(prepared, SHIFT_SD_V)[0]
+
+
+def _columns(
+    objective: TableObjective, found: Solution, place: int
+) -> Float[np.ndarray, "samples nuisances"]:
+    """Those of every record's start, of the logarithm of their capacity, and of the OCV."""
+    prepared = objective.prepared_records[place]
+    soc = prepared.soc[prepared.scored]
+    columns = of_starts(objective, place, slope_of(prepared, soc))
+    shared = columns[:, 1::2].sum(axis=1), _ocv_columns(soc)
+    return np.column_stack([columns[:, 0::2], *shared])
+
+
+def _weights_at(objective: TableObjective, soc: float) -> Float[np.ndarray, "two values"]:
+    """By which the tables' values give R0, and the sum of all resistances, at a state of charge."""
+    own = hats(np.array([soc]), objective.nodes_of[0])[0]
+    return np.stack([np.append(own, np.zeros(objective.pairs * len(own))),
+                     np.tile(own, 1 + objective.pairs)])  # fmt: skip
+
+
+def _told(
+    found: Estimated, records: Sequence[PreparedRecord], told: Nuisance, is_visited: bool
+) -> Iterator[tuple[str, Aged]]:
+    """What is determined, with intervals."""
+    reach = float(ndtri((1 + CONFIDENCE) / 2))
+
+    def around(value: float, error: float) -> Aged:
+        return Aged(value, value - reach * error, value + reach * error)
+
+    count = len(records)
+    yield "start SOC", around(float(told[0] + found.values[0]), float(found.errors[0]))
+    share = around(float(found.values[count]), float(found.errors[count]))
+    if reach * found.errors[count] < DETERMINED[CAPACITY]:
+        ends = (float(np.exp(each)) for each in (share.value, share.low, share.high))
+        yield CAPACITY, Aged(*(records[0].capacity_ah * each for each in ends))
+    # Along an OCV that is nearly straight a start that is told wrong is a shift.
+    unknown_v = STRAIGHT_V * _start_sd(records[0])
+    shift_error = float(np.hypot(found.errors[count + 1], unknown_v))
+    yield SHIFT, around(float(found.values[count + 1]), shift_error)
+    for name, value, error in zip(
+        (R0, R), found.sums.tolist(), found.sum_errors.tolist(), strict=True
+    ):
+        if is_visited and 0 < reach * error < DETERMINED[name] * value:
+            yield name, around(value, error)

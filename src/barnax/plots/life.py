@@ -1,0 +1,97 @@
+"""Ageing over time: every cell of a fleet, and one cell with what each of its records told."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .pictures import illustration
+from .style import BLACK, BLUE, GREY, SKY_BLUE, VERMILLION, finish, make_figure
+
+if TYPE_CHECKING:
+    from ..life import Life
+
+# What stands at the axes, and what values are multiplied by.
+LABELS = {
+    "capacity [A.h]": ("Capacity [A.h]", 1.0),
+    "R0 [Ohm]": ("R0 [mOhm]", 1e3),
+    "R [Ohm]": ("All resistances [mOhm]", 1e3),
+    "OCV shift [V]": ("OCV shift [mV]", 1e3),
+}
+AGES = {"A.h": "Throughput [A.h]", "cycle": "Age [cycles]"}
+# Of a large fleet so many cells are drawn, beside those that are odd.
+MOST_DRAWN = 500
+
+
+@illustration(
+    "Smooth trends of {}; colored: cells that depart from the fleet in that quantity.",
+    "Capacity, resistances and OCV shift of every cell over its age",
+    is_main=True,
+)
+def plot_fleet_life(life: "Life") -> Figure:
+    """The smooth trends of all cells, and in color those that are flagged.
+
+    Args:
+        life: A fleet's ageing.
+    """
+    figure, panels = _panels(life)
+    for axes, (quantity, (_, scale)) in zip(panels, LABELS.items(), strict=True):
+        odd = {each.cell for each in life.faults if each.quantity == quantity}
+        drawn = life.of(quantity)
+        for each in [*drawn[:MOST_DRAWN], *(one for one in drawn if one.cell in odd)]:
+            is_odd = each.cell in odd
+            style = {"color": VERMILLION, "zorder": 3} if is_odd else {"color": GREY, "alpha": 0.5}
+            axes.plot(each.age, scale * each.smooth[:, 0], linewidth=0.8, **style)
+        _say_where_empty(axes, drawn)
+    return finish(figure, *panels, columns=2)
+
+
+@illustration(
+    "Ageing of {}: what each record tells with its 95 % interval, the smooth trend with its own, "
+    "and dashed the age at which it departs from the fleet.",
+    "Capacity, resistances and OCV shift of one cell over its age",
+    is_main=True,
+)
+def plot_cell_life(life: "Life", cell: str) -> Figure:
+    """The estimates of one cell, its smooth trends, and where it departs from the fleet.
+
+    Args:
+        life: A fleet's ageing.
+        cell: The name of the cell.
+    """
+    figure, panels = _panels(life)
+    for axes, (quantity, (_, scale)) in zip(panels, LABELS.items(), strict=True):
+        found = life.of(quantity, cell)
+        for each in found:
+            if not each.estimates:
+                continue
+            value, low, high = scale * each.measured.T
+            reach = np.stack([value - low, high - value])
+            dots = {"fmt": "o", "markersize": 3.0, "linewidth": 0.8, "color": BLACK}
+            axes.errorbar(each.age, value, reach, **dots)
+            age, smooth = life.along(each)
+            value, low, high = scale * smooth.T
+            axes.fill_between(age, low, high, color=SKY_BLUE, alpha=0.45, linewidth=0.0)
+            axes.plot(age, value, color=BLUE)
+        for each in life.faults:
+            if (each.cell, each.quantity) == (cell, quantity) and each.kind in ("knee", "step"):
+                axes.axvline(each.age, color=VERMILLION, linewidth=0.8, linestyle="--")
+        _say_where_empty(axes, found)
+    return finish(figure, *panels, columns=2)
+
+
+def _panels(life: "Life") -> tuple[Figure, list[Axes]]:
+    figure = make_figure(height_in=4.8)
+    panels = [*figure.subplots(2, 2, sharex=True).ravel()]
+    for axes, (label, _) in zip(panels, LABELS.values(), strict=True):
+        axes.set_ylabel(label)
+    for axes in panels[2:]:
+        axes.set_xlabel(AGES.get(life.unit, f"Age [{life.unit}s]"))
+    return figure, panels
+
+
+def _say_where_empty(axes: Axes, trends: list) -> None:
+    if not any(each.estimates for each in trends):
+        middle = {"ha": "center", "va": "center", "transform": axes.transAxes}
+        axes.text(0.5, 0.5, "not determined", color=GREY, **middle)

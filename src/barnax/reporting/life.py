@@ -1,0 +1,303 @@
+"""A fleet's ageing in words: the screen, the page of the fleet, that of a cell, and the tables."""
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import polars as pl
+
+from ..life import QUANTITIES, SHIFT
+from .document import Block, Bullets, Document, Paragraph, Section, Table, make_table, picture
+from .words import NOTHING, counted, figures, percent, symbol
+
+if TYPE_CHECKING:
+    from ..life import Fault, Life, Trend
+
+NAMES = {"R": "all resistances"}
+MAX_TOLD = 50
+WORDS = {
+    "level": "differs from the fleet throughout",
+    "slope": "ages at another rate than the fleet",
+    "knee": "bends away from the fleet",
+    "step": "steps",
+}
+UNTOLD = {
+    "capacity [A.h]": "capacity needs an OCV of before (`ocv` or `cell` in the manifest), and "
+    "records that move over enough of it: their interval is to be within 5 %",
+    "R0 [Ohm]": "R0 needs steps of the current around 50 % SOC; a charge at constant current alone "
+    "has none, and is refused",
+    "R [Ohm]": "all resistances together need loads of several minutes around 50 % SOC",
+    "OCV shift [V]": "a shift of the OCV needs an OCV of before",
+}
+
+
+def quantity_name(quantity: str) -> str:
+    """As sentences name it."""
+    return NAMES.get(symbol(quantity), symbol(quantity))
+
+
+def life_lines(life: "Life") -> list[str]:
+    """The screen."""
+    told = [_told_sentence(life, quantity) for quantity in QUANTITIES]
+    return [
+        f"{counted(len(life.cells), 'cell')}, {counted(life.rows, 'row')}, "
+        f"{counted(round(life.exposure), 'cell year')}.",
+        *told,
+        _judging_sentence(life),
+        *(f"  {fault_sentence(life, each)}" for each in life.faults[:10]),
+        *([f"  {len(life.faults) - 10} more on the page"] if len(life.faults) > 10 else []),
+        *_failed(life)[:3],
+    ]
+
+
+def life_document(life: "Life", drawn: Sequence[Any]) -> Document:
+    """The page of the fleet."""
+    odd = [*map(_fault_row(life), life.faults[:MAX_TOLD])]
+    return Document(
+        "A fleet over its life",
+        f"{counted(len(life.cells), 'cell')} in {counted(life.rows, 'row')}.",
+        (
+            Section("Trends", (*map(picture, drawn), _fleet_table(life))),
+            Section(
+                "Odd cells",
+                (Paragraph(_judging_sentence(life)), *([_fault_table(odd)] if odd else [])),
+            ),
+            Section("What is not determined", _untold(life)),
+            Section("How it is made", (Bullets(tuple(_method(life))),)),
+        ),
+    )
+
+
+def cell_document(life: "Life", cell: str, drawn: Sequence[Any]) -> Document:
+    """The page of a cell."""
+    faults = [each for each in life.faults if each.cell == cell]
+    told = tuple(fault_sentence(life, each) for each in faults)
+    blocks: list[Block] = [Bullets(told, are_warnings=True)] if told else []
+    blocks += [*map(picture, drawn)]
+    blocks += [
+        _trend_table(life, each)
+        for quantity in QUANTITIES
+        for each in life.of(quantity, cell)
+        if each.estimates
+    ]
+    missing = [each for each in QUANTITIES if not any(t.estimates for t in life.of(each, cell))]
+    if missing:
+        blocks.append(Bullets(tuple(f"Not determined: {UNTOLD[each]}." for each in missing)))
+    at_least = "" if life.cycles_known else "at least "
+    summary = f"{at_least}{life.cycles[cell]:.3g} equivalent full cycles at its last record."
+    return Document(f"The life of {cell}", summary, (Section("Trends", tuple(blocks)),))
+
+
+def fault_sentence(life: "Life", fault: "Fault") -> str:
+    """What was found in a cell."""
+    since = f" from {_age(life, fault.age)} on" if fault.kind in ("knee", "step") else ""
+    return (
+        f"{fault.cell}: {quantity_name(fault.quantity)} {WORDS[fault.kind]}{since}, by "
+        f"{_size(life, fault)} ({abs(fault.deviations):.1f} standard deviations)"
+    )
+
+
+def life_json(life: "Life") -> str:
+    """Everything but the models, as JSON; what is not determined is null."""
+    document = {
+        "age unit": life.unit,
+        "cell years": life.exposure,
+        "false alarms a cell and year": life.false_alarms,
+        "reference temperature [degC]": life.reference_degc,
+        "equivalent full cycles": life.cycles,
+        "equivalent full cycles are complete": life.cycles_known,
+        "spread": {name: vars(judged.fit.spread) for name, (_, judged) in life.judged.items()},
+        "thresholds": {
+            name: judged.threshold if np.isfinite(judged.threshold) else None
+            for name, (_, judged) in life.judged.items()
+        },
+        "faults": [vars(each) for each in life.faults],
+        "failed": [{"cell": name, "error": error} for name, error in life.failed],
+        "trends": life_frame(life).to_dicts(),
+    }
+    return json.dumps(document, indent=1) + "\n"
+
+
+def life_frame(life: "Life") -> pl.DataFrame:
+    """A row for each quantity of each record: estimate and trend, with intervals."""
+    columns = ("estimate", "estimate low", "estimate high", "trend", "trend low", "trend high")
+    return pl.DataFrame(
+        [
+            {"cell": each.cell, "quantity": each.quantity, f"age [{life.unit}]": float(age)}
+            | dict(
+                zip(columns, [None if np.isnan(one) else float(one) for one in row], strict=True)
+            )
+            for each in life.trends
+            for age, row in zip(each.age, np.hstack([each.measured, each.smooth]), strict=True)
+        ],
+        schema_overrides=dict.fromkeys(columns, pl.Float64),
+        infer_schema_length=None,
+    )
+
+
+def _told_sentence(life: "Life", quantity: str) -> str:
+    told = [each for each in life.of(quantity) if each.estimates]
+    if not told:
+        return f"{quantity_name(quantity)}: not determined: {UNTOLD[quantity]}."
+    ends = np.array([_ends(each) for each in told])
+    if quantity == SHIFT:
+        words = f"median {1e3 * float(np.median(ends[:, 1])):+.2g} mV at the end"
+    else:
+        change = float(np.median(ends[:, 1] / ends[:, 0]) - 1)
+        words = f"median change {100 * change:+.2g} % from first to last"
+    missing = len(life.cells) - len(told)
+    rest = f"; not determined of {counted(missing, 'cell')}" if missing else ""
+    return f"{quantity_name(quantity)}: {words}{rest}."
+
+
+def _judging_sentence(life: "Life") -> str:
+    if not any(np.isfinite(judged.threshold) for _, judged in life.judged.values()):
+        return "No cell is judged: that takes at least 8 cells with 3 ages each."
+    expected = life.false_alarms * life.exposure
+    year = "365 equivalent full cycles" if life.unit == "A.h" else "365 cycles"
+    unit = year if life.unit in ("A.h", "cycle") else "year"
+    odd = len({each.cell for each in life.faults})
+    return (
+        f"{counted(odd, 'odd cell')}, at {percent(life.false_alarms)} false alarms a cell and "
+        f"{unit}: {expected:.2g} of a fleet like this one without any fault."
+    )
+
+
+def _failed(life: "Life") -> list[str]:
+    causes = Counter(error for _, error in life.failed)
+    return [f"{counted(number, 'row')} failed: {error}" for error, number in causes.most_common()]
+
+
+def _untold(life: "Life") -> tuple[Block, ...]:
+    lines = []
+    for quantity in QUANTITIES:
+        found = life.of(quantity)
+        rows = sum(len(each.age) for each in found)
+        told = sum(each.estimates for each in found)
+        if told < rows:
+            lines.append(
+                f"{quantity_name(quantity)}: {rows - told:,} of {counted(rows, 'row')}; "
+                f"{UNTOLD[quantity]}."
+            )
+    lines += _failed(life)[:MAX_TOLD]
+    if not life.cycles_known:
+        lines.append(
+            "Equivalent full cycles between the records: those told are within the records alone; "
+            "give `throughput`, a column of ampere-hours since new."
+        )
+    if life.reference_degc is None:
+        lines.append("Resistances at one temperature: temperatures are not known, or do not vary.")
+    return (Bullets(tuple(lines)),)
+
+
+def _method(life: "Life") -> list[str]:
+    lines = [
+        "Trends are smoothing splines over age: the fleet's shape, and what is a cell's own, with "
+        "variances of the largest restricted likelihood; intervals are of 95 %.",
+        "A trend goes from the first to the last record that tells the quantity, never beyond.",
+        "Cells that are flagged do not count for the fleet's shape and variances.",
+    ]
+    if life.reference_degc is not None:
+        lines.append(
+            f"Trends of resistances are at {life.reference_degc:.3g} degC, by the fleet's own "
+            "dependence on temperature; estimates are at their records' temperatures."
+        )
+    return lines
+
+
+def _fleet_table(life: "Life") -> Table:
+    cells = {
+        "cell": str,
+        "eq. full cycles": lambda cell: f"{life.cycles[cell]:.4g}",
+        **{_head(quantity): _last(life, quantity) for quantity in QUANTITIES},
+    }
+    return make_table(
+        "The trend at the last record that tells it, and half its interval.",
+        life.cells[:MAX_TOLD],
+        cells,
+        ["cell"],
+    )
+
+
+def _last(life: "Life", quantity: str):
+    def of_cell(cell: str) -> str:
+        (trend,) = life.of(quantity, cell)
+        if not trend.estimates:
+            return NOTHING
+        value, low, high = _scale(quantity) * trend.smooth[np.isfinite(trend.smooth[:, 0])][-1]
+        return f"{figures(value, 4)} ± {figures((high - low) / 2, 2)}"
+
+    return of_cell
+
+
+def _fault_row(life: "Life"):
+    def row(fault: "Fault") -> dict[str, str]:
+        has_age = fault.kind in ("knee", "step")
+        return {
+            "cell": fault.cell,
+            "quantity": quantity_name(fault.quantity),
+            "what": fault.kind,
+            "from": _age(life, fault.age) if has_age else NOTHING,
+            "by": _size(life, fault),
+            "deviations": f"{abs(fault.deviations):.1f}",
+        }
+
+    return row
+
+
+def _fault_table(rows: list[dict[str, str]]) -> Table:
+    heads = {head: lambda row, head=head: row[head] for head in rows[0]}
+    return make_table("The oddest first.", rows, heads, [*heads][:5])
+
+
+def _trend_table(life: "Life", trend: "Trend") -> Table:
+    scale = _scale(trend.quantity)
+
+    def number(value: float) -> str:
+        return NOTHING if np.isnan(value) else figures(scale * float(value), 4)
+
+    rows = zip(trend.age, trend.measured, trend.smooth, strict=True)
+    return make_table(
+        f"{quantity_name(trend.quantity)}, with 95 % intervals.",
+        rows,
+        {
+            f"age [{life.unit}]": lambda row: f"{row[0]:.4g}",
+            _head(trend.quantity): lambda row: number(row[1][0]),
+            "low": lambda row: number(row[1][1]),
+            "high": lambda row: number(row[1][2]),
+            "trend": lambda row: number(row[2][0]),
+            "trend low": lambda row: number(row[2][1]),
+            "trend high": lambda row: number(row[2][2]),
+        },
+    )
+
+
+def _ends(trend: "Trend") -> tuple[float, float]:
+    known = trend.smooth[np.isfinite(trend.smooth[:, 0]), 0]
+    return float(known[0]), float(known[-1])
+
+
+def _scale(quantity: str) -> float:
+    return 1.0 if quantity.startswith("capacity") else 1e3
+
+
+def _head(quantity: str) -> str:
+    unit = "" if quantity.startswith("capacity") else "m"
+    name, _, own = quantity.partition(" [")
+    return f"{name} [{unit}{own}"
+
+
+def _age(life: "Life", age: float) -> str:
+    return f"{life.unit} {age:.3g}" if life.unit != "A.h" else f"{age:.3g} A.h"
+
+
+def _size(life: "Life", fault: "Fault") -> str:
+    is_volt = fault.quantity == SHIFT
+    by = ""
+    if fault.kind in ("slope", "knee"):
+        by = f" per {life.unit}"
+    if is_volt:
+        return f"{1e3 * fault.size:+.2g} mV{by}"
+    return f"{100 * fault.size:+.2g} %{by}"

@@ -113,17 +113,15 @@ def between(
     def mixed(cold_value: float, warm_value: float) -> float:
         return (1 - share) * cold_value + share * warm_value
 
-    rate = mixed(*(1 / each.onset_a if each.onset_a else 0.0 for each in (first, second)))
-    taus_s = [
-        each.heating_tau_s or other.heating_tau_s
-        for each, other in ((first, second), (second, first))
-    ]
+    cold_rate, warm_rate = (1 / each.onset_a if each.onset_a else 0.0 for each in (first, second))
+    rate = mixed(cold_rate, warm_rate)
+    taus_s = [each.heating_tau_s for each in (first, second) if each.heating_tau_s]
     beta_per_k = mixed(first.beta_per_k, second.beta_per_k)
     return Dependence(
         beta_per_k=beta_per_k,
         reference_degc=degc if beta_per_k else None,
         kappa_per_a2=mixed(first.kappa_per_a2, second.kappa_per_a2),
-        heating_tau_s=mixed(*taus_s) if all(taus_s) else None,
+        heating_tau_s=mixed(taus_s[0], taus_s[-1]) if taus_s else None,
         reference_a2=mixed(first.reference_a2, second.reference_a2),
         onset_a=1 / rate if rate else None,
     )

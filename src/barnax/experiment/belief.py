@@ -30,9 +30,9 @@ TYPICAL_OHM, EMPTY, EMPTY_SOC = (0.10, 0.03, 0.05), (0.3, 1.0, 1.0), 0.08
 TYPICAL_TAU_S = (12.0, 120.0)
 # How many times that a cell's may be, and how far its OCV from the bundled cell's.
 UNKNOWN, UNKNOWN_OCV_V = 2.0, {"nmc": 0.05, "lfp": 0.03}
-# What a fit of a measured record leaves: eight records of three cells at 25 degC leave 4 to 9 mV,
-# about so much of it white and correlated over 10, 200 and 1000 s. Shares of the RMSE, and the RMSE
-# where none is known.
+# What a fit leaves: eight records at 25 degC, six of them of two measured cells, leave 4 to 9 mV,
+# very roughly so much of it white and correlated over 10, 200 and 1000 s. Shares of the RMSE, and
+# the RMSE where none is known.
 SHAPE = ((0.0, 0.4), (10.0, 0.65), (200.0, 0.7), (1000.0, 0.5))
 TYPICAL_V = 5e-3
 # A table of a known cell may be off by its interval, and by this.

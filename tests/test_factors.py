@@ -152,10 +152,16 @@ def test_a_header_that_promises_other_sizes_is_refused(kept, content, tmp_path):
         members = {name: arrays[name] for name in arrays.files}
     header = json.loads(members["header"].tobytes())
     part = header["records"][0]["parts"][1]
-    for name, value in (("rows", 4000), ("columns", 10**9), ("scored", -1)):
-        changed = json.loads(json.dumps(header))
-        changed["records"][0]["parts"][1] = part | {name: value}
-        own = members | {"header": np.frombuffer(json.dumps(changed).encode(), np.uint8)}
+    first = header["records"][0]
+    sizes = ({"rows": 4000}, {"columns": 10**9}, {"scored": -1})
+    records = [[first | {"parts": [first["parts"][0], part | size]}] for size in sizes]
+    records += [[first | {"low_s": 1e-300, "high_s": 1e300}], []]
+    # Rows without columns are of no length in the file, and as long as any in memory.
+    vast = [first | {"parts": [{"scored": 1, "rows": 4000, "columns": 0}] * 2}]
+    none = {"columns": np.empty(0, "<i4"), "rows": np.empty(0)}
+    for changed, arrays in [*((each, {}) for each in records), (vast, none)]:
+        text = json.dumps(header | {"records": changed}).encode()
+        own = members | arrays | {"header": np.frombuffer(text, np.uint8)}
         own["sha256"] = np.frombuffer(_digest(own), np.uint8)
         with pytest.raises(InputError, match="no whole factor file"):
             read_factors(written(tmp_path, remade(content, **own)))

@@ -12,7 +12,7 @@ import os
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -26,11 +26,13 @@ from .over_soc.reduced import Layout, Reduced
 VERSION = 1
 # What may be in a file: enough for any record, and little enough to hold.
 LARGEST_FILE = 2_000_000_000
+LONGEST_HEADER, MOST_NUMBERS = 100_000_000, 250_000_000
 MOST_RECORDS, MOST_COLUMNS, MOST_NODES, LONGEST_TEXT = 10_000, 4096, 1000, 1000
 _MEMBERS = ("header", "columns", "rows", "sha256")
 _TYPES = dict(zip(_MEMBERS, ("|u1", "<i4", "<f8", "|u1"), strict=True))
 
 _Number = Field(ge=0, allow_inf_nan=False)
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Count = Field(ge=0, lt=2**53)
 
 
@@ -69,8 +71,8 @@ class _Head(_Strict):
     scored_duration_s: float = _Number
     visited: list[bool] = Field(max_length=MOST_NODES)
     visited_ocv: list[bool] = Field(max_length=MOST_NODES)
-    ocv_v: list[float] = Field(max_length=MOST_NODES)
-    slopes_v: list[float] = Field(max_length=MOST_NODES)
+    ocv_v: list[_Finite] = Field(max_length=MOST_NODES)
+    slopes_v: list[_Finite] = Field(max_length=MOST_NODES)
     parts: tuple[_Part, _Part]
 
 
@@ -138,9 +140,15 @@ def read_factors(path: str | Path) -> list[Kept]:
     Raises `InputError` where it is none, broken, of another version or too large.
     """
     try:
-        if os.path.getsize(path) > LARGEST_FILE:
+        with open(path, "rb") as file:
+            # A device has no size, and no end.
+            is_long = os.fstat(file.fileno()).st_size > LARGEST_FILE
+            content = b"" if is_long else file.read(LARGEST_FILE + 1)
+        if is_long or len(content) > LARGEST_FILE:
             raise InputError(f"{path}: is longer than {LARGEST_FILE:,} bytes, and not read")
-        members = _members(Path(path).read_bytes())
+        members = _members(content)
+        if len(members["header"]) > LONGEST_HEADER:
+            raise ValueError(f"its header is longer than {LONGEST_HEADER:,} bytes")
         header = json.loads(members["header"].tobytes())
         version = header.pop("version", None)
         if version != VERSION:
@@ -151,13 +159,15 @@ def read_factors(path: str | Path) -> list[Kept]:
         if _digest(members) != members["sha256"].tobytes():
             raise ValueError("its checksum does not match")
         records = header.get("records")
-        if not isinstance(records, list) or len(records) > MOST_RECORDS:
-            raise ValueError(f"it has no list of at most {MOST_RECORDS:,} records")
+        if not isinstance(records, list) or not 0 < len(records) <= MOST_RECORDS:
+            raise ValueError(f"it has no list of 1 to {MOST_RECORDS:,} records")
         heads = [_Head.model_validate_json(json.dumps(each)) for each in records]
         return list(_records(heads, members["columns"], members["rows"]))
     except OSError as problem:
         raise InputError(f"{path}: cannot be read ({problem.strerror})") from problem
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:
+    except (
+        ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError
+    ) as problem:  # fmt: skip
         if isinstance(problem, InputError):
             raise
         reason = str(problem).splitlines()[0] if str(problem) else type(problem).__name__
@@ -201,7 +211,9 @@ def _records(
     sizes = sum(part.columns for part in parts), sum(part.size for part in parts)
     if sizes != (len(columns), len(rows)) or not np.all(np.isfinite(rows)):
         raise ValueError("its sizes or numbers do not fit")
-    first_column = first_row = 0
+    if any(part.rows > max(part.columns, 1) for part in parts):
+        raise ValueError("a factor has more rows than columns")
+    first_column = first_row = numbers = 0
     layouts: dict[Grid, Layout] = {}
     for head in heads:
         require_nodes(head.nodes)
@@ -223,6 +235,9 @@ def _records(
             values = rows[first_row : first_row + part.size]
             if len(np.unique(order)) != len(order) or np.any((order < 0) | (order >= layout.width)):
                 raise ValueError("its columns do not fit")
+            numbers += part.rows * layout.width
+            if numbers > MOST_NUMBERS:
+                raise ValueError(f"its factors have more than {MOST_NUMBERS:,} numbers")
             factor = np.zeros((part.rows, layout.width))
             place = 0
             for row in range(min(part.rows, part.columns)):

@@ -11,6 +11,7 @@ from scipy.linalg import toeplitz
 
 import barnax
 from barnax.errors import InputError
+from barnax.experiment import Block
 from barnax.experiment.belief import believed_of_chemistry
 from barnax.experiment.information import columns_along, information_of, widths_of
 from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
@@ -92,6 +93,26 @@ def test_a_design_keeps_its_time_and_its_limits(designed):
     assert predicted.soc.max() <= 1
 
 
+def test_rates_over_soc_hold_for_pieces_that_leave_their_stretch():
+    taken = [
+        Block("charge", (300.0, 60.0), (-1.0, 0.0)),
+        Block("pulse", (180.0, 300.0), (1.0, 0.0)),
+    ]
+    discharge, charge = [(0.0, 0.1), (0.5, 2.0)], [(0.3, 1.0), (1.0, 0.05)]
+    found = barnax.design(
+        capacity=0.002, max_hours=5.0, blocks=taken, starts=1, max_discharge=discharge,
+        max_charge=charge,
+    )  # fmt: skip
+    current_a = sampled(found.steps)
+    soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / 0.002
+    assert np.all(current_a <= 1.001 * 0.002 * np.interp(soc, *np.transpose(discharge)))
+    assert np.all(-current_a <= 1.001 * 0.002 * np.interp(soc, *np.transpose(charge)))
+    # The steps of a small cell have as many digits as those of a large one.
+    rows = csv.DictReader(steps_csv(found).splitlines())
+    written = [float(row["Current / A"]) for row in rows]
+    np.testing.assert_allclose(written, [abs(step.current_a) for step in found.steps], rtol=1e-4)
+
+
 def test_a_design_promises_more_than_a_pulse_test_in_a_fraction_of_its_time(designed):
     hppc = designed.references[0]
     assert designed.hours < hppc.hours / 6
@@ -151,6 +172,14 @@ def test_all_forms_hold_the_same_current(designed, tmp_path):
         ({"capacity": 2.0, "chemistry": "lto"}, "nmc, lfp"),
         ({"capacity": 2.0, "max_hours": 0.5}, "`max_discharge`"),
         ({"capacity": 2.0, "want": {"R7": 0.1}}, "R0, R1, R2, OCV"),
+        ({"capacity": 2.0, "want": {"R0": 2.0}}, "under 1"),
+        ({"capacity": 2.0, "want": {}}, "`want`"),
+        ({"capacity": -2.0}, "positive"),
+        ({"capacity": 2.0, "max_hours": float("inf")}, "`max_hours`"),
+        ({"capacity": 2.0, "max_discharge": float("nan")}, "`max_discharge` nan"),
+        ({"capacity": 2.0, "max_charge": -1.0}, "`max_charge` -1"),
+        ({"capacity": 2.0, "max_charge": [(80.0, 1.0)]}, "from 0 to 1"),
+        ({"capacity": 2.0, "low_voltage": 4.2, "high_voltage": 2.5}, "under `high_voltage`"),
     ],
 )
 def test_what_cannot_be_is_refused_with_what_to_do(asked, words):

@@ -39,7 +39,7 @@ class Test:
     )
     max_hours: float = option(TEST, "HOURS", "The longest that it may take.", 3.0)
     blocks: str | None = option(
-        TEST, "NAME,NAME", "Only pieces whose names begin so, such as pulse,rest,long,short."
+        TEST, "NAME,NAME", "Only pieces whose names begin so, such as rest,long,short."
     )
     key: int = option(TEST, "N", "Random key of the random pieces.", 0)
 
@@ -85,9 +85,12 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
         beginnings = tuple(name.strip() for name in test.blocks.split(","))
         known = candidate_blocks(jax.random.key(test.key), drive_levels())
         blocks = [each for each in known if each.name.startswith(beginnings)]
-        if not blocks:
-            names = ", ".join(each.name for each in known)
-            raise InputError(f"`blocks` {test.blocks!r}: no piece is called so; there are {names}")
+        for beginning in beginnings:
+            if not beginning or not any(each.name.startswith(beginning) for each in known):
+                raise InputError(
+                    f"`blocks` {beginning!r}: no piece is called so; there are "
+                    f"{', '.join(each.name for each in known)}"
+                )
     with session.watch("Designing"):
         found = designed(
             cell.result, capacity=cell.capacity, chemistry=cell.chemistry,
@@ -137,7 +140,8 @@ def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] |
     for text in texts:
         name, _, value = text.partition("=")
         number, scale = value.strip(), 1.0
-        for unit, worth in {"%": 1e-2, "mV": 1e-3, "V": 1.0}.items():
+        is_voltage = name.strip() in ("OCV", "drive")
+        for unit, worth in ({"mV": 1e-3, "V": 1.0} if is_voltage else {"%": 1e-2}).items():
             if number.endswith(unit):
                 number, scale = number.removesuffix(unit), worth
                 break

@@ -47,8 +47,6 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
     if chemistry not in get_args(Chemistry):
         known = ", ".join(get_args(Chemistry))
         raise InputError(f"`chemistry` {chemistry!r} is not known; there are {known}")
-    if not 0 < capacity_ah < math.inf:
-        raise InputError(f"`capacity` {capacity_ah:g} Ah must be positive and finite")
     prefix = "" if chemistry == "nmc" else "lfp_"
     tests = [read_record(bundled_file(f"{prefix}ocv_{way}")) for way in ("charge", "discharge")]
     cell = replace(characterize(tests, ocv_fit="interpolated"), capacity_ah=capacity_ah)

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import jax
 import numpy as np
@@ -23,12 +23,9 @@ from .protocol import INTERVAL_S, Limits, Step, hppc_steps, move, sampled, volta
 from .search import Choice, Chosen, Criterion, OnDrive, Wish, rmse_along, worst_first
 from .stored import DRIVE, WANTED_SOC, Design, Predicted, Reference
 
-if TYPE_CHECKING:
-    pass
-
 HIGH_SOC, LOW_SOC = 1.0, 0.05
 WANTED = {"R0": 0.02, "R1": 0.2, "R2": 0.3, "OCV": 15e-3, DRIVE: 5e-3}
-LEAST_HOURS, MAX_HOURS = 0.5, 3.0
+MAX_HOURS, MOST_HOURS = 3.0, 200.0
 # What empties a cell whose OCV is not known, and the rest after it.
 EMPTYING_C, LAST_REST_S = 0.2, 900.0
 BISECTIONS, ADJUSTMENTS = 3, 8
@@ -36,6 +33,9 @@ BISECTIONS, ADJUSTMENTS = 3, 8
 STARTS, SHARE_OF_BLOCKS, SLOWEST_MOVE = 12, 0.6, 0.3
 # How much of a width counts for reaching a wish: rounding.
 REACHED = 1.005
+ROUNDED = 1.001
+# By how much of the SOC a piece is first taken to leave its stretch.
+LEAST_BEYOND = 0.01
 DEFAULT_C = (1.0, 0.5)
 # Usual tests last half a day, and are looked at in so many seconds.
 REFERENCE_S = 2.0
@@ -91,6 +91,12 @@ def design(
     """
     if isinstance(result, str | Path):
         result = Result.load(result)
+    if capacity is not None and not 0 < capacity < math.inf:
+        raise InputError(f"`capacity` {capacity:g} Ah must be positive and finite")
+    if not 0 < max_hours <= MOST_HOURS:
+        raise InputError(f"`max_hours` {max_hours:g} must be above 0, and {MOST_HOURS:g} at most")
+    if (want is not None and not want) or (blocks is not None and not blocks) or starts < 1:
+        raise InputError("a test needs something to `want`, some `blocks`, and one of `starts`")
     if result is None:
         if capacity is None:
             raise InputError("a test needs a `capacity` in Ah, or the result of earlier records")
@@ -187,8 +193,8 @@ def wishes_of(
     for name, half in (want or {}).items():
         if name not in names:
             raise InputError(f"`want` {name!r}: the test can narrow {', '.join(names)}")
-        if not 0 < half < math.inf:
-            raise InputError(f"`want` {name}={half:g} must be positive")
+        if not 0 < half < 1:
+            raise InputError(f"`want` {name}={half:g} must be above 0, and under 1 (100 % or 1 V)")
     wanted = {name: WANTED.get(name, 0.1) for name in names} if want is None else dict(want)
     low, high = WANTED_SOC
     return [
@@ -218,7 +224,7 @@ class _Planned:
 
 def _planned(choice: Choice, max_hours: float, key: Array, starts: int) -> _Planned:
     """The shortest test that reaches the wishes, or the best of the time, within all limits."""
-    emptying = _emptying(choice.believed)
+    emptying = _emptying(choice)
     spare = max_hours - sum(step.duration_s for step in emptying) / 3600
     shortest = choice.hours(Chosen(((),) * len(choice.segments)))
     if not math.isfinite(shortest):
@@ -244,11 +250,16 @@ def _planned(choice: Choice, max_hours: float, key: Array, starts: int) -> _Plan
             shortest = middle
     for _ in range(ADJUSTMENTS):
         steps = [*choice.steps(best), *emptying]
-        predicted, beyond_v = _simulated(choice, steps, len(steps) - len(emptying))
-        if beyond_v <= 0:
+        predicted, beyond_v, is_over = _simulated(choice, steps, len(steps) - len(emptying))
+        if beyond_v <= 0 and not is_over:
             return _Planned(steps, predicted)
-        margin_v = choice.limits.margin_v + beyond_v + 1e-3
-        choice = replace(choice, limits=replace(choice.limits, margin_v=margin_v))
+        limits = choice.limits
+        limits = replace(
+            limits,
+            margin_v=limits.margin_v + beyond_v + 1e-3 if beyond_v > 0 else limits.margin_v,
+            beyond_soc=max(LEAST_BEYOND, 2 * limits.beyond_soc) if is_over else limits.beyond_soc,
+        )
+        choice = replace(choice, limits=limits)
         if not math.isfinite(choice.hours(Chosen(((),) * len(choice.segments)))):
             break
         if choice.hours(best) > spare:
@@ -278,24 +289,28 @@ def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> tuple[Ch
         if not blocks or other.hours(Chosen(((),) * len(other.segments))) > max_hours:
             continue
         chosen = other.search(max_hours)
-        steps = [*other.steps(chosen), *_emptying(choice.believed)]
+        steps = [*other.steps(chosen), *_emptying(choice)]
         columns, _ = columns_along(choice.believed, sampled(steps), choice.high_soc)
         ratios = choice.ratios(information_of(choice.believed, columns))
         found.append((choice.criterion(ratios), number, other, chosen, float(np.max(ratios)) <= 1))
     return min(found)[2:]
 
 
-def _emptying(believed: Believed) -> list[Step]:
+def _emptying(choice: Choice) -> list[Step]:
     """What shows the lower end of an OCV that is not known."""
-    if believed.settings.ocv_nodes is None:
+    if choice.believed.settings.ocv_nodes is None:
         return []
-    capacity_ah = believed.cell.capacity_ah
-    empties = move("to empty", LOW_SOC * capacity_ah, EMPTYING_C * capacity_ah)
-    return [empties, Step("last rest", LAST_REST_S, 0.0)]
+    capacity_ah, rest = choice.believed.cell.capacity_ah, Step("last rest", LAST_REST_S, 0.0)
+    rates_a, _ = choice.limits.rates_a(capacity_ah, np.linspace(0.0, LOW_SOC, 11))
+    rate_a = min(EMPTYING_C * capacity_ah, float(np.min(rates_a)))
+    return [move("to empty", LOW_SOC * capacity_ah, rate_a), rest] if rate_a > 0 else [rest]
 
 
-def _simulated(choice: Choice, steps: Sequence[Step], counted: int) -> tuple[Predicted, float]:
-    """The test as it goes, and by how much the worst case of the counted steps leaves a limit."""
+def _simulated(
+    choice: Choice, steps: Sequence[Step], counted: int
+) -> tuple[Predicted, float, bool]:
+    """The test as it goes, by how much the worst case of the counted steps leaves a voltage, and
+    whether a current is over what is named for its state of charge."""
     believed, limits, current_a = choice.believed, choice.limits, sampled(steps)
     voltage_v, soc = voltage_along(believed, current_a, choice.high_soc)
     low_v, _ = voltage_along(believed, current_a, choice.high_soc, -1)
@@ -308,6 +323,9 @@ def _simulated(choice: Choice, steps: Sequence[Step], counted: int) -> tuple[Pre
         float(np.max(np.where(counts, limits.low_v - low_v, -math.inf))),
         float(np.max(np.where(charges, high_v - limits.high_v, -math.inf))),
     )
+    discharge_a, charge_a = limits.rates_a(believed.cell.capacity_ah, soc)
+    # A current holds until the next sample, by when its limit may have passed it a little.
+    is_over = np.any((current_a > ROUNDED * discharge_a) | (-current_a > ROUNDED * charge_a))
     at = np.stack([np.append(0, ends[:-1]), ends - 1], axis=1).ravel()
     time_s = INTERVAL_S * np.stack([np.append(0, ends[:-1]), ends], axis=1).ravel()
     drawn = {
@@ -318,7 +336,7 @@ def _simulated(choice: Choice, steps: Sequence[Step], counted: int) -> tuple[Pre
         "soc": soc,
     }
     rounded = {name: np.round(values[at], 5) for name, values in drawn.items()}
-    return Predicted(time_s=time_s, **rounded), beyond_v
+    return Predicted(time_s=time_s, **rounded), beyond_v, bool(is_over)
 
 
 def _widths(

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import lfilter
 
+from ..errors import InputError
 from .information import Believed
 
 INTERVAL_S = 1.0
@@ -40,6 +41,9 @@ class Limits:
             follows the SOC, linear between them.
         charge_c: Largest charge, likewise.
         margin_v: How far from both voltages the worst case stays.
+        beyond_soc: How far pieces may leave their stretch of SOC, where rates follow it.
+
+    Raises `InputError` for voltages that leave nothing between them, and for rates that are none.
     """
 
     low_v: float
@@ -47,6 +51,27 @@ class Limits:
     discharge_c: float | Sequence[tuple[float, float]] = 1.0
     charge_c: float | Sequence[tuple[float, float]] = 0.5
     margin_v: float = 0.02
+    beyond_soc: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.low_v < self.high_v < math.inf:
+            raise InputError(
+                f"`low_voltage` {self.low_v:g} V must be positive and under `high_voltage` "
+                f"{self.high_v:g} V"
+            )
+        named = {"max_discharge": self.discharge_c, "max_charge": self.charge_c}
+        for name, rate in named.items():
+            pairs = [(0.0, rate)] if isinstance(rate, int | float) else [*rate]
+            if not pairs or not all(0 <= soc <= 1 and 0 <= c < math.inf for soc, c in pairs):
+                raise InputError(
+                    f"`{name}` {rate}: a rate is 0 or more, and states of charge are from 0 to 1"
+                )
+
+    def rates_a(
+        self, capacity_ah: float, soc: Float[np.ndarray, "*any"]
+    ) -> tuple[Float[np.ndarray, "*any"], Float[np.ndarray, "*any"]]:
+        """The largest discharge and charge in A that are named for these states of charge."""
+        return _at(self.discharge_c, soc) * capacity_ah, _at(self.charge_c, soc) * capacity_ah
 
     def allowed(self, believed: Believed, high_soc: float, low_soc: float) -> tuple[float, float]:
         """The largest discharge and charge in A between two states of charge, where resistances are
@@ -59,7 +84,8 @@ class Limits:
         charge_v = believed.ocv_v(soc) + believed.ocv_reach_v
         down = np.min((discharge_v - self.low_v - self.margin_v) / worst)
         up = np.min((self.high_v - self.margin_v - charge_v) / worst)
-        rates = (np.min(_at(rate, soc)) * capacity_ah for rate in (self.discharge_c, self.charge_c))
+        near = np.linspace(low_soc - self.beyond_soc, high_soc + self.beyond_soc, 21)
+        rates = map(np.min, self.rates_a(capacity_ah, near))
         discharge_a, charge_a = (
             max(0.0, min(float(limit), float(rate)))
             for limit, rate in zip((down, up), rates, strict=True)
@@ -120,4 +146,4 @@ def move(name: str, charge_ah: float, rate_a: float) -> Step:
     seconds = math.ceil(3600 * abs(charge_ah) / rate_a)
     if seconds < SHORTEST_MOVE_S:
         return Step(name, 0.0, 0.0)
-    return Step(name, float(seconds), round(charge_ah * 3600 / seconds, 4))
+    return Step(name, float(seconds), float(f"{charge_ah * 3600 / seconds:.5g}"))

@@ -90,7 +90,8 @@ def pieces_table(design: "Design") -> Table:
 
     def currents(steps: "Sequence[Step]") -> str:
         low, high = (way(step.current_a for step in steps) + 0.0 for way in (min, max))
-        return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+        low, high = f"{low:.3g}", f"{high:.3g}"
+        return low if low == high else f"{low} to {high}"
 
     return make_table(
         "The test by pieces; every step of them is in steps.csv. Discharge current is positive.",
@@ -153,7 +154,7 @@ def steps_csv(design: "Design") -> str:
     for number, step in enumerate(design.steps, 1):
         soc -= step.duration_s * step.current_a / 3600 / design.capacity_ah
         rows.append(
-            [number, step.block, _mode(step), f"{step.duration_s:g}", f"{abs(step.current_a):.4f}",
+            [number, step.block, _mode(step), f"{step.duration_s:g}", _ampere(abs(step.current_a)),
              f"{abs(step.current_a) / design.capacity_ah:.3f}", f"{limits.low_v:g}",
              f"{limits.high_v:g}", 1, f"{soc:.4f}"]
         )  # fmt: skip
@@ -167,7 +168,7 @@ def steps_csv(design: "Design") -> str:
 def profile_csv(design: "Design") -> str:
     """The current of every second, for cyclers that run a profile (discharge positive)."""
     current_a = sampled(design.steps)
-    rows = ([second, f"{each:.4f}"] for second, each in enumerate(current_a.tolist()))
+    rows = ([second, _ampere(each)] for second, each in enumerate(current_a.tolist()))
     return _csv(("Time / s", "Current / A"), rows)
 
 
@@ -175,6 +176,11 @@ def _csv(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([heads, *rows])
     return text.getvalue()
+
+
+def _ampere(current_a: float) -> str:
+    """Five digits of a current, however small the cell is."""
+    return np.format_float_positional(current_a + 0.0, 5, fractional=False, trim="-")
 
 
 def _mode(step: "Step") -> str:
@@ -195,8 +201,8 @@ def pybamm_steps(design: "Design") -> list[str]:
         # What empties the cell ends at the voltage, not before.
         seconds = step.duration_s * (2 if step.block == EMPTYING else 1)
         steps.append(
-            f"{mode.capitalize()} at {abs(step.current_a):.4f} A for {seconds:g} seconds or until "
-            f"{limits[mode]:g} V"
+            f"{mode.capitalize()} at {_ampere(abs(step.current_a))} A for {seconds:g} seconds "
+            f"or until {limits[mode]:g} V"
         )
     return steps
 

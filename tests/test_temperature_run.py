@@ -10,6 +10,7 @@ from rich.console import Console
 
 from barnax import Result, identify
 from barnax.errors import InputError
+from barnax.experiment.belief import believed_of_result
 from barnax.inputs import read_inputs
 from barnax.model.prepared import group_tests
 from barnax.model.window import Window
@@ -51,6 +52,18 @@ def result() -> Result:
         trust="none",
         **FEW,
     )
+
+
+def test_a_design_knows_only_what_was_measured_at_its_temperature(result):
+    cold, between = (believed_of_result(result, degc) for degc in (5.0, 35.0))
+    own = {(each.name, each.soc): each.value for each in result.tables.fits[0].intervals}
+    assert cold.tables.at("R0 [Ohm]", np.array([0.5]))[0] == own["R0 [Ohm]", 0.5]
+    assert set(cold.known) <= set(own)
+    assert cold.known
+    assert not between.known
+    assert np.all(between.worst == 2.0)
+    with pytest.raises(InputError, match="one temperature"):
+        believed_of_result(result.at_temperature(5.0), 5.0)
 
 
 def shown(result: Result) -> str:

@@ -68,11 +68,23 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
 
 
 def believed_of_result(result: "Result", temperature_degc: float | None = None) -> Believed:
-    """The cell of a result, with what its records tell.
+    """The cell of a result, with what its records tell at that temperature: nothing of intervals
+    where none was measured.
 
-    Raises `InputError` where its answer has elements that are no RC pairs.
+    Raises `InputError` where its answer has elements that are no RC pairs, or nothing that follows
+    the temperature that is asked for.
     """
+    told = result.tables and result.tables.fit.intervals
     if temperature_degc is not None:
+        over = result.tables and result.tables.over_temperature
+        if result.tables is None or over is None:
+            raise InputError(
+                f"`temperature` {temperature_degc:g}: the result has tables of one temperature, or "
+                "none; leave it out, or give one that was identified `over` soc,temperature"
+            )
+        near = over.measured_near(temperature_degc)
+        fits = dict(zip(over.temperatures_degc, result.tables.fits, strict=True))
+        told = () if near is None else fits[near].intervals
         result = result.at_temperature(temperature_degc)
     cell, rmse_v = result.cell_at(temperature_degc), result.metrics.identification.rmse_v
     if any(each != RC.name for each in get_circuit(result.model).elements):
@@ -81,7 +93,8 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
             "`model` so-rc"
         )
     if result.tables is not None:
-        return believed_of_fit(result.tables.fit, result.tables.settings, cell, rmse_v)
+        fit = replace(result.tables.fit, intervals=told or ())
+        return believed_of_fit(fit, result.tables.settings, cell, rmse_v)
     circuit = result.constant.circuit_parameters
     rows = [(each,) * len(NODES) for each in (circuit.r0, *circuit.r)]
     return Believed(

@@ -1,5 +1,6 @@
 """What a fleet's dataset says of its cells' ageing: trends with intervals, and odd cells."""
 
+import datetime
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -28,8 +29,8 @@ FEWEST, LEAST_K = 8, 2.0
 @dataclass(frozen=True)
 class Trend:
     """A quantity of a cell at the ages of its records: what each tells, and the smooth trend, both
-    with 95 % intervals. What a record does not determine is NaN, and so is the trend outside of the
-    first and the last that do."""
+    with 95 % intervals, and at the reference temperature where there is one. What a record does not
+    determine is NaN, and so is the trend outside of the first and the last that do."""
 
     cell: str
     quantity: str
@@ -172,8 +173,8 @@ def _column(rows: pl.DataFrame, chosen: str | None, usual: Iterable[str], option
 def _ages(column: pl.Series, name: str) -> tuple[np.ndarray, str]:
     """Ages and their unit; of dates, days since the first."""
     if column.dtype == pl.String:
-        with_dates = column.str.to_datetime(strict=False)
-        column = column.cast(pl.Float64, strict=False) if with_dates.has_nulls() else with_dates
+        dates = pl.Series([_date(each) for each in column], dtype=pl.Datetime("us"))
+        column = column.cast(pl.Float64, strict=False) if dates.has_nulls() else dates
     if column.dtype.is_temporal():
         days = column.cast(pl.Datetime("us")).cast(pl.Int64).to_numpy() / 86_400e6
         return days - days.min(), "day"
@@ -184,6 +185,13 @@ def _ages(column: pl.Series, name: str) -> tuple[np.ndarray, str]:
     if unit is None:
         unit = "A.h" if "throughput" in name.lower() or "ah" in name.lower() else "day"
     return column.cast(pl.Float64).to_numpy(), {"efc": "cycle"}.get(unit, unit)
+
+
+def _date(text: str) -> datetime.datetime | None:
+    try:
+        return datetime.datetime.fromisoformat(text).replace(tzinfo=None)
+    except ValueError:
+        return None
 
 
 def _judged(
@@ -235,6 +243,9 @@ def _trends(
             inside = (age >= known.min()) & (age <= known.max())
             place = found[0].index(name)
             smooth[inside] = _smooth(found[1], place, (age[inside] - first) / span, quantity)
+            if quantity != SHIFT:
+                to_reference = np.exp(-found[1].fit.covariate_part(place))
+                measured[np.isfinite(measured[:, 0])] *= to_reference[:, None]
         yield Trend(name, quantity, age, measured, smooth)
 
 

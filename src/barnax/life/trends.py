@@ -185,6 +185,13 @@ class Fit:
         found = np.linalg.slogdet(normal)[1] + logarithms + np.sum(self.white[1] ** 2)
         return float(found - right @ np.linalg.solve(normal, right))
 
+    def covariate_part(self, cell: int) -> np.ndarray:
+        """What the covariate adds to each of a cell's estimates."""
+        known = self.series.known[cell]
+        if not self.has_covariate:
+            return np.zeros(np.count_nonzero(known))
+        return self.fleet_with(cell)[1][2] * self.series.covariate[cell][known]
+
     def trend(self, cell: int, age: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A cell's trend at some ages, without what the covariate adds, and its standard errors."""
         its, known = self.series, self.series.known[cell]
@@ -295,7 +302,7 @@ def _threshold(
 ) -> float:
     """The largest score of a cell that so many cells of such a fleet exceed without any fault."""
     judged = [each for each in correlations if len(each)]
-    if not judged:
+    if not judged or expected <= 0:
         return np.inf
     drawn = judged
     if len(judged) > MOST_SIMULATED:

@@ -86,6 +86,7 @@ def _panels(life: "Life") -> tuple[Figure, list[Axes]]:
     panels = [*figure.subplots(2, 2, sharex=True).ravel()]
     for axes, (label, _) in zip(panels, LABELS.values(), strict=True):
         axes.set_ylabel(label)
+        axes.margins(x=0.03)
     for axes in panels[2:]:
         axes.set_xlabel(AGES.get(life.unit, f"Age [{life.unit}s]"))
     return figure, panels

@@ -201,8 +201,8 @@ def _method(life: "Life") -> list[str]:
     ]
     if life.reference_degc is not None:
         lines.append(
-            f"Trends of resistances are at {life.reference_degc:.3g} degC, by the fleet's own "
-            "dependence on temperature; estimates are at their records' temperatures."
+            f"Resistances are at {life.reference_degc:.3g} degC, by the fleet's own dependence on "
+            "temperature."
         )
     return lines
 

@@ -1,0 +1,115 @@
+"""A dataset of known ageing: units of age, what is not determined, and what a record tells."""
+
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.signal import lfilter
+
+import barnax
+from barnax.errors import InputError
+from barnax.life import QUANTITIES, life_of
+from barnax.model.prepared import prepare_record
+from barnax.over_soc import TableSettings
+from barnax.over_soc.ageing import CAPACITY, R0, SHIFT, R, measure_ageing
+from barnax.reporting.life import life_frame, life_json, life_lines
+
+
+def dataset(cells=9, ages=5, **columns):
+    """Rows whose R0 rises by 10 % a year, without noise to speak of."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for cell in range(cells):
+        for place in range(ages):
+            years = 0.5 * place
+            row = {"id": f"{cell}-{place}", "error": None, "specimen": f"C{cell}",
+                   "date": f"20{20 + place // 2}-{1 + 6 * (place % 2):02d}-01",
+                   "capacity [A.h]": 2.0, "temperature [degC]": 25.0,
+                   "record throughput [A.h]": 4.0}  # fmt: skip
+            for name in QUANTITIES:
+                value = 0.03 * (1 + 0.1 * years) * np.exp(0.005 * rng.standard_normal())
+                row |= {f"aged {name}": value, f"aged {name} low": 0.99 * value,
+                        f"aged {name} high": 1.01 * value}  # fmt: skip
+            rows.append(row)
+    frame = pl.DataFrame(rows, infer_schema_length=None)
+    return frame.with_columns(**{name: pl.lit(value) for name, value in columns.items()})
+
+
+def test_dates_are_ages_in_days_and_trends_follow_the_truth():
+    life = life_of(dataset())
+    assert life.unit == "day"
+    assert life.span == 731.0
+    assert life.exposure == pytest.approx(9 * 731 / 365.25)
+    (trend,) = life.of(R0, "C3")
+    truth = 0.03 * (1 + 0.1 * trend.age / 365.25)
+    np.testing.assert_allclose(trend.smooth[:, 0], truth, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "years"), [("age_months", "month", 1 / 12), ("cycles", "cycle", 1 / 365)]
+)
+def test_the_unit_is_in_the_column_s_name(name, unit, years):
+    frame = dataset().with_columns(pl.int_range(pl.len()).mod(5).alias(name))
+    life = life_of(frame, age=name)
+    assert life.unit == unit
+    assert life.exposure == pytest.approx(9 * 4 * years)
+
+
+def test_what_no_record_tells_is_not_determined():
+    ends = ("", " low", " high")
+    nothing = {f"aged {CAPACITY}{end}": None for end in ends}
+    life = life_of(dataset().with_columns(**{k: pl.lit(v) for k, v in nothing.items()}))
+    assert all(np.isnan(each.smooth).all() for each in life.of(CAPACITY))
+    assert any(line.startswith("capacity: not determined") for line in life_lines(life))
+    stored = json.loads(life_json(life))
+    own = [each for each in stored["trends"] if each["quantity"] == CAPACITY]
+    assert {each["trend"] for each in own} == {None}
+    assert len(life_frame(life)) == 4 * 45
+
+
+def test_equivalent_full_cycles_count_what_passed():
+    passed = dataset().with_columns((pl.int_range(pl.len()) % 5 * 100.0).alias("ah_since_new"))
+    assert life_of(passed, throughput="ah_since_new").cycles["C1"] == 100.0
+    known = life_of(passed)
+    assert (known.cycles["C1"], known.cycles_known) == (5.0, False)
+
+
+def test_few_cells_are_not_judged():
+    assert any("No cell is judged" in line for line in life_lines(life_of(dataset(cells=3))))
+
+
+def test_a_dataset_without_ageing_or_column_is_refused():
+    with pytest.raises(InputError, match="says nothing of ageing"):
+        life_of(dataset().select("id", "error", "specimen", "date"))
+    with pytest.raises(InputError, match="`by` nosuch: no such column; the dataset has"):
+        life_of(dataset(), by="nosuch")
+    with pytest.raises(InputError, match="neither numbers nor dates"):
+        life_of(dataset(date="soon"))
+
+
+def test_a_record_of_an_aged_cell_tells_capacity_resistances_and_shift():
+    tests = [barnax.read_record(barnax.bundled_file(n)) for n in ("ocv_charge", "ocv_discharge")]
+    cell = barnax.characterize(tests)
+    rng = np.random.default_rng(7)
+    own_ah, shift_v, r0, pairs, samples = 1.7, 0.006, 0.04, (0.012, 0.02), 1200
+    current_a = np.repeat(rng.gamma(0.8, 1.0, samples), rng.integers(2, 30, samples))[:samples]
+    current_a *= 0.75 * own_ah * 3600 / (5 * current_a.sum())
+    soc = 1 - 5 * np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / own_ah
+    voltage_v = cell.average_ocv_v(soc) + shift_v - r0 * current_a
+    for each, tau_s in zip(pairs, (20.0, 160.0), strict=True):
+        kept = np.exp(-5 / tau_s)
+        drive = np.append(0.0, (each * current_a)[:-1])
+        voltage_v = voltage_v - lfilter([1 - kept], [1, -kept], drive)
+    voltage_v = voltage_v + 5e-4 * rng.standard_normal(samples)
+    record = barnax.record_from_frame(
+        {"Time [s]": 5.0 * np.arange(samples), "Current [A]": -current_a, "Voltage [V]": voltage_v},
+        name="aged", current_sign="charge-positive", current_hold="forward",
+    )  # fmt: skip
+    window = barnax.Window(initial_soc=1.0, capacity_ah=2.0)
+    found = measure_ageing([prepare_record(record, cell, "so-rc", window)], TableSettings())
+    truth = {CAPACITY: own_ah, SHIFT: shift_v, R0: r0, R: r0 + sum(pairs)}
+    assert found[CAPACITY].value == pytest.approx(own_ah, rel=0.01)
+    assert found[R0].value == pytest.approx(r0, rel=0.02)
+    for name, value in truth.items():
+        assert found[name].low <= value <= found[name].high

@@ -38,6 +38,25 @@ def test_rows_alike_in_a_column_are_one_cell(fleet):
     assert row["R0 [Ohm]"] == pytest.approx(0.05, rel=0.1)
 
 
+def test_the_mean_cell_of_a_pack_is_none_of_its_cells(fleet, tmp_path):
+    factors = (fleet / "factors" / "a.factors.npz").read_bytes()
+    for name in ("car", "car V1", "car V2"):
+        keep_factors(tmp_path, name, factors)
+    rows = [{"id": "car", "pack": None}, *({"id": f"car V{k}", "pack": "car"} for k in (1, 2))]
+    write_rows(dataset_path(tmp_path), [{**each, "error": None, "model": "x"} for each in rows])
+    (cell,) = regrouped(tmp_path, ["model"])
+    assert [each.rpartition("/")[2] for each in cell.records] == [
+        "car V1.factors.npz",
+        "car V2.factors.npz",
+    ]
+
+
+def test_a_row_that_names_another_folder_is_refused(tmp_path):
+    write_rows(dataset_path(tmp_path), [{"id": "../a", "error": None, "model": "x"}])
+    with pytest.raises(InputError, match=r"'../a', which is no name of a file"):
+        regrouped(tmp_path, ["model"])
+
+
 def test_factors_of_constants_are_small(fleet):
     assert pl.read_parquet(dataset_path(fleet))["factor bytes"].max() < 10_000
 

@@ -5,6 +5,7 @@ import sys
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,7 +14,7 @@ import typer
 
 from ..errors import InputError
 from ..files import is_factor_file, write_whole
-from ..settings import WINDOW_OPTIONS, Scope, Settings
+from ..settings import WINDOW_OPTIONS, Scope, Settings, TableOptions
 from .options import (
     FLAGS,
     INPUT,
@@ -136,8 +137,15 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         from ..reporting.kept import kept_csv, kept_document
         from ..reporting.terminal import to_terminal
 
-    kept = [each for path in paths for each in read_factors(path)]
     job = Job(**options.given([]), watch=session.watch)
+    known = {each.name for each in fields(TableOptions)} | {"bounds", "fix", "watch"}
+    idle = [*(job.chosen.keys() - known), *(["json"] if options.output.as_json else [])]
+    if idle:
+        raise InputError(
+            f"`{min(idle)}` does nothing for factor files, whose records were read and set up when "
+            "they were kept; leave it out, or identify on the records"
+        )
+    kept = [each for path in paths for each in read_factors(path)]
     fit = fit_kept(kept, bounded_tables(job, but="[F]"))
     session.show(to_terminal(kept_document(kept, fit)))
     if folder := options.output.out:

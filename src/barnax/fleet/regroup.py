@@ -28,8 +28,14 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
             f"{listed(rows.columns)}"
         )
     good = rows.filter(pl.col("error").is_null())
+    if "pack" in good.columns:
+        # The mean cell of a pack is none of its cells.
+        good = good.filter(~pl.col("id").is_in(good["pack"].drop_nulls().unique().to_list()))
     cells = []
     for values, members in good.group_by(group, maintain_order=True):
+        outside = [name for name in members["id"] if Path(name).name != name]
+        if outside:
+            raise InputError(f"{out}: has a row {outside[0]!r}, which is no name of a file in it")
         paths = [factors_path(out, name) for name in members["id"]]
         gone = [path for path in paths if not path.is_file()]
         if gone:

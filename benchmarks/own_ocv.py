@@ -105,7 +105,8 @@ def main() -> None:
             errors, others, took = shown(*ran)
             lines.append(f"| {case.name} | {name} | {errors} | {others} | {at} | {took} |")
     text = (
-        "# What an OCV test is worth\n\nTables over SOC (so-rc) identified with an OCV test and\n"
+        "# What an OCV test is worth\n\n"
+        "Tables over SOC, of two RC pairs or three, identified with an OCV test and\n"
         "its correction, and with an OCV of the records' own. The OCVs are compared on the axis\n"
         "of each; where the capacity is not given, the second is the record's span.\n\n"
     )

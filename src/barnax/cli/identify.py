@@ -138,11 +138,13 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         from ..reporting.terminal import to_terminal
 
     job = Job(**options.given([]), watch=session.watch)
-    known = {each.name for each in fields(TableOptions)} | {"bounds", "fix", "watch"}
+    known = {each.name for each in fields(TableOptions)} | {"bounds", "fix", "watch", "command"}
     idle = [*(job.chosen.keys() - known), *(["json"] if options.output.as_json else [])]
     if idle:
+        first = min(idle)
+        what = "a window, `initial_soc` or `capacity`" if first == "window" else f"`{first}`"
         raise InputError(
-            f"`{min(idle)}` does nothing for factor files, whose records were read and set up when "
+            f"{what} does nothing for factor files, whose records were read and set up when "
             "they were kept; leave it out, or identify on the records"
         )
     kept = [each for path in paths for each in read_factors(path)]

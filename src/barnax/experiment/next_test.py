@@ -235,8 +235,8 @@ def _planned(choice: Choice, max_hours: float, key: Array, starts: int) -> _Plan
     if not shortest <= spare:
         least = shortest + max_hours - spare
         raise InputError(
-            f"`max_hours` {max_hours:g}: going through the state of charge alone takes "
-            f"{least:.2f} h with these limits; give more time, or a larger `max_discharge`"
+            f"`max_hours` {max_hours:g}: one pass through the state of charge with its rests "
+            f"alone takes {least:.2f} h; give more time, or a larger `max_discharge`"
         )
     whole = choice
     choice, best, is_reached = _best(whole, spare, key, starts)

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 
 @illustration(
-    "The test for {} as predicted: current (discharge > 0), voltage with its worst case between "
-    "the limits, and state of charge.",
+    "The test for {} as predicted: current (discharge > 0), voltage, also at the largest "
+    "resistances allowed for, with an OCV that is off either way, and state of charge.",
     "Current, voltage and state of charge over time",
     is_main=True,
 )
@@ -30,7 +30,12 @@ def plot_design(design: "Design") -> Figure:
     current, voltage, soc = panels
     current.plot(hours, found.current_a, color=BLACK, linewidth=0.6)
     current.set_ylabel("Current [A]\n(discharge > 0)")
-    band = {"color": SKY_BLUE, "alpha": 0.45, "linewidth": 0.0, "label": "worst case"}
+    band = {
+        "color": SKY_BLUE,
+        "alpha": 0.45,
+        "linewidth": 0.0,
+        "label": "at the largest resistances",
+    }
     voltage.fill_between(hours, found.low_v, found.high_v, **band)
     voltage.plot(hours, found.voltage_v, color=BLUE, linewidth=0.6, label="predicted")
     for number, limit_v in enumerate((limits.low_v, limits.high_v)):

@@ -60,5 +60,5 @@ def plot_pack(fit: "PackFit", odd: Collection[tuple[str, str]] = (), weakest: st
     panels[-1].set_xticks(places, names, rotation=90 if is_long else 0)
     panels[-1].set_xlim(0.5, len(fit.cells) + 0.5)
     panels[-1].set_xlabel("Cell")
-    title(panels[0], "95 % intervals; ring: the weakest cell")
+    title(panels[0], "95 % intervals; dashed: the median; ring: the weakest cell")
     return finish(figure, *panels)

@@ -110,15 +110,18 @@ def pieces_table(design: "Design") -> Table:
 def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     predicted, limits = design.predicted, design.limits
     if not design.is_reached:
-        yield "Not reached", "this is the best for `max_hours` and these currents."
+        yield "Not reached", "this is the best test in the hours and at the currents allowed."
     expected = f"{predicted.voltage_v.min():.2f} to {predicted.voltage_v.max():.2f} V"
     kept = f"{limits.low_v:g} to {limits.high_v:g} V"
-    yield "Voltage", f"{expected} expected; let the cycler end the test outside {kept}."
+    text = f"{expected} expected; let the cycler end the test outside {kept}"
+    is_emptied = any(name == EMPTYING for name, _ in design.pieces)
+    ends = f" At {limits.low_v:g} V in `{EMPTYING}`, end only that step." if is_emptied else ""
+    yield "Voltage", f"{text}.{ends}"
     yield "Before it", _before(design)
     whole_v = sum(sd**2 for _, sd in design.noise) ** 0.5
     longest_s = max(time for time, _ in design.noise)
     yield (
-        "Reckons with",
+        "Assumed",
         f"an error of the fit of {millivolt(whole_v)}, correlated over up to {longest_s:g} s.",
     )
 
@@ -235,10 +238,10 @@ def procedure(design: "Design") -> str:
         if unit < len(steps):
             what = f"{len(steps) // unit} times ({what})"
         if unit > LONGEST_LINE:
-            rows = f"rows {second} to {second + seconds - 1} of profile.csv"
+            rows = f"seconds {second} to {second + seconds - 1} of profile.csv"
             what = f"{rows}, or steps {row} to {row + len(steps) - 1} of steps.csv"
         if name == EMPTYING:
-            what = f"discharge {steps[0].current_a:.4g} A until {limits.low_v:g} V"
+            what = f"discharge {steps[0].current_a:.4g} A until {limits.low_v:g} V, then go on"
         lines.append(f"{number:3d}  {name}: {what}")
         second, row = second + seconds, row + len(steps)
     return "\n".join(lines) + "\n"

@@ -4,6 +4,7 @@ import csv
 import io
 from typing import TYPE_CHECKING, Any
 
+from ..pack import FEWEST
 from .document import Cells, Document, Paragraph, Section, Table, make_table
 from .words import NOTHING, counted, figures, fixed, joined, millivolt
 
@@ -37,9 +38,13 @@ def pack_document(pack: "Pack") -> Document:
                 if each.cell == name
             ]
         )
-        told.append(f"{name} is odd: {why} robust deviations from the other cells.")
+        told.append(f"{name} is odd: {why} robust standard deviations off the median.")
     if not pack.odd:
-        told.append("No cell is odd.")
+        told.append(
+            "No cell is odd."
+            if len(cells) >= FEWEST
+            else f"With fewer than {FEWEST} cells none is judged odd."
+        )
     value = next(each for each in cells if each.name == pack.weakest).values["loaded voltage [V]"]
     told.append(
         f"{pack.weakest} is the weakest: under 1C at {100 * pack.fit.loaded_soc:.0f} % SOC it has "
@@ -51,7 +56,9 @@ def pack_document(pack: "Pack") -> Document:
 
 def _table(pack: "Pack") -> Table:
     rows = pack.rows()
-    caption = "The cells, with 95 % intervals; SOC shift and capacity are those beside the mean."
+    caption = (
+        "The cells, with 95 % intervals; SOC shift and capacity are relative to the mean cell."
+    )
     if len(rows) > MOST_SHOWN:
         rows = [row for row in rows if row["odd"] or row["weakest"]]
         caption = f"Those that stand out of {len(pack.fit.cells)} cells; cells.csv has all."

@@ -281,11 +281,12 @@ def judge(series: Series, expected: float, rng: np.random.Generator) -> Judged:
         expected: How many cells of a fleet without faults may be flagged, on the average.
         rng: Draws such fleets.
     """
-    everyone = np.ones(len(series.age), bool)
+    everyone, model = np.ones(len(series.age), bool), fit(series)
+    judged = Judged(model, (), np.inf)
     # Many faults hide each other in variances that they make large.
     odds = [
         max((abs(each.deviations) for each in shapes), default=0.0)
-        for shapes, _ in map(fit(series).scores, range(len(everyone)))
+        for shapes, _ in map(model.scores, range(len(everyone)))
     ]
     good = np.array(odds) <= np.quantile(odds, KEPT) if expected > 0 else everyone
     for _ in range(ROUNDS):

@@ -111,8 +111,8 @@ def measure_ageing(
             return {}
         objective = objective_at(now, ranges)
         best = find_best(objective)
+        weights, found = _weights_at(objective, soc), None
         for _ in range(ROUNDS):
-            weights = _weights_at(objective, soc)
             found = estimate(objective, best, _columns, now, prior, weights)
             step = np.clip(found.values - now, -LARGEST_STEP, LARGEST_STEP)
             now = now + step
@@ -125,9 +125,10 @@ def measure_ageing(
             except InputError:
                 return {}
             best = objective.solve(tuple(scales.tolist()), exact=True)
-    is_visited = np.any(objective.visited @ weights[0, : objective.nodes])
-    told_now = dict(_told(found, records, told, bool(is_visited)))
-    return {R0: told_now[R0]} if is_own and R0 in told_now else {} if is_own else told_now
+    assert found is not None, "there is a round"
+    is_visited = bool(np.any(objective.visited @ weights[0, : objective.nodes]))
+    every = dict(_told(found, records, told, is_visited))
+    return {name: every[name] for name in (R0,) if name in every} if is_own else every
 
 
 def _first_guess(

@@ -15,7 +15,7 @@ from .words import NOTHING, counted, figures, percent, symbol
 if TYPE_CHECKING:
     from ..life import Fault, Life, Trend
 
-NAMES = {"R": "all resistances"}
+NAMES = {"R": "total R"}
 MAX_TOLD = 50
 WORDS = {
     "level": "differs from the fleet throughout",
@@ -28,7 +28,7 @@ UNTOLD = {
     "records that move over enough of it: their interval is to be within 5 %",
     "R0 [Ohm]": "R0 needs steps of the current around 50 % SOC; a charge at constant current alone "
     "has none, and is refused",
-    "R [Ohm]": "all resistances together need loads of several minutes around 50 % SOC",
+    "R [Ohm]": "total R needs an OCV of before, and loads of several minutes around 50 % SOC",
     "OCV shift [V]": "a shift of the OCV needs an OCV of before",
 }
 

@@ -15,7 +15,7 @@ from ..experiment.protocol import sampled
 from ..experiment.stored import DRIVE
 from .document import Document, Paragraph, Section, Table, make_table
 from .terminal import bare_table, headed_line, indented, terminal_table
-from .words import NOTHING, counted, duration, millivolt, percent
+from .words import NOTHING, counted, duration, joined, millivolt, percent
 
 if TYPE_CHECKING:
     from ..experiment import Design, Step
@@ -111,6 +111,13 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     predicted, limits = design.predicted, design.limits
     if not design.is_reached:
         yield "Not reached", "this is the best test in the hours and at the currents allowed."
+        untold = [
+            name
+            for name in design.wanted
+            if name.startswith("R") and np.median([x.after for x in design.of_table(name)]) > 1
+        ]
+        if untold:
+            yield "Too short", f"it would not determine {joined(untold)}; allow more hours."
     expected = f"{predicted.voltage_v.min():.2f} to {predicted.voltage_v.max():.2f} V"
     kept = f"{limits.low_v:g} to {limits.high_v:g} V"
     text = f"{expected} expected; let the cycler end the test outside {kept}"

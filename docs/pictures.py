@@ -18,7 +18,9 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax.fleet.summary import read_fleet
+from barnax.life import life_of
 from barnax.plots import style
+from barnax.plots.life import plot_fleet_life
 from barnax.plots.parameters import plot_distributions
 from barnax.plots.pictures import encode
 
@@ -155,7 +157,53 @@ def draw_fleet() -> Figure:
     return plot_distributions({name: rows[name].to_numpy() for name in names})
 
 
+def draw_design() -> Figure:
+    return barnax.design(capacity=2.0, max_hours=2.5, max_discharge=2.0, max_charge=1.0).figure()
+
+
+def draw_pack() -> Figure:
+    """Eight cells of one current, of which one has more R0."""
+    table = pl.read_parquet(barnax.bundled_file("identification")).head(4000)
+    rng = np.random.default_rng(0)
+    more_ohm = np.append(rng.normal(0, 2e-4, 7), 0.01)
+    cells = {
+        f"V{number}": pl.col("Voltage / V") + ohm * pl.col("Current / A")
+        for number, ohm in enumerate(more_ohm.tolist(), 1)
+    }
+    ocv = [barnax.bundled_file(f"ocv_{way}") for way in ("charge", "discharge")]
+    frame = table.with_columns(**cells).drop("Voltage / V")
+    return barnax.identify_pack(frame, ocv=ocv).figure()
+
+
+def draw_life() -> Figure:
+    """A fleet of which numbers are drawn, one cell of which ages faster."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for cell in range(12):
+        for years in np.arange(0, 3, 0.5).tolist():
+            rate = 0.25 if cell == 5 else 0.1
+            row = {"id": f"{cell}-{years}", "error": None, "specimen": f"A{cell}"}
+            row |= {"age_years": years, "capacity [A.h]": 2.0, "temperature [degC]": 25.0}
+            row |= {"record throughput [A.h]": 4.0}
+            for name, new, change, sd in (
+                ("capacity [A.h]", 2.0, -0.3 * rate, 0.003),
+                ("R0 [Ohm]", 0.03, rate, 0.006),
+                ("R [Ohm]", 0.07, rate, 0.008),
+                ("OCV shift [V]", 0.0, 0.0, 0.001),
+            ):
+                value = new * (1 + change * years + sd * rng.standard_normal())
+                value += 0.0 if new else sd * rng.standard_normal()
+                half = 2 * sd * (new or 1.0)
+                row[f"aged {name}"] = value
+                row |= {f"aged {name} low": value - half, f"aged {name} high": value + half}
+            rows.append(row)
+    return plot_fleet_life(life_of(pl.DataFrame(rows, infer_schema_length=None), age="age_years"))
+
+
 PICTURES: dict[str, Callable[[], Figure]] = {
+    "design": draw_design,
+    "pack": draw_pack,
+    "life": draw_life,
     "condition": of_result("identification-condition"),
     "voltage": of_result("identification-voltage"),
     "error": of_result("identification-error"),

@@ -96,7 +96,7 @@ def identify_pack(
     cells: str | None = None,
     *,
     own_time_constants: bool = False,
-    **options: Any,
+    **chosen: Any,
 ) -> Pack:
     """Every cell of a pack, from a file or data frame with one current and many cell voltages.
 
@@ -123,7 +123,7 @@ def identify_pack(
     >>> pack.weakest
     'V1'
     """
-    chosen = {"seeds": 0, "trust": "none", "advise": False, "model": "so-rc", **options}
+    chosen = {"seeds": 0, "trust": "none", "advise": False, "model": "so-rc", **chosen}
     job = Job(**{**chosen, "over": "soc"})
     reading = job.part(Reading)
     read = read_pack(source_of(given, {}, reading), cells, **reading.options())

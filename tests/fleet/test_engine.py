@@ -56,7 +56,7 @@ def made_rows(monkeypatch, before=lambda name: None):
     """The same, where `before` is called with each id, and may give an error or raise one."""
     computed = []
 
-    def row(cell, settings, kept=None):
+    def row(cell, settings, kept=None, of_pack=None):
         error = before(cell.id)
         computed.append(cell.id)
         return ROW | {"id": cell.id, "error": error, **cell.carried}

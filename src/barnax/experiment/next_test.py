@@ -96,7 +96,9 @@ def design(
     if not 0 < max_hours <= MOST_HOURS:
         raise InputError(f"`max_hours` {max_hours:g} must be above 0, and {MOST_HOURS:g} at most")
     if (want is not None and not want) or (blocks is not None and not blocks) or starts < 1:
-        raise InputError("a test needs something to `want`, some `blocks`, and one of `starts`")
+        raise InputError(
+            "a test needs something to `want`, some `blocks`, and one start of its search"
+        )
     if result is None:
         if capacity is None:
             raise InputError("a test needs a `capacity` in Ah, or the result of earlier records")

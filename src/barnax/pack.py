@@ -6,21 +6,24 @@ the axis of SOC, the time constants and what resistances follow. The cells are t
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from .display import Brief
 from .errors import InputError
-from .inputs import source_of
-from .job import Job
+from .inputs import listed, source_of
+from .job import Job, takes_options
 from .metrics import robust_deviations
 from .over_soc.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, fit_pack
 from .pipeline import identify
 from .records.pack import read_pack
 from .results import Result
 from .settings import Reading
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # So many robust deviations from the median of the cells are odd, where these are enough to tell.
 ODD, FEWEST = 6.0, 8
@@ -68,11 +71,11 @@ class Pack(Brief):
         """The file's."""
         return self.result.name
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[dict[str, str | float | None]]:
         """A row for each cell: its values with the ends of their intervals, and what is odd."""
         rows = []
         for each in self.fit.cells:
-            row: dict[str, Any] = {"cell": each.name, "RMSE [V]": each.rmse_v}
+            row: dict[str, str | float | None] = {"cell": each.name, "RMSE [V]": each.rmse_v}
             for name in (*LOOKED_AT, LOADED):
                 known = each.values.get(name)
                 row[name] = known and known.value
@@ -83,7 +86,7 @@ class Pack(Brief):
             rows.append(row | {"odd": "; ".join(odd), "weakest": each.name == self.weakest})
         return rows
 
-    def figure(self) -> Any:
+    def figure(self) -> "Figure":
         """Every cell's values with their intervals, as a matplotlib `Figure`."""
         from .plots import plot_pack
 
@@ -91,23 +94,27 @@ class Pack(Brief):
         return plot_pack(self.fit, odd, self.weakest)
 
 
-def identify_pack(
-    given: Any,
-    cells: str | None = None,
-    *,
-    own_time_constants: bool = False,
-    **chosen: Any,
-) -> Pack:
-    """Every cell of a pack, from a file or data frame with one current and many cell voltages.
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PackJob(Job):
+    """A job on the cells of one file, each with tables over SOC."""
 
-    Args:
-        given: The file, or a data frame.
-        cells: Names of the columns of cell voltages, as patterns such as "V*"; None finds them.
-        own_time_constants: Let every cell have time constants of its own; else they have the mean
-            cell's.
+    over: Literal["soc"] | None = "soc"
+    cells: str | None = None
+    own_time_constants: bool = False
+
+
+@takes_options(PackJob)
+def identify_pack(job: PackJob) -> Pack:
+    """Every cell of a pack, from a file or data frame with one current and many cell voltages.
 
     All other options are those of `identify`, such as `ocv`, `capacity` and `window`; the circuit
     is `so-rc` with tables over SOC unless `model` is another one without dynamic hysteresis.
+
+    Args:
+        records: The file, or a data frame.
+        cells: Names of the columns of cell voltages, as patterns such as "V*"; None finds them.
+        own_time_constants: Let every cell have time constants of its own; else they have the mean
+            cell's.
 
     Raises `InputError` where the columns are not plain, and where `identify` does.
 
@@ -123,11 +130,15 @@ def identify_pack(
     >>> pack.weakest
     'V1'
     """
-    chosen = {"seeds": 0, "trust": "none", "advise": False, "model": "so-rc", **chosen}
-    job = Job(**{**chosen, "over": "soc"})
+    records = listed(job.records)
+    if len(records) != 1:
+        raise InputError(f"a pack is one file with all its cells, but {len(records)} were given")
     reading = job.part(Reading)
-    read = read_pack(source_of(given, {}, reading), cells, **reading.options())
-    result = identify(job.changed(records=[read.record]))
+    read = read_pack(source_of(records[0], {}, reading), job.cells, **reading.options())
+    chosen = {"seeds": 0, "trust": "none", "advise": False, "model": "so-rc", **job.chosen}
+    chosen |= {"records": [read.record], "over": "soc"}
+    of_cells = ("cells", "own_time_constants")
+    result = identify(**{name: each for name, each in chosen.items() if name not in of_cells})
     if result.tables is None or result.run.tables is None:
         raise InputError(f"{read.record.name}: has no tables over SOC, so no cells are told")
     tables = result.run.tables
@@ -142,7 +153,7 @@ def identify_pack(
         beside_v,
         read.cells,
         tables.settings,
-        own_time_constants,
+        job.own_time_constants,
     )
     weakest = min(fit.cells, key=lambda each: each.values[LOADED].value).name
     return Pack(result, fit, tuple(odd_ones(fit)), weakest, read.left_out, beside_v)

@@ -152,9 +152,8 @@ def _identified_pack(cell: FleetCell, settings: Mapping[str, Any]) -> Pack:
     given = {**settings, **options, "over": "soc"}
     job = job_of(given).changed(window=_windows(cell), bounds=cell.bounds)
     asked = str(cell.options["pack_cells"])
-    return identify_pack(
-        cell.records[0], None if asked == "auto" else asked, ocv=cell.ocv, **job.chosen
-    )
+    cells = None if asked == "auto" else asked
+    return identify_pack(**{**job.chosen, "records": cell.records, "ocv": cell.ocv, "cells": cells})
 
 
 def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
@@ -162,7 +161,7 @@ def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
     rows, result = [], pack.result
     samples = result.metrics.identification.samples
     for own, each in zip(pack.rows(), pack.fit.cells, strict=True):
-        plain = own.pop("cell").replace("/", "-").replace("\\", "-")
+        plain = str(own.pop("cell")).replace("/", "-").replace("\\", "-")
         row: dict[str, Any] = {"id": f"{name} {plain}", "error": None, "error code": None}
         row |= {"circuit": result.run.tables and result.run.tables.model, "pack": name}
         row |= {"samples": samples, **own, **each.tables.constants}

@@ -55,7 +55,9 @@ def pack(
     given: dict[str, Any] = {"ocv": files.ocv or (), "window": of_records.windows()}
     given |= {**files.cell, **files.read, **tables.chosen(), "watch": session.watch}
     given.pop("over", None)
-    found = identify_pack(on.record, cells=on.cells, own_time_constants=on.own_time_constants, **given)
+    found = identify_pack(
+        on.record, cells=on.cells, own_time_constants=on.own_time_constants, **given
+    )
     session.show(to_terminal(pack_document(found).with_option_names(as_flags)))
 
     def draw() -> dict[str, bytes]:

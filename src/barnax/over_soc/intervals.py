@@ -280,7 +280,7 @@ def linearized(
             scored = prepared.scored[block.here]
             if not np.any(scored):
                 continue
-            rows = replace(part, scored=1, factor=block.local_columns[scored] @ block.to_global)
+            rows = replace(part, scored=1, factor=block.rows(layout, scored))
             answers, responses, initial, current, correction, base = map(rows.part, layout.sizes)
             taus = np.zeros((3 * pairs, *answers.shape[1:]))
             for own, each in zip(answers.reshape(-1, 3, *answers.shape[1:]), rungs, strict=True):

@@ -11,9 +11,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg import get_lapack_funcs
 
 from ..blas import one_blas_thread
 from ..cell.elements import get_element
@@ -96,6 +98,8 @@ class Reduced:
     layout: Layout
     scored: int
     factor: Columns
+    # The columns in the order in which the factor is triangular, where it is.
+    order: Int[np.ndarray, "columns"] | None = None
 
     def part(self, name: str) -> Float[np.ndarray, "few rows width"]:
         """The columns of that part of the layout."""
@@ -134,6 +138,7 @@ def reduce_records(
     for samples that do not count. Nothing longer than a block is ever held. Of a single record,
     `beside_v` is how far above its voltage that of every side is.
     """
+    order = _by_first_visit(prepared_records, layout)
     chains: dict[tuple[int, int], Future] = {}
     scored = np.zeros(count, int)
     with one_blas_thread(), threads(CHAINS) as pool:
@@ -147,35 +152,121 @@ def reduce_records(
                     chain = group, turn % CHAINS if count == 1 else 0
                     # Waiting here keeps no more blocks than there are chains.
                     done = chains.get(chain)
-                    before = done.result() if done else np.zeros((layout.width,) * 2)
-                    chains[chain] = pool.submit(_join_block, before, block, is_own)
-        factors = [
-            [done.result() for (own, _), done in chains.items() if own == group]
-            for group in range(count)
-        ]
-        return [
-            Reduced(layout, number, reduce(append_rows, own, np.zeros((layout.width,) * 2)))
-            for number, own in zip(scored.tolist(), factors, strict=True)
-        ]
+                    before = done.result() if done else _Triangle.empty(layout, order)
+                    chains[chain] = pool.submit(before.joined_by, block, is_own)
+        found = []
+        for group, number in enumerate(scored.tolist()):
+            done = [each.result() for (own, _), each in chains.items() if own == group]
+            own = [each.reduced(layout, number) for each in done]
+            own = own or [_Triangle.empty(layout, order).reduced(layout, number)]
+            found.append(replace(reduce(_added, own), scored=number))
+        return found
 
 
-def _join_block(
-    factor: Float[np.ndarray, "columns columns"], block: "Block", is_own: Bool[np.ndarray, "_"]
-) -> Float[np.ndarray, "columns columns"]:
-    """The triangular factor with those samples of a block that are its own."""
-    rows, few = block.local_columns[is_own], block.local_columns.shape[1]
-    if len(rows) > few:
-        rows = update_triangular(np.zeros((few, few)), rows, REFLECTORS)
-    return append_rows(factor, rows @ block.to_global)
+def _by_first_visit(
+    prepared_records: Sequence[PreparedRecord], layout: Layout
+) -> Int[np.ndarray, "columns"]:
+    """The columns in the order in which samples first come near their nodes, then those of all
+    nodes. What is near now is near the end of those seen so far, and moves little of a triangle."""
+    first = np.full(layout.width, np.inf)
+    for name, places in layout.places.items():
+        nodes = np.array(layout.ocv_nodes if name == "correction" else layout.nodes)
+        if places.shape[1] != len(nodes) or name == "base":
+            continue
+        seen, before = np.full(len(nodes), np.inf), 0
+        for each in prepared_records:
+            between = np.clip(np.searchsorted(nodes, each.soc, "right") - 1, 0, len(nodes) - 1)
+            left, at = np.unique(between, return_index=True)
+            for node in (left, np.minimum(left + 1, len(nodes) - 1)):
+                np.minimum.at(seen, node, at + before)
+            before += len(each.soc)
+        first[places] = seen
+    # What no sample comes near stays empty; what every sample moves is last of all.
+    everywhere = [layout.places["base"].ravel()]
+    if not layout.has_amplitude:
+        everywhere.insert(0, layout.places["hysteresis_response"].ravel())
+    order = np.argsort(first, kind="stable")
+    return np.concatenate([order[~np.isin(order, np.concatenate(everywhere))], *everywhere])
+
+
+@dataclass(eq=False)
+class _Triangle:
+    """The triangular factor of the samples of one chain so far, with its columns in an order. Of
+    the first columns in it those from `end` on are still empty, but the last `fixed`."""
+
+    order: Int[np.ndarray, "columns"]
+    fixed: int
+    end: int
+    factor: Float[np.ndarray, "columns columns"]
+
+    @classmethod
+    def empty(cls, layout: Layout, order: Int[np.ndarray, "columns"]) -> "_Triangle":
+        fixed = layout.sides
+        if not layout.has_amplitude:
+            fixed += layout.places["hysteresis_response"].size
+        return cls(order, fixed, 0, np.zeros((layout.width,) * 2))
+
+    def joined_by(self, block: "Block", is_own: Bool[np.ndarray, "_"]) -> "_Triangle":
+        """This one, with those samples of a block that are its own."""
+        place = np.empty_like(self.order)
+        place[self.order] = np.arange(len(self.order))
+        rows, few = block.local_columns[is_own], block.local_columns.shape[1]
+        decaying = few - len(block.columns)
+        if len(rows) > few:
+            rows = update_triangular(np.zeros((few, few)), rows, REFLECTORS)
+            # Below the decays of what is far, nothing but what is near is left.
+            self._join(rows[decaying:, decaying:], place[block.columns])
+            rows = rows[:decaying]
+        if len(rows):
+            far = place[block.far]
+            own = rows[:, :decaying, None] * block.left[None]
+            rows = np.concatenate([own.reshape(len(rows), -1), rows[:, decaying:]], axis=1)
+            self._join(rows, np.append(far, place[block.columns]))
+        return self
+
+    def _join(self, rows: Columns, places: Int[np.ndarray, "few"]) -> None:
+        width = len(self.order)
+        early = places[places < width - self.fixed]
+        self.end = max(self.end, int(early.max(initial=-1)) + 1)
+        first = int(early.min(initial=self.end))
+        own = np.append(np.arange(first, self.end), np.arange(width - self.fixed, width))
+        wide = np.zeros((len(rows), width))
+        wide[:, places] = rows
+        at = np.ix_(own, own)
+        self.factor[at] = update_triangular(self.factor[at], wide[:, own], REFLECTORS)
+
+    def reduced(self, layout: Layout, scored: int) -> Reduced:
+        factor = np.empty_like(self.factor)
+        factor[:, self.order] = self.factor
+        return Reduced(layout, scored, factor, self.order)
+
+
+def _added(one: Reduced, other: Reduced) -> Reduced:
+    """The factor of the samples of both, triangular as theirs."""
+    order = one.order
+    assert order is not None
+    own, more = one.factor[:, order], other.factor[:, order]
+    used = np.flatnonzero(np.any(own, axis=0) | np.any(more, axis=0))
+    tpqrt: Any = get_lapack_funcs("tpqrt", (own,))
+    at, joined = np.ix_(used, used), np.zeros_like(own)
+    width = min(REFLECTORS, len(used))
+    joined[at] = tpqrt(len(used), width, own[at], more[at])[0]
+    factor = np.empty_like(own)
+    factor[:, order] = joined
+    return Reduced(one.layout, one.scored + other.scored, factor, order)
 
 
 def together(parts: Sequence[Reduced]) -> Reduced:
     """All of them as one, without rows that are rounding."""
+    first = parts[0]
     with one_blas_thread():
-        factor = reduce(append_rows, [part.factor for part in parts])
+        if all(each.order is not None and each.order is first.order for each in parts):
+            factor = reduce(_added, parts).factor
+        else:
+            factor = reduce(append_rows, [part.factor for part in parts])
         scored = sum(part.scored for part in parts)
         factor = shorten(factor, NEGLIGIBLE_V * math.sqrt(scored))
-    return Reduced(parts[0].layout, scored, factor)
+    return Reduced(first.layout, scored, factor)
 
 
 def append_rows(
@@ -227,15 +318,27 @@ def layout_of(
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """The columns at the samples `here` of a record are `local_columns` @ `to_global`.
+    """The columns at the samples `here` of a record.
 
-    What is near only few nodes moves only few columns: those of all others are what is left of
-    earlier answers, which decay alike at every node.
+    What is near only few nodes moves only few `columns`, the last of `local_columns`: all others,
+    `far`, are what is left of earlier answers, which decay alike at every node. The first of
+    `local_columns` are those decays, and `left` what of each there is at every other node.
     """
 
     here: slice
     local_columns: Float[np.ndarray, "samples few"]
-    to_global: Float[np.ndarray, "few columns"]
+    columns: Int[np.ndarray, "own"]
+    far: Int[np.ndarray, "decays others"]
+    left: Float[np.ndarray, "decays others"]
+
+    def rows(self, layout: Layout, is_own: Bool[np.ndarray, "samples"]) -> Columns:
+        """All columns at some of the samples."""
+        local = self.local_columns[is_own]
+        found, decaying = np.zeros((len(local), layout.width)), local.shape[1] - len(self.columns)
+        found[:, self.columns] = local[:, decaying:]
+        if decaying:
+            found[:, self.far] = local[:, :decaying, None] * self.left
+        return found
 
 
 def blocks(
@@ -288,13 +391,13 @@ def blocks(
             columns.append(-spread[:, near])
         into.append(layout.places["base"])
         columns.append(base)
-        own = np.eye(layout.width)[np.concatenate([each.ravel() for each in into])]
-        if np.any(left):
-            mixed = np.zeros((len(left), layout.width))
-            np.put_along_axis(mixed, layout.places["pairs"], left, axis=1)
-            columns, own = [decays, *columns], np.concatenate([mixed, own])
+        far = np.flatnonzero(np.any(left, axis=0))
+        left = left[: len(far) and len(left), far]
+        if len(far):
+            columns = [decays, *columns]
         local = np.concatenate([each.reshape(size, -1) for each in columns], axis=1)
-        yield Block(here, local, own)
+        own = np.concatenate([each.ravel() for each in into])
+        yield Block(here, local, own, layout.places["pairs"][: len(left), far], left)
 
 
 class _SharedAnswers:

@@ -21,7 +21,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from .cell.tables import require_nodes
 from .errors import InputError, printable
 from .over_soc.kept import Grid, Kept, KeptOcv, OcvSource
-from .over_soc.reduced import Layout, Reduced
+from .over_soc.layout import Layout
+from .over_soc.reduced import Reduced
 
 VERSION = 1
 # What may be in a file: enough for any record, and little enough to hold.

@@ -24,10 +24,11 @@ from ..model.prepared import PreparedRecord, prepare_record
 from .cross_validation import record_errors
 from .fit import TableFit, fit_of
 from .intervals import NodeInterval
+from .layout import Layout
 from .level import OCV_NODES, level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of
-from .reduced import Layout, Reduced, reduce_records, together
+from .reduced import Reduced, reduce_records, together
 from .search import find_best
 from .settings import OCV, TableSettings
 

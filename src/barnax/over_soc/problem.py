@@ -16,8 +16,9 @@ from ..errors import InputError
 from ..model.prepared import PreparedRecord
 from ..model.search_space import RATE_RANGE, Range
 from .cross_validation import blocks_of
+from .layout import layout_of
 from .objective import TableObjective
-from .reduced import Reduced, layout_of, reduce_records, together
+from .reduced import Reduced, reduce_records, together
 from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 
 # Records that go less SOC than this without turning tell nothing of the branch of that direction.

@@ -7,10 +7,10 @@ constants x nodes, what else there is, base error] gives the columns of every ti
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -18,24 +18,20 @@ from jaxtyping import Bool, Float, Int
 from scipy.linalg import get_lapack_funcs
 
 from ..blas import one_blas_thread
-from ..cell.elements import get_element
-from ..cell.parameters import RATE
 from ..cell.tables import hats
 from ..execution import in_float64, threads
 from ..model.compressed import (
     BLOCK,
     NEGLIGIBLE_V,
-    Spans,
     answer_block,
     padded_tau,
     shorten,
     update_triangular,
 )
-from ..model.exponentials import Span, span_through
-from ..model.intervals import AT_ONCE
+from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
-from ..model.search_space import Range
 from ..model.simulate import SimulationInput
+from .layout import Layout, by_first_visit
 from .simulate import TableInput
 
 # Columns of one block reflector; there are ten times as many columns as for a constant circuit.
@@ -47,48 +43,6 @@ CHANNELS = 4
 Columns = Float[np.ndarray, "rows columns"]
 # The group of each of some samples of a record.
 Groups = Callable[[slice], Int[np.ndarray, "samples"]]
-
-
-@dataclass(frozen=True, eq=False)
-class Layout:
-    """Which columns a factor has. `amplitude` says what a dynamic hysteresis has of them: none,
-    those of the measured gap, or those of a table. The OCV correction stands at `ocv_nodes`, all
-    other tables at `nodes`. Several voltages under one current are so many `sides`."""
-
-    nodes: tuple[float, ...]
-    ocv_nodes: tuple[float, ...]
-    in_tau: Span
-    in_rate: Span | None
-    has_correction: bool
-    has_amplitude: bool
-    sides: int = 1
-
-    @cached_property
-    def places(self) -> dict[str, Int[np.ndarray, "count width"]]:
-        """Where the columns of each part stand."""
-        ends = np.cumsum([count * width for count, width in self.sizes.values()])
-        parts = zip(self.sizes.items(), np.split(np.arange(ends[-1]), ends[:-1]), strict=True)
-        return {name: part.reshape(size) for (name, size), part in parts}
-
-    @property
-    def width(self) -> int:
-        return sum(count * width for count, width in self.sizes.values())
-
-    @property
-    def sizes(self) -> dict[str, tuple[int, int]]:
-        """How many columns of each part there are, of how wide; those of `pairs` and
-        `hysteresis_response` are of the skeletons, `initial_hysteresis` is the hysteresis before it
-        has turned."""
-        nodes, rate = len(self.nodes), self.in_rate
-        responses = 0 if rate is None else len(rate.skeleton), nodes if self.has_amplitude else 1
-        return {
-            "pairs": (len(self.in_tau.skeleton), nodes),
-            "hysteresis_response": responses,
-            "initial_hysteresis": (int(self.has_amplitude), nodes),
-            "current": (1, nodes),
-            "correction": (int(self.has_correction), len(self.ocv_nodes)),
-            "base": (self.sides, 1),
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +92,7 @@ def reduce_records(
     for samples that do not count. Nothing longer than a block is ever held. Of a single record,
     `beside_v` is how far above its voltage that of every side is.
     """
-    order = _by_first_visit(prepared_records, layout)
+    order = by_first_visit(prepared_records, layout)
     chains: dict[tuple[int, int], Future] = {}
     scored = np.zeros(count, int)
     with one_blas_thread(), threads(CHAINS) as pool:
@@ -161,32 +115,6 @@ def reduce_records(
             own = own or [_Triangle.empty(layout, order).reduced(layout, number)]
             found.append(replace(reduce(_added, own), scored=number))
         return found
-
-
-def _by_first_visit(
-    prepared_records: Sequence[PreparedRecord], layout: Layout
-) -> Int[np.ndarray, "columns"]:
-    """The columns in the order in which samples first come near their nodes, then those of all
-    nodes. What is near now is near the end of those seen so far, and moves little of a triangle."""
-    first = np.full(layout.width, np.inf)
-    for name, places in layout.places.items():
-        nodes = np.array(layout.ocv_nodes if name == "correction" else layout.nodes)
-        if places.shape[1] != len(nodes) or name == "base":
-            continue
-        seen, before = np.full(len(nodes), np.inf), 0
-        for each in prepared_records:
-            between = np.clip(np.searchsorted(nodes, each.soc, "right") - 1, 0, len(nodes) - 1)
-            left, at = np.unique(between, return_index=True)
-            for node in (left, np.minimum(left + 1, len(nodes) - 1)):
-                np.minimum.at(seen, node, at + before)
-            before += len(each.soc)
-        first[places] = seen
-    # What no sample comes near stays empty; what every sample moves is last of all.
-    everywhere = [layout.places["base"].ravel()]
-    if not layout.has_amplitude:
-        everywhere.insert(0, layout.places["hysteresis_response"].ravel())
-    order = np.argsort(first, kind="stable")
-    return np.concatenate([order[~np.isin(order, np.concatenate(everywhere))], *everywhere])
 
 
 @dataclass(eq=False)
@@ -283,37 +211,6 @@ def append_rows(
     own = np.ix_(used, used)
     joined[own] = update_triangular(factor[own], rows[:, used], REFLECTORS)
     return joined
-
-
-def layout_of(
-    nodes: tuple[float, ...],
-    ocv_nodes: tuple[float, ...],
-    ranges: Mapping[str, Range],
-    has_correction: bool,
-    has_amplitude: bool,
-    elements: Sequence[str],
-    interval_s: float,
-) -> Layout:
-    """Columns for the elements' time constants and gamma of these ranges, to the accuracy of the
-    scan, and far fewer where all are held; no interval is shorter than `interval_s`.
-
-    Raises `InputError` where a range is too wide.
-    """
-    limits = [limits for name, limits in ranges.items() if name != RATE]
-    ratios = [get_element(name).ratios for name in elements]
-    if all(low == high for low, high in ranges.values()):
-        taus_s = {
-            max(tau_s * ratio, interval_s / AT_ONCE)
-            for (tau_s, _), own in zip(limits, ratios, strict=True)
-            for ratio in own
-        }
-        in_tau = span_through([math.log(each) for each in sorted(taus_s)])
-        in_rate = span_through([-math.log(ranges[RATE][0])]) if RATE in ranges else None
-        return Layout(nodes, ocv_nodes, in_tau, in_rate, has_correction, has_amplitude)
-    fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
-    slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
-    spans = Spans.between((fastest_s, slowest_s), ranges.get(RATE), interval_s)
-    return Layout(nodes, ocv_nodes, *spans, has_correction, has_amplitude)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,116 @@
+"""Which columns the reduced factor of some records has, and in which order they stand."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Int
+
+from ..cell.elements import get_element
+from ..cell.parameters import RATE
+from ..model.compressed import Spans
+from ..model.exponentials import Span, span_through
+from ..model.intervals import AT_ONCE
+from ..model.prepared import PreparedRecord
+from ..model.search_space import Range
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Which columns a factor has. `amplitude` says what a dynamic hysteresis has of them: none,
+    those of the measured gap, or those of a table. The OCV correction stands at `ocv_nodes`, all
+    other tables at `nodes`. Several voltages under one current are so many `sides`."""
+
+    nodes: tuple[float, ...]
+    ocv_nodes: tuple[float, ...]
+    in_tau: Span
+    in_rate: Span | None
+    has_correction: bool
+    has_amplitude: bool
+    sides: int = 1
+
+    @cached_property
+    def places(self) -> dict[str, Int[np.ndarray, "count width"]]:
+        """Where the columns of each part stand."""
+        ends = np.cumsum([count * width for count, width in self.sizes.values()])
+        parts = zip(self.sizes.items(), np.split(np.arange(ends[-1]), ends[:-1]), strict=True)
+        return {name: part.reshape(size) for (name, size), part in parts}
+
+    @property
+    def width(self) -> int:
+        return sum(count * width for count, width in self.sizes.values())
+
+    @property
+    def sizes(self) -> dict[str, tuple[int, int]]:
+        """How many columns of each part there are, of how wide; those of `pairs` and
+        `hysteresis_response` are of the skeletons, `initial_hysteresis` is the hysteresis before it
+        has turned."""
+        nodes, rate = len(self.nodes), self.in_rate
+        responses = 0 if rate is None else len(rate.skeleton), nodes if self.has_amplitude else 1
+        return {
+            "pairs": (len(self.in_tau.skeleton), nodes),
+            "hysteresis_response": responses,
+            "initial_hysteresis": (int(self.has_amplitude), nodes),
+            "current": (1, nodes),
+            "correction": (int(self.has_correction), len(self.ocv_nodes)),
+            "base": (self.sides, 1),
+        }
+
+
+def layout_of(
+    nodes: tuple[float, ...],
+    ocv_nodes: tuple[float, ...],
+    ranges: Mapping[str, Range],
+    has_correction: bool,
+    has_amplitude: bool,
+    elements: Sequence[str],
+    interval_s: float,
+) -> Layout:
+    """Columns for the elements' time constants and gamma of these ranges, to the accuracy of the
+    scan, and far fewer where all are held; no interval is shorter than `interval_s`.
+
+    Raises `InputError` where a range is too wide.
+    """
+    limits = [limits for name, limits in ranges.items() if name != RATE]
+    ratios = [get_element(name).ratios for name in elements]
+    if all(low == high for low, high in ranges.values()):
+        taus_s = {
+            max(tau_s * ratio, interval_s / AT_ONCE)
+            for (tau_s, _), own in zip(limits, ratios, strict=True)
+            for ratio in own
+        }
+        in_tau = span_through([math.log(each) for each in sorted(taus_s)])
+        in_rate = span_through([-math.log(ranges[RATE][0])]) if RATE in ranges else None
+        return Layout(nodes, ocv_nodes, in_tau, in_rate, has_correction, has_amplitude)
+    fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
+    slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
+    spans = Spans.between((fastest_s, slowest_s), ranges.get(RATE), interval_s)
+    return Layout(nodes, ocv_nodes, *spans, has_correction, has_amplitude)
+
+
+def by_first_visit(
+    prepared_records: Sequence[PreparedRecord], layout: Layout
+) -> Int[np.ndarray, "columns"]:
+    """The columns in the order in which samples first come near their nodes, then those of all
+    nodes. What is near now is near the end of those seen so far, and moves little of a triangle."""
+    first = np.full(layout.width, np.inf)
+    for name, places in layout.places.items():
+        nodes = np.array(layout.ocv_nodes if name == "correction" else layout.nodes)
+        if places.shape[1] != len(nodes) or name == "base":
+            continue
+        seen, before = np.full(len(nodes), np.inf), 0
+        for each in prepared_records:
+            between = np.clip(np.searchsorted(nodes, each.soc, "right") - 1, 0, len(nodes) - 1)
+            left, at = np.unique(between, return_index=True)
+            for node in (left, np.minimum(left + 1, len(nodes) - 1)):
+                np.minimum.at(seen, node, at + before)
+            before += len(each.soc)
+        first[places] = seen
+    # What no sample comes near stays empty; what every sample moves is last of all.
+    everywhere = [layout.places["base"].ravel()]
+    if not layout.has_amplitude:
+        everywhere.insert(0, layout.places["hysteresis_response"].ravel())
+    order = np.argsort(first, kind="stable")
+    return np.concatenate([order[~np.isin(order, np.concatenate(everywhere))], *everywhere])

@@ -12,6 +12,20 @@ def orthonormal(columns):
     return np.linalg.qr(columns)[0]
 
 
+def followed_and_fitted(noise_v, columns, time_s, slots):
+    """What a fit follows of every noise, and the noises fitted to what it leaves."""
+    moved = noise_v @ columns
+    left_v = (noise_v - moved @ columns.T).T
+    return moved, fit_gathered(
+        slots,
+        counts=slots.gathered(time_s, np.ones(len(time_s))),
+        errors_v=slots.gathered(time_s, left_v),
+        columns=slots.gathered(time_s, columns),
+        products=np.eye(columns.shape[1]),
+        squares_v2=np.sum(left_v**2, axis=0),
+    )
+
+
 @pytest.fixture
 def waves():
     """Columns of different speed over 400 samples: what a fit could follow."""
@@ -111,16 +125,7 @@ def test_a_fit_that_follows_much_of_every_burst_knows_its_noise_as_well_as_it_sc
     covariance = 0.3 * np.eye(len(time_s)) + np.exp(-lag / 20.0) + np.exp(-lag / 2e3)
     rng = np.random.default_rng(9)
     noise_v = rng.normal(size=(120, len(time_s))) @ np.linalg.cholesky(covariance).T
-    moved = noise_v @ columns
-    left_v = (noise_v - moved @ columns.T).T
-    fits = fit_gathered(
-        slots,
-        counts=slots.gathered(time_s, np.ones(len(time_s))),
-        errors_v=slots.gathered(time_s, left_v),
-        columns=slots.gathered(time_s, columns),
-        products=np.eye(24),
-        squares_v2=np.sum(left_v**2, axis=0),
-    )
+    moved, fits = followed_and_fitted(noise_v, columns, time_s, slots)
     # The step of one burst, which slow noise hardly moves, and its mean, which that does.
     for place in (0, 1):
         variance = np.array(
@@ -132,6 +137,26 @@ def test_a_fit_that_follows_much_of_every_burst_knows_its_noise_as_well_as_it_sc
         assert np.median(knows) * scatter / 2 == pytest.approx(1.0, abs=0.5)
         reach = stdtrit(max(float(np.median(knows)), 1.0), 0.975) * np.sqrt(variance)
         assert np.mean(np.abs(moved[:, place]) < reach) > 0.92
+
+
+def test_slow_noise_that_tables_would_follow_leaves_what_is_fast_well_known():
+    """As tables in a test of two hours: each level's mean, slope and pulses, on an even clock."""
+    level = np.arange(400.0)
+    own = np.stack([np.sign(np.sin(level / 6)), np.sin(level / 40), np.ones(400), level - 200], 1)
+    columns = orthonormal(np.kron(np.eye(10), own))
+    time_s = np.arange(4000.0)
+    rng = np.random.default_rng(12)
+    noise_v = sum(colored_noise(rng, 4000, each, 1e-3, records=100) for each in (0.0, 20.0, 200.0))
+    moved, fits = followed_and_fitted(noise_v, columns, time_s, Slots.of(time_s))
+    for place in (0, 1):
+        variance = np.array([each.spread_v2[place, place] for each in fits])
+        knows = np.array([each.degrees_of_freedom(np.eye(40)[place]) for each in fits])
+        factor = stdtrit(np.maximum(knows, 1.0), 0.975)
+        held = np.abs(moved[:, place]) < factor * np.sqrt(variance)
+        # A share of 95 % scatters by 2 % over 100 records.
+        assert np.mean(held) > 0.89
+        # What is told is not lost to a quantile of one degree of freedom, which is 12.7.
+        assert np.median(factor) < 2.7
 
 
 LENGTHS = (400, 250, 300)

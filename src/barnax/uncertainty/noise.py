@@ -4,13 +4,16 @@ Voltage errors of a battery model are correlated over hundreds of seconds, so th
 say no more than a few dozen would. Here they are taken for a stationary noise: a white part and
 parts whose correlation decays exponentially, with times from one sampling interval to a quarter of
 the record. The parts' variances are fitted to the autocovariance of the residuals, nonnegative, up
-to lags of half the record. Of several records the longest counts, and none is correlated with
-another.
+to lags of half the record, each lag weighed by how the autocovariances scatter together under the
+noise that a plain fit finds (generalized least squares; Aitken, 1936). Of several records the longest counts,
+and none is correlated with another.
 
 A fit follows slow noise and so leaves too little of it in its residuals. This is undone: what is
 fitted is not each part's autocovariance but what is expected of it after the projection
 I - Q Q' onto the residuals (to first order in the parameters). Long correlations are otherwise
-understated, by a quarter and more where they reach a tenth of the record.
+understated, by a quarter and more where they reach a tenth of the record. Of a part that the fit
+has followed almost wholly nothing is left to tell its size: it is drawn toward zero, as by a prior
+whose deviation is `LARGEST_PART` times the residuals' variance (Hoerl and Kennard, 1970).
 """
 
 import math
@@ -30,6 +33,10 @@ TIMES_PER_DECADE = 3
 LONGEST_TIME = 1 / 4
 LAGS_PER_OCTAVE = 2
 LONGEST_LAG = 1 / 2
+LARGEST_PART = 6.0
+# How the autocovariances scatter is known from a noise that is itself uncertain: each is given such
+# a share of its error besides, and of the largest error, so that none counts as known.
+OWN_ERROR, OF_LARGEST = 0.3, 0.01
 # Of the pairs of samples that an even clock has of a lag, fewer than this share count for less.
 FEW_PAIRS = 1 / 2
 # Noises drawn where samples come in bursts, and the most slots that they are drawn in.
@@ -54,9 +61,9 @@ class Noise:
     autocorrelation: Float[np.ndarray, "lags"]
     parts_spread: Float[np.ndarray, "parts columns columns"]
     _design: Float[np.ndarray, "bins parts"]
-    _weight: Float[np.ndarray, "bins"]
+    _whitening: Float[np.ndarray, "bins bins"]
+    _scatter_v4: Float[np.ndarray, "bins bins"]
     _edges: Int[np.ndarray, "edges"]
-    _power_v2: Float[np.ndarray, "frequencies"]
     _counts: Float[np.ndarray, "slots"]
     _autocovariance: Float[np.ndarray, "slots"]
     _columns: Float[np.ndarray, "slots columns"]
@@ -84,9 +91,8 @@ class Noise:
     def degrees_of_freedom(self, direction: Float[np.ndarray, "columns"]) -> float:
         """How well the variance of `direction` . Q' u is known, as degrees of freedom.
 
-        Satterthwaite (1946): twice its square over its own variance. It is a linear function of
-        the periodogram, whose values are independent and exponentially distributed about the
-        fitted spectrum. Where samples come in bursts they are not, and the fit has followed much
+        Satterthwaite (1946): twice its square over its own variance. That of a linear function of
+        the autocovariances is known but where samples come in bursts, and the fit has followed much
         of what little there is: then noises are drawn and fitted again.
         """
         shares = np.einsum("i,pij,j->p", direction, self.parts_spread, direction)
@@ -108,15 +114,10 @@ class Noise:
 
     @cached_property
     def _uncertainty(self) -> Float[np.ndarray, "used used"]:
-        """Half the covariance of the variances of the parts that are there."""
-        is_used = self.variance_v2 > 0
-        by_bin = np.linalg.pinv(self._design[:, is_used]) * self._weight
-        by_lag = np.zeros((len(by_bin), self._padded))
-        by_lag[:, : self._edges[-1]] = np.repeat(by_bin, np.diff(self._edges), axis=1)
-        # What the periodogram's own spread adds. Padding and empty slots repeat each independent
-        # value of it.
-        spectra = _both_sides(rfft(by_lag).real) / self._padded * self._power_v2
-        return self._padded / np.count_nonzero(self._counts) * spectra @ spectra.T
+        """The covariance of the variances of the parts that are there."""
+        rows = _with_prior(self._whitening @ self._design)[:, self.variance_v2 > 0]
+        by_bin = np.linalg.pinv(rows)[:, : len(self._whitening)] @ self._whitening
+        return by_bin @ self._scatter_v4 @ by_bin.T
 
     @cached_property
     def _drawn(self) -> Float[np.ndarray, "draws parts"]:
@@ -137,7 +138,7 @@ class Noise:
             followed = mean.T @ sums + within @ rng.normal(size=len(values))
             power = np.abs(rfft(sums - columns @ followed, self._padded)) ** 2
             measured = _binned(irfft(power, self._padded)[: len(counts)], self._edges)
-            row[:] = unit_v2 * nnls(self._design, measured * self._weight / unit_v2)[0]
+            row[:] = unit_v2 * _variances(self._design, measured / unit_v2, self._whitening)
         return drawn
 
 
@@ -248,35 +249,85 @@ def fit_gathered(
     even_pairs = _binned((samples / slots.count) ** 2 * (slots.count - lag), edges)
     fewest = np.maximum(FEW_PAIRS * even_pairs, 0.5)
     weight = np.where(total_pairs > 0.5, 1 / np.maximum(total_pairs, fewest), 0.0)
-    design = expected * weight[:, None]
     has_pairs = weight > 0
+    filled = np.count_nonzero(counts)
+
+    def autocovariance_of(variance: Float[np.ndarray, "parts"]) -> Float[np.ndarray, "slots"]:
+        by_lag = variance[1:] @ decays
+        by_lag[0] += variance[0]
+        return by_lag
 
     def noise_of(error_v: Float[np.ndarray, "slots"], unit_v2: float) -> Noise:
         power = np.abs(rfft(error_v, padded)) ** 2
-        measured = _binned(irfft(power, padded)[: slots.count], edges)
-        variance = np.zeros(len(spread))
+        measured = _binned(irfft(power, padded)[: slots.count], edges) / (unit_v2 or 1.0)
+        whitening, scatter = np.diag(weight), np.zeros((len(weight), len(weight)))
+        variance = _variances(expected, measured, whitening)
         if unit_v2 > 0:
-            variance = unit_v2 * nnls(design, measured * weight / unit_v2)[0]
-        autocovariance = variance[1:] @ decays
-        autocovariance[0] += variance[0]
+            by_lag = autocovariance_of(variance)
+            spectrum = np.maximum(_mirrored_spectrum(pairs * by_lag, padded), 0.0)
+            scatter = _scatter(irfft(spectrum**2, padded), edges) / filled
+            weighed = weight[:, None] * scatter * weight
+            own = np.diag(weighed)
+            weighed += np.diag(OWN_ERROR**2 * own + OF_LARGEST**2 * own.max())
+            whitening = np.linalg.inv(np.linalg.cholesky(weighed)) * weight
+            variance = _variances(expected, measured, whitening)
         return Noise(
             correlation_s=np.append(0.0, slot_s * times),
-            variance_v2=variance,
+            variance_v2=unit_v2 * variance,
             lags_s=slot_s * (edges[:-1] + np.diff(edges) / 2 - 0.5)[has_pairs],
-            autocorrelation=(measured * weight)[has_pairs] / (unit_v2 or 1.0),
+            autocorrelation=(measured * weight)[has_pairs],
             parts_spread=spread,
-            _design=design,
-            _weight=weight,
+            _design=expected,
+            _whitening=whitening,
+            _scatter_v4=unit_v2**2 * scatter,
             _edges=edges,
-            _power_v2=np.maximum(_mirrored_spectrum(pairs * autocovariance, padded), 0.0),
             _counts=counts,
-            _autocovariance=autocovariance,
+            _autocovariance=unit_v2 * autocovariance_of(variance),
             _columns=columns,
             _padded=padded,
         )
 
     units_v2 = (squares_v2 / samples).tolist()
     return [noise_of(*each) for each in zip(errors_v.T, units_v2, strict=True)]
+
+
+def _with_prior(design: Float[np.ndarray, "bins parts"]) -> Float[np.ndarray, "rows parts"]:
+    """A weighed design with a row for each correlated part that draws it toward zero."""
+    return np.vstack([design, np.eye(design.shape[1])[1:] / LARGEST_PART])
+
+
+def _variances(
+    design: Float[np.ndarray, "bins parts"],
+    measured: Float[np.ndarray, "bins"],
+    whitening: Float[np.ndarray, "bins bins"],
+) -> Float[np.ndarray, "parts"]:
+    """The parts' variances that explain the autocovariances best, none negative."""
+    rows = _with_prior(whitening @ design)
+    return nnls(rows, np.pad(whitening @ measured, (0, len(rows) - len(measured))))[0]
+
+
+def _scatter(
+    by_lag: Float[np.ndarray, "padded"], edges: Int[np.ndarray, "edges"]
+) -> Float[np.ndarray, "bins bins"]:
+    """The sums of q(l - m) + q(l + m) over the lags l of one bin and m of another.
+
+    The autocovariances at l and m covary by that over the number of samples, q being the transform
+    of the squared spectrum (Bartlett, 1946). Over bins it is the second difference of its second
+    sum.
+    """
+    once = np.cumsum(by_lag[: 2 * edges[-1]]) - by_lag[0] / 2
+    twice = np.append(0.0, np.cumsum(once))
+    first, last = edges[:-1], edges[1:]
+
+    def over(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """Over l of a bin and m from a start to before an end."""
+
+        def at(lag: np.ndarray, other: np.ndarray) -> np.ndarray:
+            return twice[np.abs(lag[:, None] - other)]
+
+        return at(last, starts) - at(first, starts) - at(last, ends) + at(first, ends)
+
+    return over(first, last) + over(1 - last, 1 - first)
 
 
 def _lag_edges(reach: int) -> Int[np.ndarray, "edges"]:
@@ -334,10 +385,3 @@ def _mirrored_spectrum(by_lag: np.ndarray, padded: int) -> np.ndarray:
     mirrored[: len(by_lag)] = by_lag
     mirrored[padded - len(by_lag) + 1 :] = by_lag[:0:-1]
     return rfft(mirrored).real
-
-
-def _both_sides(half: np.ndarray) -> np.ndarray:
-    """Weights of half a spectrum that count its mirrored half as well."""
-    doubled = 2 * half
-    doubled[..., [0, -1]] /= 2
-    return doubled

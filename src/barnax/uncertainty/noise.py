@@ -5,8 +5,8 @@ say no more than a few dozen would. Here they are taken for a stationary noise: 
 parts whose correlation decays exponentially, with times from one sampling interval to a quarter of
 the record. The parts' variances are fitted to the autocovariance of the residuals, nonnegative, up
 to lags of half the record, each lag weighed by how the autocovariances scatter together under the
-noise that a plain fit finds (generalized least squares; Aitken, 1936). Of several records the longest counts,
-and none is correlated with another.
+noise that a plain fit finds (generalized least squares; Aitken, 1936). Of several records the
+longest counts, and none is correlated with another.
 
 A fit follows slow noise and so leaves too little of it in its residuals. This is undone: what is
 fitted is not each part's autocovariance but what is expected of it after the projection

@@ -150,11 +150,13 @@ def test_the_set_up_of_the_paper_is_one_word():
         barnax.identify(setup="li2024", **few)
 
 
+@pytest.mark.slow
 def test_asking_for_tables_takes_the_simpler_ones_too_unless_others_are_worth_it(result):
     asked = barnax.identify(over="soc", seeds=0, trust="none")
     assert (asked.model, asked.candidates) == (result.model, result.candidates)
 
 
+@pytest.mark.slow
 def test_files_and_a_folder_get_the_same_answer(result, tmp_path):
     for path in (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv):
         (tmp_path / path.name).write_bytes(path.read_bytes())
@@ -165,6 +167,7 @@ def test_files_and_a_folder_get_the_same_answer(result, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_what_is_held_is_held_in_every_circuit_that_has_it():
     few = {"window": Window(score_to_s=1500.0), "trust": "none", "seeds": 0}
     held = barnax.identify(fix={"gamma": 50.0}, **few)

@@ -59,6 +59,7 @@ def test_a_loaded_result_has_the_evaluations_and_figures_of_the_run(kept):
     assert {"convergence", "landscape-iso-rc"} < set(names[1])
 
 
+@pytest.mark.slow
 def test_a_loaded_result_writes_the_same_report(kept, tmp_path):
     result, folder, data = kept
     page = Result.load(folder / "result.json", data=[data]).report(tmp_path / "new" / "report.md")

@@ -63,6 +63,7 @@ def test_a_second_run_needs_force_and_gives_the_same_bytes(compared, tmp_path, m
     assert contents(folder)["comparison.json"] == before["comparison.json"]
 
 
+@pytest.mark.slow
 def test_a_folder_is_planned_and_its_circuits_are_ranked_before_its_methods(run, tmp_path):
     for path in (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv):
         shutil.copy(path, tmp_path)

@@ -186,6 +186,7 @@ def test_a_full_stdout_is_one_message_and_the_folder_is_written(tmp_path):
     assert Result.from_json(tmp_path / "barnax-out" / "result.json").model == "iso-rc"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_figures")
 def test_windows_and_capacities_of_each_record_are_followed_and_repeat(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -102,6 +102,7 @@ def test_a_planted_knee_is_found_and_its_trend_follows_it(planted):
     assert np.mean(np.abs(value - truth[0]) < 3 * error) >= 0.9
 
 
+@pytest.mark.slow
 def test_a_fleet_without_faults_is_flagged_as_often_as_is_said():
     expected, fleets = 0.5, 16
     flagged = 0

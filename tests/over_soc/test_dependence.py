@@ -137,6 +137,7 @@ def test_a_simulation_follows_a_temperature_of_its_own(followed):
     assert any("in the middle, and" in str(each.message) for each in told)
 
 
+@pytest.mark.slow
 def test_without_such_a_cell_nothing_is_followed():
     """Temperatures that change nothing, and none at all."""
     idle = [made(seed, driven=by_temperature(5.0, 8.0, beta=0.0))[0] for seed in range(2)]
@@ -149,6 +150,7 @@ def test_none_is_asked_for_and_taken(warming):
     assert identified(warming, resistances_follow="none").tables.fit.tables.dependence is None
 
 
+@pytest.mark.slow
 def test_heat_of_its_own_is_found_from_several_records():
     driven = by_heat(1500.0, 0.25, 0.9)
     # One drives harder, so that it is warmer at the same SOC.

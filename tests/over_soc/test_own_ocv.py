@@ -100,6 +100,7 @@ def test_a_full_charge_in_the_record_is_where_soc_is_one():
     assert started.initial_soc == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
     whole, _ = made(seed=0)
     rest, other = np.zeros(400), made(seed=1, start=0.7, hours=1.0)[0]

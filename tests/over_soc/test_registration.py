@@ -101,6 +101,7 @@ def logged_at_end(record):
     return replace(own, hold=replace(own.hold, strength="assumed"))
 
 
+@pytest.mark.slow
 def test_what_another_hold_tells_is_registered_with_it(records):
     """The fit that is stored is that of the windows that are stored."""
     found = identified([logged_at_end(each) for each in records])
@@ -113,6 +114,7 @@ def test_what_another_hold_tells_is_registered_with_it(records):
     assert {each.window.registration.told_source for each in inputs} == {"given"}
 
 
+@pytest.mark.slow
 def test_bounds_of_what_tables_do_not_have_leave_records_registered():
     given = {"fix": {"C1 [F]": 1e3}, "ocv": BUNDLED.ocv, "seeds": 0, "trust": "none"}
     found = barnax.identify([BUNDLED.record, BUNDLED.validation], model="so-rc", **given)

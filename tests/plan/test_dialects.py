@@ -42,6 +42,7 @@ def by_hand():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("write", CASES)
 def test_a_folder_in_a_dialect_gives_the_same_circuit(by_hand, tmp_path, write):
     for name, path in FILES.items():

@@ -39,6 +39,7 @@ def by_hand():
     )
 
 
+@pytest.mark.slow
 def test_python_takes_a_folder(folder, by_hand):
     found = barnax.identify(folder, window=barnax.Window(score_to_s=1500.0), **SMALL)
     assert found.parameters == by_hand.parameters
@@ -71,6 +72,7 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(folder, by_h
     assert written[0] == written[1]
 
 
+@pytest.mark.slow
 def test_a_run_whose_roles_are_given_has_its_plan_too(folder, tmp_path):
     (tmp_path / "box.toml").write_text('[bounds]\n"R0 [Ohm]" = [0.01, 0.1]\n')
     ocv = [word for path in BUNDLED.ocv for word in ("--ocv", folder / path.name)]

@@ -67,6 +67,7 @@ def test_a_copy_of_a_schedule_serves_nothing(schedule, tmp_path):
     assert copies[0].reason == "the same as one.parquet#1, byte for byte"
 
 
+@pytest.mark.slow
 def test_a_cut_file_gives_the_circuit_of_its_parts(schedule, tmp_path):
     # Their axes of charge differ, and so would the start that a rested voltage tells.
     start = barnax.Window(initial_soc=1.0)

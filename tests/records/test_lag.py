@@ -85,6 +85,7 @@ def test_a_check_tells_the_lag_and_what_it_does():
     assert "as logged, R0 would be some 4" in told.what
 
 
+@pytest.mark.slow
 def test_identify_finds_r0_of_a_lagging_voltage_with_a_proof_and_reopens(tmp_path):
     path = tmp_path / "drive.csv"
     log(0.1, 0.45, samples=6000).write_csv(path)

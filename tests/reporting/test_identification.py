@@ -188,6 +188,7 @@ def pictures_of(section):
     return [block for block in section.blocks if isinstance(block, Picture)]
 
 
+@pytest.mark.slow
 def test_every_figure_of_a_run_finds_its_place_in_one_page(joint):
     drawn = identification_illustrations(joint)
     document = identification_document(joint, drawn)

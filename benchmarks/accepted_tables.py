@@ -14,8 +14,8 @@ import barnax
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc import TableFit, errors_on
 from barnax.settings import FOLDS
-from benchmarks.pages import as_markdown, provenance, save_page
-from benchmarks.real_cells.cases import data_folder
+from benchmarks.pages import as_markdown, provenance, publish
+from benchmarks.real_cells.cases import given_folder
 
 RESULTS = Path(__file__).parent / "results" / "accepted_tables.md"
 GIVEN_S = (10.0, 100.0)
@@ -92,10 +92,6 @@ ROWS = (
 
 def main(arguments: Sequence[str]) -> None:
     """Fit all rows, print the page and write it."""
-    folder = data_folder(arguments[0] if arguments else None)
-    if folder is None:
-        print("the measured cells are not here; give their folder", file=sys.stderr)
-        return
     lines = [
         "# Tables over SOC against accepted ones",
         "",
@@ -111,12 +107,10 @@ def main(arguments: Sequence[str]) -> None:
         "| cell | circuit | fitted | D | tau accepted [s] | tau [s] | sqrt(J) accepted [mV] "
         "| sqrt(J) [mV] | verdict | record | accepted [mV] | here [mV] |",
         "|---" * 12 + "|",
-        *_lines(folder),
+        *_lines(given_folder(arguments)),
         "",
     ]
-    text = "\n".join(lines)
-    save_page(RESULTS, text)
-    print(text)
+    publish(RESULTS, "\n".join(lines))
 
 
 def _lines(folder: Path) -> Iterator[str]:

@@ -11,8 +11,8 @@ from pathlib import Path
 import barnax
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc import SocErrors, errors_on, fit_tables, register_alone
-from benchmarks.pages import as_markdown, provenance, save_page
-from benchmarks.real_cells.cases import data_folder
+from benchmarks.pages import as_markdown, provenance, publish
+from benchmarks.real_cells.cases import given_folder
 
 RESULTS = Path(__file__).parent / "results" / "both_directions.md"
 CIRCUITS = ("so-rc", "esc", "esc+diffusion")
@@ -22,10 +22,6 @@ SETTINGS = barnax.TableSettings(max_boxes=0)
 
 def main(arguments: list[str]) -> None:
     """Fit all rows, print the page and write it."""
-    folder = data_folder(arguments[0] if arguments else None)
-    if folder is None:
-        print("the measured cells are not here; give their folder", file=sys.stderr)
-        return
     lines = [
         "# Tables of a drive on a charge",
         "",
@@ -39,12 +35,10 @@ def main(arguments: list[str]) -> None:
         "| circuit | drive | start [%] | capacity [Ah] | fitted on the drive: drive | left out "
         "| charge | fitted on both: drive | charge |",
         "|---" * 9 + "|",
-        *_lines(folder / "plett-a123-26650"),
+        *_lines(given_folder(arguments) / "plett-a123-26650"),
         "",
     ]
-    text = "\n".join(lines)
-    save_page(RESULTS, text)
-    print(text)
+    publish(RESULTS, "\n".join(lines))
 
 
 def _lines(place: Path) -> Iterator[str]:

@@ -37,8 +37,9 @@ from barnax.over_soc import TableFit, errors_on, fit_tables, fit_with_ocv, simul
 from barnax.records import Decision, Record, read_record
 from barnax.reporting.design import pybamm_steps, reached_half
 from benchmarks.coverage.simulated import Noise
-from benchmarks.pages import as_markdown, provenance, save_page
+from benchmarks.pages import as_markdown, provenance, publish
 from benchmarks.real_cells.cases import data_folder
+from benchmarks.table_coverage import EMPTY_SOC, FINE, curve
 
 RESULTS = Path(__file__).parent / "results" / "design.md"
 CELLS, SEED = 18, 30
@@ -48,7 +49,6 @@ GAMMA, SHARES, LONGEST_H = 30.0, (6, 10), 3.0
 # Of HPPC's widths, what is wanted of the test, so that it is not reached by half of the cells.
 WANTED_SHARE = 0.8
 TABLES = ("R0", "R1", "R2")
-FINE = np.linspace(-0.05, 1.0, 211)
 
 
 @dataclass(frozen=True)
@@ -85,23 +85,17 @@ def truth_of(number: int) -> Truth:
     tests = [read_record(bundled_file(f"{prefix}ocv_{way}")) for way in ("charge", "discharge")]
     capacity_ah = float(np.exp(rng.uniform(np.log(1.0), np.log(60.0))))
     cell = replace(characterize(tests, ocv_fit="interpolated"), capacity_ah=capacity_ah)
-    empty = np.exp(-np.maximum(FINE, 0.0) / 0.08)
+    empty = np.exp(-np.maximum(FINE, 0.0) / EMPTY_SOC)
     rows = []
     for ohm, spread, rise in ((0.1, 0.1, 0.3), (0.03, 0.2, 1.0), (0.05, 0.2, 1.0)):
         level = ohm / capacity_ah * np.exp(rng.normal(0, 0.3))
-        curve = np.exp(spread * _curve(rng)) + rise * rng.uniform(0.5, 1.5) * empty
-        rows.append(tuple((level * curve).tolist()))
+        shape = np.exp(spread * curve(rng)) + rise * rng.uniform(0.5, 1.5) * empty
+        rows.append(tuple((level * shape).tolist()))
     tau_s = float(np.exp(rng.normal(np.log(12), 0.4))), float(np.exp(rng.normal(np.log(120), 0.4)))
     tables = SocTables(tuple(FINE.tolist()), tau_s, rows[0], tuple(rows[1:]), gamma=GAMMA)
     size = float(np.exp(rng.normal(np.log(3e-3), 0.3)))
     parts = ((0, 0.3 * size), (10, 0.65 * size), (200, 0.7 * size))
     return Truth(cell, tables, Noise("", parts), rng)
-
-
-def _curve(rng: np.random.Generator) -> np.ndarray:
-    waves = np.arange(1, 5)
-    sizes, phases = rng.normal(size=4) / waves, rng.uniform(0, 2 * np.pi, 4)
-    return sizes @ np.sin(np.pi * waves[:, None] * FINE + phases[:, None])
 
 
 def known_of(capacity_ah: float) -> np.ndarray:
@@ -404,9 +398,7 @@ def main(arguments: Sequence[str]) -> None:
     folder = data_folder(arguments[1] if len(arguments) > 1 else None)
     lines += physics_lines() if find_spec("pybamm") else []
     lines += [] if folder is None else quarter_lines(folder)
-    text = "\n".join(lines) + "\n"
-    save_page(RESULTS, text)
-    print(text)
+    publish(RESULTS, "\n".join(lines) + "\n")
 
 
 def virtual_lines(rows: Sequence[dict[str, float | str]]) -> list[str]:

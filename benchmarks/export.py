@@ -57,10 +57,9 @@ def run_in_environment() -> None:
 def results() -> Iterator:
     """Every circuit identified on the bundled cell, one of them with tables over SOC too."""
     import barnax
+    from barnax.bundled import BUNDLED
 
-    tests = [
-        barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("discharge", "charge")
-    ]
+    tests = [barnax.read_record(path) for path in BUNDLED.ocv]
     record = barnax.read_record(barnax.bundled_file("identification"))
     for circuit, over in (*((circuit, None) for circuit in CIRCUITS), ("so-rc", "soc")):
         yield barnax.identify(
@@ -175,7 +174,7 @@ def ramp_difference_v(result) -> float:
 
 def write_page() -> None:
     """Simulate all, print the page and write it."""
-    from benchmarks.pages import as_markdown, provenance, save_page
+    from benchmarks.pages import as_markdown, provenance, publish
 
     table, loop_v, ramp_v = [], 0.0, 0.0
     for result in results():
@@ -208,8 +207,7 @@ def write_page() -> None:
             "",
         ]
     )
-    save_page(RESULTS, page)
-    print(page)
+    publish(RESULTS, page)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from barnax.model.prepared import prepare_record
 from barnax.replay import BAND, HOLDS_S, ScenarioPart, SocReplay
 from barnax.result_filter import model_of, window_of
 from barnax.scenarios import SCENARIOS, Scenario, case_of, first_with_room
-from benchmarks.pages import provenance, save_page
+from benchmarks.pages import provenance, publish, save_page
 
 RESULTS = Path(__file__).parent / "results" / "filters.md"
 SAMSUNG, A123, LG = "calce-inr18650-20r", "plett-a123-26650", "lg-hg2-18650"
@@ -327,9 +327,7 @@ def main() -> None:
         "",
         *time_table(folder, results[samsung.identified]),
     ]
-    page = "\n".join([*lines, ""])
-    save_page(RESULTS, page)
-    print(page)
+    publish(RESULTS, "\n".join([*lines, ""]))
 
 
 if __name__ == "__main__":

@@ -370,13 +370,12 @@ def main() -> None:
     if sys.argv[1:2] == ["--measure"]:
         print(json.dumps(MEASURES[sys.argv[2]](*sys.argv[3:])))
         return
-    from benchmarks.pages import save_page
+    from benchmarks.pages import publish
 
     tiny = int(sys.argv[1]) if len(sys.argv) > 1 else TINY
     with tempfile.TemporaryDirectory() as folder:
         text = page(Path(folder), tiny)
-    save_page(RESULTS, text)
-    print(text)
+    publish(RESULTS, text)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import jax
 
 import barnax
 from barnax.reporting.comparison_verdict import conclusion
-from benchmarks.pages import bounds_named, save_page
+from benchmarks.pages import bounds_named, publish
 
 RESULTS = Path(__file__).parent / "results" / "hysteresis.md"
 KEY, SEEDS, ITERATIONS = 0, 8, 200
@@ -139,9 +139,7 @@ def main() -> None:
     for case in cases:
         page += report(case)
         print(case.name, "done", file=sys.stderr)
-    text = "\n".join(page)
-    save_page(RESULTS, text)
-    print(text)
+    publish(RESULTS, "\n".join(page))
 
 
 if __name__ == "__main__":

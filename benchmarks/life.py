@@ -206,15 +206,14 @@ def measure(task: tuple[int, int, str]) -> dict[str, Any]:
 
 def main() -> None:
     """Measure everything, print the page and write it."""
-    from benchmarks.pages import save_page
+    from benchmarks.pages import publish
 
     if sys.argv[1:2] == ["--write"]:
         write_fleet(Path(sys.argv[2]), int(sys.argv[3]), every=2)
         return
     with tempfile.TemporaryDirectory() as folder:
         text = page(Path(folder))
-    save_page(RESULTS, text)
-    print(text)
+    publish(RESULTS, text)
 
 
 def page(folder: Path) -> str:

@@ -25,6 +25,12 @@ def save_page(path: Path, text: str) -> None:
     save_file(path, text.encode())
 
 
+def publish(path: Path, text: str) -> None:
+    """Put a page in the place of the former one, and print it."""
+    save_page(path, text)
+    print(text)
+
+
 def save_figure(path: Path, figure: "Figure", dpi: float) -> None:
     """Put a PNG in the place of the former one."""
     content = io.BytesIO()

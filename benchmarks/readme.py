@@ -11,7 +11,7 @@ import tempfile
 from datetime import date
 from pathlib import Path
 
-from benchmarks.pages import save_file, save_page
+from benchmarks.pages import publish, save_file
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -36,8 +36,7 @@ def main() -> None:
         f"Printed by `python -m benchmarks.readme` on {date.today()}: the output of "
         f"`{' '.join(command)}`.\n\n```\n{screen}```\n"
     )
-    save_page(RESULTS / "readme.md", page)
-    print(page)
+    publish(RESULTS / "readme.md", page)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,9 @@ import jax
 import numpy as np
 
 import barnax
+from barnax.bundled import BUNDLED
 from barnax.model.coordinates import SCALES
-from benchmarks.pages import save_page
+from benchmarks.pages import publish
 
 RESULTS = Path(__file__).parent / "results" / "seeds.md"
 KEY, SEEDS, POPULATION, EVALUATIONS = 1, 32, 30, 15_000
@@ -21,9 +22,7 @@ REACHED = 1e-3
 
 def main() -> None:
     """Measure, print the page and write it."""
-    tests = [
-        barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("discharge", "charge")
-    ]
+    tests = [barnax.read_record(path) for path in BUNDLED.ocv]
     cell = barnax.characterize(tests, ocv_fit="interpolated")
     record = barnax.read_record(barnax.bundled_file("identification"))
     searched, refined = {}, []
@@ -59,9 +58,7 @@ def main() -> None:
         ]
         there = f"{np.count_nonzero(excess < REACHED)} of {SEEDS}"
         lines.append(f"| {' | '.join([scale, name, there, *figures])} |")
-    page = "\n".join([*lines, ""])
-    save_page(RESULTS, page)
-    print(page)
+    publish(RESULTS, "\n".join([*lines, ""]))
 
 
 if __name__ == "__main__":

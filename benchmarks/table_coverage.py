@@ -21,7 +21,7 @@ from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables, simulate_tables
 from barnax.records import read_record
 from benchmarks.coverage.simulated import Noise
-from benchmarks.pages import as_markdown, provenance, save_page
+from benchmarks.pages import as_markdown, provenance, publish
 
 RESULTS = Path(__file__).parent / "results" / "table_coverage.md"
 TRUTHS, SEED = 200, 15
@@ -53,9 +53,7 @@ def main(arguments: Sequence[str]) -> None:
     ]
     for name, waviness in WAVINESS.items():
         lines += _section(name, prepared, truths, waviness)
-    text = "\n".join(lines)
-    save_page(RESULTS, text)
-    print(text)
+    publish(RESULTS, "\n".join(lines))
 
 
 def _section(title: str, prepared: PreparedRecord, truths: int, waviness: float) -> list[str]:
@@ -106,7 +104,7 @@ def _truth(rng: np.random.Generator, waviness: float) -> SocTables:
     empty = np.exp(-np.maximum(FINE, 0.0) / EMPTY_SOC)
     curves = {
         name: level
-        * (np.exp(waviness * spread * _curve(rng)) + rise * rng.uniform(0.5, 1.5) * empty)
+        * (np.exp(waviness * spread * curve(rng)) + rise * rng.uniform(0.5, 1.5) * empty)
         for name, (level, spread, rise) in LEVELS.items()
     }
     return SocTables(
@@ -114,11 +112,11 @@ def _truth(rng: np.random.Generator, waviness: float) -> SocTables:
         tau_s=TAU_S,
         r0_ohm=tuple(curves["R0"].tolist()),
         r_ohm=tuple(tuple(curves[name].tolist()) for name in ("R1", "R2")),
-        ocv_correction_v=tuple((CORRECTION_V * _curve(rng)).tolist()),
+        ocv_correction_v=tuple((CORRECTION_V * curve(rng)).tolist()),
     )
 
 
-def _curve(rng: np.random.Generator) -> np.ndarray:
+def curve(rng: np.random.Generator) -> np.ndarray:
     """A few waves over SOC with random phases, about one in size."""
     waves = np.arange(1, 5)
     sizes, phases = rng.normal(size=4) / waves, rng.uniform(0, 2 * np.pi, 4)

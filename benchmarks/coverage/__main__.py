@@ -23,7 +23,7 @@ from barnax.reporting.sentences import (
     uncertainty_sentence,
 )
 from barnax.uncertainty import assess, bootstrap
-from benchmarks.pages import save_page
+from benchmarks.pages import publish
 
 from .cells import bundled, measured
 from .simulated import CIRCUITS, NOISES, chance_band, coverage, values_of
@@ -129,9 +129,7 @@ def main(arguments: Sequence[str]) -> None:
     if arguments:
         problem = measured(Path(arguments[0]))
         lines += cell_page("CALCE INR18650-20R, DST at 25 degC, so-rc", problem)
-    text = "\n".join(lines)
-    save_page(RESULTS, text)
-    print(text)
+    publish(RESULTS, "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -3,14 +3,13 @@
 from pathlib import Path
 
 import barnax
+from barnax.bundled import BUNDLED
 from barnax.model.problem import Problem
 
 
 def bundled(circuit: str) -> Problem:
     """The bundled cell with interpolated OCV."""
-    tests = [
-        barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("discharge", "charge")
-    ]
+    tests = [barnax.read_record(path) for path in BUNDLED.ocv]
     cell = barnax.characterize(tests, ocv_fit="interpolated")
     record = barnax.read_record(barnax.bundled_file("identification"))
     return barnax.make_problem(record, cell, circuit, coordinates="log", objective="compressed")

@@ -1,7 +1,8 @@
 """The measured cells, and what is run on each."""
 
 import os
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,6 +28,14 @@ def data_folder(given: str | None) -> Path | None:
     folder = given or os.environ.get("BARNAX_SHARED_DATA")
     path = Path(folder) if folder else Path(__file__).parents[3] / "shared" / "data"
     return path if path.is_dir() else None
+
+
+def given_folder(arguments: Sequence[str]) -> Path:
+    """The folder of measured cells that a command was given, or where it is; ends without one."""
+    folder = data_folder(arguments[0] if arguments else None)
+    if folder is None:
+        sys.exit("the measured cells are not here; give their folder")
+    return folder
 
 
 def cases(folder: Path | None) -> Iterator[Cell]:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import barnax
+from barnax.bundled import BUNDLED
 from barnax.model.coordinates import Coordinates
 from barnax.model.intervals import Intervals
 from barnax.model.problem import Kind
@@ -17,9 +18,7 @@ from barnax.model.simulate import SimulationInput
 @cache
 def bundled_cell() -> barnax.CellModel:
     """The bundled cell."""
-    tests = [
-        barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("discharge", "charge")
-    ]
+    tests = [barnax.read_record(path) for path in BUNDLED.ocv]
     return barnax.characterize(tests, ocv_fit="polynomial")
 
 

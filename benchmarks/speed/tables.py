@@ -24,7 +24,7 @@ from barnax.over_soc.objective import TableObjective
 from barnax.over_soc.problem import reduced_objective
 from barnax.over_soc.search import LogScales, find_best
 from barnax.over_soc.settings import TableSettings
-from benchmarks.pages import as_markdown, provenance, save_page
+from benchmarks.pages import as_markdown, provenance, publish
 
 from . import report
 from .case import bundled_cell, bundled_record
@@ -228,9 +228,7 @@ def main(arguments: Sequence[str]) -> None:
         *memory_rows(),
         "",
     ]
-    text = "\n".join(lines)
-    save_page(RESULTS, text)
-    print(text)
+    publish(RESULTS, "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -5,18 +5,31 @@ of a killed process is `unfinished`: it is told and stays, for nobody else knows
 still runs, perhaps on another machine.
 """
 
+import csv
+import io
 import os
 import re
 import signal
 import threading
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 # What ends the name of a file of factors.
 SUFFIX = ".factors.npz"
+
+
+def csv_text(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Rows under their heads, with commas between.
+
+    >>> csv_text(("cell", "R0"), [("A1", 0.02), ("B 2, spare", None)])
+    'cell,R0\\nA1,0.02\\n"B 2, spare",\\n'
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([heads, *rows])
+    return text.getvalue()
 
 
 def is_factor_file(path: str | Path) -> bool:

@@ -4,7 +4,7 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks.pages import provenance, save_figure, save_page, write_csv
+from benchmarks.pages import provenance, publish, save_figure, write_csv
 
 from .baselines import play_baselines
 from .figures import critical_difference_figure
@@ -38,8 +38,7 @@ def main() -> None:
     save_figure(options.out / "centre_bias.png", critical_difference_figure(results), dpi=110)
     conditions = tuple(dict.fromkeys(condition for condition, _, _ in results))
     write_csv(options.out / "centre_bias.csv", summary_rows(results, conditions))
-    save_page(options.out / "centre_bias.md", page)
-    print(page)
+    publish(options.out / "centre_bias.md", page)
 
 
 if __name__ == "__main__":

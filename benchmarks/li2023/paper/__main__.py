@@ -12,9 +12,10 @@ from itertools import combinations
 from pathlib import Path
 
 import barnax
+from barnax.bundled import BUNDLED
 from barnax.comparison import PAPER_ROWS, Comparison, Difference, Row
 from barnax.reporting.sentences import optimum_words
-from benchmarks.pages import bounds_named, save_page
+from benchmarks.pages import bounds_named, publish, save_page
 
 from . import section_5_5
 from .printed import CLAIMS, TABLE_3, TABLE_4, TABLE_5, Errors
@@ -33,9 +34,7 @@ PAPER_BOX = {
 
 def run(**settings) -> Comparison:
     """The five rows on the bundled cell."""
-    tests = [
-        barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("charge", "discharge")
-    ]
+    tests = [barnax.read_record(path) for path in BUNDLED.ocv]
     return barnax.compare(
         barnax.read_record(barnax.bundled_file("identification")),
         barnax.characterize(tests, ocv_fit="polynomial"),
@@ -271,9 +270,7 @@ def main() -> None:
         ),
         "",
     ]
-    page = "\n".join(lines) + ("\n" + heading + last if heading else "")
-    save_page(RESULTS, page)
-    print(page)
+    publish(RESULTS, "\n".join(lines) + ("\n" + heading + last if heading else ""))
 
 
 if __name__ == "__main__":

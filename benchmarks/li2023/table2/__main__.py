@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from benchmarks.pages import provenance, save_figure, save_page, write_csv
+from benchmarks.pages import provenance, publish, save_figure, write_csv
 
 from .figures import convergence_figure
 from .report import markdown_page, table_rows
@@ -28,8 +28,7 @@ def main() -> None:
     page = markdown_page(rows, seconds, facts)
     save_figure(options.out / "table2.png", convergence_figure(results), dpi=110)
     write_csv(options.out / "table2.csv", rows)
-    save_page(options.out / "table2.md", page)
-    print(page)
+    publish(options.out / "table2.md", page)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ The C filter is the sum of `barnax.filters` with "joint" offset and capacity: no
 structure, single or double precision by one definition.
 """
 
-import csv
 import io
 import json
 from collections.abc import Iterator, Sequence
@@ -17,6 +16,7 @@ from xlsxwriter import Workbook
 from ..cell.circuits import TURN_WIDTH, get_circuit
 from ..errors import InputError
 from ..execution import in_float64
+from ..files import csv_text
 from ..filters.kalman import OUTSIDE_SD, OVERLAP, PARTS, SIDES
 from ..filters.model import BIAS_SOC, CAPACITY, GRID, OFFSET, STEPS_PER_SOC, WALK_S
 from ..result_filter import model_of
@@ -75,12 +75,9 @@ def write_csv(result: Result) -> Export:
 
     The hysteresis starts in the initial direction; below the rest current it keeps its own.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("name", "value", "unit"))
     tables = tables_of(result)
-    writer.writerows((name, repr(value), unit) for name, value, unit in _rows(tables))
-    return Export(text.getvalue().encode(), tables.caveats)
+    rows = ((name, repr(value), unit) for name, value, unit in _rows(tables))
+    return Export(csv_text(("name", "value", "unit"), rows).encode(), tables.caveats)
 
 
 def write_xlsx(result: Result) -> Export:

@@ -58,7 +58,17 @@ def fallen_inertia(
     return solver.inertia_start - progress * (solver.inertia_start - solver.inertia_end)
 
 
-class ParticleSwarm(AbstractUniformStart):
+class AbstractFlyingSwarm(AbstractUniformStart):
+    """A search whose particles always move on, and remember the best place each has been."""
+
+    def prepare(self, swarm: Swarm, box: Box) -> Swarm:
+        return Swarm(swarm.positions, swarm.losses, Flight.start(swarm))
+
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
+        return Swarm(offspring.positions, offspring.losses, offspring.memory.landed(offspring))
+
+
+class ParticleSwarm(AbstractFlyingSwarm):
     """Particle swarm optimization (Kennedy and Eberhart, 1995) with falling inertia.
 
     The inertia falls linearly from `inertia_start` to `inertia_end` (Shi and Eberhart, 1998);
@@ -79,9 +89,6 @@ class ParticleSwarm(AbstractUniformStart):
     velocity_limit: float | None = None
     adaptive: bool = False
 
-    def prepare(self, swarm: Swarm, box: Box) -> Swarm:
-        return Swarm(swarm.positions, swarm.losses, Flight.start(swarm))
-
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Array:
         pulls = jnp.array([self.own_pull, self.swarm_pull], box.lower.dtype)[:, None, None]
         return pulls * jr.uniform(key, (2, self.population, len(box.lower)), box.lower.dtype)
@@ -98,9 +105,6 @@ class ParticleSwarm(AbstractUniformStart):
             limit = self.velocity_fraction * box.width
         flown = fly(flight, positions, inertia, drawn, flight.best()[None], limit)
         return positions + flown.velocities, flown
-
-    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
-        return Swarm(offspring.positions, offspring.losses, offspring.memory.landed(offspring))
 
 
 def apso(population: int = 30, iterations: int = 500) -> ParticleSwarm:
@@ -130,7 +134,7 @@ class Pulls(NamedTuple):
     followed: Int[Array, "candidates"]
 
 
-class MixedSwarm(AbstractUniformStart):
+class MixedSwarm(AbstractFlyingSwarm):
     """Mixed-swarm cooperative PSO, in the manner of Li et al. (2020).
 
     A share of the particles explore: each follows the best place of another particle, drawn anew
@@ -148,9 +152,6 @@ class MixedSwarm(AbstractUniformStart):
     pull: float = 2.0
     exploring_pull: float = 1.5
     velocity_fraction: float = 0.06
-
-    def prepare(self, swarm: Swarm, box: Box) -> Swarm:
-        return Swarm(swarm.positions, swarm.losses, Flight.start(swarm))
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Pulls:
         weight_key, followed_key = jr.split(key)
@@ -170,9 +171,6 @@ class MixedSwarm(AbstractUniformStart):
         limit = self.velocity_fraction * box.width
         flown = fly(flight, positions, inertia, drawn.weights, guides, limit)
         return positions + flown.velocities, flown
-
-    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
-        return Swarm(offspring.positions, offspring.losses, offspring.memory.landed(offspring))
 
     def _explores(self) -> Bool[Array, "candidates"]:
         return jnp.arange(self.population) < int(self.explorers * self.population)

@@ -1,9 +1,7 @@
 """A designed test in words, tables, and the forms that cyclers and PyBaMM take."""
 
-import csv
-import io
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +11,8 @@ from rich.text import Text
 from ..experiment.information import HALF_95
 from ..experiment.protocol import sampled
 from ..experiment.stored import DRIVE
-from .document import Document, Paragraph, Section, Table, make_table
+from ..files import csv_text
+from .document import Table, make_table
 from .terminal import bare_table, headed_line, indented, terminal_table
 from .words import NOTHING, counted, duration, joined, millivolt, percent
 
@@ -140,12 +139,6 @@ def _before(design: "Design") -> str:
     )
 
 
-def design_document(design: "Design") -> Document:
-    """The test as a report has it."""
-    told = tuple(Paragraph(f"{head}: {text}") for head, text in _sentences(design))
-    return Document("The next test", "", (Section("Steps", (pieces_table(design), *told)),))
-
-
 def design_files(design: "Design") -> dict[str, bytes]:
     """The test in all its forms, by the names of their files."""
     texts = {
@@ -172,20 +165,14 @@ def steps_csv(design: "Design") -> str:
         *("Step", "Piece", "Mode", "Duration / s", "Current / A", "Rate / C", "Lowest voltage / V"),
         *("Highest voltage / V", "Log every / s", "SOC at the end"),
     )
-    return _csv(heads, rows)
+    return csv_text(heads, rows)
 
 
 def profile_csv(design: "Design") -> str:
     """The current of every second, for cyclers that run a profile (discharge positive)."""
     current_a = sampled(design.steps)
     rows = ([second, _ampere(each)] for second, each in enumerate(current_a.tolist()))
-    return _csv(("Time / s", "Current / A"), rows)
-
-
-def _csv(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([heads, *rows])
-    return text.getvalue()
+    return csv_text(("Time / s", "Current / A"), rows)
 
 
 def _ampere(current_a: float) -> str:

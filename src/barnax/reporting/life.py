@@ -23,6 +23,8 @@ WORDS = {
     "knee": "bends away from the fleet",
     "step": "steps",
 }
+# Kinds of faults that begin at an age.
+BEGINNING = ("knee", "step")
 UNTOLD = {
     "capacity [A.h]": "capacity needs an OCV of before (`ocv` or `cell` in the manifest), and "
     "records that move over enough of it: their interval is to be within 5 %",
@@ -54,16 +56,13 @@ def life_lines(life: "Life") -> list[str]:
 
 def life_document(life: "Life", drawn: Sequence[Any]) -> Document:
     """The page of the fleet."""
-    odd = [*map(_fault_row(life), life.faults[:MAX_TOLD])]
+    odd = (_fault_table(life),) if life.faults else ()
     return Document(
         "A fleet over its life",
         f"{counted(len(life.cells), 'cell')} in {counted(life.rows, 'row')}.",
         (
             Section("Trends", (*map(picture, drawn), _fleet_table(life))),
-            Section(
-                "Odd cells",
-                (Paragraph(_judging_sentence(life)), *([_fault_table(odd)] if odd else [])),
-            ),
+            Section("Odd cells", (Paragraph(_judging_sentence(life)), *odd)),
             Section("What is not determined", _untold(life)),
             Section("How it is made", (Bullets(tuple(_method(life))),)),
         ),
@@ -92,7 +91,7 @@ def cell_document(life: "Life", cell: str, drawn: Sequence[Any]) -> Document:
 
 def fault_sentence(life: "Life", fault: "Fault") -> str:
     """What was found in a cell."""
-    since = f" from {_age(life, fault.age)} on" if fault.kind in ("knee", "step") else ""
+    since = f" from {_age(life, fault.age)} on" if fault.kind in BEGINNING else ""
     return (
         f"{fault.cell}: {quantity_name(fault.quantity)} {WORDS[fault.kind]}{since}, by "
         f"{_size(life, fault)} ({abs(fault.deviations):.1f} standard deviations)"
@@ -232,24 +231,16 @@ def _last(life: "Life", quantity: str):
     return of_cell
 
 
-def _fault_row(life: "Life"):
-    def row(fault: "Fault") -> dict[str, str]:
-        has_age = fault.kind in ("knee", "step")
-        return {
-            "cell": fault.cell,
-            "quantity": quantity_name(fault.quantity),
-            "what": fault.kind,
-            "from": _age(life, fault.age) if has_age else NOTHING,
-            "by": _size(life, fault),
-            "deviations": f"{abs(fault.deviations):.1f}",
-        }
-
-    return row
-
-
-def _fault_table(rows: list[dict[str, str]]) -> Table:
-    heads = {head: lambda row, head=head: row[head] for head in rows[0]}
-    return make_table("The oddest first.", rows, heads, [*heads][:5])
+def _fault_table(life: "Life") -> Table:
+    cells = {
+        "cell": lambda fault: fault.cell,
+        "quantity": lambda fault: quantity_name(fault.quantity),
+        "what": lambda fault: fault.kind,
+        "from": lambda fault: _age(life, fault.age) if fault.kind in BEGINNING else NOTHING,
+        "by": lambda fault: _size(life, fault),
+        "deviations": lambda fault: f"{abs(fault.deviations):.1f}",
+    }
+    return make_table("The oddest first.", life.faults[:MAX_TOLD], cells, [*cells][:5])
 
 
 def _trend_table(life: "Life", trend: "Trend") -> Table:
@@ -294,10 +285,6 @@ def _age(life: "Life", age: float) -> str:
 
 
 def _size(life: "Life", fault: "Fault") -> str:
-    is_volt = fault.quantity == SHIFT
-    by = ""
-    if fault.kind in ("slope", "knee"):
-        by = f" per {life.unit}"
-    if is_volt:
-        return f"{1e3 * fault.size:+.2g} mV{by}"
-    return f"{100 * fault.size:+.2g} %{by}"
+    by = f" per {life.unit}" if fault.kind in ("slope", "knee") else ""
+    scale, unit = (1e3, "mV") if fault.quantity == SHIFT else (100, "%")
+    return f"{scale * fault.size:+.2g} {unit}{by}"

@@ -1,9 +1,8 @@
 """A pack in words and tables: its cells, the odd ones and the weakest."""
 
-import csv
-import io
 from typing import TYPE_CHECKING, Any
 
+from ..files import csv_text
 from ..pack import FEWEST
 from .document import Cells, Document, Paragraph, Section, Table, make_table
 from .words import NOTHING, counted, figures, fixed, joined, millivolt
@@ -81,8 +80,5 @@ def _table(pack: "Pack") -> Table:
 
 def cells_csv(pack: "Pack") -> str:
     """A row for each cell."""
-    rows, text = pack.rows(), io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    rows = pack.rows()
+    return csv_text(list(rows[0]), (list(row.values()) for row in rows))

@@ -1,7 +1,5 @@
 """The pulses of a test in words and tables, and the same numbers as CSV."""
 
-import csv
-import io
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -9,6 +7,7 @@ import numpy as np
 
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC
 from ..errors import escaped
+from ..files import csv_text
 from ..plots.cell import rate_label
 from ..pulses import STANDARD_S, Pulse, levels
 from .document import Bullets, Picture, Section, Table, make_table
@@ -169,7 +168,7 @@ def pulses_csv(pulses: Sequence[Pulse]) -> bytes:
         ]
         for each in pulses
     ]
-    return _csv(head, rows)
+    return csv_text(head, rows).encode()
 
 
 def tables_csv(result: "Result") -> bytes:
@@ -181,17 +180,17 @@ def tables_csv(result: "Result") -> bytes:
     head = ["table", "SOC", "value", "low", "high", "visited"]
     over = part.over_temperature
     if over is None:
-        return _csv(head, _table_rows(part.fit))
+        return csv_text(head, _table_rows(part.fit)).encode()
     by_degc = zip(over.temperatures_degc, part.fits, strict=True)
     rows = ([degc, *row] for degc, fit in by_degc for row in _table_rows(fit))
-    return _csv(["temperature [degC]", *head], rows)
+    return csv_text(["temperature [degC]", *head], rows).encode()
 
 
 def fit_csv(fit: "TableFit", *more: str) -> bytes:
     """The same of one fit, with the nodes of `more` that only intervals tell of."""
     rows = [*_table_rows(fit)]
     rows += [[n.name, n.soc, n.value, n.low, n.high, 1] for n in fit.intervals if n.name in more]
-    return _csv(["table", "SOC", "value", "low", "high", "visited"], rows)
+    return csv_text(["table", "SOC", "value", "low", "high", "visited"], rows).encode()
 
 
 def _table_rows(fit: "TableFit") -> Iterator[list[object]]:
@@ -203,11 +202,3 @@ def _table_rows(fit: "TableFit") -> Iterator[list[object]]:
             yield [name, soc, value, *known.get((name, soc), unknown), int(is_visited)]
     for name, value in fit.tables.constants.items():
         yield [name, None, value, *known.get((name, None), unknown), 1]
-
-
-def _csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(rows)
-    return text.getvalue().encode()

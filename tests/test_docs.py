@@ -1,4 +1,4 @@
-"""The pages of docs/: every block of Python runs, every command and link exists."""
+"""The README and the pages of docs/: every block of Python runs, every command and link exists."""
 
 import inspect
 import pkgutil
@@ -20,11 +20,12 @@ PAGES = {
     for path in sorted(FOLDER.rglob("*.md"))
     if path.relative_to(FOLDER).parts[0] != "repository"
 }
+README = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
 # A joint fit of pulse tests, a replay, and the run that CI makes anyway from the command line.
 SLOW = {"pulses.md-0", "filters.md-0", "getting-started.md-0"}
 BLOCKS = [
     pytest.param(block, id=each, marks=[pytest.mark.slow] if each in SLOW else [])
-    for name, page in PAGES.items()
+    for name, page in {"README.md": README, **PAGES}.items()
     for number, block in enumerate(re.findall(r"^```python\n(.*?)^```", page, re.M | re.S))
     for each in [f"{name}-{number}"]
 ]
@@ -32,6 +33,8 @@ BLOCKS = [
 SMALLER = {
     "seeds=30": "seeds=2",
     "iterations=500": "iterations=5",
+    "ibmo()": "ibmo(iterations=5)",
+    "(0), 30)": "(0), 2)",
     "RandomWalk()": "RandomWalk(iterations=20)",
 }
 

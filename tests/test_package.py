@@ -25,14 +25,6 @@ SOURCE = REPOSITORY / "src"
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 HEAVY = {"jax", "jaxlib", "matplotlib", "polars", "scipy", "equinox", "optimistix"}
-BLOCKS = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
-# The README's searches, as small as they can be and still run.
-SMALLER = {
-    "seeds=30": "seeds=2",
-    "iterations=500": "iterations=5",
-    "ibmo()": "ibmo(iterations=5)",
-    "(0), 30)": "(0), 2)",
-}
 
 
 def python(*words: str) -> str:
@@ -229,13 +221,6 @@ def test_the_readme_names_only_options_that_exist():
         assert set(re.findall(r"(?<!\S)--[a-z-]+", words)) <= options
 
 
-@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.splitlines()[0])
-def test_a_python_block_of_the_readme_runs(block, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for spoken, small in SMALLER.items():
-        block = block.replace(spoken, small)
-    exec(compile(block, "README.md", "exec"), {"__name__": "readme"})
-
-
 def test_the_readme_shows_the_python_interface():
-    assert any("barnax.identify(" in block for block in BLOCKS)
+    blocks = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+    assert any("barnax.identify(" in block for block in blocks)

@@ -42,14 +42,6 @@ def make_cell(has_charge: bool = True) -> CellModel:
     )
 
 
-@pytest.fixture(scope="module")
-def polynomial_cell():
-    return characterize(
-        [read_record(bundled_file(f"ocv_{way}")) for way in ("charge", "discharge")],
-        ocv_fit="polynomial",
-    )
-
-
 def test_the_symbols_are_the_measured_points():
     axes = plot_ocv(make_cell()).axes[0]
     np.testing.assert_allclose(line(axes, "discharge points").get_xdata(), SOC)
@@ -62,12 +54,10 @@ def test_the_average_lies_in_the_middle_of_the_branches():
     np.testing.assert_allclose(average.get_ydata(), 3.01 + average.get_xdata())
 
 
-def test_the_residuals_are_point_minus_curve_in_millivolt(polynomial_cell):
-    residual = plot_ocv(polynomial_cell).axes[1]
+def test_the_residuals_are_point_minus_curve_in_millivolt(bundled_cell):
+    residual = plot_ocv(bundled_cell).axes[1]
     drawn_mv = np.concatenate([line.get_ydata() for line in residual.get_lines()[1:]])
-    expected_v = np.concatenate(
-        [polynomial_cell.charge.errors_v, polynomial_cell.discharge.errors_v]
-    )
+    expected_v = np.concatenate([bundled_cell.charge.errors_v, bundled_cell.discharge.errors_v])
     np.testing.assert_allclose(drawn_mv, -1e3 * expected_v, atol=1e-9)
 
 
@@ -82,15 +72,15 @@ def test_a_branch_that_was_not_measured_is_not_drawn():
     assert drawn == ["discharge curve", "discharge points"]
 
 
-def test_the_hysteresis_points_are_those_of_the_fit(polynomial_cell):
-    points = line(plot_hysteresis(polynomial_cell).axes[0], "the same at the OCV points")
-    expected = np.array(polynomial_cell.hysteresis.points)
+def test_the_hysteresis_points_are_those_of_the_fit(bundled_cell):
+    points = line(plot_hysteresis(bundled_cell).axes[0], "the same at the OCV points")
+    expected = np.array(bundled_cell.hysteresis.points)
     np.testing.assert_allclose(points.get_xdata(), expected[:, 0])
     np.testing.assert_allclose(points.get_ydata(), 1e3 * expected[:, 1])
 
 
-def test_the_five_segments_end_at_the_knots(polynomial_cell):
-    lines = plot_hysteresis(polynomial_cell).axes[0].get_lines()
+def test_the_five_segments_end_at_the_knots(bundled_cell):
+    lines = plot_hysteresis(bundled_cell).axes[0].get_lines()
     segments = [
         line for line in lines if line.get_label() in ("five segments (continuous)", "_segment")
     ]
@@ -100,7 +90,7 @@ def test_the_five_segments_end_at_the_knots(polynomial_cell):
     middle = [np.mean(line.get_xdata()) for line in segments]
     np.testing.assert_allclose(
         [np.mean(line.get_ydata()) for line in segments],
-        1e3 * polynomial_cell.hysteresis_v(np.array(middle)),
+        1e3 * bundled_cell.hysteresis_v(np.array(middle)),
     )
 
 
@@ -109,12 +99,11 @@ def test_the_scale_of_the_hysteresis_includes_zero():
     assert low <= 0 <= high
 
 
-def test_measured_differences_are_added_where_the_curves_miss_them(polynomial_cell):
+def test_measured_differences_are_added_where_the_curves_miss_them(bundled_cell):
     label = "difference of the measured points (PCHIP)"
-    drawn = line(plot_hysteresis(polynomial_cell).axes[0], label)
+    drawn = line(plot_hysteresis(bundled_cell).axes[0], label)
     assert (
-        np.max(np.abs(drawn.get_ydata() - 1e3 * np.array(polynomial_cell.hysteresis.points)[:, 1]))
-        > 1
+        np.max(np.abs(drawn.get_ydata() - 1e3 * np.array(bundled_cell.hysteresis.points)[:, 1])) > 1
     )
     assert label not in labels(plot_hysteresis(make_cell()).axes[0])
 

@@ -7,7 +7,6 @@ validated.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 from .bundled import BUNDLED
@@ -15,7 +14,6 @@ from .candidates import (
     CONTRADICTED,
     THREE_PAIRS,
     WEIGHED,
-    is_better,
     is_fast,
     tabulated_circuit,
 )
@@ -189,21 +187,10 @@ def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
             raise notice("ocv-test.missing", asked=what).error()
     windows = {each.name: window_of(job.window, each.name).as_told for each in records}
     is_over = job.over == OVER_TEMPERATURE
-
-    def fitted(circuit: str) -> OwnOcv:
-        return fit_with_ocv(records, circuit, windows, bounded_tables(job), job.capacity, is_over)
-
-    found = fitted(circuit.name)
     is_open = job.model is None and not (is_over or job.bounds or job.fix)
-    held_out = found.fit.cross_validation
-    if is_open and held_out is not None and is_fast(records):
-        # A short record may be enough for two pairs alone.
-        with suppress(InputError):
-            tried = fitted(THREE_PAIRS)
-            errors = tried.fit.cross_validation
-            if is_better(errors and errors.tables, held_out.tables):
-                return tried
-    return found
+    beside = THREE_PAIRS if is_open and is_fast(records) else None
+    given = bounded_tables(job), job.capacity, is_over, beside
+    return fit_with_ocv(records, circuit.name, windows, *given)
 
 
 @takes_options(Job)

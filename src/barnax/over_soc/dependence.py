@@ -45,9 +45,12 @@ ENOUGH = 20_000
 
 
 def searched(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings
+    prepared_records: Sequence[PreparedRecord],
+    settings: TableSettings,
+    like: TableObjective | None = None,
 ) -> tuple[TableObjective, Solution]:
-    """The best tables of some records, with what their resistances follow."""
+    """The best tables of some records, with what their resistances follow; `like` is an objective
+    that `reduced_objective` may take the factors of."""
     known = [each.window.registration for each in prepared_records]
     told: list[Any] = [own and own.follows for own in known]
     is_known = settings.resistances_follow == "auto" and None not in told
@@ -55,10 +58,10 @@ def searched(
         # It was found where starts and capacities were adjusted.
         known = Dependence(**told[0]) if told[0] else None
         objective = reduced_objective(
-            [each.following(known) for each in prepared_records], settings
+            [each.following(known) for each in prepared_records], settings, like=like
         )
         return objective, find_best(objective)
-    objective = reduced_objective(prepared_records, settings)
+    objective = reduced_objective(prepared_records, settings, like=like)
     return with_dependence(objective, find_best(objective))
 
 

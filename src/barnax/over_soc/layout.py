@@ -38,6 +38,15 @@ class Layout:
         parts = zip(self.sizes.items(), np.split(np.arange(ends[-1]), ends[:-1]), strict=True)
         return {name: part.reshape(size) for (name, size), part in parts}
 
+    def is_alike(self, other: "Layout") -> bool:
+        """Whether another has the same columns."""
+
+        def described(each: Layout):
+            spans = [span and span.skeleton_tau.tolist() for span in (each.in_tau, each.in_rate)]
+            return each.nodes, each.ocv_nodes, each.sizes, spans
+
+        return described(self) == described(other)
+
     @property
     def width(self) -> int:
         return sum(count * width for count, width in self.sizes.values())

@@ -8,6 +8,7 @@ the record holds, or from its own span.
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -99,6 +100,7 @@ def fit_with_ocv(
     settings: TableSettings,
     capacity_ah: float | None = None,
     over_temperature: bool = False,
+    beside: str | None = None,
 ) -> OwnOcv:
     """Tables over SOC and the OCV that fit some records of one cell best, together.
 
@@ -112,6 +114,8 @@ def fit_with_ocv(
         settings: How tables are fitted; the OCV stands at `ocv_nodes`, by default closer ones.
         capacity_ah: The capacity; None takes what the records span.
         over_temperature: Whether records of each temperature are fitted by themselves.
+        beside: A circuit that takes the other's place where what is held out speaks for it, at the
+            same starts; a record that is too short for it leaves the other.
 
     Raises `InputError` where a start or a temperature is not known, and as `fit_tables` and
     `fit_temperatures` do.
@@ -129,7 +133,7 @@ def fit_with_ocv(
     started: dict[str, Window] = {}
     for alike in groups:
         started |= _started(alike, circuit, windows, own, axis_ah, origin)
-    return _fitted(records, circuit, started, own, axis_ah, origin, over_temperature)
+    return _fitted(records, circuit, started, own, axis_ah, origin, over_temperature, beside)
 
 
 def _started(
@@ -227,9 +231,14 @@ def _fitted(
     capacity_ah: float,
     origin: str,
     over_temperature: bool = False,
+    beside: str | None = None,
 ) -> OwnOcv:
     level = level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
-    prepared = [prepare_record(each, level, circuit, windows[each.name]) for each in records]
+
+    def prepared_for(circuit: str) -> list[PreparedRecord]:
+        return [prepare_record(each, level, circuit, windows[each.name]) for each in records]
+
+    prepared = prepared_for(circuit)
     cells: list[CellModel] = []
 
     def at_home(objective: TableObjective, best: Solution) -> list[PreparedRecord]:
@@ -250,6 +259,14 @@ def _fitted(
         groups = {0.0: prepared}
         with one_blas_thread():
             objective, best = searched(prepared, settings)
+            held_out = held_out_errors(objective, best) if beside else None
+            if beside is not None and held_out is not None:
+                with suppress(InputError):
+                    # A trial that is not worth its pair is not proved either.
+                    tried = searched(prepared_for(beside), settings, objective)
+                    errors = held_out_errors(*tried)
+                    if errors is not None and errors.is_worth(held_out):
+                        (objective, best), circuit = tried, beside
             proof = certify(objective, best)
             # Several records whose rates differ would tell it.
             effect = offset_effect(objective, proof.best) if len(records) == 1 else None

@@ -33,9 +33,12 @@ def reduced_objective(
     ranges: Mapping[str, Range] | None = None,
     seen: Callable[[PreparedRecord], PreparedRecord] = lambda prepared: prepared,
     beside_v: Float[np.ndarray, "simulated sides"] | None = None,
+    like: TableObjective | None = None,
 ) -> TableObjective:
     """The objective over all records, as they are `seen`, in the ranges given or their own. With
-    `beside_v`, as `reduce_records` has it, its factor has a side for each voltage of one record."""
+    `beside_v`, as `reduce_records` has it, its factor has a side for each voltage of one record. Of
+    an objective that is `like` it, with the same columns of the same samples for another circuit,
+    the factors are taken."""
     ranges = ranges or box_of(prepared_records, settings)
     layout = layout_of(
         settings.nodes,
@@ -53,6 +56,10 @@ def reduced_objective(
     if beside_v is not None:
         layout = replace(layout, sides=beside_v.shape[1])
     own = [seen(each) for each in prepared_records]
+    if like is not None and like.settings is settings and like.reduced.layout.is_alike(layout):
+        pairs = zip(own, like.prepared_records, strict=True)
+        if all(_is_alike(*each) for each in pairs):
+            return replace(like, prepared_records=own, ranges=ranges)
     parts, told = reduced(own), []
     if (
         settings.folds
@@ -64,6 +71,17 @@ def reduced_objective(
         # What is shortened is no triangle any more, of which a side is taken.
         whole = together(parts) if beside_v is None else parts[0]
     return TableObjective(own, settings, ranges, whole, parts, told)
+
+
+def _is_alike(one: PreparedRecord, other: PreparedRecord) -> bool:
+    """Whether RC circuits' errors on both are the same."""
+    what = ("soc", "scored", "source_v", "hysteresis_amplitude_v")
+    return (
+        one.record is other.record
+        and one.window == other.window
+        and one.dependence == other.dependence
+        and all(np.array_equal(getattr(one, each), getattr(other, each)) for each in what)
+    )
 
 
 def held_at(objective: TableObjective, log_scales: Sequence[float]) -> dict[str, Range]:

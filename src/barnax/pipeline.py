@@ -7,6 +7,7 @@ validated.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from .bundled import BUNDLED
@@ -14,6 +15,7 @@ from .candidates import (
     CONTRADICTED,
     THREE_PAIRS,
     WEIGHED,
+    is_better,
     is_fast,
     tabulated_circuit,
 )
@@ -189,8 +191,24 @@ def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
     is_over = job.over == OVER_TEMPERATURE
     is_open = job.model is None and not (is_over or job.bounds or job.fix)
     beside = THREE_PAIRS if is_open and is_fast(records) else None
-    given = bounded_tables(job), job.capacity, is_over, beside
-    return fit_with_ocv(records, circuit.name, windows, *given)
+
+    def fitted(circuit: str, beside: str | None = None) -> OwnOcv:
+        given = bounded_tables(job), job.capacity, is_over, beside
+        return fit_with_ocv(records, circuit, windows, *given)
+
+    if len(records) == 1:
+        return fitted(circuit.name, beside)
+    found = fitted(circuit.name)
+    held_out = found.fit.cross_validation
+    if beside is not None and held_out is not None:
+        # Starts of several records are found with each circuit: at those of two pairs a third one
+        # is not worth what it is at its own. A short record may be enough for two alone.
+        with suppress(InputError):
+            tried = fitted(beside)
+            errors = tried.fit.cross_validation
+            if is_better(errors and errors.tables, held_out.tables):
+                return tried
+    return found
 
 
 @takes_options(Job)

@@ -83,6 +83,12 @@ def test_temperatures_far_from_every_ocv_test_are_told():
     assert compare_temperatures(records, tests[2:]) == []
 
 
+def test_a_record_in_fahrenheit_is_told_beside_an_ocv_test_in_celsius():
+    (found,) = compare_temperatures([("drive", 77.0)], [("ocv", 25.0)])
+    assert found.code == "cell.fahrenheit"
+    assert found.values["own_degc"] == pytest.approx(25.0)
+
+
 def test_a_record_of_another_resistance_among_some_is_named(bundled_record, validation_record):
     more_v = validation_record.voltage_v - 0.06 * validation_record.current_a
     other = replace(validation_record, name="other.csv", voltage_v=more_v)

@@ -237,6 +237,10 @@ FAULTS = {
         {"temperature": "warning"},
     ),
     "kelvin": (DRIVE.with_columns(pl.lit(298.15).alias(TEMPERATURE)), {"temperature": "warning"}),
+    "fahrenheit": (
+        DRIVE.with_columns(pl.lit(77.0).alias(TEMPERATURE)),
+        {"temperature": "warning"},
+    ),
     "two chambers": (
         DRIVE.with_columns(pl.Series(TEMPERATURE, np.where(LINES < 9840, -10.0, 25.0))),
         {"temperature": "warning"},

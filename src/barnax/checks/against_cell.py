@@ -10,6 +10,7 @@ from ..cell.soc_axis import BEYOND_SOC
 from ..notices import Notice, notice
 from ..records import Record
 from ..records.samples import record_resistance_ohm
+from .sampling import in_fahrenheit
 
 # A mistake of unit or range multiplies the charge by one of these; a wrong capacity by another.
 _UNITS = {
@@ -31,6 +32,8 @@ _SAMPLES, _SMALL_HOURS = 400, 5.0
 _STARTS = 61
 # Parameters of a cell change noticeably over so many degrees.
 _DEGREES = 5.0
+# From here on a temperature may be one of Fahrenheit, 15 degC, in a column that is named otherwise.
+_WARM_DEGC = 59.0
 # Records of one cell that are logged as fast, within such a factor, have resistances so much alike.
 _AS_FAST, _ALIKE = 2.0, 1.5
 
@@ -118,6 +121,9 @@ def compare_temperatures(
             if min(apart) > _DEGREES:
                 other, own_degc = apart[min(apart)]
                 told = {"temperature_degc": degc, "other": other, "other_degc": own_degc}
+                own = in_fahrenheit(degc)
+                if degc > _WARM_DEGC and abs(own - own_degc) <= _DEGREES:
+                    code, told = "cell.fahrenheit", told | {"own_degc": own}
                 found.append(notice(code, name, **told))
     return found
 

@@ -276,6 +276,8 @@ def _gaps(interval_s: Intervals) -> Int[np.ndarray, "gaps"]:
 
 _COARSE_V, _COARSE_SHARE = 0.9e-3, 5e-3
 _TEMPERATURE_DEGC, ZERO_K = (-60.0, 120.0), 273.15
+# Cells are used up to 60 degC: what stays above is rather a room's temperature in Fahrenheit.
+_HOT_DEGC, _ROOM_DEGC = 65.0, 50.0
 # A record over more than so many degrees, but for some of its samples, is of no one temperature.
 _WIDE_DEGC, _ENDS = 15.0, (0.05, 0.95)
 
@@ -289,6 +291,15 @@ def find_resolution(given: CheckInput) -> Iterator[Notice]:
         return
     steps = {"resolution_v": given.resolution_v, "resolution_a": given.resolution_a}
     yield notice("resolution.coarse", **steps, load_share=share)
+
+
+def in_fahrenheit(value: float) -> float:
+    """What a number is in degC where it is one of Fahrenheit.
+
+    >>> in_fahrenheit(77.0)
+    25.0
+    """
+    return (value - 32.0) * 5 / 9
 
 
 def find_temperature(given: CheckInput) -> Iterator[Notice]:
@@ -305,5 +316,10 @@ def find_temperature(given: CheckInput) -> Iterator[Notice]:
         yield given.at(outside, code, **told, low_degc=low, high_degc=high)
         return
     low, high = np.quantile(temperature, _ENDS)
+    if low > _HOT_DEGC and in_fahrenheit(float(high)) < _ROOM_DEGC:
+        ends = {"low_degc": low, "high_degc": high}
+        within = {"low_f_degc": in_fahrenheit(low), "high_f_degc": in_fahrenheit(high)}
+        yield notice("temperature.fahrenheit", **ends, **within)
+        return
     if high - low > _WIDE_DEGC:
         yield notice("temperature.varies", low_degc=low, high_degc=high)

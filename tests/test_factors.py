@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from barnax.errors import InputError
-from barnax.factors import factors_to_bytes, read_factors
+from barnax.factors import _digest, factors_to_bytes, read_factors
 from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables
 from barnax.over_soc.kept import Grid, fit_kept, keep
@@ -145,12 +145,45 @@ def test_a_file_of_somebody_else_is_refused_in_words(content, tmp_path):
             read_factors(written(tmp_path, given))
 
 
-def test_a_header_that_promises_other_sizes_is_refused(kept, content, tmp_path):
-    from barnax.factors import _digest
+def with_records(content, changed, arrays):
+    """The file with other records in its header, and a checksum that fits."""
+    with np.load(io.BytesIO(content)) as known:
+        members = {name: known[name] for name in known.files}
+    text = json.dumps(json.loads(members["header"].tobytes()) | {"records": changed}).encode()
+    own = members | arrays | {"header": np.frombuffer(text, np.uint8)}
+    own["sha256"] = np.frombuffer(_digest(own), np.uint8)
+    return remade(content, **own)
 
-    with np.load(io.BytesIO(content)) as arrays:
-        members = {name: arrays[name] for name in arrays.files}
-    header = json.loads(members["header"].tobytes())
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("capacity_ah", 0.0), ("capacity_ah", 1e308), ("step_ohm", float("nan")),
+        ("median_interval_s", float("inf")), ("scored_duration_s", 1e308), ("ocv_v", 1e308),
+        ("slopes_v", float("nan")), ("low_s", float("nan")), ("nodes", float("nan")),
+    ],
+)  # fmt: skip
+def test_a_value_that_no_record_has_is_refused_by_its_name(content, tmp_path, field, value):
+    first = json.loads(header_of(content).tobytes())["records"][0]
+    given = [value, *first[field][1:]] if isinstance(first[field], list) else value
+    path = written(tmp_path, with_records(content, [first | {field: given}], {}))
+    with pytest.raises(InputError) as refused:
+        read_factors(path)
+    assert str(path) in str(refused.value)
+    assert field in str(refused.value)
+    assert str(value) in str(refused.value)
+
+
+def test_a_record_without_samples_is_refused(kept, content, tmp_path):
+    head = json.loads(header_of(factors_to_bytes(kept[:1])).tobytes())["records"][0]
+    none = head | {"parts": [part | {"scored": 0} for part in head["parts"]]}
+    path = written(tmp_path, with_records(factors_to_bytes(kept[:1]), [none], {}))
+    with pytest.raises(InputError, match="scored is 0"):
+        read_factors(path)
+
+
+def test_a_header_that_promises_other_sizes_is_refused(content, tmp_path):
+    header = json.loads(header_of(content).tobytes())
     part = header["records"][0]["parts"][1]
     first = header["records"][0]
     sizes = ({"rows": 4000}, {"columns": 10**9}, {"scored": -1})
@@ -160,8 +193,5 @@ def test_a_header_that_promises_other_sizes_is_refused(kept, content, tmp_path):
     vast = [first | {"parts": [{"scored": 1, "rows": 4000, "columns": 0}] * 2}]
     none = {"columns": np.empty(0, "<i4"), "rows": np.empty(0)}
     for changed, arrays in [*((each, {}) for each in records), (vast, none)]:
-        text = json.dumps(header | {"records": changed}).encode()
-        own = members | arrays | {"header": np.frombuffer(text, np.uint8)}
-        own["sha256"] = np.frombuffer(_digest(own), np.uint8)
         with pytest.raises(InputError, match="no whole factor file"):
-            read_factors(written(tmp_path, remade(content, **own)))
+            read_factors(written(tmp_path, with_records(content, changed, arrays)))

@@ -32,8 +32,11 @@ MOST_RECORDS, MOST_COLUMNS, MOST_NODES, LONGEST_TEXT = 10_000, 4096, 1000, 1000
 _MEMBERS = ("header", "columns", "rows", "sha256")
 _TYPES = dict(zip(_MEMBERS, ("|u1", "<i4", "<f8", "|u1"), strict=True))
 
-_Number = Field(ge=0, allow_inf_nan=False)
+# What no cell and no log has: with such numbers a fit would give nonsense, or overflow.
+MOST_AH, MOST_OHM, MOST_S, MOST_V = 1e6, 1e6, 1e10, 1e4
+_Seconds = Field(ge=0, le=MOST_S, allow_inf_nan=False)
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Volts = Annotated[float, Field(ge=-MOST_V, le=MOST_V, allow_inf_nan=False)]
 _Count = Field(ge=0, lt=2**53)
 
 
@@ -59,21 +62,21 @@ class _Head(_Strict):
     """What stands in the header of one record."""
 
     name: str = Field(max_length=LONGEST_TEXT)
-    low_s: float
-    high_s: float
+    low_s: _Finite
+    high_s: _Finite
     skeleton: list[int] = Field(max_length=MOST_NODES)
     circuit: str = Field(max_length=LONGEST_TEXT)
-    nodes: list[float] = Field(min_length=1, max_length=MOST_NODES)
+    nodes: list[_Finite] = Field(min_length=1, max_length=MOST_NODES)
     ocv: OcvSource
-    capacity_ah: float = Field(gt=0, allow_inf_nan=False)
-    step_ohm: float = _Number
-    median_interval_s: float = _Number
-    dense_interval_s: float = _Number
-    scored_duration_s: float = _Number
+    capacity_ah: float = Field(ge=1 / MOST_AH, le=MOST_AH, allow_inf_nan=False)
+    step_ohm: float = Field(ge=0, le=MOST_OHM, allow_inf_nan=False)
+    median_interval_s: float = _Seconds
+    dense_interval_s: float = _Seconds
+    scored_duration_s: float = _Seconds
     visited: list[bool] = Field(max_length=MOST_NODES)
     visited_ocv: list[bool] = Field(max_length=MOST_NODES)
-    ocv_v: list[_Finite] = Field(max_length=MOST_NODES)
-    slopes_v: list[_Finite] = Field(max_length=MOST_NODES)
+    ocv_v: list[_Volts] = Field(max_length=MOST_NODES)
+    slopes_v: list[_Volts] = Field(max_length=MOST_NODES)
     parts: tuple[_Part, _Part]
 
 
@@ -163,7 +166,10 @@ def read_factors(path: str | Path) -> list[Kept]:
         if not isinstance(records, list) or not 0 < len(records) <= MOST_RECORDS:
             raise ValueError(f"it has no list of 1 to {MOST_RECORDS:,} records")
         heads = [_Head.model_validate_json(json.dumps(each)) for each in records]
-        return list(_records(heads, members["columns"], members["rows"]))
+        try:
+            return list(_records(heads, members["columns"], members["rows"]))
+        except InputError as problem:
+            raise InputError(f"{path}: {problem}") from problem
     except OSError as problem:
         raise InputError(f"{path}: cannot be read ({problem.strerror})") from problem
     except (
@@ -174,7 +180,8 @@ def read_factors(path: str | Path) -> list[Kept]:
         reason = str(problem).splitlines()[0] if str(problem) else type(problem).__name__
         if isinstance(problem, ValidationError):
             first = problem.errors()[0]
-            reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+            field, given = ".".join(map(str, first["loc"])), repr(first["input"])[:50]
+            reason = f"{field} is {given}: {first['msg']}"
         raise InputError(
             f"{path}: is no whole factor file ({printable(reason[:200])}); keep the factors anew, "
             "from the records"
@@ -218,6 +225,8 @@ def _records(
     layouts: dict[Grid, Layout] = {}
     for head in heads:
         require_nodes(head.nodes)
+        if not any(part.scored for part in head.parts):
+            raise ValueError("scored is 0 in both parts: no sample counts")
         grid = Grid(head.low_s, head.high_s, head.circuit, tuple(head.nodes), head.ocv)
         layout = layouts[grid] = layouts.get(grid) or grid.layout
         wide, count = len(layout.ocv_nodes), len(layout.nodes)

@@ -64,3 +64,12 @@ def test_factors_of_constants_are_small(fleet):
 def test_a_column_that_is_not_there_is_refused(fleet):
     with pytest.raises(InputError, match="month: no column"):
         regrouped(fleet, ["cell_name", "month"])
+
+
+def test_groups_that_would_have_one_name_are_refused_with_both(fleet, tmp_path):
+    for name in "ab":
+        keep_factors(tmp_path, name, (fleet / "factors" / "a.factors.npz").read_bytes())
+    rows = [{"id": name, "error": None, "car": car} for name, car in (("a", "A/1"), ("b", "A-1"))]
+    write_rows(dataset_path(tmp_path), rows)
+    with pytest.raises(InputError, match=r"A/1 and A-1 would both be called 'A-1'; change"):
+        regrouped(tmp_path, ["car"])

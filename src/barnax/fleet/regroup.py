@@ -31,7 +31,7 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
     if "pack" in good.columns:
         # The mean cell of a pack is none of its cells.
         good = good.filter(~pl.col("id").is_in(good["pack"].drop_nulls().unique().to_list()))
-    cells = []
+    cells: dict[str, FleetCell] = {}
     for values, members in good.group_by(group, maintain_order=True):
         outside = [name for name in members["id"] if Path(name).name != name]
         if outside:
@@ -44,9 +44,16 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
             )
         name = ", ".join(map(str, values)).replace("/", "-").replace("\\", "-")
         carried = dict(zip(group, values, strict=True))
+        if name in cells:
+            others = [cells[name].carried.get(each, name) for each in group]
+            raise InputError(
+                f"{out}: the groups {listed(map(str, others))} and {listed(map(str, values))} "
+                f"would both be called {name!r}; change these values in a column of the manifest, and "
+                "`group` by that"
+            )
         # The name of a cell is its own column.
         carried.pop("id", None)
-        cells.append(FleetCell(name, tuple(map(str, paths)), carried=carried))
+        cells[name] = FleetCell(name, tuple(map(str, paths)), carried=carried)
     if not cells:
         raise InputError(f"{out}: has no rows with factors; identify it with `keep_factors`")
-    return cells
+    return [*cells.values()]

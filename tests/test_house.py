@@ -17,8 +17,8 @@ PACKAGE = Path(barnax.__file__).parent
 # A module imports only from those left of its own, for types or when it is called too: the order in
 # which a record becomes a report.
 LAYERS = (
-    ("display", "errors", "files", "metrics", "execution", "blas"),
-    ("notices",),
+    ("display", "errors", "metrics", "execution", "blas"),
+    ("notices", "files"),
     ("schema", "bundled", "settings", "records", "optimizers"),
     ("cell",),
     ("checks", "model"),

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .cell.tables import require_nodes
 from .errors import InputError, printable
+from .files import fetched, is_address
 from .over_soc.kept import Grid, Kept, KeptOcv, OcvSource
 from .over_soc.layout import Layout
 from .over_soc.reduced import Reduced
@@ -144,10 +145,13 @@ def read_factors(path: str | Path) -> list[Kept]:
     Raises `InputError` where it is none, broken, of another version or too large.
     """
     try:
-        with open(path, "rb") as file:
-            # A device has no size, and no end.
-            is_long = os.fstat(file.fileno()).st_size > LARGEST_FILE
-            content = b"" if is_long else file.read(LARGEST_FILE + 1)
+        if is_address(path):
+            content, is_long = fetched(path, LARGEST_FILE), False
+        else:
+            with open(path, "rb") as file:
+                # A device has no size, and no end.
+                is_long = os.fstat(file.fileno()).st_size > LARGEST_FILE
+                content = b"" if is_long else file.read(LARGEST_FILE + 1)
         if is_long or len(content) > LARGEST_FILE:
             raise InputError(f"{path}: is longer than {LARGEST_FILE:,} bytes, and not read")
         members = _members(content)

@@ -15,7 +15,11 @@ import uuid
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+from .errors import InputError, reason_of
 
 # What ends the name of a file of factors.
 SUFFIX = ".factors.npz"
@@ -41,6 +45,67 @@ def is_factor_file(path: str | Path) -> bool:
     return str(path).endswith(SUFFIX)
 
 
+def is_address(path: str | Path) -> bool:
+    """Whether a path is one of an object store, or another address.
+
+    >>> is_address("s3://bucket/cell.parquet"), is_address("cell.parquet")
+    (True, False)
+    """
+    return "://" in str(path)
+
+
+def located(where: str | Path) -> Any:
+    """A path, or what is used like one at an address such as `s3://bucket/folder`.
+
+    Credentials and servers are those of fsspec's own configuration. Nothing is remembered of what
+    lies there, since other machines write there too. Raises `InputError` where no package for such
+    addresses is installed.
+    """
+    if not is_address(where):
+        return Path(where)
+    parts = urlsplit(str(where))
+    if parts.scheme == "file":
+        return Path(url2pathname(parts.path))
+    try:
+        from upath import UPath
+
+        found = UPath(where, use_listings_cache=False)
+        _ = found.fs
+        return found
+    except ImportError as problem:
+        raise InputError(
+            f"{where}: addresses need packages that are not installed ({reason_of(problem)}); "
+            'install them with pip install "barnax[cloud]", or give a folder'
+        ) from problem
+    except ValueError as problem:
+        raise InputError(f"{where}: is no address of a kind that fsspec opens") from problem
+
+
+def fetched(address: str | Path, most_bytes: int) -> bytes:
+    """What lies at an address. Raises `InputError` where it cannot be read, or is longer."""
+    try:
+        with located(address).open("rb") as file:
+            content = file.read(most_bytes + 1)
+    except InputError:
+        raise
+    except Exception as problem:
+        # Each store has errors of its own.
+        raise InputError(f"{address}: cannot be read ({reason_of(problem)})") from problem
+    if len(content) > most_bytes:
+        raise InputError(f"{address}: is longer than {most_bytes:,} bytes, and not read")
+    return content
+
+
+def changed_ns(path: Path) -> int:
+    """When a file was written, in ns; 0 where its store does not know."""
+    if isinstance(path, Path):
+        return path.stat().st_mtime_ns
+    try:
+        return int(path.fs.modified(path.path).timestamp() * 1e9)
+    except NotImplementedError:
+        return 0
+
+
 def aside(folder: Path) -> Path:
     """A name in a folder that nothing else has."""
     return folder / f".barnax-{uuid.uuid4().hex}"
@@ -57,7 +122,16 @@ def unfinished(folder: Path) -> list[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A file to write that takes its place when all is written; else what was there stays."""
+    """A file to write that takes its place when all is written; else what was there stays.
+
+    An object of a store is there once all of it has arrived, by the store's own promise.
+    """
+    if not isinstance(path, Path):
+        content = io.BytesIO()
+        yield content
+        with undisturbed():
+            path.fs.pipe_file(path.path, content.getvalue())
+        return
     written = aside(path.parent)
     with undisturbed():
         try:

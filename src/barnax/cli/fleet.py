@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from ..errors import InputError, as_keys
-from ..files import replacing
+from ..files import changed_ns, located, replacing
 from ..settings import Settings
 from .options import (
     FIX,
@@ -79,7 +79,7 @@ class EngineOptions:
 class KeptFleet:
     """A fleet whose factors were kept, in place of a manifest, and how its rows are grouped."""
 
-    fleet: Path | None = typer.Option(
+    fleet: str | None = typer.Option(
         None, "--from", metavar="FOLDER", rich_help_panel=INPUT,
         help="Instead of a manifest, a fleet that kept factors: fit them without its records.",
     )  # fmt: skip
@@ -92,23 +92,28 @@ class KeptFleet:
 class FleetOptions:
     """All that identifying a fleet can be told."""
 
-    manifest: Path | None = argument(
+    manifest: str | None = argument(
         "[MANIFEST]",
         "Table in CSV, Parquet or TOML with one row per cell: id, records, ocv and further "
         "options; other columns are copied to the dataset.",
         None,
     )
     kept: KeptFleet
+    addresses: list[str] | None = option(
+        INPUT,
+        "ADDRESS",
+        "What the manifest may read besides files: all below s3://bucket/folder; repeatable.",
+    )
     files: Files
     of_records: RecordOptions
     search: FleetSearch
     tables: Tables
     engine: EngineOptions
-    out: Path = option(
+    out: str = option(
         OUTPUT,
         "FOLDER",
-        "Folder of the dataset; an interrupted run continues there.",
-        Path("barnax-fleet"),
+        "Folder of the dataset, or its address; an interrupted run continues there.",
+        "barnax-fleet",
     )
     keep_results: bool = flag(
         OUTPUT, "--keep-results", "Also write each cell's result.json, to results/ID."
@@ -169,18 +174,19 @@ def fleet(given: FleetOptions) -> None:
     from ..reporting.fleet import closing_lines, problem_lines, progress_remark
     from ..reporting.words import counted
 
-    engine, out, manifest = given.engine, given.out, given.manifest or given.kept.fleet
-    if manifest is None or (given.manifest and given.kept.fleet):
+    engine, where = given.engine, given.manifest or given.kept.fleet
+    if where is None or (given.manifest and given.kept.fleet):
         raise InputError("give a manifest, or the folder of a fleet with `from`")
+    out, manifest = located(given.out), located(where)
     if given.manifest:
-        cells, carried = read_manifest(manifest, given.defaults)
+        cells, carried = read_manifest(where, given.defaults, given.addresses or ())
     elif manifest.resolve() == out.resolve():
         raise InputError(f"{out}: is the fleet that is regrouped; give `out` another folder")
     else:
         from ..fleet.regroup import regrouped
 
         columns = tuple(each.strip() for each in given.kept.group.split(","))
-        cells, carried = regrouped(manifest, columns), columns
+        cells, carried = regrouped(where, columns), columns
     session.note(_what_is_there(cells, carried))
     prepare_process()
     # Loads JAX, which no exception may stop.
@@ -221,12 +227,12 @@ def fleet(given: FleetOptions) -> None:
             retry=engine.retry,
             report=report,
         )
-    for folder in (out, *out.glob("parts*")):
+    for folder in (out, *out.glob("parts*")) if isinstance(out, Path) else ():
         tell_unfinished(session, folder)
     lines = closing_lines(state, out, session.elapsed_s, engine.shard)
     # Shards run beside each other: the command that takes them together writes the report.
     if not engine.shard:
-        is_old = not page.exists() or page.stat().st_mtime < manifest.stat().st_mtime
+        is_old = not page.exists() or changed_ns(page) < changed_ns(manifest)
         with session.watch("Writing the report"):
             lines[1] = _summed_up(cells, settings, out, write=is_old or state.finished > 0)
     session.show(shown(as_flags(line)) for line in lines)

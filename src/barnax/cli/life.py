@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
+from ..files import is_address
 from .options import argument, group, option
 from .output import Output
 from .session import as_flags, shown
@@ -22,7 +23,7 @@ MOST_PAGES = 20
 class LifeOptions:
     """The dataset, and which of its columns say what."""
 
-    dataset: Path = argument("DATASET", "Folder that barnax fleet --ageing wrote.")
+    dataset: str = argument("DATASET", "Folder that barnax fleet --ageing wrote, or its address.")
     by: str | None = option(
         AGEING,
         "COLUMN",
@@ -55,7 +56,9 @@ def life(given: LifeOptions, output: Output) -> None:
     Each with 95 % intervals, smooth in age and pooled over the fleet. What
     the records do not determine is said, not guessed.
     """
-    session, folder = output.begun(FOLDER, [given.dataset])
+    session, folder = output.begun(
+        FOLDER, [] if is_address(given.dataset) else [Path(given.dataset)]
+    )
     with session.watch("Fitting trends"):
         from ..fleet.summary import read_fleet
         from ..life import life_of

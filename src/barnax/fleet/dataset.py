@@ -15,8 +15,8 @@ from typing import Any
 
 import polars as pl
 
-from ..errors import InputError
-from ..files import SUFFIX, replacing
+from ..errors import InputError, reason_of
+from ..files import SUFFIX, changed_ns, replacing
 
 try:
     import fcntl
@@ -127,6 +127,11 @@ def factors_path(out: Path, name: str) -> Path:
 
 
 def _keep(out: Path, path: Path, content: bytes) -> None:
+    if not isinstance(out, Path):
+        # A store has neither folders nor links.
+        with replacing(path) as file:
+            file.write(content)
+        return
     for place in reversed(path.parents[: len(path.relative_to(out).parts) - 1]):
         _require_no_link(place)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -146,6 +151,10 @@ def _require_no_link(folder: Path) -> None:
 def marking(folder: Path, batch: str) -> Iterator[Callable[[int], None]]:
     """A note of the cell of a batch that is being computed; gone when all are."""
     path = _marker(folder, batch)
+    if not isinstance(folder, Path):
+        yield lambda place: path.write_text(f"{place}\n")
+        path.unlink(missing_ok=True)
+        return
     with path.open("w") as file:
 
         def mark(place: int) -> None:
@@ -177,10 +186,15 @@ def count_rows(part: Path) -> tuple[int, int] | None:
     if not part.exists():
         return None
     # Those of a pack's cells are its own.
-    has_packs = "pack" in pl.read_parquet_schema(part)
-    rows = pl.read_parquet(part, columns=["error", *["pack"] * has_packs], glob=False)
+    has_packs = "pack" in pl.read_parquet_schema(opened(part))
+    rows = pl.read_parquet(opened(part), columns=["error", *["pack"] * has_packs], glob=False)
     own = rows.filter(pl.col("pack").is_null()) if has_packs else rows
     return len(own), len(own) - own["error"].null_count()
+
+
+def opened(path: Path) -> Path | io.BytesIO:
+    """A file as Polars reads it: what lies in a store is fetched by fsspec, as all else there."""
+    return path if isinstance(path, Path) else io.BytesIO(path.read_bytes())
 
 
 def read_rows(
@@ -194,8 +208,8 @@ def read_rows(
     found = []
     for path in _files(out, shard):
         try:
-            time_ns = path.stat().st_mtime_ns
-            found.append((time_ns, pl.read_parquet(path, columns=chosen, glob=False)))
+            time_ns = changed_ns(path)
+            found.append((time_ns, pl.read_parquet(opened(path), columns=chosen, glob=False)))
         except FileNotFoundError:
             continue
         except (OSError, pl.exceptions.PolarsError) as problem:
@@ -242,9 +256,20 @@ def finished(out: Path) -> dict[str, tuple[str, bool]]:
 def writing(out: Path, shard: Shard | None = None) -> Iterator[Path]:
     """The folder for parts, this process's alone.
 
-    Raises `InputError` where it cannot be written to, or another command is at work there.
+    Raises `InputError` where it cannot be written to, or another command is at work there: a
+    store has no locks, and cannot tell.
     """
     folder = parts_folder(out, shard)
+    if not isinstance(folder, Path):
+        try:
+            folder.joinpath(".begun").write_text("")
+        except Exception as problem:
+            raise InputError(
+                f"{out}: cannot be written to ({reason_of(problem)}); give `out` another folder, "
+                "or fsspec the right server and credentials"
+            ) from problem
+        yield folder
+        return
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _require_no_link(folder)

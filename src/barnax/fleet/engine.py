@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..files import undisturbed
+from ..files import located, undisturbed
 from .dataset import Shard, compact, finished, marked_place, write_rows, writing
 from .manifest import FleetCell, Options, cell_of, distinct, in_shard
 from .worker import Counts, batch_name, run_batch, start_worker
@@ -90,7 +90,7 @@ def identify_fleet(
     Args:
         cells: Those of a manifest, or mappings with an "id" and either a "problem" or the columns
             of a manifest; their other items are copied to their rows. They are read lazily.
-        out: Folder of the dataset.
+        out: Folder of the dataset, or its address, such as `s3://bucket/fleet`.
         settings: Arguments of `identify` for all cells; by default no seeds are run and the answer
             is the global optimum.
         workers: Number of processes; by default one for every core.
@@ -103,7 +103,7 @@ def identify_fleet(
 
     Raises `InputError` if `out` cannot be written to, an id occurs twice or your executor breaks.
     """
-    out, chosen = Path(out), {"seeds": 0, **(settings or {})}
+    out, chosen = located(out), {"seeds": 0, **(settings or {})}
     state = Progress()
 
     def wanted(done: Mapping[str, tuple[str, bool]]) -> Iterator[tuple[str, FleetCell]]:

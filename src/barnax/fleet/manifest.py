@@ -14,12 +14,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
 
 import polars as pl
 
 from .. import __version__
 from ..errors import LONGEST_NAME, InputError, cut, listed, toml_reason
+from ..files import is_address, located
 from ..settings import WINDOW_OPTIONS, CellSettings, Reading
+from .dataset import opened
 
 if TYPE_CHECKING:
     from ..model.problem import Problem
@@ -96,15 +99,6 @@ def stamp(path: str) -> tuple[int, int] | None:
     return found.st_size, found.st_mtime_ns
 
 
-def is_address(path: str) -> bool:
-    """Whether Polars has to fetch it from an object store.
-
-    >>> is_address("s3://bucket/cell.parquet"), is_address("cell.parquet")
-    (True, False)
-    """
-    return "://" in path
-
-
 def short_name(path: str) -> str:
     """A file's name without folders."""
     return path.rpartition("/")[2] if is_address(path) else Path(path).name
@@ -131,7 +125,7 @@ OWN = re.compile(
 
 
 def read_manifest(
-    path: str | Path, defaults: Options | None = None
+    path: str | Path, defaults: Options | None = None, addresses: Iterable[str] = ()
 ) -> tuple[list[FleetCell], tuple[str, ...]]:
     """The cells of a manifest, and the names of the columns that are copied to their rows.
 
@@ -142,11 +136,14 @@ def read_manifest(
     Args:
         path: The manifest. Paths in it are relative to it and may be patterns.
         defaults: What a row leaves empty.
+        addresses: What its rows may read besides files: all below these addresses, such as
+            `s3://bucket/logs`. A manifest that lies in a store itself reads what is below its own
+            folder there, and no files of this machine.
 
     Raises `InputError` where the manifest cannot be used; files that are none are in each cell's
     `missing`.
     """
-    path = Path(path)
+    path = located(path)
     if path.is_dir():
         rows = [
             {"id": each.name, "records": [f"{glob.escape(each.name)}/*"]}
@@ -165,10 +162,28 @@ def read_manifest(
         cell_of(given | _filled(row), path.parent, f"{path.name}: row {place}")
         for place, row in enumerate(rows, 2 if path.suffix.lower() != ".toml" else 1)
     )
-    cells = list(distinct(found, f"{path.name}: "))
+    allowed = [*addresses, *([] if isinstance(path, Path) else [str(path.parent)])]
+    cells = list(distinct(_confined(found, allowed, path.name), f"{path.name}: "))
     if not cells:
         raise InputError(f"{path}: has no cells; add a row for each")
     return cells, tuple(dict.fromkeys(name for cell in cells for name in cell.carried))
+
+
+def _confined(cells: Iterable[FleetCell], allowed: list[str], where: str) -> Iterator[FleetCell]:
+    """The cells; raises `InputError` where one reads at an address that is not allowed: a manifest
+    of somebody else could ask servers that only this machine reaches."""
+    roots = tuple(each.rstrip("/") + "/" for each in allowed)
+    for cell in cells:
+        for each in filter(is_address, cell.files):
+            # fsspec chains addresses with ::, and servers resolve what is escaped.
+            is_plain = "::" not in each and ".." not in re.split(r"[/\\]", unquote(each))
+            if not (is_plain and each.startswith(roots)):
+                raise InputError(
+                    f"{where}: {cut(cell.id, LONGEST_NAME)} reads {cut(each, LONGEST_NAME)}, which "
+                    "is not below an address that you allowed; if you trust the manifest, allow it "
+                    "with `addresses`, as in s3://bucket/logs"
+                )
+        yield cell
 
 
 def distinct(cells: Iterable[FleetCell], where: str = "") -> Iterator[FleetCell]:
@@ -185,7 +200,7 @@ def distinct(cells: Iterable[FleetCell], where: str = "") -> Iterator[FleetCell]
 def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """The rows of a manifest as they stand, and its own defaults."""
     suffix = path.suffix.lower()
-    if path.exists() and not path.is_file():
+    if isinstance(path, Path) and path.exists() and not path.is_file():
         raise InputError(f"{path}: is a pipe or a device; write the manifest to a file")
     try:
         if suffix == ".toml":
@@ -199,9 +214,9 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
                 )
             return rows, defaults
         if suffix in (".parquet", ".pq"):
-            return pl.read_parquet(path, glob=False).to_dicts(), {}
+            return pl.read_parquet(opened(path), glob=False).to_dicts(), {}
         frame = pl.read_csv(
-            path,
+            opened(path),
             infer_schema_length=None,
             schema_overrides={"id": pl.String},
             try_parse_dates=True,
@@ -304,6 +319,9 @@ def _found(value: Any, folder: Path, missing: list[str], where: str) -> Iterator
         if is_address(pattern):
             yield pattern
             continue
+        if not isinstance(folder, Path):
+            yield from _stored(pattern, folder, missing, where)
+            continue
         place = folder / pattern
         # The folder's own name is none.
         inside = [] if place.exists() else glob.glob(pattern, root_dir=folder, recursive=True)
@@ -313,6 +331,20 @@ def _found(value: Any, folder: Path, missing: list[str], where: str) -> Iterator
         missing += [f"{each} is a pipe or a device" for each in odd]
         missing += [] if found else [f"{pattern} does not exist"]
         yield from (each for each in found if each not in odd)
+
+
+def _stored(pattern: str, folder: Any, missing: list[str], where: str) -> Iterator[str]:
+    """The same beside a manifest in a store; whether a single one is there, its reader finds."""
+    if pattern.startswith(("/", "~")) or ".." in re.split(r"[/\\]", pattern):
+        raise InputError(
+            f"{where} {cut(pattern, LONGEST_NAME)!r}: a manifest in a store names what is below "
+            "its own folder; write it without .. and a leading /"
+        )
+    found = [folder / pattern]
+    if glob.has_magic(pattern):
+        found = sorted(folder.glob(pattern), key=str)
+        missing += [] if found else [f"{pattern} does not exist"]
+    yield from map(str, found)
 
 
 def in_shard(cell: FleetCell, shard: tuple[int, int] | None) -> bool:

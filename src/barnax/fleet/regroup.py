@@ -6,7 +6,8 @@ from pathlib import Path
 import polars as pl
 
 from ..errors import InputError, listed
-from .dataset import factors_path, read_rows
+from ..files import located
+from .dataset import FACTORS, factors_path, read_rows
 from .manifest import FleetCell
 
 
@@ -19,7 +20,7 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
 
     Raises `InputError` where the dataset has no such column, or a row's factors are not there.
     """
-    out = Path(fleet)
+    out = located(fleet)
     rows = read_rows(out)
     unknown = [name for name in group if name not in rows.columns]
     if unknown or not group:
@@ -31,13 +32,15 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
     if "pack" in good.columns:
         # The mean cell of a pack is none of its cells.
         good = good.filter(~pl.col("id").is_in(good["pack"].drop_nulls().unique().to_list()))
+    folder = out / FACTORS
+    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     cells: dict[str, FleetCell] = {}
     for values, members in good.group_by(group, maintain_order=True):
         outside = [name for name in members["id"] if Path(name).name != name]
         if outside:
             raise InputError(f"{out}: has a row {outside[0]!r}, which is no name of a file in it")
         paths = [factors_path(out, name) for name in members["id"]]
-        gone = [path for path in paths if not path.is_file()]
+        gone = [path for path in paths if path.name not in there]
         if gone:
             raise InputError(
                 f"{gone[0]}: is not there; identify the fleet with `keep_factors` again"
@@ -48,8 +51,8 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
             others = [cells[name].carried.get(each, name) for each in group]
             raise InputError(
                 f"{out}: the groups {listed(map(str, others))} and {listed(map(str, values))} "
-                f"would both be called {name!r}; change these values in a column of the manifest, and "
-                "`group` by that"
+                f"would both be called {name!r}; change these values in a column of the "
+                "manifest, and `group` by that"
             )
         # The name of a cell is its own column.
         carried.pop("id", None)

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import polars as pl
 
 from ..cell import CellModel, OcvTable, characterize, read_ocv_test
 from ..checks import check_file
 from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, reason_of
 from ..factors import factors_to_bytes, read_factors
-from ..files import is_factor_file
+from ..files import fetched, is_address, is_factor_file
 from ..inputs import file_names, input_warnings, source_of
 from ..job import Job
 from ..model.prepared import PreparedRecord
@@ -29,14 +28,15 @@ from ..over_soc.ageing import AGED, measure_ageing
 from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
 from ..pack import Pack, identify_pack
 from ..pipeline import bounded_tables, identify, identify_problem
-from ..records import Record, source_from_frame
+from ..records import Record, read_source
+from ..records.table import LARGEST_FILE
 from ..result_parts import MetricsPart
 from ..results import Result
 from ..settings import CellSettings, Reading, Settings
 from ..storing import bands_by_soc, joint_metrics
 from ..uncertainty.covariance import named_values
 from .dataset import keep_factors, keep_result
-from .manifest import FleetCell, is_address, short_name, stamp
+from .manifest import FleetCell, short_name, stamp
 
 # Settings of a fleet that are no arguments of `identify`.
 OWN = ("keep_results", "keep_factors", "pack_cells", "ageing")
@@ -115,9 +115,13 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
     job = job.changed(
-        **cell.options, records=list(cell.records), validate=list(cell.validate),
-        bounds=cell.bounds, window=_windows(cell), advise=False,
+        **cell.options, bounds=cell.bounds, window=_windows(cell), advise=False,
     )  # fmt: skip
+    reading = job.part(Reading)
+    job = job.changed(
+        records=[_given(path, reading) for path in cell.records],
+        validate=[_given(path, reading) for path in cell.validate],
+    )
     if not cell.ocv and cell.cell is None:
         # Which file serves for what, the roles say.
         found = identify(job)
@@ -126,16 +130,9 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     known = _known_cell(
         cell.cell and (cell.cell, stamp(cell.cell)),
         tuple((path, stamp(path)) for path in cell.ocv),
-        window.capacity_ah, window.rest_current_a, job.part(Reading), job.part(CellSettings),
+        window.capacity_ah, window.rest_current_a, reading, job.part(CellSettings),
     )  # fmt: skip
-    result = identify(
-        job.changed(
-            records=[_given(path) for path in cell.records],
-            validate=[_given(path) for path in cell.validate],
-            ocv=known.tests,
-            cell=known.model,
-        )
-    )
+    result = identify(job.changed(ocv=known.tests, cell=known.model))
     run = result.run
     used = [each.prepared for each in (*run.identification, *run.validation)]
     measured = [(each.record.name, each.temperature_degc) for each in used]
@@ -271,7 +268,7 @@ def _known_cell(
         return _Known(Result.from_json(earlier[0]).cell, [], [], [])
     tests, warnings, temperatures_degc = [], [], []
     for path, _ in ocv:
-        source = source_of(_given(path), {}, reading)
+        source = source_of(_given(path, reading), {}, reading)
         tests.append(read_ocv_test(source, **reading.options("OCV test")))
         if isinstance(tests[-1], OcvTable):
             continue
@@ -290,15 +287,14 @@ def _known_cell(
     return _Known(model, tests, warnings, temperatures_degc)
 
 
-def _given(path: str) -> Any:
-    """A file as `identify` takes it; what lies in an object store as Polars reads it."""
+def _given(path: str, reading: Reading) -> Any:
+    """A file as `identify` takes it; what lies in a store is fetched."""
     if not is_address(path):
         return path
-    read = pl.read_csv if path.lower().endswith((".csv", ".txt")) else pl.read_parquet
-    try:
-        return source_from_frame(read(path), short_name(path))
-    except (OSError, pl.exceptions.PolarsError) as problem:
-        raise InputError(f"{path}: cannot be read ({reason_of(problem)})") from problem
+    content = fetched(path, LARGEST_FILE)
+    return read_source(
+        short_name(path), columns=reading.columns, series=reading.series, content=content
+    )
 
 
 def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 
 from ..errors import REFUSED
+from ..files import located
 from .dataset import read_rows
 
 # What is summed up of every circuit, by the beginning of its column's name; none of the intervals.
@@ -82,7 +83,7 @@ def read_fleet(out: str | Path, ids: Iterable[str] | None = None) -> pl.DataFram
         out: Folder of the dataset.
         ids: The cells to read; by default all.
     """
-    rows = read_rows(Path(out))
+    rows = read_rows(located(out))
     if ids is None:
         return rows
     wanted = [*ids]

@@ -12,11 +12,11 @@ import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import platformdirs
 
+from ..files import located
 from .dataset import count_rows, marking, write_rows
 from .manifest import FleetCell
 
@@ -44,7 +44,8 @@ def run_batch(
 ) -> Counts:
     """The rows of some cells, written as one part; a part that stands already is not computed."""
     name = batch_name(prints)
-    part = Path(folder) / f"{name}.parquet"
+    place = located(folder)
+    part = place / f"{name}.parquet"
     known = count_rows(part)
     if known is not None:
         return known
@@ -52,10 +53,10 @@ def run_batch(
     from .rows import identify_rows
 
     rows = []
-    with marking(Path(folder), name) as mark:
+    with marking(place, name) as mark:
         for place, (cell, print_) in enumerate(zip(cells, prints, strict=True)):
             mark(place)
-            found = identify_rows(cell, settings, Path(out))
+            found = identify_rows(cell, settings, located(out))
             rows += [row | {"fingerprint": print_} for row in found]
         write_rows(part, rows)
     return len(cells), sum(row["error"] is not None and row.get("pack") is None for row in rows)

@@ -83,12 +83,16 @@ class Source:
 
 
 def read_source(
-    path: str | Path, *, columns: Mapping[str, str] | str = NOTHING, series: int = 1
+    path: str | Path,
+    *,
+    columns: Mapping[str, str] | str = NOTHING,
+    series: int = 1,
+    content: bytes | None = None,
 ) -> Source:
     """The table in a file, told by its content; "-" is the standard input.
 
     `columns` are names of columns where barnax does not know them, and `series` how many cells are
-    in series, as `read_record` takes them.
+    in series, as `read_record` takes them. `content` is the file's where it was fetched already.
     Raises InputError where the file cannot be read.
     """
     given = read_columns(columns)
@@ -100,7 +104,7 @@ def read_source(
     name = printable(path.name)
     if path == STDIN or path.parent in _PIPES:
         name = STDIN_NAME if path == STDIN else _PIPE_NAME
-    content = _read_content(path)
+    content = _read_content(path) if content is None else content
     # Of large files the hash takes a tenth of the time, and lets another thread work.
     with ThreadPoolExecutor(1) as beside:
         hashing = beside.submit(lambda: hashlib.sha256(content).hexdigest())

@@ -1,5 +1,12 @@
 """A small fleet on disk: short records of one cell, and what can be wrong with one."""
 
+import os
+import socket
+import subprocess
+import sys
+import time
+import uuid
+
 import numpy as np
 import polars as pl
 import pytest
@@ -44,6 +51,47 @@ def small_fleet(tmp_path_factory, bundled_cell):
     known = {"ocv": ocv, "initial_soc": 0.8, "circuit": "1rc"}
     pl.DataFrame([row | known for row in rows]).write_csv(folder / "manifest.csv")
     return folder
+
+
+@pytest.fixture(scope="session")
+def s3_server():
+    """A server of S3 on this machine, which fsspec is told of by its own variables."""
+    for name in ("moto", "flask_cors", "s3fs", "upath"):
+        pytest.importorskip(name)
+    import fsspec
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    address = f"http://127.0.0.1:{port}"
+    known = {"ENDPOINT_URL": address, "KEY": "key", "SECRET": "secret"}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in known.items():
+            patch.setenv(f"FSSPEC_S3_{name}", value)
+        patch.setitem(fsspec.config.conf, "s3", {k.lower(): v for k, v in known.items()})
+        server = subprocess.Popen(words, env={**os.environ}, **quiet)
+        try:
+            for _ in range(300):
+                with socket.socket() as asking:
+                    if asking.connect_ex(("127.0.0.1", port)) == 0:
+                        break
+                time.sleep(0.1)
+            yield address
+        finally:
+            server.kill()
+            server.wait()
+
+
+@pytest.fixture
+def bucket(s3_server):
+    """A new bucket there."""
+    from barnax.files import located
+
+    found = located(f"s3://bucket-{uuid.uuid4().hex}")
+    found.fs.mkdir(found.path)
+    return found
 
 
 def comparable(frame):

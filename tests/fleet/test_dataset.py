@@ -1,6 +1,7 @@
 """The dataset: nothing is lost while others write to it, and values of different types."""
 
 import itertools
+import re
 from datetime import UTC, date, datetime
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from barnax.errors import InputError
 from barnax.fleet.dataset import (
     compact,
+    dataset_path,
     finished,
     keep_result,
     parts_folder,
@@ -101,3 +103,40 @@ def test_carried_values_of_two_kinds_are_kept_as_text(tmp_path, is_one_part):
 @pytest.mark.parametrize("is_one_part", [True, False])
 def test_carried_numbers_stay_numbers(tmp_path, is_one_part):
     assert carried(tmp_path, is_one_part, 3, 0.5, None) == [3.0, 0.5, None]
+
+
+def test_duckdb_and_polars_answer_the_three_questions_alike(tmp_path):
+    duckdb = pytest.importorskip("duckdb")
+    page = (Path(__file__).parents[2] / "docs" / "fleet.md").read_text(encoding="utf-8")
+    questions = re.findall(r"^```sql\n(.*?)^```", page, re.M | re.S)
+    assert len(questions) == 3
+    for shard in (1, 2):
+        known = {"certified": True, "at bound": "", "age_days": 100, "error": None}
+        rows = [
+            {
+                **known,
+                "id": f"{shard}{k}",
+                "R0 [Ohm]": 0.01 * shard + 0.001 * k,
+                "RMSE [V]": k + 1.5 * shard,
+            }
+            for k in range(3)
+        ]
+        rows[0] |= {"age_days": 0, "at bound": "R1 [Ohm] low"}
+        rows[1] |= {"certified": False}
+        rows[2] |= {"error": "no", "error code": "file.damaged", "certified": None}
+        write_rows(
+            dataset_path(tmp_path, (shard, 2)), [{"error code": None, **each} for each in rows]
+        )
+    files = str(tmp_path / "cells*.parquet")
+    cells = duckdb.read_parquet(files, union_by_name=True)
+    context = pl.SQLContext(cells=pl.scan_parquet(files))
+    answers = []
+    for question in questions:
+        theirs = duckdb.sql(question).fetchall()
+        ours = context.execute(question).collect().rows()
+        assert [*map(pytest.approx, theirs)] == ours
+        answers.append(theirs)
+    assert cells.shape == (6, 9)
+    assert answers[0] == [(0, 2, pytest.approx(0.015)), (100, 2, pytest.approx(0.016))]
+    assert [row[0] for row in answers[1]] == ["21", "20", "11", "10"]
+    assert answers[2] == [("file.damaged", 2, "12")]

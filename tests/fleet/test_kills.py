@@ -14,8 +14,9 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from barnax.files import changed_ns
 from barnax.fleet import identify_fleet, read_manifest
-from barnax.fleet.dataset import read_rows
+from barnax.fleet.dataset import FACTORS, opened, read_rows
 
 from .conftest import comparable
 from .test_engine import Inline
@@ -24,8 +25,9 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(sys.platform != "linux", reason="looks for workers in /proc"),
 ]
-KILLS = 20
-DASK_KILLS = 9
+# Of each kind. A fleet that ends in between begins anew, so that there are as many.
+KILLS = int(os.environ.get("BARNAX_KILLS", "20"))
+KEPT = "constants"
 COPIES = 16
 
 
@@ -44,13 +46,28 @@ def many(small_fleet):
 @pytest.fixture(scope="module")
 def alone(many, tmp_path_factory):
     out = tmp_path_factory.mktemp("alone")
-    identify_fleet(read_manifest(many)[0], out, executor=Inline(), batch=1)
-    return comparable(read_rows(out))
+    settings = {"keep_factors": KEPT}
+    identify_fleet(read_manifest(many)[0], out, executor=Inline(), batch=1, settings=settings)
+    return comparable(read_rows(out)), factors_in(out)
+
+
+def factors_in(out):
+    return {path.name: path.read_bytes() for path in (out / FACTORS).iterdir()}
+
+
+@pytest.fixture(params=["folder", "store"])
+def place(request, tmp_path):
+    """What gives a new place for a dataset: in a folder, or in a bucket of a server."""
+    if request.param == "folder":
+        return lambda name: tmp_path / name
+    root = request.getfixturevalue("bucket")
+    return lambda name: root / name
 
 
 def command(many, out, *more):
     words = [sys.executable, "-m", "barnax", "fleet", str(many), "--out", str(out)]
-    return subprocess.Popen([*words, "--workers", "2", "--quiet", *more])
+    kept = ["--workers", "2", "--quiet", "--keep-factors", KEPT]
+    return subprocess.Popen([*words, *kept, *more])
 
 
 def workers_of(driver):
@@ -63,39 +80,47 @@ def workers_of(driver):
 
 
 def wait_for_cells(running, out, draw):
-    """Until some while after a worker began a cell or wrote a part, however slow it starts; not
-    for a command that has nothing left to do."""
-    start_s, pattern = time.time(), draw.choice(("parts/.*.at", "parts/[!.]*.parquet"))
+    """Until some while after a worker began a cell or wrote factors or a part, however slow it
+    starts; not for a command that has nothing left to do."""
+    patterns = ("parts/.*.at", "factors/*.npz", "parts/[!.]*.parquet")
+    start_s, pattern = time.time(), draw.choice(patterns)
     while running.poll() is None and time.time() < start_s + 120:
         time.sleep(0.05)
         with suppress(FileNotFoundError):
-            if any(each.stat().st_mtime > start_s for each in out.glob(pattern)):
+            if any(changed_ns(each) > 1e9 * start_s for each in out.glob(pattern)):
                 break
     time.sleep(draw.uniform(0.0, 3.0))
 
 
 def require_the_same(out, alone):
-    rows = pl.read_parquet(out / "cells.parquet")
+    rows = pl.read_parquet(opened(out / "cells.parquet"))
     assert rows["id"].is_unique().all()
-    assert_frame_equal(comparable(rows), alone, check_exact=True, check_column_order=False)
+    assert_frame_equal(comparable(rows), alone[0], check_exact=True, check_column_order=False)
+    assert factors_in(out) == alone[1]
 
 
-def test_twenty_kills_lose_nothing(many, alone, tmp_path):
+def test_twenty_kills_lose_nothing(many, alone, place):
     draw = random.Random(0)
-    killed = 0
-    while killed < KILLS:
-        running = command(many, tmp_path)
-        wait_for_cells(running, tmp_path, draw)
+    killed = {"worker": 0, "command": 0}
+    fleets, out = 1, place("1")
+    while min(killed.values()) < KILLS:
+        running = command(many, out)
+        wait_for_cells(running, out, draw)
         victims = workers_of(running.pid)
-        if victims and draw.random() < 0.5:
+        if victims and killed["worker"] < KILLS:
             os.kill(draw.choice(victims), signal.SIGKILL)
+            killed["worker"] += 1
             time.sleep(draw.uniform(1.0, 4.0))
         running.kill()
         if running.wait() == 0:
-            break
-        killed += 1
-    assert command(many, tmp_path).wait() == 0
-    require_the_same(tmp_path, alone)
+            require_the_same(out, alone)
+            fleets += 1
+            out = place(str(fleets))
+            continue
+        killed["command"] += 1
+    assert command(many, out).wait() == 0
+    require_the_same(out, alone)
+    print(f"{killed} in {fleets} fleets")
 
 
 class Cluster:
@@ -139,10 +164,12 @@ def test_dask_gives_the_same_rows(many, alone, tmp_path, is_started_here):
     require_the_same(tmp_path / "out", alone)
 
 
-def test_kills_of_a_scheduler_its_workers_and_the_command_lose_nothing(many, alone, tmp_path):
+def test_kills_of_a_scheduler_its_workers_and_the_command_lose_nothing(
+    many, alone, place, tmp_path
+):
     draw = random.Random(1)
-    out = tmp_path / "out"
-    for number in range(DASK_KILLS):
+    fleets, out = 1, place("1")
+    for number in range(3 * KILLS):
         with Cluster(tmp_path, number) as cluster:
             running = command(many, out, "--scheduler", cluster.address)
             wait_for_cells(running, out, draw)
@@ -161,7 +188,10 @@ def test_kills_of_a_scheduler_its_workers_and_the_command_lose_nothing(many, alo
             if number % 3 == 1 and running.poll() != 0:
                 assert running.wait(60) == 2
             running.kill()
-            running.wait()
-    with Cluster(tmp_path, DASK_KILLS) as cluster:
+            if running.wait() == 0:
+                require_the_same(out, alone)
+                fleets += 1
+                out = place(str(fleets))
+    with Cluster(tmp_path, 3 * KILLS) as cluster:
         assert command(many, out, "--scheduler", cluster.address).wait() == 0
     require_the_same(out, alone)

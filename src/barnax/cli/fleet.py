@@ -284,6 +284,9 @@ def _summed_up(
     for name, _ in summary.worst:
         with suppress(InputError, KeyError):
             alone = replace(known[name], validate=())
+            # All cells of a pack would be identified again.
+            if "pack_cells" in alone.options:
+                continue
             worst[name] = identified(alone, settings | {"trust": "none"})[0].run.identification[0]
     document = fleet_document(summary, fleet_illustrations(rows, worst))
     with replacing(out / "report.html") as file:

@@ -1,0 +1,156 @@
+"""Fleets in object stores: a real S3 server on this machine, and fsspec's memory."""
+
+import subprocess
+import sys
+import uuid
+from contextlib import suppress
+
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from barnax.errors import InputError
+from barnax.files import fetched, located
+from barnax.fleet import identify_fleet, read_manifest
+from barnax.fleet.dataset import FACTORS, marked_place, marking, opened, read_rows, writing
+from barnax.fleet.regroup import regrouped
+from barnax.fleet.rows import identify_cell
+
+from .conftest import comparable
+from .test_engine import Inline
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+
+@pytest.fixture
+def memory():
+    pytest.importorskip("upath")
+    return located(f"memory://{uuid.uuid4().hex}")
+
+
+def copied(small_fleet, to):
+    """The small fleet's first cell and its failures, in a store, with a manifest of their own."""
+    rows = pl.read_csv(small_fleet / "manifest.csv").filter(
+        pl.col("id").is_in(["cell 0", "missing"])
+    )
+    tests = rows["ocv"][0].split(";")
+    for path in [small_fleet / "cell0.parquet", *map(located, tests)]:
+        (to / path.name).fs.pipe_file((to / path.name).path, path.read_bytes())
+    names = ";".join(located(each).name for each in tests)
+    manifest = to / "m.csv"
+    manifest.fs.pipe_file(manifest.path, rows.with_columns(ocv=pl.lit(names)).write_csv().encode())
+    return manifest
+
+
+def test_a_fleet_in_a_store_is_that_of_a_folder(small_fleet, bucket, tmp_path):
+    manifest = copied(small_fleet, bucket / "in")
+    cells, carried = read_manifest(str(manifest))
+    assert carried == ("age",)
+    outs = (str(bucket / "out"), tmp_path)
+    local, _ = read_manifest(small_fleet / "manifest.csv")
+    kept = {"keep_factors": "constants"}
+    for out, given in zip(outs, (cells, [local[0], local[-1]]), strict=True):
+        state = identify_fleet(given, out, executor=Inline(), settings=kept)
+        assert (state.finished, state.failed) == (2, 1)
+    assert identify_fleet(cells, outs[0], executor=Inline(), settings=kept).skipped == 2
+    stored = comparable(read_rows(bucket / "out"))
+    assert_frame_equal(
+        stored, comparable(read_rows(tmp_path)), check_exact=True, check_column_order=False
+    )
+    name = "cell 0.factors.npz"
+    assert (
+        fetched(bucket / "out" / FACTORS / name, 10**6) == (tmp_path / FACTORS / name).read_bytes()
+    )
+    (group,) = regrouped(str(bucket / "out"), ["age"])
+    again, there = (
+        identify_cell(each, {"seeds": 0}) for each in (group, *regrouped(tmp_path, ["age"]))
+    )
+    assert again["error"] is None
+    assert again["R0 [Ohm]"] == there["R0 [Ohm]"]
+
+
+def test_the_command_reads_and_writes_a_store(small_fleet, bucket, tmp_path):
+    manifest = tmp_path / "m.csv"
+    manifest.write_text(f"id,records\na,{bucket / 'none.csv'}\n")
+    words = [sys.executable, "-m", "barnax", "fleet", manifest, "--workers", "1"]
+    to = ["--out", str(bucket / "out")]
+    refused = subprocess.run([*words, *to], capture_output=True, text=True, check=False)
+    assert refused.returncode == 2
+    assert "--addresses" in refused.stderr
+    done = subprocess.run(
+        [*words, *to, "--addresses", str(bucket)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    (row,) = pl.read_parquet(opened(bucket / "out" / "cells.parquet")).to_dicts()
+    assert "none.csv: cannot be read" in row["error"]
+    assert (bucket / "out" / "report.html").exists()
+
+
+def test_what_is_being_computed_is_noted_in_a_store_too(memory):
+    with writing(memory) as folder:
+        with suppress(KeyError), marking(folder, "b") as mark:
+            mark(3)
+            raise KeyError
+        assert marked_place(folder, "b") == 3
+        assert marked_place(folder, "b") is None
+        with marking(folder, "c") as mark:
+            mark(1)
+        assert marked_place(folder, "c") is None
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "s3://bucket-of-others/a.csv",
+        "s3://bucket/logs-of-others/a.csv",
+        "s3://bucket/logs/../a.csv",
+        "https://host/logs/%2e%2e/a.csv",
+        "s3://bucket/logs/a::file:///etc/passwd",
+        "simplecache::s3://bucket/logs/a.csv",
+        "file:///etc/passwd",
+        "http://169.254.169.254/latest",
+    ],
+)
+def test_a_manifest_reads_no_address_that_was_not_allowed(tmp_path, address):
+    (tmp_path / "m.csv").write_text(f"id,records\na,{address}\n")
+    with pytest.raises(InputError, match="allow it with `addresses`"):
+        read_manifest(tmp_path / "m.csv", addresses=["s3://bucket/logs", "https://host/logs/"])
+
+
+def test_an_allowed_address_is_a_record(tmp_path):
+    (tmp_path / "m.csv").write_text("id,records\na,s3://bucket/logs/1/a.csv\n")
+    ((cell,), _) = read_manifest(tmp_path / "m.csv", addresses=["s3://bucket/logs"])
+    assert cell.records == ("s3://bucket/logs/1/a.csv",)
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../other/a.csv", "~/a.csv", "file:///etc/passwd"])
+def test_a_manifest_in_a_store_reads_no_file_of_this_machine(memory, name):
+    manifest = memory / "in" / "m.csv"
+    manifest.fs.pipe_file(manifest.path, f"id,records\na,{name}\n".encode())
+    with pytest.raises(InputError, match=r"own folder|allow it"):
+        read_manifest(str(manifest))
+
+
+def test_a_pattern_in_a_store_names_its_files(memory):
+    for name in ("b.csv", "a.csv"):
+        (memory / name).fs.pipe_file((memory / name).path, b"")
+    manifest = memory / "m.toml"
+    manifest.fs.pipe_file(manifest.path, b'[[cell]]\nid = "a"\nrecords = ["[ab].csv"]\n')
+    ((cell,), _) = read_manifest(str(manifest))
+    assert cell.records == (str(memory / "a.csv"), str(memory / "b.csv"))
+
+
+def test_a_store_that_is_not_there_is_told(memory):
+    with pytest.raises(InputError, match=r"none.csv: cannot be read"):
+        fetched(memory / "none.csv", 10)
+    (memory / "a").fs.pipe_file((memory / "a").path, b"12345")
+    with pytest.raises(InputError, match="longer than 4 bytes"):
+        fetched(memory / "a", 4)
+    with pytest.raises(InputError, match="no address of a kind"):
+        located("nonsense://bucket/a")
+
+
+def test_without_the_packages_an_address_names_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "upath", None)
+    with pytest.raises(InputError, match=r"barnax\[cloud\]"):
+        identify_fleet([], "s3://bucket/fleet")

@@ -166,7 +166,7 @@ def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 imported.add((node.module or "").split(".")[0])
     # What the extras bring is loaded only where it is needed.
-    optional = {"access_parser", "dask", "distributed", "galvani", "h5py"}
+    optional = {"access_parser", "dask", "distributed", "galvani", "h5py", "upath"}
     foreign = imported - sys.stdlib_module_names - optional - {"barnax"}
     needed = {distribution(providers[name][0]) for name in foreign}
     declared = {distribution(requirement) for requirement in PROJECT["dependencies"]}

@@ -67,7 +67,7 @@ def located(where: str | Path) -> Any:
     if parts.scheme == "file":
         return Path(url2pathname(parts.path))
     try:
-        from upath import UPath
+        from upath import UPath  # pyright: ignore[reportMissingImports]
 
         found = UPath(where, use_listings_cache=False)
         _ = found.fs

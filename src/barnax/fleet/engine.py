@@ -103,7 +103,7 @@ def identify_fleet(
 
     Raises `InputError` if `out` cannot be written to, an id occurs twice or your executor breaks.
     """
-    out, chosen = located(out), {"seeds": 0, **(settings or {})}
+    root, chosen = located(out), {"seeds": 0, **(settings or {})}
     state = Progress()
 
     def wanted(done: Mapping[str, tuple[str, bool]]) -> Iterator[tuple[str, FleetCell]]:
@@ -120,10 +120,10 @@ def identify_fleet(
             else:
                 yield print_, cell
 
-    with writing(out, shard) as folder:
+    with writing(root, shard) as folder:
         # A part that stands is not computed again, and some hold what failed or was replaced since.
-        compact(out, shard)
-        queue = wanted(finished(out))
+        compact(root, shard)
+        queue = wanted(finished(root))
         few = list(queue) if isinstance(cells, Sequence) else None
         if few is not None:
             state = replace(state, total=len(few) + state.skipped)
@@ -142,13 +142,13 @@ def identify_fleet(
                     # A small number of cells is shared among the workers, four batches each.
                     size = max(1, min(size, -(-len(few) // (4 * count))))
                 batches = iter(lambda: tuple(itertools.islice(queue, size)), ())
-                work = partial(_submit, folder=folder, out=out, settings=chosen)
+                work = partial(_submit, folder=folder, out=root, settings=chosen)
                 for rows, failed in _run(batches, reopen, work, folder, WAITING * (count + 1)):
                     state = replace(
                         state, finished=state.finished + rows, failed=state.failed + failed
                     )
                     report(state)
-        compact(out, shard)
+        compact(root, shard)
     return replace(state, total=state.finished + state.skipped)
 
 

@@ -143,29 +143,29 @@ def read_manifest(
     Raises `InputError` where the manifest cannot be used; files that are none are in each cell's
     `missing`.
     """
-    path = located(path)
-    if path.is_dir():
+    place = located(path)
+    if place.is_dir():
         rows = [
             {"id": each.name, "records": [f"{glob.escape(each.name)}/*"]}
-            for each in sorted(path.iterdir())
+            for each in sorted(place.iterdir())
             if each.is_dir()
         ]
-        cells = [cell_of({**(defaults or {}), **row}, path) for row in rows]
+        cells = [cell_of({**(defaults or {}), **row}, place) for row in rows]
         if not cells:
             raise InputError(
-                f"{path}: has no subfolders; make one for each cell, or give a manifest"
+                f"{place}: has no subfolders; make one for each cell, or give a manifest"
             )
         return cells, ()
-    rows, own_defaults = _rows(path)
+    rows, own_defaults = _rows(place)
     given = {**_renamed(defaults or {}), **_renamed(own_defaults)}
     found = (
-        cell_of(given | _filled(row), path.parent, f"{path.name}: row {place}")
-        for place, row in enumerate(rows, 2 if path.suffix.lower() != ".toml" else 1)
+        cell_of(given | _filled(row), place.parent, f"{place.name}: row {number}")
+        for number, row in enumerate(rows, 2 if place.suffix.lower() != ".toml" else 1)
     )
-    allowed = [*addresses, *([] if isinstance(path, Path) else [str(path.parent)])]
-    cells = list(distinct(_confined(found, allowed, path.name), f"{path.name}: "))
+    allowed = [*addresses, *([] if isinstance(place, Path) else [str(place.parent)])]
+    cells = list(distinct(_confined(found, allowed, place.name), f"{place.name}: "))
     if not cells:
-        raise InputError(f"{path}: has no cells; add a row for each")
+        raise InputError(f"{place}: has no cells; add a row for each")
     return cells, tuple(dict.fromkeys(name for cell in cells for name in cell.carried))
 
 

@@ -10,11 +10,13 @@ import pytest
 
 from barnax.candidates import Candidate
 from barnax.cell import CircuitParameters
+from barnax.cell.dependence import Dependence
 from barnax.cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
 from barnax.over_soc import NodeInterval, SocErrors, TableFits, TableSettings
 from barnax.records import Decision
 from barnax.reporting.candidates import held_out_errors, pay_sentence
 from barnax.reporting.decisions import guess_sentences
+from barnax.reporting.dependence import dependence_sentences
 from barnax.reporting.sentences import (
     diagnostics_sentences,
     finding_sentence,
@@ -260,3 +262,12 @@ def test_a_hold_that_moves_r0_of_the_tables_out_of_its_interval_is_said_of_them(
     told = " ".join(map(str, run.hold_warnings(problem, other)))
     assert bool(told) is warns
     assert not warns or "R0 of the tables at 50 % SOC is 50 mOhm as assumed, and 47.9 mOhm" in told
+
+
+@pytest.mark.parametrize(("kappa_per_a2", "said"), [(0.0016, 2), (0.05, 1)])
+def test_heating_that_moves_next_to_nothing_is_said_to(kappa_per_a2, said):
+    known = Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=1800.0, reference_a2=0.96)
+    fit = SimpleNamespace(tables=SimpleNamespace(dependence=known), intervals=())
+    sentences = [*dependence_sentences(SimpleNamespace(over_temperature=None, fit=fit))]
+    assert len(sentences) == said
+    assert ("next to nothing" in sentences[-1]) == (said == 2)

@@ -10,6 +10,9 @@ if TYPE_CHECKING:
     from ..over_soc import TableFit
     from ..result_parts import TablesPart
 
+# Resistances that fall by less than this share at the average current do not follow it.
+NEXT_TO_NOTHING = 0.01
+
 
 def dependence_sentences(part: "TablesPart") -> Iterator[str]:
     """What the resistances of tables follow, with intervals; nothing where that is SOC alone."""
@@ -53,6 +56,8 @@ def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
             f"{duration(known.heating_tau_s)}; tables are at {figures(known.reference_a2)} A^2, "
             "the average."
         )
+        if known.kappa_per_a2 * known.reference_a2 < NEXT_TO_NOTHING:
+            yield f"{where}at that average this is next to nothing: the data show no heating."
     if ONSET in numbers:
         yield (
             f"{where}those of the pairs fall with the current: i0 asinh(i / i0) flows in place of "

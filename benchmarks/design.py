@@ -19,7 +19,7 @@ import numpy as np
 
 import barnax
 from barnax.bundled import bundled_file
-from barnax.cell import CellModel, SocTables, characterize
+from barnax.cell import CellModel, CircuitParameters, characterize
 from barnax.experiment import Design, Limits
 from barnax.experiment.belief import believed_of_chemistry, believed_of_fit
 from barnax.experiment.information import (
@@ -33,7 +33,8 @@ from barnax.experiment.next_test import DRIVE, WANTED, wishes_of
 from barnax.experiment.protocol import hppc_steps, sampled
 from barnax.experiment.search import Choice, OnDrive, worst_first
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
-from barnax.over_soc import TableFit, errors_on, fit_tables, fit_with_ocv, simulate_tables
+from barnax.model.reference import simulate_circuit
+from barnax.over_soc import TableFit, errors_on, fit_tables, fit_with_ocv
 from barnax.records import Decision, Record, read_record
 from barnax.reporting.design import pybamm_steps, reached_half
 from benchmarks.coverage.simulated import Noise
@@ -56,7 +57,7 @@ class Truth:
     """A virtual cell: tables, and the noise of its records."""
 
     cell: CellModel
-    tables: SocTables
+    tables: CircuitParameters
     noise: Noise
     rng: np.random.Generator
 
@@ -70,7 +71,7 @@ class Truth:
             name, time_s, current_a, np.full(len(row), 3.0), None, None, row, sign, given, ""
         )
         prepared = prepare_record(blank, self.cell, "esc", WINDOW, is_measured=False)
-        voltage_v = simulate_tables(prepared, self.tables)
+        voltage_v = simulate_circuit(prepared, self.tables)
         noise_v = self.noise.draw(self.rng, 1, len(voltage_v))[0]
         return replace(blank, voltage_v=voltage_v + noise_v)
 
@@ -92,7 +93,9 @@ def truth_of(number: int) -> Truth:
         shape = np.exp(spread * curve(rng)) + rise * rng.uniform(0.5, 1.5) * empty
         rows.append(tuple((level * shape).tolist()))
     tau_s = float(np.exp(rng.normal(np.log(12), 0.4))), float(np.exp(rng.normal(np.log(120), 0.4)))
-    tables = SocTables(tuple(FINE.tolist()), tau_s, rows[0], tuple(rows[1:]), gamma=GAMMA)
+    tables = CircuitParameters.over_soc(
+        tuple(FINE.tolist()), tau_s, rows[0], tuple(rows[1:]), gamma=GAMMA
+    )
     size = float(np.exp(rng.normal(np.log(3e-3), 0.3)))
     parts = ((0, 0.3 * size), (10, 0.65 * size), (200, 0.7 * size))
     return Truth(cell, tables, Noise("", parts), rng)
@@ -130,7 +133,7 @@ def halves_of(fit: TableFit, name: str) -> np.ndarray:
     )
 
 
-def held(fit: TableFit, truth: SocTables) -> float:
+def held(fit: TableFit, truth: CircuitParameters) -> float:
     """The share of the intervals from 10 to 90 % SOC that hold the truth."""
     return float(
         np.mean(

@@ -134,7 +134,7 @@ def plain_row(case: Case, result: barnax.Result, scenario: Scenario) -> str:
     prepared = prepare_record(record, result.cell_model, result.model, case.own(result))
     tables = None if result.tables is None else result.tables.fit.tables
     model = make_model(
-        result.cell_at(), result.model, result.constant.circuit_parameters, ErrorModel(PLAIN_V),
+        result.cell_at(), result.model, result.constant.parameters, ErrorModel(PLAIN_V),
         tables=tables, rest_current_a=result.start_rest_current_a,
     )  # fmt: skip
     first = first_with_room(prepared.soc, scenario.soc_error)

@@ -16,9 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from barnax.bundled import BUNDLED
-from barnax.cell import SocTables, characterize
+from barnax.cell import CircuitParameters, characterize
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
-from barnax.over_soc import TableSettings, fit_tables, simulate_tables
+from barnax.model.reference import simulate_circuit
+from barnax.over_soc import TableSettings, fit_tables
 from barnax.records import read_record
 from benchmarks.coverage.simulated import Noise
 from benchmarks.pages import as_markdown, provenance, publish
@@ -99,7 +100,7 @@ def _section(title: str, prepared: PreparedRecord, truths: int, waviness: float)
     return [*lines, "", f"Time constants: {', '.join(held)}.", ""]
 
 
-def _truth(rng: np.random.Generator, waviness: float) -> SocTables:
+def _truth(rng: np.random.Generator, waviness: float) -> CircuitParameters:
     """Smooth random curves over SOC, resistances rising toward empty."""
     empty = np.exp(-np.maximum(FINE, 0.0) / EMPTY_SOC)
     curves = {
@@ -107,7 +108,7 @@ def _truth(rng: np.random.Generator, waviness: float) -> SocTables:
         * (np.exp(waviness * spread * curve(rng)) + rise * rng.uniform(0.5, 1.5) * empty)
         for name, (level, spread, rise) in LEVELS.items()
     }
-    return SocTables(
+    return CircuitParameters.over_soc(
         nodes=tuple(FINE.tolist()),
         tau_s=TAU_S,
         r0_ohm=tuple(curves["R0"].tolist()),
@@ -124,11 +125,11 @@ def curve(rng: np.random.Generator) -> np.ndarray:
 
 
 def _measured(
-    prepared: PreparedRecord, truth: SocTables, rng: np.random.Generator
+    prepared: PreparedRecord, truth: CircuitParameters, rng: np.random.Generator
 ) -> PreparedRecord:
     """The record with the voltage of a truth under noise."""
     voltage_v = prepared.record.voltage_v.copy()
-    simulated_v = simulate_tables(prepared, truth)
+    simulated_v = simulate_circuit(prepared, truth)
     voltage_v[prepared.span] = simulated_v + NOISE.draw(rng, 1, len(simulated_v))[0]
     return replace(prepared, record=replace(prepared.record, voltage_v=voltage_v))
 

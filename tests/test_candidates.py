@@ -135,7 +135,7 @@ def test_a_circuit_that_the_data_contradict_is_told_with_the_command(moving_cell
     # And whoever names no circuit gets the right one.
     free = barnax.identify(record, **asked)
     assert free.constant.model == "esc"
-    assert free.constant.circuit_parameters.r0 == pytest.approx(0.05, rel=0.02)
+    assert free.constant.parameters.r0 == pytest.approx(0.05, rel=0.02)
 
 
 def test_the_set_up_of_the_paper_is_one_word():
@@ -174,7 +174,7 @@ def test_what_is_held_is_held_in_every_circuit_that_has_it():
     assert [each.model for each in held.candidates if each.over is None] == [*WEIGHED]
     # Tables have no capacitance.
     farads = barnax.identify(fix={"C1 [F]": 1000.0}, **few)
-    assert farads.constant.parameters["C1 [F]"] == pytest.approx(1000.0)
+    assert farads.constant.parameters.scales["C1 [F]"] == pytest.approx(1000.0)
     assert not any(each.over for each in farads.candidates)
     with pytest.raises(barnax.InputError, match="'gamma' is not a parameter of this circuit"):
         barnax.identify(model="so-rc", fix={"gamma": 50.0}, **few)

@@ -26,7 +26,7 @@ LAYERS = (
     ("global_optimum", "uncertainty", "baselines"),
     ("over_soc",),
     ("candidates", "table_run", "job", "factors"),
-    ("result_parts", "run"),
+    ("result_parts", "run", "older_results"),
     ("results",),
     ("storing", "simulation", "result_filter", "scenarios"),
     ("reopening", "replay", "experiment"),

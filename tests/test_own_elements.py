@@ -1,7 +1,5 @@
 """Circuits with diffusion, and with an element of one's own, identified from end to end."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -67,7 +65,7 @@ def test_the_global_optimum_is_the_circuit_that_made_the_record(
     found = optimum.parameters
     assert (found.r0, *found.r) == pytest.approx((0.05, *R_OHM), rel=5e-3)
     assert found.tau_s == pytest.approx(TAU_S, rel=1e-2)
-    exact = replace(found, r0=0.05, r=R_OHM, c=tuple(np.array(TAU_S) / R_OHM))
+    exact = CircuitParameters.of_tau(0.05, R_OHM, TAU_S, elements=found.elements)
     noiseless = made_problem(bundled_cell, circuit, answer)
     rmse_v = evaluate(noiseless.prepared, exact).metrics.rmse_v
     assert rmse_v < near * np.sqrt(np.mean((R_OHM[1] * answer(TAU_S[1])) ** 2))
@@ -97,7 +95,7 @@ def test_tables_of_one_node_are_the_constant_circuit(bundled_cell, circuit, answ
     assert fit.status == "certified"
     assert fit.tables.elements == constant.elements
     assert fit.tables.tau_s == pytest.approx(constant.tau_s, rel=1e-3)
-    found = [fit.tables.r0_ohm[0], *(row[0] for row in fit.tables.r_ohm)]
+    found = fit.tables.ohm[:, 0]
     assert found == pytest.approx([constant.r0, *constant.r], rel=1e-3)
     # Its error by the reduction is that by the scan.
     error_v = fit.errors[0].rmse_v
@@ -119,9 +117,9 @@ def test_intervals_searches_and_exports_know_the_element(
     path = tmp_path / "result.json"
     path.write_text(result.to_json())
     again = barnax.Result.from_json(path)
-    assert again.constant.circuit_parameters.elements == problem.bounds.elements
+    assert again.constant.parameters.elements == problem.bounds.elements
     # The filter's model at rest moves as the circuit does.
-    own = result.constant.circuit_parameters
+    own = result.constant.parameters
     model = make_model(result.cell, circuit, own, ErrorModel(1e-3))
     assert model.pairs == len(own.laddered().r)
     written = get_exporter("json").write(result).content.decode()

@@ -77,12 +77,13 @@ def test_cells_of_one_reduction_are_those_fitted_one_by_one(bundled_cell, voltag
     def fitted(frame_of_one, beside_v, names):
         record = record_from_frame(frame_of_one, name="pack")
         prepared = prepare_record(record, bundled_cell, "so-rc", window)
-        tables = replace(TABLES, nodes=settings.nodes)
-        return fit_pack(prepared, tables, beside_v, names, settings, own)
+        return fit_pack(prepared, TABLES, beside_v, names, settings, own)
 
-    from barnax.cell import SocTables
+    from barnax.cell import CircuitParameters
 
-    TABLES = SocTables(settings.nodes, (15.0, 150.0), (0.02,) * 4, ((0.01,) * 4,) * 2)
+    TABLES = CircuitParameters.over_soc(
+        settings.nodes, (15.0, 150.0), (0.02,) * 4, ((0.01,) * 4,) * 2
+    )
     beside_v = voltages_v - voltages_v.mean(axis=1)[:, None]
     both = fitted(mean, beside_v, ["V1", "V2"])
     for place, together in enumerate(both.cells):

@@ -291,7 +291,7 @@ def test_an_open_direction_is_tried_both_ways_and_told(cut_record):
     result = barnax.identify(cut_record, ocv=OCV, **SMALL)
     assert (result.start.direction, result.start.direction_source) == (-1, "better fit")
     assert result.start.other_rmse_v > 2 * result.metrics.identification.rmse_v
-    found = result.constant.circuit_parameters
+    found = result.constant.parameters
     assert found.r0 == pytest.approx(TRUTH["R0 [Ohm]"], rel=0.02)
     assert found.r == pytest.approx((TRUTH["R1 [Ohm]"], TRUTH["R2 [Ohm]"]), rel=0.02)
     shown = result._repr_html_()

@@ -67,7 +67,7 @@ def test_the_parameters_and_every_metric_are_of_the_one_answer(document, result)
     own = document["metrics"]["identification"]
     assert own["rmse [V]"] == pytest.approx(answer.rmse_v, rel=1e-9)
     assert own["samples"] == 901
-    again = barnax.evaluate(result.run.problem.prepared, result.constant.circuit_parameters)
+    again = barnax.evaluate(result.run.problem.prepared, result.constant.parameters)
     assert own["rmse [V]"] == again.metrics.rmse_v
 
 

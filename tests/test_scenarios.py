@@ -37,7 +37,7 @@ def test_a_late_start_has_what_the_current_left_in_the_pairs():
     _, (state, _), drive = case_of(model, prepared, scenario, first, 0.1).given
     assert first > 0
     assert state[0] == pytest.approx(prepared.soc[first] + 0.2)
-    circuit = result.constant.circuit_parameters
+    circuit = result.constant.parameters
     gone = 1 - np.exp(-float(first) / np.array(circuit.tau_s))
     assert state[1:3] == pytest.approx(flowing_a * np.array(circuit.r) * gone, rel=1e-9)
     assert drive.interval_s[0] == 0

@@ -14,6 +14,7 @@ from barnax.errors import InputError
 from barnax.notices import notice
 from barnax.results import Result
 from helpers.golden import RESULT
+from helpers.results import make_table_result
 
 DOCUMENT = json.loads(RESULT.read_text(encoding="utf-8"))
 DOCS = Path(__file__).parents[1] / "docs"
@@ -143,7 +144,7 @@ def test_a_tampered_part_is_refused_under_the_files_name(read, place, value):
 
 
 CONTENTS = [
-    b"", b"not json", b"null", b"[]", b"{}", b'{"schema_version": 4', b"[" * 100_000,
+    b"", b"not json", b"null", b"[]", b"{}", b'{"schema_version": 5', b"[" * 100_000,
     b'{"cell": ' * 100_000, b"\x89PNG\r\n\x1a\n\xff\xfe", "{}".encode("utf-16"),
 ]  # fmt: skip
 
@@ -194,6 +195,30 @@ def test_a_notice_is_stored_with_its_words_and_read_by_its_code(read):
     ],
 )  # fmt: skip
 def test_a_warning_without_a_code_that_is_known_is_read_in_its_words(read, stored):
-    document = put("warnings", [stored]) | {"schema_version": 3 if isinstance(stored, str) else 4}
+    document = put("warnings", [stored]) | {"schema_version": 3 if isinstance(stored, str) else 5}
     (told,) = read(document).warnings
     assert (told.code, str(told)) == ("stored.text", "us06.csv: an old warning; mend it")
+
+
+def test_tables_of_version_4_are_read_by_their_names(read):
+    tables = make_table_result().tables.model_dump(mode="json", by_alias=True)
+    document = json.loads(RESULT.read_text()) | {"model": "so-rc", "tables": tables}
+    result = read(document)
+    document["schema_version"] = 4
+    own = document["tables"]["fits"][0].pop("tables")
+    document["tables"]["fits"][0]["tables"] = {
+        "nodes": own["nodes"],
+        "tau [s]": [own["scales"]["tau1 [s]"], own["scales"]["tau2 [s]"]],
+        "r0 [Ohm]": own["tables"]["R0 [Ohm]"],
+        "r [Ohm]": [own["tables"]["R1 [Ohm]"], own["tables"]["R2 [Ohm]"]],
+        "ocv_correction [V]": own["tables"]["OCV correction [V]"],
+        "half_hysteresis [V]": None,
+        "gamma": None,
+        "visited": own["visited"],
+        "elements": ["rc", "rc"],
+        "dependence": None,
+    }
+    assert read(document).to_json() == result.to_json()
+    del document["tables"]["fits"][0]["tables"]["r [Ohm]"]
+    with pytest.raises(InputError, match=r"result\.json: .*tables are damaged"):
+        read(document)

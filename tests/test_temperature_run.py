@@ -9,10 +9,11 @@ import pytest
 from rich.console import Console
 
 from barnax import Result, identify
+from barnax.cell.parameters import OCV_CORRECTION
 from barnax.errors import InputError
 from barnax.experiment.belief import believed_of_result
 from barnax.inputs import read_inputs
-from barnax.model.prepared import group_tests
+from barnax.model.temperature import group_tests
 from barnax.model.window import Window
 from barnax.pipeline import hppc
 from barnax.reporting.first_screen import first_screen
@@ -134,7 +135,7 @@ def test_each_temperature_has_the_ocv_of_its_own_test(result):
         assert own_v == pytest.approx(3.2 + (0.875 + 1e-3 * degc) * np.array([0.1, 0.5]), abs=1e-5)
     # So no correction is left to make.
     for fit in result.tables.fits:
-        assert np.abs(fit.tables.ocv_correction_v).max() < 1e-3
+        assert np.abs(fit.tables.tables[OCV_CORRECTION]).max() < 1e-3
 
 
 def test_an_ocv_test_of_unknown_temperature_beside_others_is_refused():

@@ -50,8 +50,8 @@ NOISES = (
     ),
 )
 CIRCUITS = (
-    barnax.CircuitParameters(0.05, (0.02, 0.03), (20 / 0.02, 300 / 0.03)),
-    barnax.CircuitParameters(0.073, (0.015, 0.0213), (10.2 / 0.015, 87 / 0.0213)),
+    barnax.CircuitParameters.constant(0.05, (0.02, 0.03), (20 / 0.02, 300 / 0.03)),
+    barnax.CircuitParameters.constant(0.073, (0.015, 0.0213), (10.2 / 0.015, 87 / 0.0213)),
 )
 
 

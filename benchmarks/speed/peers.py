@@ -17,7 +17,7 @@ from .sizes import POPULATION, Sizes
 
 REQUIREMENTS = ("pybop==26.3",)
 WORKER = Path(__file__).parent / "peers_worker.py"
-CIRCUIT = barnax.CircuitParameters(0.06, (0.03, 0.02), (1000.0, 50_000.0))
+CIRCUIT = barnax.CircuitParameters.constant(0.06, (0.03, 0.02), (1000.0, 50_000.0))
 # Where the bounded fit starts, as a share of the circuit whose simulation was timed.
 START = 1.2
 

@@ -11,7 +11,6 @@ from .cell import Circuit as Circuit
 from .cell import CircuitParameters as CircuitParameters
 from .cell import Element as Element
 from .cell import OcvTable as OcvTable
-from .cell import SocTables as SocTables
 from .cell import characterize as characterize
 from .cell import make_circuit as make_circuit
 from .cell import read_ocv_table as read_ocv_table
@@ -42,9 +41,7 @@ from .optimizers import OPTIMIZERS as OPTIMIZERS
 from .optimizers import make_optimizer as make_optimizer
 from .over_soc import TableFit as TableFit
 from .over_soc import TableSettings as TableSettings
-from .over_soc import evaluate_tables as evaluate_tables
 from .over_soc import fit_tables as fit_tables
-from .over_soc import simulate_tables as simulate_tables
 from .pack import Pack as Pack
 from .pack import identify_pack as identify_pack
 from .pipeline import hppc as hppc

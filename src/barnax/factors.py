@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from .cell.tables import require_nodes
+from .cell.parameters import require_nodes
 from .errors import InputError, printable
 from .files import fetched, is_address
 from .over_soc.kept import Grid, Kept, KeptOcv, OcvSource

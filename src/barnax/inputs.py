@@ -20,8 +20,8 @@ from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import Kind, require_load
 from .errors import InputError, printable
-from .model.prepared import group_tests, temperature_of
 from .model.search_space import Range, read_bounds
+from .model.temperature import group_tests, temperature_of
 from .model.window import Window, first_sample, scored_samples
 from .notices import Notice, notice, raise_first_error
 from .records import Record, Source, read_record, read_source, source_from_frame

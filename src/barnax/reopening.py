@@ -108,7 +108,7 @@ def reopened(result: Result, inputs: Inputs) -> Run:
     pairs = [(part, inputs.read(part)) for part in (*own, *others)]
     constant = result.constant
     evaluated = partial(_evaluations, pairs, len(own), result.cell)
-    by_constant = partial(evaluate, parameters=constant.circuit_parameters)
+    by_constant = partial(evaluate, parameters=constant.parameters)
     found = evaluated(constant.model, by_constant, constant.metrics)
     tables = None
     if result.tables is not None:
@@ -143,7 +143,7 @@ def reopened(result: Result, inputs: Inputs) -> Run:
         ),
         optimum=find_global_optimum(problem) if constant.global_optimum else None,
         answer=Answer(
-            constant.circuit_parameters,
+            constant.parameters,
             constant.metrics.identification.rmse_v,
             constant.source,
             constant.at_bound,
@@ -231,7 +231,7 @@ def validated(
     if stored.tables is not None:
         by_circuit = stored.tables.found.evaluate
     else:
-        by_circuit = partial(evaluate, parameters=stored.constant.circuit_parameters)
+        by_circuit = partial(evaluate, parameters=stored.constant.parameters)
     found = with_registered(evaluate_from_either(prepared, cell, by_circuit), by_circuit)
     if stored.tables is not None:
         warnings += no_temperature(prepared, stored.tables.found)

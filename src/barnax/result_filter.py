@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .cell.tables import OCV_CORRECTION
+from .cell.parameters import OCV_CORRECTION
 from .errors import InputError
 from .filters.model import CAPACITY, GRID, OFFSET, ErrorModel, FilterModel, make_model
 from .model.window import Window
@@ -129,7 +129,7 @@ def model_of(result: Result, slow: Sequence[str] = ()) -> FilterModel:
     return make_model(
         result.cell_at(),
         result.model,
-        result.constant.circuit_parameters,
+        result.constant.parameters,
         errors,
         tables=None if result.tables is None else result.tables.fit.tables,
         rest_current_a=rest_a,

@@ -287,7 +287,7 @@ class ConstantPart(Part):
     """
 
     model: str
-    parameters: Parameters
+    parameters: CircuitParameters
     source: Literal["seeds", "global optimum"]
     at_bound: tuple[AtBound, ...]
     metrics: MetricsBlock
@@ -304,21 +304,12 @@ class ConstantPart(Part):
     def _name_a_known_circuit(cls, name: str) -> str:
         return get_circuit(name).name
 
-    @field_validator("parameters")
-    @classmethod
-    def _name_a_circuit(cls, values: Parameters) -> Parameters:
-        return CircuitParameters.from_dict(values).to_dict()
-
     @model_validator(mode="after")
     def _hold_what_the_circuit_has(self) -> Self:
-        wanted = get_circuit(self.model).parameter_names
-        if set(self.parameters) != set(wanted):
+        wanted, found = get_circuit(self.model).parameter_names, self.parameters.to_dict()
+        if found.keys() != set(wanted):
             raise ValueError(
                 f"the circuit {self.model} has the parameters {', '.join(wanted)}, not "
-                f"{', '.join(self.parameters)}"
+                f"{', '.join(found)}"
             )
         return self
-
-    @property
-    def circuit_parameters(self) -> CircuitParameters:
-        return CircuitParameters.from_dict(self.parameters)

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from .candidates import Candidate, table_name
-from .cell import CellModel, get_circuit
+from .cell import CellModel, CircuitParameters, get_circuit
 from .display import hook
 from .errors import InputError
 from .model.start import Start
 from .model.window import Window
+from .older_results import upgraded
 from .pulses import Pulse
 from .result_parts import ConstantPart, InputPart, MetricsBlock, PlannedFile, TablesPart
 from .run import Run
@@ -31,13 +32,6 @@ if TYPE_CHECKING:
     from .inputs import Given
     from .records.read import Frame
 
-SCHEMA_VERSION = 4
-# What version 2 held of the constant circuit beside the answer.
-CONSTANT_KEYS = (
-    "parameters", "answer_source", "at_bound", "global_optimum", "assessment", "other_hold",
-    "search", "refined", "bounds", "fixed",
-)  # fmt: skip
-
 
 class Result(Document):
     """The contents of `result.json`. Equal runs give equal bytes: no times, dates or folders.
@@ -45,7 +39,7 @@ class Result(Document):
     A result that was computed or loaded has the objects behind it in `run`.
 
     Attributes:
-        schema_version: Version 4 of the file.
+        schema_version: Version 5 of the file.
         model: Name of the answer's circuit.
         metrics: The answer's errors.
         candidates: The circuits that were weighed against each other, the answer among them.
@@ -65,7 +59,7 @@ class Result(Document):
     barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
     """
 
-    schema_version: Literal[4]
+    schema_version: Literal[5]
     model: str
     metrics: MetricsBlock
     candidates: tuple[Candidate, ...] = ()
@@ -107,27 +101,7 @@ class Result(Document):
 
     @classmethod
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
-        if (version := document.get("schema_version")) == 1:
-            raise InputError(
-                f"{file}: this file has schema version 1; run its stored command again to write "
-                f"version {SCHEMA_VERSION}"
-            )
-        if version in (2, 3):  # Warnings were texts, which `Told` reads.
-            document = {**document, "schema_version": SCHEMA_VERSION}
-        if version == 2:
-            constant = {key: document.pop(key) for key in CONSTANT_KEYS if key in document}
-            document.pop("expected_tables [V]", None)
-            metrics = document.get("metrics")
-            tables = document.get("tables")
-            if isinstance(tables, dict):
-                document["metrics"] = tables.pop("metrics", None)
-                if isinstance(tables.get("settings"), dict):
-                    # The correction was free before this was a choice.
-                    tables["settings"].setdefault("rising_ocv", False)
-            model, source = document.get("model"), constant.pop("answer_source", None)
-            own = {"model": model, "source": source, "metrics": metrics}
-            document["constant"] = own | constant
-        return document
+        return upgraded(document, file)
 
     @property
     def run(self) -> Run:
@@ -283,10 +257,15 @@ class Result(Document):
         A table over SOC is a tuple of values at the states of charge under "SOC"; of tables at
         several temperatures, those nearest to 25 degC.
         """
+        circuit = self.circuit_parameters
         if self.tables is None:
-            return dict(self.constant.parameters)
-        tables = self.tables.fit.tables
-        return {"SOC": tables.nodes, **tables.tables, **tables.constants}
+            return {**circuit.to_dict()}
+        return {"SOC": circuit.nodes, **circuit.tables, **circuit.constants}
+
+    @property
+    def circuit_parameters(self) -> CircuitParameters:
+        """The same as the circuit that they are of."""
+        return self.constant.parameters if self.tables is None else self.tables.fit.tables
 
     @property
     def answer(self) -> str:

@@ -11,16 +11,16 @@ from jaxtyping import Float
 from .cell.curves import SegmentedHysteresis
 from .cell.dependence import BETA
 from .cell.model import SAME_DEGC
+from .cell.parameters import HALF_HYSTERESIS
 from .errors import InputError
 from .model.prepared import OCV_MARGIN, prepare_record
+from .model.reference import simulate_circuit
 from .model.window import Window
 from .notices import Notice, notice
-from .over_soc import simulate_tables
 from .records import Decision, Record, source_from_frame
 from .records.columns import columns_of
 from .records.table import take_lines
 from .results import Result
-from .search.evaluate import simulate_circuit
 from .table_run import OUTSIDE_SOC
 
 NAME = "the current"
@@ -179,12 +179,12 @@ def simulate_current(
     `Result.simulate` does.
     """
     result = _at(result, temperature_degc)
-    cell, tables = result.cell_at(), result.tables.fit.tables if result.tables else None
+    cell, circuit = result.cell_at(), result.circuit_parameters
     if not has_hysteresis:
         cell = replace(cell, hysteresis=SegmentedHysteresis.zero())
-        tables = None if tables is None else replace(tables, half_hysteresis_v=None)
-    if not has_dependence and tables is not None:
-        tables = replace(tables, dependence=None)
+        circuit = circuit.without(HALF_HYSTERESIS)
+    if not has_dependence:
+        circuit = replace(circuit, dependence=None)
     start = result.start
     start_soc = start.soc if initial_soc is None else initial_soc
     window = Window(
@@ -218,9 +218,7 @@ def simulate_current(
         sha256="",
     )
     prepared = prepare_record(record, cell, result.model, window, is_measured=False)
-    if tables is None:
-        return Simulated(simulate_circuit(prepared, result.constant.circuit_parameters), soc)
-    return Simulated(simulate_tables(prepared, tables), soc)
+    return Simulated(simulate_circuit(prepared, circuit), soc)
 
 
 def _require_numbers(profile: Profile) -> None:

@@ -14,6 +14,7 @@ from .cell.soc_axis import is_above
 from .global_optimum import GlobalOptimum, optimality_gap
 from .metrics import Metrics
 from .model.problem import Problem
+from .older_results import SCHEMA_VERSION
 from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
 from .pulses import pulses_of
 from .records import Record
@@ -29,7 +30,7 @@ from .result_parts import (
     SearchPart,
     TablesPart,
 )
-from .results import SCHEMA_VERSION, Result
+from .results import Result
 from .run import Run
 from .search.evaluate import Evaluation, pooled
 from .search.refine import SAME_RMSE, Refinement
@@ -49,7 +50,7 @@ def make_result(run: Run, command: Sequence[str] = ()) -> Result:
     problem = run.problem
     constant = ConstantPart(
         model=problem.circuit,
-        parameters=run.answer.parameters.to_dict(),
+        parameters=run.answer.parameters,
         source=run.answer.source,
         at_bound=run.answer.at_bound,
         metrics=_metrics_block(problem.name, run.identification, run.validation),

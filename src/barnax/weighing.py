@@ -323,7 +323,7 @@ def search_and_assess(
             weighed = problems if weighing.chosen is None else ()
             alike = partial(_alike_r0, weighed, optima, held_out)
             r0_ohm = [*more_ohm, *late_ohm, *alike(held_out[place])]
-            others = [replace(own, r0=each) for each in r0_ohm]
+            others = [own.with_tables({R0: [ohm]}) for ohm in r0_ohm]
             others += [other_hold.parameters] if other_hold else []
             assessment = replace(assessment, uncertainty=known.spanning(others))
             if table_run is not None:

@@ -46,7 +46,7 @@ def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record
     from barnax.model.problem import make_problem
     from barnax.search.evaluate import evaluate
 
-    made = CircuitParameters(0.05, (0.02, 0.03), (400.0, 3000.0), 120.0)
+    made = CircuitParameters.constant(0.05, (0.02, 0.03), (400.0, 3000.0), 120.0)
     problem = make_problem(bundled_record, bundled_cell, "esc", window=short_problem.window)
     simulated_v = bundled_record.voltage_v.copy()
     simulated_v[problem.prepared.span] = evaluate(problem.prepared, made).simulated_v

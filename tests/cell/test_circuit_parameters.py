@@ -14,7 +14,7 @@ positive = st.floats(1e-6, 1e6)
 def circuits(draw) -> CircuitParameters:
     pairs = draw(st.integers(1, 4))
     r, c = (tuple(draw(positive) for _ in range(pairs)) for _ in "rc")
-    return CircuitParameters(draw(positive), r, c, draw(st.none() | positive))
+    return CircuitParameters.constant(draw(positive), r, c, draw(st.none() | positive))
 
 
 @given(circuits())
@@ -26,7 +26,7 @@ def test_the_ordered_circuit_has_the_same_pairs_from_fast_to_slow(circuit):
 
 
 def test_the_dictionary_uses_pybamm_names():
-    circuit = CircuitParameters(0.05, (0.02, 0.03), (500.0, 2000.0))
+    circuit = CircuitParameters.constant(0.05, (0.02, 0.03), (500.0, 2000.0))
     assert circuit.to_dict() == {
         "R0 [Ohm]": 0.05,
         "R1 [Ohm]": 0.02,
@@ -40,37 +40,37 @@ def test_the_dictionary_uses_pybamm_names():
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_value_that_is_not_positive_and_finite_is_refused_by_name(value):
     with pytest.raises(ValueError, match=r"^R0 \[Ohm\] must be"):
-        CircuitParameters(value, (0.02, 0.03), (500.0, 2000.0))
+        CircuitParameters.constant(value, (0.02, 0.03), (500.0, 2000.0))
     with pytest.raises(ValueError, match=r"^C1 \[F\] must be"):
-        CircuitParameters(0.05, (0.02, 0.03), (value, 2000.0))
+        CircuitParameters.constant(0.05, (0.02, 0.03), (value, 2000.0))
     with pytest.raises(ValueError, match=r"^gamma must be"):
-        CircuitParameters(0.05, (0.02, 0.03), (500.0, 2000.0), value)
+        CircuitParameters.constant(0.05, (0.02, 0.03), (500.0, 2000.0), value)
 
 
 @pytest.mark.parametrize("size", [1e-200, 1e200])
 def test_a_time_constant_beyond_all_floats_is_refused_by_its_pair(size):
     with pytest.raises(ValueError, match=r"tau2 \[s\] must be positive and finite"):
-        CircuitParameters(0.05, (0.02, size), (500.0, size))
+        CircuitParameters.constant(0.05, (0.02, size), (500.0, size))
 
 
 def test_the_rate_of_a_dynamic_hysteresis_stands_last():
-    circuit = CircuitParameters(0.05, (0.02,), (500.0,), gamma=300.0)
+    circuit = CircuitParameters.constant(0.05, (0.02,), (500.0,), gamma=300.0)
     assert list(circuit.to_dict()) == ["R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "gamma"]
 
 
 def test_a_circuit_has_at_least_one_pair():
     with pytest.raises(ValueError, match="needs elements"):
-        CircuitParameters(0.05, (), ())
+        CircuitParameters.constant(0.05, (), ())
 
 
 def test_resistances_without_capacitances_are_refused():
     with pytest.raises(ValueError, match="2 R and 1 C"):
-        CircuitParameters(0.05, (0.02, 0.03), (500.0,))
+        CircuitParameters.constant(0.05, (0.02, 0.03), (500.0,))
 
 
 @pytest.mark.parametrize("name", ["R5 [Ohm]", "R9 [Ohm]", "x"])
 def test_an_unknown_parameter_is_named(name):
-    values = CircuitParameters(0.05, (0.02,), (500.0,)).to_dict() | {name: 1.0}
+    values = CircuitParameters.constant(0.05, (0.02,), (500.0,)).to_dict() | {name: 1.0}
     with pytest.raises(InputError, match=re.escape(f"not circuit parameters: {name}")):
         CircuitParameters.from_dict(values)
 

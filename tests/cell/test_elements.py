@@ -8,7 +8,6 @@ from barnax.cell import (
     Circuit,
     CircuitParameters,
     Element,
-    SocTables,
     get_circuit,
     make_circuit,
 )
@@ -124,10 +123,12 @@ def test_a_ladder_has_the_resistance_and_the_slope_of_its_element():
     ladder = circuit.laddered()
     assert ladder.elements == (RC.name,) * (1 + len(DIFFUSION.shares))
     assert sum(ladder.r) == pytest.approx(0.05, rel=1e-9)
-    tables = SocTables((0.0, 1.0), (8.0, 400.0), (0.05,) * 2, ((0.02,) * 2, (0.03, 0.06)))
-    of_tables = SocTables(
-        tables.nodes, tables.tau_s, tables.r0_ohm, tables.r_ohm, elements=elements
+    tables = CircuitParameters.over_soc(
+        (0.0, 1.0), (8.0, 400.0), (0.05,) * 2, ((0.02,) * 2, (0.03, 0.06))
+    )
+    of_tables = CircuitParameters.over_soc(
+        tables.nodes, tables.tau_s, tables.ohm[0], tables.ohm[1:], elements=elements
     ).laddered()
     assert of_tables.tau_s == pytest.approx(ladder.tau_s)
-    assert np.sum(of_tables.r_ohm[1:], axis=0) == pytest.approx((0.03, 0.06), rel=1e-9)
+    assert of_tables.ohm[2:].sum(axis=0) == pytest.approx((0.03, 0.06), rel=1e-9)
     assert circuit.laddered().laddered() == ladder

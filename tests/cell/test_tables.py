@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.cell import SocTables, TemperatureTables
+from barnax.cell import CircuitParameters, TemperatureTables
+from barnax.cell.parameters import OCV_CORRECTION
 from barnax.errors import InputError
 
 NODES = (0.2, 0.8)
@@ -18,7 +19,7 @@ def arrhenius(temperature_degc, r0_ohm=0.05, activation_k=3000.0):
 
 def tables_at(temperature_degc):
     r_ohm = float(arrhenius(temperature_degc))
-    return SocTables(
+    return CircuitParameters.over_soc(
         nodes=NODES,
         tau_s=(50.0,),
         r0_ohm=(r_ohm, 2 * r_ohm),
@@ -33,9 +34,9 @@ MEASURED = TemperatureTables((0.0, 25.0, 45.0), tuple(map(tables_at, (0.0, 25.0,
 
 def test_arrhenius_resistances_and_linear_corrections_are_met_between_temperatures():
     found, true = MEASURED.at(12.0), tables_at(12.0)
-    assert found.r0_ohm == pytest.approx(true.r0_ohm, rel=1e-12)
-    assert found.r_ohm[0] == pytest.approx(true.r_ohm[0], rel=1e-12)
-    assert found.ocv_correction_v == pytest.approx(true.ocv_correction_v, rel=1e-12)
+    assert found.tables.keys() == true.tables.keys()
+    for name, row in true.tables.items():
+        assert found.tables[name] == pytest.approx(row, rel=1e-12)
     assert found.constants == true.constants
 
 
@@ -51,10 +52,10 @@ def test_a_node_counts_as_visited_only_where_both_neighbors_visited_it():
 
 
 def test_a_resistance_at_zero_is_interpolated_without_a_logarithm():
-    cold = replace(tables_at(0.0), r0_ohm=(0.0, 0.04))
+    cold = tables_at(0.0).with_tables({"R0 [Ohm]": (0.0, 0.04)})
     found = TemperatureTables((0.0, 40.0), (cold, tables_at(40.0))).at(20.0)
     share = (1 / 273.15 - 1 / 293.15) / (1 / 273.15 - 1 / 313.15)
-    assert found.r0_ohm[0] == pytest.approx(share * tables_at(40.0).r0_ohm[0], rel=1e-12)
+    assert found.r0 == pytest.approx(share * tables_at(40.0).r0, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -62,8 +63,8 @@ def test_a_resistance_at_zero_is_interpolated_without_a_logarithm():
     [
         ((25.0, 0.0), (tables_at(25.0), tables_at(0.0))),
         ((0.0,), (tables_at(0.0), tables_at(25.0))),
-        ((0.0, 25.0), (tables_at(0.0), replace(tables_at(25.0), tau_s=(60.0,)))),
-        ((0.0, 25.0), (tables_at(0.0), replace(tables_at(25.0), ocv_correction_v=None))),
+        ((0.0, 25.0), (tables_at(0.0), replace(tables_at(25.0), scales={"tau1 [s]": 60.0}))),
+        ((0.0, 25.0), (tables_at(0.0), tables_at(25.0).without(OCV_CORRECTION))),
     ],
 )
 def test_tables_that_are_not_alike_or_not_in_order_are_refused(temperatures_degc, tables):

@@ -110,7 +110,7 @@ def test_a_result_of_the_python_interface_validates_alike(stored):
         barnax.read_record(BUNDLED.validation),
         result.cell_model,
         result.model,
-        result.constant.circuit_parameters,
+        result.constant.parameters,
         result.window,
     )
     assert evaluation.metrics.rmse_v == result.metrics.validation[0].rmse_v

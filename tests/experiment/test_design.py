@@ -44,14 +44,11 @@ def test_columns_are_the_derivatives_of_the_voltage(believed):
     nodes = believed.settings.nodes
     for row in range(1 + believed.tables.pairs):
         place = row * len(nodes) + nodes.index(0.6)
-        rows = [list(believed.tables.r0_ohm), *map(list, believed.tables.r_ohm)]
         changed = []
         for step in (1e-3, -1e-3):
-            moved = [list(each) for each in rows]
-            moved[row][nodes.index(0.6)] += step
-            tables = replace(
-                believed.tables, r0_ohm=tuple(moved[0]), r_ohm=tuple(map(tuple, moved[1:]))
-            )
+            moved = believed.tables.ohm[row]
+            moved[nodes.index(0.6)] += step
+            tables = believed.tables.with_tables({believed.tables.resistances[row]: moved})
             changed.append(voltage_along(replace(believed, tables=tables), current_a, 0.62)[0])
         slope = (changed[0] - changed[1]) / 2e-3
         np.testing.assert_allclose(columns[:, place], -slope, atol=1e-9)

@@ -66,9 +66,9 @@ def over_temperature():
     found = make_table_result()
     fit, fits = found.tables.fit, []
     for factor in FACTORS:
-        r0, *r = (tuple(factor * np.array(each)) for each in TABLE_OHM)
-        correction_v = tuple(factor * np.array(fit.tables.ocv_correction_v))
-        tables = replace(fit.tables, r0_ohm=r0, r_ohm=tuple(r), ocv_correction_v=correction_v)
+        tables = fit.tables.with_tables(
+            {name: factor * np.array(row) for name, row in fit.tables.tables.items()}
+        )
         fits.append(replace(fit, tables=tables))
     over = OverTemperature(DEGC, 1e-3, 1e-3, 1e-3, (), ())
     part = found.tables.model_copy(update={"fits": tuple(fits), "over_temperature": over})

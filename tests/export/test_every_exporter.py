@@ -40,7 +40,7 @@ def test_an_unknown_target_lists_the_known_ones():
 @every_circuit
 def test_equal_results_give_equal_bytes_and_another_gives_others(exporter, circuit):
     result = make_result(circuit)
-    other = result.constant.parameters | {"R0 [Ohm]": np.nextafter(0.0511, 1)}
+    other = result.constant.parameters.with_tables({"R0 [Ohm]": [np.nextafter(0.0511, 1)]})
     changed = with_constant(result, parameters=other)
     written = exporter.write(result)
     assert written == exporter.write(make_result(circuit))

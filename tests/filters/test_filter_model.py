@@ -5,13 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from barnax.cell import CircuitParameters, Dependence, SocTables
+from barnax.cell import CircuitParameters, Dependence
 from barnax.errors import InputError
 from barnax.execution import in_float64
 from barnax.filters import Drive, ErrorModel, make_model
 from barnax.model.prepared import prepare_record
+from barnax.model.reference import simulate_circuit
 from barnax.model.window import Window
-from barnax.over_soc import simulate_tables
 from barnax.result_filter import model_of
 from barnax.search.evaluate import evaluate
 from helpers.results import PAIRS, PAIRS_OF, make_cell, make_record, make_result, with_constant
@@ -37,7 +37,7 @@ def open_loop(model, prepared):
 @pytest.mark.parametrize("circuit", PAIRS_OF)
 def test_without_corrections_it_simulates_the_circuit(circuit):
     r, c = zip(*PAIRS[: PAIRS_OF[circuit]], strict=True)
-    parameters = CircuitParameters(0.05, r, c, 60.0 if circuit == "esc" else None)
+    parameters = CircuitParameters.constant(0.05, r, c, 60.0 if circuit == "esc" else None)
     prepared = prepare_record(make_record(600), make_cell(), circuit, Window(initial_soc=0.9))
     model = in_float64(make_model)(make_cell(), circuit, parameters, ErrorModel(1e-3))
     expected_v = evaluate(prepared, parameters).simulated_v
@@ -47,7 +47,7 @@ def test_without_corrections_it_simulates_the_circuit(circuit):
 @pytest.mark.parametrize("circuit", ["so-rc", "iso-rc", "esc"])
 def test_without_corrections_it_simulates_tables_over_soc(circuit):
     gamma = 60.0 if circuit == "esc" else None
-    tables = SocTables(
+    tables = CircuitParameters.over_soc(
         NODES, (20.0, 300.0), (0.09, 0.06, 0.05, 0.05),
         ((0.03, 0.02, 0.01, 0.01), (0.05, 0.02, 0.02, 0.03)),
         ocv_correction_v=(0.01, -0.01, 0.0, 0.02),
@@ -55,27 +55,27 @@ def test_without_corrections_it_simulates_tables_over_soc(circuit):
         gamma=gamma, visited=(True,) * 4,
     )  # fmt: skip
     prepared = prepare_record(make_record(600), make_cell(), circuit, Window(initial_soc=0.9))
-    parameters = CircuitParameters(0.05, (0.01, 0.02), (2000.0, 15000.0), gamma)
+    parameters = CircuitParameters.constant(0.05, (0.01, 0.02), (2000.0, 15000.0), gamma)
     model = in_float64(make_model)(
         make_cell(), circuit, parameters, ErrorModel(1e-3), tables=tables
     )
-    expected_v = simulate_tables(prepared, tables)
+    expected_v = simulate_circuit(prepared, tables)
     assert np.abs(open_loop(model, prepared) - expected_v).max() < GRID_V
 
 
 def test_without_corrections_its_resistances_follow_heat_and_current_too():
     beside = Dependence(kappa_per_a2=0.05, heating_tau_s=200.0, reference_a2=1.0, onset_a=1.5)
-    tables = SocTables(
+    tables = CircuitParameters.over_soc(
         NODES, (20.0, 300.0), (0.09, 0.06, 0.05, 0.05),
         ((0.03, 0.02, 0.01, 0.01), (0.05, 0.02, 0.02, 0.03)),
         visited=(True,) * 4, dependence=beside,
     )  # fmt: skip
     prepared = prepare_record(make_record(600), make_cell(), "so-rc", Window(initial_soc=0.9))
-    parameters = CircuitParameters(0.05, (0.01, 0.02), (2000.0, 15000.0))
+    parameters = CircuitParameters.constant(0.05, (0.01, 0.02), (2000.0, 15000.0))
     model = in_float64(make_model)(
         make_cell(), "so-rc", parameters, ErrorModel(1e-3), tables=tables
     )
-    expected_v = simulate_tables(prepared, tables)
+    expected_v = simulate_circuit(prepared, tables)
     assert np.abs(open_loop(model, prepared.following(beside)) - expected_v).max() < GRID_V
     assert np.abs(open_loop(model, prepared) - expected_v).max() > 1e-3
 

@@ -21,7 +21,7 @@ from barnax.filters.kalman import PARTS, _parts
 from barnax.filters.model import GRID
 from helpers.results import make_cell
 
-CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0), gamma=80.0)
+CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0), gamma=80.0)
 ERRORS = ErrorModel(
     2e-3, (20.0, 900.0), (4e-3, 3e-3),
     soc=(0.2, 0.8), scale=(1.5, 0.7), bias_v=(6e-3, 2e-3), white_s=1.2, axis_sd=4e-3,
@@ -282,7 +282,7 @@ def test_what_is_estimated_is_found(kind, form):
     """A current offset of 20 mA, and R0 three tenths too low."""
     truth_model = straight_model()
     drive, truth = simulated(truth_model, jax.random.key(1), 0.7, samples=4000)
-    wrong = CircuitParameters(0.7 * CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c)
+    wrong = CircuitParameters.constant(0.7 * CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c)
     shifted = drive._replace(held_a=drive.held_a.at[1:].add(0.02), current_a=drive.current_a + 0.02)
 
     believed = make_model(

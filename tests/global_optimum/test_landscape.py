@@ -62,7 +62,7 @@ def landscape_in(problem_of):
 def errors_of(problem, resistances, taus, gamma):
     """The error at every scored sample of every record, by simulation."""
     r0, *r = (float(each) for each in resistances)
-    circuit = CircuitParameters(r0, tuple(r), tuple(np.divide(taus, r).tolist()), gamma)
+    circuit = CircuitParameters.constant(r0, tuple(r), tuple(np.divide(taus, r).tolist()), gamma)
     return np.concatenate(
         [
             (each.voltage_v - evaluate(each, circuit).simulated_v)[each.scored]

@@ -23,7 +23,7 @@ from barnax.search.evaluate import evaluate
 from helpers.records import CURRENT, TIME, VOLTAGE
 
 WINDOW = Window(initial_soc=0.9)
-TRUTH = CircuitParameters(0.05, (0.03, 0.02), (25 / 0.03, 200 / 0.02))
+TRUTH = CircuitParameters.constant(0.05, (0.03, 0.02), (25 / 0.03, 200 / 0.02))
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +128,9 @@ def test_intervals_span_both_holds_where_they_differ_and_a_warning_says_so(pchip
     assert "hold.undecided" not in {each.code for each in known.warnings}
 
 
-THREE_PAIRS = CircuitParameters(0.05, (0.02, 0.03, 0.03), (8 / 0.02, 80 / 0.03, 600 / 0.03))
+THREE_PAIRS = CircuitParameters.constant(
+    0.05, (0.02, 0.03, 0.03), (8 / 0.02, 80 / 0.03, 600 / 0.03)
+)
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward"])

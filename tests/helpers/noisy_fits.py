@@ -16,7 +16,7 @@ from barnax.search.seeds import Search, SeedAnswer
 from barnax.uncertainty import Assessment, Refit, assess
 from helpers.reference import drop_v, filtered_response
 
-TRUTH = CircuitParameters(r0=0.05, r=(0.02, 0.03), c=(10 / 0.02, 120 / 0.03))
+TRUTH = CircuitParameters.constant(r0=0.05, r=(0.02, 0.03), c=(10 / 0.02, 120 / 0.03))
 SAMPLES = 1501
 
 

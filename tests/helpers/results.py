@@ -11,7 +11,6 @@ from barnax.cell import (
     InterpolatedCurve,
     OcvPoint,
     SegmentedHysteresis,
-    SocTables,
     get_circuit,
 )
 from barnax.metrics import measure
@@ -39,7 +38,7 @@ from barnax.uncertainty import Band, Diagnostics, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts
 from helpers.reference import make_record as record_of
 
-CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0))
+CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0))
 CAPACITY_AH = 2.0
 PAIRS = ((0.0123, 812.5), (0.0211, 4321.0), (0.0075, 60000.0), (0.004, 1e6))
 PAIRS_OF = {"so-rc": 2, "iso-rc": 2, "esc": 2, "1rc": 1, "3rc": 3, "4rc": 4, "takacs": 2}
@@ -173,7 +172,10 @@ def make_result(
     given = Start(initial_soc, "given", initial_direction, "given", row=2, voltage_v=4.0)
     block = MetricsBlock.model_construct(identification=metrics, validation=())
     constant = ConstantPart.model_construct(
-        model=model, parameters=parameters, metrics=block, assessment=assessment
+        model=model,
+        parameters=CircuitParameters.from_dict(parameters),
+        metrics=block,
+        assessment=assessment,
     )
     return Result.model_construct(
         model=model,
@@ -208,7 +210,7 @@ TABLE_TAU_S = (9.0, 110.0)
 def make_fit(circuit: str = "so-rc") -> TableFit:
     """Tables with the first two nodes near no sample, and intervals of the others."""
     visited = (False, False, *(5 * [True]))
-    tables = SocTables(
+    tables = CircuitParameters.over_soc(
         nodes=NODES,
         tau_s=TABLE_TAU_S,
         r0_ohm=TABLE_OHM[0],
@@ -246,9 +248,7 @@ def make_table_result(circuit: str = "so-rc", kept: slice = slice(None), **given
     tables = replace(
         fit.tables,
         nodes=NODES[kept],
-        r0_ohm=TABLE_OHM[0][kept],
-        r_ohm=tuple(each[kept] for each in TABLE_OHM[1:]),
-        ocv_correction_v=CORRECTION_V[kept],
+        tables={name: row[kept] for name, row in fit.tables.tables.items()},
         visited=fit.tables.visited[kept],
     )
     part = TablesPart.model_construct(

@@ -149,7 +149,7 @@ def test_records_reduced_together_have_their_joint_error(bundled_cell):
 
 def test_a_circuit_that_fits_perfectly_keeps_its_zero(bundled_cell):
     made = make_problem(drive_record("even", SAMPLES, 5), bundled_cell, "so-rc", window=KNOWN_SOC)
-    circuit = CircuitParameters(0.05, (0.03, 0.02), (300.0, 5000.0))
+    circuit = CircuitParameters.constant(0.05, (0.03, 0.02), (300.0, 5000.0))
     exact_v = evaluate(made.prepared, circuit).simulated_v
     record = replace(made.prepared.record, voltage_v=exact_v)
     problem = make_problem(record, bundled_cell, "so-rc", window=KNOWN_SOC)

@@ -16,7 +16,7 @@ from barnax.model.simulate import terminal_voltage
 from barnax.model.window import Window
 from helpers.reference import drop_v, looped_response, make_record
 
-CIRCUIT = CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0), gamma=300.0)
+CIRCUIT = CircuitParameters.constant(0.05, (0.01, 0.02), (500.0, 4000.0), gamma=300.0)
 # Beside rests without any current, one with a tester's offset and noise.
 CURRENT_A = np.tile(np.repeat([0.0, 2.0, 0.0, -1.0, 3.0], 40), 4)
 CURRENT_A[200:240] = np.random.default_rng(8).normal(1e-3, 2e-3, 40)
@@ -68,7 +68,7 @@ def expected_v(prepared, cell, circuit):
 
 @pytest.mark.parametrize("gamma", [1.0, 300.0, 1e4])
 def test_the_voltage_agrees_with_a_plain_loop(bundled_cell, prepared, gamma):
-    circuit = CircuitParameters(CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c, gamma)
+    circuit = CircuitParameters.constant(CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c, gamma)
     with jax.enable_x64(True):
         simulated_v = simulate(rc_parameters(circuit), prepared.simulation_input(0.5, 1e4))
     expected = expected_v(prepared, bundled_cell, circuit)
@@ -93,7 +93,7 @@ def test_ten_hours_of_noise_at_rest_turn_nothing(bundled_cell):
     window = Window(initial_soc=0.8, initial_direction=-1)
     prepared = prepare_record(record, bundled_cell, "esc", window)
     assert np.abs(current_a[60:]).max() < prepared.rest_current_a
-    circuit = CircuitParameters(1e-9, (1e-9, 1e-9), (1e9, 1e9), gamma=54.0)
+    circuit = CircuitParameters.constant(1e-9, (1e-9, 1e-9), (1e9, 1e9), gamma=54.0)
     with jax.enable_x64(True):
         moved_v = np.asarray(simulate(rc_parameters(circuit), prepared.simulation_input(0.5, 1e4)))
     state = (moved_v - bundled_cell.average_ocv_v(prepared.soc)) / (

@@ -24,7 +24,9 @@ STEP = np.repeat([1, 2, 3, 2], 25)
 FULL = Window(initial_soc=0.8)
 # Samples of rest before the current of a simulated record flows.
 REST = 200
-CIRCUIT = CircuitParameters(R0_OHM, R_OHM, tuple(t / r for r, t in zip(R_OHM, TAU_S, strict=True)))
+CIRCUIT = CircuitParameters.constant(
+    R0_OHM, R_OHM, tuple(t / r for r, t in zip(R_OHM, TAU_S, strict=True))
+)
 
 
 def made(current_a=CURRENT_A, **changes):

@@ -120,7 +120,7 @@ def test_joint_records_padded_have_their_bits(bundled_cell):
 @pytest.mark.parametrize("circuit", ["so-rc", pytest.param("esc", marks=pytest.mark.slow)])
 def test_a_new_length_in_a_known_size_compiles_nothing(bundled_cell, circuit):
     gamma = 100.0 if circuit == "esc" else None
-    at = CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0), gamma)
+    at = CircuitParameters.constant(0.05, (0.01, 0.02), (500.0, 4000.0), gamma)
 
     def run(samples):
         problem = problem_of(bundled_cell, circuit, [uneven(samples, 1)])

@@ -17,7 +17,7 @@ from barnax.notices import notice
 from barnax.search.evaluate import evaluate
 from helpers.reference import drop_v, looped_response
 
-CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
+CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 LOGARITHMS = np.log([0.05, 0.01, 5.0, 0.02, 80.0])
 SHORT = Window(score_to_s=60.0, initial_soc=1.0)
 rmse_jit, residuals_jit = eqx.filter_jit(rmse), eqx.filter_jit(residuals)
@@ -79,7 +79,7 @@ def test_the_warnings_are_those_of_record_cell_and_window(bundled_record, bundle
 
 @pytest.mark.parametrize("scale", ["rc", "log"])
 def test_circuits_are_given_with_the_faster_pair_first(short_problem, scale):
-    swapped = CircuitParameters(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
+    swapped = CircuitParameters.constant(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
     with jax.enable_x64(True):
         coordinates = replace(short_problem, scale=scale).coordinates
         point = np.asarray(coordinates.encode(rc_parameters(swapped)))
@@ -90,7 +90,7 @@ def test_circuits_are_given_with_the_faster_pair_first(short_problem, scale):
 def test_pairs_with_boxes_of_their_own_keep_their_labels(short_problem):
     bounds = short_problem.bounds.with_changes({"R1 [Ohm]": (0.015, 0.1)}, {}, "")
     problem = replace(short_problem, bounds=bounds)
-    slow_first = CircuitParameters(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
+    slow_first = CircuitParameters.constant(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
     with jax.enable_x64(True):
         coordinates = Coordinates.of(bounds, "log")
         point = np.asarray(coordinates.encode(rc_parameters(slow_first)))

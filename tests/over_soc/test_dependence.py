@@ -11,10 +11,10 @@ from scipy.signal import lfilter
 import barnax
 from barnax import InputError
 from barnax.cell import (
+    CircuitParameters,
     Dependence,
     OcvPoint,
     OcvTable,
-    SocTables,
     TemperatureTables,
     characterize,
 )
@@ -198,7 +198,9 @@ def test_heat_is_the_low_passed_square():
 
 def test_between_two_temperatures_what_is_followed_changes_without_a_jump():
     def at(degc, dependence):
-        return SocTables((0.5,), (60.0,), (0.05,), ((0.01,),), dependence=dependence)
+        return CircuitParameters.over_soc(
+            (0.5,), (60.0,), (0.05,), ((0.01,),), dependence=dependence
+        )
 
     cold, warm = (Dependence(beta_per_k=arrhenius_beta(x), reference_degc=x) for x in (0.0, 40.0))
     tables = TemperatureTables((0.0, 40.0), (at(0.0, cold), at(40.0, warm)))

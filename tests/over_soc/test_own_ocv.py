@@ -203,7 +203,7 @@ def test_what_an_offset_of_the_current_would_do_is_what_it_does():
     moved = fitted(replace(record, current_a=record.current_a + effect.offset_a)).tables
 
     def total_ohm(tables):
-        return np.sum([tables.r0_ohm, *tables.r_ohm], axis=0)[list(tables.visited)]
+        return tables.ohm.sum(axis=0)[list(tables.visited)]
 
     change = np.median(np.abs(total_ohm(moved) / total_ohm(told.tables) - 1))
     assert 1e-3 < 0.5 * change < effect.total < 2 * change

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from barnax.cell.tables import OCV_CORRECTION, hats
+from barnax.cell.parameters import OCV_CORRECTION
+from barnax.cell.tables import hats
 from barnax.errors import InputError
 from barnax.execution import in_float64
-from barnax.model import compressed
+from barnax.model import compressed, reference
 from barnax.model.prepared import Window, prepare_record
-from barnax.over_soc import TableSettings, fit_tables, reduced, simulate, simulate_tables
+from barnax.model.reference import simulate_circuit
+from barnax.over_soc import TableSettings, fit_tables, reduced
 from barnax.over_soc.intervals import linearized, sag_of
 from barnax.over_soc.problem import box_of, reduced_objective
 from barnax.over_soc.search import find_best, polish
@@ -82,7 +84,7 @@ def test_scipy_finds_the_same_tables_on_all_samples(name, amplitude, request):
     assert np.concatenate(found.values) == pytest.approx(steps @ other.x, rel=1e-6, abs=1e-8)
     # The scan of these tables has the error that the factor says.
     tables = objective.tables_at(found)
-    error_v = (prepared.voltage_v - simulate_tables(prepared, tables))[prepared.scored]
+    error_v = (prepared.voltage_v - simulate_circuit(prepared, tables))[prepared.scored]
     assert np.sqrt(np.mean(error_v**2)) == pytest.approx(np.linalg.norm(found.error), rel=1e-9)
 
 
@@ -109,7 +111,7 @@ def test_r0_has_a_floor_by_the_current_steps_where_samples_would_have_none(prepa
     fit = fit_tables([inverted], settings)
     floor_ohm = record_resistance_ohm(prepared.record) / 3
     (told,) = [each for each in fit.warnings if each.code == "tables.r0-at-floor"]
-    table, seen = dict(zip(NODES, fit.tables.r0_ohm, strict=True)), fit.tables.visited
+    table, seen = dict(zip(NODES, fit.tables.ohm[0], strict=True)), fit.tables.visited
     assert min(table.values()) == floor_ohm
     held = [
         node
@@ -131,14 +133,14 @@ def test_r0_has_a_floor_by_the_current_steps_where_samples_would_have_none(prepa
 def test_many_blocks_are_one_scan_over_all_samples(name, request, monkeypatch):
     prepared = request.getfixturevalue(name)
     assert 4 * 512 < len(prepared.soc) < compressed.BLOCK
-    for module in (compressed, reduced, simulate):
+    for module in (compressed, reduced, reference):
         monkeypatch.setattr(module, "BLOCK", 512)
     objective, place = objective_and_place(prepared)
     found = objective.solve(place, exact=True)
     tables = objective.tables_at(found)
-    simulated_v = simulate_tables(prepared, tables)
+    simulated_v = simulate_circuit(prepared, tables)
     monkeypatch.undo()
-    assert simulated_v == pytest.approx(simulate_tables(prepared, tables), rel=1e-12, abs=1e-13)
+    assert simulated_v == pytest.approx(simulate_circuit(prepared, tables), rel=1e-12, abs=1e-13)
     error_v = (prepared.voltage_v - simulated_v)[prepared.scored]
     assert np.linalg.norm(found.error) == pytest.approx(np.sqrt(np.mean(error_v**2)), rel=1e-10)
 
@@ -208,9 +210,9 @@ def test_bounds_and_held_values_are_kept(prepared):
     )
     settings = replace(settings, fixed={"tau1 [s]": 10.0, "tau2 [s]": 80.0, "R1 [Ohm]": 0.01})
     fit = fit_tables([prepared], settings)
-    assert min(fit.tables.r0_ohm) >= 0.05
-    assert max(fit.tables.r0_ohm) <= 0.055
-    assert set(fit.tables.r_ohm[0]) == {0.01}
+    assert min(fit.tables.ohm[0]) >= 0.05
+    assert max(fit.tables.ohm[0]) <= 0.055
+    assert set(fit.tables.ohm[1]) == {0.01}
     assert fit.tables.tau_s == pytest.approx((10.0, 80.0))
     assert fit.at_bound == ()
 

@@ -1,18 +1,22 @@
 """The scan with tables against closed forms and SciPy's filters."""
 
+import equinox as eqx
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from barnax.cell import CircuitParameters, SocTables
+from barnax.cell import CircuitParameters
+from barnax.cell.parameters import OCV_CORRECTION
 from barnax.cell.tables import hats
 from barnax.errors import InputError
-from barnax.over_soc import simulate_tables
-from barnax.search.evaluate import evaluate
+from barnax.execution import in_float64
+from barnax.model.problem import rc_parameters
+from barnax.model.reference import simulate_circuit
+from barnax.model.simulate import terminal_voltage
 
 from .conftest import NODES
 
-TABLES = SocTables(
+TABLES = CircuitParameters.over_soc(
     nodes=NODES,
     tau_s=(8.0, 90.0),
     r0_ohm=(0.09, 0.05, 0.06, 0.04, 0.07),
@@ -25,16 +29,16 @@ def filtered_drop_v(prepared, tables):
     """The drop of every node's column by SciPy, on an even clock."""
     (interval_s,) = np.unique(np.round(np.diff(prepared.time_s), 9))
     columns = hats(prepared.soc, tables.nodes)
-    drop_v = columns @ np.array(tables.r0_ohm) * prepared.current_a
-    for tau_s, r_ohm in zip(tables.tau_s, tables.r_ohm, strict=True):
+    drop_v = columns @ tables.ohm[0] * prepared.current_a
+    for tau_s, r_ohm in zip(tables.tau_s, tables.ohm[1:], strict=True):
         a = np.exp(-interval_s / tau_s)
         held = columns * prepared.held_a[:, None]
         drop_v += lfilter([0.0, 1 - a], [1.0, -a], held, axis=0) @ np.array(r_ohm)
-    return drop_v - columns @ np.array(tables.ocv_correction_v)
+    return drop_v - columns @ np.array(tables.tables[OCV_CORRECTION])
 
 
 def test_scipy_filters_node_by_node_give_the_same_voltage(prepared):
-    simulated_v = simulate_tables(prepared, TABLES)
+    simulated_v = simulate_circuit(prepared, TABLES)
     expected_v = prepared.source_v - filtered_drop_v(prepared, TABLES)
     assert simulated_v == pytest.approx(expected_v, abs=1e-12)
 
@@ -43,28 +47,35 @@ def test_scipy_filters_node_by_node_give_the_same_voltage(prepared):
 def test_level_tables_are_the_constant_circuit(name, request):
     prepared = request.getfixturevalue(name)
     gamma = 30.0 if name == "with_hysteresis" else None
-    circuit = CircuitParameters(0.05, (0.02, 0.03), (500.0, 3000.0), gamma)
+    circuit = CircuitParameters.constant(0.05, (0.02, 0.03), (500.0, 3000.0), gamma)
     level = [(value,) * len(NODES) for value in (0.05, 0.02, 0.03)]
-    tables = SocTables(NODES, circuit.tau_s, level[0], tuple(level[1:]), gamma=gamma)
-    expected_v = evaluate(prepared, circuit).simulated_v
-    assert simulate_tables(prepared, tables) == pytest.approx(expected_v, abs=1e-12)
-    one = SocTables((0.5,), circuit.tau_s, (0.05,), ((0.02,), (0.03,)), gamma=gamma)
-    assert simulate_tables(prepared, one) == pytest.approx(expected_v, abs=1e-12)
+    tables = CircuitParameters.over_soc(
+        NODES, circuit.tau_s, level[0], tuple(level[1:]), gamma=gamma
+    )
+    inputs = prepared.simulation_input(min(circuit.tau_s), gamma)
+    by_population = in_float64(eqx.filter_jit(terminal_voltage))
+    expected_v = np.asarray(by_population(rc_parameters(circuit), inputs))
+    assert simulate_circuit(prepared, circuit) == pytest.approx(expected_v, abs=1e-12)
+    assert simulate_circuit(prepared, tables) == pytest.approx(expected_v, abs=1e-12)
+    one = CircuitParameters.over_soc(
+        (0.5,), circuit.tau_s, (0.05,), ((0.02,), (0.03,)), gamma=gamma
+    )
+    assert simulate_circuit(prepared, one) == pytest.approx(expected_v, abs=1e-12)
 
 
 def test_a_table_of_the_measured_amplitude_is_the_measured_hysteresis(with_hysteresis):
     level = (0.05,) * len(NODES)
-    measured = SocTables(NODES, (10.0,), level, (level,), gamma=30.0)
+    measured = CircuitParameters.over_soc(NODES, (10.0,), level, (level,), gamma=30.0)
     soc = with_hysteresis.soc
     # Linear between so many nodes, the amplitude is met where they lie.
     nodes = tuple(np.linspace(soc.min(), soc.max(), 400).tolist())
     amplitude_v = np.interp(nodes, soc[::-1], with_hysteresis.hysteresis_amplitude_v[::-1])
     level = (0.05,) * len(nodes)
-    tabled = SocTables(
+    tabled = CircuitParameters.over_soc(
         nodes, (10.0,), level, (level,), half_hysteresis_v=tuple(amplitude_v.tolist()), gamma=30.0
     )
-    simulated_v = simulate_tables(with_hysteresis, tabled)
-    assert simulated_v == pytest.approx(simulate_tables(with_hysteresis, measured), abs=2e-4)
+    simulated_v = simulate_circuit(with_hysteresis, tabled)
+    assert simulated_v == pytest.approx(simulate_circuit(with_hysteresis, measured), abs=2e-4)
 
 
 @pytest.mark.parametrize(
@@ -80,4 +91,4 @@ def test_tables_that_do_not_fit_together_are_refused(changed):
     given = {"nodes": (0.0, 1.0, 2.0), "r0_ohm": (0.1,) * 3, "tau_s": (1.0, 2.0)}
     given |= {"r_ohm": ((0.1,) * 3, (0.1,) * 3)} | changed
     with pytest.raises(InputError):
-        SocTables(**given)
+        CircuitParameters.over_soc(**given)

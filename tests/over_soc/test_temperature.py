@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from barnax.cell import SocTables
+from barnax.cell import CircuitParameters
 from barnax.errors import InputError
-from barnax.over_soc import TableSettings, errors_on, fit_tables, simulate_tables
+from barnax.model.reference import simulate_circuit
+from barnax.over_soc import TableSettings, errors_on, fit_tables
 from barnax.over_soc.temperature import (
     fit_temperatures,
     group_by_temperature,
@@ -23,7 +24,7 @@ LIGHT = replace(SMALL, roughness=1e-12, resistance_ridge=1e-15, voltage_ridge=1e
 def made(prepared, degc, factor, tau_s=(9.0, 90.0)):
     """The record as a cell would have answered whose resistances are so many times as high."""
     shape = factor * np.array([1.3, 1.1, 1.0, 1.0, 1.05])
-    tables = SocTables(
+    tables = CircuitParameters.over_soc(
         nodes=NODES,
         tau_s=tau_s,
         r0_ohm=tuple(0.04 * shape),
@@ -31,7 +32,7 @@ def made(prepared, degc, factor, tau_s=(9.0, 90.0)):
         ocv_correction_v=(0.0,) * len(NODES),
     )
     record, voltage_v = prepared.record, prepared.record.voltage_v.copy()
-    voltage_v[prepared.span] = simulate_tables(prepared, tables)
+    voltage_v[prepared.span] = simulate_circuit(prepared, tables)
     return replace(
         prepared,
         record=replace(record, voltage_v=voltage_v),
@@ -50,7 +51,7 @@ def test_a_made_cell_comes_back_and_a_temperature_left_out_is_predicted(prepared
     for degc, tables in zip(DEGC, fit.tables.tables, strict=True):
         true_ohm = 0.04 * arrhenius(degc) * np.array([1.3, 1.1, 1.0, 1.0, 1.05])
         seen = np.array(tables.visited)
-        assert np.array(tables.r0_ohm)[seen] == pytest.approx(true_ohm[seen], rel=1e-3)
+        assert tables.ohm[0][seen] == pytest.approx(true_ohm[seen], rel=1e-3)
     cold, middle, warm = fit.over_temperature.left_out
     assert (cold.is_between, middle.is_between, warm.is_between) == (False, True, False)
     assert middle.errors.rmse_v < 1e-5 < 1e-3 < min(cold.errors.rmse_v, warm.errors.rmse_v)

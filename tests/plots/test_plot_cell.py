@@ -123,7 +123,7 @@ def evaluation():
     record = read_record(bundled_file("hppc_25degC"))
     cell = characterize([record], ocv_fit="interpolated")
     window = Window(start_time_s=10799.0, initial_soc=1.0)
-    circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
+    circuit = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
     return evaluate(prepare_record(record, cell, "so-rc", window), circuit)
 
 

@@ -24,7 +24,7 @@ def test_a_trajectory_is_its_median_in_each_percent_and_breaks_where_there_is_no
     r0[np.flatnonzero(full)[:1]] = 7.0
     r0[percent == percent.max() - 1] = np.nan
     path = Trajectory(prepared.time_s, r0, np.full((count, 1), 0.02), np.full((count, 1), 30.0))
-    answer = Answer(CircuitParameters(0.04, (0.02,), (1500.0,)), 0.01, 0, trajectory=path)
+    answer = Answer(CircuitParameters.constant(0.04, (0.02,), (1500.0,)), 0.01, 0, trajectory=path)
     problem = SimpleNamespace(prepared=prepared, bounds=SimpleNamespace(pairs=1))
     figure = plot_trajectories({"rls 1rc": SimpleNamespace(median=answer, problem=problem)})
     drawn = line(figure.axes[0], "rls 1rc").get_ydata()

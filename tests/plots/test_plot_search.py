@@ -211,7 +211,7 @@ def landscape_over(rmse_v, tau_s=(TAU_S, TAU_S), gamma=None):
 
 
 def make_circuit(tau1_s, tau2_s):
-    return CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(tau1_s / 0.01, tau2_s / 0.02))
+    return CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(tau1_s / 0.01, tau2_s / 0.02))
 
 
 def test_everyone_stands_at_their_time_constants_the_shorter_first():
@@ -275,7 +275,9 @@ def test_of_the_rates_of_a_hysteresis_the_best_counts():
 
 def test_circuits_of_another_number_of_pairs_are_refused():
     with pytest.raises(ValueError, match="two RC pairs"):
-        plot_landscape(make_landscape(), optimum=CircuitParameters(0.05, (0.01,), (1000.0,)))
+        plot_landscape(
+            make_landscape(), optimum=CircuitParameters.constant(0.05, (0.01,), (1000.0,))
+        )
 
 
 @pytest.mark.parametrize(

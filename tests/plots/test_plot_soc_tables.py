@@ -48,7 +48,7 @@ def test_the_constant_circuit_stands_behind():
 
 def test_resistances_are_drawn_from_zero_and_what_is_beyond_is_said():
     fit = make_fit()
-    steep = replace(fit.tables, r0_ohm=(0.9, 0.5, *TABLE_OHM[0][2:]))
+    steep = fit.tables.with_tables({"R0 [Ohm]": (0.9, 0.5, *TABLE_OHM[0][2:])})
     axes = plot_tables(replace(fit, tables=steep)).axes[0]
     assert axes.get_ylim()[0] == 0.0
     assert axes.get_ylim()[1] < 80
@@ -85,7 +85,7 @@ def found() -> TableFits:
     fits = []
     for factor in (2.0, 1.0, 0.5):
         r0, *r = (tuple(factor * np.array(each)) for each in TABLE_OHM)
-        tables = replace(fit.tables, r0_ohm=r0, r_ohm=tuple(r))
+        tables = fit.tables.with_tables(dict(zip(fit.tables.resistances, (r0, *r), strict=True)))
         fits.append(replace(fit, tables=tables))
     return TableFits(tuple(fits), OverTemperature(DEGC, 1e-3, 1e-3, 1e-3, (), ()))
 

@@ -291,7 +291,7 @@ def make_optimum(*tau_s):
     """A global optimum in the middle of a bowl over these time constants."""
     distance = sum(np.ix_(*(np.log(each / each[len(each) // 2]) ** 2 for each in tau_s)))
     landscape = Landscape(tau_s, None, 0.02 * (1 + distance), np.zeros((3, *distance.shape)))
-    circuit = CircuitParameters(0.05, (0.01,) * len(tau_s), (1000.0,) * len(tau_s))
+    circuit = CircuitParameters.constant(0.05, (0.01,) * len(tau_s), (1000.0,) * len(tau_s))
     return GlobalOptimum((Optimum(0.02, circuit, 1, False),), (), None, landscape)
 
 

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 import barnax
-from barnax.cell import SegmentedHysteresis
+from barnax.cell import CircuitParameters, SegmentedHysteresis
 from barnax.cli.session import as_flags
 from barnax.model.window import Window
 from barnax.notices import notice
@@ -164,11 +164,11 @@ def test_that_the_record_is_unfit_is_on_the_first_screen():
 
 def test_what_the_bounds_decide_is_on_the_first_screen():
     longest = STORED.inputs[0].duration_s
-    slow = STORED.constant.circuit_parameters
-    slow = replace(slow, c=(slow.c[0], longest / slow.r[1]))
+    slow = STORED.constant.parameters
+    slow = CircuitParameters.of_tau(slow.r0, slow.r, (slow.tau_s[0], longest))
     bounded = with_constant(
         STORED,
-        parameters=slow.to_dict(),
+        parameters=slow,
         at_bound=(AtBound("tau2 [s]", "upper"), AtBound("R1 [Ohm]", "lower")),
     )
     text = screen(bounded)

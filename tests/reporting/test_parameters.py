@@ -57,7 +57,7 @@ def test_what_differs_is_what_no_interval_of_the_other_reaches(r0_ohm, differing
 def test_tables_are_compared_at_states_of_charge_between_visited_nodes():
     one, other = make_table_result(), make_table_result()
     fit = other.tables.fits[0]
-    raised = replace(fit.tables, r0_ohm=tuple(r + 0.005 for r in fit.tables.r0_ohm))
+    raised = fit.tables.with_tables({"R0 [Ohm]": fit.tables.ohm[0] + 0.005})
     intervals = tuple(
         replace(each, value=each.value + 0.005, low=each.low + 0.005, high=each.high + 0.005)
         if each.name == "R0 [Ohm]" else each

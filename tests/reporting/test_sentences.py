@@ -11,7 +11,7 @@ import pytest
 from barnax.candidates import Candidate
 from barnax.cell import CircuitParameters
 from barnax.cell.dependence import Dependence
-from barnax.cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
+from barnax.cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from barnax.over_soc import NodeInterval, SocErrors, TableFits, TableSettings
 from barnax.records import Decision
 from barnax.reporting.candidates import held_out_errors, pay_sentence
@@ -36,7 +36,7 @@ from barnax.uncertainty.covariance import NoiseParts, Uncertainty
 from helpers.results import NODES, make_fit, make_table_result
 
 GOLDEN = Path(__file__).parent / "sentences.txt"
-CIRCUIT = CircuitParameters(0.05, (0.02, 0.03), (4.1 / 0.02, 150 / 0.03))
+CIRCUIT = CircuitParameters.constant(0.05, (0.02, 0.03), (4.1 / 0.02, 150 / 0.03))
 # What options of Python a sentence may name.
 OPTIONS = {"bounds", "capacity", "initial_soc", "model", "score_soc"}
 

@@ -12,7 +12,7 @@ from barnax.records import read_record
 from barnax.search.evaluate import evaluate, validate
 from helpers.reference import drop_v, filtered_response
 
-CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
+CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 WINDOW = Window(score_from_s=99.5, score_to_s=1500.5)
 
 
@@ -38,7 +38,7 @@ def test_metrics_count_scored_samples_only(evaluation):
 
 
 def test_a_pair_far_faster_than_the_sampling_is_simulated_too(bundled_record, bundled_cell):
-    fast = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1.0, 4000.0))
+    fast = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1.0, 4000.0))
     prepared = prepare_record(bundled_record, bundled_cell, "so-rc", Window(score_to_s=60.0))
     circuit = (0.05, (0.01, 0.02), (0.01, 80.0))
     expected_v = prepared.source_v - drop_v(filtered_response, 1.0, prepared.current_a, circuit)

@@ -13,7 +13,7 @@ from barnax.search.evaluate import evaluate
 from barnax.search.refine import SAME_RMSE, AtBound, RefinedSeed, distinct_optima, refine
 from barnax.search.seeds import search_seeds
 
-CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
+CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 
 
 @pytest.fixture(scope="module")
@@ -147,5 +147,7 @@ def test_a_seed_still_moving_counts_only_where_it_reached_an_optimum():
 
 
 def test_different_circuits_of_equal_error_are_a_family():
-    (only,) = distinct_optima([refined_at(0.010), refined_at(0.010, replace(CIRCUIT, r0=0.06))])
+    (only,) = distinct_optima(
+        [refined_at(0.010), refined_at(0.010, CIRCUIT.with_tables({"R0 [Ohm]": [0.06]}))]
+    )
     assert only.is_family

@@ -35,7 +35,7 @@ def test_the_examination_is_of_every_parameter_that_has_an_error(white, examinat
 @pytest.mark.parametrize("seed", [1, 3])
 def test_where_two_pairs_are_one_every_parameter_has_an_error(short_problem, seed):
     # Rounding then leaves variances below zero where the data determine most.
-    same = CircuitParameters(0.05, (0.02, 0.03), (40 / 0.02, 40 / 0.03))
+    same = CircuitParameters.constant(0.05, (0.02, 0.03), (40 / 0.02, 40 / 0.03))
     found = fit(made_problem(short_problem, white_noise(seed), same), same).assessment
     for estimate in found.uncertainty.estimates:
         assert estimate.relative_error is not None
@@ -45,7 +45,9 @@ def test_where_two_pairs_are_one_every_parameter_has_an_error(short_problem, see
 
 def test_a_time_constant_too_short_to_be_seen_has_no_interval(short_problem):
     problem = made_problem(short_problem, white_noise(0), bounds={"tau1 [s]": (1e-6, 1e-4)})
-    uncertainty = assess(problem, CircuitParameters(0.05, (0.02, 0.03), (5e-4, 4000))).uncertainty
+    uncertainty = assess(
+        problem, CircuitParameters.constant(0.05, (0.02, 0.03), (5e-4, 4000))
+    ).uncertainty
     assert uncertainty["tau1 [s]"].held == "unseen"
     assert uncertainty["R2 [Ohm]"].is_determined
 

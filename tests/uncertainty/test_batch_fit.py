@@ -36,7 +36,7 @@ def turning(short_problem):
 def test_the_error_of_a_held_circuit_is_the_scan_s(kind, request):
     problem = request.getfixturevalue(kind)
     gamma = 30.0 if problem.bounds.has_rate else None
-    circuit = CircuitParameters(TRUTH.r0, TRUTH.r, TRUTH.c, gamma)
+    circuit = CircuitParameters.constant(TRUTH.r0, TRUTH.r, TRUTH.c, gamma)
     refit = Refit(problem)
     point = refit.encode(circuit)
     ends = refit(point[None], matrix=np.zeros((len(point), len(point))), shift=point[None])

@@ -70,7 +70,7 @@ def test_what_is_fixed_or_at_a_bound_has_no_interval_and_says_why(short_problem)
         fixed={"tau2 [s]": 120.0},
         bounds={"R0 [Ohm]": (0.01, 0.045)},
     )
-    uncertainty = assess(problem, replace(TRUTH, r0=0.045)).uncertainty
+    uncertainty = assess(problem, TRUTH.with_tables({"R0 [Ohm]": [0.045]})).uncertainty
     assert uncertainty["tau2 [s]"].held == "fixed"
     assert uncertainty["R0 [Ohm]"].held == "at upper bound"
     assert uncertainty["tau2 [s]"].low is None
@@ -90,7 +90,7 @@ def test_where_every_parameter_is_held_nothing_has_an_interval(short_problem):
         fixed=values,
         bounds={"R0 [Ohm]": (0.01, 0.045)},
     )
-    assessment = assess(problem, replace(TRUTH, r0=0.045))
+    assessment = assess(problem, TRUTH.with_tables({"R0 [Ohm]": [0.045]}))
     assert all(each.relative_error is None for each in assessment.uncertainty.estimates)
     assert assessment.identifiability.condition_number == 1
     assert assessment.diagnostics.samples == SAMPLES
@@ -124,11 +124,13 @@ def test_the_noise_of_several_records_is_correlated_no_longer_than_one_of_them_l
 
 def test_an_interval_spans_another_possible_value_by_its_own_relative_width(white):
     uncertainty, own = white.assessment.uncertainty, white.assessment.uncertainty["R0 [Ohm]"]
-    other = replace(TRUTH, r0=2 * own.value)
+    other = TRUTH.with_tables({"R0 [Ohm]": [2 * own.value]})
     assert uncertainty.beyond(other)["R0 [Ohm]"] == 2 * own.value
     wide = uncertainty.spanning([other])["R0 [Ohm]"]
     assert (wide.value, wide.low, wide.high) == (own.value, own.low, 2 * own.high)
-    below, above = (replace(TRUTH, r0=share * own.value) for share in (0.9999, 1.0002))
+    below, above = (
+        TRUTH.with_tables({"R0 [Ohm]": [share * own.value]}) for share in (0.9999, 1.0002)
+    )
     within = uncertainty.spanning([below, above])["R0 [Ohm]"]
     assert (within.low, within.high) == (0.9999 * own.low, 1.0002 * own.high)
     assert uncertainty.spanning([])["R0 [Ohm]"] == own

@@ -9,8 +9,8 @@ from helpers.noisy_fits import SAMPLES, TRUTH, colored_noise, fit, made_problem,
 from helpers.reference import filtered_response
 
 # Li et al. (2023), Table 3, BMO-SO: its first pair has 0.0996 s.
-BMO_SO = CircuitParameters(0.0334, (0.0023, 0.0503), (43.31, 488.57))
-HALF_A_SECOND = CircuitParameters(0.05, (0.01, 0.03), (0.5 / 0.01, 120 / 0.03))
+BMO_SO = CircuitParameters.constant(0.0334, (0.0023, 0.0503), (43.31, 488.57))
+HALF_A_SECOND = CircuitParameters.constant(0.05, (0.01, 0.03), (0.5 / 0.01, 120 / 0.03))
 WIDE = {"tau1 [s]": (0.05, 1500.0), "tau2 [s]": (0.05, 1500.0)}
 SEED = 20
 
@@ -80,7 +80,7 @@ def test_a_pair_of_half_a_second_that_the_data_determine_is_no_finding(short_pro
 
 
 # R2 t / tau2: all that the first 1,500 s show of such a pair.
-SLOW = CircuitParameters(0.05, (0.02, 0.1), (10 / 0.02, 50_000))
+SLOW = CircuitParameters.constant(0.05, (0.02, 0.1), (10 / 0.02, 50_000))
 
 
 def test_of_a_pair_slower_than_the_record_only_the_capacitance_is_known(short_problem):
@@ -96,7 +96,7 @@ def test_of_a_pair_slower_than_the_record_only_the_capacitance_is_known(short_pr
 
 
 def test_of_two_pairs_with_one_time_constant_only_the_sum_is_known(short_problem):
-    alike = CircuitParameters(0.05, (0.02, 0.03), (40 / 0.02, 40.2 / 0.03))
+    alike = CircuitParameters.constant(0.05, (0.02, 0.03), (40 / 0.02, 40.2 / 0.03))
     noise_v = colored_noise(np.random.default_rng(4), SAMPLES, 12.0, 2e-3)[0]
     fitted = fit(made_problem(short_problem, noise_v, alike), alike)
     found = fitted.assessment.identifiability

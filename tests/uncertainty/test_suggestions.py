@@ -60,7 +60,7 @@ def test_a_wrong_capacity_is_found_and_followed_gives_the_promised_error(measure
 
 
 def test_a_third_pair_is_found_where_there_is_one(short_problem):
-    truth = CircuitParameters(0.05, (0.02, 0.03, 0.04), (4 / 0.02, 40 / 0.03, 400 / 0.04))
+    truth = CircuitParameters.constant(0.05, (0.02, 0.03, 0.04), (4 / 0.02, 40 / 0.03, 400 / 0.04))
     fitted, found = tried(made_problem(short_problem, white_noise(3, NOISE_V), truth))
     pair = found["one more pair"]
     assert fitted.rmse_v > 1.5 * NOISE_V

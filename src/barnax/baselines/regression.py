@@ -1,6 +1,6 @@
 """Least squares of the circuit's difference equation: at once (LS) and recursive (RLS)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import jax
@@ -253,8 +253,8 @@ def averaged(
         np.median(r0[counted]),
         np.median(r[counted], axis=0),
         np.median(tau_s[counted], axis=0),
-    ).ordered()
-    parameters = replace(parameters, gamma=gamma)
+    )
+    parameters = parameters.ordered().with_rate(gamma)
     trajectory = Trajectory(
         time_s=path.time_s,
         r0=np.where(is_circuit, r0, np.nan),

@@ -16,7 +16,7 @@ from .model import CellModel, FitError
 from .ocv_table import OcvTable, read_ocv_table, read_ocv_test
 from .parameters import CircuitParameters, parameter_names
 from .soc_axis import OcvPoint
-from .tables import SocTables, TemperatureTables
+from .tables import TemperatureTables
 
 __all__ = [
     "CIRCUITS",
@@ -35,7 +35,6 @@ __all__ = [
     "OcvTable",
     "PolynomialCurve",
     "SegmentedHysteresis",
-    "SocTables",
     "TemperatureTables",
     "characterize",
     "characterize_over_temperature",

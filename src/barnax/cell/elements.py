@@ -75,6 +75,11 @@ class ElementNames(NamedTuple):
     tau: str
     capacitance: str | None
 
+    @property
+    def stored(self) -> str:
+        """What a constant circuit has beside the resistance."""
+        return self.capacitance or self.tau
+
 
 RC = Element("rc", "", "RC pair", (1.0,), (1.0,))
 # Of tanh(sqrt(s tau)) / sqrt(s tau) = sum over n of 2 q / (1 + s tau q), q = 1 / ((n - 1/2) pi)^2
@@ -122,6 +127,19 @@ def get_element(name: str) -> Element:
             "known once make_circuit was given it"
         )
     return _ELEMENTS[name]
+
+
+def element_of(name: str) -> Element:
+    """The element that has a parameter of that name. Raises `InputError` where none has.
+
+    >>> element_of("tau2 [s]").name, element_of("tau_D [s]").name
+    ('rc', 'diffusion')
+    """
+    symbol = name.partition(" [")[0].lstrip("RCtau").removeprefix("_")
+    for element in _ELEMENTS.values():
+        if element.symbol == symbol or (not element.symbol and symbol.isdecimal()):
+            return element
+    raise InputError(f"no element has a parameter called {name}")
 
 
 def names_beside(name: str) -> ElementNames:

@@ -1,35 +1,52 @@
-"""The numbers of one constant circuit, and what they are called."""
+"""The numbers of a circuit, and what they are called."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from jaxtyping import Float
 
+from ..display import Brief
 from ..errors import InputError
-from .elements import ELEMENTS, RC, alike, names_of, require_order, rungs_of
+from .dependence import Dependence
+from .elements import (
+    ELEMENTS,
+    RC,
+    ElementNames,
+    alike,
+    element_of,
+    names_of,
+    require_order,
+    rungs_of,
+)
 
 if TYPE_CHECKING:
     from pydantic_core import CoreSchema
 
 MAX_PAIRS = 4
 OHMIC, RATE = "R0 [Ohm]", "gamma"
+OCV_CORRECTION = "OCV correction [V]"
+HALF_HYSTERESIS = "half hysteresis [V]"
+
+Table = tuple[float, ...]
+Rows = Sequence[float] | np.ndarray
+
+# The one node of a circuit that does not change with SOC; where it is means nothing.
+ANYWHERE = (0.5,)
 
 
 def parameter_names(elements: Sequence[str], has_rate: bool = False) -> tuple[str, ...]:
-    """PyBaMM's names of a circuit's parameters, with their units.
+    """PyBaMM's names of a constant circuit's parameters, with their units.
 
     >>> parameter_names(("rc", "rc"))
     ('R0 [Ohm]', 'R1 [Ohm]', 'C1 [F]', 'R2 [Ohm]', 'C2 [F]')
     >>> parameter_names(("rc", "diffusion"))
     ('R0 [Ohm]', 'R1 [Ohm]', 'C1 [F]', 'R_D [Ohm]', 'tau_D [s]')
     """
-    named = [
-        name
-        for each in names_of(elements)
-        for name in (each.resistance, each.capacitance or each.tau)
-    ]
+    named = [name for names in names_of(elements) for name in (names.resistance, names.stored)]
     return (OHMIC, *named, *([RATE] if has_rate else []))
 
 
@@ -41,109 +58,277 @@ def elements_in(names: Iterable[str]) -> tuple[str, ...]:
     """
     symbols = dict.fromkeys(name.partition(" [")[0].lstrip("RCtau") for name in names)
     known = {str(number): number for number in range(1, MAX_PAIRS + 1)}
-    pairs = max((known.get(each, 0) for each in symbols), default=0)
-    others = {f"_{each.symbol}": each.name for each in ELEMENTS.values() if each.symbol}
-    return (*[RC.name] * pairs, *(others[each] for each in symbols if each in others))
+    pairs = max((known.get(symbol, 0) for symbol in symbols), default=0)
+    others = {f"_{element.symbol}": element.name for element in ELEMENTS.values() if element.symbol}
+    return (*[RC.name] * pairs, *(others[symbol] for symbol in symbols if symbol in others))
 
 
-@dataclass(frozen=True)
-class CircuitParameters:
-    """Ohmic resistance and RC pairs, or other elements, in series.
+@dataclass(frozen=True, repr=False)
+class CircuitParameters(Brief):
+    """The numbers of a circuit by name: tables over SOC, and what does not change with it.
 
-    For two pairs the paper's R, Rpa, Cpa, Rpb, Cpb (Li et al. 2023, Eq. 1-3).
+    A table is linear between its nodes and constant beyond. A constant circuit has one node; with
+    two pairs its numbers are the paper's R, Rpa, Cpa, Rpb, Cpb (Li et al. 2023, Eq. 1-3).
 
     Args:
-        r0: Ohmic resistance in ohm.
-        r: Resistance of each element in ohm.
-        c: Capacitance of each in F; of one that is no RC pair its time constant over R.
-        gamma: Rate of a dynamic hysteresis per unit of SOC, None for a circuit without.
-        elements: What each is, by name; RC pairs where nothing is said.
+        tables: One value per node under each of PyBaMM's names: R0, the resistance of every
+            element, and where they are fitted the OCV correction, which is added to the average
+            OCV, and the half hysteresis, the amplitude of a dynamic one in place of half the
+            measured hysteresis voltage.
+        scales: The time constant of every element in s, or of an RC pair of a constant circuit its
+            capacitance in F; then the rate of a dynamic hysteresis per unit of SOC, if any.
+        nodes: States of charge, increasing.
+        visited: True for nodes that are the nearest of some counted sample: the values of the
+            others follow from their neighbors and mean nothing by themselves.
+        dependence: What the resistances follow beside SOC; None for nothing.
 
-    Raises `ValueError` for a value that is not positive and finite.
+    Raises `InputError` if nodes do not rise, a table has another length or is missing, or elements
+    are not in order.
 
-    >>> CircuitParameters(r0=0.05, r=(0.02, 0.03), c=(500.0, 2000.0)).tau_s
+    >>> CircuitParameters.constant(r0=0.05, r=(0.02, 0.03), c=(500.0, 2000.0)).tau_s
     (10.0, 60.0)
+    >>> tables = {"R0 [Ohm]": (0.06, 0.04), "R1 [Ohm]": (0.02, 0.01)}
+    >>> circuit = CircuitParameters(tables, {"tau1 [s]": 60.0}, nodes=(0.0, 1.0))
+    >>> float(circuit.at("R0 [Ohm]", np.array([0.5]))[0])
+    0.05
     """
 
-    r0: float
-    r: tuple[float, ...]
-    c: tuple[float, ...]
-    gamma: float | None = None
-    elements: tuple[str, ...] = ()
+    tables: dict[str, Table]
+    scales: dict[str, float]
+    nodes: Table = ANYWHERE
+    visited: tuple[bool, ...] = ()
+    dependence: Dependence | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "elements", self.elements or (RC.name,) * len(self.r))
-        if not len(self.r) == len(self.c) == len(self.elements):
-            raise ValueError(
-                f"a circuit has one R and one C for each of its {len(self.elements)} elements; "
-                f"{len(self.r)} R and {len(self.c)} C were given"
-            )
+        require_nodes(self.nodes)
         require_order(self.elements)
-        for name, value in self.to_dict().items():
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be positive and finite; {value} was given")
-        for names, tau_s in zip(names_of(self.elements), self.tau_s, strict=True):
-            if not (math.isfinite(tau_s) and tau_s > 0):
-                raise ValueError(f"{names.tau} must be positive and finite; it is {tau_s} s")
+        missing = [name for name in self.resistances if name not in self.tables]
+        if missing:
+            raise InputError(f"circuit parameters are missing: {', '.join(missing)}")
+        for name, table in self.tables.items():
+            if len(table) != len(self.nodes):
+                raise InputError(
+                    f"the table of {name} has {len(table)} values for {len(self.nodes)} nodes"
+                )
+
+    @classmethod
+    def constant(
+        cls,
+        r0: float,
+        r: Rows,
+        c: Rows,
+        gamma: float | None = None,
+        elements: Sequence[str] = (),
+    ) -> Self:
+        """A constant circuit.
+
+        Args:
+            r0: Ohmic resistance in ohm.
+            r: Resistance of each element in ohm.
+            c: Capacitance of each in F; of one that is no RC pair its time constant over R.
+            gamma: Rate of a dynamic hysteresis per unit of SOC, None for a circuit without.
+            elements: What each is, by name; RC pairs where nothing is said.
+
+        Raises `ValueError` for a value that is not positive and finite.
+        """
+        names = names_of(elements or (RC.name,) * len(r))
+        if not len(r) == len(c) == len(names):
+            raise ValueError(
+                f"a circuit has one R and one C for each of its {len(names)} elements; "
+                f"{len(r)} R and {len(c)} C were given"
+            )
+        numbers = {OHMIC: float(r0)}
+        for own, ohm, farad in zip(names, map(float, r), map(float, c), strict=True):
+            numbers |= {own.resistance: ohm, own.stored: farad if own.capacitance else ohm * farad}
+        return cls._of_numbers(numbers if gamma is None else numbers | {RATE: float(gamma)})
 
     @classmethod
     def of_tau(
         cls,
         r0: float,
-        r: Sequence[float] | np.ndarray,
-        tau_s: Sequence[float] | np.ndarray,
+        r: Rows,
+        tau_s: Rows,
         gamma: float | None = None,
-        elements: tuple[str, ...] = (),
+        elements: Sequence[str] = (),
     ) -> Self:
-        """The circuit whose elements have these resistances and time constants."""
-        c = tuple(float(tau / each) for each, tau in zip(r, tau_s, strict=True))
-        return cls(float(r0), tuple(float(each) for each in r), c, gamma, elements)
+        """The constant circuit whose elements have these resistances and time constants."""
+        c = [float(tau / ohm) for ohm, tau in zip(r, tau_s, strict=True)]
+        return cls.constant(r0, r, c, gamma, elements)
+
+    @classmethod
+    def over_soc(
+        cls,
+        nodes: Rows,
+        tau_s: Rows,
+        r0_ohm: Rows,
+        r_ohm: Sequence[Rows],
+        *,
+        ocv_correction_v: Rows | None = None,
+        half_hysteresis_v: Rows | None = None,
+        gamma: float | None = None,
+        visited: Sequence[bool] = (),
+        elements: Sequence[str] = (),
+        dependence: Dependence | None = None,
+    ) -> Self:
+        """A circuit whose resistances, in ohm, are tables over SOC, one value per node."""
+        names = names_of(elements or (RC.name,) * len(tau_s))
+        if not len(r_ohm) == len(tau_s) == len(names):
+            raise InputError(
+                f"a circuit has a table of R and a time constant for each of its {len(names)} "
+                f"elements; {len(r_ohm)} tables of R and {len(tau_s)} time constants were given"
+            )
+        rows = dict(zip((own.resistance for own in names), r_ohm, strict=True))
+        given = {OCV_CORRECTION: ocv_correction_v, HALF_HYSTERESIS: half_hysteresis_v}
+        rows |= {name: row for name, row in given.items() if row is not None}
+        scales = dict(zip((own.tau for own in names), map(float, tau_s), strict=True))
+        return cls(
+            {name: tuple(map(float, row)) for name, row in ({OHMIC: r0_ohm} | rows).items()},
+            scales | ({} if gamma is None else {RATE: float(gamma)}),
+            tuple(map(float, nodes)),
+            tuple(map(bool, visited)),
+            dependence,
+        )
+
+    @cached_property
+    def elements(self) -> tuple[str, ...]:
+        """What each element is, by name."""
+        return tuple(element_of(name).name for name in self.scales if name != RATE)
+
+    @cached_property
+    def names(self) -> tuple[ElementNames, ...]:
+        """What the parameters of every element are called."""
+        return names_of(self.elements)
+
+    @property
+    def resistances(self) -> tuple[str, ...]:
+        """The names of R0 and of every element's resistance."""
+        return (OHMIC, *(own.resistance for own in self.names))
 
     @property
     def pairs(self) -> int:
-        return len(self.r)
+        """How many elements there are, RC pairs mostly."""
+        return len(self.elements)
 
     @property
-    def tau_s(self) -> tuple[float, ...]:
-        """The time constant R C of every element, in s."""
-        return tuple(r * c for r, c in zip(self.r, self.c, strict=True))
+    def is_constant(self) -> bool:
+        """Whether the circuit is one that does not change with SOC, by whatever node."""
+        return self.nodes == ANYWHERE and not self.visited
 
-    def ordered(self) -> Self:
-        """The same circuit with its pairs from fast to slow."""
-        count = alike(self.elements)
-        order = sorted(range(count), key=lambda pair: self.tau_s[pair])
-        order += range(count, self.pairs)
-        r, c = (tuple(values[pair] for pair in order) for values in (self.r, self.c))
-        return replace(self, r=r, c=c)
+    @property
+    def ohm(self) -> Float[np.ndarray, "resistances nodes"]:
+        """R0 and every element's resistance at the nodes."""
+        return np.array([self.tables[name] for name in self.resistances])
 
-    def laddered(self) -> Self:
-        """The same circuit, each element as the RC pairs that it consists of."""
-        rungs = rungs_of(self.elements)
-        r = [self.r[each.element] * each.share for each in rungs]
-        tau_s = [self.tau_s[each.element] * each.ratio for each in rungs]
-        return self.of_tau(self.r0, r, tau_s, self.gamma) if len(rungs) > self.pairs else self
+    @property
+    def r0(self) -> float:
+        """R0 of a constant circuit, in ohm."""
+        return self.tables[OHMIC][0]
+
+    @property
+    def r(self) -> tuple[float, ...]:
+        """The resistances of the elements of a constant circuit, in ohm."""
+        return tuple(self.tables[own.resistance][0] for own in self.names)
+
+    @property
+    def c(self) -> tuple[float, ...]:
+        """The capacitances R C / R of the elements of a constant circuit, in F."""
+        found = zip(self.names, self.tau_s, self.r, strict=True)
+        return tuple(
+            self.scales.get(own.capacitance or "", tau_s / ohm) for own, tau_s, ohm in found
+        )
+
+    @property
+    def named_ohm(self) -> dict[str, float]:
+        """Every resistance of a constant circuit by its name, R0 first."""
+        return {name: self.tables[name][0] for name in self.resistances}
 
     @property
     def named_tau_s(self) -> dict[str, float]:
         """Every time constant by its name."""
         return {
-            names.tau: tau_s
-            for names, tau_s in zip(names_of(self.elements), self.tau_s, strict=True)
+            own.tau: self.scales[own.tau]
+            if own.tau in self.scales
+            else self.tables[own.resistance][0] * self.scales[own.stored]
+            for own in self.names
         }
 
     @property
-    def named_ohm(self) -> dict[str, float]:
-        """Every resistance by its name, R0 first."""
-        names = (OHMIC, *(each.resistance for each in names_of(self.elements)))
-        return dict(zip(names, (self.r0, *self.r), strict=True))
+    def tau_s(self) -> tuple[float, ...]:
+        """The time constant of every element, in s."""
+        return tuple(self.named_tau_s.values())
+
+    @property
+    def gamma(self) -> float | None:
+        """The rate of a dynamic hysteresis per unit of SOC, if there is one."""
+        return self.scales.get(RATE)
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """What does not change with SOC: time constants, gamma, the numbers of a dependence."""
+        rate = {} if self.gamma is None else {RATE: self.gamma}
+        return self.named_tau_s | rate | (self.dependence.numbers if self.dependence else {})
+
+    def at(self, name: str, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """The table of that name at some states of charge. Raises `KeyError` for an unknown one."""
+        return np.interp(soc, self.nodes, self.tables[name])
+
+    def with_tables(self, changed: Mapping[str, Rows]) -> Self:
+        """The same with other values in some tables, or with more of them."""
+        own = {name: tuple(map(float, row)) for name, row in changed.items()}
+        return replace(self, tables=self.tables | own)
+
+    def without(self, name: str) -> Self:
+        """The same without a table, such as that of the half hysteresis."""
+        tables = {known: row for known, row in self.tables.items() if known != name}
+        return replace(self, tables=tables)
+
+    def with_rate(self, gamma: float | None) -> Self:
+        """The same with a dynamic hysteresis of that rate, or with none."""
+        scales = {name: scale for name, scale in self.scales.items() if name != RATE}
+        return replace(self, scales=scales if gamma is None else scales | {RATE: gamma})
+
+    def ordered(self) -> Self:
+        """The same circuit with its pairs from fast to slow."""
+        pairs = self.names[: alike(self.elements)]
+        by_tau = sorted(pairs, key=lambda own: self.named_tau_s[own.tau])
+        source = {
+            name: of
+            for own, other in zip(pairs, by_tau, strict=True)
+            for name, of in zip(own, other, strict=True)
+        }
+        tables, scales = (
+            {name: values[source.get(name) or name] for name in values}
+            for values in (self.tables, self.scales)
+        )
+        return replace(self, tables=tables, scales=scales)
+
+    def laddered(self) -> Self:
+        """The same circuit, each element as the RC pairs that it consists of."""
+        rungs = rungs_of(self.elements)
+        if len(rungs) == self.pairs:
+            return self
+        taus_s, rows = self.tau_s, self.ohm
+        names = names_of((RC.name,) * len(rungs))
+        ladder = {
+            own.resistance: tuple((rung.share * rows[1 + rung.element]).tolist())
+            for own, rung in zip(names, rungs, strict=True)
+        }
+        ladder = {OHMIC: self.tables[OHMIC]} | ladder
+        others = {n: row for n, row in self.tables.items() if n not in self.resistances}
+        scales = {
+            own.tau: taus_s[rung.element] * rung.ratio
+            for own, rung in zip(names, rungs, strict=True)
+        }
+        rate = {} if self.gamma is None else {RATE: self.gamma}
+        return replace(self, tables=ladder | others, scales=scales | rate)
 
     def to_dict(self) -> dict[str, float]:
-        """The values under PyBaMM's parameter names."""
-        values, rate = [self.r0], [] if self.gamma is None else [self.gamma]
-        for name, r, c in zip(self.elements, self.r, self.c, strict=True):
-            values += [r, c if name == RC.name else r * c]
-        names = parameter_names(self.elements, has_rate=bool(rate))
-        return dict(zip(names, [*values, *rate], strict=True))
+        """The values of a constant circuit under PyBaMM's parameter names."""
+        values = self.named_ohm | self.scales
+        values |= {
+            own.stored: c for own, c in zip(self.names, self.c, strict=True) if own.capacitance
+        }
+        return {name: values[name] for name in parameter_names(self.elements, RATE in values)}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, float]) -> Self:
@@ -157,28 +342,50 @@ class CircuitParameters:
         if unknown:
             raise InputError(f"these are not circuit parameters: {', '.join(unknown)}")
         try:
-            r0, *rest = (float(values[name]) for name in names)
-            gamma = rest.pop() if RATE in values else None
-            r, second = rest[::2], rest[1::2]
-            c = [
-                each if name == RC.name else each / ohm
-                for name, ohm, each in zip(elements, r, second, strict=True)
-            ]
-            return cls(r0, tuple(r), tuple(c), gamma, elements)
-        except (TypeError, ValueError, ZeroDivisionError) as error:
+            return cls._of_numbers({name: float(values[name]) for name in names})
+        except (TypeError, ValueError) as error:
             raise InputError(f"circuit parameters cannot be used: {error}") from error
 
     @classmethod
-    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> "CoreSchema":
-        """Stored as `to_dict` has it."""
-        from pydantic_core import core_schema
-
-        return core_schema.no_info_before_validator_function(
-            lambda given: cls.from_dict(given) if isinstance(given, Mapping) else given,
-            core_schema.is_instance_schema(cls),
-            serialization=core_schema.plain_serializer_function_ser_schema(cls.to_dict),
-        )
+    def _of_numbers(cls, numbers: Mapping[str, float]) -> Self:
+        tables = {name: (ohm,) for name, ohm in numbers.items() if name.endswith("[Ohm]")}
+        made = cls(tables, {name: numbers[name] for name in numbers if name not in tables})
+        for name, value in {**numbers, **made.named_tau_s}.items():
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be positive and finite; {value} was given")
+        return made
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
-        return {"type": "object", "additionalProperties": {"type": "number"}}
+        flat = {"type": "object", "additionalProperties": {"type": "number"}}
+        return {"anyOf": [flat, handler(schema["schema"])]}
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> "CoreSchema":
+        """Stored by its fields; a constant circuit as `to_dict` has it."""
+        from pydantic_core import core_schema
+
+        def read(given: Any, by_fields: Any) -> Any:
+            is_flat = isinstance(given, Mapping) and "nodes" not in given
+            return cls.from_dict(given) if is_flat else by_fields(given)
+
+        def write(circuit: Self, by_fields: Any) -> Any:
+            return circuit.to_dict() if circuit.is_constant else by_fields(circuit)
+
+        fields = dict(handler.resolve_ref_schema(handler(source)))
+        return core_schema.no_info_wrap_validator_function(
+            read,
+            fields,  # pyright: ignore[reportArgumentType]
+            # All who refer to the class are to find this, not the fields alone.
+            ref=fields.pop("ref", None),
+            serialization=core_schema.wrap_serializer_function_ser_schema(write, schema=fields),  # pyright: ignore[reportArgumentType]
+        )
+
+
+def require_nodes(nodes: Sequence[float]) -> None:
+    """Raise `InputError` unless there are nodes, finite and each above the one before."""
+    if not len(nodes) or not np.all(np.isfinite(nodes)) or np.any(np.diff(nodes) <= 0):
+        raise InputError(
+            f"the nodes {', '.join(f'{node:g}' for node in nodes)} must be states of charge, each "
+            "above the previous one"
+        )

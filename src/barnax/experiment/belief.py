@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..bundled import bundled_file
-from ..cell import CellModel, SocTables, characterize, get_circuit
+from ..cell import CellModel, CircuitParameters, characterize, get_circuit
 from ..cell.elements import RC
-from ..cell.tables import LEAST_OHM, OCV_CORRECTION
+from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
+from ..cell.tables import LEAST_OHM
 from ..errors import InputError
 from ..over_soc import TableFit
 from ..over_soc.level import with_own_ocv
@@ -58,7 +59,7 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
     )
     return Believed(
         cell=cell,
-        tables=SocTables(NODES, TYPICAL_TAU_S, r0, tuple(r)),
+        tables=CircuitParameters.over_soc(NODES, TYPICAL_TAU_S, r0, tuple(r)),
         worst=np.full(len(NODES), UNKNOWN),
         noise=noise_of(TYPICAL_V),
         settings=with_own_ocv(TableSettings()),
@@ -95,11 +96,11 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
     if result.tables is not None:
         fit = replace(result.tables.fit, intervals=told or ())
         return believed_of_fit(fit, result.tables.settings, cell, rmse_v)
-    circuit = result.constant.circuit_parameters
-    rows = [(each,) * len(NODES) for each in (circuit.r0, *circuit.r)]
+    circuit = result.constant.parameters
+    r0_ohm, *r_ohm = np.repeat(circuit.ohm, len(NODES), axis=1)
     return Believed(
         cell=cell,
-        tables=SocTables(NODES, circuit.tau_s, rows[0], tuple(rows[1:])),
+        tables=CircuitParameters.over_soc(NODES, circuit.tau_s, r0_ohm, r_ohm),
         worst=np.full(len(NODES), UNKNOWN),
         noise=noise_of(rmse_v),
         settings=with_own_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
@@ -118,12 +119,15 @@ def believed_of_fit(
         if each.low is not None and each.standard_error > 0
     }
     corrections = [sd for (name, _), sd in known.items() if name == OCV_CORRECTION]
+    found = fit.tables
     tables = replace(
-        fit.tables,
-        r0_ohm=_positive(fit.tables.r0_ohm),
-        r_ohm=tuple(map(_positive, fit.tables.r_ohm)),
-        half_hysteresis_v=None,
-        gamma=None,
+        found,
+        tables={
+            name: _positive(row) if name in found.resistances else row
+            for name, row in found.tables.items()
+            if name != HALF_HYSTERESIS
+        },
+        scales=found.named_tau_s,
         dependence=None,
     )
     return Believed(

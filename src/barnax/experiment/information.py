@@ -17,10 +17,9 @@ from jaxtyping import Float
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.signal import lfilter
 
-from ..cell import CellModel, SocTables
-from ..cell.elements import names_of
-from ..cell.parameters import OHMIC
-from ..cell.tables import OCV_CORRECTION, hats
+from ..cell import CellModel, CircuitParameters
+from ..cell.parameters import OCV_CORRECTION
+from ..cell.tables import hats
 from ..over_soc.intervals import LIGHT, STEP
 from ..over_soc.settings import OCV, TableSettings
 
@@ -50,7 +49,7 @@ class Believed:
     """
 
     cell: CellModel
-    tables: SocTables
+    tables: CircuitParameters
     worst: Float[np.ndarray, "nodes"]
     noise: Sequence[tuple[float, float]]
     settings: TableSettings
@@ -60,13 +59,11 @@ class Believed:
     @cached_property
     def names(self) -> tuple[Name, ...]:
         """Every unknown: R0, the pairs' R, the OCV, and the time constants."""
-        elements = names_of(self.tables.elements)
         nodes = self.settings.nodes
-        rows = [OHMIC, *(each.resistance for each in elements)]
-        found: list[Name] = [(row, node) for row in rows for node in nodes]
+        found: list[Name] = [(row, node) for row in self.tables.resistances for node in nodes]
         name = OCV_CORRECTION if self.settings.ocv_nodes is None else OCV
         found += [(name, node) for node in self.settings.ocv_nodes or nodes]
-        return (*found, *((each.tau, None) for each in elements))
+        return (*found, *((name, None) for name in self.tables.named_tau_s))
 
     @cached_property
     def values(self) -> Float[np.ndarray, "unknowns"]:
@@ -86,7 +83,7 @@ class Believed:
     def ocv_v(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """The OCV between charge and discharge, corrected where the tables correct it."""
         known_v = self.cell.average_ocv_v(soc)
-        has_own = self.tables.ocv_correction_v is not None
+        has_own = OCV_CORRECTION in self.tables.tables
         return known_v + self.tables.at(OCV_CORRECTION, soc) if has_own else known_v
 
     @cached_property
@@ -141,10 +138,10 @@ def columns_along(
     along = soc - passed / believed.cell.capacity_ah
     spread = hats(along, believed.settings.nodes) * current_a[:, None]
     blocks, slopes = [spread], []
-    elements = names_of(believed.tables.elements)
-    for tau_s, each in zip(believed.tables.tau_s, elements, strict=True):
+    _, *resistances = believed.tables.resistances
+    for tau_s, resistance in zip(believed.tables.tau_s, resistances, strict=True):
         blocks.append(_low_passed(spread, tau_s, interval_s))
-        drop_v = believed.tables.at(each.resistance, along) * current_a
+        drop_v = believed.tables.at(resistance, along) * current_a
         above, below = (
             _low_passed(drop_v, tau_s * math.exp(step), interval_s) for step in (STEP, -STEP)
         )

@@ -9,10 +9,11 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ..cell import CellModel, CircuitParameters, SocTables, get_circuit
+from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.circuits import Circuit
 from ..cell.curves import KNOTS, SegmentedHysteresis
 from ..cell.elements import get_element, names_of
+from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..errors import InputError, escaped
 from ..results import Result
 
@@ -105,9 +106,9 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
             "iso-rc"
         )
     reference = found.reference_degc if found else None
-    cell, parameters = result.cell_at(reference), result.constant.circuit_parameters.laddered()
+    cell, parameters = result.cell_at(reference), result.constant.parameters.laddered()
     degc, cells, over_soc, place = None, [cell], [], 0
-    resistances = np.array([[r] for r in (parameters.r0, *parameters.r)])
+    resistances = parameters.ohm
     if found and found.tables is not None:
         degc = _with_some_between(found.tables.temperatures_degc)
         cells, place = [result.cell.at(each) for each in degc], degc.index(reference)
@@ -117,7 +118,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     over_soc = [_from_empty_to_full(each.laddered()) for each in over_soc]
     if over_soc:
         # R0, R1 and so on first, then the temperatures.
-        resistances = np.stack([[each.r0_ohm, *each.r_ohm] for each in over_soc], axis=1)
+        resistances = np.stack([tables.ohm for tables in over_soc], axis=1)
         resistances = resistances if degc else resistances[:, 0]
     soc, ocv_v = _ocv(circuit, cells, over_soc)
     kind, constants = _kind_of(circuit, cell), over_soc[place] if over_soc else parameters
@@ -169,7 +170,7 @@ def _with_some_between(measured_degc: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _ocv(
-    circuit: Circuit, cells: Sequence[CellModel], over_soc: Sequence[SocTables]
+    circuit: Circuit, cells: Sequence[CellModel], over_soc: Sequence[CircuitParameters]
 ) -> tuple[Values, Float[np.ndarray, "temperatures points"]]:
     """The OCV of every cell over one SOC, corrected by the tables: the mean of the source after
     charging and after discharging. Every node is a point of it, so that the correction is exact."""
@@ -183,18 +184,18 @@ def _ocv(
     points = np.concatenate([nodes, *(each.soc for each in means)])
     soc = np.unique(np.round(points, DIGITS_SOC))
     ocv_v = np.array([mean(soc) for mean in means])
-    for row_v, each in zip(ocv_v, over_soc, strict=False):
-        if each.ocv_correction_v is not None:
-            row_v += np.interp(soc, nodes, each.ocv_correction_v)
+    for row_v, tables in zip(ocv_v, over_soc, strict=False):
+        if OCV_CORRECTION in tables.tables:
+            row_v += tables.at(OCV_CORRECTION, soc)
     return soc, np.round(ocv_v, DIGITS_V)
 
 
 def _hysteresis(
-    circuit: Circuit, cell: CellModel, kind: Hysteresis, over_soc: SocTables | None
+    circuit: Circuit, cell: CellModel, kind: Hysteresis, over_soc: CircuitParameters | None
 ) -> Table | None:
     """W(soc): that of the tables, the cell's segments, or what a circuit makes of its own."""
-    if over_soc is not None and over_soc.half_hysteresis_v is not None:
-        w_v = 2 * np.array(over_soc.half_hysteresis_v)
+    if over_soc is not None and HALF_HYSTERESIS in over_soc.tables:
+        w_v = 2 * np.array(over_soc.tables[HALF_HYSTERESIS])
         return Table(np.round(over_soc.nodes, DIGITS_SOC), np.round(w_v, DIGITS_V))
     if kind == "none":
         return None
@@ -227,7 +228,7 @@ def _kind_of(circuit: Circuit, cell: CellModel) -> Hysteresis:
     return "none" if np.array_equal(after_charge_v, after_discharge_v) else "instant"
 
 
-def _from_empty_to_full(tables: SocTables) -> SocTables:
+def _from_empty_to_full(tables: CircuitParameters) -> CircuitParameters:
     """The same circuit with nodes that reach SOC 0 and 1: a tool may go on straight beyond the
     ends, or take no table of a single node."""
     first, last = tables.nodes[0] > 0, tables.nodes[-1] < 1
@@ -235,19 +236,17 @@ def _from_empty_to_full(tables: SocTables) -> SocTables:
     def held(table: tuple) -> tuple:
         return (*table[:first], *table, *table[len(table) - last :])
 
-    correction_v, half_v = tables.ocv_correction_v, tables.half_hysteresis_v
     return replace(
         tables,
         nodes=(*[0.0][:first], *tables.nodes, *[1.0][:last]),
-        r0_ohm=held(tables.r0_ohm),
-        r_ohm=tuple(held(each) for each in tables.r_ohm),
-        ocv_correction_v=None if correction_v is None else held(correction_v),
-        half_hysteresis_v=None if half_v is None else held(half_v),
+        tables={name: held(row) for name, row in tables.tables.items()},
         visited=held(tables.visited),
     )
 
 
-def _caveats(result: Result, over_soc: Sequence[SocTables], kind: Hysteresis) -> tuple[str, ...]:
+def _caveats(
+    result: Result, over_soc: Sequence[CircuitParameters], kind: Hysteresis
+) -> tuple[str, ...]:
     """Which nodes mean nothing by themselves, and which temperatures were not measured; nothing
     where all were."""
     told, over = [], result.tables and result.tables.over_temperature

@@ -26,9 +26,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int, Scalar
 
-from ..cell import CellModel, CircuitParameters, SocTables, get_circuit
-from ..cell.parameters import RATE
-from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
+from ..cell import CellModel, CircuitParameters, get_circuit
+from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION, RATE
 from ..model.prepared import PreparedRecord
 
 Hysteresis = Literal["none", "instant", "dynamic"]
@@ -322,7 +321,7 @@ def make_model(
     parameters: CircuitParameters,
     errors: ErrorModel,
     *,
-    tables: SocTables | None = None,
+    tables: CircuitParameters | None = None,
     rest_current_a: float | None = None,
     slow: Sequence[str] = (),
     slow_sd: Sequence[float] = (),

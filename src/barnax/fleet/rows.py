@@ -313,7 +313,7 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
     }
     intervals = constant.assessment.uncertainty.estimates if constant.assessment else ()
     ends = {each.name: (each.low, each.high) for each in intervals}
-    for name, value in named_values(constant.circuit_parameters).items():
+    for name, value in named_values(constant.parameters).items():
         row[name] = value
         if ends:
             row[f"{name} low"], row[f"{name} high"] = ends[name]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, Shaped
 
 from ..execution import as_input
 
@@ -65,11 +65,20 @@ class Intervals(eqx.Module):
         missing = count - len(self.node_s)
         return replace(self, node_s=as_input(np.pad(self.node_s, (0, missing), "edge")))
 
-    def in_one_form(self) -> "Intervals":
-        """The same in a form that the blocks of most clocks share, and so one program."""
-        offset_s = self.offset_s if self.has_offsets else np.zeros(len(self.offset_s))
-        node_s = self.with_nodes(next_nodes(len(self.node_s))).node_s
-        return Intervals(node_s, self.node, as_input(offset_s), False, True)
+    def in_one_form(self, samples: int) -> "Intervals":
+        """The first samples in a form that the blocks of most clocks share, and so one program."""
+        nodes, offset_s = np.asarray(self.node_s), np.asarray(self.offset_s)
+        node_s = sized(nodes, next_nodes(len(nodes)))
+        offset_s = sized(offset_s if self.has_offsets else 0 * offset_s, samples)
+        arrays = node_s, sized(np.asarray(self.node), samples), offset_s
+        return Intervals(*map(as_input, arrays), is_even=False, has_offsets=True)
+
+
+def sized(values: Shaped[np.ndarray, "some"], size: int) -> Shaped[np.ndarray, "size"]:
+    """The first values, so many; where there are fewer, the last is repeated."""
+    found = np.empty(size, values.dtype)
+    found[: len(values)], found[len(values) :] = values[:size], values[-1]
+    return found
 
 
 def next_nodes(count: int) -> int:

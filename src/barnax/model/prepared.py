@@ -1,27 +1,27 @@
 """One record made ready to simulate: which part of it, its SOC, and a resting cell's voltage."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
-from ..cell import CellModel, Dependence, OcvTable, get_circuit
+from ..cell import CellModel, Dependence, get_circuit
 from ..cell.dependence import filled
-from ..cell.model import group_near
 from ..cell.tables import hats
 from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input
 from ..notices import Notice, notice
 from ..records import Record, current_direction, rest_current_a
-from ..records.record import degc_in_name
 from ..records.samples import record_resistance_ohm
 from ..settings import is_temperature
 from .compressed import BLOCK
-from .intervals import Intervals
+from .intervals import Intervals, sized
 from .simulate import HysteresisInput, SimulationInput
 from .start import Start, find_start
+from .temperature import temperature_of
 from .window import Window, first_sample, scored_samples
 
 # Scored samples may leave the range of the OCV points by this much SOC; a branch is constant there.
@@ -117,6 +117,16 @@ class PreparedRecord(Brief):
         for first in range(0, len(self.soc), samples):
             yield self.part(slice(first, first + samples + 1))
 
+    def input_blocks(
+        self, samples: int, shortest_tau_s: float, highest_gamma: float | None = None
+    ) -> Iterator[tuple[slice, SimulationInput]]:
+        """`simulation_input` block after block, each filled up to so many samples: states at the
+        end of one are those at the start of the next."""
+        for number, part in enumerate(self.parts(samples)):
+            first = number * samples
+            inputs = part.simulation_input(shortest_tau_s, highest_gamma, samples)
+            yield slice(first, min(first + samples, len(self.soc))), inputs
+
     @property
     def time_s(self) -> Float[np.ndarray, "simulated"]:
         return self.record.time_s[self.span]
@@ -182,25 +192,37 @@ class PreparedRecord(Brief):
         return temperature_of(self.record, self.window, here)
 
     def simulation_input(
-        self, shortest_tau_s: float, highest_gamma: float | None = None
+        self, shortest_tau_s: float, highest_gamma: float | None = None, samples: int | None = None
     ) -> SimulationInput:
         """What this span imposes on a circuit, exact for time constants from `shortest_tau_s` on.
 
-        With dynamic hysteresis, exact for rates up to `highest_gamma`.
+        With dynamic hysteresis, exact for rates up to `highest_gamma`. With `samples`, the first so
+        many in a form that blocks share; where there are fewer, the last is repeated uncounted.
         """
+
+        def fit(values: np.ndarray) -> Any:
+            return as_input(values if samples is None else sized(values, samples))
+
         ohmic_a, through_pairs_a = self.current_a, self.held_a
         if self.dependence is not None and self.resistance_factor is not None:
             ohmic_a = self.resistance_factor * ohmic_a
             through_pairs_a = self.resistance_factor * self.dependence.through_pairs(self.held_a)
+        weight, intervals = (
+            self.scored.astype(float),
+            Intervals.measure(self.time_s, shortest_tau_s),
+        )
+        if samples is not None:
+            intervals = intervals.in_one_form(samples)
+            weight = np.append(weight[:samples], np.zeros(max(0, samples - len(weight))))
         return SimulationInput(
-            current_a=as_input(ohmic_a),
-            held_a=as_input(through_pairs_a),
-            source_v=as_input(self.source_v),
-            base_error_v=as_input(self.voltage_v - self.source_v),
-            weight=None if np.all(self.scored) else as_input(self.scored.astype(float)),
-            scored=as_input(float(np.count_nonzero(self.scored))),
-            intervals=Intervals.measure(self.time_s, shortest_tau_s),
-            hysteresis=None if highest_gamma is None else self._hysteresis(highest_gamma),
+            current_a=fit(ohmic_a),
+            held_a=fit(through_pairs_a),
+            source_v=fit(self.source_v),
+            base_error_v=fit(self.voltage_v - self.source_v),
+            weight=None if np.all(weight) and samples is None else as_input(weight),
+            scored=as_input(float(np.count_nonzero(weight))),
+            intervals=intervals,
+            hysteresis=None if highest_gamma is None else self._hysteresis(highest_gamma, samples),
         )
 
     @property
@@ -209,16 +231,19 @@ class PreparedRecord(Brief):
         last = slice(self.first, self.first + len(self.soc) - 1)
         return np.append(self.record.interval_current_a[last], 0.0)
 
-    def _hysteresis(self, highest_gamma: float) -> HysteresisInput:
+    def _hysteresis(self, highest_gamma: float, samples: int | None) -> HysteresisInput:
         # Below the rest current a cell keeps its direction: noise and offsets turn nothing.
         is_moving = (np.abs(self.held_a) >= self.rest_current_a) & (self.held_a != 0)
         passed = np.where(is_moving, np.abs(np.diff(self.soc, append=self.soc[-1])), 0.0)
         toward = np.where(is_moving, -np.sign(self.held_a), self.direction)
-        return HysteresisInput(
-            amplitude_v=as_input(self.hysteresis_amplitude_v),
-            hysteresis_input=as_input(toward - self.start.direction),
-            intervals=Intervals.gather(passed, 1 / highest_gamma, 0.0),
-        )
+        amplitude_v, hysteresis_input = self.hysteresis_amplitude_v, toward - self.start.direction
+        intervals = Intervals.gather(passed, 1 / highest_gamma, 0.0)
+        if samples is not None and amplitude_v is not None:
+            amplitude_v, hysteresis_input = (
+                sized(values, samples) for values in (amplitude_v, hysteresis_input)
+            )
+            intervals = intervals.in_one_form(samples)
+        return HysteresisInput(as_input(amplitude_v), as_input(hysteresis_input), intervals)
 
 
 def prepare_record(
@@ -278,47 +303,6 @@ def prepare_record(
         capacity_ah=capacity_ah,
         warnings=tuple(warnings),
     )
-
-
-def temperature_of(
-    record: Record, window: Window, samples: slice | Int[np.ndarray, "_"] = slice(None)
-) -> float | None:
-    """The temperature given for a record in degC, else the median of those measured, else that in
-    its name, if any."""
-    if window.temperature_degc is not None:
-        return window.temperature_degc
-    measured = np.empty(0) if record.temperature_degc is None else record.temperature_degc[samples]
-    known = measured[np.isfinite(measured)]
-    return float(np.median(known)) if len(known) else degc_in_name(record.name)
-
-
-def group_tests(
-    tests: Sequence[Record | OcvTable], window: Window | Mapping[str, Window] | None
-) -> dict[float, list[Record | OcvTable]]:
-    """OCV tests by temperature in degC; nothing where they are of one or of none that is known.
-
-    Raises `InputError` for one of unknown temperature beside others of several.
-    """
-    own = window if isinstance(window, Mapping) else {}
-    degc = [
-        temperature_of(each, own.get(each.name, Window()))
-        if isinstance(each, Record)
-        else own[each.name].temperature_degc
-        if each.name in own
-        else degc_in_name(each.name)
-        for each in tests
-    ]
-    pairs = list(zip(degc, tests, strict=True))
-    found = group_near((known, each) for known, each in pairs if known is not None)
-    if len(found) < 2:
-        return {}
-    for known, each in pairs:
-        if known is None:
-            raise InputError(
-                f"{each.name}: has no column of temperatures, and the other OCV tests are of "
-                "several; say it with `temperature`"
-            )
-    return found
 
 
 def both_directions(

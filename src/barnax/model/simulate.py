@@ -143,12 +143,6 @@ class SimulationInput(AbstractEvaluator):
         weight = np.pad(np.asarray(weight, self.current_a.dtype), (0, missing))
         return replace(filled, weight=as_input(weight))
 
-    def first(self, samples: int) -> "SimulationInput":
-        """Its first samples, filled up where there are fewer, in a form that blocks share."""
-        short = self.map_clocks(Intervals.in_one_form)
-        cut = short.map_samples(lambda array: as_input(np.asarray(array)[:samples]))
-        return cut.padded_to(samples)
-
     def squared_error(self, rc: RCParameters) -> Scalar:
         """Sum of squared errors over the scored samples, in V^2.
 

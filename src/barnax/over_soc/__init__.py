@@ -16,8 +16,6 @@ from .registration import register as register
 from .registration import register_alone as register_alone
 from .registration import rest_warnings as rest_warnings
 from .settings import TableSettings as TableSettings
-from .simulate import evaluate_tables as evaluate_tables
-from .simulate import simulate_tables as simulate_tables
 from .temperature import LeftOut as LeftOut
 from .temperature import OverTemperature as OverTemperature
 from .temperature import Reversal as Reversal

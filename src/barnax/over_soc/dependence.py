@@ -19,13 +19,13 @@ from ..errors import InputError
 from ..execution import in_float64
 from ..model.box_least_squares import least_in_box
 from ..model.prepared import PreparedRecord
+from ..model.reference import errors_along
 from .cross_validation import SocErrors, held_out_errors
 from .intervals import linearized
 from .objective import Solution, TableObjective
 from .problem import reduced_objective
 from .search import find_best
 from .settings import TableSettings
-from .simulate import errors_along
 
 # Temperatures that move by less than this tell nothing of what follows them.
 LEAST_SPREAD_K = 1.0

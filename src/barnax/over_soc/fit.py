@@ -7,13 +7,14 @@ from typing import Literal
 import numpy as np
 
 from ..blas import one_blas_thread
-from ..cell import SocTables
-from ..cell.parameters import RATE
+from ..cell import CircuitParameters
+from ..cell.parameters import HALF_HYSTERESIS, RATE
 from ..cell.tables import LEAST_OHM
 from ..display import Brief
 from ..execution import in_float64
 from ..global_optimum.proof import Proof
 from ..model.prepared import PreparedRecord
+from ..model.reference import error_blocks
 from ..notices import Notice, notice
 from ..schema import Told
 from ..search.refine import AtBound
@@ -32,7 +33,6 @@ from .objective import Solution, TableObjective
 from .problem import BOTH_WAYS_SOC, HELD_GAMMA, least_travel_soc, reduced_objective
 from .search import find_best
 from .settings import TableSettings
-from .simulate import error_blocks
 
 # A constant is at a bound within this share of the logarithm of its range.
 AT_BOUND = 1e-3
@@ -82,7 +82,7 @@ class TableFit(Brief):
             its own.
     """
 
-    tables: SocTables
+    tables: CircuitParameters
     objective_v: float
     errors: tuple[SocErrors, ...]
     tau_ranges_s: tuple[tuple[float, float], ...]
@@ -199,13 +199,15 @@ def constant_with_ocv_held_out(
         return held_out_errors(objective, find_best(objective))
 
 
-def errors_on(prepared: PreparedRecord, tables: SocTables) -> SocErrors:
+def errors_on(prepared: PreparedRecord, tables: CircuitParameters) -> SocErrors:
     """The errors of tables on a record, by scan."""
     return pooled_errors([prepared], tables)
 
 
 @in_float64
-def pooled_errors(prepared_records: Sequence[PreparedRecord], tables: SocTables) -> SocErrors:
+def pooled_errors(
+    prepared_records: Sequence[PreparedRecord], tables: CircuitParameters
+) -> SocErrors:
     """The same on several records together."""
     return SocErrors.of(
         (error_v[each.scored[here]], each.soc[here][each.scored[here]])
@@ -226,7 +228,7 @@ def _at_bound(objective: TableObjective, best: Solution) -> tuple[AtBound, ...]:
 
 
 def _warnings(
-    objective: TableObjective, tables: SocTables, at_bound: Sequence[AtBound]
+    objective: TableObjective, tables: CircuitParameters, at_bound: Sequence[AtBound]
 ) -> tuple[Notice, ...]:
     found = [
         _bound_warning(each, tables.constants[each.name], objective.settings.ocv_correction)
@@ -235,18 +237,19 @@ def _warnings(
     unvisited = 1 - float(np.mean(objective.visited))
     if unvisited > MOSTLY:
         found.append(notice("tables.mostly-unvisited", share=unvisited))
-    resistance_ohm = np.sum([tables.r0_ohm, *tables.r_ohm], axis=0)
-    bare = np.array(tables.nodes)[objective.visited & (resistance_ohm < LEAST_OHM)]
+    resistances_ohm, nodes = tables.ohm, np.array(tables.nodes)
+    bare = nodes[objective.visited & (resistances_ohm.sum(axis=0) < LEAST_OHM)]
     found += [notice("tables.no-resistance", soc=soc) for soc in bare.tolist()]
     floor_ohm = objective.least_r0_ohm
-    held = np.array(tables.nodes)[objective.visited & (np.array(tables.r0_ohm) <= floor_ohm)]
+    held = nodes[objective.visited & (resistances_ohm[0] <= floor_ohm)]
     if floor_ohm and len(held):
         where = ", ".join(f"{100 * soc:g}" for soc in held)
         found.append(notice("tables.r0-at-floor", floor_ohm=floor_ohm, percent=where))
-    if tables.half_hysteresis_v is None and tables.gamma is None:
+    is_fitted = HALF_HYSTERESIS in tables.tables
+    if not is_fitted and tables.gamma is None:
         return tuple(found)
     moved, ranges = least_travel_soc(objective.prepared_records), objective.settings.ranges
-    if moved < BOTH_WAYS_SOC and tables.half_hysteresis_v is not None:
+    if moved < BOTH_WAYS_SOC and is_fitted:
         found.append(notice("tables.one-direction", moved_soc=moved))
     elif moved < BOTH_WAYS_SOC and tables.gamma is not None and RATE not in ranges:
         found.append(notice("tables.gamma-held", moved_soc=moved, gamma=HELD_GAMMA))

@@ -18,15 +18,15 @@ from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
 from ..cell.elements import rungs_of
-from ..cell.tables import SocTables
+from ..cell.parameters import CircuitParameters
 from ..execution import in_float64
 from ..model.exponentials import span_through
 from ..model.prepared import PreparedRecord
+from ..model.reference import errors_along
 from ..uncertainty.covariance import CONFIDENCE, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .objective import Solution, TableObjective
 from .reduced import Columns, blocks
-from .simulate import errors_along
 
 # Of the smoothing weights, those of the fit that standard errors are of.
 LIGHT = 0.01
@@ -305,7 +305,7 @@ def linearized(
 
 
 def _dependence_slopes(
-    prepared: PreparedRecord, tables: SocTables
+    prepared: PreparedRecord, tables: CircuitParameters
 ) -> list[Float[np.ndarray, "simulated"]]:
     """The derivatives of the error by the logarithm of every number that resistances follow."""
     if tables.dependence is None:

@@ -10,11 +10,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
-from ..cell import Dependence, SocTables
+from ..cell import CircuitParameters, Dependence
 from ..cell.circuits import get_circuit
 from ..cell.elements import RC, alike, get_element, names_of
-from ..cell.parameters import OHMIC, RATE
-from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
+from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION, OHMIC, RATE
 from ..model.axes import Axis
 from ..model.box_least_squares import Sides, least_in_box, least_squares_in_box
 from ..model.exponentials import Span
@@ -327,20 +326,18 @@ class TableObjective:
         nodes = self.nodes_of[place]
         return nodes, self.facts[0].cell.average_ocv_v(nodes) + found.values[place]
 
-    def tables_at(self, found: Solution) -> SocTables:
+    def tables_at(self, found: Solution) -> CircuitParameters:
         """A solution as stored, pairs from fast to slow; an OCV of its own is left out."""
-        values = dict(zip(self.names, (tuple(each.tolist()) for each in found.values), strict=True))
-        tau_s = np.exp(found.log_scales[: self.pairs]).tolist()
-        gamma = math.exp(found.log_scales[-1]) if len(found.log_scales) > self.pairs else None
-        return SocTables(
+        values = {
+            name: tuple(row.tolist())
+            for name, row in zip(self.names, found.values, strict=True)
+            if name != OCV
+        }
+        scales = np.exp(found.log_scales).tolist()
+        return CircuitParameters(
+            tables=values,
+            scales={axis.name: scale for axis, scale in zip(self.axes, scales, strict=True)},
             nodes=self.reduced.layout.nodes,
-            tau_s=tuple(tau_s),
-            r0_ohm=values[OHMIC],
-            r_ohm=tuple(values[each.resistance] for each in names_of(self.elements)),
-            ocv_correction_v=values.get(OCV_CORRECTION),
-            half_hysteresis_v=values.get(HALF_HYSTERESIS),
-            gamma=gamma,
             visited=tuple(self.visited.tolist()),
-            elements=self.elements,
             dependence=self.facts[0].dependence,
         )

@@ -27,9 +27,9 @@ from ..model.prepared import (
     PreparedRecord,
     prepare_record,
     soc_along,
-    temperature_of,
 )
 from ..model.start import find_start, held_charges
+from ..model.temperature import temperature_of
 from ..model.window import Window, first_sample, scored_samples
 from ..notices import notice
 from ..records import Record, rest_current_a

@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
 from ..blas import one_blas_thread
-from ..cell import SocTables
+from ..cell import CircuitParameters
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord
 from ..uncertainty.covariance import CONFIDENCE
@@ -69,7 +69,7 @@ class PackCell:
 
     name: str
     rmse_v: float
-    tables: SocTables
+    tables: CircuitParameters
     ocv_v: tuple[float, ...]
     values: Mapping[str, Value]
 
@@ -92,7 +92,7 @@ class PackFit:
 @in_float64
 def fit_pack(
     prepared: PreparedRecord,
-    tables: SocTables,
+    tables: CircuitParameters,
     beside_v: Float[np.ndarray, "simulated cells"],
     names: Sequence[str],
     settings: TableSettings,

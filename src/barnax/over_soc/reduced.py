@@ -32,7 +32,6 @@ from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
 from ..model.simulate import SimulationInput
 from .layout import Layout, by_first_visit
-from .simulate import TableInput
 
 # Columns of one block reflector; there are ten times as many columns as for a constant circuit.
 REFLECTORS = 32
@@ -251,8 +250,8 @@ def blocks(
     highest_gamma = None if rate is None else 1 / float(rate_tau.min())
     start = float(prepared.start.direction)
     fastest_s = float(layout.in_tau.skeleton_tau.min())
-    for here, given in TableInput.blocks(prepared, nodes, fastest_s, highest_gamma):
-        inputs, hysteresis, size = given.inputs, given.inputs.hysteresis, here.stop - here.start
+    for here, inputs in prepared.input_blocks(BLOCK, fastest_s, highest_gamma):
+        hysteresis, size = inputs.hysteresis, here.stop - here.start
         spread = hats(prepared.soc[here], nodes)
         near = np.flatnonzero(np.any(spread, axis=0))
         spread = spread[:, near]
@@ -268,17 +267,18 @@ def blocks(
                 rate_tau, hysteresis_state, turning, hysteresis.intervals
             )
             response = response[:size, : len(rate.skeleton)]
+            amplitude_v = np.asarray(hysteresis.amplitude_v)[:size, None]
             if layout.has_amplitude:
+                # In place of the measured amplitude.
+                base = base + start * amplitude_v
                 into += [
                     layout.places[name][:, near]
                     for name in ("hysteresis_response", "initial_hysteresis")
                 ]
                 columns += [-response[:, :, None] * spread[:, None], -start * spread]
             else:
-                amplitude_v = np.asarray(hysteresis.amplitude_v)[:size, None]
                 into.append(layout.places["hysteresis_response"])
                 columns.append(-response * amplitude_v)
-                base = base - start * amplitude_v
         into.append(layout.places["current"][:, near])
         columns.append(np.asarray(inputs.current_a)[:size, None] * spread)
         if layout.has_correction:

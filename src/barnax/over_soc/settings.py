@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..cell.tables import require_nodes
+from ..cell.parameters import require_nodes
 from ..errors import InputError
 from ..model.search_space import Range
 from ..settings import TableOptions

@@ -14,14 +14,14 @@ import numpy as np
 from jaxtyping import Float
 
 from ..blas import one_blas_thread
-from ..cell import SocTables, TemperatureTables
+from ..cell import CircuitParameters, TemperatureTables
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
 from ..global_optimum.proof import Proof
 from ..model.axes import Axis
 from ..model.prepared import PreparedRecord
 from ..notices import notice
-from ..search.evaluate import Evaluation
+from ..search.evaluate import Evaluation, evaluate
 from ..settings import is_temperature
 from .certificate import certify
 from .cross_validation import SocErrors
@@ -31,7 +31,6 @@ from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
 from .search import LogScales, Solved, find_best, polish
 from .settings import TableSettings
-from .simulate import evaluate_tables
 
 
 @dataclass(frozen=True)
@@ -128,7 +127,7 @@ class TableFits:
         degc = self.over_temperature.temperatures_degc
         return TemperatureTables(degc, tuple(each.tables for each in self.fits))
 
-    def at(self, temperature_degc: float) -> SocTables:
+    def at(self, temperature_degc: float) -> CircuitParameters:
         """The tables at a temperature: the measured ones within `SAME_DEGC`, else what lies
         between; the only ones where they are of one temperature."""
         if self.over_temperature is None or self.tables is None:
@@ -138,9 +137,9 @@ class TableFits:
 
     def evaluate(self, prepared: PreparedRecord) -> Evaluation:
         """The tables at a record's temperature, simulated on it."""
-        return evaluate_tables(prepared, self.of(prepared))
+        return evaluate(prepared, self.of(prepared))
 
-    def of(self, prepared: PreparedRecord) -> SocTables:
+    def of(self, prepared: PreparedRecord) -> CircuitParameters:
         """The tables at a record's temperature. Raises `InputError` where that is needed and not
         known."""
         if self.over_temperature is None:

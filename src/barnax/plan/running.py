@@ -16,7 +16,8 @@ from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
 from ..inputs import Given, file_names, listed, numbered, source_of, window_of, windows_by_name
 from ..job import PLANNED, Job
-from ..model.prepared import OCV_MARGIN, soc_along, temperature_of
+from ..model.prepared import OCV_MARGIN, soc_along
+from ..model.temperature import temperature_of
 from ..model.window import Window
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record, read_source

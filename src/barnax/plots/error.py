@@ -174,7 +174,7 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
 
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
+    >>> circuit = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
     >>> record, cell = read_record(bundled_file("identification")), characterize(tests)
     >>> rows = {name: validate(record, cell, name, circuit) for name in ("so-rc", "iso-rc")}
     >>> [len(plot_error(each).axes) for each in (rows, rows["so-rc"])]

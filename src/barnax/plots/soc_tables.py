@@ -112,9 +112,11 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
         fit: Tables over SOC.
         constant: The constant circuit.
 
-    >>> from barnax.cell import SocTables
+    >>> from barnax.cell import CircuitParameters
     >>> from barnax.over_soc import TableFit
-    >>> tables = SocTables((0.0, 0.5, 1.0), (60.0,), (0.06, 0.05, 0.05), ((0.02, 0.01, 0.01),))
+    >>> tables = CircuitParameters.over_soc(
+    ...     (0.0, 0.5, 1.0), (60.0,), (0.06, 0.05, 0.05), ((0.02, 0.01, 0.01),)
+    ... )
     >>> fit = TableFit(tables, 1e-3, (), (), 0.0, "grid-verified", 0, (), 0, (), None, ())
     >>> [axes.get_ylabel() for axes in plot_tables(fit).axes]
     ['R0 [mOhm]', 'R1 [mOhm]']
@@ -184,7 +186,7 @@ def plot_error_map(circuits: "Mapping[str, Sequence[Evaluation]]") -> Figure:
 
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
+    >>> circuit = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
     >>> record = read_record(bundled_file("identification"))
     >>> figure = plot_error_map({"a": [validate(record, characterize(tests), "iso-rc", circuit)]})
     >>> figure.axes[0].get_xlabel()

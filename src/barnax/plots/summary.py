@@ -65,7 +65,7 @@ def plot_summary(
 
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
+    >>> circuit = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
     >>> record = read_record(bundled_file("identification"))
     >>> evaluation = validate(record, characterize(tests), "iso-rc", circuit)
     >>> [axes.get_ylabel() for axes in plot_summary(evaluation, circuit).axes]

@@ -6,6 +6,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from ..cell import CellModel, PolynomialCurve
+from ..cell.parameters import OHMIC
 from ..notices import Notice
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
 from .starts import CAME_FROM, offset_sentence, own_ocv_sentences, start_sentence
@@ -127,7 +128,11 @@ def _other_r0(stored: "Result") -> tuple[float, float] | None:
     """The answer's R0, of tables the median one, and by how much the other hold changes it."""
     if stored.tables is not None:
         shift_ohm = stored.tables.hold_shift_ohm
-        return None if shift_ohm is None else (median(stored.tables.fit.tables.r0_ohm), shift_ohm)
+        return (
+            None
+            if shift_ohm is None
+            else (median(stored.tables.fit.tables.tables[OHMIC]), shift_ohm)
+        )
     found, optimum = stored.constant.other_hold, stored.constant.global_optimum
     if found is None or optimum is None:
         return None

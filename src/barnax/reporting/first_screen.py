@@ -200,7 +200,7 @@ def _parameters_table(result: "Result") -> Whole:
     estimates: dict[str, Estimate] = {}
     if constant.assessment is not None:
         estimates = {each.name: each for each in constant.assessment.uncertainty.estimates}
-    circuit = constant.circuit_parameters
+    circuit = constant.parameters
     bounds = {each.name: each.side for each in constant.at_bound}
     longest_s = max(each.duration_s or 0.0 for each in result.of_role("identification"))
     rows = []

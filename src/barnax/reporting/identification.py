@@ -176,7 +176,8 @@ def parameters_table(result: "Result") -> Table:
     """The parameters with their intervals, where those were computed."""
     if result.constant.assessment is None:
         values = {
-            name: significant(value) for name, value in readable(result.constant.parameters).items()
+            name: significant(value)
+            for name, value in readable(result.constant.parameters.to_dict()).items()
         }
         cells = {"parameter": str, "value": values.__getitem__}
         return make_table("The parameters.", values, cells, ["parameter"])
@@ -218,7 +219,7 @@ def seeds_table(result: "Result", search: "SearchPart") -> Table:
     found = [readable(seed.parameters.to_dict()) for seed in seeds]
     values = {
         name: (value, [each[name] for each in found])
-        for name, value in readable(result.constant.parameters).items()
+        for name, value in readable(result.constant.parameters.to_dict()).items()
     }
     values["RMSE [mV]"] = (1e3 * own_v, [1e3 * seed.rmse_v for seed in seeds])
 

@@ -96,7 +96,7 @@ def stored_illustrations(result: "Result") -> Drawn:
     """The figures of a stored result that need none of its records."""
     if result.tables is None:
         return _of_cell(result.cell)
-    constant = result.constant.circuit_parameters
+    constant = result.constant.parameters
     return [*_of_cell(result.cell), *_of_tables(result.tables.found, constant)]
 
 
@@ -182,7 +182,7 @@ def _of_tables(found: "TableFits", constant: CircuitParameters) -> Drawn:
 def _summary(result: "Result", evaluations: "Sequence[Evaluation]") -> Illustration:
     """The answer at a glance, on the first record, or the first at the tables' temperature."""
     own, tables, first = result.constant, result.tables, evaluations[0]
-    found = own.circuit_parameters if tables is None else tables.fit
+    found = own.parameters if tables is None else tables.fit
     if tables is not None and (over := tables.over_temperature) is not None:
         degc = over.temperatures_degc[tables.fits.index(tables.fit)]
         known = [(each.prepared.temperature_degc, each) for each in evaluations]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..cell.tables import OCV_CORRECTION
+from ..cell.parameters import OCV_CORRECTION
 from ..errors import InputError
 from ..results import Result
 from .document import Bullets, Document, Section, Table, make_table
@@ -116,7 +116,8 @@ def _node_rows(fit: "TableFit") -> Iterator[dict[str, Any]]:
 def _constants(result: Result) -> list[Known]:
     """The constant circuit's parameters and time constants."""
     if result.constant.assessment is None:
-        return [Known(name, None, own) for name, own in result.constant.parameters.items()]
+        own = result.constant.parameters.to_dict()
+        return [Known(name, None, value) for name, value in own.items()]
     found = result.constant.assessment.uncertainty.estimates
     return [Known(each.name, None, each.value, each.low, each.high) for each in found]
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..cell.elements import names_beside
-from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
+from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..table_run import MIDDLE_SOC
 from ..uncertainty.covariance import WIDEST_FACTOR
 from .candidates import (

@@ -3,24 +3,20 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from ..cell import CellModel, CircuitParameters
 from ..display import Brief
 from ..errors import InputError
-from ..execution import in_float64
 from ..metrics import Metrics, measure
-from ..model.padding import to_common_size
 from ..model.prepared import (
     PreparedRecord,
     both_directions,
     prepare_record,
     require_changing_voltage,
 )
-from ..model.problem import rc_parameters
-from ..model.simulate import terminal_voltage
+from ..model.reference import simulate_circuit
 from ..model.window import Window
 from ..notices import Notice
 from ..records import Record
@@ -53,16 +49,6 @@ class Evaluation(Brief):
     def error_v(self) -> Float[np.ndarray, "simulated"]:
         """Measured minus simulated voltage."""
         return self.prepared.voltage_v - self.simulated_v
-
-
-@in_float64
-def simulate_circuit(
-    prepared: PreparedRecord, parameters: CircuitParameters
-) -> Float[np.ndarray, "simulated"]:
-    """The terminal voltage at every simulated sample of a record, in V."""
-    inputs = prepared.simulation_input(min(parameters.tau_s), parameters.gamma)
-    padded_v = _simulate(rc_parameters(parameters), to_common_size(inputs))
-    return np.asarray(padded_v)[: len(prepared.soc)]
 
 
 def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluation:
@@ -128,9 +114,6 @@ def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
     count = min(len(each.prepared.scored) for each in evaluations)
     scored = np.all([each.prepared.scored[:count] for each in evaluations], axis=0)
     return (each.error_v[:count][scored] for each in evaluations)
-
-
-_simulate = eqx.filter_jit(terminal_voltage)
 
 
 def pooled(evaluations: Sequence[Evaluation]) -> Metrics:

@@ -97,15 +97,15 @@ def _one_more_pair(problem: Problem, parameters: CircuitParameters) -> list[Sugg
     pairs = problem.bounds.pairs
     low, high = wider.bounds.ranges[wider.bounds.element_names[pairs].tau]
     r = float(np.mean(parameters.r)) / 3
-    c = [float(tau) / r for tau in np.geomspace(low, high, STARTS + 2)[1:-1]]
-    elements = wider.bounds.elements
+    taus_s = np.geomspace(low, high, STARTS + 2)[1:-1].tolist()
+    elements, own = wider.bounds.elements, parameters
     starts = [
-        replace(parameters, r=(*parameters.r, r), c=(*parameters.c, each), elements=elements)
-        for each in c
+        CircuitParameters.of_tau(own.r0, (*own.r, r), (*own.tau_s, tau_s), own.gamma, elements)
+        for tau_s in taus_s
     ]
     best = _best_of(wider, starts)
-    own = get_circuit(problem.circuit)
-    wanted = (elements, own.source_voltage, own.hysteresis_amplitude)
+    circuit = get_circuit(problem.circuit)
+    wanted = (elements, circuit.source_voltage, circuit.hysteresis_amplitude)
     like = [
         name
         for name, each in CIRCUITS.items()
@@ -122,7 +122,7 @@ def _dynamic_hysteresis(problem: Problem, parameters: CircuitParameters) -> list
     bounds = replace(problem.bounds, ranges=dict(problem.bounds.ranges) | {RATE: RATE_RANGE})
     changed = replace(_prepared_again(problem, "esc"), bounds=bounds)
     gammas = np.geomspace(*RATE_RANGE, STARTS + 2)[1:-1]
-    best = _best_of(changed, [replace(parameters, gamma=float(gamma)) for gamma in gammas])
+    best = _best_of(changed, [parameters.with_rate(gamma) for gamma in gammas.tolist()])
     circuit = "esc" if get_circuit("esc").elements == problem.bounds.elements else None
     gamma = best.parameters.gamma
     return [Suggestion("dynamic hysteresis", best.rmse_v, 1, circuit=circuit, gamma=gamma)]

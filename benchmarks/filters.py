@@ -132,10 +132,9 @@ def plain_row(case: Case, result: barnax.Result, scenario: Scenario) -> str:
     """An extended filter of SOC and the pairs alone."""
     record = barnax.read_record(case.replayed)
     prepared = prepare_record(record, result.cell_model, result.model, case.own(result))
-    tables = None if result.tables is None else result.tables.fit.tables
     model = make_model(
-        result.cell_at(), result.model, result.constant.parameters, ErrorModel(PLAIN_V),
-        tables=tables, rest_current_a=result.start_rest_current_a,
+        result.cell_at(), result.model, result.circuit_parameters, ErrorModel(PLAIN_V),
+        rest_current_a=result.start_rest_current_a,
     )  # fmt: skip
     first = first_with_room(prepared.soc, scenario.soc_error)
     assert first is not None, "every drive has room for its scenarios"

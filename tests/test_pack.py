@@ -96,7 +96,7 @@ def test_cells_of_one_reduction_are_those_fitted_one_by_one(bundled_cell, voltag
         for other in (alone, itself):
             assert together.rmse_v == pytest.approx(other.rmse_v, rel=1e-9)
             rel = 1e-5 if own else 1e-9
-            assert together.tables.r0_ohm == pytest.approx(other.tables.r0_ohm, rel=rel)
+            assert together.tables.ohm[0] == pytest.approx(other.tables.ohm[0], rel=rel)
 
 
 def test_factors_of_cells_are_those_of_their_own_records(bundled_cell, voltages):

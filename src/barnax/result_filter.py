@@ -129,9 +129,8 @@ def model_of(result: Result, slow: Sequence[str] = ()) -> FilterModel:
     return make_model(
         result.cell_at(),
         result.model,
-        result.constant.parameters,
+        result.circuit_parameters,
         errors,
-        tables=None if result.tables is None else result.tables.fit.tables,
         rest_current_a=rest_a,
         slow=slow,
         slow_sd=slow_sd,

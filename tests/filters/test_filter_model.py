@@ -55,10 +55,7 @@ def test_without_corrections_it_simulates_tables_over_soc(circuit):
         gamma=gamma, visited=(True,) * 4,
     )  # fmt: skip
     prepared = prepare_record(make_record(600), make_cell(), circuit, Window(initial_soc=0.9))
-    parameters = CircuitParameters.constant(0.05, (0.01, 0.02), (2000.0, 15000.0), gamma)
-    model = in_float64(make_model)(
-        make_cell(), circuit, parameters, ErrorModel(1e-3), tables=tables
-    )
+    model = in_float64(make_model)(make_cell(), circuit, tables, ErrorModel(1e-3))
     expected_v = simulate_circuit(prepared, tables)
     assert np.abs(open_loop(model, prepared) - expected_v).max() < GRID_V
 
@@ -71,10 +68,7 @@ def test_without_corrections_its_resistances_follow_heat_and_current_too():
         visited=(True,) * 4, dependence=beside,
     )  # fmt: skip
     prepared = prepare_record(make_record(600), make_cell(), "so-rc", Window(initial_soc=0.9))
-    parameters = CircuitParameters.constant(0.05, (0.01, 0.02), (2000.0, 15000.0))
-    model = in_float64(make_model)(
-        make_cell(), "so-rc", parameters, ErrorModel(1e-3), tables=tables
-    )
+    model = in_float64(make_model)(make_cell(), "so-rc", tables, ErrorModel(1e-3))
     expected_v = simulate_circuit(prepared, tables)
     assert np.abs(open_loop(model, prepared.following(beside)) - expected_v).max() < GRID_V
     assert np.abs(open_loop(model, prepared) - expected_v).max() > 1e-3

@@ -27,7 +27,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
-from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION, RATE
+from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..model.prepared import PreparedRecord
 
 Hysteresis = Literal["none", "instant", "dynamic"]
@@ -321,18 +321,16 @@ def make_model(
     parameters: CircuitParameters,
     errors: ErrorModel,
     *,
-    tables: CircuitParameters | None = None,
     rest_current_a: float | None = None,
     slow: Sequence[str] = (),
     slow_sd: Sequence[float] = (),
 ) -> FilterModel:
-    """The model of a circuit on a cell, with tables over SOC where they are given.
+    """The model of a circuit on a cell, constant or with tables over SOC.
 
     Call inside float64. Beyond its end points the OCV goes on straight, where a simulation holds
     it constant: there too the voltage has to tell the SOC.
     """
     kind, parameters = get_circuit(circuit), parameters.laddered()
-    tables = None if tables is None else tables.laddered()
     source_v = [
         _straight(cell, kind.source_voltage(cell, GRID, side + 0 * GRID)) for side in (1, -1)
     ]
@@ -340,25 +338,20 @@ def make_model(
     hysteresis: Hysteresis = "instant" if np.any(half_v) else "none"
     if kind.hysteresis_amplitude is not None:
         hysteresis, half_v = "dynamic", kind.hysteresis_amplitude(cell, GRID)
-    ocv_v, resistances = (source_v[0] + source_v[1]) / 2, (parameters.r0, *parameters.r)
-    columns = [value + 0 * GRID for value in resistances]
-    tau_s, gamma = parameters.tau_s, parameters.gamma
-    if tables is not None:
-        names = ("R0 [Ohm]", *(f"R{pair} [Ohm]" for pair in range(1, tables.pairs + 1)))
-        columns = [tables.at(name, GRID) for name in names]
-        tau_s, gamma = tables.tau_s, tables.constants.get(RATE, gamma)
-        if OCV_CORRECTION in tables.tables:
-            ocv_v = ocv_v + tables.at(OCV_CORRECTION, GRID)
-        if HALF_HYSTERESIS in tables.tables:
-            half_v = tables.at(HALF_HYSTERESIS, GRID)
+    ocv_v = (source_v[0] + source_v[1]) / 2
+    if OCV_CORRECTION in parameters.tables:
+        ocv_v = ocv_v + parameters.at(OCV_CORRECTION, GRID)
+    if HALF_HYSTERESIS in parameters.tables:
+        half_v = parameters.at(HALF_HYSTERESIS, GRID)
+    columns = [parameters.at(name, GRID) for name in parameters.resistances]
     scale = np.interp(GRID, errors.soc, errors.scale)
     bias_v = np.interp(GRID, errors.soc, errors.bias_v) if errors.bias_v else 0 * GRID
     rest_a = rest_current_a or cell.capacity_ah / 100
     return FilterModel(
         table=jnp.asarray(np.stack([ocv_v, half_v, scale, bias_v, *columns], axis=1)),
         capacity_ah=jnp.asarray(cell.capacity_ah, float),
-        tau_s=jnp.asarray(tau_s, float),
-        gamma=jnp.asarray(gamma or 0.0, float),
+        tau_s=jnp.asarray(parameters.tau_s, float),
+        gamma=jnp.asarray(parameters.gamma or 0.0, float),
         error_s=jnp.asarray(errors.correlation_s, float),
         error_sd_v=jnp.asarray(errors.sd_v, float),
         white_sd_v=jnp.asarray(errors.white_sd_v, float),

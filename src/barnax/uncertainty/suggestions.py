@@ -291,11 +291,10 @@ def _spread_starts(problem: Problem, parameters: CircuitParameters) -> list[Circ
     """
     low, high = problem.bounds.tau_limits_s
     places = np.arange(1, parameters.pairs + 1) / (parameters.pairs + 1)
-    starts = [parameters]
+    starts, own = [parameters], parameters
     for span in np.linspace(0.4, 1.2, STARTS - 1):
-        taus = low * (high / low) ** (span * places)
-        c = tuple(float(tau) / r for tau, r in zip(taus, parameters.r, strict=True))
-        starts.append(replace(parameters, c=c))
+        taus_s = low * (high / low) ** (span * places)
+        starts.append(CircuitParameters.of_tau(own.r0, own.r, taus_s, own.gamma, own.elements))
     return starts
 
 

@@ -1,18 +1,17 @@
 """What is timed: the bundled cell's identification record, one second a sample."""
 
+from dataclasses import replace
 from functools import cache
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.model.coordinates import Coordinates
-from barnax.model.intervals import Intervals
+from barnax.model.prepared import PreparedRecord
 from barnax.model.problem import Kind
-from barnax.model.simulate import SimulationInput
 
 
 @cache
@@ -44,21 +43,29 @@ def points_in(box: Coordinates, count: int) -> Float[Array, "points free"]:
     return box.lower + fractions * (box.upper - box.lower)
 
 
-def drive_of(problem: barnax.Problem, samples: int) -> SimulationInput:
-    """The problem's record repeated or cut to a length."""
-    inputs = problem.all_inputs[0]
+def drive_of(problem: barnax.Problem, samples: int) -> PreparedRecord:
+    """The problem's record repeated or cut to a length, one sample a second."""
+    prepared = problem.prepared
+    given = prepared.record
 
-    def span(values: Float[Array, "samples"]) -> Float[Array, "samples"]:
-        return jnp.asarray(np.resize(np.asarray(values), samples))
+    def span(values: np.ndarray) -> np.ndarray:
+        return np.resize(values, samples)
 
-    return SimulationInput(
-        current_a=span(inputs.current_a),
-        held_a=span(inputs.held_a),
-        source_v=span(inputs.source_v),
-        base_error_v=span(inputs.base_error_v),
-        weight=None,
-        scored=jnp.asarray(float(samples)),
-        intervals=Intervals.measure(
-            np.arange(samples, dtype=float), problem.coordinates.shortest_tau_s
-        ),
+    record = replace(
+        given,
+        time_s=np.arange(samples, dtype=float),
+        current_a=span(prepared.current_a),
+        voltage_v=span(prepared.voltage_v),
+        temperature_degc=None,
+        step=None,
+        row=np.arange(samples),
+    )
+    return replace(
+        prepared,
+        record=record,
+        first=0,
+        soc=span(prepared.soc),
+        direction=span(prepared.direction),
+        source_v=span(prepared.source_v),
+        scored=np.ones(samples, bool),
     )

@@ -11,7 +11,10 @@ import numpy as np
 import optimistix as optx
 
 from barnax.blas import one_blas_thread
-from barnax.model.compressed import CHAINS, Spans, scored_rows, update_triangular
+from barnax.execution import in_float64
+from barnax.model.factor import update_triangular
+from barnax.model.layout import Layout, Spans
+from barnax.model.reduced import CHAINS, blocks
 from barnax.model.simulate import BLOCK as TURN
 
 from .case import bundled_problem, points_of
@@ -26,13 +29,13 @@ WHOLE_REGISTERS = -(-POPULATION // 8) * 8
 def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
     """Names and seconds of wholes and of their parts, and what follows from them."""
     problem = bundled_problem("compressed")
-    box, inputs, objective = problem.coordinates, problem.all_inputs[0], problem.objective
-    spans = Spans.of([inputs], box)
-    span = spans.in_tau
+    box, prepared, objective = problem.coordinates, problem.prepared, problem.objective
+    spans = Spans.of([prepared], box)
+    span, layout = spans.in_tau, Layout.constant(spans)
     optimizer, keys = optimizer_of(sizes), jr.key(KEY)[None]
     points = points_of(problem, POPULATION)
     short, scan = problem.compressed, bundled_problem().objective
-    rows, columns = len(inputs.current_a), len(span.skeleton) + 2
+    rows, columns = len(prepared.soc), len(span.skeleton) + 2
     samples = np.random.default_rng(KEY).normal(size=(rows, columns))
     halves = np.array_split(samples, CHAINS)
     count = sizes.generations_a_turn
@@ -45,7 +48,7 @@ def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
     runs = {
         reduction: Run(lambda: reduce_record(problem)),
         f"of it, the answers of {len(span.skeleton)} pairs to the current": Run(
-            lambda: list(scored_rows(inputs, spans))
+            in_float64(lambda: list(blocks(prepared, layout)))
         ),
         factoring: Run(lambda: _factor_chains(halves)),
         f"a compressed search, factor of {short.factor.shape[0]} x {short.factor.shape[1]}": Run(

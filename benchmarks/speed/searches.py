@@ -52,4 +52,4 @@ def identify(problem: barnax.Problem, sizes: Sizes, seeds: int) -> barnax.Search
 
 def reduce_record(problem: barnax.Problem) -> Compressed:
     """The factor of a problem's records, made afresh."""
-    return compress(problem.all_inputs, problem.coordinates)
+    return compress(problem.prepared_records, problem.coordinates)

@@ -21,9 +21,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from .cell.parameters import require_nodes
 from .errors import InputError, printable
 from .files import fetched, is_address
+from .model.layout import Layout
+from .model.reduced import Reduced
 from .over_soc.kept import Grid, Kept, KeptOcv, OcvSource
-from .over_soc.layout import Layout
-from .over_soc.reduced import Reduced
 
 VERSION = 1
 # What may be in a file: enough for any record, and little enough to hold.

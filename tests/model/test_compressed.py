@@ -15,7 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.errors import InputError
-from barnax.model.compressed import BLOCK, ROW_STEP
+from barnax.model.factor import ROW_STEP
+from barnax.model.prepared import BLOCK
 from barnax.model.problem import (
     Objective,
     make_problem,

@@ -11,10 +11,11 @@ from barnax.cell.parameters import OCV_CORRECTION
 from barnax.cell.tables import hats
 from barnax.errors import InputError
 from barnax.execution import in_float64
-from barnax.model import compressed, reference
+from barnax.model import prepared as preparing
+from barnax.model import reduced, reference
 from barnax.model.prepared import Window, prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.over_soc import TableSettings, fit_tables, reduced
+from barnax.over_soc import TableSettings, fit_tables
 from barnax.over_soc.intervals import linearized, sag_of
 from barnax.over_soc.problem import box_of, reduced_objective
 from barnax.over_soc.search import find_best, polish
@@ -132,8 +133,8 @@ def test_r0_has_a_floor_by_the_current_steps_where_samples_would_have_none(prepa
 @pytest.mark.parametrize("name", ["prepared", "with_hysteresis"])
 def test_many_blocks_are_one_scan_over_all_samples(name, request, monkeypatch):
     prepared = request.getfixturevalue(name)
-    assert 4 * 512 < len(prepared.soc) < compressed.BLOCK
-    for module in (compressed, reduced, reference):
+    assert 4 * 512 < len(prepared.soc) < preparing.BLOCK
+    for module in (preparing, reduced, reference):
         monkeypatch.setattr(module, "BLOCK", 512)
     objective, place = objective_and_place(prepared)
     found = objective.solve(place, exact=True)

@@ -12,7 +12,7 @@ from ..cell import CircuitParameters
 from ..cell.elements import RC, get_element
 from ..cell.parameters import RATE
 from ..model.axes import Axis
-from ..model.compressed import Spans
+from ..model.layout import Spans
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from ..model.search_space import Bounds, Range
@@ -52,7 +52,7 @@ class ConstantObjective:
         # In NumPy: JAX would compile a program for every slice of every shape.
         factor = np.asarray(short.factor) / np.sqrt(float(short.scored))
         count = len(short.in_tau.nodes)
-        in_tau, in_rate = Spans.of(problem.all_inputs, problem.coordinates)
+        in_tau, in_rate = Spans.of(problem.prepared_records, problem.coordinates)
         answers = factor.T[:-2, :, None]
 
         def axis(name: str, ends: Range, *given) -> Axis:

@@ -8,8 +8,7 @@ from jaxtyping import Float
 
 from ..cell.tables import hats
 from ..model.axes import Axis
-from ..model.compressed import BLOCK
-from ..model.prepared import PreparedRecord
+from ..model.prepared import BLOCK, PreparedRecord
 
 # In x = log(s / tau) a pair's kernel is exp(x - exp(x)); this is the integral of the absolute
 # value of its third derivative, rounded up. The RMS of a response's third derivative in log(tau) is

@@ -17,7 +17,6 @@ from ..notices import Notice, notice
 from ..records import Record, current_direction, rest_current_a
 from ..records.samples import record_resistance_ohm
 from ..settings import is_temperature
-from .compressed import BLOCK
 from .intervals import Intervals, sized
 from .simulate import HysteresisInput, SimulationInput
 from .start import Start, find_start
@@ -33,6 +32,10 @@ _INSIDE_V = 0.1
 FEWEST_SAMPLES = 10
 # This share of a record's samples is enough to tell a time constant of their interval.
 DENSE_QUANTILE = 0.05
+
+
+# Samples that are held at a time; records of every length share the programs of such a block.
+BLOCK = 4096
 
 
 @dataclass(frozen=True, eq=False, repr=False)

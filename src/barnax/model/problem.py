@@ -143,7 +143,7 @@ class Problem(Brief):
     @in_float64
     def compressed(self) -> Compressed:
         """The same objective from a small factor. Raises `InputError` where the box is too wide."""
-        return compress(self.all_inputs, self.coordinates)
+        return compress(self.prepared_records, self.coordinates)
 
     @cached_property
     def padded_scan(self) -> AbstractEvaluator:

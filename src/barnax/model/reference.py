@@ -17,8 +17,7 @@ from jaxtyping import Array, Float, Scalar
 from ..cell import CircuitParameters
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..execution import as_input, compile_for, in_float64
-from .compressed import BLOCK
-from .prepared import PreparedRecord
+from .prepared import BLOCK, PreparedRecord
 from .simulate import SimulationInput, respond
 
 

@@ -11,10 +11,10 @@ from scipy.special import stdtrit
 from ..cell.soc_axis import is_above
 from ..model.box_least_squares import least_in_box
 from ..model.prepared import PreparedRecord
+from ..model.reduced import Groups, Reduced
 from ..uncertainty.covariance import CONFIDENCE
 from .intervals import NodeInterval
 from .objective import Solution, TableObjective
-from .reduced import Groups, Reduced
 from .search import find_best
 from .settings import TableSettings
 

@@ -22,11 +22,11 @@ from ..cell.parameters import CircuitParameters
 from ..execution import in_float64
 from ..model.exponentials import span_through
 from ..model.prepared import PreparedRecord
+from ..model.reduced import Columns, blocks
 from ..model.reference import errors_along
 from ..uncertainty.covariance import CONFIDENCE, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .objective import Solution, TableObjective
-from .reduced import Columns, blocks
 
 # Of the smoothing weights, those of the fit that standard errors are of.
 LIGHT = 0.01

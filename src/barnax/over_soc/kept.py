@@ -18,17 +18,17 @@ from ..cell.soc_axis import is_above
 from ..errors import InputError
 from ..execution import in_float64
 from ..global_optimum.proof import Proof
-from ..model.compressed import shorten
 from ..model.exponentials import Span, span_of
+from ..model.factor import shorten
+from ..model.layout import Layout
 from ..model.prepared import PreparedRecord, prepare_record
+from ..model.reduced import Reduced, reduce_records, together
 from .cross_validation import record_errors
 from .fit import TableFit, fit_of
 from .intervals import NodeInterval
-from .layout import Layout
 from .level import OCV_NODES, level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of
-from .reduced import Reduced, reduce_records, together
 from .search import find_best
 from .settings import OCV, TableSettings
 

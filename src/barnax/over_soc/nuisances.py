@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
+from ..model.reduced import Columns
 from .intervals import LIGHT, linearized, noise_behind
 from .objective import Solution, TableObjective
-from .reduced import Columns
 
 # Columns of the voltage by the nuisances of all records, at the scored samples of one.
 Nuisances = Callable[[TableObjective, Solution, int], Float[np.ndarray, "samples nuisances"]]

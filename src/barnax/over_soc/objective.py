@@ -18,8 +18,8 @@ from ..model.axes import Axis
 from ..model.box_least_squares import Sides, least_in_box, least_squares_in_box
 from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
+from ..model.reduced import Columns, Reduced
 from ..model.search_space import Range
-from .reduced import Columns, Reduced
 from .search import LogScales, Solved
 from .settings import OCV, TableSettings
 

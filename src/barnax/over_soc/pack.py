@@ -19,12 +19,12 @@ from ..blas import one_blas_thread
 from ..cell import CircuitParameters
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord
+from ..model.reduced import together
 from ..uncertainty.covariance import CONFIDENCE
 from .intervals import LIGHT, UNSEEN, linearized, noises_behind
 from .level import level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
-from .reduced import together
 from .search import polish
 from .settings import TableSettings
 

@@ -13,12 +13,12 @@ from ..cell import get_circuit
 from ..cell.elements import get_element, names_of
 from ..cell.parameters import OHMIC, RATE
 from ..errors import InputError
+from ..model.layout import layout_of
 from ..model.prepared import PreparedRecord
+from ..model.reduced import Reduced, reduce_records, together
 from ..model.search_space import RATE_RANGE, Range
 from .cross_validation import blocks_of
-from .layout import layout_of
 from .objective import TableObjective
-from .reduced import Reduced, reduce_records, together
 from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 
 # Records that go less SOC than this without turning tell nothing of the branch of that direction.

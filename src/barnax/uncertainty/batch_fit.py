@@ -21,9 +21,11 @@ from ..execution import (
     seed_blocks,
     wanted_rows,
 )
-from ..model.compressed import Compressed, Spans, scored_rows
+from ..model.compressed import Compressed, objective_of, to_nodes
 from ..model.coordinates import Coordinates
+from ..model.layout import Layout, Spans
 from ..model.problem import Objective, Problem, rc_parameters, residuals
+from ..model.reduced import blocks
 from ..search.refine import AT_BOUND
 from .covariance import Linearization
 
@@ -52,15 +54,20 @@ class Voltages:
         Raises `InputError` where the box is too wide.
         """
         box = Coordinates.of(problem.bounds, "log")
-        spans = Spans.of(problem.all_inputs, box, PROJECTION_TOLERANCE)
-        rows = [block for inputs in problem.all_inputs for block in scored_rows(inputs, spans)]
+        spans = Spans.of(problem.prepared_records, box, PROJECTION_TOLERANCE)
+        layout = Layout.constant(spans)
+        rows = [
+            block.rows(layout, prepared.scored[block.here])
+            for prepared in problem.prepared_records
+            for block in blocks(prepared, layout)
+        ]
         columns, own_v = np.split(np.concatenate(rows), [-1], axis=1)
         # One thread: what a library does with several would change the last bits.
         with one_blas_thread():
             basis, factor = np.linalg.qr(columns)
         own_v = own_v[:, 0]
         whole = np.column_stack([np.pad(factor, ((0, 1), (0, 0))), _project(basis, own_v[None])[0]])
-        objective = spans.evaluator(spans.to_nodes(whole), len(own_v))
+        objective = objective_of(spans, to_nodes(spans, whole), len(own_v))
         return cls(basis, own_v, objective)
 
     def project(

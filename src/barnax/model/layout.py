@@ -1,20 +1,52 @@
-"""Which columns the reduced factor of some records has, and in which order they stand."""
+"""Columns of the reduced factor of some records, and the order in which they stand."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
 from ..cell.elements import get_element
-from ..cell.parameters import RATE
-from ..model.compressed import Spans
-from ..model.exponentials import Span, span_through
-from ..model.intervals import AT_ONCE
-from ..model.prepared import PreparedRecord
-from ..model.search_space import Range
+from ..cell.parameters import ANYWHERE, RATE
+from .coordinates import Coordinates
+from .exponentials import Span, span_of, span_through
+from .intervals import AT_ONCE
+from .prepared import PreparedRecord
+from .search_space import Range
+
+# Bound on the error of a pair's answer, relative to the largest current.
+TOLERANCE = 1e-12
+
+
+class Spans(NamedTuple):
+    """Nodes for every RC pair of a box, and for a dynamic hysteresis where there is one."""
+
+    in_tau: Span
+    in_rate: Span | None
+
+    @classmethod
+    def of(
+        cls, records: Sequence[PreparedRecord], box: Coordinates, tolerance: float = TOLERANCE
+    ) -> "Spans":
+        """Those of every circuit in a box."""
+        interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in records)
+        taus_s = box.shortest_tau_s, box.longest_tau_s
+        return cls.between(taus_s, box.gamma_limits, interval_s, tolerance)
+
+    @classmethod
+    def between(
+        cls, taus_s: Range, gammas: Range | None, interval_s: float, tolerance: float = TOLERANCE
+    ) -> "Spans":
+        """Those between some ends, as far as an interval can tell a pair from a faster one.
+
+        Raises `InputError` where these are too far apart.
+        """
+        in_tau = span_of(max(taus_s[0], interval_s / AT_ONCE), taus_s[1], tolerance)
+        in_rate = None if gammas is None else span_of(1 / gammas[1], 1 / gammas[0], tolerance)
+        return cls(in_tau, in_rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +62,11 @@ class Layout:
     has_correction: bool
     has_amplitude: bool
     sides: int = 1
+
+    @classmethod
+    def constant(cls, spans: Spans) -> "Layout":
+        """That of a circuit that does not change with SOC."""
+        return cls(ANYWHERE, ANYWHERE, *spans, has_correction=False, has_amplitude=False)
 
     @cached_property
     def places(self) -> dict[str, Int[np.ndarray, "count width"]]:
@@ -104,6 +141,8 @@ def by_first_visit(
 ) -> Int[np.ndarray, "columns"]:
     """The columns in the order in which samples first come near their nodes, then those of all
     nodes. What is near now is near the end of those seen so far, and moves little of a triangle."""
+    if len(layout.nodes) == 1 and not layout.has_correction:
+        return np.arange(layout.width)
     first = np.full(layout.width, np.inf)
     for name, places in layout.places.items():
         nodes = np.array(layout.ocv_nodes if name == "correction" else layout.nodes)

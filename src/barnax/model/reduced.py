@@ -1,41 +1,36 @@
-"""Records reduced for tables over SOC, to factors whose size does not depend on their length.
+"""Records reduced to factors whose size does not depend on their length.
 
 For given time constants the error is linear in every table: its columns are the signals that each
-node's hat shares out of the current, low-passed. The low-passed ones of any time constant are
-combinations of those of a few (`model.exponentials`), so the triangular factor of [few time
-constants x nodes, what else there is, base error] gives the columns of every time constant.
+node's hat shares out of the current, low-passed. A constant circuit has one node. The low-passed
+signals of any time constant are combinations of those of a few (`exponentials`), so the triangular
+factor of [few time constants x nodes, what else there is, base error] gives the columns of all.
 """
 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from functools import reduce
-from typing import Any
+from functools import partial, reduce
 
+import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import get_lapack_funcs
 
 from ..blas import one_blas_thread
 from ..cell.tables import hats
-from ..execution import in_float64, threads
-from ..model.compressed import (
-    BLOCK,
-    NEGLIGIBLE_V,
-    answer_block,
-    padded_tau,
-    shorten,
-    update_triangular,
-)
-from ..model.exponentials import Span
-from ..model.prepared import PreparedRecord
-from ..model.simulate import SimulationInput
+from ..execution import as_input, in_float64, threads
+from .exponentials import Span
+from .factor import NEGLIGIBLE_V, append_rows, join_triangles, shorten, update_triangular
+from .intervals import Intervals
 from .layout import Layout, by_first_visit
+from .prepared import BLOCK, PreparedRecord
+from .simulate import SimulationInput, respond
 
-# Columns of one block reflector; there are ten times as many columns as for a constant circuit.
-REFLECTORS = 32
+# Chains of factors that are combined at the end; a fixed number, so that no bit depends on cores.
 CHAINS = 2
+# Time constants are answered in multiples of this, so that spans of many widths share a program.
+TAU_STEP = 8
 # Nodes whose answers are computed at once.
 CHANNELS = 4
 
@@ -77,6 +72,11 @@ class Reduced:
         summed = [self.part(name).sum(axis=2) for name in kept]
         factor = np.concatenate(summed).T * math.sqrt(self.scored)
         return Reduced(layout, self.scored, factor)
+
+
+def scored_alone(prepared: PreparedRecord) -> Groups:
+    """One group of all scored samples of a record."""
+    return lambda here: prepared.scored[here].astype(int) - 1
 
 
 @in_float64
@@ -135,12 +135,17 @@ class _Triangle:
 
     def joined_by(self, block: "Block", is_own: Bool[np.ndarray, "_"]) -> "_Triangle":
         """This one, with those samples of a block that are its own."""
+        rows, few = block.local_columns, block.local_columns.shape[1]
+        rows = rows if np.all(is_own) else rows[is_own]
+        if np.array_equal(block.columns, self.order):
+            # All that there is, as of one node.
+            self.factor = update_triangular(self.factor, rows)
+            return self
         place = np.empty_like(self.order)
         place[self.order] = np.arange(len(self.order))
-        rows, few = block.local_columns[is_own], block.local_columns.shape[1]
         decaying = few - len(block.columns)
         if len(rows) > few:
-            rows = update_triangular(np.zeros((few, few)), rows, REFLECTORS)
+            rows = update_triangular(np.zeros((few, few)), rows)
             # Below the decays of what is far, nothing but what is near is left.
             self._join(rows[decaying:, decaying:], place[block.columns])
             rows = rows[:decaying]
@@ -160,7 +165,7 @@ class _Triangle:
         wide = np.zeros((len(rows), width))
         wide[:, places] = rows
         at = np.ix_(own, own)
-        self.factor[at] = update_triangular(self.factor[at], wide[:, own], REFLECTORS)
+        self.factor[at] = update_triangular(self.factor[at], wide[:, own])
 
     def reduced(self, layout: Layout, scored: int) -> Reduced:
         factor = np.empty_like(self.factor)
@@ -172,14 +177,8 @@ def _added(one: Reduced, other: Reduced) -> Reduced:
     """The factor of the samples of both, triangular as theirs."""
     order = one.order
     assert order is not None
-    own, more = one.factor[:, order], other.factor[:, order]
-    used = np.flatnonzero(np.any(own, axis=0) | np.any(more, axis=0))
-    tpqrt: Any = get_lapack_funcs("tpqrt", (own,))
-    at, joined = np.ix_(used, used), np.zeros_like(own)
-    width = min(REFLECTORS, len(used))
-    joined[at] = tpqrt(len(used), width, own[at], more[at])[0]
-    factor = np.empty_like(own)
-    factor[:, order] = joined
+    factor = np.empty_like(one.factor)
+    factor[:, order] = join_triangles(one.factor[:, order], other.factor[:, order])
     return Reduced(one.layout, one.scored + other.scored, factor, order)
 
 
@@ -194,22 +193,6 @@ def together(parts: Sequence[Reduced]) -> Reduced:
         scored = sum(part.scored for part in parts)
         factor = shorten(factor, NEGLIGIBLE_V * math.sqrt(scored))
     return Reduced(first.layout, scored, factor)
-
-
-def append_rows(
-    factor: Float[np.ndarray, "columns columns"], rows: Columns
-) -> Float[np.ndarray, "columns columns"]:
-    """The triangular factor with more rows.
-
-    Nodes that were not visited yet have empty columns, which are left out: half of all on a
-    discharge, and so three quarters of the work.
-    """
-    used = np.flatnonzero(np.any(factor, axis=0) | np.any(rows, axis=0))
-    joined = np.zeros_like(factor)
-    rows = rows[np.any(rows, axis=1)]
-    own = np.ix_(used, used)
-    joined[own] = update_triangular(factor[own], rows[:, used], REFLECTORS)
-    return joined
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,12 +296,14 @@ class _SharedAnswers:
     ]:
         """What is left of earlier answers at nodes that are not near, how that decays, and the
         answers at those that are."""
-        size, wide = len(spread), 1 + len(near)
-        # The first channel starts from one and has no current.
-        held = np.zeros((BLOCK, -(-wide // CHANNELS) * CHANNELS))
-        held[:size, 1:wide] = spread * np.asarray(inputs.held_a)[:size, None]
+        # Where every node is near, no answer elsewhere is left that could decay.
+        has_far = int(len(near) < self._states.shape[1])
+        size, wide = len(spread), has_far + len(near)
+        # The first channel of those that decay starts from one and has no current.
+        held = np.zeros((BLOCK, -(-wide // CHANNELS) * CHANNELS if wide > 1 else 1))
+        held[:size, has_far:wide] = spread * np.asarray(inputs.held_a)[:size, None]
         states = np.zeros((len(self._tau), held.shape[1]))
-        states[:, 0], states[:, 1:wide] = 1.0, self._states[:, near]
+        states[:, :has_far], states[:, has_far:wide] = 1.0, self._states[:, near]
         # A few channels at a time, so that there is one program however many nodes are near.
         found = [
             answer_block(
@@ -329,10 +314,37 @@ class _SharedAnswers:
             )
             for first in range(0, held.shape[1], CHANNELS)
         ]
-        ends = np.concatenate([each for each, _ in found], axis=1)
-        answers = np.concatenate([each for _, each in found], axis=2)[:size, : self._count]
+        ends, answers = found[0]
+        if len(found) > 1:
+            ends = np.concatenate([part for part, _ in found], axis=1)
+            answers = np.concatenate([part for _, part in found], axis=2)
+        answers = answers[:size, : self._count]
         left = self._states.copy()
         left[:, near] = 0.0
         self._states = left * ends[:, :1]
-        self._states[:, near] = ends[:, 1:wide]
-        return left[: self._count], answers[:, :, 0], answers[:, :, 1:wide]
+        self._states[:, near] = ends[:, has_far:wide]
+        return left[: self._count], answers[:, :, 0], answers[:, :, has_far:wide]
+
+
+def padded_tau(span: Span) -> Float[np.ndarray, "skeleton"]:
+    """The skeleton's time constants, filled up by the last one."""
+    return np.pad(span.skeleton_tau, (0, -len(span.skeleton_tau) % TAU_STEP), "edge")
+
+
+def answer_block(
+    tau: Float[np.ndarray, "skeleton"],
+    state: Float[np.ndarray, "skeleton *channels"],
+    held: Float[np.ndarray, "samples *channels"],
+    intervals: Intervals,
+) -> tuple[
+    Float[np.ndarray, "skeleton *channels"], Float[np.ndarray, "samples skeleton *channels"]
+]:
+    """The state after a block of `BLOCK` samples, and the answers at them."""
+    after, answers = _respond(as_input(tau), as_input(state), as_input(held), intervals)
+    return np.asarray(after), np.asarray(answers)
+
+
+@eqx.filter_jit
+def _respond(tau, state, held, intervals: Intervals):
+    respond_all = jax.vmap(partial(respond, held=held, intervals=intervals), out_axes=(0, 1))
+    return respond_all(tau, state)

@@ -1,0 +1,68 @@
+"""Triangular factors of many rows: what sums of squares of all combinations of columns need."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import get_lapack_funcs, qr
+
+# Rows that join a factor at a time, as many as stay in a core's cache, and columns of one block
+# reflector: measured, a factor joined by whole blocks with LAPACK's plain QR takes three times as
+# long.
+PANEL = 1024
+FEW_COLUMNS, REFLECTORS = 128, (8, 32)
+# Rows of the factor that add less than this to any column's RMS, in V, are left out. They are
+# orthogonal to the others: an RMSE grows by their square over twice itself.
+NEGLIGIBLE_V = 1e-13
+# The rows that are left are a multiple of this, so that most records share one program, and as
+# wide as a processor's widest registers like them.
+ROW_STEP = 16
+
+Rows = Float[np.ndarray, "rows columns"]
+Triangle = Float[np.ndarray, "columns columns"]
+
+
+def reflectors(columns: int) -> int:
+    """How many columns LAPACK reflects at once."""
+    few, many = REFLECTORS
+    return min(few if columns <= FEW_COLUMNS else many, columns)
+
+
+def update_triangular(factor: Triangle, rows: Rows) -> Triangle:
+    """The triangular factor of a triangular factor and more rows."""
+    tpqrt: Any = get_lapack_funcs("tpqrt", (factor,))
+    for first in range(0, len(rows), PANEL):
+        panel = np.array(rows[first : first + PANEL], order="F")
+        factor = tpqrt(0, reflectors(len(factor)), factor, panel, overwrite_b=True)[0]
+    return factor
+
+
+def join_triangles(own: Triangle, other: Triangle) -> Triangle:
+    """The triangular factor of two triangular ones, whose empty columns stay so."""
+    used = np.flatnonzero(np.any(own, axis=0) | np.any(other, axis=0))
+    tpqrt: Any = get_lapack_funcs("tpqrt", (own,))
+    at, joined = np.ix_(used, used), np.zeros_like(own)
+    joined[at] = tpqrt(len(used), reflectors(len(used)), own[at], other[at])[0]
+    return joined
+
+
+def append_rows(factor: Triangle, rows: Rows) -> Triangle:
+    """The triangular factor with more rows, whose empty columns stay so."""
+    used = np.flatnonzero(np.any(factor, axis=0) | np.any(rows, axis=0))
+    joined, own = np.zeros_like(factor), np.ix_(used, used)
+    joined[own] = update_triangular(factor[own], rows[np.any(rows, axis=1)][:, used])
+    return joined
+
+
+def shorten(
+    factor: Float[np.ndarray, "rows columns"], negligible: float
+) -> Float[np.ndarray, "fewer columns"]:
+    """The same lengths of all combinations of columns with fewer rows, up to `negligible`."""
+    decomposed: Any = qr(factor, mode="r", pivoting=True)
+    triangle, order = decomposed[0][: min(factor.shape)], decomposed[1]
+    lengths = np.sqrt(np.cumsum(triangle[::-1] ** 2, axis=0)[::-1].max(axis=1))
+    wanted = int(np.count_nonzero(lengths > negligible))
+    shorter = np.zeros((-(-max(wanted, 1) // ROW_STEP) * ROW_STEP, factor.shape[1]))
+    kept = triangle[: len(shorter)]
+    shorter[: len(kept), order] = kept
+    return shorter

@@ -114,7 +114,7 @@ def _identified(job: Job) -> Result:
         if not found:
             windows = _registered(job, inputs, told)
         asked = job.table_settings, job.bounds, job.fix, job.advise
-        weighing = weigh(inputs, windows, job, *asked, *found)
+        weighing = weigh(_as_counted(inputs, told, windows), windows, job, *asked, *found)
         held = [each.record for each in weighing.first.prepared_records]
         is_other = any(
             one.hold.value != each.hold.value
@@ -131,7 +131,8 @@ def _identified(job: Job) -> Result:
                 windows = {**windows, **found[-1].windows}
             else:
                 windows = _registered(job, inputs, told)
-            weighing = weigh(inputs, windows, job, *asked, *found[-1:])
+            counted = _as_counted(inputs, told, windows)
+            weighing = weigh(counted, windows, job, *asked, *found[-1:])
         if is_over_temperature:
             require_temperatures(group_by_temperature(weighing.first.prepared_records))
             for each in weighing.validation(weighing.first):
@@ -163,6 +164,32 @@ def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict
     except InputError:
         # What tables cannot be fitted to is refused, or not, by what is fitted to it.
         return dict(windows)
+
+
+def _as_counted(
+    inputs: Inputs, told: Mapping[str, Window], windows: Mapping[str, Window]
+) -> Inputs:
+    """The inputs whose cell has the capacity that its OCV test tells of all records identified on:
+    testers of one cell count some percent apart, and records are mostly of one of them."""
+    names = [each.name for each in inputs.records]
+    known = [windows[name].registration for name in names]
+    by_test = [each.origin for each in known if each and each.origin.by == "OCV test"]
+    if len(by_test) < len(names) or any(told[name].capacity_ah for name in names):
+        return inputs
+    counted_ah = [windows[name].capacity_ah or 0.0 for name in names]
+    pairs = zip(counted_ah, by_test, strict=True)
+    share = sum(own_ah / each.told_capacity_ah for own_ah, each in pairs) / len(names)
+
+    def counted(cell: CellModel) -> CellModel:
+        return replace(
+            cell,
+            capacity_ah=share * cell.capacity_ah,
+            capacity_origin=f"by which {' and '.join(names)} agrees with the OCV test; that has "
+            f"{cell.capacity_ah:.4f} Ah",
+            elsewhere=tuple(map(counted, cell.elsewhere)),
+        )
+
+    return replace(inputs, cell=counted(inputs.cell))
 
 
 def bounded_tables(job: Job, but: str | None = None) -> TableSettings:

@@ -92,7 +92,7 @@ def errors_of(result: Result) -> ErrorModel:
         moved_v = tables.fit.tables.at(OCV_CORRECTION, GRID)
         held_v = tables.fit.tables.at(OCV_CORRECTION, np.clip(GRID, soc[0], soc[-1]))
         bias_v = np.hypot(bias_v, moved_v - held_v)
-    half_v = result.cell_at().hysteresis_v(np.clip(GRID, 0.0, 1.0)) / 2
+    half_v = result.cell_at().branch_gap_v(np.clip(GRID, 0.0, 1.0)) / 2
     return ErrorModel(
         ELSEWHERE.white,
         (ELSEWHERE.lasting_s,),

@@ -201,9 +201,10 @@ class InputPart(Part):
 
     @property
     def told_capacity_ah(self) -> float | None:
-        """The capacity before other records of the cell, or its OCV test, moved it."""
+        """The capacity that was told, or that the OCV test tells, before other records of the cell
+        moved it."""
         known = self.window and self.window.registration
-        return known.origin.told_capacity_ah if known else self.capacity_ah
+        return known.told_capacity_ah if known and known.by == "records" else self.capacity_ah
 
     def is_at(self, temperature_degc: float) -> bool:
         """Whether it is a record of this temperature, as far as one is told from another."""

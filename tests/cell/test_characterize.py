@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barnax.bundled import BUNDLED
-from barnax.cell import characterize
+from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.errors import InputError
 from barnax.records import read_record
 from helpers.ocv_tests import (
@@ -37,6 +37,27 @@ def test_a_test_both_ways_gives_branches_capacity_and_hysteresis_back(hold):
     np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
     assert cell.capacity_ah == pytest.approx(CAPACITY_AH, rel=1e-9)
     np.testing.assert_allclose(cell.hysteresis_v(NODE_SOC), W_NODES_V, atol=1e-7)
+    gap_v = branch_v(GRID, +1) - branch_v(GRID, -1)
+    np.testing.assert_allclose(cell.branch_gap_v(GRID), gap_v, atol=1e-9)
+
+
+def test_between_branches_lies_what_was_measured_unless_they_are_polynomials():
+    """A bump that five segments cannot follow, as LFP has one at 30 %, and branches that cross."""
+    soc = np.linspace(0.0, 1.0, 41)
+    half_v = 0.01 + 0.03 * np.exp(-(((soc - 0.3) / 0.05) ** 2)) - 0.02 * (soc > 0.9)
+    branches = {
+        way: tuple(
+            OcvPoint(x, v, "", 1, 3600.0)
+            for x, v in zip(soc.tolist(), (3 + soc + way * half_v).tolist(), strict=True)
+        )
+        for way in (1, -1)
+    }
+    tests = [OcvTable("known", branches, "")]
+    cell = characterize(tests, capacity_ah=2.0)
+    np.testing.assert_allclose(cell.branch_gap_v(soc), np.maximum(2 * half_v, 0.0), atol=1e-12)
+    assert cell.hysteresis_v(soc)[12] < 0.6 * cell.branch_gap_v(soc)[12]
+    fitted = characterize(tests, capacity_ah=2.0, ocv_fit="polynomial")
+    np.testing.assert_array_equal(fitted.branch_gap_v(soc), fitted.hysteresis_v(soc))
 
 
 def test_two_files_in_any_order_give_the_same_as_one():

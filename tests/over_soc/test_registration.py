@@ -18,6 +18,7 @@ from barnax.over_soc import (
     rest_warnings,
 )
 from barnax.records import read_record
+from barnax.reporting.starts import registered_sentences
 from helpers.known_cell import R0_OHM, R_OHM, TAU_S, made
 from helpers.problems import drive_a
 from helpers.reference import drop_v, filtered_response, make_record
@@ -178,6 +179,32 @@ def test_charge_that_an_ocv_test_and_a_record_do_not_share_is_found_by_its_rests
     assert register_alone(right, TableSettings()) is right
 
 
+def test_what_an_ocv_test_tells_of_the_capacity_counts_for_records_to_validate_on(emptied):
+    """Two testers count 3 % apart, and both drives are of one of them."""
+    record, capacity_ah = emptied
+    hours, tested_ah = np.arange(0.0, 40.0, 1 / 60), 1.03 * capacity_ah
+    sweep = make_record(
+        3600 * hours,
+        np.full(len(hours), tested_ah / 40),
+        flat_v(1 - hours / 40),
+        name="ocv.csv",
+    )
+    options = {**SMALL, "folds": 0, "max_boxes": 0, "window": Window(initial_soc=1.0)}
+    other = replace(record, name="other.csv", voltage_v=record.voltage_v + 1e-5)
+    found = barnax.identify([record], ocv=[sweep], validate=[other], **options)
+    assert found.cell.capacity_ah == pytest.approx(capacity_ah, rel=3e-3)
+    assert found.cell_at().capacity_ah == found.cell.capacity_ah
+    own_v = found.candidates[0].identification.rmse_v
+    assert found.candidates[0].validation_v[0] < 1.2 * own_v
+    assert found.validate(other, Window(initial_soc=1.0)).metrics.rmse_v < 1.2 * own_v
+    told = " ".join(registered_sentences(found))
+    assert "and others are counted over that too" in told
+    # Where a capacity is given, that is what others have.
+    given = barnax.identify([record], ocv=[sweep], capacity=tested_ah, **options)
+    assert given.cell.capacity_ah == pytest.approx(tested_ah)
+    assert "others" not in " ".join(registered_sentences(given))
+
+
 def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(real_data):
     """As told they are 48 mV off, 110 to 360 of that below 5 % SOC."""
     folder = real_data / "plett-a123-26650"
@@ -191,10 +218,14 @@ def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(rea
         return prepare_record(record, cell, "esc", Window(**window))
 
     drive = register_alone(prepared(1, initial_soc=1.0), TableSettings())
-    charge = prepared(3, initial_soc=0.0, score_steps=(11,), score_soc=(0.03, 0.95))
+    given = {"initial_soc": 0.0, "score_steps": (11,), "score_soc": (0.03, 0.95)}
+    charge, counted = prepared(3, **given), prepared(3, capacity_ah=drive.capacity_ah, **given)
     assert drive.capacity_ah == pytest.approx(2.0, abs=0.01)
     tables = fit_tables([drive], TableSettings(max_boxes=0, folds=0)).tables
-    assert errors_on(charge, tables).rmse_v < 16e-3
+    assert errors_on(charge, tables).rmse_v < 12e-3
+    found = errors_on(counted, tables)
+    assert found.rmse_v < 8e-3
+    assert found.above_v < 8e-3
     together = fit_tables([drive, charge], TableSettings(max_boxes=0, folds=0)).errors
     assert max(each.rmse_v for each in together) < 5e-3
 

@@ -118,7 +118,7 @@ def average_ocv_with_loops(cell: CellModel, soc: Samples, direction: Samples) ->
     constants are of a NiMH cell: the width is `TURN_SOC`. At the first sample the cell is on the
     branch of its direction.
     """
-    return cell.average_ocv_v(soc) + loops(soc, direction) * cell.hysteresis_v(soc) / 2
+    return cell.average_ocv_v(soc) + loops(soc, direction) * half_hysteresis(cell, soc)
 
 
 def loops(soc: Samples, direction: Samples) -> Samples:
@@ -139,8 +139,8 @@ def loops(soc: Samples, direction: Samples) -> Samples:
 
 
 def half_hysteresis(cell: CellModel, soc: Samples) -> Samples:
-    """Half the hysteresis voltage in V: the way from the average OCV to either branch."""
-    return cell.hysteresis_v(soc) / 2
+    """Half the gap between the branches in V: the way from the average OCV to either of them."""
+    return cell.branch_gap_v(soc) / 2
 
 
 _AVERAGED = "OCV averaged over charge and discharge"

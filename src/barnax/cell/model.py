@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ..display import Brief
 from ..errors import InputError
 from ..schema import Told
-from .curves import Curve, InterpolatedCurve, SegmentedHysteresis
+from .curves import Curve, InterpolatedCurve, PolynomialCurve, SegmentedHysteresis
 from .soc_axis import OcvPoint
 
 INVERSION_POINTS = 4001
@@ -108,6 +108,13 @@ class CellModel(Brief):
     def hysteresis_v(self, soc: Soc) -> Soc:
         """Charge minus discharge OCV in V, from the fitted segments."""
         return self.hysteresis(soc)
+
+    def branch_gap_v(self, soc: Soc) -> Soc:
+        """Charge minus discharge OCV in V as measured, at least zero; between polynomials, which
+        miss their points, that of the segments."""
+        if not self.hysteresis.points or isinstance(self.charge, PolynomialCurve):
+            return self.hysteresis(soc)
+        return np.maximum(self.charge(soc) - self.discharge(soc), 0.0)
 
     @property
     def soc_range(self) -> tuple[float, float]:

@@ -18,7 +18,16 @@ from ..errors import InputError
 from ..execution import in_float64
 from ..files import csv_text
 from ..filters.kalman import OUTSIDE_SD, OVERLAP, PARTS, SIDES
-from ..filters.model import BIAS_SOC, CAPACITY, GRID, OFFSET, STEPS_PER_SOC, WALK_S
+from ..filters.model import (
+    BIAS_SOC,
+    CAPACITY,
+    GRID,
+    OFFSET,
+    RESTING,
+    RESTING_S,
+    STEPS_PER_SOC,
+    WALK_S,
+)
 from ..result_filter import model_of
 from ..results import Result
 from .exporter import Export, from_template, hysteresis_is_left_out, note_lines
@@ -62,6 +71,7 @@ def write_c_filter(result: Result) -> Export:
         model=model,
         kind=REMEMBERS if is_remembering else HYSTERESIS[model.hysteresis],
         parts=PARTS, sides=SIDES, overlap=OVERLAP, outside_sd=OUTSIDE_SD, bias_soc=BIAS_SOC,
+        resting=RESTING, resting_s=RESTING_S,
         turn_soc=TURN_WIDTH, walk_s=WALK_S, first_soc=GRID[0], steps_per_soc=STEPS_PER_SOC,
         place=np.where(varies, np.cumsum(varies) - 1, -1),
         constant=np.where(varies, 0.0, table[0]),

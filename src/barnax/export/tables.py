@@ -204,9 +204,9 @@ def _hysteresis(
         after_charge_v, after_discharge_v = _sources_v(circuit, cell, soc)
         return after_charge_v - after_discharge_v
 
-    if circuit.has_rate or np.allclose(
-        between_v(EVERYWHERE), cell.hysteresis_v(EVERYWHERE), rtol=0, atol=TOLERANCE_V
-    ):
+    if circuit.has_rate:
+        return linear_table(cell.branch_gap_v, _bends(cell))
+    if np.allclose(between_v(EVERYWHERE), cell.hysteresis_v(EVERYWHERE), rtol=0, atol=TOLERANCE_V):
         return segment_table(cell.hysteresis)
     return linear_table(between_v, _bends(cell))
 

@@ -42,6 +42,9 @@ NOISES_PER_REST = 5.0
 WALK_S = 100 * 3600.0
 # SOC that has to pass until the OCV's error is another.
 BIAS_SOC = 0.05
+# At rest a cell relaxes for hours, which circuits of a drive do not know: their lasting errors last
+# so long there, and are so many times as large.
+RESTING_S, RESTING = 3600.0, 3.0
 # Columns of the table: OCV, half the hysteresis voltage, the scale of errors, the bias, R0, R1 ...
 FIRST_RESISTANCE = 4
 
@@ -172,7 +175,8 @@ class FilterModel(eqx.Module):
         along = [interval_s / pairs_s]
         if self.hysteresis == "dynamic":
             along.append((self.gamma * self.passed(drive.turning_a, interval_s))[None])
-        along.append(interval_s / self.error_s)
+        resting_s = jnp.maximum(self.error_s, RESTING_S)
+        along.append(interval_s / jnp.where(drive.turning_a == 0, resting_s, self.error_s))
         if self.has_bias:
             along.append((self.passed(drive.held_a, interval_s) / BIAS_SOC)[None])
         # One call for all, and once: in a filter each costs as much as the rest of a product.
@@ -269,7 +273,9 @@ class FilterModel(eqx.Module):
         counted = self.current_sd_a * drive.interval_s / (3600 * self.capacity_ah)
         gain = self.gains(jnp.zeros_like(self.slow_sd), drive)[self.first_error - 1 :]
         still = jnp.zeros(self.first_error - 1)
-        errors = gain * (2 - gain) * self.errors_sd**2
+        lasting_sd_v = jnp.where(drive.turning_a == 0, RESTING, 1.0) * self.error_sd_v
+        sd = jnp.concatenate([lasting_sd_v, self.errors_sd[len(self.error_s) :]])
+        errors = gain * (2 - gain) * sd**2
         state = jnp.concatenate([(counted**2)[None], still, errors])
         return state, self.slow_sd**2 * (drive.interval_s / WALK_S)
 

@@ -75,16 +75,16 @@ def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObj
     """The same with resistances that follow what `resistances_follow` says: by itself, what lowers
     the errors on what is held out.
 
-    Within one record a cell gets warmer and emptier together, so that only what was measured is
-    tried on one; heat and current need several, each left out in turn.
+    Within one record a cell gets warmer and emptier together, so that its own heat needs several,
+    each left out in turn; the current, which is tried beside a temperature, changes at every SOC.
     """
     settings, records = objective.settings, objective.prepared_records
     asked = settings.resistances_follow
     if asked == "none" or (asked == "auto" and not settings.folds):
         return objective, best
     is_measured = all(each.measured_degc is not None for each in records)
-    kinds = ["temperature"] if is_measured else ["heating"]
-    kinds = [*kinds, "current"] if len(records) > 1 else kinds if is_measured else []
+    kinds = ["temperature", "current"] if is_measured else ["heating", "current"]
+    kinds = kinds if is_measured or len(records) > 1 else []
     if asked != "auto":
         for what in asked.split(","):
             objective, best = _following(objective, best, what, is_asked=True) or (objective, best)

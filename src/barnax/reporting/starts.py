@@ -106,11 +106,14 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
         told_soc, told_ah = zip(*told, strict=True)
         is_one = len(parts) == 1
         whose = f"{parts[0].name} starts" if is_one else f"{len(parts)} records start"
+        is_for_all = not any(each.origin.told.capacity_ah for each in own)
+        is_for_all &= len(parts) == len(stored.of_role("identification"))
+        others = ", and others are counted over that too" if is_for_all else ""
         yield (
             f"{whose} at {_span(soc, 100)} % SOC and {'has' if is_one else 'have'} "
             f"{_span(capacity_ah)} Ah in place of {_span(told_soc, 100)} % and {_span(told_ah)} "
-            f"Ah, so that {'its' if is_one else 'their'} rests lie on the OCV; `keep_starts` "
-            "leaves that as given."
+            f"Ah, so that {'its' if is_one else 'their'} rests lie on the OCV{others}; "
+            "`keep_starts` leaves that as given."
         )
     joint = [
         (soc - own.told_soc, capacity_ah / own.told_capacity_ah - 1)

@@ -26,7 +26,8 @@ class ElsewhereError:
     `white` and `lasting` are how many times the residuals' own size they are: from sample to
     sample, lasting for `white_s` at least, and over `lasting_s`. `hysteresis` is the share of half
     the measured gap by which the OCV may be off: that of a circuit without hysteresis moves within
-    the gap, and one measured on a slow sweep is not that of a drive.
+    the gap, and one measured on a slow sweep is not that of a drive. `unturned` is that of a
+    circuit whose hysteresis no record has turned, so that nothing tells its rate.
     """
 
     white: float = 4.0
@@ -34,6 +35,7 @@ class ElsewhereError:
     lasting: float = 3.0
     lasting_s: float = 100.0
     hysteresis: float = 0.5
+    unturned: float = 0.75
 
 
 # Chosen on two drives of one cell at 0, 25 and 45 degC, each from the other, and one LFP drive
@@ -92,6 +94,8 @@ def errors_of(result: Result) -> ErrorModel:
         moved_v = tables.fit.tables.at(OCV_CORRECTION, GRID)
         held_v = tables.fit.tables.at(OCV_CORRECTION, np.clip(GRID, soc[0], soc[-1]))
         bias_v = np.hypot(bias_v, moved_v - held_v)
+    is_turned = tables is None or tables.fit.tables.gamma is None or tables.fit.is_rate_told
+    share = ELSEWHERE.hysteresis if is_turned else ELSEWHERE.unturned
     half_v = result.cell_at().branch_gap_v(np.clip(GRID, 0.0, 1.0)) / 2
     return ErrorModel(
         ELSEWHERE.white,
@@ -99,7 +103,7 @@ def errors_of(result: Result) -> ErrorModel:
         (ELSEWHERE.lasting,),
         soc=tuple(GRID.tolist()),
         scale=tuple(residual_v.tolist()),
-        bias_v=tuple(np.hypot(bias_v, ELSEWHERE.hysteresis * half_v).tolist()),
+        bias_v=tuple(np.hypot(bias_v, share * half_v).tolist()),
         white_s=ELSEWHERE.white_s,
         axis_sd=FULL_SD,
     )

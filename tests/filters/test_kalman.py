@@ -65,12 +65,19 @@ class Plain:
         nodes = GRID[place : place + 2]
         for curve in (
             self.cell.average_ocv_v(nodes),
-            self.cell.hysteresis_v(nodes) / 2 * (self.circuit != "so-rc"),
+            self.half_gap_v(nodes),
             np.interp(nodes, ERRORS.soc, ERRORS.scale),
             np.interp(nodes, ERRORS.soc, ERRORS.bias_v),
         ):
             slope = (curve[1] - curve[0]) / (nodes[1] - nodes[0])
             yield curve[0] + slope * (soc - nodes[0]), slope
+
+    def half_gap_v(self, soc):
+        """Half of the segments' gap, or with a hysteresis of its own half of the branches'."""
+        if self.circuit == "so-rc":
+            return 0 * soc
+        of_cell = self.cell.branch_gap_v if self.is_dynamic else self.cell.hysteresis_v
+        return of_cell(soc) / 2
 
     def advance(self, x, dt, held, turning):
         offset, capacity_as = x[-2], 3600 * 2.0 * np.exp(x[-1])
@@ -88,13 +95,18 @@ class Plain:
             toward = -np.sign(turning)
             new[3] = toward + left * (x[3] - toward)
             slope[3, 3] = left
-        for place, tau_s in enumerate(ERRORS.correlation_s, self.first_error):
+        for place, (tau_s, _) in enumerate(self.lasting(held), self.first_error):
             new[place] = slope[place, place] = np.exp(-dt / tau_s)
             new[place] *= x[place]
         place = self.count - 1
         slope[place, place] = self.bias_left(dt, held)
         new[place] = slope[place, place] * x[place]
         return new, slope
+
+    def lasting(self, held):
+        """How long each error lasts, and its size; at rest an hour at least, and thrice it."""
+        for tau_s, sd in zip(ERRORS.correlation_s, ERRORS.sd_v, strict=True):
+            yield (max(tau_s, 3600.0), 3 * sd) if abs(held) < REST_A else (tau_s, sd)
 
     def bias_left(self, dt, held):
         return np.exp(-abs(held) * dt / (3600 * 2.0) / 0.05)
@@ -119,9 +131,7 @@ class Plain:
     def walk(self, dt, held):
         q = np.zeros(self.count + 2)
         q[0] = (REST_A / 5 * dt / 3600 / 2.0) ** 2
-        for place, (tau_s, sd) in enumerate(
-            zip(ERRORS.correlation_s, ERRORS.sd_v, strict=True), self.first_error
-        ):
+        for place, (tau_s, sd) in enumerate(self.lasting(held), self.first_error):
             q[place] = sd**2 * (1 - np.exp(-2 * dt / tau_s))
         q[self.count - 1] = 1 - self.bias_left(dt, held) ** 2
         q[-2:] = np.array(SLOW_SD) ** 2 * dt / 360_000

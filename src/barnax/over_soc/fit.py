@@ -102,6 +102,11 @@ class TableFit(Brief):
         """The largest share of sqrt(J) that other tables could save."""
         return max(0.0, 1 - self.lower_bound_v / self.objective_v) if self.objective_v else 0.0
 
+    @property
+    def is_rate_told(self) -> bool:
+        """Whether the records tell the rate of a hysteresis, by an interval."""
+        return any(each.name == RATE and each.low is not None for each in self.intervals)
+
     def of_table(self, name: str) -> tuple[NodeInterval, ...]:
         """The intervals of one table, by rising SOC."""
         return tuple(each for each in self.intervals if each.name == name and each.soc is not None)

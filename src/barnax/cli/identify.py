@@ -139,7 +139,10 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
 
     job = Job(**options.given([]), watch=session.watch)
     known = {each.name for each in fields(TableOptions)} | {"bounds", "fix", "watch", "command"}
-    idle = [*(job.chosen.keys() - known), *(["json"] if options.output.as_json else [])]
+    chosen = options.chosen
+    shown = {"json": options.output.as_json, "report": chosen.report, "live": chosen.live}
+    shown |= {"paper": chosen.paper, "design": chosen.design}
+    idle = [*(job.chosen.keys() - known), *(name for name, each in shown.items() if each)]
     if idle:
         first = min(idle)
         what = "a window, `initial_soc` or `capacity`" if first == "window" else f"`{first}`"

@@ -17,6 +17,8 @@ import polars as pl
 
 from ..errors import InputError, reason_of
 from ..files import SUFFIX, changed_ns, replacing
+from ..records.readers.room import dies
+from ..records.table import LARGEST_FILE
 
 try:
     import fcntl
@@ -25,6 +27,8 @@ except ImportError:  # Windows
 
 RESULTS, FACTORS = "results", "factors"
 Shard = tuple[int, int]
+# Rows of fleets unpack to a few times their size.
+MOST_UNPACKED = 30
 # Columns whose type a part without any value cannot show.
 TYPES = {
     "id": pl.String,
@@ -225,6 +229,25 @@ def read_rows(
     found.sort(key=lambda each: each[0])
     rows = _joined([frame for _, frame in found])
     return rows.unique("id", keep="last", maintain_order=True).sort("id")
+
+
+def rows_of_others(out: Path) -> pl.DataFrame:
+    """Every cell's newest row in a folder that may be somebody else's.
+
+    Raises `InputError` where its files unpack to far more than a fleet's do.
+    """
+    paths = list(_files(out, None))
+    sizes = [path.stat().st_size for path in paths if path.exists()]
+    code = (
+        "from barnax.files import located\nfrom barnax.fleet.dataset import read_rows\n"
+        f"read_rows(located({str(out)!r}))"
+    )
+    if dies(code, b"", max(LARGEST_FILE, MOST_UNPACKED * sum(sizes))):
+        raise InputError(
+            f"{out}: its {sum(sizes):,} bytes unpack to more than a fleet's dataset does; write it "
+            "again with `barnax fleet`, or ask who made it"
+        )
+    return read_rows(out)
 
 
 def _files(out: Path, shard: Shard | None) -> Iterator[Path]:

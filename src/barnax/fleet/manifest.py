@@ -21,8 +21,9 @@ import polars as pl
 from .. import __version__
 from ..errors import LONGEST_NAME, InputError, cut, listed, toml_reason
 from ..files import is_address, located
+from ..records.readers import unzipped
+from ..records.readers.binary import PARQUET
 from ..settings import WINDOW_OPTIONS, CellSettings, Reading
-from .dataset import opened
 
 if TYPE_CHECKING:
     from ..model.problem import Problem
@@ -214,13 +215,13 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
                 )
             return rows, defaults
         if suffix in (".parquet", ".pq"):
-            return pl.read_parquet(opened(path), glob=False).to_dicts(), {}
+            table = PARQUET.read(path.read_bytes(), str(path), {})
+            return pl.DataFrame(table.columns).to_dicts(), {}
         frame = pl.read_csv(
-            opened(path),
+            unzipped(path.read_bytes(), str(path)),
             infer_schema_length=None,
             schema_overrides={"id": pl.String},
             try_parse_dates=True,
-            glob=False,
         )
         return frame.to_dicts(), {}
     except (OSError, ValueError, pl.exceptions.PolarsError) as problem:

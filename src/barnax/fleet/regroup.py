@@ -7,7 +7,7 @@ import polars as pl
 
 from ..errors import InputError, listed
 from ..files import located
-from .dataset import FACTORS, factors_path, read_rows
+from .dataset import FACTORS, factors_path, rows_of_others
 from .manifest import FleetCell
 
 
@@ -21,7 +21,7 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
     Raises `InputError` where the dataset has no such column, or a row's factors are not there.
     """
     out = located(fleet)
-    rows = read_rows(out)
+    rows = rows_of_others(out)
     unknown = [name for name in group if name not in rows.columns]
     if unknown or not group:
         raise InputError(

@@ -24,7 +24,7 @@ from ..model.prepared import PreparedRecord
 from ..model.window import Window
 from ..notices import Notice
 from ..over_soc import TableFit, TableSettings
-from ..over_soc.ageing import AGED, measure_ageing
+from ..over_soc.ageing import AGED, OCV_NODES, measure_ageing
 from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
 from ..pack import Pack, identify_pack
 from ..pipeline import bounded_tables, identify, identify_problem
@@ -167,16 +167,18 @@ def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
     return rows
 
 
-def ageing_row(
-    records: Sequence[PreparedRecord], *, is_own: bool = False
-) -> dict[str, float | None]:
+def ageing_row(records: Sequence[PreparedRecord], *, is_own: bool = False) -> dict[str, Any]:
     """What the records of a cell at one age tell of its ageing, under "aged" names; `is_own` where
     no other records, and no OCV test, told its OCV."""
     passed_as = sum(
         float(np.abs(each.record.interval_current_a) @ np.diff(each.record.time_s))
         for each in records
     )
-    row: dict[str, float | None] = {"record throughput [A.h]": passed_as / 3600}
+    ocv_v = records[0].cell.average_ocv_v(OCV_NODES)
+    row: dict[str, Any] = {
+        "record throughput [A.h]": passed_as / 3600,
+        "aged beside OCV": hashlib.sha256(ocv_v.tobytes()).hexdigest()[:16],
+    }
     told = {}
     with suppress(InputError):
         told = measure_ageing(
@@ -186,6 +188,7 @@ def ageing_row(
         each = told.get(name)
         row[f"aged {name}"] = each and each.value
         row[f"aged {name} low"], row[f"aged {name} high"] = each and each.low, each and each.high
+        row[f"aged {name} by OCV"] = each and [*each.by_ocv]
     return row
 
 

@@ -10,7 +10,7 @@ import polars as pl
 
 from ..errors import REFUSED
 from ..files import located
-from .dataset import read_rows
+from .dataset import read_rows, rows_of_others
 
 # What is summed up of every circuit, by the beginning of its column's name; none of the intervals.
 SUMMED_UP = re.compile(r"((tables )?R\d \[Ohm\]|tau\d \[s\]|gamma|(validation )?RMSE \[V\])$")
@@ -80,13 +80,14 @@ def read_fleet(out: str | Path, ids: Iterable[str] | None = None) -> pl.DataFram
     """The rows of a fleet's folder, finished or not, one a cell.
 
     Args:
-        out: Folder of the dataset.
+        out: Folder of the dataset, of anybody unless `ids` are given.
         ids: The cells to read; by default all.
+
+    Raises `InputError` where a file is broken, or unpacks to far more than a fleet's do.
     """
-    rows = read_rows(located(out))
     if ids is None:
-        return rows
-    wanted = [*ids]
+        return rows_of_others(located(out))
+    rows, wanted = read_rows(located(out)), [*ids]
     is_wanted = pl.col("id").is_in(wanted)
     if "pack" in rows.columns:
         is_wanted |= pl.col("pack").is_in(wanted)

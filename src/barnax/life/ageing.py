@@ -24,6 +24,9 @@ YEARS = {"year": 1.0, "month": 1 / 12, "week": 7 / 365.25, "day": 1 / 365.25}
 CYCLES_A_YEAR = 365.0
 # With fewer cells nobody can say what is odd; covariates that vary by less say nothing.
 FEWEST, LEAST_K = 8, 2.0
+# Errors of so many OCVs are told apart over the whole fleet; those of more within each cell.
+MOST_OCVS = 8
+OCV = "aged beside OCV"
 
 
 @dataclass(frozen=True)
@@ -116,7 +119,7 @@ def life_of(
 
     Raises `InputError` where there is no such column, or none that tells.
     """
-    if f"aged {R0}" not in rows.columns:
+    if OCV not in rows.columns:
         raise InputError("the dataset says nothing of ageing; identify the fleet with `ageing`")
     names, ages = _column(rows, by, NAMES, "by"), _column(rows, age, AGES, "age")
     rows = rows.filter(pl.col(names).is_not_null() & pl.col(ages).is_not_null())
@@ -205,20 +208,43 @@ def _judged(
     known = {name: each for name, each in known.items() if len(each)}
     if not known:
         return None
-    shape = len(known), max(map(len, known.values()))
-    age, value, variance, covariate = (np.zeros(shape) for _ in range(4))
-    is_known = np.zeros(shape, bool)
-    for place, each in enumerate(known.values()):
-        here = place, slice(len(each))
-        numbers = _as_fitted(_measured(each, quantity), quantity)
-        age[here], is_known[here] = (each["_age"].to_numpy() - first) / span, True
-        value[here] = numbers[:, 0]
-        variance[here] = ((numbers[:, 2] - numbers[:, 1]) / (2 * _REACH)) ** 2
-        if reference_degc is not None and quantity in (R0, R):
-            covariate[here] = (each["temperature [degC]"].to_numpy() - reference_degc) / 10
-    series = Series(age, value, variance, is_known, covariate)
-    is_enough = np.count_nonzero(is_known.sum(axis=1) > 2) >= FEWEST
+    series = _series(known, quantity, first, span, reference_degc)
+    is_enough = np.count_nonzero(series.known.sum(axis=1) > 2) >= FEWEST
     return tuple(known), judge(series, expected if is_enough else 0.0, np.random.default_rng(key))
+
+
+def _series(
+    known: dict[str, pl.DataFrame], quantity: str, first: float, span: float,
+    reference_degc: float | None,
+) -> Series:  # fmt: skip
+    """The estimates of a quantity. Where it is told beside an OCV, that is a little wrong, and so
+    are all estimates beside it."""
+    shape = len(known), max(map(len, known.values()))
+    ocvs = sorted({ocv for each in known.values() for ocv in each[OCV]})
+    sizes = {size for rows in known.values() for size in rows[f"aged {quantity} by OCV"].list.len()}
+    is_few, width = len(ocvs) <= MOST_OCVS, max(sizes)
+    series = Series(
+        *(np.zeros(shape) for _ in range(3)), np.zeros(shape, bool), np.zeros(shape),
+        np.zeros((*shape, width * len(ocvs) if is_few else 0)),
+        np.zeros((*shape, 0 if is_few else width)),
+    )  # fmt: skip
+    for place, rows in enumerate(known.values()):
+        here = place, slice(len(rows))
+        measured = _measured(rows, quantity)
+        numbers = _as_fitted(measured, quantity)
+        by_ocv = np.array(rows[f"aged {quantity} by OCV"].to_list())
+        if quantity != SHIFT:
+            by_ocv = by_ocv / measured[:, :1]
+        series.age[here], series.known[here] = (rows["_age"].to_numpy() - first) / span, True
+        series.value[here] = numbers[:, 0]
+        variance = ((numbers[:, 2] - numbers[:, 1]) / (2 * _REACH)) ** 2
+        series.variance[here] = np.maximum(variance - np.sum(by_ocv**2, axis=1), 0.0)
+        beside = rows[OCV].to_numpy()[:, None] == np.array(ocvs)
+        apart = (beside[:, :, None] * by_ocv[:, None, :]).reshape(len(rows), -1)
+        (series.of_fleet if is_few else series.of_cell)[here] = apart if is_few else by_ocv
+        if reference_degc is not None and quantity in (R0, R):
+            series.covariate[here] = (rows["temperature [degC]"].to_numpy() - reference_degc) / 10
+    return series
 
 
 def _faults(

@@ -1,12 +1,13 @@
 """Smooth trends of many cells over age, pooled over the fleet, and the cells that depart from it.
 
-The estimates y of a quantity of cell c at ages t, with known variances v, are
+The estimates y of a quantity of cell c at ages t, with stated variances v, are
 
-    y = X beta + z_c(t) + e,    z_c = a_c + b_c t + w_c(t),    e ~ N(0, v + s^2),
+    y = X beta + z_c(t) + e,    z_c = a_c + b_c t + w_c(t),    e ~ N(0, k^2 v + s^2),
 
-X beta the fleet's shape: a line, an integrated Wiener process and what a covariate adds; a cell's
-own level, slope and integrated Wiener process have variances that all cells share. Any of these
-alone is a cubic smoothing spline (Wahba 1978). The standard deviations are those of the largest
+X beta the fleet's shape: a line, an integrated Wiener process, what a covariate adds, and what
+errors add that estimates have in common; a cell's own level, slope and integrated Wiener process
+have variances that all cells share. Any of these alone is a cubic smoothing spline (Wahba 1978).
+The standard deviations are those of the largest
 restricted likelihood (Patterson and Thompson 1971), in which beta is integrated out in closed form:
 with V_c the covariance of a cell and A = sum X'V^-1 X + P,
 
@@ -29,6 +30,9 @@ from scipy.special import ndtr, stdtrit
 KNOTS = 8
 # Ages at a hinge or step need so many others on either side.
 ASIDE = 2
+# Estimates scatter at least by such a share of their stated errors, which are for the worse case,
+# such as of a charge that ends full more evenly than is believed.
+LEAST_SHARE = 0.5
 # What a fault adds is free within so many times what was found.
 FREE = 3.0
 DRAWS, MOST_SIMULATED = 4000, 300
@@ -42,13 +46,17 @@ Cells = Float[np.ndarray, "cells n"]
 @dataclass(frozen=True)
 class Series:
     """A quantity of many cells: ages in a unit of the longest, estimates, their variances and a
-    covariate, filled up to one length; `known` says where there is an estimate."""
+    covariate, filled up to one length; `known` says where there is an estimate. Beside errors of
+    its own, whose variance that is, an estimate has errors that it shares with all cells, and such
+    that it shares with its cell's: what one standard deviation of each adds to it."""
 
     age: Cells
     value: Cells
     variance: Cells
     known: Bool[np.ndarray, "cells n"]
     covariate: Cells
+    of_fleet: Float[np.ndarray, "cells n errors"]
+    of_cell: Float[np.ndarray, "cells n own_errors"]
 
     def only(self, cells: Bool[np.ndarray, "cells"]) -> "Series":
         """Some of the cells."""
@@ -58,13 +66,14 @@ class Series:
 @dataclass(frozen=True)
 class Spread:
     """Standard deviations: of cells' levels, slopes and bends, of the fleet's bend, and of what one
-    estimate has beside its own error."""
+    estimate has beside its own error, of which it has a share."""
 
     level: float
     slope: float
     bend: float
     fleet_bend: float
     scatter: float
+    share: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -131,15 +140,15 @@ class Fit:
                     found = found + own
         return found
 
-    def columns(self, age: np.ndarray, covariate: np.ndarray) -> np.ndarray:
-        """X, whose first columns are free and whose others are of the fleet's bend."""
+    def columns(self, age: np.ndarray, covariate: np.ndarray, shared: np.ndarray) -> np.ndarray:
+        """X, whose first columns are free, the others of what is about as large as it is given."""
         knots = np.linspace(0.0, 1.0, KNOTS + 1)[1:]
         bent = np.linalg.solve(np.linalg.cholesky(wiener(knots, knots)), wiener(knots, age.ravel()))
         bent = self.spread.fleet_bend * np.moveaxis(bent.reshape(KNOTS, *age.shape), 0, -1)
         free = [np.ones_like(age), age]
         if self.has_covariate:
             free.append(covariate)
-        return np.concatenate([np.stack(free, axis=-1), bent], axis=-1)
+        return np.concatenate([np.stack(free, axis=-1), shared, bent], axis=-1)
 
     @cached_property
     def has_covariate(self) -> bool:
@@ -151,15 +160,16 @@ class Fit:
         """The Cholesky factor of every cell's covariance; what is filled up is apart."""
         its = self.series
         both = its.known[:, :, None] & its.known[:, None, :]
-        covariance = np.where(both, self._own_of(None, its.age, its.age), 0.0)
-        noise = np.where(its.known, its.variance + self.spread.scatter**2, 1.0)
+        shared = its.of_cell @ its.of_cell.mT
+        covariance = np.where(both, self._own_of(None, its.age, its.age) + shared, 0.0)
+        noise = np.where(its.known, self.spread.share**2 * its.variance + self.spread.scatter**2, 1.0)
         return np.linalg.cholesky(covariance + noise[:, :, None] * np.eye(its.age.shape[1]))
 
     @cached_property
     def white(self) -> tuple[np.ndarray, np.ndarray]:
         """X and y in units of the noise."""
         its = self.series
-        columns = self.columns(its.age, its.covariate) * its.known[:, :, None]
+        columns = self.columns(its.age, its.covariate, its.of_fleet) * its.known[:, :, None]
         value = np.where(its.known, its.value, 0.0)[:, :, None]
         return np.linalg.solve(self.root, columns), np.linalg.solve(self.root, value)[:, :, 0]
 
@@ -167,8 +177,8 @@ class Fit:
     def sums(self) -> tuple[np.ndarray, np.ndarray]:
         """A and b of the fleet."""
         columns, value = (each[self.good] for each in self.white)
-        bent = np.arange(columns.shape[2]) >= columns.shape[2] - KNOTS
-        normal = np.einsum("cni,cnj->ij", columns, columns) + np.diag(bent * 1.0)
+        is_free = np.arange(columns.shape[2]) < 2 + self.has_covariate
+        normal = np.einsum("cni,cnj->ij", columns, columns) + np.diag(~is_free * 1.0)
         return normal, np.einsum("cni,cn->i", columns, value)
 
     def fleet_with(self, cell: int) -> tuple[np.ndarray, np.ndarray]:
@@ -196,12 +206,13 @@ class Fit:
         return self.fleet_with(cell)[1][2] * self.series.covariate[cell][known]
 
     def trend(self, cell: int, age: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A cell's trend at some ages, without what the covariate adds, and its standard errors."""
+        """A cell's trend at some ages, without what the covariate and errors in common add, and its
+        standard errors."""
         its, known = self.series, self.series.known[cell]
         root = self.root[cell][np.ix_(known, known)]
         columns, value = (each[cell][known] for each in self.white)
         link = np.linalg.solve(root, self._own_of(cell, its.age[cell][known], age))
-        here = self.columns(age, np.zeros_like(age))
+        here = self.columns(age, np.zeros_like(age), np.zeros((len(age), its.of_fleet.shape[2])))
         rest = here - link.T @ columns
         inverse, beta = self.fleet_with(cell)
         found = here @ beta + link.T @ (value - columns @ beta)
@@ -248,9 +259,9 @@ def fit(series: Series) -> Fit:
 
     best = minimize(
         lambda logarithms: at(logarithms).minus_two_log_likelihood,
-        np.log([0.5 * scale, 0.3 * scale, 0.1 * scale, scale, max(0.5 * typical, 1e-3 * scale)]),
+        np.log([0.5 * scale, 0.3 * scale, 0.1 * scale, scale, max(0.5 * typical, 1e-3 * scale), 0.9]),
         method="L-BFGS-B",
-        bounds=[(lowest, np.log(100 * scale))] * 5,
+        bounds=[*[(lowest, np.log(100 * scale))] * 5, (np.log(LEAST_SHARE), 0.0)],
     )
     return at(best.x)
 

@@ -39,10 +39,11 @@ CAPACITY, SHIFT, R0, R = "capacity [A.h]", "OCV shift [V]", "R0 [Ohm]", "R [Ohm]
 AGED = (CAPACITY, "start SOC", SHIFT, R0, R)
 # Standard deviations of what is believed of a shift of the OCV, and of the logarithm of a capacity.
 SHIFT_SD_V, CAPACITY_SD = 0.02, 1.0
-# By SOC, the slope of an OCV.
-STRAIGHT_V = 1.0
+# An OCV that records told is wavy between its nodes. No cell is, and over so wide a step of SOC its
+# slope is not: else the waves would tell a start and a capacity from a shift, and wrongly.
+SLOPE_SOC = 0.1
 # Standard deviations of the OCV of before at its nodes, and of what is held.
-OCV_SD_V, OCV_NODES = 1.5e-3, np.linspace(0.0, 1.0, 11)
+OCV_SD_V, OCV_NODES = 1.5e-3, np.linspace(0.0, 1.0, 21)
 HELD_SD = 1e-7
 # Shares of the capacity that are tried first, with time constants in s for which any do.
 SHARES, TRIED_S = (1.05, 0.98, 0.9, 0.82, 0.74, 0.66), (10.0, 100.0)
@@ -54,11 +55,14 @@ DETERMINED = {CAPACITY: 0.05, R0: 0.25, R: 0.5}
 
 @dataclass(frozen=True)
 class Aged:
-    """What a record tells of one quantity, with its 95 % interval."""
+    """What a record tells of one quantity, with its 95 % interval. `by_ocv` is how far the value is
+    off where the OCV of before is, by one standard deviation at one of its nodes: what all records
+    that are told beside one OCV have in common."""
 
     value: float
     low: float
     high: float
+    by_ocv: tuple[float, ...]
 
 
 @in_float64
@@ -177,7 +181,8 @@ def _columns(
     """Those of every record's start, of the logarithm of their capacity, and of the OCV."""
     prepared = objective.prepared_records[place]
     soc = prepared.soc[prepared.scored]
-    columns = of_starts(objective, place, slope_of(prepared, soc))
+    inside = np.clip(soc, SLOPE_SOC / 2, 1 - SLOPE_SOC / 2)
+    columns = of_starts(objective, place, slope_of(prepared, inside, SLOPE_SOC))
     shared = columns[:, 1::2].sum(axis=1), _ocv_columns(soc)
     return np.column_stack([columns[:, 0::2], *shared])
 
@@ -194,22 +199,23 @@ def _told(
 ) -> Iterator[tuple[str, Aged]]:
     """What is determined, with intervals."""
     reach = float(ndtri((1 + CONFIDENCE) / 2))
-
-    def around(value: float, error: float) -> Aged:
-        return Aged(value, value - reach * error, value + reach * error)
-
     count = len(records)
-    yield "start SOC", around(float(told[0] + found.values[0]), float(found.errors[0]))
-    share = around(float(found.values[count]), float(found.errors[count]))
+    by_ocv = found.by_prior[:, count + 2 :]
+
+    def around(place: int, value: float, error: float) -> Aged:
+        own = tuple(by_ocv[place].tolist())
+        return Aged(value, value - reach * error, value + reach * error, own)
+
+    yield "start SOC", around(0, float(told[0] + found.values[0]), float(found.errors[0]))
     if reach * found.errors[count] < DETERMINED[CAPACITY]:
-        ends = (float(np.exp(each)) for each in (share.value, share.low, share.high))
-        yield CAPACITY, Aged(*(records[0].capacity_ah * each for each in ends))
-    # Along an OCV that is nearly straight a start that is told wrong is a shift.
-    unknown_v = STRAIGHT_V * _start_sd(records[0])
-    shift_error = float(np.hypot(found.errors[count + 1], unknown_v))
-    yield SHIFT, around(float(found.values[count + 1]), shift_error)
-    for name, value, error in zip(
-        (R0, R), found.sums.tolist(), found.sum_errors.tolist(), strict=True
-    ):
+        share = around(count, float(found.values[count]), float(found.errors[count]))
+        value, *ends = (
+            records[0].capacity_ah * float(np.exp(each))
+            for each in (share.value, share.low, share.high)
+        )
+        yield CAPACITY, Aged(value, *ends, tuple(value * each for each in share.by_ocv))
+    yield SHIFT, around(count + 1, *(float(e[count + 1]) for e in (found.values, found.errors)))
+    sums = zip((R0, R), found.sums.tolist(), found.sum_errors.tolist(), strict=True)
+    for place, (name, value, error) in enumerate(sums, len(found.values)):
         if is_visited and 0 < reach * error < DETERMINED[name] * value:
-            yield name, around(value, error)
+            yield name, around(place, value, error)

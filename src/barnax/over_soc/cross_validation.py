@@ -129,17 +129,19 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
     settings, parts, told = objective.settings, objective.parts, objective.told or objective.parts
     if not _has_folds(objective):
         return None
-    plain = replace(settings, nodes=(0.5,), ocv_correction=False)
-    whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
-    flat, flat_told = ([part.constant() for part in each] for each in (parts, told))
     records = objective.facts
-    by_fold = _held_out(objective, best, parts, told)
+    by_fold = constant = _held_out(objective, best, parts, told)
     registered = _held_out(objective, best, parts, parts) if objective.told else []
+    if objective.tables > 1 + objective.pairs or objective.nodes > 1:
+        plain = replace(settings, nodes=(0.5,), ocv_correction=False)
+        whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
+        flat, flat_told = ([part.constant() for part in each] for each in (parts, told))
+        constant = _held_out(whole, find_best(whole), flat, flat_told)
     return CrossValidation(
         len(parts) // 2,
         None if len(records) > 1 else _block_s(objective.prepared_records[0], settings),
         _together(by_fold),
-        _together(_held_out(whole, find_best(whole), flat, flat_told)),
+        _together(constant),
         tuple(map(_errors_of, by_fold)) if len(records) > 1 else (),
         tuple(map(_errors_of, registered)),
     )

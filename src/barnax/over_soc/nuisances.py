@@ -19,13 +19,15 @@ Nuisances = Callable[[TableObjective, Solution, int], Float[np.ndarray, "samples
 class Estimated:
     """Nuisances, counted from what was told, with their standard errors, and by how much more the
     logarithm of every searched scale would be with them. Sums of the tables' values that were
-    wanted have theirs."""
+    wanted have theirs. `by_prior` is how far each nuisance and sum moves with what was told of each
+    nuisance, by one standard deviation of that."""
 
     values: Float[np.ndarray, "nuisances"]
     errors: Float[np.ndarray, "nuisances"]
     moved_scales: Float[np.ndarray, "axes"]
     sums: Float[np.ndarray, "wanted"]
     sum_errors: Float[np.ndarray, "wanted"]
+    by_prior: Float[np.ndarray, "estimates nuisances"]
 
 
 def of_starts(
@@ -78,7 +80,8 @@ def estimate(
     back = picked @ np.linalg.lstsq(normal, told.T)[0]
     by_noise = picked @ moved[:, 1:]
     variance = np.einsum("ij,jk,ik->i", by_noise, noise.spread_v2, by_noise)
-    variance += (back * pull) ** 2 @ prior**2
+    by_prior = back * pull * prior
+    variance += np.sum(by_prior**2, axis=1)
     errors, found = np.sqrt(variance), np.append(now, wanted @ values) - picked @ moved[:, 0]
     return Estimated(
         found[: now.size],
@@ -86,6 +89,7 @@ def estimate(
         -moved[count : count + axes, 0],
         found[now.size :],
         errors[now.size :],
+        by_prior,
     )
 
 

@@ -15,7 +15,12 @@ from ..cell.circuits import get_circuit
 from ..cell.elements import RC, alike, get_element, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION, OHMIC, RATE
 from ..model.axes import Axis
-from ..model.box_least_squares import Sides, least_in_box, least_squares_in_box
+from ..model.box_least_squares import (
+    Sides,
+    least_in_box,
+    least_in_boxes,
+    least_squares_in_box,
+)
 from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced
@@ -281,6 +286,37 @@ class TableObjective:
         rows = self.to_tables @ x
         values = tuple(rows[self.block(table)] for table in range(self.tables))
         return Solution(log_scales, sides, objective_v2, values, x, error)
+
+    def least_v2(
+        self, log_scales: Float[np.ndarray, "axes points"]
+    ) -> Float[np.ndarray, "points"]:
+        """The least J at many scales: of a constant circuit all at once, of tables, whose problems
+        are large, each from the active set of the one before."""
+        if len(self.penalty_normal) > self.tables:
+            found, sides = np.empty(log_scales.shape[1]), None
+            for place, scales in enumerate(log_scales.T.tolist()):
+                solution = self.solve(tuple(scales), sides)
+                found[place], sides = solution.objective_v2, solution.sides
+            return found
+        blocks, base = dict(self.fixed_columns), self.base
+        for axis, own in zip(self.axes, log_scales, strict=True):
+            places, at = np.unique(own, return_inverse=True)
+            answers = axis.columns(places)[at]
+            if axis.table is None:
+                base = base + answers[:, :, 0]
+            else:
+                blocks[axis.table] = blocks.get(axis.table, 0.0) + answers
+        shape = (log_scales.shape[1], len(self.base))
+        base = np.broadcast_to(base, shape)
+        columns = np.stack(
+            [np.broadcast_to(blocks[table][..., 0], shape) for table in range(self.tables)]
+        )
+        normal = np.einsum("ipr,jpr->ijp", columns, columns) + self.penalty_normal[:, :, None]
+        gradient = np.einsum("ipr,pr->ip", columns, base)
+        low, high = (np.repeat(end[:, None], shape[0], axis=1) for end in self.box)
+        x = least_in_boxes(normal, gradient, low, high)
+        error = base + np.einsum("ipr,ip->pr", columns, x)
+        return np.sum(error**2, axis=1) + np.sum((self.penalty @ x) ** 2, axis=0)
 
     def ways(self, found: Solution) -> Float[np.ndarray, "values ways"]:
         """The ways in which tables can move within their bounds, unless no sample is near.

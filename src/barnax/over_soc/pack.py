@@ -3,7 +3,8 @@
 The axis of SOC is the mean cell's, and every cell has an OCV of its own on it. At the pack's time
 constants the columns of all cells are the same, and so is how they project the noise of residuals.
 What is left for each cell is a least-squares problem in a box, and the fit of its own noise. The
-way in which time constants move the errors is that of the mean cell for all.
+way in which time constants move the errors is that of the mean cell for all: by that, values are
+told at each cell's own to first order.
 """
 
 import math
@@ -121,7 +122,7 @@ def fit_pack(
         own = [replace(pack, reduced=pack.reduced.side(side)) for side in range(count)]
         found = [each.solve(log_scales, exact=True) for each in own]
         light = [_lightly(each, start) for each, start in zip(own, found, strict=True)]
-        spread = _Spread.of(replace(own[0], smoothing_scale=LIGHT), light, sides_v)
+        spread = _Spread.of(own[0], light, sides_v)
         loaded_soc, directions = _directions(pack, found[0], prepared, spread)
         if own_time_constants:
             wide = reduced_objective([prepared], settings, beside_v=sides_v)
@@ -136,8 +137,11 @@ def fit_pack(
     known_v = prepared.cell.average_ocv_v(ocv_nodes)
     cells = []
     for side, name in enumerate(names, 1):
-        best, rows = found[side], np.concatenate(found[side].values)
-        lightly = np.concatenate(light[side].values)
+        best = found[side]
+        rows, lightly = (np.concatenate(each.values) for each in (best, light[side]))
+        if not own_time_constants:
+            # What is told is at the cell's own, to first order.
+            rows, lightly = rows + spread.steps[0][:, side], lightly + spread.steps[1][:, side]
         values: dict[str, Value] = {}
         for what, direction in directions.items():
             # Of what is told by comparison, the values are those of the light fit.
@@ -146,14 +150,16 @@ def fit_pack(
             near = float(direction @ (lightly - middle[1] if is_other else lightly))
             if what == LOADED:
                 value, near = (each + _known_at(loaded_soc, prepared) for each in (value, near))
-            reach = spread.reach(side, direction)
+            # What no circuit follows is in all cells alike, and seen best where noise averages out.
+            common = 0.0 if is_other else spread.reach(0, direction)
+            reach = math.hypot(spread.reach(side, direction), common)
             ends = min(value, near - reach), max(value, near + reach)
             if is_other and reach > TOLD:
                 continue
             if what == CAPACITY:
                 value, *ends = (1 / (1 - each) for each in (value, *ends))
             values[what] = Value(value, *ends)
-        ocv_v = np.where(seen, known_v + rows[ocv], np.nan)
+        ocv_v = np.where(seen, known_v + np.concatenate(best.values)[ocv], np.nan)
         rmse_v = math.sqrt(float(best.error @ best.error))
         cells.append(PackCell(name, rmse_v, pack.tables_at(best), tuple(ocv_v.tolist()), values))
     return PackFit(tuple(ocv_nodes.tolist()), loaded_soc, tuple(cells))
@@ -177,34 +183,47 @@ def _known_at(soc: float, prepared: PreparedRecord) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Spread:
-    """How noise moves tables: `moved` is by the coordinates of the noise's projection."""
+    """How noise moves tables: `moved` is by the coordinates of the noise's projection. `steps` are
+    how far every side's tables go to first order where it has time constants of its own, as
+    smoothed as they are and lightly."""
 
     noises: Sequence
     moved: Float[np.ndarray, "values seen"]
+    steps: tuple[Float[np.ndarray, "values sides"], Float[np.ndarray, "values sides"]]
 
     @classmethod
     def of(
         cls,
-        lighter: TableObjective,
+        objective: TableObjective,
         light: Sequence[Solution],
         sides_v: Float[np.ndarray, "simulated sides"],
     ) -> "_Spread":
         """That of every side, whose values are those of its light fit."""
-        middle = light[0]
-        of_tables = lighter.ways(middle)
+        lighter = replace(objective, smoothing_scale=LIGHT)
+        of_tables = lighter.ways(light[0])
         dependence = lighter.facts[0].dependence
         others = len(lighter.axes) + (len(dependence.numbers) if dependence else 0)
         ways = np.asarray(block_diag(of_tables, np.eye(others)))
         values = np.column_stack([np.concatenate(each.values) for each in light])
         layout = replace(lighter.reduced.layout, sides=len(light))
         sided = replace(lighter, reduced=replace(lighter.reduced, layout=layout))
-        rows = linearized(sided, middle, sides_v)
-        noises, to_noise, products, _ = noises_behind(lighter, values, ways, rows)
-        normal, count = products.copy(), of_tables.shape[1]
-        bent = lighter.table_penalty @ of_tables
-        normal[:count, :count] += bent.T @ bent
-        moved = ways @ np.linalg.lstsq(normal, to_noise.T, UNSEEN**2)[0]
-        return cls(noises, moved[: len(values)])
+        rows = linearized(sided, light[0], sides_v)
+        noises, to_noise, products, slopes = noises_behind(lighter, values, ways, rows)
+        count = of_tables.shape[1]
+        # All tables are at their best; what is left is the slope by the scales, beside the mean's.
+        by_scales = slopes[:, :1] - slopes
+        by_scales[:count] = 0.0
+
+        def turned(weighted: TableObjective, pushes: np.ndarray) -> np.ndarray:
+            normal, bent = products.copy(), weighted.table_penalty @ of_tables
+            normal[:count, :count] += bent.T @ bent
+            return (ways @ np.linalg.lstsq(normal, pushes, UNSEEN**2)[0])[: len(values)]
+
+        return cls(
+            noises,
+            turned(lighter, to_noise.T),
+            (turned(objective, by_scales), turned(lighter, by_scales)),
+        )
 
     def reach(self, side: int, direction: Float[np.ndarray, "values"]) -> float:
         """Half the 95 % interval of a combination of values."""

@@ -233,12 +233,14 @@ def told_within(prepared: PreparedRecord, level_v: float = 0.0) -> tuple[float, 
     return start_sd, CAPACITY_SD
 
 
-def slope_of(prepared: PreparedRecord, soc: Float[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
-    """That of the cell's OCV in V by SOC."""
+def slope_of(
+    prepared: PreparedRecord, soc: Float[np.ndarray, "_"], step_soc: float = STEP_SOC
+) -> Float[np.ndarray, "_"]:
+    """That of the cell's OCV in V by SOC, over such a step."""
     above_v, below_v = (
-        prepared.cell.average_ocv_v(soc + step) for step in (STEP_SOC / 2, -STEP_SOC / 2)
+        prepared.cell.average_ocv_v(soc + step) for step in (step_soc / 2, -step_soc / 2)
     )
-    return (above_v - below_v) / STEP_SOC
+    return (above_v - below_v) / step_soc
 
 
 def _moved(

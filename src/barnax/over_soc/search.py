@@ -56,6 +56,9 @@ class Searchable(Protocol[Found]):
     def interchangeable(self) -> int: ...
     def parts_at(self, found: Found) -> Sequence[tuple[float, Any, Any]]: ...
     def solve(self, log_scales: LogScales, sides: Any = None, exact: bool = False) -> Found: ...
+    def least_v2(
+        self, log_scales: Float[np.ndarray, "axes points"]
+    ) -> Float[np.ndarray, "points"]: ...
     def slope(self, found: Found) -> Float[np.ndarray, "axes"]: ...
 
 
@@ -97,11 +100,12 @@ def _minima(objective: Searchable[Found]) -> list[Found]:
     elements = sum(axis.name != RATE for axis in objective.axes)
     places = GRID.places(((axis.low, axis.high) for axis in objective.axes), elements)
     lowest_v2 = np.full([len(axis) for axis in places], np.inf)
-    found: dict[tuple[int, ...], Found] = {}
-    sides, alike = None, objective.interchangeable
     # Two pairs with one time constant are one pair, and searched only where there is no other.
-    for point in points_in_order(lowest_v2.shape, alike, apart=True).T.tolist():
-        log_scales = tuple(float(axis[at]) for axis, at in zip(places, point, strict=True))
-        found[*point] = solution = objective.solve(log_scales, sides)
-        lowest_v2[*point], sides = solution.objective_v2, solution.sides
-    return [found[point] for point in minima_of(lowest_v2)[:MAX_MINIMA]]
+    points = points_in_order(lowest_v2.shape, objective.interchangeable, apart=True)
+    log_scales = np.stack([axis[at] for axis, at in zip(places, points, strict=True)])
+    lowest_v2[*points] = objective.least_v2(log_scales)
+    minima = minima_of(lowest_v2)[:MAX_MINIMA]
+    return [
+        objective.solve(tuple(float(axis[at]) for axis, at in zip(places, point, strict=True)))
+        for point in minima
+    ]

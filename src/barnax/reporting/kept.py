@@ -12,13 +12,18 @@ if TYPE_CHECKING:
     from ..over_soc import TableFit
     from ..over_soc.kept import Kept
 
+# Errors of more records are told by the least and the largest.
+MOST_NAMED = 8
+
 
 def kept_document(kept: "Sequence[Kept]", fit: "TableFit") -> Document:
     """The fit of some kept records together."""
     samples = sum(each.scored for each in kept)
-    errors = ", ".join(
-        f"{each.name} {millivolt(one.rmse_v)}" for each, one in zip(kept, fit.errors, strict=True)
-    )
+    told_apart = zip(kept, fit.errors, strict=True)
+    errors = ", ".join(f"{each.name} {millivolt(one.rmse_v)}" for each, one in told_apart)
+    if len(kept) > MOST_NAMED:
+        ends = (millivolt(end(one.rmse_v for one in fit.errors)) for end in (min, max))
+        errors = " to ".join(ends)
     constants = ", ".join(
         f"{symbol(name)} {with_unit(name, value)}" for name, value in fit.tables.constants.items()
     )

@@ -28,7 +28,7 @@ _MARKUP = re.compile(
 )
 
 
-def _unzipped(content: bytes, file: str) -> bytes:
+def unzipped(content: bytes, file: str) -> bytes:
     """The content, decompressed where it is gzipped, or a zip archive of one file."""
     if not content.startswith((ZIP, b"\x1f\x8b")):
         return content
@@ -68,7 +68,7 @@ def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) ->
     Raises InputError when the file is empty, when no reader knows its content, or when the
     reader that knows it finds it damaged.
     """
-    content = _unzipped(content, file)
+    content = unzipped(content, file)
     if content.isspace() or not content:
         raise InputError(f"{file}: the file is empty; give a file with measured samples.")
     if _MARKUP.match(content):
@@ -91,4 +91,4 @@ def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) ->
     )
 
 
-__all__ = ["READERS", "Reader", "read_table"]
+__all__ = ["READERS", "Reader", "read_table", "unzipped"]

@@ -68,16 +68,20 @@ def unpack(part: IO[bytes] | gzip.GzipFile, content: bytes, file: str) -> bytes:
 
 
 def require_trial(code: str, content: bytes, file: str) -> None:
-    """Raise InputError where code that reads `content` dies, or wants more memory than the limit.
+    """Raise InputError where code that reads `content` takes more memory than the limit.
 
-    The code runs in a process of its own, and is to leave nothing. What it raises, as for a damaged
-    file, is left to be raised where the file is read in earnest.
+    What it raises, as for a damaged file, is left to be raised where the file is read in earnest.
     """
-    room = str(int(_FOR_A_WHILE * LARGEST_FILE))
+    if dies(code, content, LARGEST_FILE):
+        require_room(float("inf"), content, file, ", or are damaged")
+
+
+def dies(code: str, content: bytes, most_bytes: float) -> bool:
+    """Whether code that may read `content` dies, or takes more memory, in a process of its own."""
+    room = str(int(_FOR_A_WHILE * most_bytes))
     command = [sys.executable, "-P", "-c", _LIMITED + code, room]
     done = subprocess.run(command, input=content, capture_output=True, env=os.environ | _ALONE)
-    if done.returncode not in (0, 1) or b"MemoryError" in done.stderr:
-        require_room(float("inf"), content, file, ", or are damaged")
+    return done.returncode not in (0, 1) or b"MemoryError" in done.stderr
 
 
 def unpacked(archive: ZipFile, files: Iterable[ZipInfo]) -> Iterator[IO[bytes]]:

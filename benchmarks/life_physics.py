@@ -39,7 +39,9 @@ class Aged:
 def drive_a(seed: int, charge_ah: float) -> np.ndarray:
     """Levels of 5 to 200 s, mostly discharging, that go so far down at the lowest."""
     draw = np.random.default_rng(seed)
-    heights = np.minimum(draw.gamma(0.8, 1.0, SAMPLES), 1.0) * draw.choice([1, 1, 1, -0.6, 0], SAMPLES)
+    heights = np.minimum(draw.gamma(0.8, 1.0, SAMPLES), 1.0) * draw.choice(
+        [1, 1, 1, -0.6, 0], SAMPLES
+    )
     current_a = np.repeat(heights, draw.integers(1, 40, SAMPLES))[:SAMPLES]
     current_a[: SAMPLES // 6] = np.abs(current_a[: SAMPLES // 6])
     current_a[:12] = 0.0

@@ -1,5 +1,6 @@
 """Manifests: three formats, patterns, defaults, what is carried, and what is wrong with them."""
 
+import gzip
 import os
 
 import polars as pl
@@ -9,6 +10,7 @@ from barnax.errors import InputError
 from barnax.fleet import read_manifest
 from barnax.fleet.manifest import in_shard, parse_shard
 from barnax.fleet.rows import identify_cell
+from barnax.records.readers import room
 
 ROWS = [
     {"id": "007", "record": "a*.csv", "capacity": 2.0, "age": 10, "circuit": "so-rc"},
@@ -157,3 +159,15 @@ def test_shards_share_the_cells_out(folder):
     assert sum(map(len, shards)) == 2
     with pytest.raises(InputError, match="such as 3/10"):
         parse_shard("4/3")
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_a_manifest_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch, suffix):
+    monkeypatch.setattr(room, "LARGEST_FILE", 1_000_000)
+    path = tmp_path / f"m.{suffix}"
+    if suffix == "csv":
+        path.write_bytes(gzip.compress(b"id,records\na," + b"a" * 2_000_000))
+    else:
+        pl.DataFrame({"id": pl.repeat(1, 100_000, eager=True)}).write_parquet(path)
+    with pytest.raises(InputError, match=r"bytes need more than the limit of 0\.001 GB"):
+        read_manifest(path)

@@ -26,11 +26,12 @@ def dataset(cells=9, ages=5, **columns):
             row = {"id": f"{cell}-{place}", "error": None, "specimen": f"C{cell}",
                    "date": f"20{20 + place // 2}-{1 + 6 * (place % 2):02d}-01",
                    "capacity [A.h]": 2.0, "temperature [degC]": 25.0,
-                   "record throughput [A.h]": 4.0}  # fmt: skip
+                   "record throughput [A.h]": 4.0, "aged beside OCV": "new"}  # fmt: skip
             for name in QUANTITIES:
                 value = 0.03 * (1 + 0.1 * years) * np.exp(0.005 * rng.standard_normal())
                 row |= {f"aged {name}": value, f"aged {name} low": 0.99 * value,
-                        f"aged {name} high": 1.01 * value}  # fmt: skip
+                        f"aged {name} high": 1.01 * value,
+                        f"aged {name} by OCV": [1e-4 * value, 0.0]}  # fmt: skip
             rows.append(row)
     frame = pl.DataFrame(rows, infer_schema_length=None)
     return frame.with_columns(**{name: pl.lit(value) for name, value in columns.items()})
@@ -57,7 +58,7 @@ def test_the_unit_is_in_the_column_s_name(name, unit, years):
 
 
 def test_what_no_record_tells_is_not_determined():
-    ends = ("", " low", " high")
+    ends = ("", " low", " high", " by OCV")
     nothing = {f"aged {CAPACITY}{end}": None for end in ends}
     life = life_of(dataset().with_columns(**{k: pl.lit(v) for k, v in nothing.items()}))
     assert all(np.isnan(each.smooth).all() for each in life.of(CAPACITY))

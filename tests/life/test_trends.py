@@ -1,5 +1,7 @@
 """Trends against the same model written out by SciPy, and faults against what was planted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -10,16 +12,20 @@ CELLS, AGES = 30, 10
 SPREAD = Spread(level=0.02, slope=0.03, bend=0.05, fleet_bend=0.1, scatter=0.004)
 
 
-def fleet(rng, cells=CELLS, planted=0.0):
+def fleet(rng, cells=CELLS, planted=0.0, shared=0.0):
     """A fleet whose cells have levels and slopes of their own, and its truth; the first one bends
-    away by `planted` in the middle."""
+    away by `planted` in the middle. Two errors that all estimates have in common add about
+    `shared` to each."""
     age = np.sort(rng.uniform(0, 1, (cells, AGES)), axis=1)
     own = 0.01 * rng.standard_normal((cells, 1)) + 0.02 * rng.standard_normal((cells, 1)) * age
     truth = own - 0.1 * age - 0.05 * age**2
     truth[0] += planted * np.maximum(age[0] - 0.5, 0)
     variance = rng.uniform(0.003, 0.008, age.shape) ** 2
     value = truth + np.sqrt(variance + 0.003**2) * rng.standard_normal(age.shape)
-    return Series(age, value, variance, np.ones(age.shape, bool), np.zeros_like(age)), truth
+    of_fleet = shared * np.stack([1 + 0.2 * rng.standard_normal(age.shape), age], axis=-1)
+    value = value + of_fleet @ rng.standard_normal(2)
+    known, none = np.ones(age.shape, bool), np.zeros((*age.shape, 0))
+    return Series(age, value, variance, known, np.zeros_like(age), of_fleet, none), truth
 
 
 def written_out(series, spread):
@@ -30,16 +36,21 @@ def written_out(series, spread):
     common = spread.fleet_bend**2 * to_knots @ wiener(knots, age)
     own = spread.level**2 + spread.slope**2 * np.outer(age, age)
     own = own + spread.bend**2 * wiener(age, age)
-    noise = np.diag(series.variance.ravel() + spread.scatter**2)
-    covariance = common + own * (cells[:, None] == cells) + noise
+    noise = np.diag(spread.share**2 * series.variance.ravel() + spread.scatter**2)
+    errors = [each.reshape(len(age), -1) for each in (series.of_fleet, series.of_cell)]
+    of_fleet, of_cell = (each @ each.T for each in errors)
+    covariance = common + of_fleet + (own + of_cell) * (cells[:, None] == cells) + noise
     return np.stack([np.ones_like(age), age], axis=1), covariance, common
 
 
-def test_the_restricted_likelihood_is_that_of_the_contrasts():
-    series, _ = fleet(np.random.default_rng(0), 4)
+@pytest.mark.parametrize("is_shared", [False, True])
+def test_the_restricted_likelihood_is_that_of_the_contrasts(is_shared):
+    series, _ = fleet(np.random.default_rng(0), 4, shared=0.01 * is_shared)
+    if is_shared:
+        series = replace(series, of_cell=0.02 * series.of_fleet[..., :1])
     value = series.value.ravel()
     found = []
-    for spread in (SPREAD, Spread(0.01, 0.02, 0.03, 0.04, 0.005)):
+    for spread in (SPREAD, Spread(0.01, 0.02, 0.03, 0.04, 0.005, 0.7)):
         columns, covariance, _ = written_out(series, spread)
         contrasts = np.linalg.qr(columns, mode="complete")[0][:, 2:]
         density = multivariate_normal(cov=contrasts.T @ covariance @ contrasts)
@@ -49,8 +60,9 @@ def test_the_restricted_likelihood_is_that_of_the_contrasts():
     assert found[0] == pytest.approx(found[1], abs=1e-6)
 
 
-def test_a_trend_is_the_best_prediction_of_the_model():
-    series, _ = fleet(np.random.default_rng(1), 4)
+@pytest.mark.parametrize("shared", [0.0, 0.02])
+def test_a_trend_is_the_best_prediction_of_the_model(shared):
+    series, _ = fleet(np.random.default_rng(1), 4, shared=shared)
     columns, covariance, common = written_out(series, SPREAD)
     inverse = np.linalg.inv(covariance)
     normal = columns.T @ inverse @ columns
@@ -73,7 +85,7 @@ def test_a_trend_is_the_best_prediction_of_the_model():
 def test_what_is_not_known_changes_nothing():
     series, _ = fleet(np.random.default_rng(2), 5)
     filled = Series(
-        *(np.pad(each, ((0, 0), (0, 3))) for each in vars(series).values()),
+        *(np.pad(each, ((0, 0), (0, 3), (0, 0))[: each.ndim]) for each in vars(series).values()),
     )
     spread, good = SPREAD, np.ones(5, bool)
     one, other = Fit(series, spread, good), Fit(filled, spread, good)
@@ -81,14 +93,28 @@ def test_what_is_not_known_changes_nothing():
     np.testing.assert_allclose(one.trend(2, series.age[2]), other.trend(2, series.age[2]))
 
 
-def test_intervals_of_trends_hold_the_truth():
-    series, truth = fleet(np.random.default_rng(3), 60)
-    model = fit(series)
+@pytest.mark.parametrize("shared", [0.0, 0.02])
+def test_intervals_of_trends_hold_the_truth(shared):
     held = []
-    for cell in range(60):
-        value, error = model.trend(cell, series.age[cell])
-        held.append(np.abs(value - truth[cell]) < 1.96 * error)
+    # An error in common is one draw a fleet, so of that there are more and smaller ones.
+    for seed in range(20 if shared else 1):
+        cells = 10 if shared else 60
+        series, truth = fleet(np.random.default_rng([3, seed]), cells, shared=shared)
+        model = fit(series)
+        for cell in range(cells):
+            value, error = model.trend(cell, series.age[cell])
+            held.append(np.abs(value - truth[cell]) < 1.96 * error)
     assert 0.9 <= np.mean(held) <= 0.99
+
+
+def test_estimates_that_scatter_less_than_is_stated_have_narrower_trends():
+    series, _ = fleet(np.random.default_rng(8))
+    stated = replace(series, variance=4 * (series.variance + 0.003**2))
+    found = fit(stated)
+    assert 0.5 <= found.spread.share < 0.7
+    np.testing.assert_allclose(
+        found.trend(1, series.age[1])[1], fit(series).trend(1, series.age[1])[1], rtol=0.3
+    )
 
 
 @pytest.mark.parametrize("planted", [-0.3, 0.3])

@@ -162,7 +162,9 @@ class Fit:
         both = its.known[:, :, None] & its.known[:, None, :]
         shared = its.of_cell @ its.of_cell.mT
         covariance = np.where(both, self._own_of(None, its.age, its.age) + shared, 0.0)
-        noise = np.where(its.known, self.spread.share**2 * its.variance + self.spread.scatter**2, 1.0)
+        noise = np.where(
+            its.known, self.spread.share**2 * its.variance + self.spread.scatter**2, 1.0
+        )
         return np.linalg.cholesky(covariance + noise[:, :, None] * np.eye(its.age.shape[1]))
 
     @cached_property
@@ -259,7 +261,9 @@ def fit(series: Series) -> Fit:
 
     best = minimize(
         lambda logarithms: at(logarithms).minus_two_log_likelihood,
-        np.log([0.5 * scale, 0.3 * scale, 0.1 * scale, scale, max(0.5 * typical, 1e-3 * scale), 0.9]),
+        np.log(
+            [0.5 * scale, 0.3 * scale, 0.1 * scale, scale, max(0.5 * typical, 1e-3 * scale), 0.9]
+        ),
         method="L-BFGS-B",
         bounds=[*[(lowest, np.log(100 * scale))] * 5, (np.log(LEAST_SHARE), 0.0)],
     )

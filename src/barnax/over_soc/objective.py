@@ -287,9 +287,7 @@ class TableObjective:
         values = tuple(rows[self.block(table)] for table in range(self.tables))
         return Solution(log_scales, sides, objective_v2, values, x, error)
 
-    def least_v2(
-        self, log_scales: Float[np.ndarray, "axes points"]
-    ) -> Float[np.ndarray, "points"]:
+    def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
         """The least J at many scales: of a constant circuit all at once, of tables, whose problems
         are large, each from the active set of the one before."""
         if len(self.penalty_normal) > self.tables:

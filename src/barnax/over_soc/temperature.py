@@ -190,9 +190,7 @@ class _Joint:
         sides = tuple(each.sides for each in parts)
         return _JointSolution(log_scales, sides, objective_v2, parts)
 
-    def least_v2(
-        self, log_scales: Float[np.ndarray, "axes points"]
-    ) -> Float[np.ndarray, "points"]:
+    def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
         return self.weights @ [each.least_v2(log_scales) for each in self.objectives]
 
     def slope(self, found: _JointSolution) -> Float[np.ndarray, "axes"]:

@@ -237,13 +237,17 @@ WINDOW_OPTIONS: dict[str, tuple[str, Callable[[str], Any], str]] = {
 }
 
 
+# What is no cell's temperature is of another unit, or of a sensor that is not there.
+CELL_DEGC = (-100.0, 200.0)
+
+
 def is_temperature(degc: float) -> bool:
-    """Whether it may be a cell's; what is not is of another unit, or of a sensor that is not there.
+    """Whether it may be a cell's.
 
     >>> is_temperature(25.0), is_temperature(298.15)
     (True, False)
     """
-    return -100 < degc < 200
+    return CELL_DEGC[0] < degc < CELL_DEGC[1]
 
 
 # The start of a record to validate on is moved by at most so much, to see what that gains.

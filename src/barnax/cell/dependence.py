@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solve_banded
 
 from ..display import Brief
-from ..settings import is_temperature
+from ..settings import CELL_DEGC
 
 ZERO_DEGC_K = 273.15
 
@@ -141,7 +142,7 @@ def arrhenius_beta(degc: float) -> float:
 def filled(time_s: Samples, degc: Samples) -> Samples | None:
     """Temperatures with those that are missing, or no cell's, taken from their neighbors; None
     where none is known."""
-    is_known = np.fromiter(map(is_temperature, degc.tolist()), bool)
+    is_known = (degc > CELL_DEGC[0]) & (degc < CELL_DEGC[1])
     return np.interp(time_s, time_s[is_known], degc[is_known]) if np.any(is_known) else None
 
 
@@ -150,7 +151,6 @@ def heat_of(
 ) -> Samples:
     """The low-passed square of the current that flows between samples, in A^2."""
     kept = np.exp(-np.diff(time_s) / tau_s)
-    squares_a2, states = (interval_current_a**2).tolist(), [0.0]
-    for own, square_a2 in zip(kept.tolist(), squares_a2, strict=True):
-        states.append(own * states[-1] + (1 - own) * square_a2)
-    return np.array(states)
+    # Each state less what is kept of the one before is what the interval adds.
+    added_a2 = np.append(0.0, (1 - kept) * interval_current_a**2)
+    return solve_banded((1, 0), [np.ones(len(time_s)), np.append(-kept, 0.0)], added_a2)

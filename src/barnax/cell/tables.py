@@ -22,7 +22,15 @@ def hats(
     >>> hats(np.array([-1.0, 0.25, 1.0]), (0.0, 0.5, 1.0)).tolist()
     [[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, 1.0]]
     """
-    return np.stack([np.interp(soc, nodes, each) for each in np.eye(len(nodes))], axis=1)
+    at, shares = np.asarray(nodes, float), np.zeros((len(soc), len(nodes)))
+    soc = np.clip(soc, at[0], at[-1])
+    below = np.clip(np.searchsorted(at, soc, "right") - 1, 0, max(len(at) - 2, 0))
+    rows = np.arange(len(soc))
+    if len(at) == 1:
+        return shares + 1.0
+    way = (soc - at[below]) / (at[below + 1] - at[below])
+    shares[rows, below], shares[rows, below + 1] = 1 - way, way
+    return shares
 
 
 @dataclass(frozen=True)

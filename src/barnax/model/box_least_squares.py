@@ -147,9 +147,10 @@ def least_in_box(
     for _ in range(MAX_ROUNDS):
         free = np.flatnonzero(sides == 0)
         x = np.where(sides < 0, low, np.where(sides > 0, high, 0.0))
-        x[free] = _solved(normal[np.ix_(free, free)], -(gradient[free] + normal[free] @ x))
-        slope = gradient + normal @ x
-        slack = ROUNDING * (np.abs(gradient) + unit * np.sqrt(max(x @ normal @ x, 0.0)))
+        x[free] = _solved(normal[np.ix_(free, free)], -(gradient + normal @ x)[free])
+        pull = normal @ x
+        slope = gradient + pull
+        slack = ROUNDING * (np.abs(gradient) + unit * np.sqrt(max(x @ pull, 0.0)))
         span = ROUNDING * np.abs(x)
         is_low, is_high = sides < 0, sides > 0
         wrong = np.flatnonzero(

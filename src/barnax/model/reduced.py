@@ -12,7 +12,6 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -340,11 +339,15 @@ def answer_block(
     Float[np.ndarray, "skeleton *channels"], Float[np.ndarray, "samples skeleton *channels"]
 ]:
     """The state after a block of `BLOCK` samples, and the answers at them."""
-    after, answers = _respond(as_input(tau), as_input(state), as_input(held), intervals)
+    clock = np.asarray(intervals.node_s), np.asarray(intervals.node), np.asarray(intervals.offset_s)
+    form = intervals.is_even, intervals.has_offsets
+    after, answers = _respond(as_input(tau), as_input(state), np.asarray(held), *clock, *form)
     return np.asarray(after), np.asarray(answers)
 
 
-@eqx.filter_jit
-def _respond(tau, state, held, intervals: Intervals):
+# Of arrays alone: flattening a module took longer than the program.
+@partial(jax.jit, static_argnums=(6, 7))
+def _respond(tau, state, held, node_s, node, offset_s, is_even: bool, has_offsets: bool):
+    intervals = Intervals(node_s, node, offset_s, is_even, has_offsets)
     respond_all = jax.vmap(partial(respond, held=held, intervals=intervals), out_axes=(0, 1))
     return respond_all(tau, state)

@@ -24,6 +24,7 @@ from .over_soc import (
     fit_temperatures,
     group_by_temperature,
 )
+from .records.record import EARLIER_SHARE
 from .search.evaluate import Evaluation, evaluate_from_either, with_registered
 
 # Validation may leave the SOC that tables were identified on by this much without a word.
@@ -78,7 +79,7 @@ class TableRun(Brief):
 
         On an even clock a pair R, tau answers in its sample by R w and is one of R q under a
         current that flows after it; with a = exp(-T / tau), w is 0 and q is 1 there, 1 - a and a
-        under one that flowed before it, (1 - a) / 2 and (1 + a) / 2 where it is half of both.
+        under one that flowed before it; between these where it is a share of both.
         """
         hold = self.identification[0].prepared.record.hold.value
         return self._moved_ohm("backward" if hold == "forward" else "forward")
@@ -150,7 +151,8 @@ def _answer(hold: str, kept: float) -> tuple[float, float]:
     """What a pair answers in its own sample, and what it is under a current that flows after it,
     as shares of it; `kept` is what an interval leaves of it."""
     if hold == "centered":
-        return (1 - kept) / 2, (1 + kept) / 2
+        own = (1 - EARLIER_SHARE) * (1 - kept)
+        return own, 1 - own
     if hold == "means":
         later = (1 - kept) / -math.log(kept) if 0 < kept < 1 else 1 - kept
         return 1 - later, later

@@ -88,14 +88,15 @@ def test_r0_of_means_with_5_mv_steps_is_right_where_each_flows_half_before_and_h
     def median_ohm(name):
         return np.median([each.value for each in tables.of_table(name) if each.low is not None])
 
-    assert median_ohm("R0 [Ohm]") == pytest.approx(R0, rel=0.02)
+    assert median_ohm("R0 [Ohm]") == pytest.approx(R0, rel=0.01)
     whole = sum(median_ohm(f"R{number} [Ohm]") for number in range(3))
     assert whole == pytest.approx(R0 + sum(ohm for ohm, _ in PAIRS), rel=0.05)
 
 
-def test_a_centered_current_has_half_of_every_interval_on_either_side():
+def test_a_centered_current_has_about_half_of_every_interval_on_either_side():
     table = log(0, "means")
     record = record_from_frame(table, current_hold="centered")
     amps = -table[CURRENT].to_numpy()
-    assert record.interval_current_a == pytest.approx((amps[1:] + amps[:-1]) / 2)
-    assert record.discharged_ah[-1] == pytest.approx(np.trapezoid(amps) * EVERY / 3600)
+    halves_a = (amps[1:] + amps[:-1]) / 2
+    assert np.max(np.abs(record.interval_current_a - halves_a)) < 0.05 * np.ptp(amps)
+    assert record.discharged_ah[-1] == pytest.approx(np.sum(halves_a) * EVERY / 3600, rel=1e-3)

@@ -3,19 +3,15 @@
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from ..notices import Notice, notice
 from ..records import Record
 from ..records.lag import find_lag
+from ..records.silence import gaps_in
 from .check_input import CheckInput
 from .roles import FINE_S
 from .slow_log import rows_are
 
-# An interval is a gap if it is this much longer than the usual ones on both of its sides.
-_GAP, _BESIDE = 3.0, 7
-# Such intervals are gaps only if of those within so much of their length more than this share are.
-_ALIKE, _FEW_ALIKE = 0.02, 0.05
 # More than this share of all intervals is how the tester samples.
 _MANY = 0.1
 # What a gap hides is of no account below this share of the capacity, and this jump of voltage.
@@ -41,14 +37,17 @@ _FAST_LOAD = {
     "open": "fast-load.open",
 }
 
-Intervals = Float[np.ndarray, "intervals"]
-
 
 def find_gaps(given: CheckInput) -> Iterator[Notice]:
     """Intervals without samples where samples were to be expected."""
     record = given.record
-    interval_s = record.interval_s
-    gaps = _gaps(interval_s)
+    interval_s, gaps = record.interval_s, gaps_in(record.interval_s)
+    if record.flowing is not None:
+        rests = np.flatnonzero(record.flowing < 1)
+        longest = rests[int(np.argmax(interval_s[rests]))]
+        told = {"longest_s": interval_s[longest], "longest_row": record.row[longest + 1]}
+        yield given.at(int(rests[0]) + 1, "gaps.rests", gaps=len(rests), **told)
+        gaps = np.setdiff1d(gaps, rests)
     # Most samples lie as far apart as the shorter ones.
     gaps = gaps[interval_s[gaps] > np.median(interval_s)]
     if not 0 < len(gaps) <= max(1, _MANY * len(interval_s)):
@@ -118,7 +117,7 @@ def find_breaks(given: CheckInput) -> Iterator[Notice]:
     places = np.flatnonzero(moved_v > max(_BREAK_V, _BREAK_NOISE * given.samples.noise_v))
     # In a long interval a cell relaxes so far.
     places = places[record.interval_s[places] <= FINE_S]
-    places = np.setdiff1d(places, _gaps(record.interval_s))
+    places = np.setdiff1d(places, gaps_in(record.interval_s))
     places = places[(places >= _SIDE - 1) & (places + _SIDE < record.samples)]
     window = places[:, None] + np.arange(1 - _SIDE, 1 + _SIDE)
     around_v, around_a = given.source_v[window], record.current_a[window]
@@ -249,29 +248,6 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
     if is_even.all() and 1e-5 < spread < 0.05:
         told = {"steps": len(starts), "low_s": low_s.min(), "high_s": low_s.max()}
         yield given.at(int(starts[0]), "rebuilt-clock.even", **told)
-
-
-def _gaps(interval_s: Intervals) -> Int[np.ndarray, "gaps"]:
-    """The intervals far longer than the usual one before and the usual one after them."""
-    # Only what is long against the shortest in a hundred is worth a look at its neighbors.
-    likely = np.flatnonzero(interval_s > _GAP * np.quantile(interval_s, 0.01))
-    padded = np.concatenate([np.full(_BESIDE, np.nan), interval_s, np.full(_BESIDE, np.nan)])
-    near = likely[:, None] + np.arange(_BESIDE)
-    before, after = padded[near], padded[near + _BESIDE + 1]
-    # An interval at either end has neighbors on one side only.
-    before[likely == 0] = -np.inf
-    after[likely == len(interval_s) - 1] = -np.inf
-    usual_s = np.maximum(np.nanmedian(before, axis=1), np.nanmedian(after, axis=1))
-    gaps = likely[interval_s[likely] > _GAP * usual_s]
-    # Intervals of a length that is common elsewhere are how the tester samples.
-    alone, all_s = (np.sort(each) for each in (interval_s[gaps], interval_s))
-    counts = (
-        np.searchsorted(each, interval_s[gaps] * (1 + _ALIKE), "right")
-        - np.searchsorted(each, interval_s[gaps] * (1 - _ALIKE))
-        for each in (alone, all_s)
-    )
-    among_gaps, among_all = counts
-    return gaps[among_gaps > _FEW_ALIKE * among_all]
 
 
 _COARSE_V, _COARSE_SHARE = 0.9e-3, 5e-3

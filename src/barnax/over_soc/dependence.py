@@ -23,8 +23,8 @@ from ..model.reference import errors_along
 from .cross_validation import SocErrors, held_out_errors
 from .intervals import linearized
 from .objective import Solution, TableObjective
-from .problem import reduced_objective
-from .search import find_best
+from .problem import held_at, reduced_objective
+from .search import LogScales, find_best
 from .settings import TableSettings
 
 # Temperatures that move by less than this tell nothing of what follows them.
@@ -68,7 +68,7 @@ def searched(
 def adjusted(objective: TableObjective, best: Solution) -> Dependence | None:
     """The numbers of what records follow already, where their tables fit best."""
     known = objective.prepared_records[0].dependence
-    return known and _polished(objective, best, known)
+    return known and _polished(objective, best, known)[0]
 
 
 def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:
@@ -87,35 +87,47 @@ def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObj
     kinds = kinds if is_measured or len(records) > 1 else []
     if asked != "auto":
         for what in asked.split(","):
-            objective, best = _following(objective, best, what, is_asked=True) or (objective, best)
+            tried = _following(objective, best, what, is_asked=True)
+            if tried is not None:
+                objective, best = _searched_anew(objective, tried[0])
         return objective, best
     held = held_out_errors(objective, best)
     while kinds and held is not None:
-        worth: dict[str, tuple[SocErrors, TableObjective, Solution]] = {}
+        worth: dict[str, tuple[SocErrors, TableObjective]] = {}
         for what in kinds:
             tried = _following(objective, best, what)
             errors = tried and held_out_errors(*tried)
             if tried and errors and is_worth(errors, held):
-                worth[what] = errors, *tried
+                worth[what] = errors, tried[0]
         if not worth:
             break
         # The one that saves most, then what else saves more beside it.
         what = min(worth, key=lambda each: worth[each][0].rmse_v)
-        held, objective, best = worth.pop(what)
-        kinds = list(worth)
+        objective, best = _searched_anew(objective, worth.pop(what)[1])
+        held, kinds = held_out_errors(objective, best), list(worth)
     return objective, best
 
 
 def _following(
     objective: TableObjective, best: Solution, what: str, is_asked: bool = False
 ) -> tuple[TableObjective, Solution] | None:
-    """The same with resistances that follow something more; None where it promises nothing."""
+    """The same with resistances that follow something more, at the time constants that these fit
+    best with; None where it promises nothing."""
     proposed = propose(objective, best, what, is_asked)
     if proposed is None:
         return None
-    records = [each.following(proposed) for each in objective.prepared_records]
-    tried = reduced_objective(records, objective.settings, objective.ranges)
-    return tried, find_best(tried)
+    dependence, log_scales = proposed
+    records = [each.following(dependence) for each in objective.prepared_records]
+    tried = reduced_objective(records, objective.settings, held_at(objective, log_scales))
+    return tried, tried.solve(log_scales)
+
+
+def _searched_anew(
+    objective: TableObjective, tried: TableObjective
+) -> tuple[TableObjective, Solution]:
+    """The best tables of the records that were tried, with all time constants."""
+    found = reduced_objective(tried.prepared_records, objective.settings, objective.ranges)
+    return found, find_best(found)
 
 
 def is_worth(one: SocErrors, without: SocErrors) -> bool:
@@ -127,8 +139,9 @@ def is_worth(one: SocErrors, without: SocErrors) -> bool:
 @in_float64
 def propose(
     objective: TableObjective, best: Solution, what: str, is_asked: bool = False
-) -> Dependence | None:
-    """What resistances follow besides, from the best tables without it.
+) -> tuple[Dependence, LogScales] | None:
+    """What resistances follow besides, from the best tables without it, with the logarithms of the
+    time constants there.
 
     `what` is "temperature" where that was measured, "heating" or "current". None where a first step
     promises too little, unless it is asked for.
@@ -209,8 +222,11 @@ def _scaled(tried: Dependence, share: float, what: str) -> Dependence:
     return tried.with_numbers({name: times * tried.numbers[name]})
 
 
-def _polished(objective: TableObjective, start: Solution, first: Dependence) -> Dependence:
-    """The dependence where steps of Gauss and Newton end, in its numbers and all time constants."""
+def _polished(
+    objective: TableObjective, start: Solution, first: Dependence
+) -> tuple[Dependence, LogScales]:
+    """The dependence where steps of Gauss and Newton end, in its numbers and all time constants,
+    and the logarithms of these."""
     axes, names = objective.axes, list(first.numbers)
     count, open_ended = len(axes), [np.inf] * len(names)
     low = np.array([*(each.low for each in axes), *np.negative(open_ended)])
@@ -239,7 +255,7 @@ def _polished(objective: TableObjective, start: Solution, first: Dependence) -> 
         step = np.clip(step, -FURTHEST, FURTHEST)
         if is_settled or gain < SETTLED * now_v2:
             break
-    return best
+    return best, found.log_scales
 
 
 def following(objective: TableObjective, dependence: Dependence | None) -> TableObjective:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from ..blas import one_blas_thread
 from ..cell import CellModel, OcvPoint, OcvTable, characterize
@@ -33,7 +32,7 @@ from ..model.temperature import temperature_of
 from ..model.window import Window, first_sample, scored_samples
 from ..notices import notice
 from ..records import Record, rest_current_a
-from ..records.record import FULL_CHARGE
+from ..records.record import FULL_CHARGE, in_means
 from .certificate import certify
 from .cross_validation import held_out_errors
 from .current_offset import offset_effect
@@ -47,7 +46,7 @@ from .fit import (
 from .level import level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
-from .registration import register
+from .registration import MEANS_S, register
 from .settings import OCV, TableSettings
 from .temperature import TableFits, fit_temperatures, group_by_temperature
 
@@ -153,18 +152,18 @@ def _started(
     quick = replace(own, folds=0, max_boxes=0)
     if len(known) < len(records):
         at_axes = _on_axes(known, windows, axes, axis_ah)
-        first = _fitted(known, circuit, at_axes, quick, axis_ah, origin)
+        cell = _cell_found(known, circuit, at_axes, quick, axis_ah, origin)
         for each in records:
             if each not in known:
                 # Where it goes from there is looked at with the OCV of all.
                 window, at = windows[each.name], first_sample(each, windows[each.name])
                 rest_a = window.rest_current_a or rest_current_a(each, axis_ah)
-                start, _ = find_start(each, first.cell, window, axis_ah, at, rest_a)
+                start, _ = find_start(each, cell, window, axis_ah, at, rest_a)
                 axes[each.name] = Axis(start.soc, "rest elsewhere")
     found = _on_axes(records, windows, axes, axis_ah)
     if len(records) > 1 and not own.keep_starts:
-        first = _fitted(records, circuit, found, quick, axis_ah, origin)
-        told = [prepare_record(each, first.cell, circuit, found[each.name]) for each in records]
+        cell = _cell_found(records, circuit, found, quick, axis_ah, origin)
+        told = [prepare_record(each, cell, circuit, found[each.name]) for each in records]
         found = {each.record.name: each.window for each in register(told, own)}
     return found
 
@@ -223,6 +222,22 @@ def _on_axes(
     }
 
 
+def _cell_found(
+    records: Sequence[Record],
+    circuit: str,
+    windows: Mapping[str, Window],
+    settings: TableSettings,
+    capacity_ah: float,
+    origin: str,
+) -> CellModel:
+    """The cell of records, before anything else is asked of their tables."""
+    level = level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
+    means = [in_means(each, MEANS_S) for each in records]
+    prepared = [prepare_record(each, level, circuit, windows[each.name]) for each in means]
+    with one_blas_thread():
+        return _cell_of(*searched(prepared, settings), capacity_ah, origin)
+
+
 def _fitted(
     records: Sequence[Record],
     circuit: str,
@@ -243,12 +258,8 @@ def _fitted(
 
     def at_home(objective: TableObjective, best: Solution) -> list[PreparedRecord]:
         """The objective's records with the OCV that was found."""
-        nodes, ocv_v = objective.ocv_at(best)
-        soc = np.concatenate([each.soc[each.scored] for each in objective.prepared_records])
+        cells.append(_cell_of(objective, best, capacity_ah, origin))
         own = [each.record for each in objective.prepared_records]
-        cell = _cell_of(own, capacity_ah, nodes, ocv_v, soc)
-        # What a table of a measured OCV would be asked is not asked.
-        cells.append(replace(cell, capacity_origin=origin, warnings=()))
         return [prepare_record(each, cells[-1], circuit, windows[each.name]) for each in own]
 
     if over_temperature:
@@ -297,13 +308,11 @@ def _of_ocv(
 
 
 def _cell_of(
-    records: Sequence[Record],
-    capacity_ah: float,
-    nodes: Float[np.ndarray, "nodes"],
-    ocv_v: Float[np.ndarray, "nodes"],
-    soc: Float[np.ndarray, "samples"],
+    objective: TableObjective, best: Solution, capacity_ah: float, origin: str
 ) -> CellModel:
-    """The cell with the OCV of the table, as far as samples go."""
+    """The cell with the OCV of a solution, as far as samples go."""
+    nodes, ocv_v = objective.ocv_at(best)
+    soc = np.concatenate([each.soc[each.scored] for each in objective.prepared_records])
     # Straight lines between nodes are the fit; a cubic through the nodes would be another one.
     low, high = max(nodes[0], float(soc.min())), min(nodes[-1], float(soc.max()))
     fine = np.interp(
@@ -312,14 +321,16 @@ def _cell_of(
         nodes,
     )
     at = np.unique([low, *fine[(fine > low) & (fine < high)], high])
-    name = " + ".join(each.name for each in records)
+    name = " + ".join(each.record.name for each in objective.prepared_records)
     voltage_v = np.interp(at, nodes, ocv_v)
     points = tuple(
         OcvPoint(*pair, name, row=0, rest_s=0.0)
         for pair in zip(at.tolist(), voltage_v.tolist(), strict=True)
     )
     table = OcvTable(name, {0: points}, sha256="")
-    return characterize([table], capacity_ah=capacity_ah, ocv_fit="interpolated")
+    cell = characterize([table], capacity_ah=capacity_ah, ocv_fit="interpolated")
+    # What a table of a measured OCV would be asked is not asked.
+    return replace(cell, capacity_origin=origin, warnings=())
 
 
 def _capacity(

@@ -26,7 +26,7 @@ from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord, prepare_record
 from ..notices import Notice, notice
-from ..records.record import runs
+from ..records.record import in_means, runs
 from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
 from .cross_validation import WORTHWHILE, held_out_errors
@@ -48,6 +48,8 @@ STEP_SOC = 1e-3
 # lost of the capacity, the first steps of the descent in start and share, and how often it looks.
 LEAST_REST_S, FAR_V = 240.0, 0.1
 COUNTED_SD, FURTHEST, FIRST_STEPS, LOOKS = 0.03, 2.5, (-0.003, 0.005), 40
+# Fast records are registered in means over this.
+MEANS_S = 1.0
 # The tables bend: registered again until nothing moves by more than this, so often at most.
 SETTLED, ROUNDS = 5e-4, 2
 
@@ -65,7 +67,8 @@ def register(
     Where the records leave the axis of SOC so, they stay as they were told.
     """
     plain = replace(settings, folds=0, max_boxes=0)
-    found = list(prepared_records)
+    means = [_in_means(each) for each in prepared_records]
+    found, whole = list(means), list(prepared_records)
     told = np.array([[each.start.soc, each.capacity_ah] for each in prepared_records])
     prior = np.array([told_within(each) for each in prepared_records])
     shifts = errors = np.zeros_like(told)
@@ -89,20 +92,37 @@ def register(
             moved = moved - np.average(moved, axis=0, weights=prior**-2.0)
             is_settled = np.max(np.abs(moved - shifts)) < SETTLED
             shifts = moved
+            rows = np.hstack([told, shifts, errors]).tolist()
             try:
-                found = [
-                    _moved(each, *row, follows=dependence).following(dependence)
-                    for each, row in zip(
-                        prepared_records, np.hstack([told, shifts, errors]).tolist(), strict=True
-                    )
-                ]
+                found = _all_moved(means, rows, dependence)
+                whole = _all_moved(prepared_records, rows, dependence)
             except InputError:
                 return list(prepared_records)
+            found = [each.following(dependence) for each in found]
             if is_settled:
                 break
         offset = shared_offset(*as_told, prior, best.rms_v)
-    found = [each.following(None) for each in found]
-    return found if offset is None else [_with_offset(each, offset) for each in found]
+    return whole if offset is None else [_with_offset(each, offset) for each in whole]
+
+
+def _in_means(prepared: PreparedRecord) -> PreparedRecord:
+    """A fast record in means over a second: starts and capacities are of what is slow."""
+    means = in_means(prepared.record, MEANS_S)
+    if means is prepared.record:
+        return prepared
+    return prepare_record(means, prepared.cell, prepared.circuit, prepared.window)
+
+
+def _all_moved(
+    prepared_records: Sequence[PreparedRecord],
+    rows: Sequence[Sequence[float]],
+    follows: Dependence | None,
+) -> list[PreparedRecord]:
+    """The records with their starts and capacities moved, each as its row says."""
+    return [
+        _moved(each, *row, follows=follows)
+        for each, row in zip(prepared_records, rows, strict=True)
+    ]
 
 
 def _with_offset(prepared: PreparedRecord, offset: CurrentOffset) -> PreparedRecord:

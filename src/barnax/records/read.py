@@ -24,6 +24,7 @@ from .quantities import NEEDED
 from .record import Decision, Hold, Record
 from .samples import Samples, samples_of
 from .sign import decide_sign, examine_direction
+from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
 from .table import examine_cells, take_lines
 from .twins import examine_twins
@@ -61,7 +62,9 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     Raises InputError where no column is like any of a record.
     """
     columns, findings = examine_columns(source.table, source.name, source.columns)
-    lines, found = examine_cells(take_lines(source.table, columns))
+    lines, found = examine_empty_current(take_lines(source.table, columns))
+    findings += found
+    lines, found = examine_cells(lines)
     findings += found
     if not columns.keys() >= NEEDED:
         return Examined(None, None, tuple(findings))
@@ -231,7 +234,7 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
     held_ah = samples.held_ah(hold.value)
     counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)
     hidden_ah = None if counted_ah is None else skipped_ah(counted_ah, held_ah, samples.max_ah)
-    return Record(
+    record = Record(
         name=source.name,
         time_s=_own(samples.time_s),
         current_a=_own(_turned(samples.current_a, turn)),
@@ -247,6 +250,7 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
         cycle=_own(samples.values.get("cycle")),
         state=_own(samples.state),
     )
+    return record if counted_ah is not None else replace(record, flowing=flowing_shares(record))
 
 
 def _turned(values: Values, turn: float) -> Values:

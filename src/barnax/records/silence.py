@@ -1,0 +1,154 @@
+"""Loggers that write no current, or no rows at all, while no current flows.
+
+Whether that is why something is missing, the voltage tells. Where a load is switched off, it steps
+by R times the current. Through a gap in which a load goes on, E = v + R i falls by the charge times
+the slope of E; through a rest it relaxes the other way.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..notices import Notice
+from .record import Record
+from .samples import STEP_SHARE, record_resistance_ohm, step_resistance_ohm
+from .table import Lines, found_at
+
+# An interval is a gap if it is this much longer than the usual ones on both of its sides.
+_GAP, _BESIDE = 3.0, 7
+# Such intervals are gaps only if of those within so much of their length more than this share are.
+_ALIKE, _FEW_ALIKE = 0.02, 0.05
+# A logger that writes nothing at rest has less than this share of the gaps' time in rows with less
+# than this share of the largest current.
+_WRITTEN, _NO_CURRENT = 0.2, 1e-3
+# What flowed in the last minute has not relaxed, and does so within about as long, by so much of R
+# times that, give or take as much.
+_LATELY_S, _RELAXING, _USUAL_DROP = 60.0, 0.5, 0.01
+# E is known within so much and this share of R times what the current differs by, and what a load
+# lets it fall by within this share; its slope is that of so many rows before a gap.
+_WITHIN_V, _WITHIN_SHARE, _FALL_SHARE, _ROWS = 2e-3, 0.1, 0.4, 2000
+# In logarithms of likelihood: one gap tells no more of all than this, and all have to tell as much.
+_MOST = 4.0
+# Of the steps where a current ends or begins to be written, so many must be those of a load.
+_AGREEING, _NEAR, _FEWEST = 0.8, 0.5, 2
+
+
+def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
+    """The share of each interval for which its current flowed: of gaps that are rests, no more than
+    a usual interval's. None where there are none.
+
+    How E moves through all gaps is more likely of rests than of the load before or a usual one.
+    """
+    interval_s, current_a, held_a = record.interval_s, record.current_a, record.interval_current_a
+    usual_s, peak_a = float(np.median(interval_s)), float(np.max(np.abs(current_a)))
+    either_a = np.minimum(np.abs(current_a[:-1]), np.abs(current_a[1:]))
+    own_a = either_a if record.hold.value == "centered" else np.abs(held_a)
+    is_written = own_a < _NO_CURRENT * peak_a
+    gaps = gaps_in(interval_s)
+    gaps = gaps[~is_written[gaps] & (interval_s[gaps] > usual_s)]
+    if not len(gaps):
+        return None
+    is_silent = np.sum(interval_s[is_written]) < _WRITTEN * np.sum(interval_s[gaps])
+    # Without steps of the current R is what it mostly is, and E moves as the voltage does.
+    ohm = record_resistance_ohm(record) or _USUAL_DROP * np.median(record.voltage_v) / peak_a
+    gap_s = interval_s[gaps]
+    shown_s = interval_s.copy()
+    shown_s[gaps] = usual_s
+    out_ah, clock_s = (
+        np.append(0.0, np.cumsum(each)) for each in (held_a * shown_s / 3600, shown_s)
+    )
+    first = np.searchsorted(clock_s, clock_s[gaps] - _LATELY_S)
+    passed_s = np.maximum(clock_s[gaps] - clock_s[first], usual_s)
+    lately_a = 3600 * (out_ah[gaps] - out_ah[first]) / passed_s
+    source_v = record.voltage_v + ohm * current_a
+    falls = np.array([_fall(out_ah[rows], source_v[rows]) for rows in _before(gaps)])
+    known_v = _WITHIN_V + _WITHIN_SHARE * ohm * np.abs(np.diff(current_a)[gaps])
+
+    def likelihood(flowing_a: Float[np.ndarray, "gaps"] | float) -> Float[np.ndarray, "gaps"]:
+        """The logarithm of that of how E moves, where so much flows through the gaps."""
+        relaxing_v = _RELAXING * ohm * (lately_a - flowing_a) * -np.expm1(-gap_s / _LATELY_S)
+        fall_v = falls * flowing_a * gap_s / 3600
+        variance = known_v**2 + relaxing_v**2 + (_FALL_SHARE * fall_v) ** 2
+        apart_v = np.diff(source_v)[gaps] - relaxing_v + fall_v
+        return -np.log(variance) / 2 - 2 * np.log1p(apart_v**2 / variance / 3)
+
+    usual_a = 3600 * out_ah[-1] / clock_s[-1]
+    told = likelihood(0.0) - np.maximum(likelihood(held_a[gaps]), likelihood(usual_a))
+    # Of a logger that writes rests, a gap is one that tells it alone, such as a clock that was set.
+    all_tell = is_silent and np.sum(np.clip(told, -_MOST, _MOST)) >= _MOST
+    rests = gaps[told > -_MOST] if all_tell else gaps[told >= _MOST]
+    shares = np.ones(len(interval_s))
+    shares[rests] = usual_s / interval_s[rests]
+    return shares if len(rests) else None
+
+
+def gaps_in(interval_s: Float[np.ndarray, "intervals"]) -> Int[np.ndarray, "gaps"]:
+    """The intervals far longer than the usual one before and the usual one after them."""
+    # Only what is long against the shortest in a hundred is worth a look at its neighbors.
+    likely = np.flatnonzero(interval_s > _GAP * np.quantile(interval_s, 0.01))
+    padded = np.concatenate([np.full(_BESIDE, np.nan), interval_s, np.full(_BESIDE, np.nan)])
+    near = likely[:, None] + np.arange(_BESIDE)
+    before, after = padded[near], padded[near + _BESIDE + 1]
+    # An interval at either end has neighbors on one side only.
+    before[likely == 0] = -np.inf
+    after[likely == len(interval_s) - 1] = -np.inf
+    usual_s = np.maximum(np.nanmedian(before, axis=1), np.nanmedian(after, axis=1))
+    gaps = likely[interval_s[likely] > _GAP * usual_s]
+    # Intervals of a length that is common elsewhere are how the tester samples.
+    alone, all_s = (np.sort(each) for each in (interval_s[gaps], interval_s))
+    counts = (
+        np.searchsorted(each, interval_s[gaps] * (1 + _ALIKE), "right")
+        - np.searchsorted(each, interval_s[gaps] * (1 - _ALIKE))
+        for each in (alone, all_s)
+    )
+    among_gaps, among_all = counts
+    return gaps[among_gaps > _FEW_ALIKE * among_all]
+
+
+def _before(gaps: Int[np.ndarray, "gaps"]) -> Iterator[slice]:
+    """The rows before each gap that tell how E falls."""
+    for gap in gaps.tolist():
+        yield slice(max(gap - _ROWS, 0), gap + 1)
+
+
+def _fall(out_ah: Float[np.ndarray, "rows"], source_v: Float[np.ndarray, "rows"]) -> float:
+    """By how much E falls with every ampere-hour, in V."""
+    apart_ah = out_ah - np.mean(out_ah)
+    spread = float(apart_ah @ apart_ah)
+    return max(-float(apart_ah @ source_v) / spread, 0.0) if spread else 0.0
+
+
+def examine_empty_current(lines: Lines) -> tuple[Lines, list[Notice]]:
+    """The lines with a current of zero where none is written, if their voltage says that the load
+    is off there: by the steps that the written current shows elsewhere."""
+    empty = _empty_current(lines)
+    if not np.any(empty):
+        return lines, []
+    current, voltage_v = np.where(empty, 0.0, lines.values["current"]), lines.values["voltage"]
+    step, step_v = np.diff(current), np.diff(voltage_v)
+    is_step = np.abs(step) > STEP_SHARE * np.max(np.abs(current))
+    ends = is_step & (empty[1:] != empty[:-1])
+    known = is_step & ~empty[1:] & ~empty[:-1]
+    ohm = step_resistance_ohm(step[known], step_v[known])
+    if not ohm or np.count_nonzero(ends) < _FEWEST:
+        return lines, []
+    rising = np.sign(np.sum(step[known] * step_v[known]))
+    agreeing = np.abs(rising * step_v[ends] / (ohm * step[ends]) - 1) < _NEAR
+    if np.mean(agreeing) < _AGREEING:
+        return lines, []
+    given = {"column": lines.header("current"), "rows": np.count_nonzero(empty)}
+    found = found_at(lines, empty, "cells.empty-current", **given)
+    return lines.having(current=current), [found]
+
+
+def _empty_current(lines: Lines) -> Bool[np.ndarray, "lines"]:
+    """Where nothing is written under the current, and a time and a voltage are."""
+    if not lines.columns.keys() >= {"time", "current", "voltage"}:
+        return np.zeros(len(lines), bool)
+    column = lines.table.columns[lines.columns["current"].index]
+    nothing = column.is_null()
+    if column.dtype.is_float():
+        nothing = nothing | column.is_nan().fill_null(True)
+    empty = nothing.to_numpy()[lines.at]
+    return empty & ~lines.bad("time") & ~lines.bad("voltage")

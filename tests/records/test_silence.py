@@ -1,0 +1,101 @@
+"""Loggers that write no rows, or no current, while no current flows."""
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.signal import lfilter
+
+from barnax import InputError
+from barnax.checks import check_file
+from barnax.records import read_record, record_from_frame
+from helpers.known_cell import R0_OHM, R_OHM, TAU_S, ocv_v
+from helpers.problems import drive_a
+
+LOADED, CAPACITY_AH = 6000, 2.0
+
+
+def drive(rests=60, resting_s=(5, 900), seed=0):
+    """Time, current (discharge positive) and voltage of a known cell, with so many rests."""
+    draw = np.random.default_rng(seed)
+    current_a = drive_a(LOADED, seed=seed, interval=20)
+    # Every load is one, so that only rests have no current.
+    current_a = np.where(np.abs(current_a) < 0.05, 0.3, current_a)
+    current_a *= 0.9 * 3600 * CAPACITY_AH / np.sum(current_a)
+    places = np.sort(draw.choice(np.arange(100, LOADED - 100), rests, replace=False))
+    parts = [
+        part
+        for load in np.split(current_a, places)
+        for part in (load, np.zeros(draw.integers(*resting_s)))
+    ]
+    current_a = np.concatenate(parts)
+    soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / CAPACITY_AH
+    voltage_v = ocv_v(soc) - R0_OHM * current_a
+    for r_ohm, tau_s in zip(R_OHM, TAU_S, strict=True):
+        kept = np.exp(-1 / tau_s)
+        voltage_v -= lfilter([0.0, r_ohm * (1 - kept)], [1.0, -kept], current_a)
+    voltage_v += 3e-4 * draw.standard_normal(len(voltage_v))
+    return np.arange(len(current_a), dtype=float), current_a, voltage_v
+
+
+def table(time_s, current_a, voltage_v):
+    return {"Time [s]": time_s, "Current [A]": -current_a, "Voltage [V]": voltage_v}
+
+
+@pytest.mark.parametrize(("rests", "resting_s"), [(60, (5, 900)), (4, (600, 3000))])
+@pytest.mark.parametrize("resolution_v", [1e-4, 5e-3])
+def test_gaps_of_a_logger_that_writes_nothing_at_rest_are_rests(rests, resting_s, resolution_v):
+    time_s, current_a, voltage_v = drive(rests, resting_s)
+    voltage_v = resolution_v * np.round(voltage_v / resolution_v)
+    is_written = current_a != 0
+    record = record_from_frame(
+        table(time_s[is_written], current_a[is_written], voltage_v[is_written])
+    )
+    assert np.sum(record.flowing < 1) > 0.9 * rests
+    assert record.discharged_ah[-1] == pytest.approx(np.sum(current_a) / 3600, rel=0.01)
+    # What the rows alone would tell.
+    held_ah = np.sum(record.current_a[:-1] * record.interval_s) / 3600
+    assert abs(held_ah / record.discharged_ah[-1] - 1) > 0.2
+
+
+def test_a_logger_that_writes_nothing_at_rest_is_told(tmp_path):
+    time_s, current_a, voltage_v = drive()
+    is_written = current_a != 0
+    rows = table(time_s[is_written], current_a[is_written], voltage_v[is_written])
+    path = tmp_path / "log.csv"
+    pl.DataFrame(rows).write_csv(path)
+    codes = [each.code for each in check_file(path, capacity_ah=CAPACITY_AH).findings]
+    assert "gaps.rests" in codes
+    assert not {"gaps.jump", "gaps.steady"} & set(codes)
+
+
+@pytest.mark.parametrize("missing_s", [20, 300])
+def test_gaps_under_load_are_no_rests(missing_s):
+    time_s, current_a, voltage_v = drive(rests=3, resting_s=(1, 3))
+    is_written = np.ones(len(time_s), bool)
+    for first in range(300, LOADED - 600, 600):
+        is_written[first : first + missing_s] = False
+    record = record_from_frame(
+        table(time_s[is_written], current_a[is_written], voltage_v[is_written])
+    )
+    assert record.flowing is None
+
+
+def test_a_current_that_is_empty_at_rest_is_zero(tmp_path):
+    time_s, current_a, voltage_v = drive()
+    rows = pl.DataFrame(table(time_s, current_a, voltage_v))
+    at_rest = pl.col("Current [A]") == 0
+    path = tmp_path / "log.csv"
+    rows.with_columns(pl.when(~at_rest).then(pl.col("Current [A]"))).write_csv(path)
+    record = read_record(path)
+    np.testing.assert_allclose(record.current_a, current_a, atol=1e-12)
+    assert [each.code for each in record.warnings] == ["cells.empty-current"]
+
+
+def test_a_current_that_is_empty_under_load_is_refused(tmp_path):
+    time_s, current_a, voltage_v = drive(rests=3, resting_s=(1, 3))
+    rows = pl.DataFrame(table(time_s, current_a, voltage_v))
+    is_empty = pl.col("Time [s]").is_between(1000, 1100) | pl.col("Time [s]").is_between(3000, 3100)
+    path = tmp_path / "log.csv"
+    rows.with_columns(pl.when(~is_empty).then(pl.col("Current [A]"))).write_csv(path)
+    with pytest.raises(InputError, match="nothing stands under 'Current"):
+        read_record(path)

@@ -8,7 +8,7 @@ with FIRST and COUNT it only prints what some cells give.
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,51 +72,63 @@ class Cell:
 
     def logs(self) -> Iterator[barnax.Record]:
         for number, (soc, capacity_ah) in enumerate(zip(*self.starts, strict=True)):
-            yield self._log(number, soc, capacity_ah)
+            draw = np.random.default_rng([self.seed, number, LOGS])
+            current_a, voltage_v = self.drive(number, soc, capacity_ah)
+            voltage_v += NOISE_V * draw.standard_normal(SAMPLES)
+            yield record_of(current_a, voltage_v, f"log{number + 1}")
 
-    def _log(self, number: int, start_soc: float, capacity_ah: float) -> barnax.Record:
+    def drive(
+        self, number: int, start_soc: float, capacity_ah: float, samples: int = SAMPLES
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Current, discharge positive, and voltage at every second of one of the loads: steps of
+        other lengths and heights in each, from full to nearly empty."""
         draw = np.random.default_rng([self.seed, number])
-        # Steps of other lengths and heights in each log, from full to nearly empty.
-        lengths = draw.integers(2, (12, 40, 120)[number], SAMPLES)
-        heights = draw.gamma(0.8, 1.0, SAMPLES) * draw.choice([1, 1, 1, -0.6, 0], SAMPLES)
-        current_a = np.repeat(heights, lengths)[:SAMPLES]
+        lengths = draw.integers(2, (12, 40, 120)[number], samples)
+        heights = draw.gamma(0.8, 1.0, samples) * draw.choice([1, 1, 1, -0.6, 0], samples)
+        current_a = np.repeat(heights, lengths)[:samples]
         # Nothing charges a cell that is full.
-        current_a[: SAMPLES // 5] = np.abs(current_a[: SAMPLES // 5])
+        current_a[: samples // 5] = np.abs(current_a[: samples // 5])
         current_a *= 0.93 * 3600 * NOMINAL_AH / current_a.sum()
         current_a[:60] = 0.0
         soc = start_soc - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / capacity_ah
         r0, *r = self.r_ohm(soc)
         voltage_v = self.ocv_v(soc) - r0 * current_a
-        for each, tau_s in zip(r, self.tau_s, strict=True):
-            share = np.exp(-1 / tau_s)
-            drive = np.append(0.0, (each * current_a)[:-1])
-            voltage_v -= lfilter([1 - share], [1, -share], drive)
+        for r_ohm, tau_s in zip(r, self.tau_s, strict=True):
+            kept = np.exp(-1 / tau_s)
+            voltage_v -= lfilter([0.0, 1 - kept], [1, -kept], r_ohm * current_a)
         state = 1.0
         if self.moves:
-            states = np.empty(SAMPLES)
+            states = np.empty(samples)
             for at, passed in enumerate(np.diff(soc, prepend=soc[0])):
                 kept = np.exp(-30 * abs(passed))
                 state = kept * state + (1 - kept) * np.sign(passed)
                 states[at] = state
             voltage_v += self.half_gap_v * states
-        voltage_v += NOISE_V * draw.standard_normal(SAMPLES)
-        table = {
-            "Time [s]": np.arange(SAMPLES, dtype=float),
-            "Current [A]": -current_a,
-            "Voltage [V]": voltage_v,
-        }
-        return barnax.record_from_frame(
-            table, name=f"log{number + 1}", current_sign="charge-positive", current_hold="forward"
-        )
+        return current_a, voltage_v
+
+
+def record_of(
+    current_a: np.ndarray, voltage_v: np.ndarray, name: str, interval_s: float = 1.0, **options
+) -> barnax.Record:
+    """The record of a log, whose file has charge positive."""
+    table = {
+        "Time [s]": interval_s * np.arange(len(current_a)),
+        "Current [A]": -current_a,
+        "Voltage [V]": voltage_v,
+    }
+    options = {"current_hold": "forward", **options}
+    return barnax.record_from_frame(table, name=name, current_sign="charge-positive", **options)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one cell: how many intervals hold and how many there are, by name, and what was said."""
+    """Of one cell: how many intervals hold and how many there are, by name, and by which shares R0
+    and all resistances together are off, medians over SOC, and the OCV."""
 
     cell: Cell
     held: dict[str, tuple[int, int]]
     r0_off: float
+    total_off: float
     ocv_off_v: float
     seconds: float
     codes: frozenset[str]
@@ -126,76 +138,89 @@ class Outcome:
         return abs(self.r0_off) > WRONG
 
 
-def identified(cell: Cell) -> Outcome:
+def identified(cell: Cell, records: Iterable[barnax.Record]) -> Outcome:
     """One cell from its logs, and the truth on the axis that was found."""
     began = time.perf_counter()
     window = barnax.Window(initial_soc=1.0, capacity_ah=NOMINAL_AH)
-    result = barnax.identify([*cell.logs()], window=window, seeds=0, trust="none", advise=False)
+    result = barnax.identify([*records], window=window, seeds=0, trust="none", advise=False)
     seconds = time.perf_counter() - began
-    windows = [each.window for each in result.of_role("identification")]
     soc, capacity_ah = cell.starts
     # The axis is the one on which what was told is right on the average.
     scale = capacity_ah.mean() / NOMINAL_AH
-
-    def true_soc(found):
-        return soc.mean() - (1 - np.asarray(found)) / scale
-
     held: dict[str, tuple[int, int]] = {}
 
     def count(name: str, low: float, high: float, truth: float) -> None:
         good, of = held.get(name, (0, 0))
         held[name] = good + (low <= truth <= high), of + 1
 
+    windows = [part.window for part in result.of_role("identification")]
     for window, own_soc, own_ah in zip(windows, soc, capacity_ah, strict=True):
         known = window.registration
         count("start", known.soc_low, known.soc_high, own_soc - soc.mean() + 1)
         count("capacity", known.capacity_low_ah, known.capacity_high_ah, own_ah / scale)
     assert result.tables is not None, "an OCV of the records' own is a table"
-    r0_off, ocv_off_v = [], []
-    for each in result.tables.fit.intervals:
-        if each.soc is None or not INSIDE[0] <= each.soc <= INSIDE[1] or each.low is None:
+    ocv_off_v, found_ohm = [], {}
+    for node in result.tables.fit.intervals:
+        if node.soc is None or not INSIDE[0] <= node.soc <= INSIDE[1] or node.low is None:
             continue
-        truth = _truth(cell, each, float(true_soc(each.soc)))
+        true_soc = float(soc.mean() - (1 - node.soc) / scale)
+        if node.name.startswith("R"):
+            found_ohm.setdefault(true_soc, []).append(node.value)
+        truth = _truth(cell, node, true_soc)
         if truth is None:
             continue
-        count(each.name, each.low, each.high, truth)
-        if each.record_low is not None:
-            count(f"{each.name}, another record", each.record_low, each.record_high, truth)
-        if each.name.startswith("R0"):
-            r0_off.append(each.value / truth - 1)
-        if each.name.startswith("OCV"):
-            ocv_off_v.append(abs(each.value - truth))
-    codes = frozenset(each.code for each in result.warnings)
-    return Outcome(
-        cell, held, float(np.median(r0_off)), float(np.median(ocv_off_v or [0.0])), seconds, codes
-    )
+        count(node.name, node.low, node.high, truth)
+        if node.record_low is not None:
+            count(f"{node.name}, another record", node.record_low, node.record_high, truth)
+        if node.name.startswith("OCV"):
+            ocv_off_v.append(abs(node.value - truth))
+    off = [
+        (own_ohm[0] / true_ohm[0] - 1, sum(own_ohm) / sum(true_ohm) - 1)
+        for own_soc, own_ohm in found_ohm.items()
+        for true_ohm in [cell.r_ohm(own_soc)]
+    ]
+    r0_off, total_off = np.median(off, axis=0).tolist()
+    codes = frozenset(told.code for told in result.warnings)
+    ocv_v = float(np.median(ocv_off_v or [0.0]))
+    return Outcome(cell, held, r0_off, total_off, ocv_v, seconds, codes)
 
 
-def _truth(cell: Cell, each: NodeInterval, soc: float) -> float | None:
+def _truth(cell: Cell, node: NodeInterval, soc: float) -> float | None:
     """The true value at a node; None of a pair, which another pair can stand for, and of an OCV
     that has two branches."""
-    if each.name.startswith("R0"):
+    if node.name.startswith("R0"):
         return float(cell.r_ohm(soc)[0])
-    if each.name.startswith("OCV") and not cell.moves:
+    if node.name.startswith("OCV") and not cell.moves:
         return float(cell.ocv_v(soc))
     return None
+
+
+def by_kind(outcomes: Iterable[Outcome]) -> Iterator[tuple[str, list[Outcome]]]:
+    """The outcomes of every kind of cell that there is, with its name."""
+    found = list(outcomes)
+    for kind, moves in KINDS:
+        own = [each for each in found if (each.cell.kind, each.cell.moves) == (kind, moves)]
+        if own:
+            yield f"{kind}, {'moving hysteresis' if moves else 'no hysteresis'}", own
+
+
+def share_held(outcomes: Iterable[Outcome], name: str) -> str:
+    """The share of intervals of a name that hold."""
+    good, of = np.sum([each.held.get(name, (0, 0)) for each in outcomes], axis=0)
+    return f"{100 * good / of:.1f} % of {of}" if of else ""
 
 
 def report(outcomes: list[Outcome], command: str) -> str:
     """The page."""
     rows = []
-    for kind, moves in KINDS:
-        own = [each for each in outcomes if (each.cell.kind, each.cell.moves) == (kind, moves)]
-        if not own:
-            continue
-        row = {"cell": f"{kind}, {'moving hysteresis' if moves else 'no hysteresis'}"}
+    for kind, own in by_kind(outcomes):
+        row = {"cell": kind}
         for name in ("start", "capacity", "R0 [Ohm]", "R0 [Ohm], another record", "OCV [V]"):
-            good, of = np.sum([each.held.get(name, (0, 0)) for each in own], axis=0)
-            row[name] = f"{100 * good / of:.1f} % of {of}" if of else ""
+            row[name] = share_held(own, name)
         off = np.quantile(np.abs([each.r0_off for each in own]), 0.95)
         row["R0 off in 95 % of cells"] = f"at most {100 * off:.1f} %"
         off_mv = 1e3 * np.median([each.ocv_off_v for each in own])
-        row["median OCV off"] = "" if moves else f"{off_mv:.2f} mV"
+        row["median OCV off"] = f"{off_mv:.2f} mV" if off_mv else ""
         row["R0 wrong"] = str(sum(each.is_wrong for each in own))
         rows.append(row)
     seconds = np.median([each.seconds for each in outcomes])
@@ -206,12 +231,13 @@ def report(outcomes: list[Outcome], command: str) -> str:
         f"{100 * CAPACITY_SD:g} %. Shares of 95 % intervals that hold the truth, of nodes from 10 "
         "to 90 % SOC. R0 is wrong where its median over SOC is off by more than 10 %. The OCV of a "
         "cell with a moving hysteresis is one of two branches and not judged.\n\n"
-        f"{_table(rows)}\n\nMedian time a cell: {seconds:.1f} s.\n\n"
+        f"{table_of(rows)}\n\nMedian time a cell: {seconds:.1f} s.\n\n"
         f"{as_markdown(provenance(command, 0))}\n"
     )
 
 
-def _table(rows: list[dict[str, str]]) -> str:
+def table_of(rows: list[dict[str, str]]) -> str:
+    """Rows with the same keys, in Markdown."""
     lines = [[*rows[0]], ["---"] * len(rows[0]), *([*each.values()] for each in rows)]
     return "\n".join(f"| {' | '.join(each)} |" for each in lines)
 
@@ -221,7 +247,8 @@ def main(words: list[str]) -> None:
     first, count = map(int, words) if words else (0, CELLS)
     outcomes = []
     for seed in range(first, first + count):
-        outcomes.append(identified(Cell(*KINDS[seed % len(KINDS)], seed)))
+        cell = Cell(*KINDS[seed % len(KINDS)], seed)
+        outcomes.append(identified(cell, cell.logs()))
         print(outcomes[-1] if words else f"{seed + 1} of {CELLS}", file=sys.stderr)
     page = report(outcomes, " ".join(["python -m benchmarks.operation", *words]))
     print(page)

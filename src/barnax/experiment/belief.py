@@ -1,6 +1,7 @@
 """What is believed of a cell before its next test: by a result, or by its chemistry alone."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -13,12 +14,16 @@ from ..cell.elements import RC
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..cell.tables import LEAST_OHM
 from ..errors import InputError
+from ..model.prepared import PreparedRecord
 from ..over_soc import TableFit
+from ..over_soc.intervals import MAX_SLOTS, UNSEEN
 from ..over_soc.level import with_own_ocv
 from ..over_soc.settings import TableSettings
 from ..records import read_record
+from ..search.evaluate import Evaluation
 from ..settings import NODES
-from .information import Believed
+from ..uncertainty.noise import Slots, fit_gathered
+from .information import Believed, columns_along
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -61,9 +66,9 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
         cell=cell,
         tables=CircuitParameters.over_soc(NODES, TYPICAL_TAU_S, r0, tuple(r)),
         worst=np.full(len(NODES), UNKNOWN),
+        rmse_v=TYPICAL_V,
         noise=noise_of(TYPICAL_V),
         settings=with_own_ocv(TableSettings()),
-        known={},
         ocv_reach_v=UNKNOWN_OCV_V[chemistry],
     )
 
@@ -75,7 +80,10 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
     Raises `InputError` where its answer has elements that are no RC pairs, or nothing that follows
     the temperature that is asked for.
     """
-    told = result.tables and result.tables.fit.intervals
+    told, earlier = (
+        result.tables and result.tables.fit.intervals,
+        _records_of(result, temperature_degc),
+    )
     if temperature_degc is not None:
         over = result.tables and result.tables.over_temperature
         if result.tables is None or over is None:
@@ -95,30 +103,51 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
         )
     if result.tables is not None:
         fit = replace(result.tables.fit, intervals=told or ())
-        return believed_of_fit(fit, result.tables.settings, cell, rmse_v)
+        return believed_of_fit(fit, result.tables.settings, cell, rmse_v, earlier)
     circuit = result.constant.parameters
     r0_ohm, *r_ohm = np.repeat(circuit.ohm, len(NODES), axis=1)
-    return Believed(
+    believed = Believed(
         cell=cell,
         tables=CircuitParameters.over_soc(NODES, circuit.tau_s, r0_ohm, r_ohm),
         worst=np.full(len(NODES), UNKNOWN),
+        rmse_v=rmse_v,
         noise=noise_of(rmse_v),
         settings=with_own_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
-        known={},
         ocv_reach_v=LEAST_OCV_V,
     )
+    return _counting(believed, earlier)
+
+
+def _records_of(result: "Result", temperature_degc: float | None) -> list[Evaluation]:
+    """The records that a result is of, at that temperature; none where they are not found."""
+    try:
+        run = result.run
+    except InputError:
+        return []
+    found = run.identification if run.tables is None else run.tables.identification
+    return [
+        evaluated
+        for evaluated, part in zip(found, result.of_role("identification"), strict=True)
+        if temperature_degc is None or part.is_at(temperature_degc)
+    ]
 
 
 def believed_of_fit(
-    fit: TableFit, settings: TableSettings, cell: CellModel, rmse_v: float
+    fit: TableFit,
+    settings: TableSettings,
+    cell: CellModel,
+    rmse_v: float,
+    earlier: Sequence[Evaluation] = (),
 ) -> Believed:
-    """The cell of tables that were fitted with these settings and left such an RMSE."""
+    """The cell of tables that were fitted with these settings and left such an RMSE, with the
+    records that will be identified with the next test's."""
     known = {
-        (each.name, each.soc): each.standard_error / (each.value if each.soc is None else 1.0)
-        for each in fit.intervals
-        if each.low is not None and each.standard_error > 0
+        (one.name, one.soc): half / one.value if one.name.startswith(("R", "tau")) else half
+        for one in fit.intervals
+        if one.low is not None and one.high is not None and one.value
+        for half in [(one.high - one.low) / 2]
     }
-    corrections = [sd for (name, _), sd in known.items() if name == OCV_CORRECTION]
+    corrections = [half for (name, _), half in known.items() if name == OCV_CORRECTION]
     found = fit.tables
     tables = replace(
         found,
@@ -130,15 +159,64 @@ def believed_of_fit(
         scales=found.named_tau_s,
         dependence=None,
     )
-    return Believed(
+    believed = Believed(
         cell=cell,
         tables=tables,
         worst=_worst(fit, settings.nodes),
+        rmse_v=rmse_v,
         noise=noise_of(rmse_v),
         settings=with_own_ocv(settings) if cell.is_of_records else settings,
         known=known,
-        ocv_reach_v=LEAST_OCV_V + 2 * max(corrections, default=0.0),
+        ocv_reach_v=LEAST_OCV_V + max(corrections, default=0.0),
     )
+    return _counting(believed, earlier)
+
+
+def _counting(believed: Believed, earlier: Sequence[Evaluation]) -> Believed:
+    """The same with records that will be identified with the test's, the noise that their errors
+    show, and as much left out of the circuit as leaves their RMSE."""
+    if not earlier:
+        return replace(believed, left_out=believed.rmse_v / TYPICAL_V)
+    longest = max(earlier, key=lambda evaluated: float(np.ptp(evaluated.prepared.time_s)))
+    believed = replace(
+        believed,
+        earlier=[_evenly(evaluated.prepared) for evaluated in earlier],
+        noise=_noise_behind(believed, longest),
+    )
+    told = believed.told_before
+    assert told is not None
+    quiet = replace(told, noise=np.zeros_like(told.noise))
+    left_v = quiet.left_on(believed, quiet.inverse(believed), quiet.normal / quiet.samples)
+    return replace(believed, left_out=believed.rmse_v / left_v)
+
+
+def _evenly(prepared: PreparedRecord) -> tuple[Float[np.ndarray, "seconds"], float]:
+    """The mean current of every second of a record, and the state of charge at its start."""
+    time_s = prepared.time_s - prepared.time_s[0]
+    soc = np.interp(np.arange(0.0, time_s[-1] + 1.0), time_s, prepared.soc)
+    return -np.diff(soc) * prepared.capacity_ah * 3600, float(soc[0])
+
+
+def _noise_behind(believed: Believed, found: Evaluation) -> tuple[tuple[float, float], ...]:
+    """The noise that intervals of a record are taken of (`uncertainty.noise`), as parts."""
+    columns, _ = columns_along(believed, *_evenly(found.prepared))
+    columns = columns[:, : len(believed.names)]
+    columns = columns[:, np.any(columns, axis=0)]
+    basis, sizes, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
+    basis = basis[:, sizes > UNSEEN * sizes[0]]
+    time_s = np.arange(float(len(basis)))
+    error_v = np.interp(time_s, found.prepared.time_s - found.prepared.time_s[0], found.error_v)
+    slots = Slots.of(time_s, None, MAX_SLOTS)
+    (noise,) = fit_gathered(
+        slots,
+        counts=slots.gathered(time_s, np.ones(len(time_s))),
+        errors_v=slots.gathered(time_s, error_v[:, None]),
+        columns=slots.gathered(time_s, basis),
+        products=np.eye(basis.shape[1]),
+        squares_v2=np.array([error_v @ error_v]),
+    )
+    parts = zip(noise.correlation_s.tolist(), np.sqrt(noise.variance_v2).tolist(), strict=True)
+    return tuple((time_s, sd_v) for time_s, sd_v in parts if sd_v > 0)
 
 
 def _positive(row: tuple[float, ...]) -> tuple[float, ...]:

@@ -40,6 +40,11 @@ class Block:
         level = np.array(self.levels)
         return np.where(level > 0, level * discharge_a, level * charge_a)
 
+    def pairs(self, discharge_a: float, charge_a: float) -> list[tuple[float, float]]:
+        """Duration and current of every step."""
+        currents = self.currents(discharge_a, charge_a).tolist()
+        return [*zip(self.durations_s, currents, strict=True)]
+
 
 def candidate_blocks(
     key: Array, drive: Float[np.ndarray, "seconds"] | None = None
@@ -54,23 +59,23 @@ def candidate_blocks(
         drive: A drive cycle, 1 its largest discharge.
     """
     binary_key, step_key, sine_key, piece_key = jax.random.split(key, 4)
+    pulses_s = (10.0, 40.0, 10.0, 40.0)
     blocks = [
-        Block("rest", (300.0,), (0.0,)),
-        Block("slow discharge", (600.0,), (0.2,)),
-        Block("short pulses", (10.0, 40.0, 10.0, 40.0), (1.0, 0.0, -1.0, 0.0)),
-        Block("long pulse", (60.0, 180.0), (1.0, 0.0)),
-        Block("longest pulse", (180.0, 300.0), (1.0, 0.0)),
+        Block("slow discharge", (300.0,), (0.2,)),
+        Block("short pulses", pulses_s, (1.0, 0.0, -1.0, 0.0)),
+        Block("small pulses", pulses_s, (0.5, 0.0, -0.5, 0.0)),
+        Block("long pulse", (60.0, 120.0), (1.0, 0.0)),
     ]
-    for number, (clock_s, length_s) in enumerate(((4, 120), (12, 240), (40, 480), (120, 960))):
+    for number, (clock_s, length_s) in enumerate(((4, 64), (12, 144), (40, 240))):
         own = jax.random.fold_in(binary_key, number)
         for floor in (-1.0, 0.0):
             levels = np.where(_balanced(own, length_s // clock_s), 1.0, floor)
             name = f"binary {clock_s} s" + (", no charge" if floor == 0 else "")
             blocks.append(_joined(name, [float(clock_s)] * len(levels), levels))
-    for number, (longest_s, length_s) in enumerate(((30, 240), (120, 480), (300, 900))):
+    for number, (longest_s, length_s) in enumerate(((30, 120), (120, 360))):
         own = jax.random.fold_in(step_key, number)
         blocks.append(_random_steps(own, longest_s, length_s))
-    blocks.append(_multisine(sine_key, 480))
+    blocks.append(_multisine(sine_key, 256))
     if drive is not None and len(drive) > DRIVE_S:
         starts = jax.random.randint(piece_key, (2,), 0, len(drive) - DRIVE_S)
         for number, start in enumerate(np.asarray(starts).tolist(), 1):
@@ -79,7 +84,7 @@ def candidate_blocks(
     return tuple(blocks)
 
 
-DRIVE_S = 480
+DRIVE_S = 120
 
 
 def _balanced(key: Array, count: int) -> Int[np.ndarray, "count"]:

@@ -23,7 +23,7 @@ from ..records import read_record
 from ..search.evaluate import Evaluation
 from ..settings import NODES
 from ..uncertainty.noise import Slots, fit_gathered
-from .information import Believed, columns_along
+from .information import Believed, Seconds, columns_along
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -180,7 +180,7 @@ def _counting(believed: Believed, earlier: Sequence[Evaluation]) -> Believed:
     longest = max(earlier, key=lambda evaluated: float(np.ptp(evaluated.prepared.time_s)))
     believed = replace(
         believed,
-        earlier=[_evenly(evaluated.prepared) for evaluated in earlier],
+        earlier=[by_second(evaluated.prepared) for evaluated in earlier],
         noise=_noise_behind(believed, longest),
     )
     told = believed.told_before
@@ -190,22 +190,28 @@ def _counting(believed: Believed, earlier: Sequence[Evaluation]) -> Believed:
     return replace(believed, left_out=believed.rmse_v / left_v)
 
 
-def _evenly(prepared: PreparedRecord) -> tuple[Float[np.ndarray, "seconds"], float]:
-    """The mean current of every second of a record, and the state of charge at its start."""
+def by_second(prepared: PreparedRecord) -> Seconds:
+    """A record by the second."""
     time_s = prepared.time_s - prepared.time_s[0]
-    soc = np.interp(np.arange(0.0, time_s[-1] + 1.0), time_s, prepared.soc)
-    return -np.diff(soc) * prepared.capacity_ah * 3600, float(soc[0])
+    ends_s = np.arange(0.0, time_s[-1] + 1.0)
+    soc = np.interp(ends_s, time_s, prepared.soc)
+    at = np.floor(time_s[prepared.scored] + 1e-6).astype(int)
+    counted = np.isin(np.arange(len(soc) - 1), at)
+    current_a = -np.diff(soc) * prepared.capacity_ah * 3600
+    return Seconds(prepared.record.name, current_a, float(soc[0]), counted)
 
 
 def _noise_behind(believed: Believed, found: Evaluation) -> tuple[tuple[float, float], ...]:
     """The noise that intervals of a record are taken of (`uncertainty.noise`), as parts."""
-    columns, _ = columns_along(believed, *_evenly(found.prepared))
-    columns = columns[:, : len(believed.names)]
-    columns = columns[:, np.any(columns, axis=0)]
-    basis, sizes, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
+    seconds, own_s = by_second(found.prepared), found.prepared.time_s - found.prepared.time_s[0]
+    counted, time_s = seconds.counted, np.flatnonzero(seconds.counted).astype(float)
+    columns, _ = columns_along(believed, seconds.current_a, seconds.soc)
+    columns = columns[counted, : len(believed.names)]
+    lengths = np.linalg.norm(columns, axis=0)
+    seen = lengths > UNSEEN * lengths.max()
+    basis, sizes, _ = np.linalg.svd(columns[:, seen] / lengths[seen], full_matrices=False)
     basis = basis[:, sizes > UNSEEN * sizes[0]]
-    time_s = np.arange(float(len(basis)))
-    error_v = np.interp(time_s, found.prepared.time_s - found.prepared.time_s[0], found.error_v)
+    error_v = np.interp(time_s, own_s, found.error_v)
     slots = Slots.of(time_s, None, MAX_SLOTS)
     (noise,) = fit_gathered(
         slots,
@@ -216,7 +222,7 @@ def _noise_behind(believed: Believed, found: Evaluation) -> tuple[tuple[float, f
         squares_v2=np.array([error_v @ error_v]),
     )
     parts = zip(noise.correlation_s.tolist(), np.sqrt(noise.variance_v2).tolist(), strict=True)
-    return tuple((time_s, sd_v) for time_s, sd_v in parts if sd_v > 0)
+    return tuple((correlation_s, sd_v) for correlation_s, sd_v in parts if sd_v > 0)
 
 
 def _positive(row: tuple[float, ...]) -> tuple[float, ...]:

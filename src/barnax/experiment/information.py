@@ -17,11 +17,11 @@ Products add up over pieces of a test, as far as the error of one is not correla
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.signal import lfilter
 
@@ -51,6 +51,16 @@ Name = tuple[str, float | None]
 
 
 @dataclass(frozen=True, eq=False)
+class Seconds:
+    """A record by the second: its current, its state of charge at the start, and what counts."""
+
+    name: str
+    current_a: Float[np.ndarray, "seconds"]
+    soc: float
+    counted: Bool[np.ndarray, "seconds"]
+
+
+@dataclass(frozen=True, eq=False)
 class Believed:
     """What is believed of a cell before a test.
 
@@ -61,8 +71,7 @@ class Believed:
         rmse_v: RMSE that a fit leaves.
         noise: Parts of its error: correlation time in s, 0 for white, and standard deviation in V.
         settings: The tables that will be fitted; an OCV of the test's own where it has `ocv_nodes`.
-        earlier: Records that will be identified with the test's: the current of every second, and
-            the state of charge at the start.
+        earlier: Records that will be identified with the test's.
         known: Half the 95 % intervals that they left, relative or in V.
         left_out: How large what the circuit leaves out is, 1 for usual.
         ocv_reach_v: How far the OCV may be from the cell's.
@@ -74,7 +83,7 @@ class Believed:
     rmse_v: float
     noise: Sequence[tuple[float, float]]
     settings: TableSettings
-    earlier: Sequence[tuple[Float[np.ndarray, "seconds"], float]] = ()
+    earlier: Sequence[Seconds] = ()
     known: Mapping[Name, float] = field(default_factory=dict)
     left_out: float = 1.0
     ocv_reach_v: float = 0.0
@@ -145,8 +154,12 @@ class Believed:
     @cached_property
     def told_before(self) -> "Information | None":
         """What the earlier records tell."""
-        found = [information_of(self, columns_along(self, *own)[0]) for own in self.earlier]
-        return sum(found[1:], found[0]) if found else None
+        found = None
+        for own in self.earlier:
+            columns, _ = columns_along(self, own.current_a, own.soc)
+            told = information_of(self, columns * own.counted[:, None])
+            found = replace(told, samples=int(own.counted.sum())) + found
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -154,7 +154,7 @@ def design(
         predicted=predicted,
         initial_soc=HIGH_SOC,
         finds_ocv=believed.settings.ocv_nodes is not None,
-        earlier=len(believed.earlier),
+        earlier=tuple(record.name for record in believed.earlier),
         rmse_v=believed.rmse_v,
         noise=tuple(believed.noise),
         key=key,

@@ -71,7 +71,7 @@ class Design(Document):
         predicted: How it is believed to go.
         initial_soc: State of charge at its start.
         finds_ocv: Whether the OCV is found by the test too.
-        earlier: How many earlier records count, and are to be identified with the test's.
+        earlier: The records that count, and are to be identified with the test's.
         rmse_v: RMSE that a fit is taken to leave.
         noise: Correlation times in s and standard deviations in V of the error it reckons with.
         key: Random key.
@@ -89,7 +89,7 @@ class Design(Document):
     predicted: Predicted
     initial_soc: float
     finds_ocv: bool
-    earlier: int
+    earlier: tuple[str, ...]
     rmse_v: float
     noise: tuple[tuple[float, float], ...]
     key: int

@@ -124,11 +124,13 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     ends = f" At {limits.low_v:g} V in `{EMPTYING}`, end only that step." if is_emptied else ""
     yield "Voltage", f"{text}.{ends}"
     yield "Before it", _before(design)
-    whole_v = sum(sd**2 for _, sd in design.noise) ** 0.5
-    longest_s = max(time for time, _ in design.noise)
+    if design.earlier:
+        yield "Counted", f"{joined(design.earlier)}; identify it with what the test records."
+    longest_s = max(time_s for time_s, _ in design.noise)
     yield (
         "Assumed",
-        f"an error of the fit of {millivolt(whole_v)}, correlated over up to {longest_s:g} s.",
+        f"a fit leaves {millivolt(design.rmse_v)}, correlated over up to {longest_s:.3g} s, and is "
+        "as wrong on other loads as a circuit usually is.",
     )
 
 

@@ -153,8 +153,8 @@ def physics_lines(rows: Sequence[str]) -> list[str]:
         "",
         f"From capacity and chemistry alone: one test of {LONGEST_H:g} h and no OCV test, against "
         "an OCV test at C/20 in both directions (48 h) with an HPPC (12.7 h). RMSE on a drive "
-        f"cycle not used, in mV; {1e3 * NOISE_V:g} mV of white noise. The last but one is what a fit to "
-        "the drive cycle itself leaves, the last how far a voltage was beyond its limit.",
+        f"cycle not used, in mV; {1e3 * NOISE_V:g} mV of white noise. The last but one is what a "
+        "fit to the drive cycle itself leaves, the last how far a voltage was beyond its limit.",
         "",
         "| truth | hours | predicted | designed test alone | OCV test and HPPC | OCV test and "
         "designed test | the drive itself | beyond |",

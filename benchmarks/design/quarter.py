@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from barnax.cell import CellModel, characterize
-from barnax.experiment.belief import believed_of_fit, by_second
+from barnax.experiment.belief import believed_of_fit
+from barnax.experiment.earlier import by_second
 from barnax.experiment.information import (
     Believed,
     Information,
@@ -27,6 +28,8 @@ from barnax.reporting.design import reached_half
 from .virtual import SETTINGS, TABLES
 
 PIECE_S, QUARTER = 60, 4
+# Records that span so much of the state of charge are picked of.
+LONG = 0.6
 SCORED = Window(initial_soc=1.0, start_after_step=3, score_steps=(7, 8))
 
 
@@ -66,7 +69,8 @@ def measured(folder: Path) -> dict[str, tuple[CellModel, dict[str, PreparedRecor
 
 def each_second(prepared: PreparedRecord) -> PreparedRecord:
     """A record of which a voltage a second counts, as a test would log it."""
-    second = np.floor(prepared.time_s - prepared.time_s[0] + 1e-6)
+    # In its middle: currents change where it begins.
+    second = np.floor(prepared.time_s - prepared.time_s[0] + 0.5)
     is_first = np.append(True, np.diff(second) > 0)
     return replace(prepared, scored=prepared.scored & is_first)
 
@@ -102,7 +106,8 @@ def quarter_rows(
 ) -> list[list[float | str]]:
     """What each other record leads to pick of each record, and what that is worth."""
     rows: list[list[float | str]] = []
-    for known, name in permutations(records, 2):
+    long = [name for name, own in records.items() if np.ptp(own.soc[own.scored]) > LONG]
+    for known, name in permutations(long, 2):
         seen = evaluate_tables(records[known], fits[known].tables)
         believed = believed_of_fit(
             fits[known], SETTINGS, cell, fits[known].errors[0].rmse_v, [seen]

@@ -57,7 +57,8 @@ def test_columns_are_the_derivatives_of_the_voltage(believed):
 @pytest.mark.parametrize(("time_s", "tolerance"), [(0, 1e-12), (10, 1e-12), (200, 5e-3)])
 def test_the_noise_of_products_is_that_of_the_whole_covariance(believed, time_s, tolerance):
     columns, _ = columns_along(believed, np.repeat([0.0, 2.0, -1.0], 400), 0.5)
-    found = information_of(replace(believed, noise=((time_s, 3e-3),)), columns)
+    error = replace(believed.error, noise=((time_s, 3e-3),))
+    found = information_of(replace(believed, error=error), columns)
     lags = np.arange(len(columns))
     covariance = toeplitz(9e-6 * (np.exp(-lags / time_s) if time_s else lags == 0))
     own = columns[:, : len(believed.names)]
@@ -67,7 +68,7 @@ def test_the_noise_of_products_is_that_of_the_whole_covariance(believed, time_s,
 
 def test_the_error_on_a_drive_is_that_of_fits_to_cells_that_are_no_circuits(believed):
     rng = np.random.default_rng(1)
-    quiet = replace(believed, noise=(), left_out=2.0)
+    quiet = replace(believed, error=replace(believed.error, noise=(), left_out=2.0))
     test_a, drive_a = (np.repeat(rng.uniform(-2, 4, 300), 20) for _ in range(2))
     count = len(quiet.names)
     (on_test, _), (on_drive, _) = (columns_along(quiet, each, 1.0) for each in (test_a, drive_a))
@@ -84,14 +85,15 @@ def test_the_error_on_a_drive_is_that_of_fits_to_cells_that_are_no_circuits(beli
     assert left_v == pytest.approx(np.sqrt(np.mean(squares)), rel=0.1)
 
 
-def test_what_a_circuit_leaves_out_vanishes_for_currents_that_are_fitted(believed):
+def test_other_currents_than_were_fitted_leave_more(believed):
+    quiet = replace(believed, error=replace(believed.error, noise=()))
     current_a = np.repeat([0.0, 2.0, 0.0, -1.0], 300)
-    columns, _ = columns_along(replace(believed, noise=()), current_a, 0.6)
-    found = information_of(replace(believed, noise=()), columns)
-    inverse = found.inverse(believed)
-    own_v = found.left_on(believed, inverse, found.normal / found.samples)
-    harder, _ = columns_along(believed, 2 * current_a, 0.6)
-    other_v = found.left_on(believed, inverse, harder.T @ harder / len(harder))
+    columns, _ = columns_along(quiet, current_a, 0.6)
+    found = information_of(quiet, columns)
+    inverse = found.inverse(quiet)
+    own_v = found.left_on(quiet, inverse, found.normal / found.samples)
+    harder, _ = columns_along(quiet, 2 * current_a, 0.6)
+    other_v = found.left_on(quiet, inverse, harder.T @ harder / len(harder))
     # Twice the current is four times as much that changes with it, and none of it was fitted.
     assert other_v > 2.5 * own_v
 

@@ -1,13 +1,19 @@
 """`barnax design`: the next test of a cell."""
 
+import math
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from ..errors import InputError
 from .options import argument, group, option
 from .output import Output
 from .session import as_flags, use_compilation_cache
+
+if TYPE_CHECKING:
+    from ..experiment import Design
+    from ..results import Result
 
 FOLDER = Path("barnax-design")
 CELL, TEST, LIMITS = "Cell", "Test", "Limits"
@@ -35,11 +41,12 @@ class Test:
         TEST,
         "NAME=HALF",
         "Half the 95 % interval that is wanted from 10 to 90 % SOC, such as R0=2%, R1=10%, R2=10% "
-        "or OCV=10mV; repeatable; hppc wants what an HPPC would tell.",
+        "or OCV=10mV, or the error on a drive cycle, drive=8mV; repeatable; hppc wants what an "
+        "HPPC would tell.",
     )
     max_hours: float = option(TEST, "HOURS", "The longest that it may take.", 3.0)
     blocks: str | None = option(
-        TEST, "NAME,NAME", "Only pieces whose names begin so, such as rest,long,short."
+        TEST, "NAME,NAME", "Only pieces whose names begin so, such as long,short,binary."
     )
     key: int = option(TEST, "N", "Random key of the random pieces.", 0)
 
@@ -59,6 +66,9 @@ class Kept:
     max_charge: str | None = option(
         LIMITS, "RATE", "Largest charge, likewise (default: half of that)."
     )
+    max_warming: float = option(
+        LIMITS, "K", "How much the test may warm the cell in moving air.", math.inf
+    )
     temperature: float | None = option(LIMITS, "DEGC", "Temperature of the test.")
 
 
@@ -76,28 +86,31 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
 
         from ..experiment import candidate_blocks
         from ..experiment import design as designed
-        from ..experiment.next_test import drive_levels
+        from ..experiment.protocol import drive_levels
         from ..reporting.design import design_files, design_screen
         from ..reporting.terminal import parts_line
+        from ..results import Result
 
     blocks = None
     if test.blocks is not None:
         beginnings = tuple(name.strip() for name in test.blocks.split(","))
-        known = candidate_blocks(jax.random.key(test.key), drive_levels())
-        blocks = [each for each in known if each.name.startswith(beginnings)]
+        usual = candidate_blocks(jax.random.key(test.key), drive_levels())
+        blocks = [block for block in usual if block.name.startswith(beginnings)]
         for beginning in beginnings:
-            if not beginning or not any(each.name.startswith(beginning) for each in known):
+            if not beginning or not any(block.name.startswith(beginning) for block in usual):
                 raise InputError(
                     f"`blocks` {beginning!r}: no piece is called so; there are "
-                    f"{', '.join(each.name for each in known)}"
+                    f"{', '.join(block.name for block in usual)}"
                 )
     with session.watch("Designing"):
+        known = None if cell.result is None else Result.load(cell.result)
         found = designed(
-            cell.result, capacity=cell.capacity, chemistry=cell.chemistry,
+            known, capacity=cell.capacity, chemistry=cell.chemistry,
             max_hours=test.max_hours, want=_wanted(test.want), blocks=blocks, key=test.key,
             low_voltage=kept.low_voltage, high_voltage=kept.high_voltage,
             max_discharge=_rate("max_discharge", kept.max_discharge),
-            max_charge=_rate("max_charge", kept.max_charge), temperature=kept.temperature,
+            max_charge=_rate("max_charge", kept.max_charge), max_warming=kept.max_warming,
+            temperature=kept.temperature,
         )  # fmt: skip
 
     def files() -> dict[str, bytes]:
@@ -115,19 +128,21 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
         session.show(
             ["", parts_line([f"{folder}/{names[0]}", *names[1:], f"{session.elapsed_s:.1f} s"])]
         )
-        session.show(_next(found, folder))
+        session.show(_next(found, known, folder))
 
 
-def _next(found: Any, folder: Path) -> list[Any]:
+def _next(found: "Design", known: "Result | None", folder: Path) -> list[Any]:
+    """What to do after the test: identify its record, with all that counted."""
     from ..reporting.terminal import next_lines
 
-    given = f"--capacity {found.capacity_ah:g} --initial-soc {found.initial_soc:g}"
-    return [
-        *next_lines(
-            "run it, and identify the record",
-            f"barnax identify RECORD {given} --design {folder}",
-        )
-    ]
+    soc = f"{found.initial_soc:g}"
+    words = ["barnax", "identify", *found.earlier, "RECORD"]
+    words += ["--initial-soc", f"RECORD={soc}" if found.earlier else soc]
+    tests = [] if known is None else known.of_role("OCV test")
+    words += [word for part in tests for word in ("--ocv", part.name)]
+    words += [] if tests else ["--capacity", f"{found.capacity_ah:g}"]
+    command = shlex.join([*words, "--design", str(folder)])
+    return [*next_lines("run it, and identify the record", command)]
 
 
 def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] | None:

@@ -14,16 +14,14 @@ from ..cell.elements import RC
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..cell.tables import LEAST_OHM
 from ..errors import InputError
-from ..model.prepared import PreparedRecord
 from ..over_soc import TableFit
-from ..over_soc.intervals import MAX_SLOTS, UNSEEN
 from ..over_soc.level import with_own_ocv
 from ..over_soc.settings import TableSettings
 from ..records import read_record
 from ..search.evaluate import Evaluation
 from ..settings import NODES
-from ..uncertainty.noise import Slots, fit_gathered
-from .information import Believed, Seconds, columns_along
+from .earlier import by_second, error_of
+from .information import Believed, Error
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -41,6 +39,8 @@ UNKNOWN, UNKNOWN_OCV_V = 2.0, {"nmc": 0.05, "lfp": 0.03}
 # the RMSE where none is known.
 SHAPE = ((0.0, 0.4), (10.0, 0.65), (200.0, 0.7), (1000.0, 0.5))
 TYPICAL_V = 5e-3
+# Of the RMSE, what is not due to what the circuit leaves out.
+REST = 0.6
 # A table of a known cell may be off by its interval, and by this.
 LEAST_WORST, LEAST_OCV_V = 1.15, 5e-3
 
@@ -66,8 +66,7 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
         cell=cell,
         tables=CircuitParameters.over_soc(NODES, TYPICAL_TAU_S, r0, tuple(r)),
         worst=np.full(len(NODES), UNKNOWN),
-        rmse_v=TYPICAL_V,
-        noise=noise_of(TYPICAL_V),
+        error=typical_error(TYPICAL_V),
         settings=with_own_ocv(TableSettings()),
         ocv_reach_v=UNKNOWN_OCV_V[chemistry],
     )
@@ -110,8 +109,7 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
         cell=cell,
         tables=CircuitParameters.over_soc(NODES, circuit.tau_s, r0_ohm, r_ohm),
         worst=np.full(len(NODES), UNKNOWN),
-        rmse_v=rmse_v,
-        noise=noise_of(rmse_v),
+        error=typical_error(rmse_v),
         settings=with_own_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
         ocv_reach_v=LEAST_OCV_V,
     )
@@ -163,8 +161,7 @@ def believed_of_fit(
         cell=cell,
         tables=tables,
         worst=_worst(fit, settings.nodes),
-        rmse_v=rmse_v,
-        noise=noise_of(rmse_v),
+        error=typical_error(rmse_v),
         settings=with_own_ocv(settings) if cell.is_of_records else settings,
         known=known,
         ocv_reach_v=LEAST_OCV_V + max(corrections, default=0.0),
@@ -173,65 +170,23 @@ def believed_of_fit(
 
 
 def _counting(believed: Believed, earlier: Sequence[Evaluation]) -> Believed:
-    """The same with records that will be identified with the test's, the noise that their errors
-    show, and as much left out of the circuit as leaves their RMSE."""
+    """The same with records that will be identified with the test's, and the error that the longest
+    of them shows."""
     if not earlier:
-        return replace(believed, left_out=believed.rmse_v / TYPICAL_V)
+        return believed
     longest = max(earlier, key=lambda evaluated: float(np.ptp(evaluated.prepared.time_s)))
-    believed = replace(
-        believed,
-        earlier=[by_second(evaluated.prepared) for evaluated in earlier],
-        noise=_noise_behind(believed, longest),
-    )
-    told = believed.told_before
-    assert told is not None
-    quiet = replace(told, noise=np.zeros_like(told.noise))
-    left_v = quiet.left_on(believed, quiet.inverse(believed), quiet.normal / quiet.samples)
-    return replace(believed, left_out=believed.rmse_v / left_v)
-
-
-def by_second(prepared: PreparedRecord) -> Seconds:
-    """A record by the second."""
-    time_s = prepared.time_s - prepared.time_s[0]
-    ends_s = np.arange(0.0, time_s[-1] + 1.0)
-    soc = np.interp(ends_s, time_s, prepared.soc)
-    at = np.floor(time_s[prepared.scored] + 1e-6).astype(int)
-    counted = np.isin(np.arange(len(soc) - 1), at)
-    current_a = -np.diff(soc) * prepared.capacity_ah * 3600
-    return Seconds(prepared.record.name, current_a, float(soc[0]), counted)
-
-
-def _noise_behind(believed: Believed, found: Evaluation) -> tuple[tuple[float, float], ...]:
-    """The noise that intervals of a record are taken of (`uncertainty.noise`), as parts."""
-    seconds, own_s = by_second(found.prepared), found.prepared.time_s - found.prepared.time_s[0]
-    counted, time_s = seconds.counted, np.flatnonzero(seconds.counted).astype(float)
-    columns, _ = columns_along(believed, seconds.current_a, seconds.soc)
-    columns = columns[counted, : len(believed.names)]
-    lengths = np.linalg.norm(columns, axis=0)
-    seen = lengths > UNSEEN * lengths.max()
-    basis, sizes, _ = np.linalg.svd(columns[:, seen] / lengths[seen], full_matrices=False)
-    basis = basis[:, sizes > UNSEEN * sizes[0]]
-    error_v = np.interp(time_s, own_s, found.error_v)
-    slots = Slots.of(time_s, None, MAX_SLOTS)
-    (noise,) = fit_gathered(
-        slots,
-        counts=slots.gathered(time_s, np.ones(len(time_s))),
-        errors_v=slots.gathered(time_s, error_v[:, None]),
-        columns=slots.gathered(time_s, basis),
-        products=np.eye(basis.shape[1]),
-        squares_v2=np.array([error_v @ error_v]),
-    )
-    parts = zip(noise.correlation_s.tolist(), np.sqrt(noise.variance_v2).tolist(), strict=True)
-    return tuple((correlation_s, sd_v) for correlation_s, sd_v in parts if sd_v > 0)
+    seconds = [by_second(evaluated.prepared) for evaluated in earlier]
+    return replace(believed, earlier=seconds, error=error_of(believed, longest))
 
 
 def _positive(row: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(max(each, LEAST_OHM) for each in row)
 
 
-def noise_of(rmse_v: float) -> tuple[tuple[float, float], ...]:
-    """What a fit with that error is taken to leave: correlation times in s, deviations in V."""
-    return tuple((time_s, share * rmse_v) for time_s, share in SHAPE)
+def typical_error(rmse_v: float) -> Error:
+    """The error that a fit with that RMSE is taken to have."""
+    noise = tuple((time_s, share * rmse_v) for time_s, share in SHAPE)
+    return Error(rmse_v, noise, rmse_v / TYPICAL_V, REST * rmse_v)
 
 
 def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"]:

@@ -50,6 +50,24 @@ Normal = Float[np.ndarray, "columns columns"]
 Name = tuple[str, float | None]
 
 
+@dataclass(frozen=True)
+class Error:
+    """The error that a fit is taken to leave.
+
+    Args:
+        rmse_v: Its RMSE.
+        noise: It as noise, in parts: correlation time in s, 0 for white, and standard deviation in
+            V.
+        left_out: How large what the circuit leaves out is, 1 for usual.
+        rest_v: The RMSE without what that makes.
+    """
+
+    rmse_v: float
+    noise: tuple[tuple[float, float], ...]
+    left_out: float
+    rest_v: float
+
+
 @dataclass(frozen=True, eq=False)
 class Seconds:
     """A record by the second: its current, its state of charge at the start, and what counts."""
@@ -68,25 +86,26 @@ class Believed:
         cell: Its OCV, hysteresis and capacity.
         tables: Its resistances and time constants.
         worst: How many times their values the resistances may be, at every node of the tables.
-        rmse_v: RMSE that a fit leaves.
-        noise: Parts of its error: correlation time in s, 0 for white, and standard deviation in V.
+        error: What a fit leaves.
         settings: The tables that will be fitted; an OCV of the test's own where it has `ocv_nodes`.
         earlier: Records that will be identified with the test's.
         known: Half the 95 % intervals that they left, relative or in V.
-        left_out: How large what the circuit leaves out is, 1 for usual.
         ocv_reach_v: How far the OCV may be from the cell's.
     """
 
     cell: CellModel
     tables: CircuitParameters
     worst: Float[np.ndarray, "nodes"]
-    rmse_v: float
-    noise: Sequence[tuple[float, float]]
+    error: Error
     settings: TableSettings
     earlier: Sequence[Seconds] = ()
     known: Mapping[Name, float] = field(default_factory=dict)
-    left_out: float = 1.0
     ocv_reach_v: float = 0.0
+
+    @cached_property
+    def usual(self) -> "Believed":
+        """The same where the circuit leaves out as much as usual."""
+        return replace(self, error=replace(self.error, left_out=1.0))
 
     @cached_property
     def names(self) -> tuple[Name, ...]:
@@ -192,16 +211,27 @@ class Information:
         whole[np.diag_indices(len(whole))] += 1e-12 * np.diag(whole).max()
         return cho_solve(cho_factor(whole), np.eye(len(whole)))
 
+    def covariance(self, believed: Believed, inverse: Normal) -> Normal:
+        """The covariance of what a fit finds, where what the circuit leaves out makes as much of
+        its error as of the known one, or more."""
+        error, own = believed.error, self.normal / max(self.samples, 1)
+        level = (error.rest_v**2 + self._left_out_on(inverse, own)) / error.rmse_v**2
+        return level * (inverse @ self.noise @ inverse)
+
     def left_on(self, believed: Believed, inverse: Normal, drive: Normal) -> float:
         """The RMSE in V of a fit of these samples where the mean product of columns is `drive`."""
-        count = len(inverse)
-        own, crossed = drive[:count, :count], drive[:count, count:]
-        followed = inverse @ self.normal[:count, count:]
         smoothed = LIGHT * self.samples * inverse @ (believed.penalty * believed.unseen)
-        spread = inverse @ self.noise @ inverse
-        spread += followed @ followed.T + smoothed @ smoothed.T
-        alone = np.trace(drive[count:, count:]) - 2 * np.sum(followed * crossed)
-        return math.sqrt(max(float(np.sum(own * spread) + alone), 0.0))
+        spread = self.covariance(believed, inverse) + smoothed @ smoothed.T
+        count = len(inverse)
+        squared = np.sum(drive[:count, :count] * spread) + self._left_out_on(inverse, drive)
+        return math.sqrt(max(float(squared), 0.0))
+
+    def _left_out_on(self, inverse: Normal, drive: Normal) -> float:
+        """The mean square in V2 that what the circuit leaves out makes there."""
+        count = len(inverse)
+        followed = inverse @ self.normal[:count, count:]
+        left = drive[:count, :count] @ followed - 2 * drive[:count, count:]
+        return float(np.trace(drive[count:, count:]) + np.sum(followed * left))
 
 
 def columns_along(
@@ -226,7 +256,7 @@ def columns_along(
         above, below = (after(ohm * current_a, own_s * math.exp(way * STEP)) for way in (1, -1))
         rows.append((above - below)[None] / (2 * STEP))
 
-    flows = believed.left_out * hats(along, LEFT_OUT_NODES).T * current_a
+    flows = believed.error.left_out * hats(along, LEFT_OUT_NODES).T * current_a
     other = OTHER_PAIR * flows * tables.at(OHMIC, along)
     between_s = np.sqrt(tau_s[:-1] * tau_s[1:])
     for other_s in (*(tau_s[0] * np.array(FASTER)), *between_s, *(tau_s[-1] * np.array(SLOWER))):
@@ -245,7 +275,7 @@ def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0
     count = int(np.sum(used < len(believed.names)))
     own, squares = rows[:count], products[:count, :count]
     noise = np.zeros_like(squares)
-    for time_s, sd_v in believed.noise:
+    for time_s, sd_v in believed.error.noise:
         if time_s == 0:
             noise += sd_v**2 * squares
             continue
@@ -309,7 +339,7 @@ def _halves(believed: Believed, found: Information) -> Float[np.ndarray, "unknow
     """Half the intervals as `over_soc.intervals` has them: by the noise, and half of what smoothing
     and the straight lines between nodes move."""
     light, smooth = found.inverse(believed), found.inverse(believed, 1.0)
-    errors = np.sqrt(np.maximum(np.diag(light @ found.noise @ light), 0.0))
+    errors = np.sqrt(np.maximum(np.diag(found.covariance(believed, light)), 0.0))
     is_r = np.array([name.startswith("R") for name, _ in believed.names])
     smoothed = (smooth - light) @ (found.of_unknowns @ np.where(is_r, believed.values, 0.0))
     moved, is_seen = np.zeros(len(errors)), np.diag(found.of_unknowns) > 0

@@ -12,18 +12,29 @@ import numpy as np
 from jaxtyping import Array
 
 from ..blas import one_blas_thread
-from ..bundled import bundled_file
 from ..errors import InputError
-from ..records import read_record
 from ..results import Result
 from .belief import WINDOW_V, believed_of_chemistry, believed_of_result
 from .blocks import Block, candidate_blocks
 from .information import Believed, Normal, Width, columns_along, information_of, widths_of
-from .protocol import INTERVAL_S, Limits, Step, hppc_steps, move, sampled, voltage_along
+from .protocol import (
+    COARSE_S,
+    HIGH_SOC,
+    INTERVAL_S,
+    LOW_SOC,
+    Limits,
+    Step,
+    drive_levels,
+    drive_steps,
+    hppc_steps,
+    move,
+    sampled,
+    voltage_along,
+    warming_of,
+)
 from .search import Choice, Criterion, Found, OnDrive, Pattern, Wish, worst_first
 from .stored import DRIVE, WANTED_SOC, Design, Predicted, Reference
 
-HIGH_SOC, LOW_SOC = 1.0, 0.05
 WANTED = {"R0": 0.02, "R1": 0.2, "R2": 0.3, "OCV": 15e-3}
 # Of the RMSE that a fit leaves, what is wanted on a drive cycle.
 WANTED_ON_DRIVE = 1.5
@@ -38,9 +49,9 @@ REACHED = 1.005
 ROUNDED = 1.001
 # By how much of the SOC a piece is first taken to leave its stretch.
 LEAST_BEYOND = 0.01
+# By how much more than a square law currents are lowered where they warm too much.
+LESS_WARM = 0.95
 DEFAULT_C = (1.0, 0.5)
-# Usual tests last half a day, and are looked at in so many seconds.
-REFERENCE_S = 2.0
 
 
 def design(
@@ -54,6 +65,7 @@ def design(
     high_voltage: float | None = None,
     max_discharge: float | Sequence[tuple[float, float]] | None = None,
     max_charge: float | Sequence[tuple[float, float]] | None = None,
+    max_warming: float = math.inf,
     temperature: float | None = None,
     blocks: Sequence[Block] | None = None,
     criterion: Criterion = worst_first,
@@ -80,6 +92,7 @@ def design(
         max_discharge: Largest discharge in 1/h of the capacity, or pairs of state of charge and
             rate; by default 1, with a result what its records reached.
         max_charge: Largest charge, likewise; by default 0.5, or half the largest discharge.
+        max_warming: By how many K at most the worst case may warm the cell, in moving air.
         temperature: Temperature of the test in degC, for a result over temperature.
         blocks: What it is composed of beside moves and rests; by default `candidate_blocks`.
         criterion: What is lowered, a function of the widths over the wanted ones; the error on the
@@ -107,6 +120,7 @@ def design(
         window_v[1] if high_voltage is None else high_voltage,
         rates_c[0] if max_discharge is None else max_discharge,
         rates_c[1] if max_charge is None else max_charge,
+        max_warming,
     )
     random_key = jax.random.key(key)
     blocks = candidate_blocks(random_key, drive_levels()) if blocks is None else blocks
@@ -114,17 +128,15 @@ def design(
     largest_a, charged_a = limits.allowed(believed, 0.6, 0.4)
     usual = {
         "HPPC": hppc_steps(capacity_ah, largest_a, charged_a),
-        "drive cycle": _drive_steps(capacity_ah, largest_a),
+        "drive cycle": drive_steps(capacity_ah, largest_a),
     }
     on_drive, soc = columns_along(
-        believed, sampled(usual["drive cycle"], REFERENCE_S), HIGH_SOC, REFERENCE_S
+        believed, sampled(usual["drive cycle"], COARSE_S), HIGH_SOC, COARSE_S
     )
     on_drive = on_drive[soc >= WANTED_SOC[0]]
     normal = on_drive.T @ on_drive / len(on_drive)
     references = tuple(
-        Reference(
-            name=name, hours=_hours(steps), widths=_widths(believed, steps, normal, REFERENCE_S)
-        )
+        Reference(name=name, hours=_hours(steps), widths=_widths(believed, steps, normal, COARSE_S))
         for name, steps in usual.items()
     )
     wanted = _medians(believed, references[0].widths) if want == "hppc" else want
@@ -155,8 +167,7 @@ def design(
         initial_soc=HIGH_SOC,
         finds_ocv=believed.settings.ocv_nodes is not None,
         earlier=tuple(record.name for record in believed.earlier),
-        rmse_v=believed.rmse_v,
-        noise=tuple(believed.noise),
+        error=believed.error,
         key=key,
     )
 
@@ -220,7 +231,7 @@ def wishes_of(
             raise InputError(f"`want` {name!r}: the test can narrow {', '.join(names)}")
         if not 0 < half < 1:
             raise InputError(f"`want` {name}={half:g} must be above 0, and under 1 (100 % or 1 V)")
-    usual = {**WANTED, DRIVE: WANTED_ON_DRIVE * believed.rmse_v}
+    usual = {**WANTED, DRIVE: WANTED_ON_DRIVE * believed.error.rmse_v}
     wanted = {name: usual.get(name, 0.1) for name in names} if want is None else dict(want)
     return [
         Wish(place, wanted[_short(name)])
@@ -264,20 +275,14 @@ def _planned(
             # Smaller currents may not bring back the charge that the pieces take.
             best, hours = _best(choice, max_hours, key, starts), max_hours
             continue
-        predicted, beyond_v, is_over = _simulated(choice, steps, len(steps) - len(choice.last))
-        if beyond_v <= 0 and not is_over:
+        predicted, limits = _simulated(choice, steps)
+        if limits == choice.limits:
             return steps, predicted
-        limits = choice.limits
-        limits = replace(
-            limits,
-            margin_v=limits.margin_v + beyond_v + 1e-3 if beyond_v > 0 else limits.margin_v,
-            beyond_soc=max(LEAST_BEYOND, 2 * limits.beyond_soc) if is_over else limits.beyond_soc,
-        )
         choice = replace(choice, limits=limits)
     raise InputError(
         f"no test stays between {choice.limits.low_v:g} and {choice.limits.high_v:g} V in the "
-        "worst case; widen `low_voltage` and `high_voltage`, or lower `max_discharge` and "
-        "`max_charge`"
+        "worst case, or warms so little; widen `low_voltage` and `high_voltage`, allow more "
+        "`max_hours`, or lower `max_discharge` and `max_charge`"
     )
 
 
@@ -317,28 +322,33 @@ def _emptying(believed: Believed, limits: Limits) -> tuple[Step, ...]:
     return (move("to empty", LOW_SOC * capacity_ah, rate_a), rest) if rate_a > 0 else (rest,)
 
 
-def _simulated(
-    choice: Choice, steps: Sequence[Step], counted: int
-) -> tuple[Predicted, float, bool]:
-    """The test as it goes, by how much the worst case of the counted steps leaves a voltage, and
-    whether a current is over what is named for its state of charge."""
+def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits]:
+    """The test as it goes, and the limits of the choice, tightened where its worst case leaves a
+    voltage, warms too much, or has a current over what is named for its state of charge."""
     believed, limits, current_a = choice.believed, choice.limits, sampled(steps)
     voltage_v, soc = voltage_along(believed, current_a, choice.high_soc)
     low_v, _ = voltage_along(believed, current_a, choice.high_soc, -1)
     high_v, _ = voltage_along(believed, current_a, choice.high_soc, 1)
     ends = np.cumsum([round(step.duration_s / INTERVAL_S) for step in steps])
-    counts = np.arange(len(current_a)) <= ends[counted - 1]
+    counts = np.arange(len(current_a)) <= ends[len(steps) - len(choice.last) - 1]
     # The rest of a full cell is at its highest voltage, and no test's doing.
     charges = counts & (current_a < 0)
     beyond_v = max(
         float(np.max(np.where(counts, limits.low_v - low_v, -math.inf))),
         float(np.max(np.where(charges, high_v - limits.high_v, -math.inf))),
     )
+    if beyond_v > 0:
+        limits = replace(limits, margin_v=limits.margin_v + beyond_v + 1e-3)
     discharge_a, charge_a = limits.rates_a(believed.cell.capacity_ah, soc)
     # A current holds until the next sample, by when its limit may have passed it a little.
-    is_over = np.any((current_a > ROUNDED * discharge_a) | (-current_a > ROUNDED * charge_a))
+    if np.any((current_a > ROUNDED * discharge_a) | (-current_a > ROUNDED * charge_a)):
+        limits = replace(limits, beyond_soc=max(LEAST_BEYOND, 2 * limits.beyond_soc))
+    worst_v = np.where(current_a > 0, low_v, high_v)
+    worst_k = warming_of(believed, current_a, worst_v, soc)
+    if worst_k > limits.warming_k:
+        share = LESS_WARM * math.sqrt(limits.warming_k / worst_k)
+        limits = replace(limits, share=limits.share * share)
     at = np.stack([np.append(0, ends[:-1]), ends - 1], axis=1).ravel()
-    time_s = INTERVAL_S * np.stack([np.append(0, ends[:-1]), ends], axis=1).ravel()
     drawn = {
         "current_a": current_a,
         "voltage_v": voltage_v,
@@ -346,8 +356,12 @@ def _simulated(
         "high_v": high_v,
         "soc": soc,
     }
-    rounded = {name: np.round(values[at], 5) for name, values in drawn.items()}
-    return Predicted(time_s=time_s, **rounded), beyond_v, bool(is_over)
+    predicted = Predicted(
+        time_s=INTERVAL_S * np.stack([np.append(0, ends[:-1]), ends], axis=1).ravel(),
+        **{name: np.round(values[at], 5) for name, values in drawn.items()},
+        warming_k=warming_of(believed, current_a, voltage_v, soc),
+    )
+    return predicted, limits
 
 
 def _widths(
@@ -361,19 +375,3 @@ def _widths(
         for whole in (found, found + believed.told_before)
     )
     return (*widths_of(believed, found), Width(f"{DRIVE} [V]", None, 0.0, alone, after, None))
-
-
-def drive_levels() -> np.ndarray:
-    """The bundled drive cycle, a level every second."""
-    current_a = read_record(bundled_file("validation")).current_a
-    return current_a / current_a.max()
-
-
-def _drive_steps(capacity_ah: float, largest_a: float) -> list[Step]:
-    """The bundled drive cycles with such a largest current, from full until empty."""
-    current_a = read_record(bundled_file("identification")).current_a
-    current_a = current_a / current_a.max() * largest_a
-    whole = np.tile(current_a, 4)
-    soc = 1 - np.cumsum(whole) / 3600 / capacity_ah
-    last = int(np.argmax(soc < LOW_SOC)) or len(whole)
-    return [Step("drive cycle", REFERENCE_S, float(each)) for each in whole[:last:2]]

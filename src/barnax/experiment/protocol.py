@@ -8,10 +8,19 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import lfilter
 
+from ..bundled import bundled_file
 from ..errors import InputError
+from ..records import read_record
 from .information import Believed
 
 INTERVAL_S = 1.0
+# A test starts full, and ends so low.
+HIGH_SOC, LOW_SOC = 1.0, 0.05
+# Usual tests last long, and are looked at in so many seconds.
+COARSE_S = 2.0
+# A cell in moving air warms by so many K for a W an Ah, in so many s: 18650 cells by about 30,
+# large ones by 70.
+WARMING_K, WARMING_S = 50.0, 900.0
 SHORTEST_MOVE_S = 5
 
 
@@ -40,8 +49,10 @@ class Limits:
         discharge_c: Largest discharge in 1/h of the capacity; pairs of SOC and rate where it
             follows the SOC, linear between them.
         charge_c: Largest charge, likewise.
+        warming_k: How much the worst case may warm the cell in moving air.
         margin_v: How far from both voltages the worst case stays.
         beyond_soc: How far pieces may leave their stretch of SOC, where rates follow it.
+        share: Of the rates, what is used.
 
     Raises `InputError` for voltages that leave nothing between them, and for rates that are none.
     """
@@ -50,8 +61,10 @@ class Limits:
     high_v: float
     discharge_c: float | Sequence[tuple[float, float]] = 1.0
     charge_c: float | Sequence[tuple[float, float]] = 0.5
+    warming_k: float = math.inf
     margin_v: float = 0.02
     beyond_soc: float = 0.0
+    share: float = 1.0
 
     def __post_init__(self) -> None:
         if not 0 < self.low_v < self.high_v < math.inf:
@@ -59,6 +72,8 @@ class Limits:
                 f"`low_voltage` {self.low_v:g} V must be positive and under `high_voltage` "
                 f"{self.high_v:g} V"
             )
+        if not self.warming_k > 0:
+            raise InputError(f"`max_warming` {self.warming_k:g} K must be above 0")
         named = {"max_discharge": self.discharge_c, "max_charge": self.charge_c}
         for name, rate in named.items():
             pairs = [(0.0, rate)] if isinstance(rate, int | float) else [*rate]
@@ -87,7 +102,7 @@ class Limits:
         near = np.linspace(low_soc - self.beyond_soc, high_soc + self.beyond_soc, 21)
         rates = map(np.min, self.rates_a(capacity_ah, near))
         discharge_a, charge_a = (
-            max(0.0, min(float(limit), float(rate)))
+            max(0.0, min(float(limit), self.share * float(rate)))
             for limit, rate in zip((down, up), rates, strict=True)
         )
         # A cell that is full cannot be charged.
@@ -126,6 +141,19 @@ def voltage_along(
     return ocv_v - total, along
 
 
+def warming_of(
+    believed: Believed,
+    current_a: Float[np.ndarray, "samples"],
+    voltage_v: Float[np.ndarray, "samples"],
+    soc: Float[np.ndarray, "samples"],
+) -> float:
+    """By how many K at most a cell warms, of which that voltage is believed."""
+    heat_w = current_a * (believed.ocv_v(soc) - voltage_v)
+    kept = math.exp(-INTERVAL_S / WARMING_S)
+    warmed_k = lfilter([1 - kept], [1.0, -kept], heat_w) * WARMING_K / believed.cell.capacity_ah
+    return float(np.max(warmed_k))
+
+
 def hppc_steps(capacity_ah: float, discharge_a: float, charge_a: float) -> list[Step]:
     """A pulse test as it is usually run: at every 10 % an hour of rest, 30 s of discharge, 40 s of
     rest, 10 s of charge, and a move of C/3."""
@@ -138,6 +166,21 @@ def hppc_steps(capacity_ah: float, discharge_a: float, charge_a: float) -> list[
             pulsed_ah = (30 * discharge_a - (10 * charge_a if level else 0)) / 3600
             steps.append(move("move", 0.1 * capacity_ah - pulsed_ah, capacity_ah / 3))
     return steps
+
+
+def drive_levels() -> Float[np.ndarray, "seconds"]:
+    """The bundled drive cycle, a level every second."""
+    current_a = read_record(bundled_file("validation")).current_a
+    return current_a / current_a.max()
+
+
+def drive_steps(capacity_ah: float, largest_a: float) -> list[Step]:
+    """Other bundled drive cycles with such a largest current, from full until empty."""
+    current_a = read_record(bundled_file("identification")).current_a
+    whole = np.tile(current_a / current_a.max() * largest_a, 4)
+    soc = HIGH_SOC - np.cumsum(whole) / 3600 / capacity_ah
+    last = int(np.argmax(soc < LOW_SOC)) or len(whole)
+    return [Step("drive cycle", COARSE_S, level_a) for level_a in whole[:last:2].tolist()]
 
 
 def move(name: str, charge_ah: float, rate_a: float) -> Step:

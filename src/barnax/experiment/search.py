@@ -195,7 +195,7 @@ class Choice:
         whole = found + self.believed.told_before
         inverse = whole.inverse(self.believed)
         places = [wish.place for wish in self.wishes]
-        variance = np.einsum("ij,jk,ik->i", inverse[places], whole.noise, inverse[places])
+        variance = np.diag(whole.covariance(self.believed, inverse))[places]
         wished = np.array([wish.half for wish in self.wishes]) * self.believed.units[places]
         widths = HALF_95 * np.sqrt(np.maximum(variance, 0.0)) / wished
         if self.drive is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..display import hook
 from ..schema import ARRAY, Document, Part
-from .information import Width
+from .information import Error, Width
 from .protocol import Limits, Step
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ class Predicted(Part):
         low_v: The lowest that it may be.
         high_v: The highest that it may be.
         soc: State of charge.
+        warming_k: By how much it warms the cell at most, in moving air.
     """
 
     time_s: Annotated[np.ndarray, ARRAY]
@@ -39,6 +40,7 @@ class Predicted(Part):
     low_v: Annotated[np.ndarray, ARRAY]
     high_v: Annotated[np.ndarray, ARRAY]
     soc: Annotated[np.ndarray, ARRAY]
+    warming_k: float
 
 
 class Reference(Part):
@@ -72,8 +74,7 @@ class Design(Document):
         initial_soc: State of charge at its start.
         finds_ocv: Whether the OCV is found by the test too.
         earlier: The records that count, and are to be identified with the test's.
-        rmse_v: RMSE that a fit is taken to leave.
-        noise: Correlation times in s and standard deviations in V of the error it reckons with.
+        error: The error that a fit is taken to leave.
         key: Random key.
     """
 
@@ -90,8 +91,7 @@ class Design(Document):
     initial_soc: float
     finds_ocv: bool
     earlier: tuple[str, ...]
-    rmse_v: float
-    noise: tuple[tuple[float, float], ...]
+    error: Error
     key: int
 
     what: ClassVar[str] = "barnax design"

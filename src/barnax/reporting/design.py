@@ -123,14 +123,18 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     is_emptied = any(name == EMPTYING for name, _ in design.pieces)
     ends = f" At {limits.low_v:g} V in `{EMPTYING}`, end only that step." if is_emptied else ""
     yield "Voltage", f"{text}.{ends}"
+    yield (
+        "Warming",
+        f"by about {predicted.warming_k:.2g} K in moving air, as cells usually do.",
+    )
     yield "Before it", _before(design)
     if design.earlier:
         yield "Counted", f"{joined(design.earlier)}; identify it with what the test records."
-    longest_s = max(time_s for time_s, _ in design.noise)
+    longest_s = max(time_s for time_s, _ in design.error.noise)
     yield (
         "Assumed",
-        f"a fit leaves {millivolt(design.rmse_v)}, correlated over up to {longest_s:.3g} s, and is "
-        "as wrong on other loads as a circuit usually is.",
+        f"a fit leaves {millivolt(design.error.rmse_v)}, correlated over up to {longest_s:.3g} s; "
+        f"of what circuits usually leave out, {percent(design.error.left_out)}.",
     )
 
 

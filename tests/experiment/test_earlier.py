@@ -1,0 +1,80 @@
+"""What earlier records show of the error of a fit: planted noise, and planted deviations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import barnax
+from barnax.bundled import BUNDLED
+from barnax.cell import characterize
+from barnax.experiment.belief import believed_of_chemistry
+from barnax.experiment.earlier import by_second, error_of
+from barnax.experiment.information import columns_along
+from barnax.metrics import measure
+from barnax.model.prepared import Window, prepare_record
+from barnax.records import read_record
+from barnax.search.evaluate import Evaluation
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    cell = characterize([read_record(path) for path in BUNDLED.ocv], ocv_fit="interpolated")
+    return prepare_record(read_record(BUNDLED.record), cell, "so-rc", Window())
+
+
+@pytest.fixture(scope="module")
+def believed(prepared):
+    known = believed_of_chemistry("nmc", prepared.capacity_ah)
+    return replace(known, settings=barnax.TableSettings())
+
+
+def left(prepared, error_v):
+    """A fit that leaves such an error."""
+    simulated_v = prepared.voltage_v - error_v
+    return Evaluation(prepared, simulated_v, measure(prepared.voltage_v, simulated_v))
+
+
+def correlated(rng, count, time_s, sd_v):
+    kept = np.exp(-1 / time_s)
+    return sd_v * np.sqrt(1 - kept**2) * lfilter([1.0], [1.0, -kept], rng.normal(size=count))
+
+
+def test_a_record_by_the_second_takes_the_same_charge(prepared):
+    seconds = by_second(prepared)
+    assert seconds.current_a.sum() / 3600 == pytest.approx(
+        prepared.capacity_ah * (prepared.soc[0] - prepared.soc[-1]), rel=1e-6
+    )
+    assert seconds.counted.all()
+
+
+def test_noise_is_told_from_what_a_circuit_leaves_out(prepared, believed):
+    rng = np.random.default_rng(3)
+    count = len(prepared.soc)
+    seconds = by_second(prepared)
+    columns, _ = columns_along(believed.usual, seconds.current_a, seconds.soc)
+    left_out = columns[:, len(believed.names) :]
+    found = {}
+    for size in (0.0, 0.4, 0.8):
+        more_v = np.append(left_out @ rng.normal(size=left_out.shape[1]), 0.0) * size
+        noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 2e-3)
+        found[size] = error_of(believed, left(prepared, noise_v + more_v[:count]))
+    assert found[0.0].left_out < 0.15
+    assert found[0.0].rest_v == pytest.approx(found[0.0].rmse_v, rel=0.05)
+    for size in (0.4, 0.8):
+        assert found[size].left_out == pytest.approx(size, rel=0.3)
+        assert found[size].rest_v < 0.95 * found[size].rmse_v
+
+
+def test_planted_noise_is_found(prepared, believed):
+    rng = np.random.default_rng(4)
+    count = len(prepared.soc)
+    noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 3e-3)
+    error = error_of(believed, left(prepared, noise_v))
+    fast, slow = (
+        np.sqrt(sum(sd_v**2 for time_s, sd_v in error.noise if (time_s < 45) == is_fast))
+        for is_fast in (True, False)
+    )
+    assert fast == pytest.approx(2e-3, rel=0.25)
+    assert slow == pytest.approx(3e-3, rel=0.35)

@@ -118,9 +118,9 @@ def medians_of(fit: TableFit, truth: SocTables) -> dict[str, float]:
                 halves.append(np.inf)
                 continue
             true = float(truth.at(node.name, np.array([node.soc]))[0])
-            halves.append((node.high - node.low) / 2 / node.value)
-            end = node.low if true < node.value else node.high
-            errors.append((true - node.value) / max(abs(end - node.value), 1e-12))
+            half, middle = (node.high - node.low) / 2, (node.high + node.low) / 2
+            halves.append(half / node.value)
+            errors.append((true - middle) / half)
         found[name] = float(np.median(halves))
     found["held"] = float(np.mean(np.abs(errors) <= 1))
     found["needed"] = 1.96 * float(np.sqrt(np.mean(np.square(errors))))

@@ -43,7 +43,7 @@ MAX_HOURS, MOST_HOURS = 3.0, 200.0
 EMPTYING_C, LAST_REST_S = 0.33, 300.0
 BISECTIONS, ADJUSTMENTS = 4, 8
 # Tests that a search predicts, and the patterns that it starts from.
-PREDICTIONS, STRETCHES, MOVE_C = 160, (10, 18), 1.0
+PREDICTIONS, STRETCHES, MOVE_C = 120, (10, 18), 1.0
 # How much of a width counts for reaching a wish: rounding.
 REACHED = 1.005
 ROUNDED = 1.001

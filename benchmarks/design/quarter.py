@@ -21,9 +21,9 @@ from barnax.experiment.information import (
 )
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc import TableFit, errors_on, fit_tables
-from barnax.over_soc.simulate import evaluate_tables
 from barnax.records import read_record
 from barnax.reporting.design import reached_half
+from barnax.search.evaluate import evaluate
 
 from .virtual import SETTINGS, TABLES
 
@@ -108,7 +108,7 @@ def quarter_rows(
     rows: list[list[float | str]] = []
     long = [name for name, own in records.items() if np.ptp(own.soc[own.scored]) > LONG]
     for known, name in permutations(long, 2):
-        seen = evaluate_tables(records[known], fits[known].tables)
+        seen = evaluate(records[known], fits[known].tables)
         believed = believed_of_fit(
             fits[known], SETTINGS, cell, fits[known].errors[0].rmse_v, [seen]
         )

@@ -7,15 +7,16 @@ import numpy as np
 
 import barnax
 from barnax.bundled import bundled_file
-from barnax.cell import CellModel, SocTables, characterize
+from barnax.cell import CellModel, CircuitParameters, characterize
 from barnax.experiment import Design
 from barnax.experiment.belief import believed_of_fit
 from barnax.experiment.protocol import hppc_steps, sampled
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
-from barnax.over_soc import TableFit, errors_on, fit_tables, fit_with_ocv, simulate_tables
-from barnax.over_soc.simulate import evaluate_tables
+from barnax.model.reference import simulate_circuit
+from barnax.over_soc import TableFit, errors_on, fit_tables, fit_with_ocv
 from barnax.records import Decision, Record, read_record
 from barnax.reporting.design import reached_half
+from barnax.search.evaluate import evaluate
 from benchmarks.coverage.simulated import Noise
 from benchmarks.table_coverage import EMPTY_SOC, FINE, curve
 
@@ -33,7 +34,7 @@ class Truth:
     """A virtual cell: tables, and the noise of its records."""
 
     cell: CellModel
-    tables: SocTables
+    tables: CircuitParameters
     noise: Noise
     rng: np.random.Generator
 
@@ -42,7 +43,7 @@ class Truth:
         blank = as_record(name, current_a, np.full(len(current_a), 3.0))
         prepared = prepare_record(blank, self.cell, "esc", WINDOW, is_measured=False)
         noise_v = self.noise.draw(self.rng, 1, len(current_a))[0]
-        return replace(blank, voltage_v=simulate_tables(prepared, self.tables) + noise_v)
+        return replace(blank, voltage_v=simulate_circuit(prepared, self.tables) + noise_v)
 
 
 def as_record(name: str, current_a: np.ndarray, voltage_v: np.ndarray) -> Record:
@@ -69,7 +70,9 @@ def truth_of(number: int) -> Truth:
         shape = np.exp(spread * curve(rng)) + rise * rng.uniform(0.5, 1.5) * empty
         rows.append(tuple((level * shape).tolist()))
     tau_s = float(np.exp(rng.normal(np.log(12), 0.4))), float(np.exp(rng.normal(np.log(120), 0.4)))
-    tables = SocTables(tuple(FINE.tolist()), tau_s, rows[0], tuple(rows[1:]), gamma=GAMMA)
+    tables = CircuitParameters.over_soc(
+        tuple(FINE.tolist()), tau_s, rows[0], tuple(rows[1:]), gamma=GAMMA
+    )
     size = float(np.exp(rng.normal(np.log(3e-3), 0.3)))
     parts = ((0, 0.3 * size), (10, 0.65 * size), (200, 0.7 * size))
     return Truth(cell, tables, Noise("", parts), rng)
@@ -104,7 +107,7 @@ def without_ocv(record: Record, capacity_ah: float, drive: Record) -> float:
     return errors_on(prepared_for(drive, own.cell, "so-rc"), own.fit.tables).rmse_v
 
 
-def medians_of(fit: TableFit, truth: SocTables) -> dict[str, float]:
+def medians_of(fit: TableFit, truth: CircuitParameters) -> dict[str, float]:
     """Of the nodes from 10 to 90 % SOC: half the intervals of each resistance, relative, infinite
     where open, as medians; the share that holds the truth; and how many times as wide they would
     have to be for an RMS of the errors that fits them."""
@@ -164,7 +167,7 @@ def virtual_row(number: int) -> Row:
     identified("hppc", hppc)
     identified("hppc known", hppc, known)
     fit = identified("known", known)
-    seen = evaluate_tables(prepared_for(known, truth.cell), fit.tables)
+    seen = evaluate(prepared_for(known, truth.cell), fit.tables)
     rmse_v = fit.errors[0].rmse_v
     believed = believed_of_fit(fit, SETTINGS, truth.cell, rmse_v, [seen])
     for share in SHARES:

@@ -284,7 +284,7 @@ def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0
         slots = np.add.reduceat(own, np.arange(0, own.shape[1], together), axis=1)
         # S = F + F' - 1 with F the sums over all earlier slots, weighted by exp(-lag / time).
         kept = math.exp(-together * interval_s / time_s)
-        earlier = slots @ lfilter([1.0], [1.0, -kept], slots).T
+        earlier = slots @ np.asarray(lfilter([1.0], [1.0, -kept], slots)).T
         alone = squares if together == 1 else slots @ slots.T
         noise += sd_v**2 * (earlier + earlier.T - alone)
     wide = np.zeros((columns.shape[1],) * 2)

@@ -224,10 +224,14 @@ def _series(
     sizes = {size for rows in known.values() for size in rows[f"aged {quantity} by OCV"].list.len()}
     is_few, width = len(ocvs) <= MOST_OCVS, max(sizes)
     series = Series(
-        *(np.zeros(shape) for _ in range(3)), np.zeros(shape, bool), np.zeros(shape),
-        np.zeros((*shape, width * len(ocvs) if is_few else 0)),
-        np.zeros((*shape, 0 if is_few else width)),
-    )  # fmt: skip
+        age=np.zeros(shape),
+        value=np.zeros(shape),
+        variance=np.zeros(shape),
+        known=np.zeros(shape, bool),
+        covariate=np.zeros(shape),
+        of_fleet=np.zeros((*shape, width * len(ocvs) if is_few else 0)),
+        of_cell=np.zeros((*shape, 0 if is_few else width)),
+    )
     for place, rows in enumerate(known.values()):
         here = place, slice(len(rows))
         measured = _measured(rows, quantity)

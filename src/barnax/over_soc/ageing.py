@@ -209,11 +209,9 @@ def _told(
     yield "start SOC", around(0, float(told[0] + found.values[0]), float(found.errors[0]))
     if reach * found.errors[count] < DETERMINED[CAPACITY]:
         share = around(count, float(found.values[count]), float(found.errors[count]))
-        value, *ends = (
-            records[0].capacity_ah * float(np.exp(each))
-            for each in (share.value, share.low, share.high)
-        )
-        yield CAPACITY, Aged(value, *ends, tuple(value * each for each in share.by_ocv))
+        ends = np.array([share.value, share.low, share.high])
+        value, low, high = (records[0].capacity_ah * np.exp(ends)).tolist()
+        yield CAPACITY, Aged(value, low, high, tuple(value * own for own in share.by_ocv))
     yield SHIFT, around(count + 1, *(float(e[count + 1]) for e in (found.values, found.errors)))
     sums = zip((R0, R), found.sums.tolist(), found.sum_errors.tolist(), strict=True)
     for place, (name, value, error) in enumerate(sums, len(found.values)):

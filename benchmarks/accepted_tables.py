@@ -174,7 +174,8 @@ def _lines(folder: Path) -> Iterator[str]:
         records = {name: _prepared(folder, row, name) for name in row.errors_mv}
         fitted = [records[name] for name in row.fitted]
         if isinstance(row.follows, Mapping) and row.follows:
-            degc = np.mean([record.temperature_degc or 0.0 for record in fitted])
+            temperatures = [degc for own in fitted if (degc := own.temperature_degc) is not None]
+            degc = np.mean(temperatures)
             given = Dependence(**{"reference_degc": float(degc), **row.follows})
             fitted = [each.following(given) for each in fitted]
         fit = barnax.fit_tables(fitted, settings)

@@ -140,8 +140,6 @@ def test_convergence_must_hold_ten_minutes_or_to_the_end():
     ("given", "says"),
     [
         ({"kind": "pf"}, "`filter` 'pf' is not known; there are sum, ekf, ukf"),
-        ({"form": "dual"}, "`form` dual needs `filter` ekf or ukf"),
-        ({"form": "triple"}, "`form` 'triple' is not known"),
         ({"soc_sd": 0.0}, "soc_sd 0 must be above 0"),
     ],
 )

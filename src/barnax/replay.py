@@ -24,7 +24,6 @@ from .filters import (
     Drive,
     Estimate,
     FilterModel,
-    Form,
     Innovations,
     Kind,
     examine_innovations,
@@ -64,18 +63,15 @@ class FilterSettings:
     Args:
         kind: A Gaussian sum of extended Kalman filters ("sum"), one extended ("ekf") or one
             unscented ("ukf") Kalman filter.
-        form: Estimated parameters as states of the same filter ("joint"), or in a second one
-            ("dual"), which the sum does not have.
         estimate: Parameters to estimate: "offset" (of the current), "capacity", and resistances and
             time constants such as "R0" or "tau1".
         soc_sd: Standard deviation of the SOC at the start, a fraction.
         tables: Use the tables over SOC if the result has them.
 
-    Raises `InputError` for an unknown kind or form, a dual sum, and for `soc_sd` outside 0 to 1.
+    Raises `InputError` for an unknown kind and for `soc_sd` outside 0 to 1.
     """
 
     kind: Kind = "sum"
-    form: Form = "joint"
     estimate: tuple[str, ...] = (OFFSET, CAPACITY)
     soc_sd: float = 0.15
     tables: bool = True
@@ -83,10 +79,6 @@ class FilterSettings:
     def __post_init__(self):
         if self.kind not in ("sum", "ekf", "ukf"):
             raise InputError(f"`filter` {self.kind!r} is not known; there are sum, ekf, ukf")
-        if self.form not in ("joint", "dual"):
-            raise InputError(f"`form` {self.form!r} is not known; there are joint, dual")
-        if (self.kind, self.form) == ("sum", "dual"):
-            raise InputError("`form` dual needs `filter` ekf or ukf: the sum has no dual form")
         if not 0 < self.soc_sd <= 1:
             raise InputError(f"soc_sd {self.soc_sd:g} must be above 0 and at most 1")
 
@@ -287,8 +279,8 @@ def replay_soc(
     if not cases:
         raise InputError(f"{measured.name}: its SOC leaves no room for a start so far off")
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(each.given for each in cases))
-    program = compile_for(_run_all, *stacked, settings.kind, settings.form)
-    estimate = jax.tree.map(np.asarray, program(*stacked, settings.kind, settings.form))
+    program = compile_for(_run_all, *stacked, settings.kind)
+    estimate = jax.tree.map(np.asarray, program(*stacked, settings.kind))
     late = [
         jax.tree.map(
             lambda each, place=place, case=case: in_place(each[place], case.first), estimate
@@ -327,9 +319,9 @@ def replay_soc(
     return replay
 
 
-def _run_all(models: FilterModel, starts: Any, drives: Drive, kind: Kind, form: Form) -> Estimate:
+def _run_all(models: FilterModel, starts: Any, drives: Drive, kind: Kind) -> Estimate:
     """Every scenario, cell or tuning along the first axis."""
-    return jax.vmap(lambda model, start, drive: run_filter(model, start, drive, kind, form))(
+    return jax.vmap(lambda model, start, drive: run_filter(model, start, drive, kind))(
         models, starts, drives
     )
 

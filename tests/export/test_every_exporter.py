@@ -74,7 +74,9 @@ def test_a_hysteresis_that_a_tool_cannot_hold_is_named(name, circuit):
     assert ("hysteresis voltage" in caveats) == (circuit in ("iso-rc", "esc"))
     assert ("gamma of 87.25" in caveats) == (circuit == "esc")
     if circuit in ("iso-rc", "esc"):
-        largest_mv = 1e3 * max(make_cell().hysteresis(np.linspace(0, 1, 101)))
+        cell = make_cell()
+        gap_v = cell.branch_gap_v if circuit == "esc" else cell.hysteresis_v
+        largest_mv = 1e3 * max(gap_v(np.linspace(0, 1, 101)))
         assert f"up to {largest_mv:.3g} mV" in caveats
 
 

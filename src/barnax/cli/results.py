@@ -209,13 +209,6 @@ class FilterOptions:
         "Gaussian sum of extended Kalman filters, one extended or one unscented Kalman filter.",
         "sum",
     )
-    form: Literal["joint", "dual"] = option(
-        FILTER,
-        "joint|dual",
-        "Estimate parameters in the filter's own state (joint) or in a second filter (dual, not "
-        "with sum).",
-        "joint",
-    )
     estimate: str = option(
         FILTER,
         "NAME,NAME",
@@ -249,7 +242,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     stored = load(on.result)
     window = on.window(stored)
     names = tuple(name.strip() for name in chosen.estimate.split(",") if name.strip())
-    settings = FilterSettings(chosen.filter, chosen.form, names, tables=chosen.tables)
+    settings = FilterSettings(chosen.filter, names, tables=chosen.tables)
     with session.watch("Replaying"):
         replay = replay_soc(stored, on.record, window, settings, **on.read)
     draw = partial(_soc_figures, replay, chosen.report, chosen.paper)

@@ -150,7 +150,11 @@ def warming_of(
     """By how many K at most a cell warms, of which that voltage is believed."""
     heat_w = current_a * (believed.ocv_v(soc) - voltage_v)
     kept = math.exp(-INTERVAL_S / WARMING_S)
-    warmed_k = np.asarray(lfilter([1 - kept], [1.0, -kept], heat_w)) * WARMING_K / believed.cell.capacity_ah
+    warmed_k = (
+        np.asarray(lfilter([1 - kept], [1.0, -kept], heat_w))
+        * WARMING_K
+        / believed.cell.capacity_ah
+    )
     return float(np.max(warmed_k))
 
 

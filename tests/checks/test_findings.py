@@ -530,9 +530,11 @@ def test_an_interval_no_longer_than_most_is_no_gap(tmp_path):
 
 
 def test_no_more_charge_is_in_doubt_than_passed(tmp_path):
-    """A day without samples, after a minute of pulses."""
+    """A day without samples, after a minute of pulses, and the voltage is lower after it."""
     cut_s = np.where(LINES[:120] < 60, LINES[:120], LINES[:120] + 86400.0)
-    what = found(checked(tmp_path, changed(DRIVE[:120], TIME, cut_s)), "gaps").what
+    after = LINES[60:120]
+    lower = changed(DRIVE[:120], VOLTAGE, array(DRIVE, VOLTAGE)[after] - 0.05, after)
+    what = found(checked(tmp_path, changed(lower, TIME, cut_s)), "gaps").what
     assert "what passed meanwhile was not logged" in what
 
 

@@ -1,6 +1,5 @@
 """`barnax design`: the next test of a cell."""
 
-import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -66,8 +65,8 @@ class Kept:
     max_charge: str | None = option(
         LIMITS, "RATE", "Largest charge, likewise (default: half of that)."
     )
-    max_warming: float = option(
-        LIMITS, "K", "How much the test may warm the cell in moving air.", math.inf
+    max_warming: float | None = option(
+        LIMITS, "K", "How much the test may warm the cell in moving air (default: no limit)."
     )
     temperature: float | None = option(LIMITS, "DEGC", "Temperature of the test.")
 

@@ -65,7 +65,7 @@ def design(
     high_voltage: float | None = None,
     max_discharge: float | Sequence[tuple[float, float]] | None = None,
     max_charge: float | Sequence[tuple[float, float]] | None = None,
-    max_warming: float = math.inf,
+    max_warming: float | None = None,
     temperature: float | None = None,
     blocks: Sequence[Block] | None = None,
     criterion: Criterion = worst_first,
@@ -345,7 +345,7 @@ def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits
         limits = replace(limits, beyond_soc=max(LEAST_BEYOND, 2 * limits.beyond_soc))
     worst_v = np.where(current_a > 0, low_v, high_v)
     worst_k = warming_of(believed, current_a, worst_v, soc)
-    if worst_k > limits.warming_k:
+    if limits.warming_k is not None and worst_k > limits.warming_k:
         share = LESS_WARM * math.sqrt(limits.warming_k / worst_k)
         limits = replace(limits, share=limits.share * share)
     at = np.stack([np.append(0, ends[:-1]), ends - 1], axis=1).ravel()

@@ -61,7 +61,7 @@ class Limits:
     high_v: float
     discharge_c: float | Sequence[tuple[float, float]] = 1.0
     charge_c: float | Sequence[tuple[float, float]] = 0.5
-    warming_k: float = math.inf
+    warming_k: float | None = None
     margin_v: float = 0.02
     beyond_soc: float = 0.0
     share: float = 1.0
@@ -72,7 +72,7 @@ class Limits:
                 f"`low_voltage` {self.low_v:g} V must be positive and under `high_voltage` "
                 f"{self.high_v:g} V"
             )
-        if not self.warming_k > 0:
+        if self.warming_k is not None and not self.warming_k > 0:
             raise InputError(f"`max_warming` {self.warming_k:g} K must be above 0")
         named = {"max_discharge": self.discharge_c, "max_charge": self.charge_c}
         for name, rate in named.items():

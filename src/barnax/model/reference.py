@@ -45,13 +45,11 @@ def error_blocks(
     gamma = None if prepared.hysteresis_amplitude_v is None else circuit.gamma
     states = np.zeros(len(tau_s) + (gamma is not None))
     scales = as_input(tau_s), None if gamma is None else as_input(gamma)
-    advance = None
     for here, inputs in prepared.input_blocks(BLOCK, min(tau_s), gamma):
         size = here.stop - here.start
         soc = np.pad(prepared.soc[here], (0, BLOCK - size), mode="edge")
         ohm = np.array([circuit.at(name, soc) for name in circuit.resistances])
-        # Blocks have one shape.
-        advance = advance or compile_for(_advance, *scales, ohm, inputs, states)
+        advance = compile_for(_advance, *scales, ohm, inputs, states)
         states, error_v = advance(*scales, ohm, inputs, states)
         yield here, np.asarray(error_v)[:size]
 

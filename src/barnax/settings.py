@@ -250,6 +250,10 @@ def is_temperature(degc: float) -> bool:
     return CELL_DEGC[0] < degc < CELL_DEGC[1]
 
 
+# The start of a record to validate on is moved by at most so much, to see what that gains.
+MAX_MOVED_SOC = 0.03
+
+
 @dataclass(frozen=True)
 class Registration:
     """Where other records of the cell, or its OCV test, put a record's start and capacity, with

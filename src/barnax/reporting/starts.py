@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from ..cell.model import NEAR_DEGC
-from ..search.evaluate import MAX_MOVED_SOC
+from ..settings import MAX_MOVED_SOC
 from .words import degrees, joined, millivolt, percent
 
 if TYPE_CHECKING:

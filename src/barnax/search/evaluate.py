@@ -20,9 +20,10 @@ from ..model.reference import simulate_circuit
 from ..model.window import Window
 from ..notices import Notice
 from ..records import Record
+from ..settings import MAX_MOVED_SOC
 
-# A start is moved by so much to see what that does, and by no more than that for the least error.
-PROBE_SOC, MAX_MOVED_SOC = 0.002, 0.03
+# A start is moved by so much to see what that does.
+PROBE_SOC = 0.002
 
 
 @dataclass(frozen=True, eq=False, repr=False)

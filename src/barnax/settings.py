@@ -358,14 +358,9 @@ class Window:
                 f"`score_soc` {self.score_soc[0]:g},{self.score_soc[1]:g}: the lower end comes "
                 "first, as in 0.1,1"
             )
-        if (
-            self.score_from_s is not None
-            and self.score_to_s is not None
-            and self.score_to_s <= self.score_from_s
-        ):
-            raise InputError(
-                f"`score_to` {self.score_to_s} s must come after `score_from` {self.score_from_s} s"
-            )
+        from_s, to_s = self.score_from_s, self.score_to_s
+        if from_s is not None and to_s is not None and to_s <= from_s:
+            raise InputError(f"`score_to` {to_s} s must come after `score_from` {from_s} s")
 
     @property
     def is_chosen(self) -> bool:
@@ -384,9 +379,8 @@ def choices_in(hint: Any) -> tuple[str, ...]:
     >>> choices_in(Over | None), choices_in(int)
     (('soc', 'soc,temperature'), ())
     """
-    return next(
-        (get_args(one) for one in (hint, *get_args(hint)) if get_origin(one) is Literal), ()
-    )
+    named = (get_args(one) for one in (hint, *get_args(hint)) if get_origin(one) is Literal)
+    return next(named, ())
 
 
 def explained(thing: Any) -> dict[str, str]:

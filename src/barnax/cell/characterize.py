@@ -83,8 +83,8 @@ def characterize(
         for direction in (DISCHARGE, CHARGE)
         if (same := [sweep for one, _ in found for sweep in one if sweep.direction == direction])
     }
-    warnings = [each for table in tables for each in table.warnings]
-    warnings.extend(each for _, of_record in found for each in of_record)
+    warnings = [warning for table in tables for warning in table.warnings]
+    warnings.extend(warning for _, of_record in found for warning in of_record)
     points: dict[int, tuple[OcvPoint, ...]] = {}
     for table in tables:
         _join(points, table.branches, tables)
@@ -105,7 +105,7 @@ def characterize(
     for direction, of_direction in sorted(points.items()):
         curve = charge if direction == CHARGE else discharge
         of_curve = curve_warnings(curve, WORD.get(direction))
-        warnings.extend(each.about(_sources(of_direction)) for each in of_curve)
+        warnings.extend(warning.about(_sources(of_direction)) for warning in of_curve)
     if len(points) == 2:
         soc = _shared_soc(charge, discharge)
         if (mean_v := float(np.mean(charge(soc) - discharge(soc)))) < _LEAST_GAP_V:
@@ -165,10 +165,10 @@ def characterize_over_temperature(
 
 def over_temperatures(by_degc: Mapping[float, CellModel]) -> CellModel:
     """One cell of those of several temperatures in degC, from cold to warm."""
-    cells = {degc: replace(each, temperature_degc=degc) for degc, each in by_degc.items()}
+    cells = {degc: replace(cell, temperature_degc=degc) for degc, cell in by_degc.items()}
     nearest = min(cells, key=lambda degc: abs(degc - REFERENCE_DEGC))
-    others = tuple(each for degc, each in cells.items() if degc != nearest)
-    warnings = dict.fromkeys(one for each in cells.values() for one in each.warnings)
+    others = tuple(cell for degc, cell in cells.items() if degc != nearest)
+    warnings = dict.fromkeys(one for cell in cells.values() for one in cell.warnings)
     return replace(cells[nearest], elsewhere=others, warnings=tuple(warnings))
 
 

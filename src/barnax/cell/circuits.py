@@ -171,13 +171,13 @@ class Circuits(Mapping[str, Circuit]):
     """The known circuits by name, and any of them with elements beside: `esc+diffusion`."""
 
     def __init__(self, known: Iterable[Circuit]):
-        self._known = {each.name: each for each in known}
+        self._known = {circuit.name: circuit for circuit in known}
 
     def __getitem__(self, name: str) -> Circuit:
         base, *added = name.split("+")
         if name in self._known or not added:
             return self._known[name]
-        if not all(each in ELEMENTS for each in added):
+        if not all(element in ELEMENTS for element in added):
             raise KeyError(name)
         return self._known[base].beside(*added)
 
@@ -215,7 +215,9 @@ def make_circuit(
     >>> make_circuit("rc-and-diffusion", "rc", "diffusion").parameter_names
     ('R0 [Ohm]', 'R1 [Ohm]', 'C1 [F]', 'R_D [Ohm]', 'tau_D [s]')
     """
-    given = [each if isinstance(each, str) else add_element(each).name for each in elements]
+    given = [
+        element if isinstance(element, str) else add_element(element).name for element in elements
+    ]
     made = replace(get_circuit(like), name=name, elements=tuple(given))
     made = replace(made, description=description or f"{', '.join(given)}, otherwise as {like}")
     CIRCUITS.add(made)
@@ -231,7 +233,7 @@ def get_circuit(name: str) -> Circuit:
     'so-rc'
     """
     if name not in CIRCUITS:
-        beside = ", ".join(f"+{each}" for each in ELEMENTS if each != RC.name)
+        beside = ", ".join(f"+{element}" for element in ELEMENTS if element != RC.name)
         raise InputError(
             f"no circuit is called {name!r}; there are {', '.join(CIRCUITS)}, each also with "
             f"{beside}"

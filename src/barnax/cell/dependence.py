@@ -63,7 +63,7 @@ class Dependence(Brief):
         found = {HEATING: Usual(math.log(USUAL_HEATING_S), 1.0, 0.02)}
         if self.reference_degc is not None:
             found[BETA] = Usual(math.log(arrhenius_beta(self.reference_degc)), 0.4, 0.3)
-        return {name: each for name, each in found.items() if name in self.numbers}
+        return {name: value for name, value in found.items() if name in self.numbers}
 
     def with_numbers(self, numbers: Mapping[str, float]) -> "Dependence":
         """The same with other numbers, by name."""
@@ -109,14 +109,18 @@ def between(
     are linear in it, and zero where nothing is followed."""
     if cold is None and warm is None:
         return None
-    first, second = (each or Dependence() for each in (cold, warm))
+    first, second = (dependence or Dependence() for dependence in (cold, warm))
 
     def mixed(cold_value: float, warm_value: float) -> float:
         return (1 - share) * cold_value + share * warm_value
 
-    cold_rate, warm_rate = (1 / each.onset_a if each.onset_a else 0.0 for each in (first, second))
+    cold_rate, warm_rate = (
+        1 / dependence.onset_a if dependence.onset_a else 0.0 for dependence in (first, second)
+    )
     rate = mixed(cold_rate, warm_rate)
-    taus_s = [each.heating_tau_s for each in (first, second) if each.heating_tau_s]
+    taus_s = [
+        dependence.heating_tau_s for dependence in (first, second) if dependence.heating_tau_s
+    ]
     beta_per_k = mixed(first.beta_per_k, second.beta_per_k)
     return Dependence(
         beta_per_k=beta_per_k,

@@ -49,7 +49,7 @@ class Element:
                 f"the element {self.name} has {len(self.shares)} shares and {len(self.ratios)} "
                 "ratios; give one of each for every RC pair in it"
             )
-        if not all(0 < each < math.inf for each in (*self.shares, *self.ratios)):
+        if not all(0 < number < math.inf for number in (*self.shares, *self.ratios)):
             raise InputError(f"the shares and ratios of the element {self.name} must be positive")
         if abs(sum(self.shares) - 1) > ROUNDING:
             raise InputError(
@@ -101,7 +101,7 @@ DIFFUSION = Element(
     ),
 )
 
-_ELEMENTS: dict[str, Element] = {each.name: each for each in (RC, DIFFUSION)}
+_ELEMENTS: dict[str, Element] = {element.name: element for element in (RC, DIFFUSION)}
 ELEMENTS: Mapping[str, Element] = MappingProxyType(_ELEMENTS)
 
 

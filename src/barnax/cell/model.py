@@ -86,8 +86,8 @@ class CellModel(Brief):
         tests are of one."""
         if not self.elsewhere or temperature_degc is None:
             return self
-        known = sorted((self, *self.elsewhere), key=lambda each: each.temperature_degc or 0.0)
-        degc = np.array([each.temperature_degc for each in known], float)
+        known = sorted((self, *self.elsewhere), key=lambda cell: cell.temperature_degc or 0.0)
+        degc = np.array([cell.temperature_degc for cell in known], float)
         above = int(np.searchsorted(degc, temperature_degc))
         nearest = int(np.argmin(np.abs(degc - temperature_degc)))
         is_near = abs(degc[nearest] - temperature_degc) <= NEAR_DEGC
@@ -202,10 +202,11 @@ def group_near(known: Iterable[tuple[float, Item]]) -> dict[float, list[Item]]:
     {0.0: ['b'], 26.0: ['a', 'c']}
     """
     groups: list[list[tuple[float, Item]]] = []
-    for degc, each in sorted(known, key=lambda pair: pair[0]):
+    for degc, value in sorted(known, key=lambda pair: pair[0]):
         if not groups or degc - groups[-1][0][0] > SAME_DEGC:
             groups.append([])
-        groups[-1].append((degc, each))
+        groups[-1].append((degc, value))
     return {
-        float(np.mean([degc for degc, _ in group])): [each for _, each in group] for group in groups
+        float(np.mean([degc for degc, _ in group])): [value for _, value in group]
+        for group in groups
     }

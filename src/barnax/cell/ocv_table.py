@@ -74,7 +74,7 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
         columns.pop("OCV", None)
     lines = take_lines(source.table, columns)
     voltages = {name: lines.values[name] for name in columns if name != "SOC"}
-    lines = lines.having(**{name: source.of_one_cell(each) for name, each in voltages.items()})
+    lines = lines.having(**{name: source.of_one_cell(column) for name, column in voltages.items()})
     warnings = [
         notice("ocv-table.volts", source.name, column=column.header)
         for column in columns.values()

@@ -96,7 +96,8 @@ def join_sweeps(sweeps: list[Sweep]) -> Sweep:
     word = WORD[sweeps[0].direction]
     if any(sweep.kind == "slow" for sweep in sweeps):
         where = ", ".join(
-            f"{each.source} rows {each.points[0].row} to {each.points[-1].row}" for each in sweeps
+            f"{sweep.source} rows {sweep.points[0].row} to {sweep.points[-1].row}"
+            for sweep in sweeps
         )
         raise InputError(f"there are {len(sweeps)} {word} sweeps ({where}); give only one of them")
     ordered = sorted(sweeps, key=lambda s: s.direction * s.points[0].voltage_v)

@@ -57,8 +57,8 @@ class TemperatureTables:
         if np.any(np.diff(self.temperatures_degc) <= 0):
             raise InputError("the temperatures of tables must each be above the previous one")
         first = self.tables[0]
-        for each in self.tables:
-            alike = (each.nodes, each.scales, each.tables.keys())
+        for tables in self.tables:
+            alike = (tables.nodes, tables.scales, tables.tables.keys())
             if alike != (first.nodes, first.scales, first.tables.keys()):
                 raise InputError(
                     "the tables of all temperatures need the same nodes, the same time constants "

@@ -201,12 +201,12 @@ def make_comparison_result(
     if comparison.answered:
         own, *others = comparison.answered[0].evaluations
         inputs = [record_part("identification", own)]
-        inputs += [record_part("validation", each) for each in others]
+        inputs += [record_part("validation", record) for record in others]
     inputs += [input_part("ocv", test) for test in ocv]
-    told = [each for test in ocv for each in test.warnings] + list(warnings)
-    told += [each for problem in problems.values() for each in problem.warnings]
-    for each in (evaluation for row in comparison.rows for evaluation in row.evaluations):
-        told += [*each.prepared.record.warnings, *each.prepared.warnings]
+    told = [warning for test in ocv for warning in test.warnings] + list(warnings)
+    told += [warning for problem in problems.values() for warning in problem.warnings]
+    for tried in (evaluation for row in comparison.rows for evaluation in row.evaluations):
+        told += [*tried.prepared.record.warnings, *tried.prepared.warnings]
     return ComparisonResult(
         rows=tuple(_row_part(row) for row in comparison.rows),
         differences=comparison.differences,
@@ -268,12 +268,12 @@ def _row_part(row: Row) -> RowPart:
         optimality_gap=row.optimality_gap,
         seeds=tuple(
             SeedAnswerPart(
-                rmse_v=each.rmse_v,
-                parameters=each.parameters.to_dict(),
-                evaluations=each.evaluations,
-                history_v=None if each.history_v is None else tuple(each.history_v.tolist()),
+                rmse_v=answer.rmse_v,
+                parameters=answer.parameters.to_dict(),
+                evaluations=answer.evaluations,
+                history_v=None if answer.history_v is None else tuple(answer.history_v.tolist()),
             )
-            for each in row.answers
+            for answer in row.answers
         ),
     )
 

@@ -244,9 +244,10 @@ def _run(
     parameters = row.median.parameters
     evaluations = [evaluate(identified, parameters)]
     own = partial(evaluate, parameters=parameters)
-    evaluations += [evaluate_from_either(each, problem.cell, own) for each in others]
+    evaluations += [evaluate_from_either(prepared, problem.cell, own) for prepared in others]
     bands = [
-        errors_by_soc(each.error_v, each.prepared.soc, each.prepared.scored) for each in evaluations
+        errors_by_soc(evaluation.error_v, evaluation.prepared.soc, evaluation.prepared.scored)
+        for evaluation in evaluations
     ]
     box = problem.log_coordinates
     return replace(
@@ -296,7 +297,7 @@ def _differences(rows: Sequence[Row], key: int) -> tuple[Difference, ...]:
     for first, second in itertools.combinations([row for row in rows if row.failure is None], 2):
         over_seeds = compare_over_seeds(first.errors_v, second.errors_v)
         for place, both in enumerate(zip(first.evaluations, second.evaluations, strict=True)):
-            one, other = (each.error_v[each.prepared.scored] for each in both)
+            one, other = (evaluation.error_v[evaluation.prepared.scored] for evaluation in both)
             found.append(
                 Difference(
                     first.name,

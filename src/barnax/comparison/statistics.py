@@ -64,7 +64,7 @@ def resampled_means(
     for first in range(0, REPLICATES, held):
         shape = (min(held, REPLICATES - first), blocks)
         drawn = generator.integers(0, samples, shape)
-        means.append(np.stack([np.mean(each[drawn], axis=1) for each in block_means]))
+        means.append(np.stack([np.mean(block[drawn], axis=1) for block in block_means]))
     return np.concatenate(means, axis=1)
 
 

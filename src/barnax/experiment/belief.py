@@ -95,7 +95,7 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
         told = () if near is None else fits[near].intervals
         result = result.at_temperature(temperature_degc)
     cell, rmse_v = result.cell_at(temperature_degc), result.metrics.identification.rmse_v
-    if any(each != RC.name for each in get_circuit(result.model).elements):
+    if any(element != RC.name for element in get_circuit(result.model).elements):
         raise InputError(
             f"a test is designed for RC pairs, and the answer is {result.model}; identify with "
             "`model` so-rc"
@@ -180,7 +180,7 @@ def _counting(believed: Believed, earlier: Sequence[Evaluation]) -> Believed:
 
 
 def _positive(row: tuple[float, ...]) -> tuple[float, ...]:
-    return tuple(max(each, LEAST_OHM) for each in row)
+    return tuple(max(ohm, LEAST_OHM) for ohm in row)
 
 
 def typical_error(rmse_v: float) -> Error:
@@ -193,12 +193,12 @@ def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"
     """The largest sum of the resistances within their intervals over the sum itself."""
     values, high = np.zeros(len(nodes)), np.zeros(len(nodes))
     told = np.zeros(len(nodes), bool)
-    for each in fit.intervals:
-        if each.soc is None or not each.name.startswith("R"):
+    for interval in fit.intervals:
+        if interval.soc is None or not interval.name.startswith("R"):
             continue
-        place = nodes.index(each.soc)
-        values[place] += each.value
-        high[place] += min(each.high or math.inf, UNKNOWN * each.value)
+        place = nodes.index(interval.soc)
+        values[place] += interval.value
+        high[place] += min(interval.high or math.inf, UNKNOWN * interval.value)
         told[place] = True
     ratio = np.where(told, high / np.maximum(values, LEAST_OHM), UNKNOWN)
     return np.maximum(ratio, LEAST_WORST)

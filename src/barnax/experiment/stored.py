@@ -107,16 +107,16 @@ class Design(Document):
         """The widths of a table, such as "R0", where it is wanted."""
         low, high = WANTED_SOC
         return tuple(
-            each
-            for each in (self.widths if widths is None else widths)
-            if each.name.startswith(f"{name} [") or each.name.startswith(f"{name} correction")
-            if name == DRIVE or (each.soc is not None and low <= each.soc <= high)
+            width
+            for width in (self.widths if widths is None else widths)
+            if width.name.startswith(f"{name} [") or width.name.startswith(f"{name} correction")
+            if name == DRIVE or (width.soc is not None and low <= width.soc <= high)
         )
 
     @property
     def pieces(self) -> list[tuple[str, list[Step]]]:
         """Neighboring steps of one piece together."""
-        return [(name, [*steps]) for name, steps in groupby(self.steps, lambda each: each.block)]
+        return [(name, [*steps]) for name, steps in groupby(self.steps, lambda step: step.block)]
 
     def figure(self) -> "Figure":
         """Current, voltage and state of charge as they are predicted."""

@@ -114,8 +114,8 @@ def errors_of(
 ) -> Columns:
     """b + A x of every point."""
     total = base.copy()
-    for column, each in zip(columns, coefficients, strict=True):
-        total += each[:, None] * column
+    for column, counts in zip(columns, coefficients, strict=True):
+        total += counts[:, None] * column
     return total
 
 

@@ -60,8 +60,8 @@ def r0_with_one_more_pair(problem: Problem) -> tuple[float, ...]:
     """
     turned = _turned(problem, lambda hold, value: Decision(value, "given", "tried"))
     found = []
-    for each in (problem, *(() if turned is None else turned[1:])):
-        wider = with_one_more_pair(each)
+    for tried in (problem, *(() if turned is None else turned[1:])):
+        wider = with_one_more_pair(tried)
         try:
             found += [] if wider is None else [best_on_grid(wider).r0]
         except InputError:
@@ -74,9 +74,9 @@ def hold_warning(
 ) -> Notice:
     """The notice that the other hold would give an R0 outside the interval; of tables, at `soc`."""
     names = [
-        each.record.name
-        for each in problem.prepared_records
-        if each.record.hold.strength == "assumed"
+        prepared.record.name
+        for prepared in problem.prepared_records
+        if prepared.record.hold.strength == "assumed"
     ]
     return notice(
         "hold.undecided",
@@ -100,7 +100,7 @@ def with_better_hold(problem: Problem) -> Problem:
     if get_circuit(problem.circuit).has_rate:
         return problem
     reason = "the voltage follows it far better than the other"
-    if not any(_can_tell(each) for each in problem.prepared_records):
+    if not any(_can_tell(prepared) for prepared in problem.prepared_records):
         return problem
     turned = _turned(problem, lambda hold, value: Decision(value, "weak", reason))
     if turned is None:
@@ -109,15 +109,17 @@ def with_better_hold(problem: Problem) -> Problem:
     try:
         own_v, other_v = (
             [
-                np.diff(each.error_v[each.prepared.scored])
-                for each in (evaluate(one, optimum.parameters) for one in tried.prepared_records)
+                np.diff(evaluation.error_v[evaluation.prepared.scored])
+                for evaluation in (
+                    evaluate(one, optimum.parameters) for one in tried.prepared_records
+                )
             ]
             for tried in (problem, other)
             for optimum in [find_global_optimum(tried, prove=False)]
         )
     except InputError:
         return problem
-    is_open = [each.record.hold.strength == "assumed" for each in problem.prepared_records]
+    is_open = [prepared.record.hold.strength == "assumed" for prepared in problem.prepared_records]
     ratios = np.concatenate(
         [
             _log_ratios(mine, others)
@@ -148,7 +150,7 @@ def _log_ratios(own_v: np.ndarray, other_v: np.ndarray) -> np.ndarray:
     """
     count = min(len(own_v), len(other_v))
     edges = np.linspace(0, count, min(PARTS, count) + 1).astype(int)[:-1]
-    own, other = (np.add.reduceat(each[:count] ** 2, edges) for each in (own_v, other_v))
+    own, other = (np.add.reduceat(error_v[:count] ** 2, edges) for error_v in (own_v, other_v))
     least = np.finfo(float).tiny
     return np.log(np.maximum(own, least) / np.maximum(other, least))
 
@@ -157,8 +159,8 @@ def _turned(
     problem: Problem, decide: Callable[[Decision, Hold], Decision]
 ) -> tuple[Hold, Problem] | None:
     """The other hold, and the problem with it where it is open; None where it nowhere is."""
-    holds = [each.record.hold for each in problem.prepared_records]
-    assumed = [each.value for each in holds if each.strength == "assumed"]
+    holds = [prepared.record.hold for prepared in problem.prepared_records]
+    assumed = [hold.value for hold in holds if hold.strength == "assumed"]
     if not assumed:
         return None
     value: Hold = "backward" if assumed[0] == "forward" else "forward"

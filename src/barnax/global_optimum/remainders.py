@@ -62,7 +62,7 @@ def remainders(
                 return part.scored[:, None] * hats(part.soc, nodes)
 
             # What moves the hysteresis is at most 2, from one direction to the other.
-            largest, rms = (2 * each for each in _largest_and_rms(prepared_records, amplitude))
+            largest, rms = (2 * bound for bound in _largest_and_rms(prepared_records, amplitude))
         found.append(np.array([THIRD_DERIVATIVE * rms, axis.span.error * largest]))
     return found
 
@@ -99,10 +99,10 @@ def earlier_rms(
             # Few distinct lengths, none of them shortened.
             length_s = np.exp2(np.ceil(8 * np.log2(np.diff(part.time_s))) / 8)
             lengths_s, kind = np.unique(length_s, return_inverse=True)
-            for each in lengths_s.tolist():
-                if each not in most:
-                    most[each] = _most_within(scored_s, each)
-            counts = np.array([most[each] for each in lengths_s.tolist()])[kind]
+            for run_s in lengths_s.tolist():
+                if run_s not in most:
+                    most[run_s] = _most_within(scored_s, run_s)
+            counts = np.array([most[run_s] for run_s in lengths_s.tolist()])[kind]
             squares = squares + counts @ signals(part)[:-1] ** 2
         scored += len(scored_s)
     return np.sqrt(squares / scored)

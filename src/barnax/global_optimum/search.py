@@ -211,7 +211,7 @@ def find_global_optimum(
 
         proof = certify(objective, min(ends, key=_rmse_v), polish, max_boxes)
     optima = distinct_optima(ends)
-    optima = tuple(each for each in optima if each.rmse_v <= FACTOR * optima[0].rmse_v)
+    optima = tuple(optimum for optimum in optima if optimum.rmse_v <= FACTOR * optima[0].rmse_v)
     bounded = at_bound(problem.log_coordinates, optima[0].parameters)
     return GlobalOptimum(optima, bounded, proof, landscape)
 
@@ -245,17 +245,17 @@ def without_sweep_drop(problem: Problem) -> Problem:
     for _ in range(DROP_ROUNDS if any(cell.has_sweep_drop for cell in known) else 0):
         try:
             at_rest = [
-                without_drop(each, _slow_resistance_ohm(found, each.temperature_degc))
-                if each.has_sweep_drop
-                else each
-                for each in known
+                without_drop(cell, _slow_resistance_ohm(found, cell.temperature_degc))
+                if cell.has_sweep_drop
+                else cell
+                for cell in known
             ]
         except InputError:
             return problem
         cell = replace(at_rest[0], elsewhere=tuple(at_rest[1:]))
         records = tuple(
-            prepare_record(each.record, cell, each.circuit, each.window)
-            for each in problem.prepared_records
+            prepare_record(prepared.record, cell, prepared.circuit, prepared.window)
+            for prepared in problem.prepared_records
         )
         found = replace(problem, cell=cell, prepared_records=records)
     return found
@@ -272,7 +272,7 @@ def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> fl
     """What the best circuit of the records nearest to a temperature resists after `DROP_S`."""
     records = problem.prepared_records
     if temperature_degc is not None:
-        degc = np.array([each.temperature_degc for each in records], float)
+        degc = np.array([prepared.temperature_degc for prepared in records], float)
         apart = np.nan_to_num(np.abs(degc - temperature_degc))
         is_near = apart <= apart.min() + NEAR_DEGC
         records = tuple(itertools.compress(records, is_near))
@@ -298,7 +298,7 @@ def with_better_directions(problem: Problem) -> Problem:
         tried = replace(problem, prepared_records=tuple(records))
         try:
             own_v, other_v = (
-                find_global_optimum(each, prove=False).rmse_v for each in (problem, tried)
+                find_global_optimum(directed, prove=False).rmse_v for directed in (problem, tried)
             )
         except InputError:
             continue

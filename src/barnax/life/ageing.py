@@ -84,8 +84,8 @@ class Life:
     def of(self, quantity: str, cell: str | None = None) -> list[Trend]:
         """Trends of a quantity, of all cells or one."""
         return [
-            each for each in self.trends
-            if each.quantity == quantity and cell in (None, each.cell)
+            trend for trend in self.trends
+            if trend.quantity == quantity and cell in (None, trend.cell)
         ]  # fmt: skip
 
     def along(self, trend: Trend, count: int = 80) -> tuple[np.ndarray, np.ndarray]:
@@ -133,9 +133,9 @@ def life_of(
     own = {name: good.filter(pl.col(names) == name) for name in cells}
     first, last = float(good["_age"].min()), float(good["_age"].max())  # pyright: ignore
     span = last - first or 1.0
-    spans = [float(np.ptp(each["_age"].to_numpy())) for each in own.values()]
+    spans = [float(np.ptp(rows["_age"].to_numpy())) for rows in own.values()]
     years = YEARS.get(unit, 1 / CYCLES_A_YEAR)
-    nominal_ah = {name: float(each["capacity [A.h]"][0]) for name, each in own.items()}
+    nominal_ah = {name: float(rows["capacity [A.h]"][0]) for name, rows in own.items()}
     if unit == "A.h":
         years = 1 / (CYCLES_A_YEAR * 2 * float(np.median([*nominal_ah.values()])))
     degc = good["temperature [degC]"].drop_nulls().to_numpy()
@@ -151,13 +151,13 @@ def life_of(
         trends += _trends(own, quantity, found, first, span)
     column = throughput or (ages if unit == "A.h" else None)
     passed = {
-        name: float(each[column][-1] if column else each["record throughput [A.h]"].sum())
-        for name, each in own.items()
+        name: float(rows[column][-1] if column else rows["record throughput [A.h]"].sum())
+        for name, rows in own.items()
     }
     return Life(
         unit, first, span, sum(spans) * years, false_alarms, cells, tuple(trends),
-        tuple(sorted(faults, key=lambda each: -abs(each.deviations))), judged, reference_degc,
-        {name: each / (2 * nominal_ah[name]) for name, each in passed.items()}, column is not None,
+        tuple(sorted(faults, key=lambda fault: -abs(fault.deviations))), judged, reference_degc,
+        {name: ah / (2 * nominal_ah[name]) for name, ah in passed.items()}, column is not None,
         tuple(zip(bad[names], bad["error"], strict=True)), len(rows),
     )  # fmt: skip
 
@@ -165,7 +165,7 @@ def life_of(
 def _column(rows: pl.DataFrame, chosen: str | None, usual: Iterable[str], option: str) -> str:
     """The chosen column, else the first whose name is usual."""
     own = [name for name in rows.columns if name not in ("id", "record throughput [A.h]")]
-    found = [name for each in usual for name in own if name.lower().startswith(each)]
+    found = [name for start in usual for name in own if name.lower().startswith(start)]
     if chosen in rows.columns or (chosen is None and found):
         return chosen or found[0]
     raise InputError(
@@ -176,7 +176,7 @@ def _column(rows: pl.DataFrame, chosen: str | None, usual: Iterable[str], option
 def _ages(column: pl.Series, name: str) -> tuple[np.ndarray, str]:
     """Ages and their unit; of dates, days since the first."""
     if column.dtype == pl.String:
-        dates = pl.Series([_date(each) for each in column], dtype=pl.Datetime("us"))
+        dates = pl.Series([_date(text) for text in column], dtype=pl.Datetime("us"))
         column = column.cast(pl.Float64, strict=False) if dates.has_nulls() else dates
     if column.dtype.is_temporal():
         days = column.cast(pl.Datetime("us")).cast(pl.Int64).to_numpy() / 86_400e6
@@ -184,7 +184,7 @@ def _ages(column: pl.Series, name: str) -> tuple[np.ndarray, str]:
     if not column.dtype.is_numeric() or column.has_nulls():
         raise InputError(f"`age` {name}: its values are neither numbers nor dates; correct them")
     units = {**dict.fromkeys(YEARS), "cycle": None, "efc": None}
-    unit = next((each for each in reversed(units) if each in name.lower()), None)
+    unit = next((known for known in reversed(units) if known in name.lower()), None)
     if unit is None:
         unit = "A.h" if "throughput" in name.lower() or "ah" in name.lower() else "day"
     return column.cast(pl.Float64).to_numpy(), {"efc": "cycle"}.get(unit, unit)
@@ -203,9 +203,9 @@ def _judged(
 ) -> tuple[tuple[str, ...], Judged] | None:  # fmt: skip
     """The cells of which a quantity is known, and their model; None where there are none."""
     known = {
-        name: each.filter(pl.col(f"aged {quantity}").is_not_null()) for name, each in own.items()
+        name: rows.filter(pl.col(f"aged {quantity}").is_not_null()) for name, rows in own.items()
     }
-    known = {name: each for name, each in known.items() if len(each)}
+    known = {name: rows for name, rows in known.items() if len(rows)}
     if not known:
         return None
     series = _series(known, quantity, first, span, reference_degc)
@@ -220,7 +220,7 @@ def _series(
     """The estimates of a quantity. Where it is told beside an OCV, that is a little wrong, and so
     are all estimates beside it."""
     shape = len(known), max(map(len, known.values()))
-    ocvs = sorted({ocv for each in known.values() for ocv in each[OCV]})
+    ocvs = sorted({ocv for rows in known.values() for ocv in rows[OCV]})
     sizes = {size for rows in known.values() for size in rows[f"aged {quantity} by OCV"].list.len()}
     is_few, width = len(ocvs) <= MOST_OCVS, max(sizes)
     series = Series(
@@ -254,11 +254,11 @@ def _series(
 def _faults(
     quantity: str, names: tuple[str, ...], judged: Judged, first: float, span: float
 ) -> Iterator[Fault]:
-    for place, each in judged.faults.items():
-        by_age = span if each.kind in ("slope", "knee") else 1.0
+    for place, shape in judged.faults.items():
+        by_age = span if shape.kind in ("slope", "knee") else 1.0
         yield Fault(
-            names[place], quantity, each.kind, first + span * each.age, each.size / by_age,
-            each.deviations,
+            names[place], quantity, shape.kind, first + span * shape.age, shape.size / by_age,
+            shape.deviations,
         )  # fmt: skip
 
 
@@ -288,7 +288,7 @@ def _smooth(judged: Judged, place: int, age: np.ndarray, quantity: str) -> np.nd
 def _measured(rows: pl.DataFrame, quantity: str) -> np.ndarray:
     columns = (f"aged {quantity}{end}" for end in ("", " low", " high"))
     return np.stack(
-        [rows[each].cast(pl.Float64).fill_null(np.nan).to_numpy() for each in columns], 1
+        [rows[column].cast(pl.Float64).fill_null(np.nan).to_numpy() for column in columns], 1
     )
 
 

@@ -60,7 +60,7 @@ class Series:
 
     def only(self, cells: Bool[np.ndarray, "cells"]) -> "Series":
         """Some of the cells."""
-        return Series(*(each[cells] for each in vars(self).values()))
+        return Series(*(values[cells] for values in vars(self).values()))
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Fit:
         for place, shape in self.added:
             if cell is None or place == cell:
                 here = np.multiply.outer(
-                    *(shape.at(each if cell is not None else each[place]) for each in (one, other))
+                    *(shape.at(age if cell is not None else age[place]) for age in (one, other))
                 )
                 own = (FREE * shape.size) ** 2 * here
                 if cell is None:
@@ -178,7 +178,7 @@ class Fit:
     @cached_property
     def sums(self) -> tuple[np.ndarray, np.ndarray]:
         """A and b of the fleet."""
-        columns, value = (each[self.good] for each in self.white)
+        columns, value = (part[self.good] for part in self.white)
         is_free = np.arange(columns.shape[2]) < 2 + self.has_covariate
         normal = np.einsum("cni,cnj->ij", columns, columns) + np.diag(~is_free * 1.0)
         return normal, np.einsum("cni,cn->i", columns, value)
@@ -187,7 +187,7 @@ class Fit:
         """A^-1 and beta, a cell's own estimates with the others'."""
         normal, right = self.sums
         if not self.good[cell]:
-            columns, value = (each[cell] for each in self.white)
+            columns, value = (part[cell] for part in self.white)
             normal, right = normal + columns.T @ columns, right + columns.T @ value
         inverse = np.linalg.inv(normal)
         return inverse, inverse @ right
@@ -212,7 +212,7 @@ class Fit:
         standard errors."""
         its, known = self.series, self.series.known[cell]
         root = self.root[cell][np.ix_(known, known)]
-        columns, value = (each[cell][known] for each in self.white)
+        columns, value = (part[cell][known] for part in self.white)
         link = np.linalg.solve(root, self._own_of(cell, its.age[cell][known], age))
         here = self.columns(age, np.zeros_like(age), np.zeros((len(age), its.of_fleet.shape[2])))
         rest = here - link.T @ columns
@@ -231,20 +231,20 @@ class Fit:
         asked = [("level", 0.0), ("slope", 0.0)] if len(age) > 1 else []
         asked += [("knee", float(age[place])) for place in places]
         between = range(ASIDE, len(age) - ASIDE + 1)
-        asked += [("step", float(age[each - 1 : each + 1].mean())) for each in between]
+        asked += [("step", float(age[place - 1 : place + 1].mean())) for place in between]
         if not asked:
             return [], np.empty((0, 0))
         root = self.root[cell][np.ix_(known, known)]
-        columns, value = (each[cell][known] for each in self.white)
-        shapes = np.linalg.solve(root, np.stack([_shape(*each, age) for each in asked], axis=1))
+        columns, value = (part[cell][known] for part in self.white)
+        shapes = np.linalg.solve(root, np.stack([_shape(*fault, age) for fault in asked], axis=1))
         seen = shapes.T @ columns
         inverse, beta = self.fleet_with(cell)
         own = shapes.T @ shapes - seen @ inverse @ seen.T
         pushes = shapes.T @ (value - columns @ beta)
         strength = np.sqrt(np.maximum(np.diag(own), 1e-12))
         found = [
-            Shape(*each, float(push / by**2), float(push / by))
-            for each, push, by in zip(asked, pushes, strength, strict=True)
+            Shape(*fault, float(push / by**2), float(push / by))
+            for fault, push, by in zip(asked, pushes, strength, strict=True)
         ]
         return found, own / np.outer(strength, strength)
 
@@ -283,8 +283,8 @@ class Judged:
     def faults(self) -> dict[int, Shape]:
         """By cell."""
         return {
-            cell: each for cell, each in enumerate(self.worst)
-            if each is not None and abs(each.deviations) > self.threshold
+            cell: shape for cell, shape in enumerate(self.worst)
+            if shape is not None and abs(shape.deviations) > self.threshold
         }  # fmt: skip
 
 
@@ -300,18 +300,21 @@ def judge(series: Series, expected: float, rng: np.random.Generator) -> Judged:
     judged = Judged(model, (), np.inf)
     # Many faults hide each other in variances that they make large.
     odds = [
-        max((abs(each.deviations) for each in shapes), default=0.0)
+        max((abs(shape.deviations) for shape in shapes), default=0.0)
         for shapes, _ in map(model.scores, range(len(everyone)))
     ]
     good = np.array(odds) <= np.quantile(odds, KEPT) if expected > 0 else everyone
     for _ in range(ROUNDS):
         model = Fit(series, fit(series.only(good)).spread, good)
         found = [model.scores(cell) for cell in range(len(good))]
-        threshold = _threshold([each for _, each in found], int(good.sum()), expected, rng)
+        threshold = _threshold(
+            [correlation for _, correlation in found], int(good.sum()), expected, rng
+        )
         judged = Judged(
             model,
             tuple(
-                max(each, key=lambda one: abs(one.deviations), default=None) for each, _ in found
+                max(shapes, key=lambda one: abs(one.deviations), default=None)
+                for shapes, _ in found
             ),
             threshold,
         )
@@ -327,17 +330,17 @@ def _threshold(
 ) -> float:
     """The largest score of a cell that so many cells of such a fleet exceed without any fault, with
     variances that are known from the cells `fitted`."""
-    judged = [each for each in correlations if len(each)]
+    judged = [matrix for matrix in correlations if len(matrix)]
     if not judged or expected <= 0:
         return np.inf
     drawn = judged
     if len(judged) > MOST_SIMULATED:
         drawn = [judged[place] for place in rng.choice(len(judged), MOST_SIMULATED, replace=False)]
     largest = []
-    for each in drawn:
-        values, vectors = np.linalg.eigh(each)
+    for matrix in drawn:
+        values, vectors = np.linalg.eigh(matrix)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        largest.append(np.max(np.abs(rng.standard_normal((DRAWS, len(each))) @ root.T), axis=1))
+        largest.append(np.max(np.abs(rng.standard_normal((DRAWS, len(matrix))) @ root.T), axis=1))
     normal = np.quantile(np.concatenate(largest), 1 - min(1.0, expected / len(judged)))
     # How much cells differ is known from so many.
     return float(-stdtrit(max(fitted - 1, 1), ndtr(-normal)))

@@ -65,7 +65,7 @@ def least_in_boxes(
         if np.all(settled):
             break
         at_low, at_high = now_low[:, ~settled], now_high[:, ~settled]
-        open_problems, *given = (each[..., ~settled] for each in (open_problems, *given))
+        open_problems, *given = (array[..., ~settled] for array in (open_problems, *given))
     else:
         found[:, open_problems] = _enumerated(*given[:-1])
     return np.clip(found / scale, *box)
@@ -77,7 +77,7 @@ def _enumerated(normal, gradient: Problems, low: Problems, high: Problems) -> Pr
     step, best = max(1, SETS_AT_ONCE // sides.shape[1]), low.copy()
     for first in range(0, low.shape[1], step):
         here = slice(first, first + step)
-        h, g, least, most = (each[..., None, here] for each in (normal, gradient, low, high))
+        h, g, least, most = (array[..., None, here] for array in (normal, gradient, low, high))
         x = _free_minimum(h, g, np.where(sides > 0, most, least), (sides == 0) & (least < most))
         x = np.clip(x, least, most)
         value = np.sum(x * (2 * g + _times(h, x)), axis=0)

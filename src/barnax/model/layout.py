@@ -78,9 +78,11 @@ class Layout:
     def is_alike(self, other: "Layout") -> bool:
         """Whether another has the same columns."""
 
-        def described(each: Layout):
-            spans = [span and span.skeleton_tau.tolist() for span in (each.in_tau, each.in_rate)]
-            return each.nodes, each.ocv_nodes, each.sizes, spans
+        def described(layout: Layout):
+            spans = [
+                span and span.skeleton_tau.tolist() for span in (layout.in_tau, layout.in_rate)
+            ]
+            return layout.nodes, layout.ocv_nodes, layout.sizes, spans
 
         return described(self) == described(other)
 
@@ -127,7 +129,7 @@ def layout_of(
             for (tau_s, _), own in zip(limits, ratios, strict=True)
             for ratio in own
         }
-        in_tau = span_through([math.log(each) for each in sorted(taus_s)])
+        in_tau = span_through([math.log(tau_s) for tau_s in sorted(taus_s)])
         in_rate = span_through([-math.log(ranges[RATE][0])]) if RATE in ranges else None
         return Layout(nodes, ocv_nodes, in_tau, in_rate, has_correction, has_amplitude)
     fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
@@ -149,12 +151,12 @@ def by_first_visit(
         if places.shape[1] != len(nodes) or name == "base":
             continue
         seen, before = np.full(len(nodes), np.inf), 0
-        for each in prepared_records:
-            between = np.clip(np.searchsorted(nodes, each.soc, "right") - 1, 0, len(nodes) - 1)
+        for prepared in prepared_records:
+            between = np.clip(np.searchsorted(nodes, prepared.soc, "right") - 1, 0, len(nodes) - 1)
             left, at = np.unique(between, return_index=True)
             for node in (left, np.minimum(left + 1, len(nodes) - 1)):
                 np.minimum.at(seen, node, at + before)
-            before += len(each.soc)
+            before += len(prepared.soc)
         first[places] = seen
     # What no sample comes near stays empty; what every sample moves is last of all.
     everywhere = [layout.places["base"].ravel()]

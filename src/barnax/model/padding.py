@@ -26,7 +26,7 @@ class PaddedSize:
             max(lengths),
             len(lengths) == 1,
             max(len(inputs.intervals.node_s) for inputs in all_inputs),
-            max((len(each.intervals.node_s) for each in turning), default=0),
+            max((len(hysteresis.intervals.node_s) for hysteresis in turning), default=0),
         )
 
     @classmethod

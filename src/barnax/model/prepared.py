@@ -186,7 +186,7 @@ class PreparedRecord(Brief):
         """Which nodes some scored sample is nearest to."""
         soc = self.soc[self.scored]
         shares = (hats(soc[n : n + BLOCK], nodes) for n in range(0, len(soc), BLOCK))
-        return np.any([np.any(each >= 0.5, axis=0) for each in shares], axis=0)
+        return np.any([np.any(hat >= 0.5, axis=0) for hat in shares], axis=0)
 
     @property
     def temperature_degc(self) -> float | None:

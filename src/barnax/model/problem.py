@@ -1,5 +1,6 @@
 """The identification problem: records of one cell, one circuit, one box."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -75,7 +76,7 @@ class Problem(Brief):
 
     def __reduce__(self):
         # Without what is computed, which is larger than what it is computed from.
-        return Problem, tuple(getattr(self, each.name) for each in fields(self))
+        return Problem, tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def prepared(self) -> PreparedRecord:
@@ -109,9 +110,14 @@ class Problem(Brief):
 
     @property
     def warnings(self) -> tuple[Notice, ...]:
-        told = [each for prepared in self.prepared_records for each in prepared.record.warnings]
+        told = [
+            warning for prepared in self.prepared_records for warning in prepared.record.warnings
+        ]
         told += self.cell.warnings
-        return (*told, *(each for prepared in self.prepared_records for each in prepared.warnings))
+        return (
+            *told,
+            *(warning for prepared in self.prepared_records for warning in prepared.warnings),
+        )
 
     @cached_property
     def coordinates(self) -> Coordinates:
@@ -176,7 +182,9 @@ class Problem(Brief):
             one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
             given = one.r0, one.r, one.tau, one.gamma, self.bounds.elements
             found.append(CircuitParameters.of_tau(*given))
-        return [each.ordered() for each in found] if self.bounds.interchangeable_pairs else found
+        return (
+            [circuit.ordered() for circuit in found] if self.bounds.interchangeable_pairs else found
+        )
 
 
 def with_one_more_pair(problem: Problem) -> Problem | None:
@@ -225,8 +233,13 @@ def point_blocks(
     Call inside float64.
     """
     values = [
-        (each.r0, *each.r, *each.tau_s, *(() if each.gamma is None else (each.gamma,)))
-        for each in circuits
+        (
+            circuit.r0,
+            *circuit.r,
+            *circuit.tau_s,
+            *(() if circuit.gamma is None else (circuit.gamma,)),
+        )
+        for circuit in circuits
     ]
     last = len(values) - 1
     numbers = seed_blocks(len(values), CIRCUITS_PER_BLOCK)
@@ -308,7 +321,7 @@ def make_problem(
             f"{len(windows)} windows for {len(records)} records; give one for all, or one for each"
         )
     prepared_records = tuple(
-        prepare_record(each, cell, circuit, its) for each, its in zip(records, windows, strict=True)
+        prepare_record(one, cell, circuit, its) for one, its in zip(records, windows, strict=True)
     )
     for prepared in prepared_records:
         require_changing_voltage(prepared)

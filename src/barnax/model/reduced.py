@@ -108,8 +108,8 @@ def reduce_records(
                     chains[chain] = pool.submit(before.joined_by, block, is_own)
         found = []
         for group, number in enumerate(scored.tolist()):
-            done = [each.result() for (own, _), each in chains.items() if own == group]
-            own = [each.reduced(layout, number) for each in done]
+            done = [chain.result() for (own, _), chain in chains.items() if own == group]
+            own = [triangle.reduced(layout, number) for triangle in done]
             own = own or [_Triangle.empty(layout, order).reduced(layout, number)]
             found.append(replace(reduce(_added, own), scored=number))
         return found
@@ -185,7 +185,7 @@ def together(parts: Sequence[Reduced]) -> Reduced:
     """All of them as one, without rows that are rounding."""
     first = parts[0]
     with one_blas_thread():
-        if all(each.order is not None and each.order is first.order for each in parts):
+        if all(part.order is not None and part.order is first.order for part in parts):
             factor = reduce(_added, parts).factor
         else:
             factor = reduce(append_rows, [part.factor for part in parts])
@@ -274,8 +274,8 @@ def blocks(
         left = left[: len(far) and len(left), far]
         if len(far):
             columns = [decays, *columns]
-        local = np.concatenate([each.reshape(size, -1) for each in columns], axis=1)
-        own = np.concatenate([each.ravel() for each in into])
+        local = np.concatenate([column.reshape(size, -1) for column in columns], axis=1)
+        own = np.concatenate([places.ravel() for places in into])
         yield Block(here, local, own, layout.places["pairs"][: len(left), far], left)
 
 

@@ -75,7 +75,7 @@ class Bounds:
     @property
     def resistances(self) -> tuple[str, ...]:
         """Their names, R0 first."""
-        return (OHMIC, *(each.resistance for each in self.element_names))
+        return (OHMIC, *(element.resistance for element in self.element_names))
 
     def limits_s(self, place: int) -> Range:
         """Time constants of an element whose slowest RC pair the record can show."""
@@ -91,7 +91,7 @@ class Bounds:
     def names(self) -> tuple[str, ...]:
         """Every name that can be bounded or fixed."""
         names = [*self.resistances]
-        names += [name for each in self.element_names for name in each[1:] if name is not None]
+        names += [name for names in self.element_names for name in names[1:] if name is not None]
         return (*names, RATE) if self.has_rate else tuple(names)
 
     def with_changes(
@@ -132,7 +132,7 @@ class Bounds:
             if {tau, capacitance} & chosen:
                 changed.pop(tau, None)
                 changed.pop(capacitance, None)
-        changed = {name: each for name, each in changed.items() if name not in fixed}
+        changed = {name: limits for name, limits in changed.items() if name not in fixed}
         changed |= {name: ranges[name] for name in self.names if name in ranges}
         box = replace(self, ranges=changed, fixed=dict(fixed))
         for names in self.element_names:
@@ -160,12 +160,12 @@ class Bounds:
         """How many RC pairs, the first ones, can be swapped within the box: all, or none."""
         pairs = alike(self.elements)
         names = self.element_names[:pairs]
-        if self.fixed.keys() & {name for each in names for name in each}:
+        if self.fixed.keys() & {name for own in names for name in own}:
             return 0
         seconds = [self.second_name(place) for place in range(pairs)]
         boxes = {
-            (self.ranges[each.resistance], second == each.tau, self.ranges[second])
-            for each, second in zip(names, seconds, strict=True)
+            (self.ranges[own.resistance], second == own.tau, self.ranges[second])
+            for own, second in zip(names, seconds, strict=True)
         }
         return pairs if len(boxes) == 1 else 0
 
@@ -206,7 +206,7 @@ class Bounds:
     ) -> tuple[Float[np.ndarray, "resistances *points"], Float[np.ndarray, "resistances *points"]]:
         """Least and greatest R0, R1, ... at these time constants: a bounded C bounds R too."""
         ends = np.array([self.range_of(name) for name in self.resistances])
-        low, high = (np.stack([np.full(tau_s.shape[1:], each) for each in side]) for side in ends.T)
+        low, high = (np.stack([np.full(tau_s.shape[1:], end) for end in side]) for side in ends.T)
         for pair, (_, _, capacitance) in enumerate(self.element_names):
             if capacitance is not None and self.second_name(pair) == capacitance:
                 c_low, c_high = self.range_of(capacitance)

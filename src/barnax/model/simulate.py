@@ -43,8 +43,8 @@ class RCParameters(eqx.Module):
         if not self.elements:
             return own
         return [
-            (own[each.element][0] * each.share, own[each.element][1] * each.ratio)
-            for each in rungs_of(self.elements)
+            (own[rung.element][0] * rung.share, own[rung.element][1] * rung.ratio)
+            for rung in rungs_of(self.elements)
         ]
 
 
@@ -125,7 +125,7 @@ class SimulationInput(AbstractEvaluator):
 
     def map_clocks(self, change: Callable[[Intervals], Intervals]) -> "SimulationInput":
         """The same with every clock changed."""
-        return eqx.tree_at(_clocks, self, [change(each) for each in _clocks(self)])
+        return eqx.tree_at(_clocks, self, [change(clock) for clock in _clocks(self)])
 
     def map_samples(self, change: Callable[[Array], Any]) -> "SimulationInput":
         """The same with every array that has one entry a sample changed."""

@@ -103,7 +103,7 @@ def held_charges(record: Record, capacity_ah: float, rest_a: float) -> Iterator[
     while the current tapers."""
     for first, last in zip(*runs(record.current_a < -rest_a), strict=True):
         current_a, voltage_v = (
-            each[first : last + 1] for each in (record.current_a, record.voltage_v)
+            values[first : last + 1] for values in (record.current_a, record.voltage_v)
         )
         moving = np.flatnonzero(np.abs(voltage_v - voltage_v[-1]) > FULL_CHARGE.held_v)
         held = int(moving[-1]) + 1 if len(moving) else 0

@@ -34,21 +34,21 @@ def group_tests(
     """
     own = window if isinstance(window, Mapping) else {}
     degc = [
-        temperature_of(each, own.get(each.name, Window()))
-        if isinstance(each, Record)
-        else own[each.name].temperature_degc
-        if each.name in own
-        else degc_in_name(each.name)
-        for each in tests
+        temperature_of(test, own.get(test.name, Window()))
+        if isinstance(test, Record)
+        else own[test.name].temperature_degc
+        if test.name in own
+        else degc_in_name(test.name)
+        for test in tests
     ]
     pairs = list(zip(degc, tests, strict=True))
-    found = group_near((known, each) for known, each in pairs if known is not None)
+    found = group_near((known, test) for known, test in pairs if known is not None)
     if len(found) < 2:
         return {}
-    for known, each in pairs:
+    for known, test in pairs:
         if known is None:
             raise InputError(
-                f"{each.name}: has no column of temperatures, and the other OCV tests are of "
+                f"{test.name}: has no column of temperatures, and the other OCV tests are of "
                 "several; say it with `temperature`"
             )
     return found

@@ -84,15 +84,15 @@ def measure_ageing(
 
     What the records do not determine is left out: all of it where no capacity fits them.
     """
-    records = [each.as_told for each in prepared_records]
-    records = [_moved(each, each.start.soc, each.capacity_ah) for each in records]
+    records = [prepared.as_told for prepared in prepared_records]
+    records = [_moved(prepared, prepared.start.soc, prepared.capacity_ah) for prepared in records]
     plain = replace(
         settings, folds=0, max_boxes=0, resistances_follow="none", half_hysteresis=False
     )
     # A slower pair than a correction of the OCV leaves imitates a capacity.
     ranges = box_of(records, plain)
     plain = replace(plain, ocv_correction=False)
-    told, count = np.array([each.start.soc for each in records]), len(records)
+    told, count = np.array([prepared.start.soc for prepared in records]), len(records)
     own = [CAPACITY_SD, SHIFT_SD_V, *[OCV_SD_V] * len(OCV_NODES)]
     prior = np.array([*map(_start_sd, records), *own])
     prior = np.full_like(prior, HELD_SD) if is_own else prior
@@ -101,8 +101,8 @@ def measure_ageing(
         share, ocv_v = float(np.exp(now[count])), now[count + 1 :]
         return reduced_objective(
             [
-                _moved(each, start, share * each.capacity_ah, ocv_v)
-                for each, start in zip(records, (told + now[:count]).tolist(), strict=True)
+                _moved(prepared, start, share * prepared.capacity_ah, ocv_v)
+                for prepared, start in zip(records, (told + now[:count]).tolist(), strict=True)
             ],
             plain,
             box,
@@ -139,7 +139,7 @@ def _first_guess(
     objective_at: Any, ranges: Mapping[str, Range], shares: Sequence[float], like: Nuisance, at: int
 ) -> Nuisance | None:
     """The share of the capacity that fits best where all else is as told; None where none does."""
-    tried = {name: (each, each) for name, each in zip(ranges, TRIED_S, strict=True)}
+    tried = {name: (tau_s, tau_s) for name, tau_s in zip(ranges, TRIED_S, strict=True)}
     costs: dict[float, Nuisance] = {}
     for share in shares:
         now = np.zeros_like(like)

@@ -112,7 +112,7 @@ class _Side:
     @classmethod
     def of(cls, axis: Axis, ends: Range, middle: Solution, derivatives: np.ndarray, scale: float):
         half_width = (ends[1] - ends[0]) / 2
-        three = np.stack([axis.columns_at(each) for each in (ends[0], scale, ends[1])])
+        three = np.stack([axis.columns_at(place) for place in (ends[0], scale, ends[1])])
         tax = -2 * (middle.error @ axis.slopes_at(scale))
         return cls(axis, half_width, three, tax, beyond_parabola(derivatives, half_width))
 
@@ -215,7 +215,9 @@ class _Relaxation:
             return lowest
         lowest = math.inf
         is_open = [side.half_width > 0 and side.axis.table is not None for side in sides]
-        for signs in itertools.product(*((-1.0, 1.0) if each else (0.0,) for each in is_open)):
+        for signs in itertools.product(
+            *((-1.0, 1.0) if can_tilt else (0.0,) for can_tilt in is_open)
+        ):
             lowest = min(lowest, at_corner(sides, signs))
             if lowest < enough:
                 return 0.0
@@ -248,7 +250,7 @@ class _Relaxation:
             for weight, ridge in objective.weights
         ]
         # A step from node to node is at most the sum of both values.
-        furthest = np.repeat(furthest, [len(each) for each in objective.nodes_of]) * (
+        furthest = np.repeat(furthest, [len(nodes) for nodes in objective.nodes_of]) * (
             1 + (objective.to_tables.sum(axis=0) > 1)
         )
         low, high = objective.box

@@ -99,15 +99,17 @@ def blocks_of(
     are_several = len(prepared_records) > 1
 
     def group(here: slice, number: int) -> Int[np.ndarray, "samples"]:
-        each = prepared_records[number]
+        prepared = prepared_records[number]
         if not settings.folds:
-            return np.where(each.scored[here], 0, -1)
+            return np.where(prepared.scored[here], 0, -1)
         fold = np.full(here.stop - here.start, number)
         if not are_several:
-            start_s = each.time_s[np.argmax(each.scored)]
-            block = np.floor((each.time_s[here] - start_s) / _block_s(each, settings)).astype(int)
+            start_s = prepared.time_s[np.argmax(prepared.scored)]
+            block = np.floor(
+                (prepared.time_s[here] - start_s) / _block_s(prepared, settings)
+            ).astype(int)
             fold = block % settings.folds
-        return np.where(each.scored[here], 2 * fold + is_above(each.soc[here]), -1)
+        return np.where(prepared.scored[here], 2 * fold + is_above(prepared.soc[here]), -1)
 
     groups: list[Groups] = [partial(group, number=n) for n in range(len(prepared_records))]
     folds = len(prepared_records) if are_several and settings.folds else settings.folds
@@ -135,7 +137,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
     if objective.tables > 1 + objective.pairs or objective.nodes > 1:
         plain = replace(settings, nodes=(0.5,), ocv_correction=False)
         whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
-        flat, flat_told = ([part.constant() for part in each] for each in (parts, told))
+        flat, flat_told = ([part.constant() for part in groups] for groups in (parts, told))
         constant = _held_out(whole, find_best(whole), flat, flat_told)
     return CrossValidation(
         len(parts) // 2,
@@ -182,7 +184,7 @@ def _errors_of(sums: Sums) -> SocErrors:
 
 
 def _together(folds: Sequence[Sums]) -> SocErrors:
-    squares_v2, counts = (np.sum(each, axis=0) for each in zip(*folds, strict=True))
+    squares_v2, counts = (np.sum(sums, axis=0) for sums in zip(*folds, strict=True))
     return SocErrors.of_squares(squares_v2, counts)
 
 
@@ -194,7 +196,7 @@ def _held_out(
     # Of every group's factor only the columns at some scales are wanted.
     columns, bases = _at(objective, best, parts)
     told_columns, told_bases = (columns, bases) if told is parts else _at(objective, best, told)
-    scored, counts = (np.array([part.scored for part in each]) for each in (parts, told))
+    scored, counts = (np.array([part.scored for part in groups]) for groups in (parts, told))
     squares = np.zeros(len(parts))
     for fold in range(folds):
         is_rest = np.arange(len(parts)) // 2 != fold
@@ -255,14 +257,14 @@ def with_spread(
         for node, soc in enumerate(objective.nodes_of[table])
     }
 
-    def spread(each: NodeInterval) -> NodeInterval:
-        at = places.get((each.name, each.soc)) if each.soc is not None else None
+    def spread(interval: NodeInterval) -> NodeInterval:
+        at = places.get((interval.name, interval.soc)) if interval.soc is not None else None
         own = values[is_there[:, at], at] if at is not None else []
         if len(own) < FEWEST_RECORDS:
-            return each
+            return interval
         reach = stdtrit(len(own) - 1, (1 + CONFIDENCE) / 2) * np.std(own, ddof=1)
         reach = float(reach * np.sqrt(1 + 1 / len(own)))
-        middle, least = float(np.mean(own)), 0.0 if each.name.startswith("R") else -np.inf
+        middle, least = float(np.mean(own)), 0.0 if interval.name.startswith("R") else -np.inf
         low, high = max(middle - reach, least), middle + reach
         if objective.kept:
             # Nothing else is known of the joint value than what the records make of it.
@@ -270,11 +272,11 @@ def with_spread(
                 float(np.std(own, ddof=1)) / len(own) ** 0.5,
                 reach / (len(own) + 1) ** 0.5,
             )
-            ends = float(max(each.value - both, least)), float(each.value + both)
-            each = replace(each, standard_error=error, low=ends[0], high=ends[1])
-        if each.low is not None and each.high is not None:
+            ends = float(max(interval.value - both, least)), float(interval.value + both)
+            interval = replace(interval, standard_error=error, low=ends[0], high=ends[1])
+        if interval.low is not None and interval.high is not None:
             # What all records leave open, another one can show too.
-            low, high = min(low, each.low), max(high, each.high)
-        return replace(each, record_low=low, record_high=high)
+            low, high = min(low, interval.low), max(high, interval.high)
+        return replace(interval, record_low=low, record_high=high)
 
     return tuple(map(spread, intervals))

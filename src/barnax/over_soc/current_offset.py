@@ -68,21 +68,23 @@ class _Moved:
         first = self.told[0]
         level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
         records = [
-            replace(each.record, current_a=each.record.current_a - self.offset_a)
-            for each in self.told
+            replace(prepared.record, current_a=prepared.record.current_a - self.offset_a)
+            for prepared in self.told
         ]
         windows = [
             replace(
-                each.window,
-                initial_soc=each.start.soc + soc,
+                prepared.window,
+                initial_soc=prepared.start.soc + soc,
                 soc_source="registered",
-                capacity_ah=each.capacity_ah * (1 + share),
+                capacity_ah=prepared.capacity_ah * (1 + share),
             )
-            for each, (soc, share) in zip(self.told, self.shifts.tolist(), strict=True)
+            for prepared, (soc, share) in zip(self.told, self.shifts.tolist(), strict=True)
         ]
         moved = [
-            prepare_record(record, each.cell, each.circuit, window).following(each.dependence)
-            for record, each, window in zip(records, self.told, windows, strict=True)
+            prepare_record(record, prepared.cell, prepared.circuit, window).following(
+                prepared.dependence
+            )
+            for record, prepared, window in zip(records, self.told, windows, strict=True)
         ]
         own = with_own_ocv(self.settings)
         return reduced_objective(moved, own, ranges, partial(leveled, level=level))
@@ -166,7 +168,7 @@ def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | N
         return None
 
     def moves(tables: slice) -> float:
-        before, after = (np.sum(each.values[tables], axis=0) for each in (best, other))
+        before, after = (np.sum(solution.values[tables], axis=0) for solution in (best, other))
         known = objective.visited & (before > 0)
         return float(np.median(np.abs(after / np.where(known, before, 1.0) - 1)[known]))
 

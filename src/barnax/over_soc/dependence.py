@@ -51,14 +51,14 @@ def searched(
 ) -> tuple[TableObjective, Solution]:
     """The best tables of some records, with what their resistances follow; `like` is an objective
     that `reduced_objective` may take the factors of."""
-    known = [each.window.registration for each in prepared_records]
+    known = [prepared.window.registration for prepared in prepared_records]
     told: list[Any] = [own and own.follows for own in known]
     is_known = settings.resistances_follow == "auto" and None not in told
-    if is_known and all(each == told[0] for each in told) and told[0] is not None:
+    if is_known and all(follows == told[0] for follows in told) and told[0] is not None:
         # It was found where starts and capacities were adjusted.
         known = Dependence(**told[0]) if told[0] else None
         objective = reduced_objective(
-            [each.following(known) for each in prepared_records], settings, like=like
+            [prepared.following(known) for prepared in prepared_records], settings, like=like
         )
         return objective, find_best(objective)
     objective = reduced_objective(prepared_records, settings, like=like)
@@ -82,7 +82,7 @@ def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObj
     asked = settings.resistances_follow
     if asked == "none" or (asked == "auto" and not settings.folds):
         return objective, best
-    is_measured = all(each.measured_degc is not None for each in records)
+    is_measured = all(prepared.measured_degc is not None for prepared in records)
     kinds = ["temperature", "current"] if is_measured else ["heating", "current"]
     kinds = kinds if is_measured or len(records) > 1 else []
     if asked != "auto":
@@ -102,7 +102,7 @@ def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObj
         if not worth:
             break
         # The one that saves most, then what else saves more beside it.
-        what = min(worth, key=lambda each: worth[each][0].rmse_v)
+        what = min(worth, key=lambda kind: worth[kind][0].rmse_v)
         objective, best = _searched_anew(objective, worth.pop(what)[1])
         held, kinds = held_out_errors(objective, best), list(worth)
     return objective, best
@@ -117,7 +117,7 @@ def _following(
     if proposed is None:
         return None
     dependence, log_scales = proposed
-    records = [each.following(dependence) for each in objective.prepared_records]
+    records = [prepared.following(dependence) for prepared in objective.prepared_records]
     tried = reduced_objective(records, objective.settings, held_at(objective, log_scales))
     return tried, tried.solve(log_scales)
 
@@ -150,7 +150,7 @@ def propose(
     """
     records = objective.prepared_records
     known = records[0].dependence
-    trials = [_joined(known, each) for each in _trials(records, what, is_asked)]
+    trials = [_joined(known, trial) for trial in _trials(records, what, is_asked)]
     if not trials:
         return None
     normal = _Normal.of(objective, best, trials)
@@ -158,27 +158,33 @@ def propose(
     others = [*range(scales + (len(known.numbers) if known else 0))]
     _, without = normal.step(at, others)
     promised = []
-    for place, each in enumerate(trials):
+    for place, trial in enumerate(trials):
         step, gain = normal.step(at, [*others, len(others) + place])
         if is_asked or (step[-1] > 0 and gain - without > 2 * PROMISING * at.objective_v2):
-            promised.append((gain - without, float(step[-1]), each))
+            promised.append((gain - without, float(step[-1]), trial))
     if not promised:
         return None
-    _, share, tried = max(promised, key=lambda each: each[0])
+    _, share, tried = max(promised, key=lambda promise: promise[0])
     return _polished(objective, at, _scaled(tried, min(max(share, FEWEST), MOST), what))
 
 
 def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> list[Dependence]:
     """Resistances that follow something moderately."""
     if what == "current":
-        return [Dependence(onset_a=max(float(np.max(np.abs(each.current_a))) for each in records))]
+        return [
+            Dependence(
+                onset_a=max(float(np.max(np.abs(prepared.current_a))) for prepared in records)
+            )
+        ]
     if what == "heating":
         found = []
         for tau_s in HEATING_TAUS_S:
             heat_a2 = np.concatenate(
                 [
-                    heat_of(each.record.time_s, each.record.interval_current_a, tau_s)[each.span]
-                    for each in records
+                    heat_of(prepared.record.time_s, prepared.record.interval_current_a, tau_s)[
+                        prepared.span
+                    ]
+                    for prepared in records
                 ]
             )
             kappa_per_a2 = TRIED_EXPONENT / max(float(np.max(heat_a2)), 1e-12)
@@ -187,20 +193,20 @@ def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> lis
                 Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=tau_s, reference_a2=mean_a2)
             )
         return found
-    known = [each.measured_degc for each in records]
-    spread_k = max((float(np.ptp(each)) for each in known if each is not None), default=0.0)
+    known = [prepared.measured_degc for prepared in records]
+    spread_k = max((float(np.ptp(degc)) for degc in known if degc is not None), default=0.0)
     if is_asked:
-        for each, degc in zip(records, known, strict=True):
+        for prepared, degc in zip(records, known, strict=True):
             if degc is None:
                 raise InputError(
-                    f"{each.record.name}: has no column of temperatures that resistances could "
+                    f"{prepared.record.name}: has no column of temperatures that resistances could "
                     "follow; name it 'Temperature [degC]', or use `resistances_follow` 'heating'"
                 )
-    if any(each is None for each in known) or not (is_asked or spread_k >= LEAST_SPREAD_K):
+    if any(degc is None for degc in known) or not (is_asked or spread_k >= LEAST_SPREAD_K):
         return []
     # That of the tables too, where they are of several temperatures.
     middle_degc = float(
-        np.mean([degc for each in records if (degc := each.temperature_degc) is not None])
+        np.mean([degc for prepared in records if (degc := prepared.temperature_degc) is not None])
     )
     return [Dependence(beta_per_k=arrhenius_beta(middle_degc), reference_degc=middle_degc)]
 
@@ -229,12 +235,12 @@ def _polished(
     and the logarithms of these."""
     axes, names = objective.axes, list(first.numbers)
     count, open_ended = len(axes), [np.inf] * len(names)
-    low = np.array([*(each.low for each in axes), *np.negative(open_ended)])
-    high = np.array([*(each.high for each in axes), *open_ended])
+    low = np.array([*(axis.low for axis in axes), *np.negative(open_ended)])
+    high = np.array([*(axis.high for axis in axes), *open_ended])
     scales = np.array([*start.log_scales, *map(math.log, first.numbers.values())])
     known = [first.usual.get(name, Usual(0.0, 1.0, 0.0)) for name in names]
-    pull = np.array([*[0.0] * count, *(each.pull for each in known)])
-    usual = np.array([*start.log_scales, *(each.logarithm for each in known)])
+    pull = np.array([*[0.0] * count, *(number.pull for number in known)])
+    usual = np.array([*start.log_scales, *(number.logarithm for number in known)])
     best, best_v2, found, step = first, math.inf, start, np.zeros(len(scales))
     for _ in range(ROUNDS):
         tried = np.clip(scales + step, low, high)
@@ -260,7 +266,7 @@ def _polished(
 
 def following(objective: TableObjective, dependence: Dependence | None) -> TableObjective:
     """The objective with records that follow it; its factors are still without."""
-    records = [each.following(dependence) for each in objective.prepared_records]
+    records = [prepared.following(dependence) for prepared in objective.prepared_records]
     return replace(objective, prepared_records=records)
 
 
@@ -284,15 +290,17 @@ class _Normal:
         for prepared in objective.prepared_records:
             without_v = errors_along(prepared, tables) if trials else None
             differences = [
-                (errors_along(prepared, replace(tables, dependence=each)) - without_v)[
+                (errors_along(prepared, replace(tables, dependence=trial)) - without_v)[
                     prepared.scored
                 ]
-                for each in trials
+                for trial in trials
             ]
             alone, first = replace(objective, prepared_records=[prepared]), 0
             for columns, base, _ in linearized(alone, found):
                 here = slice(first, first + len(base))
-                rows = np.column_stack([columns, *(each[here] for each in differences), base])
+                rows = np.column_stack(
+                    [columns, *(difference_v[here] for difference_v in differences), base]
+                )
                 rows = rows[:: 1 + count // ENOUGH]
                 products = products + rows.T @ rows
                 first, samples = first + len(base), samples + len(rows)
@@ -300,7 +308,7 @@ class _Normal:
 
     @property
     def _values(self) -> int:
-        return sum(len(each) for each in self.objective.nodes_of)
+        return sum(len(nodes) for nodes in self.objective.nodes_of)
 
     def solved(self, log_scales: tuple[float, ...], sides: Int[np.ndarray, "_"]) -> Solution:
         """The best tables at these scales; their errors are not known."""

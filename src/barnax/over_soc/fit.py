@@ -105,11 +105,17 @@ class TableFit(Brief):
     @property
     def is_rate_told(self) -> bool:
         """Whether the records tell the rate of a hysteresis, by an interval."""
-        return any(each.name == RATE and each.low is not None for each in self.intervals)
+        return any(
+            interval.name == RATE and interval.low is not None for interval in self.intervals
+        )
 
     def of_table(self, name: str) -> tuple[NodeInterval, ...]:
         """The intervals of one table, by rising SOC."""
-        return tuple(each for each in self.intervals if each.name == name and each.soc is not None)
+        return tuple(
+            interval
+            for interval in self.intervals
+            if interval.name == name and interval.soc is not None
+        )
 
 
 def fit_tables(
@@ -156,7 +162,7 @@ def fit_of(
         held_out = cross_validate(objective, best)
     if held_out is not None and tables.dependence is not None:
         # The constant circuit follows nothing but SOC.
-        plain = [each.following(None) for each in objective.prepared_records]
+        plain = [prepared.following(None) for prepared in objective.prepared_records]
         constant = constant_held_out(plain, settings) or held_out.constant
         held_out = replace(held_out, constant=constant)
     at_bound = _at_bound(objective, best)
@@ -167,7 +173,8 @@ def fit_of(
         objective_v=best.rms_v,
         errors=errors
         or tuple(
-            errors_on(each, tables) for each in prepared_records or objective.prepared_records
+            errors_on(prepared, tables)
+            for prepared in prepared_records or objective.prepared_records
         ),
         tau_ranges_s=taus_s,
         lower_bound_v=proof.lower_bound_v,
@@ -215,9 +222,9 @@ def pooled_errors(
 ) -> SocErrors:
     """The same on several records together."""
     return SocErrors.of(
-        (error_v[each.scored[here]], each.soc[here][each.scored[here]])
-        for each in prepared_records
-        for here, error_v in error_blocks(each, tables)
+        (error_v[prepared.scored[here]], prepared.soc[here][prepared.scored[here]])
+        for prepared in prepared_records
+        for here, error_v in error_blocks(prepared, tables)
     )
 
 
@@ -236,8 +243,8 @@ def _warnings(
     objective: TableObjective, tables: CircuitParameters, at_bound: Sequence[AtBound]
 ) -> tuple[Notice, ...]:
     found = [
-        _bound_warning(each, tables.constants[each.name], objective.settings.ocv_correction)
-        for each in at_bound
+        _bound_warning(bound, tables.constants[bound.name], objective.settings.ocv_correction)
+        for bound in at_bound
     ]
     unvisited = 1 - float(np.mean(objective.visited))
     if unvisited > MOSTLY:

@@ -107,7 +107,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     normal[:count, :count] += bent.T @ bent
     usual = {} if dependence is None else dependence.usual
     places = [len(normal) - len(numbers) + [*numbers].index(name) for name in usual]
-    pull = best.objective_v2 * np.array([each.pull for each in usual.values()])
+    pull = best.objective_v2 * np.array([number.pull for number in usual.values()])
     normal[places, places] += pull
     is_seen = np.diag(products) > UNSEEN**2 * np.max(np.diag(products))
     # Columns of H^-1 J' / N by which the noise moves every value.
@@ -117,7 +117,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     if places:
         # What is usual is itself uncertain.
         back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, places])[0]
-        variance += (back * pull) ** 2 @ np.array([each.sd for each in usual.values()]) ** 2
+        variance += (back * pull) ** 2 @ np.array([number.sd for number in usual.values()]) ** 2
     errors = np.sqrt(np.maximum(variance, 0.0))
     freedom = [max(1.0, min(noise.degrees_of_freedom(row), 1e6)) for row in moved]
     factors = stdtrit(np.array(freedom), (1 + CONFIDENCE) / 2)
@@ -125,7 +125,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
 
     def interval(name: str, soc: float | None, number: int, value: float, *unmoved: float):
         """Around what would stand there had nothing moved it, as far as the value."""
-        bias = max((value - each for each in unmoved), key=abs)
+        bias = max((value - other for other in unmoved), key=abs)
         if not is_known[number]:
             return NodeInterval(name, soc, value, 0.0, bias, None, None)
         error = float(errors[number])
@@ -140,27 +140,27 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         for node, own_sag in zip(seen, sag, strict=True):
             value, lightly = float(best.values[table][node]), float(light.values[table][node])
             number, soc = objective.block(table).start + int(node), float(nodes[node])
-            each = interval(name, soc, number, value, lightly, lightly + float(own_sag))
-            if name.startswith("R") and each.low is not None:
-                each = replace(each, low=max(each.low, 0.0))
-            found.append(each)
+            around = interval(name, soc, number, value, lightly, lightly + float(own_sag))
+            if name.startswith("R") and around.low is not None:
+                around = replace(around, low=max(around.low, 0.0))
+            found.append(around)
     scales = zip((axis.name for axis in objective.axes), best.log_scales, strict=True)
     logarithms = dict(scales) | {name: math.log(value) for name, value in numbers.items()}
     for number, (name, scale) in enumerate(logarithms.items()):
         # Of the logarithm, so that the interval is positive.
-        each = interval(name, None, len(best.unknowns) + number, scale, scale)
-        value, ends = math.exp(scale), (each.low, each.high)
-        if name in usual and each.low is not None and each.high is not None:
+        around = interval(name, None, len(best.unknowns) + number, scale, scale)
+        value, ends = math.exp(scale), (around.low, around.high)
+        if name in usual and around.low is not None and around.high is not None:
             # However little the data tell, that is what cells usually have.
             middle, reach = usual[name].logarithm, 2 * usual[name].sd
             ends = (
-                max(each.low, min(scale, middle - reach)),
-                min(each.high, max(scale, middle + reach)),
+                max(around.low, min(scale, middle - reach)),
+                min(around.high, max(scale, middle + reach)),
             )
         # What may be anything has no end, as where no sample moves it.
         is_told = ends[0] is not None and ends[1] is not None and ends[1] - ends[0] < WIDEST
         low, high = (math.exp(end) if is_told and end is not None else None for end in ends)
-        error = value * each.standard_error if is_told else 0.0
+        error = value * around.standard_error if is_told else 0.0
         found.append(NodeInterval(name, None, value, error, 0.0, low, high))
     return tuple(found)
 
@@ -220,7 +220,7 @@ def noises_behind(
 ]:
     """The same of several voltages under one current, each with its tables' values."""
     time_s = one_clock(objective.prepared_records)
-    longest_s = max(each.scored_duration_s for each in objective.prepared_records)
+    longest_s = max(prepared.scored_duration_s for prepared in objective.prepared_records)
     slots = Slots.of(time_s, longest_s, MAX_SLOTS)
     width, sides = ways.shape[1], values.shape[1]
     counts, errors = np.zeros(slots.count), np.zeros((slots.count, sides))
@@ -269,9 +269,9 @@ def linearized(
     pairs, layout = objective.pairs, objective.reduced.layout
     tau, rate = found.log_scales[:pairs], found.log_scales[pairs:]
     rungs = rungs_of(objective.elements)
-    rung_scales = [tau[each.element] + math.log(each.ratio) for each in rungs]
+    rung_scales = [tau[rung.element] + math.log(rung.ratio) for rung in rungs]
     in_tau = span_through(_around(rung_scales))
-    in_rate = span_through([-each for each in _around(rate)]) if rate else None
+    in_rate = span_through([-scale for scale in _around(rate)]) if rate else None
     layout = replace(layout, in_tau=in_tau, in_rate=in_rate)
     part = replace(objective.reduced, layout=layout)
     for prepared in objective.prepared_records:
@@ -283,8 +283,8 @@ def linearized(
             rows = replace(part, scored=1, factor=block.rows(layout, scored))
             answers, responses, initial, current, correction, base = map(rows.part, layout.sizes)
             taus = np.zeros((3 * pairs, *answers.shape[1:]))
-            for own, each in zip(answers.reshape(-1, 3, *answers.shape[1:]), rungs, strict=True):
-                taus[3 * each.element : 3 * each.element + 3] += each.share * own
+            for own, rung in zip(answers.reshape(-1, 3, *answers.shape[1:]), rungs, strict=True):
+                taus[3 * rung.element : 3 * rung.element + 3] += rung.share * own
             amplitude = list(initial)
             base = base[0][:, 0] if beside_v is None else base[:, :, 0].T
             if rate and layout.has_amplitude:
@@ -299,7 +299,7 @@ def linearized(
             if rate:
                 counts = found.values[-1] if layout.has_amplitude else np.ones(1)
                 moved.append((responses[2] - responses[0]) @ counts / (2 * STEP))
-            moved += [each[block.here][scored] for each in beside]
+            moved += [slope[block.here][scored] for slope in beside]
             columns = np.concatenate([*tables, np.stack(moved, axis=1)], axis=1)
             yield columns, base, prepared.informed[block.here][scored]
 

@@ -229,9 +229,9 @@ def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> Tab
     Raises `InputError` where records are on different grids.
     """
     first = kept[0]
-    for each in kept:
-        if each.grid != first.grid:
-            raise InputError(_other_grid(first, each))
+    for record in kept:
+        if record.grid != first.grid:
+            raise InputError(_other_grid(first, record))
     objective = objective_of(kept, settings or TableSettings())
     with one_blas_thread():
         best = find_best(objective)
@@ -245,8 +245,10 @@ def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> Tab
         return fit
     known_v = dict(zip(first.grid.layout.ocv_nodes, first.cell.ocv_v.tolist(), strict=True))
     intervals = tuple(
-        each.moved(known_v[each.soc]) if each.name == OCV and each.soc is not None else each
-        for each in fit.intervals
+        interval.moved(known_v[interval.soc])
+        if interval.name == OCV and interval.soc is not None
+        else interval
+        for interval in fit.intervals
     )
     return replace(fit, intervals=intervals)
 
@@ -266,12 +268,12 @@ def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjectiv
     )
     if grid.ocv == "own":
         settings = with_own_ocv(settings)
-        kept = [each.counted_from(kept[0].cell) for each in kept]
+        kept = [record.counted_from(kept[0].cell) for record in kept]
     ranges = {
         name: (min(max(low, grid.low_s), grid.high_s), max(min(high, grid.high_s), grid.low_s))
         for name, (low, high) in box_of(kept, settings).items()
     }
-    parts = [part for each in kept for part in each.parts]
+    parts = [part for record in kept for part in record.parts]
     with one_blas_thread():
         whole = together([_empty(layout), *parts])
     return TableObjective((), settings, ranges, whole, parts, kept=kept)

@@ -14,7 +14,7 @@ from .settings import TableSettings
 # An OCV bends more than resistances do: closer nodes, but near empty, where no circuit follows and
 # the fall of one record would be taken for that of all.
 OCV_NODES = (
-    *(each for each in NODES if each < 0.05),
+    *(node for node in NODES if node < 0.05),
     *(place / 80 for place in range(4, 16)),
     *(place / 40 for place in range(8, 36)),
     *(place / 80 for place in range(72, 81)),
@@ -38,7 +38,7 @@ def level_cell(capacity_ah: float, voltage_v: float) -> CellModel:
     """A cell whose OCV says nothing: all of it is left to the table."""
     soc = np.array([-1.0, 2.0])
     line = InterpolatedCurve.fit(soc, voltage_v + NEARLY_LEVEL_V * soc)
-    points = tuple(OcvPoint(each, voltage_v, "", 0, 0.0) for each in soc.tolist())
+    points = tuple(OcvPoint(place, voltage_v, "", 0, 0.0) for place in soc.tolist())
     error = FitError(0.0, 0.0)
     return CellModel(
         capacity_ah, "", line, line, SegmentedHysteresis.zero(), (), points, {"average": error}

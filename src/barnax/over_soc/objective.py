@@ -129,11 +129,11 @@ class TableObjective:
         return self._nearest(np.array(self.reduced.layout.ocv_nodes))
 
     def _nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
-        return np.any([each.nearest(nodes) for each in self.facts], axis=0)
+        return np.any([record.nearest(nodes) for record in self.facts], axis=0)
 
     def block(self, table: int) -> slice:
         """The unknowns of a table."""
-        first = sum(len(each) for each in self.nodes_of[:table])
+        first = sum(len(nodes) for nodes in self.nodes_of[:table])
         return slice(first, first + len(self.nodes_of[table]))
 
     @cached_property
@@ -235,7 +235,7 @@ class TableObjective:
         an OCV that is wrong would be fitted with none. Zero where they do not tell it."""
         if OHMIC in self.settings.ranges:
             return 0.0
-        return LEAST_SHARE * min(each.step_ohm for each in self.facts)
+        return LEAST_SHARE * min(record.step_ohm for record in self.facts)
 
     @cached_property
     def box(self) -> tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]]:
@@ -245,7 +245,7 @@ class TableObjective:
         high = [np.full(len(nodes), np.inf) for nodes in self.nodes_of]
         low[0][:] = self.least_r0_ohm
         ranges = self.settings.ranges
-        names = (OHMIC, *(each.resistance for each in names_of(self.elements)))
+        names = (OHMIC, *(element.resistance for element in names_of(self.elements)))
         for table, name in enumerate(names):
             if name in ranges:
                 low[table][:], high[table][:] = ranges[name]
@@ -253,7 +253,7 @@ class TableObjective:
             low[self.pairs + 1][:] = -np.inf
             if self.settings.rising_ocv:
                 nodes = self.nodes_of[self.pairs + 1]
-                slopes = [each.cell.least_ocv_slopes(nodes) for each in self.facts]
+                slopes = [record.cell.least_ocv_slopes(nodes) for record in self.facts]
                 low[self.pairs + 1][1:] = -np.diff(nodes) * np.min(slopes, axis=0)
         return np.concatenate(low), np.concatenate(high)
 
@@ -341,13 +341,13 @@ class TableObjective:
 
     def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
         """The derivative of the least J by the scales: that at fixed tables, which are optimal."""
-        return np.array([2 * float(found.error @ each) for each in self.error_slopes(found)])
+        return np.array([2 * float(found.error @ slopes) for slopes in self.error_slopes(found)])
 
     @property
     def names(self) -> tuple[str, ...]:
         """What every table is of."""
         layout = self.reduced.layout
-        names = [OHMIC, *(each.resistance for each in names_of(self.elements))]
+        names = [OHMIC, *(element.resistance for element in names_of(self.elements))]
         if layout.has_correction:
             names.append(OCV_CORRECTION if self.settings.ocv_nodes is None else OCV)
         return (*names, HALF_HYSTERESIS) if layout.has_amplitude else tuple(names)

@@ -124,10 +124,10 @@ def fit_with_ocv(
     groups: list[Sequence[Record]] = [records]
     if over_temperature:
         known: list[tuple[float, Record]] = []
-        for each in records:
-            if (degc := temperature_of(each, windows[each.name])) is None:
-                raise notice("temperature.unknown", each.name).error()
-            known.append((degc, each))
+        for record in records:
+            if (degc := temperature_of(record, windows[record.name])) is None:
+                raise notice("temperature.unknown", record.name).error()
+            known.append((degc, record))
         groups = list(group_near(known).values())
     started: dict[str, Window] = {}
     for alike in groups:
@@ -144,27 +144,27 @@ def _started(
     origin: str,
 ) -> dict[str, Window]:
     """The windows of records of one temperature with their starts."""
-    axes = {each.name: _axis(each, windows[each.name], axis_ah) for each in records}
-    known = [each for each in records if axes[each.name].source != "own span"]
+    axes = {record.name: _axis(record, windows[record.name], axis_ah) for record in records}
+    known = [record for record in records if axes[record.name].source != "own span"]
     known = known or [max(records, key=_span_ah)]
-    for each in known:
-        _require_on_axis(each, windows[each.name], axes[each.name].initial_soc, axis_ah)
+    for record in known:
+        _require_on_axis(record, windows[record.name], axes[record.name].initial_soc, axis_ah)
     quick = replace(own, folds=0, max_boxes=0)
     if len(known) < len(records):
         at_axes = _on_axes(known, windows, axes, axis_ah)
         cell = _cell_found(known, circuit, at_axes, quick, axis_ah, origin)
-        for each in records:
-            if each not in known:
+        for record in records:
+            if record not in known:
                 # Where it goes from there is looked at with the OCV of all.
-                window, at = windows[each.name], first_sample(each, windows[each.name])
-                rest_a = window.rest_current_a or rest_current_a(each, axis_ah)
-                start, _ = find_start(each, cell, window, axis_ah, at, rest_a)
-                axes[each.name] = Axis(start.soc, "rest elsewhere")
+                window, at = windows[record.name], first_sample(record, windows[record.name])
+                rest_a = window.rest_current_a or rest_current_a(record, axis_ah)
+                start, _ = find_start(record, cell, window, axis_ah, at, rest_a)
+                axes[record.name] = Axis(start.soc, "rest elsewhere")
     found = _on_axes(records, windows, axes, axis_ah)
     if len(records) > 1 and not own.keep_starts:
         cell = _cell_found(records, circuit, found, quick, axis_ah, origin)
-        told = [prepare_record(each, cell, circuit, found[each.name]) for each in records]
-        found = {each.record.name: each.window for each in register(told, own)}
+        told = [prepare_record(record, cell, circuit, found[record.name]) for record in records]
+        found = {prepared.record.name: prepared.window for prepared in register(told, own)}
     return found
 
 
@@ -211,14 +211,14 @@ def _on_axes(
 ) -> dict[str, Window]:
     """The windows of records with their starts on the axis."""
     return {
-        each.name: replace(
-            windows[each.name],
+        record.name: replace(
+            windows[record.name],
             initial_soc=axis.initial_soc,
             soc_source=None if axis.source == "given" else axis.source,
             capacity_ah=capacity_ah,
         )
-        for each in records
-        for axis in [axes[each.name]]
+        for record in records
+        for axis in [axes[record.name]]
     }
 
 
@@ -232,8 +232,8 @@ def _cell_found(
 ) -> CellModel:
     """The cell of records, before anything else is asked of their tables."""
     level = level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
-    means = [in_means(each, MEANS_S) for each in records]
-    prepared = [prepare_record(each, level, circuit, windows[each.name]) for each in means]
+    means = [in_means(record, MEANS_S) for record in records]
+    prepared = [prepare_record(record, level, circuit, windows[record.name]) for record in means]
     with one_blas_thread():
         return _cell_of(*searched(prepared, settings), capacity_ah, origin)
 
@@ -251,7 +251,7 @@ def _fitted(
     level = level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
 
     def prepared_for(circuit: str) -> list[PreparedRecord]:
-        return [prepare_record(each, level, circuit, windows[each.name]) for each in records]
+        return [prepare_record(record, level, circuit, windows[record.name]) for record in records]
 
     prepared = prepared_for(circuit)
     cells: list[CellModel] = []
@@ -259,8 +259,8 @@ def _fitted(
     def at_home(objective: TableObjective, best: Solution) -> list[PreparedRecord]:
         """The objective's records with the OCV that was found."""
         cells.append(_cell_of(objective, best, capacity_ah, origin))
-        own = [each.record for each in objective.prepared_records]
-        return [prepare_record(each, cells[-1], circuit, windows[each.name]) for each in own]
+        own = [prepared.record for prepared in objective.prepared_records]
+        return [prepare_record(record, cells[-1], circuit, windows[record.name]) for record in own]
 
     if over_temperature:
         groups = group_by_temperature(prepared)
@@ -301,8 +301,10 @@ def _of_ocv(
             crossed = replace(fit.cross_validation, constant=constant)
             fit = replace(fit, cross_validation=crossed)
     intervals = tuple(
-        each.moved(float(level.average_ocv_v(np.array(each.soc)))) if each.name == OCV else each
-        for each in fit.intervals
+        interval.moved(float(level.average_ocv_v(np.array(interval.soc))))
+        if interval.name == OCV
+        else interval
+        for interval in fit.intervals
     )
     return replace(fit, intervals=intervals)
 
@@ -312,7 +314,7 @@ def _cell_of(
 ) -> CellModel:
     """The cell with the OCV of a solution, as far as samples go."""
     nodes, ocv_v = objective.ocv_at(best)
-    soc = np.concatenate([each.soc[each.scored] for each in objective.prepared_records])
+    soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
     # Straight lines between nodes are the fit; a cubic through the nodes would be another one.
     low, high = max(nodes[0], float(soc.min())), min(nodes[-1], float(soc.max()))
     fine = np.interp(
@@ -321,7 +323,7 @@ def _cell_of(
         nodes,
     )
     at = np.unique([low, *fine[(fine > low) & (fine < high)], high])
-    name = " + ".join(each.record.name for each in objective.prepared_records)
+    name = " + ".join(prepared.record.name for prepared in objective.prepared_records)
     voltage_v = np.interp(at, nodes, ocv_v)
     points = tuple(
         OcvPoint(*pair, name, row=0, rest_s=0.0)
@@ -337,11 +339,11 @@ def _capacity(
     records: Sequence[Record], windows: Mapping[str, Window], given_ah: float | None
 ) -> tuple[float, str]:
     """One capacity for the axis, given or the widest span, and where it comes from."""
-    own = {windows[each.name].capacity_ah for each in records} - {None}
+    own = {windows[record.name].capacity_ah for record in records} - {None}
     if len(own) > 1:
         raise InputError(
             "records of one cell without an OCV test need one `capacity`; they were given "
-            f"{', '.join(f'{each:g}' for each in sorted(filter(None, own)))} Ah"
+            f"{', '.join(f'{own_ah:g}' for own_ah in sorted(filter(None, own)))} Ah"
         )
     given_ah = next(iter(own), None) or given_ah
     if given_ah is not None:
@@ -389,7 +391,7 @@ def _axis(record: Record, window: Window, capacity_ah: float) -> Axis:
         if record.voltage_v[last] >= highest_v - FULL_CHARGE.held_near_v
     ]
     fullest = int(np.argmin(record.discharged_ah))
-    at = min(full, key=lambda each: abs(each - first)) if full else fullest
+    at = min(full, key=lambda sample: abs(sample - first)) if full else fullest
     out_ah = float(record.discharged_ah[first] - record.discharged_ah[at])
     soc = 1 - out_ah / capacity_ah
     if not -NEARLY_SOC <= soc <= 1 + NEARLY_SOC:

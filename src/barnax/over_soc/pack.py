@@ -120,8 +120,8 @@ def fit_pack(
         pack = reduced_objective([prepared], settings, held, beside_v=sides_v)
         count, log_scales = 1 + len(names), tuple(math.log(low) for low, _ in held.values())
         own = [replace(pack, reduced=pack.reduced.side(side)) for side in range(count)]
-        found = [each.solve(log_scales, exact=True) for each in own]
-        light = [_lightly(each, start) for each, start in zip(own, found, strict=True)]
+        found = [objective.solve(log_scales, exact=True) for objective in own]
+        light = [_lightly(objective, start) for objective, start in zip(own, found, strict=True)]
         spread = _Spread.of(own[0], light, sides_v)
         loaded_soc, directions = _directions(pack, found[0], prepared, spread)
         if own_time_constants:
@@ -138,7 +138,7 @@ def fit_pack(
     cells = []
     for side, name in enumerate(names, 1):
         best = found[side]
-        rows, lightly = (np.concatenate(each.values) for each in (best, light[side]))
+        rows, lightly = (np.concatenate(solution.values) for solution in (best, light[side]))
         if not own_time_constants:
             # What is told is at the cell's own, to first order.
             rows, lightly = rows + spread.steps[0][:, side], lightly + spread.steps[1][:, side]
@@ -149,7 +149,9 @@ def fit_pack(
             value = float(direction @ (lightly - middle[1] if is_other else rows))
             near = float(direction @ (lightly - middle[1] if is_other else lightly))
             if what == LOADED:
-                value, near = (each + _known_at(loaded_soc, prepared) for each in (value, near))
+                value, near = (
+                    above_v + _known_at(loaded_soc, prepared) for above_v in (value, near)
+                )
             # What no circuit follows is in all cells alike, and seen best where noise averages out.
             common = 0.0 if is_other else spread.reach(0, direction)
             reach = math.hypot(spread.reach(side, direction), common)
@@ -157,7 +159,7 @@ def fit_pack(
             if is_other and reach > TOLD:
                 continue
             if what == CAPACITY:
-                value, *ends = (1 / (1 - each) for each in (value, *ends))
+                value, *ends = (1 / (1 - end) for end in (value, *ends))
             values[what] = Value(value, *ends)
         ocv_v = np.where(seen, known_v + np.concatenate(best.values)[ocv], np.nan)
         rmse_v = math.sqrt(float(best.error @ best.error))
@@ -204,7 +206,7 @@ class _Spread:
         dependence = lighter.facts[0].dependence
         others = len(lighter.axes) + (len(dependence.numbers) if dependence else 0)
         ways = np.asarray(block_diag(of_tables, np.eye(others)))
-        values = np.column_stack([np.concatenate(each.values) for each in light])
+        values = np.column_stack([np.concatenate(solution.values) for solution in light])
         layout = replace(lighter.reduced.layout, sides=len(light))
         sided = replace(lighter, reduced=replace(lighter.reduced, layout=layout))
         rows = linearized(sided, light[0], sides_v)
@@ -253,15 +255,15 @@ def _directions(
     is_middle = visited & (nodes >= MIDDLE[0]) & (nodes <= MIDDLE[1])
     chosen = is_middle if np.any(is_middle) else visited
     mean_of = chosen / chosen.sum()
-    size = sum(len(each) for each in pack.nodes_of)
+    size = sum(len(nodes) for nodes in pack.nodes_of)
     found = {name: np.zeros(size) for name in QUANTITIES}
     found[R0][pack.block(0)] = mean_of
     table = 1 + pack.pairs
     places, ocv_nodes = pack.block(table), pack.nodes_of[table]
     low = float(nodes[chosen][0])
-    for each in range(table):
-        found[TOTAL][pack.block(each)] = mean_of
-        found[LOADED][pack.block(each)] = -prepared.capacity_ah * (nodes == low)
+    for resistance in range(table):
+        found[TOTAL][pack.block(resistance)] = mean_of
+        found[LOADED][pack.block(resistance)] = -prepared.capacity_ah * (nodes == low)
     found[LOADED][places] = np.array([np.interp(low, ocv_nodes, e) for e in np.eye(len(ocv_nodes))])
 
     seen = np.flatnonzero(pack.visited_of(table))

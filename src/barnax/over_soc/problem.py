@@ -47,7 +47,7 @@ def reduced_objective(
         settings.ocv_correction,
         settings.half_hysteresis,
         get_circuit(prepared_records[0].circuit).elements,
-        min(float(np.min(np.diff(each.time_s))) for each in prepared_records),
+        min(float(np.min(np.diff(prepared.time_s))) for prepared in prepared_records),
     )
 
     def reduced(records: Sequence[PreparedRecord]) -> list[Reduced]:
@@ -55,18 +55,18 @@ def reduced_objective(
 
     if beside_v is not None:
         layout = replace(layout, sides=beside_v.shape[1])
-    own = [seen(each) for each in prepared_records]
+    own = [seen(prepared) for prepared in prepared_records]
     if like is not None and like.settings is settings and like.reduced.layout.is_alike(layout):
         pairs = zip(own, like.prepared_records, strict=True)
-        if all(_is_alike(*each) for each in pairs):
+        if all(_is_alike(*pair) for pair in pairs):
             return replace(like, prepared_records=own, ranges=ranges)
     parts, told = reduced(own), []
     if (
         settings.folds
         and len(prepared_records) > 1
-        and any(each.window.registration for each in prepared_records)
+        and any(prepared.window.registration for prepared in prepared_records)
     ):
-        told = reduced([seen(each.as_told) for each in prepared_records])
+        told = reduced([seen(prepared.as_told) for prepared in prepared_records])
     with one_blas_thread():
         # What is shortened is no triangle any more, of which a side is taken.
         whole = together(parts) if beside_v is None else parts[0]
@@ -80,7 +80,7 @@ def _is_alike(one: PreparedRecord, other: PreparedRecord) -> bool:
         one.record is other.record
         and one.window == other.window
         and one.dependence == other.dependence
-        and all(np.array_equal(getattr(one, each), getattr(other, each)) for each in what)
+        and all(np.array_equal(getattr(one, name), getattr(other, name)) for name in what)
     )
 
 
@@ -94,12 +94,12 @@ def box_of(prepared_records: Sequence[Any], settings: TableSettings) -> dict[str
     """The ranges of every pair's time constant, and that of gamma where there is one, by name; of
     records that were kept too."""
     circuit, ranges = get_circuit(prepared_records[0].circuit), settings.ranges
-    interval_s = min(each.median_interval_s for each in prepared_records)
-    duration_s = max(each.scored_duration_s for each in prepared_records)
+    interval_s = min(prepared.median_interval_s for prepared in prepared_records)
+    duration_s = max(prepared.scored_duration_s for prepared in prepared_records)
     slowest_s = min(SLOWEST_TAU_S, duration_s * (SLOWEST_SHARE if settings.ocv_correction else 1.0))
     # What is much faster than the sampling cannot be told from the ohmic resistance. A pulse test
     # logs its rests slowly and its pulses fast, which tell.
-    dense_s = min(each.dense_interval_s for each in prepared_records)
+    dense_s = min(prepared.dense_interval_s for prepared in prepared_records)
     fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), dense_s / 2), slowest_s)
     box, known = {}, {OHMIC, RATE}
     for names, element in zip(names_of(circuit.elements), circuit.elements, strict=True):
@@ -136,6 +136,6 @@ def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
         return float(max(ends.max(), -ends.min()))
 
     return min(
-        max(furthest(each.soc, extreme) for each in prepared_records)
+        max(furthest(prepared.soc, extreme) for prepared in prepared_records)
         for extreme in (np.minimum, np.maximum)
     )

@@ -67,10 +67,10 @@ def register(
     Where the records leave the axis of SOC so, they stay as they were told.
     """
     plain = replace(settings, folds=0, max_boxes=0)
-    means = [_in_means(each) for each in prepared_records]
+    means = [_in_means(prepared) for prepared in prepared_records]
     found, whole = list(means), list(prepared_records)
-    told = np.array([[each.start.soc, each.capacity_ah] for each in prepared_records])
-    prior = np.array([told_within(each) for each in prepared_records])
+    told = np.array([[prepared.start.soc, prepared.capacity_ah] for prepared in prepared_records])
+    prior = np.array([told_within(prepared) for prepared in prepared_records])
     shifts = errors = np.zeros_like(told)
     with one_blas_thread():
         # What resistances follow is known by what is held out, from starts as told.
@@ -86,7 +86,7 @@ def register(
                 dependence = adjusted(objective, best)
             estimated = estimate(objective, best, _of_starts, shifts.ravel(), prior.ravel())
             moved, errors = (
-                each.reshape(shifts.shape) for each in (estimated.values, estimated.errors)
+                numbers.reshape(shifts.shape) for numbers in (estimated.values, estimated.errors)
             )
             # The axis is the one on which what was told is right on the average.
             moved = moved - np.average(moved, axis=0, weights=prior**-2.0)
@@ -98,11 +98,11 @@ def register(
                 whole = _all_moved(prepared_records, rows, dependence)
             except InputError:
                 return list(prepared_records)
-            found = [each.following(dependence) for each in found]
+            found = [prepared.following(dependence) for prepared in found]
             if is_settled:
                 break
         offset = shared_offset(*as_told, prior, best.rms_v)
-    return whole if offset is None else [_with_offset(each, offset) for each in whole]
+    return whole if offset is None else [_with_offset(prepared, offset) for prepared in whole]
 
 
 def _in_means(prepared: PreparedRecord) -> PreparedRecord:
@@ -120,8 +120,8 @@ def _all_moved(
 ) -> list[PreparedRecord]:
     """The records with their starts and capacities moved, each as its row says."""
     return [
-        _moved(each, *row, follows=follows)
-        for each, row in zip(prepared_records, rows, strict=True)
+        _moved(prepared, *row, follows=follows)
+        for prepared, row in zip(prepared_records, rows, strict=True)
     ]
 
 

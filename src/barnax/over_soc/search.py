@@ -64,7 +64,7 @@ class Searchable(Protocol[Found]):
 
 def find_best(objective: Searchable[Found]) -> Found:
     """The best tables and time constants that a grid and descents from its minima find."""
-    ends = [polish(objective, each) for each in _minima(objective)]
+    ends = [polish(objective, start) for start in _minima(objective)]
     best = min(ends, key=lambda end: end.objective_v2)
     return objective.solve(best.log_scales, best.sides, exact=True)
 

@@ -63,4 +63,4 @@ class TableSettings(TableOptions):
     @property
     def ranges(self) -> dict[str, Range]:
         """Bounds and fixed values alike, as ranges."""
-        return {**self.bounds, **{name: (each, each) for name, each in self.fixed.items()}}
+        return {**self.bounds, **{name: (value, value) for name, value in self.fixed.items()}}

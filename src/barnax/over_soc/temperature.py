@@ -80,7 +80,7 @@ class OverTemperature:
 
     def measured_near(self, temperature_degc: float) -> float | None:
         """The measured temperature within `SAME_DEGC` of one, None without such."""
-        nearest = min(self.temperatures_degc, key=lambda each: abs(each - temperature_degc))
+        nearest = min(self.temperatures_degc, key=lambda degc: abs(degc - temperature_degc))
         return nearest if abs(nearest - temperature_degc) <= SAME_DEGC else None
 
     def like(self, temperature_degc: float) -> tuple[LeftOut, ...]:
@@ -88,7 +88,7 @@ class OverTemperature:
         one; all of them where none was."""
         ends = self.temperatures_degc[0], self.temperatures_degc[-1]
         is_between = ends[0] < temperature_degc < ends[1]
-        alike = tuple(each for each in self.left_out if each.is_between == is_between)
+        alike = tuple(left for left in self.left_out if left.is_between == is_between)
         return alike or self.left_out
 
 
@@ -125,7 +125,7 @@ class TableFits:
         if self.over_temperature is None:
             return None
         degc = self.over_temperature.temperatures_degc
-        return TemperatureTables(degc, tuple(each.tables for each in self.fits))
+        return TemperatureTables(degc, tuple(fit.tables for fit in self.fits))
 
     def at(self, temperature_degc: float) -> CircuitParameters:
         """The tables at a temperature: the measured ones within `SAME_DEGC`, else what lies
@@ -162,7 +162,7 @@ class _Joint:
 
     @cached_property
     def weights(self) -> Float[np.ndarray, "temperatures"]:
-        scored = np.array([each.reduced.scored for each in self.objectives], float)
+        scored = np.array([objective.reduced.scored for objective in self.objectives], float)
         return scored / scored.sum()
 
     def parts_at(self, found: _JointSolution) -> list[tuple[float, TableObjective, Solution]]:
@@ -183,19 +183,19 @@ class _Joint:
     def solve(self, log_scales: LogScales, sides=None, exact: bool = False) -> _JointSolution:
         sides = sides or [None] * len(self.objectives)
         parts = tuple(
-            each.solve(log_scales, own, exact)
-            for each, own in zip(self.objectives, sides, strict=True)
+            objective.solve(log_scales, own, exact)
+            for objective, own in zip(self.objectives, sides, strict=True)
         )
-        objective_v2 = float(self.weights @ [each.objective_v2 for each in parts])
-        sides = tuple(each.sides for each in parts)
+        objective_v2 = float(self.weights @ [part.objective_v2 for part in parts])
+        sides = tuple(part.sides for part in parts)
         return _JointSolution(log_scales, sides, objective_v2, parts)
 
     def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
-        return self.weights @ [each.least_v2(log_scales) for each in self.objectives]
+        return self.weights @ [objective.least_v2(log_scales) for objective in self.objectives]
 
     def slope(self, found: _JointSolution) -> Float[np.ndarray, "axes"]:
         pairs = zip(self.objectives, found.parts, strict=True)
-        return self.weights @ [each.slope(part) for each, part in pairs]
+        return self.weights @ [objective.slope(part) for objective, part in pairs]
 
     def root(self, squares: Sequence[float]) -> float:
         """The root of what the temperatures' mean squares come to."""
@@ -221,21 +221,21 @@ def fit_temperatures(
     settings = settings or TableSettings()
     require_temperatures(by_degc)
     degc = tuple(sorted(by_degc))
-    ranges = box_of([each for own in degc for each in by_degc[own]], settings)
-    joint = _Joint(tuple(reduced_objective(by_degc[each], settings, ranges) for each in degc))
+    ranges = box_of([prepared for own in degc for prepared in by_degc[own]], settings)
+    joint = _Joint(tuple(reduced_objective(by_degc[own], settings, ranges) for own in degc))
     with one_blas_thread():
         best = find_best(joint)
         given = zip(joint.objectives, best.parts, strict=True)
-        following = tuple(with_dependence(each, part)[0] for each, part in given)
+        following = tuple(with_dependence(objective, part)[0] for objective, part in given)
         if following != joint.objectives:
             joint = _Joint(following)
             best = find_best(joint)
         proofs = [
-            certify(each, polish(each, part))
-            for each, part in zip(joint.objectives, best.parts, strict=True)
+            certify(objective, polish(objective, part))
+            for objective, part in zip(joint.objectives, best.parts, strict=True)
         ]
         lower_bound_v, best = _prove_together(joint, best, proofs)
-        homes = [at_home(each, part) for _, each, part in joint.parts_at(best)]
+        homes = [at_home(objective, part) for _, objective, part in joint.parts_at(best)]
         left_out = _left_out(joint, best, degc, homes)
     fits = tuple(
         fit_of(objective, Proof(min(proof.lower_bound_v, part.rms_v), proof.boxes, part), home)
@@ -259,7 +259,7 @@ def group_by_temperature(
 ) -> dict[float, list[PreparedRecord]]:
     """Records by temperature in degC, those within `SAME_DEGC` of each other together, at the mean
     of theirs. Raises `InputError` where a record's temperature is not known."""
-    return group_near((require_temperature(each), each) for each in prepared_records)
+    return group_near((require_temperature(prepared), prepared) for prepared in prepared_records)
 
 
 def require_temperatures(by_degc: Mapping[float, Sequence[PreparedRecord]]) -> None:
@@ -293,10 +293,10 @@ def _prove_together(
     What is proved of each temperature alone may be enough, unless sharing costs more than that.
     """
     settings = joint.settings
-    alone_v = joint.root([each.lower_bound_v**2 for each in proofs])
+    alone_v = joint.root([proof.lower_bound_v**2 for proof in proofs])
     if not settings.max_boxes or alone_v >= (1 - settings.proved_share) * best.rms_v:
         return min(alone_v, best.rms_v), best
-    together = certify(joint, best, [each.lower_bound_v for each in proofs])
+    together = certify(joint, best, [proof.lower_bound_v for proof in proofs])
     best_v = together.best.rms_v
     return min(max(alone_v, together.lower_bound_v), best_v), together.best
 
@@ -315,8 +315,8 @@ def _left_out(
         tables = TemperatureTables(
             (*degc[:left], *degc[left + 1 :]),
             tuple(
-                each.tables_at(part)
-                for each, part in zip(others.objectives, anew.parts, strict=True)
+                objective.tables_at(part)
+                for objective, part in zip(others.objectives, anew.parts, strict=True)
             ),
         )
         own, of_own = homes[left], objective.tables_at(best.parts[left])
@@ -334,15 +334,15 @@ def _left_out(
 def _reversals(fits: Sequence[TableFit]) -> tuple[Reversal, ...]:
     """The nodes at which intervals of neighboring temperatures lie apart in both directions."""
     found = []
-    for name in (each for each in fits[0].tables.tables if each.endswith("[Ohm]")):
+    for name in (table for table in fits[0].tables.tables if table.endswith("[Ohm]")):
         for soc in fits[0].tables.nodes:
             nodes = [
-                each for fit in fits for each in fit.of_table(name)
-                if each.soc == soc and each.low is not None and each.high is not None
+                node for fit in fits for node in fit.of_table(name)
+                if node.soc == soc and node.low is not None and node.high is not None
             ]  # fmt: skip
             steps = list(itertools.pairwise(nodes))
             falls = any((two.high or 0.0) < (one.low or 0.0) for one, two in steps)
             rises = any((two.low or 0.0) > (one.high or 0.0) for one, two in steps)
             if falls and rises:
-                found.append(Reversal(name, soc, tuple(each.value for each in nodes)))
+                found.append(Reversal(name, soc, tuple(node.value for node in nodes)))
     return tuple(found)

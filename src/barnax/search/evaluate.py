@@ -111,14 +111,14 @@ def with_registered(
 
 def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
     """The errors at the samples that both count; which of them do can depend on the SOC."""
-    count = min(len(each.prepared.scored) for each in evaluations)
-    scored = np.all([each.prepared.scored[:count] for each in evaluations], axis=0)
-    return (each.error_v[:count][scored] for each in evaluations)
+    count = min(len(evaluation.prepared.scored) for evaluation in evaluations)
+    scored = np.all([evaluation.prepared.scored[:count] for evaluation in evaluations], axis=0)
+    return (evaluation.error_v[:count][scored] for evaluation in evaluations)
 
 
 def pooled(evaluations: Sequence[Evaluation]) -> Metrics:
     """The metrics over all scored samples of several records."""
-    scored = [each.prepared.scored for each in evaluations]
+    scored = [evaluation.prepared.scored for evaluation in evaluations]
     measured_v = [e.prepared.voltage_v[s] for e, s in zip(evaluations, scored, strict=True)]
     simulated_v = [e.simulated_v[s] for e, s in zip(evaluations, scored, strict=True)]
     return measure(np.concatenate(measured_v), np.concatenate(simulated_v))

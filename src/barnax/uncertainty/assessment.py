@@ -71,9 +71,12 @@ def diagnostics(problem: Problem, covariance: Covariance) -> Diagnostics:
     prepared_records = problem.prepared_records
     interval_s = linearization.interval_s
     time_s = noise.correlation_time_s(interval_s)
-    rest_c = max(each.rest_current_a / each.capacity_ah for each in prepared_records)
+    rest_c = max(prepared.rest_current_a / prepared.capacity_ah for prepared in prepared_records)
     rate = np.concatenate(
-        [each.current_a[each.scored] / each.capacity_ah for each in prepared_records]
+        [
+            prepared.current_a[prepared.scored] / prepared.capacity_ah
+            for prepared in prepared_records
+        ]
     )
     return Diagnostics(
         lags_s=tuple(noise.lags_s.tolist()),
@@ -111,9 +114,9 @@ def _temperature_bands(
 ) -> tuple[Band, ...] | None:
     measured = [prepared.record.temperature_degc for prepared in prepared_records]
     parts = [
-        each[prepared.span][prepared.scored]
-        for each, prepared in zip(measured, prepared_records, strict=True)
-        if each is not None
+        degc[prepared.span][prepared.scored]
+        for degc, prepared in zip(measured, prepared_records, strict=True)
+        if degc is not None
     ]
     if len(parts) < len(prepared_records):
         return None
@@ -230,7 +233,9 @@ def examine(
         key: A key of `jax.random.key`, for the bootstrap.
     """
     refit, covariance = Refit(problem), assessment.covariance
-    free = [each.name for each in assessment.uncertainty.estimates if each.relative_error]
+    free = [
+        estimate.name for estimate in assessment.uncertainty.estimates if estimate.relative_error
+    ]
     return Examination(
         rmse_v=rmse_by_scan(problem, [parameters])[0],
         profiles=tuple(

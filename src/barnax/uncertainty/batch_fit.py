@@ -196,7 +196,7 @@ def _refit(
     def one(base_v, start, matrix, shift):
         # The last column is the voltage.
         factor = own.factor.at[:, -1].set(base_v)
-        changed = Objective(eqx.tree_at(lambda each: each.factor, own, factor), box)
+        changed = Objective(eqx.tree_at(lambda compressed: compressed.factor, own, factor), box)
         # The sine is flat at the ends of the box: a start exactly there could never leave.
         fraction = jnp.clip((start - box.lower) / width, AT_BOUND, 1 - AT_BOUND)
         angle = jnp.arcsin(2 * fraction - 1)

@@ -138,9 +138,9 @@ def linearize(
         )
     is_seen = np.sqrt(np.mean(slope_v**2, axis=0)) > LEAST_V
     held: dict[str, Held] = dict.fromkeys(problem.bounds.fixed, "fixed")
-    for each in at_bound(box, parameters):
-        if each.name in box.names and each.name not in freed:
-            held[each.name] = "at lower bound" if each.side == "lower" else "at upper bound"
+    for bound in at_bound(box, parameters):
+        if bound.name in box.names and bound.name not in freed:
+            held[bound.name] = "at lower bound" if bound.side == "lower" else "at upper bound"
     held |= {
         name: "unseen"
         for index, name in enumerate(box.names)
@@ -156,7 +156,9 @@ def linearize(
         longest_s=max(prepared.scored_duration_s for prepared in problem.prepared_records),
         error_v=error_v,
         slope_v=slope_v[:, list(free)],
-        informed=np.concatenate([each.informed[each.scored] for each in problem.prepared_records]),
+        informed=np.concatenate(
+            [prepared.informed[prepared.scored] for prepared in problem.prepared_records]
+        ),
     )
 
 
@@ -264,11 +266,11 @@ class Uncertainty(Brief):
         """The parameters of another circuit, equally possible, that lie outside the intervals."""
         values = named_values(other)
         return {
-            each.name: values[each.name]
-            for each in self.estimates
-            if each.low is not None
-            and each.high is not None
-            and not each.low <= values[each.name] <= each.high
+            estimate.name: values[estimate.name]
+            for estimate in self.estimates
+            if estimate.low is not None
+            and estimate.high is not None
+            and not estimate.low <= values[estimate.name] <= estimate.high
         }
 
     def spanning(self, others: Sequence[CircuitParameters]) -> "Uncertainty":
@@ -276,9 +278,9 @@ class Uncertainty(Brief):
 
         Their intervals are as wide, relative to their values.
         """
-        values = [named_values(each) for each in others]
+        values = [named_values(other) for other in others]
         estimates = tuple(
-            each.spanning([of[each.name] for of in values]) for each in self.estimates
+            estimate.spanning([of[estimate.name] for of in values]) for estimate in self.estimates
         )
         return replace(self, estimates=estimates)
 
@@ -286,7 +288,9 @@ class Uncertainty(Brief):
         for estimate in self.estimates:
             if estimate.name == name:
                 return estimate
-        raise KeyError(f"{name!r}; there are {', '.join(each.name for each in self.estimates)}")
+        raise KeyError(
+            f"{name!r}; there are {', '.join(estimate.name for estimate in self.estimates)}"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -56,7 +56,7 @@ class Undetermined:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return tuple(each.name for each in self.estimates)
+        return tuple(estimate.name for estimate in self.estimates)
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def identifiability(
     linearization = covariance.linearization
     findings = _Search(
         covariance,
-        {each.name: each for each in uncertainty.estimates},
+        {estimate.name: estimate for estimate in uncertainty.estimates},
         min(prepared.median_interval_s for prepared in problem.prepared_records),
         max(prepared.scored_duration_s for prepared in problem.prepared_records),
     )
@@ -134,12 +134,12 @@ class _Search:
 
         def add(more: list[Undetermined]) -> None:
             found.extend(more)
-            told.update(name for each in more for name in each.parameters)
+            told.update(name for finding in more for name in finding.parameters)
 
-        pairs = [each for each in names if each.capacitance is not None]
-        add([each for own in pairs for each in self.too_fast(own)])
-        add([each for own in pairs for each in self.too_slow(own)])
-        add([each for two in pairwise(pairs) for each in self.alike(*two, told)])
+        pairs = [own for own in names if own.capacitance is not None]
+        add([finding for own in pairs for finding in self.too_fast(own)])
+        add([finding for own in pairs for finding in self.too_slow(own)])
+        add([finding for two in pairwise(pairs) for finding in self.alike(*two, told)])
         add(self.at_bounds(told))
         add(self.loose(told))
         add(self.weak_directions())
@@ -211,11 +211,11 @@ class _Search:
     def loose(self, told: set[str]) -> list[Undetermined]:
         return [
             self.finding("loose", (name,))
-            for name, each in self.estimates.items()
+            for name, estimate in self.estimates.items()
             if name not in told
             and not name.startswith("C")
-            and each.relative_error is not None
-            and not _is_tight(each)
+            and estimate.relative_error is not None
+            and not _is_tight(estimate)
         ]
 
     def weak_directions(self) -> list[Undetermined]:
@@ -251,7 +251,7 @@ class _Search:
             tau, capacitance = own.tau, self.estimates.get(own.capacitance or "")
             if tau in names and capacitance and self.is_sharper(capacitance, (name, tau)):
                 found.append(capacitance)
-        return min(found, key=lambda each: each.relative_error or 0.0, default=None)
+        return min(found, key=lambda estimate: estimate.relative_error or 0.0, default=None)
 
     def sum_of(self, names: Sequence[str]) -> Estimate:
         """Some resistances together in ohm, with the interval of the sum."""

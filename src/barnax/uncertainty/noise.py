@@ -288,7 +288,7 @@ def fit_gathered(
         )
 
     units_v2 = (squares_v2 / samples).tolist()
-    return [noise_of(*each) for each in zip(errors_v.T, units_v2, strict=True)]
+    return [noise_of(*side) for side in zip(errors_v.T, units_v2, strict=True)]
 
 
 def _with_prior(design: Float[np.ndarray, "bins parts"]) -> Float[np.ndarray, "rows parts"]:

@@ -138,7 +138,7 @@ def _walk(steps, full, follow, linearization: Linearization, refit: Refit, order
     ends = refit(starts, matrix=constrained, shift=shifts)
     is_kept = np.isfinite(ends.rmse_v)
     if ordered:
-        tau = np.stack([np.asarray(each) for each in _taus(ends.points, box)[:ordered]])
+        tau = np.stack([np.asarray(tau_s) for tau_s in _taus(ends.points, box)[:ordered]])
         is_kept &= np.all(np.diff(tau, axis=0) >= 0, axis=0)
     return steps[is_kept], ends.rmse_v[is_kept]
 

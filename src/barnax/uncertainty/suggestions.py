@@ -87,7 +87,7 @@ def suggestions(
         *_start_and_capacity(problem, parameters, rmse_v, refit),
         *_over_soc(problem, parameters),
     ]
-    return tuple(sorted(found, key=lambda each: each.rmse_v))
+    return tuple(sorted(found, key=lambda change: change.rmse_v))
 
 
 def _one_more_pair(problem: Problem, parameters: CircuitParameters) -> list[Suggestion]:
@@ -108,8 +108,8 @@ def _one_more_pair(problem: Problem, parameters: CircuitParameters) -> list[Sugg
     wanted = (elements, circuit.source_voltage, circuit.hysteresis_amplitude)
     like = [
         name
-        for name, each in CIRCUITS.items()
-        if (each.elements, each.source_voltage, each.hysteresis_amplitude) == wanted
+        for name, circuit in CIRCUITS.items()
+        if (circuit.elements, circuit.source_voltage, circuit.hysteresis_amplitude) == wanted
     ]
     tau_s = tuple(sorted(best.parameters.tau_s))
     circuit = like[0] if like else None
@@ -132,7 +132,7 @@ def _start_and_capacity(
     problem: Problem, parameters: CircuitParameters, rmse_v: float, refit: Refit
 ) -> Iterator[Suggestion]:
     """One initial SOC and one capacity for every record; neither where theirs differ."""
-    socs = {each.start.soc for each in problem.prepared_records}
+    socs = {prepared.start.soc for prepared in problem.prepared_records}
     if len(socs) == 1:
         (own,) = socs
 
@@ -143,7 +143,7 @@ def _start_and_capacity(
         for best, best_v in _best_along(problem, parameters, rmse_v, refit, started, SOC_REACH):
             soc = best.prepared.start.soc
             yield Suggestion("initial SOC", best_v, 1, initial_soc=soc, instead_of=own)
-    capacities_ah = {each.capacity_ah for each in problem.prepared_records}
+    capacities_ah = {prepared.capacity_ah for prepared in problem.prepared_records}
     if len(capacities_ah) == 1:
         (own_ah,) = capacities_ah
 
@@ -226,7 +226,7 @@ def _nonnegative_rmse(
 
 def _best_of(problem: Problem, starts: Sequence[CircuitParameters]):
     ends = Descent(problem)(starts, TOLERANCE)
-    return min(ends, key=lambda each: each.rmse_v)
+    return min(ends, key=lambda end: end.rmse_v)
 
 
 def _best_along(
@@ -248,7 +248,10 @@ def _best_along(
     def refitted(change: float) -> float:
         prepared_records = changed(float(change)).prepared_records
         base_v = np.concatenate(
-            [(each.voltage_v - each.source_v)[each.scored] for each in prepared_records]
+            [
+                (prepared.voltage_v - prepared.source_v)[prepared.scored]
+                for prepared in prepared_records
+            ]
         )
         lanes = np.broadcast_to(refit.voltages.project(base_v[None]), (len(starts), refit.rows))
         return float(np.nanmin(refit(points, base_v=lanes).rmse_v))

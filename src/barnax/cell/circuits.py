@@ -215,9 +215,7 @@ def make_circuit(
     >>> make_circuit("rc-and-diffusion", "rc", "diffusion").parameter_names
     ('R0 [Ohm]', 'R1 [Ohm]', 'C1 [F]', 'R_D [Ohm]', 'tau_D [s]')
     """
-    given = [
-        element if isinstance(element, str) else add_element(element).name for element in elements
-    ]
+    given = [own if isinstance(own, str) else add_element(own).name for own in elements]
     made = replace(get_circuit(like), name=name, elements=tuple(given))
     made = replace(made, description=description or f"{', '.join(given)}, otherwise as {like}")
     CIRCUITS.add(made)

@@ -109,18 +109,14 @@ def between(
     are linear in it, and zero where nothing is followed."""
     if cold is None and warm is None:
         return None
-    first, second = (dependence or Dependence() for dependence in (cold, warm))
+    first, second = (end or Dependence() for end in (cold, warm))
 
     def mixed(cold_value: float, warm_value: float) -> float:
         return (1 - share) * cold_value + share * warm_value
 
-    cold_rate, warm_rate = (
-        1 / dependence.onset_a if dependence.onset_a else 0.0 for dependence in (first, second)
-    )
+    cold_rate, warm_rate = (1 / end.onset_a if end.onset_a else 0.0 for end in (first, second))
     rate = mixed(cold_rate, warm_rate)
-    taus_s = [
-        dependence.heating_tau_s for dependence in (first, second) if dependence.heating_tau_s
-    ]
+    taus_s = [end.heating_tau_s for end in (first, second) if end.heating_tau_s]
     beta_per_k = mixed(first.beta_per_k, second.beta_per_k)
     return Dependence(
         beta_per_k=beta_per_k,

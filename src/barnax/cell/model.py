@@ -207,6 +207,5 @@ def group_near(known: Iterable[tuple[float, Item]]) -> dict[float, list[Item]]:
             groups.append([])
         groups[-1].append((degc, value))
     return {
-        float(np.mean([degc for degc, _ in group])): [value for _, value in group]
-        for group in groups
+        float(np.mean([degc for degc, _ in group])): [own for _, own in group] for group in groups
     }

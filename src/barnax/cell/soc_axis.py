@@ -96,8 +96,7 @@ def join_sweeps(sweeps: list[Sweep]) -> Sweep:
     word = WORD[sweeps[0].direction]
     if any(sweep.kind == "slow" for sweep in sweeps):
         where = ", ".join(
-            f"{sweep.source} rows {sweep.points[0].row} to {sweep.points[-1].row}"
-            for sweep in sweeps
+            f"{own.source} rows {own.points[0].row} to {own.points[-1].row}" for own in sweeps
         )
         raise InputError(f"there are {len(sweeps)} {word} sweeps ({where}); give only one of them")
     ordered = sorted(sweeps, key=lambda s: s.direction * s.points[0].voltage_v)

@@ -246,8 +246,7 @@ def _run(
     own = partial(evaluate, parameters=parameters)
     evaluations += [evaluate_from_either(prepared, problem.cell, own) for prepared in others]
     bands = [
-        errors_by_soc(evaluation.error_v, evaluation.prepared.soc, evaluation.prepared.scored)
-        for evaluation in evaluations
+        errors_by_soc(own.error_v, own.prepared.soc, own.prepared.scored) for own in evaluations
     ]
     box = problem.log_coordinates
     return replace(

@@ -79,10 +79,9 @@ class Layout:
         """Whether another has the same columns."""
 
         def described(layout: Layout):
-            spans = [
-                span and span.skeleton_tau.tolist() for span in (layout.in_tau, layout.in_rate)
-            ]
-            return layout.nodes, layout.ocv_nodes, layout.sizes, spans
+            spans = layout.in_tau, layout.in_rate
+            taus = [span and span.skeleton_tau.tolist() for span in spans]
+            return layout.nodes, layout.ocv_nodes, layout.sizes, taus
 
         return described(self) == described(other)
 

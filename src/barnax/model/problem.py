@@ -1,6 +1,5 @@
 """The identification problem: records of one cell, one circuit, one box."""
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -110,14 +109,10 @@ class Problem(Brief):
 
     @property
     def warnings(self) -> tuple[Notice, ...]:
-        told = [
-            warning for prepared in self.prepared_records for warning in prepared.record.warnings
-        ]
+        records = self.prepared_records
+        told = [warning for prepared in records for warning in prepared.record.warnings]
         told += self.cell.warnings
-        return (
-            *told,
-            *(warning for prepared in self.prepared_records for warning in prepared.warnings),
-        )
+        return (*told, *(warning for prepared in records for warning in prepared.warnings))
 
     @cached_property
     def coordinates(self) -> Coordinates:
@@ -182,9 +177,7 @@ class Problem(Brief):
             one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
             given = one.r0, one.r, one.tau, one.gamma, self.bounds.elements
             found.append(CircuitParameters.of_tau(*given))
-        return (
-            [circuit.ordered() for circuit in found] if self.bounds.interchangeable_pairs else found
-        )
+        return [own.ordered() for own in found] if self.bounds.interchangeable_pairs else found
 
 
 def with_one_more_pair(problem: Problem) -> Problem | None:
@@ -233,13 +226,8 @@ def point_blocks(
     Call inside float64.
     """
     values = [
-        (
-            circuit.r0,
-            *circuit.r,
-            *circuit.tau_s,
-            *(() if circuit.gamma is None else (circuit.gamma,)),
-        )
-        for circuit in circuits
+        (own.r0, *own.r, *own.tau_s, *(() if own.gamma is None else (own.gamma,)))
+        for own in circuits
     ]
     last = len(values) - 1
     numbers = seed_blocks(len(values), CIRCUITS_PER_BLOCK)

@@ -105,17 +105,11 @@ class TableFit(Brief):
     @property
     def is_rate_told(self) -> bool:
         """Whether the records tell the rate of a hysteresis, by an interval."""
-        return any(
-            interval.name == RATE and interval.low is not None for interval in self.intervals
-        )
+        return any(own.name == RATE and own.low is not None for own in self.intervals)
 
     def of_table(self, name: str) -> tuple[NodeInterval, ...]:
         """The intervals of one table, by rising SOC."""
-        return tuple(
-            interval
-            for interval in self.intervals
-            if interval.name == name and interval.soc is not None
-        )
+        return tuple(own for own in self.intervals if own.name == name and own.soc is not None)
 
 
 def fit_tables(

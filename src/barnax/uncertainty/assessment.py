@@ -72,12 +72,7 @@ def diagnostics(problem: Problem, covariance: Covariance) -> Diagnostics:
     interval_s = linearization.interval_s
     time_s = noise.correlation_time_s(interval_s)
     rest_c = max(prepared.rest_current_a / prepared.capacity_ah for prepared in prepared_records)
-    rate = np.concatenate(
-        [
-            prepared.current_a[prepared.scored] / prepared.capacity_ah
-            for prepared in prepared_records
-        ]
-    )
+    rate = np.concatenate([own.current_a[own.scored] / own.capacity_ah for own in prepared_records])
     return Diagnostics(
         lags_s=tuple(noise.lags_s.tolist()),
         autocorrelation=tuple(noise.autocorrelation.tolist()),
@@ -233,9 +228,7 @@ def examine(
         key: A key of `jax.random.key`, for the bootstrap.
     """
     refit, covariance = Refit(problem), assessment.covariance
-    free = [
-        estimate.name for estimate in assessment.uncertainty.estimates if estimate.relative_error
-    ]
+    free = [own.name for own in assessment.uncertainty.estimates if own.relative_error]
     return Examination(
         rmse_v=rmse_by_scan(problem, [parameters])[0],
         profiles=tuple(

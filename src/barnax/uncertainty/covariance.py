@@ -266,11 +266,11 @@ class Uncertainty(Brief):
         """The parameters of another circuit, equally possible, that lie outside the intervals."""
         values = named_values(other)
         return {
-            estimate.name: values[estimate.name]
-            for estimate in self.estimates
-            if estimate.low is not None
-            and estimate.high is not None
-            and not estimate.low <= values[estimate.name] <= estimate.high
+            own.name: values[own.name]
+            for own in self.estimates
+            if own.low is not None
+            and own.high is not None
+            and not own.low <= values[own.name] <= own.high
         }
 
     def spanning(self, others: Sequence[CircuitParameters]) -> "Uncertainty":
@@ -288,9 +288,7 @@ class Uncertainty(Brief):
         for estimate in self.estimates:
             if estimate.name == name:
                 return estimate
-        raise KeyError(
-            f"{name!r}; there are {', '.join(estimate.name for estimate in self.estimates)}"
-        )
+        raise KeyError(f"{name!r}; there are {', '.join(own.name for own in self.estimates)}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

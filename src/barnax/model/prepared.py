@@ -84,6 +84,17 @@ class PreparedRecord(Brief):
         told = prepare_record(self.record, self.cell, self.circuit, self.window.as_told)
         return told.following(self.dependence)
 
+    def again(self, record: Record | None = None, **changes: Any) -> "PreparedRecord":
+        """The same prepared anew with `changes` of its window, or another record in place of its
+        own; nothing is followed. Raises `InputError` as `prepare_record` does."""
+        window = replace(self.window, **changes)
+        return prepare_record(record or self.record, self.cell, self.circuit, window)
+
+    def registered(self, soc: float, capacity_ah: float, **known: Any) -> "PreparedRecord":
+        """The same with another start and capacity; `known` is what `again` takes besides."""
+        start: dict[str, Any] = {"initial_soc": soc, "soc_source": "registered"}
+        return self.again(capacity_ah=capacity_ah, **start, **known)
+
     def following(self, dependence: Dependence | None) -> "PreparedRecord":
         """The same with resistances that follow temperature or current so; None for not."""
         if dependence == self.dependence:

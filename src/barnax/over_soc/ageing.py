@@ -23,7 +23,7 @@ from ..blas import one_blas_thread
 from ..cell.tables import hats
 from ..errors import InputError
 from ..execution import in_float64
-from ..model.prepared import PreparedRecord, prepare_record
+from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
 from ..uncertainty.covariance import CONFIDENCE
 from .nuisances import Estimated, estimate, of_starts
@@ -156,10 +156,7 @@ def _moved(
     prepared: PreparedRecord, soc: float, capacity_ah: float, ocv_v: Nuisance | None = None
 ) -> PreparedRecord:
     """The record with another start, capacity and OCV."""
-    window = replace(
-        prepared.window, initial_soc=soc, soc_source="registered", capacity_ah=capacity_ah
-    )
-    found = prepare_record(prepared.record, prepared.cell, CIRCUIT, window)
+    found = replace(prepared, circuit=CIRCUIT).registered(soc, capacity_ah)
     if ocv_v is None:
         return found
     return replace(found, source_v=found.source_v + _ocv_columns(found.soc) @ ocv_v)

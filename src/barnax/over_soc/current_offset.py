@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from ..model.prepared import PreparedRecord, prepare_record
+from ..model.prepared import PreparedRecord
 from .level import level_cell, leveled, with_own_ocv
 from .nuisances import estimate, of_starts
 from .objective import Solution, TableObjective
@@ -67,27 +67,16 @@ class _Moved:
         """With an OCV of their own. Raises `InputError` where they leave the axis of SOC."""
         first = self.told[0]
         level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
-        records = [
-            replace(prepared.record, current_a=prepared.record.current_a - self.offset_a)
-            for prepared in self.told
-        ]
-        windows = [
-            replace(
-                prepared.window,
-                initial_soc=prepared.start.soc + soc,
-                soc_source="registered",
-                capacity_ah=prepared.capacity_ah * (1 + share),
-            )
-            for prepared, (soc, share) in zip(self.told, self.shifts.tolist(), strict=True)
-        ]
-        moved = [
-            prepare_record(record, prepared.cell, prepared.circuit, window).following(
-                prepared.dependence
-            )
-            for record, prepared, window in zip(records, self.told, windows, strict=True)
-        ]
+
+        def moved(prepared: PreparedRecord, soc: float, share: float) -> PreparedRecord:
+            record = prepared.record
+            record = replace(record, current_a=record.current_a - self.offset_a)
+            start, own_ah = prepared.start.soc + soc, prepared.capacity_ah * (1 + share)
+            return prepared.registered(start, own_ah, record=record).following(prepared.dependence)
+
+        records = [moved(*pair) for pair in zip(self.told, *self.shifts.T.tolist(), strict=True)]
         own = with_own_ocv(self.settings)
-        return reduced_objective(moved, own, ranges, partial(leveled, level=level))
+        return reduced_objective(records, own, ranges, partial(leveled, level=level))
 
 
 def shared_offset(
@@ -121,12 +110,8 @@ def shared_offset(
     error_a = leaves = np.inf
     log_scales = np.array(best.log_scales)
     for number in range(ROUNDS):
-        names = objective.ranges
-        ranges = {
-            name: 2 * (at,) for name, at in zip(names, np.exp(log_scales).tolist(), strict=True)
-        }
         try:
-            objective = now.objective(ranges)
+            objective = now.objective(held_at(objective, log_scales.tolist()))
         except InputError:
             return None
         best = objective.solve(tuple(log_scales.tolist()))

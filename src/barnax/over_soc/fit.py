@@ -17,7 +17,7 @@ from ..model.prepared import PreparedRecord
 from ..model.reference import error_blocks
 from ..notices import Notice, notice
 from ..schema import Told
-from ..search.refine import AtBound
+from ..search.refine import AtBound, near_ends
 from .certificate import certify
 from .cross_validation import (
     CrossValidation,
@@ -29,13 +29,11 @@ from .cross_validation import (
 from .current_offset import OffsetEffect
 from .dependence import searched
 from .intervals import NodeInterval, intervals_of
-from .objective import Solution, TableObjective
+from .objective import TableObjective
 from .problem import BOTH_WAYS_SOC, HELD_GAMMA, least_travel_soc, reduced_objective
 from .search import find_best
 from .settings import TableSettings
 
-# A constant is at a bound within this share of the logarithm of its range.
-AT_BOUND = 1e-3
 # A table of which more nodes than this were not visited is mostly extrapolated.
 MOSTLY = 0.5
 
@@ -159,7 +157,12 @@ def fit_of(
         plain = [prepared.following(None) for prepared in objective.prepared_records]
         constant = constant_held_out(plain, settings) or held_out.constant
         held_out = replace(held_out, constant=constant)
-    at_bound = _at_bound(objective, best)
+    searched_axes = zip(objective.axes, best.log_scales, strict=True)
+    at_bound = near_ends(
+        (axis.name, scale, axis.low, axis.high)
+        for axis, scale in searched_axes
+        if axis.high > axis.low
+    )
     taus_s = tuple(limits for name, limits in objective.ranges.items() if name != RATE)
     is_close = proof.lower_bound_v >= (1 - settings.proved_share) * best.rms_v
     return TableFit(
@@ -220,17 +223,6 @@ def pooled_errors(
         for prepared in prepared_records
         for here, error_v in error_blocks(prepared, tables)
     )
-
-
-def _at_bound(objective: TableObjective, best: Solution) -> tuple[AtBound, ...]:
-    found = []
-    for axis, scale in zip(objective.axes, best.log_scales, strict=True):
-        near = AT_BOUND * (axis.high - axis.low)
-        if near and scale - axis.low <= near:
-            found.append(AtBound(axis.name, "lower"))
-        elif near and axis.high - scale <= near:
-            found.append(AtBound(axis.name, "upper"))
-    return tuple(found)
 
 
 def _warnings(

@@ -12,16 +12,15 @@ from scipy.linalg import block_diag
 
 from ..cell import CircuitParameters, Dependence
 from ..cell.circuits import get_circuit
-from ..cell.elements import RC, alike, get_element, names_of
+from ..cell.elements import alike, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION, OHMIC, RATE
-from ..model.axes import Axis
+from ..model.axes import Axis, axes_of
 from ..model.box_least_squares import (
     Sides,
     least_in_box,
     least_in_boxes,
     least_squares_in_box,
 )
-from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced
 from ..model.search_space import Range
@@ -139,23 +138,7 @@ class TableObjective:
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
         """The searched coordinates."""
-        layout = self.reduced.layout
-        taus, responses = self.reduced.part("pairs"), self.reduced.part("hysteresis_response")
-
-        def axis(name: str, table: int | None, answers: np.ndarray, span: Span, *given) -> Axis:
-            low, high = np.log(self.ranges[name]).tolist()
-            return Axis(name, low, high, table, answers, span.from_skeleton, span, *given)
-
-        axes = [
-            axis(names.tau, table, taus, layout.in_tau, 1, element)
-            for table, (names, element) in enumerate(
-                zip(names_of(self.elements), map(get_element, self.elements), strict=True), 1
-            )
-        ]
-        if layout.in_rate is not None:
-            table = self.tables - 1 if layout.has_amplitude else None
-            axes.append(axis(RATE, table, responses, layout.in_rate, -1, RC))
-        return tuple(axes)
+        return axes_of(self.reduced, self.elements, self.ranges)
 
     def parts_at(self, found: Solution) -> list[tuple[float, "TableObjective", Solution]]:
         return [(1.0, self, found)]

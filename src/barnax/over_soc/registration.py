@@ -24,7 +24,7 @@ from ..blas import one_blas_thread
 from ..cell import Dependence
 from ..errors import InputError
 from ..execution import in_float64
-from ..model.prepared import PreparedRecord, prepare_record
+from ..model.prepared import PreparedRecord
 from ..notices import Notice, notice
 from ..records.record import in_means, runs
 from ..settings import Registration
@@ -108,9 +108,7 @@ def register(
 def _in_means(prepared: PreparedRecord) -> PreparedRecord:
     """A fast record in means over a second: starts and capacities are of what is slow."""
     means = in_means(prepared.record, MEANS_S)
-    if means is prepared.record:
-        return prepared
-    return prepare_record(means, prepared.cell, prepared.circuit, prepared.window)
+    return prepared if means is prepared.record else prepared.again(means)
 
 
 def _all_moved(
@@ -277,24 +275,18 @@ def _moved(
     factor = float(ndtri((1 + CONFIDENCE) / 2))
     own, own_ah = soc + soc_shift, capacity_ah * (1 + share)
     reach, reach_ah = factor * soc_error, capacity_ah * factor * share_error
-    window = replace(
-        prepared.window,
-        initial_soc=own,
-        soc_source="registered",
-        capacity_ah=own_ah,
-        registration=Registration(
-            told=prepared.window,
-            told_soc=soc,
-            told_capacity_ah=capacity_ah,
-            told_source=prepared.start.soc_source,
-            soc_low=own - reach,
-            soc_high=own + reach,
-            capacity_low_ah=own_ah - reach_ah,
-            capacity_high_ah=own_ah + reach_ah,
-            follows={} if follows is None else asdict(follows),
-        ),
+    known = Registration(
+        told=prepared.window,
+        told_soc=soc,
+        told_capacity_ah=capacity_ah,
+        told_source=prepared.start.soc_source,
+        soc_low=own - reach,
+        soc_high=own + reach,
+        capacity_low_ah=own_ah - reach_ah,
+        capacity_high_ah=own_ah + reach_ah,
+        follows={} if follows is None else asdict(follows),
     )
-    return prepare_record(prepared.record, prepared.cell, prepared.circuit, window)
+    return prepared.registered(own, own_ah, registration=known)
 
 
 def _of_starts(

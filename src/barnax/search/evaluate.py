@@ -87,10 +87,8 @@ def with_registered(
     prepared = own.prepared
 
     def moved(soc: float) -> Evaluation:
-        window = replace(
-            prepared.settled_window, initial_soc=prepared.start.soc + soc, soc_source="registered"
-        )
-        return evaluated(prepare_record(prepared.record, prepared.cell, prepared.circuit, window))
+        settled = replace(prepared, window=prepared.settled_window)
+        return evaluated(settled.registered(prepared.start.soc + soc, prepared.capacity_ah))
 
     stays = replace(own, registered=(0.0, own.metrics.rmse_v))
     try:

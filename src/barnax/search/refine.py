@@ -1,6 +1,6 @@
 """Levenberg-Marquardt from every seed's answer, in the same box."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -117,6 +117,31 @@ class _Undifferentiated(optx.AbstractAdjoint):
         return primal_fn((*inputs, loop))
 
 
+def angle_of(point: Float[Array, "free"], box: Coordinates) -> Float[Array, "free"]:
+    """The angles whose sine runs over a box, at a point of it."""
+    # The sine is flat at the ends of the box: a start exactly there could never leave.
+    fraction = jnp.clip((point - box.lower) / (box.upper - box.lower), AT_BOUND, 1 - AT_BOUND)
+    return jnp.arcsin(2 * fraction - 1)
+
+
+def point_at(angle: Float[Array, "free"], box: Coordinates) -> Float[Array, "free"]:
+    return box.lower + (box.upper - box.lower) * (1 + jnp.sin(angle)) / 2
+
+
+def levenberg_marquardt(
+    errors: Callable, angle: Float[Array, "free"], given: Any, tolerance: Scalar | float
+) -> optx.Solution:
+    """The angles of the least errors, in `STEPS` steps at most."""
+    # Not QR: forming its Q is slower here, and two such programs at a time hang in XLA's CPU
+    # runtime (jaxlib 0.10.2).
+    to_tolerance: Any = tolerance  # an array where a float is declared: one program serves both
+    solver = optx.LevenbergMarquardt(
+        rtol=to_tolerance, atol=to_tolerance, linear_solver=lx.Normal(lx.Cholesky())
+    )
+    how: dict[str, Any] = {"max_steps": STEPS, "adjoint": _Undifferentiated(), "throw": False}
+    return optx.least_squares(errors, solver, angle, given, {"jac": "fwd"}, **how)
+
+
 def _descend(
     objective: Objective,
     points: Float[Array, "seeds free"],
@@ -125,19 +150,12 @@ def _descend(
 ):
     """End point, its RMSE in V, whether it converged, and its evaluations, from every start."""
     box = objective.coordinates
-    width = box.upper - box.lower
-    # Not QR: forming its Q is slower here, and two such programs at a time hang in XLA's CPU
-    # runtime (jaxlib 0.10.2).
-    to_tolerance: Any = tolerance  # an array where a float is declared: one program serves both
-    solver = optx.LevenbergMarquardt(
-        rtol=to_tolerance, atol=to_tolerance, linear_solver=lx.Normal(lx.Cholesky())
-    )
 
     def place(angle, start):
-        fraction = (start - box.lower) / width
+        fraction = (start - box.lower) / (box.upper - box.lower)
         is_held = holds_bounds & ((fraction < AT_BOUND) | (fraction > 1 - AT_BOUND))
         bound = jnp.where(fraction < 0.5, box.lower, box.upper)
-        return jnp.where(is_held, bound, box.lower + width * (1 + jnp.sin(angle)) / 2)
+        return jnp.where(is_held, bound, point_at(angle, box))
 
     def errors(angle, given):
         objective, start, unit_v = given
@@ -149,18 +167,8 @@ def _descend(
     def one(start):
         # In units of the start's own error, tolerances are relative and no seed sees another.
         unit_v = jnp.maximum(rmse_at(start), SMALLEST_UNIT_V)
-        # The sine is flat at the ends of the box: a start exactly there could never leave.
-        fraction = jnp.clip((start - box.lower) / width, AT_BOUND, 1 - AT_BOUND)
-        solution = optx.least_squares(
-            errors,
-            solver,
-            jnp.arcsin(2 * fraction - 1),
-            (objective, start, unit_v),
-            {"jac": "fwd"},
-            max_steps=STEPS,
-            adjoint=_Undifferentiated(),
-            throw=False,
-        )
+        given = objective, start, unit_v
+        solution = levenberg_marquardt(errors, angle_of(start, box), given, tolerance)
         has_converged = solution.result == optx.RESULTS.successful
         ends = jnp.stack([start, place(solution.value, start)])
         errors_v = jax.vmap(rmse_at)(ends)
@@ -329,6 +337,11 @@ def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[AtBound, 
     for (name, tau_s), limits in zip(parameters.named_tau_s.items(), limits_s, strict=True):
         if name not in box.names and limits[0] < limits[1]:
             places.append((name, *np.log([tau_s, *limits])))
+    return near_ends(places)
+
+
+def near_ends(places: Iterable[tuple[str, float, float, float]]) -> tuple[AtBound, ...]:
+    """The names whose value is at the lower or the upper end that come with it."""
     return tuple(
         AtBound(name, "lower" if fraction < 0.5 else "upper")
         for name, value, low, high in places

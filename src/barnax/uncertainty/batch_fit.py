@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
@@ -26,15 +25,13 @@ from ..model.coordinates import Coordinates
 from ..model.layout import Layout, Spans
 from ..model.problem import Objective, Problem, rc_parameters, residuals
 from ..model.reduced import blocks
-from ..search.refine import AT_BOUND
+from ..search.refine import angle_of, levenberg_marquardt, point_at
 from .covariance import Linearization
 
 # Of a unit response, relative to the largest current: far below the noise, with half the columns
 # of the compressed objective.
 PROJECTION_TOLERANCE = 1e-9
-# Most steps of one fit, and the relative tolerance of its errors and unknowns: far below what any
-# interval could show.
-STEPS = 50
+# The relative tolerance of errors and unknowns: far below what any interval could show.
 TOLERANCE = 1e-6
 
 
@@ -181,13 +178,9 @@ def _refit(
     shifts: Float[Array, "lanes free"],
 ):
     """End point, its RMSE in V and whether it converged, for every lane."""
-    width = box.upper - box.lower
-    solver = optx.LevenbergMarquardt(
-        rtol=TOLERANCE, atol=TOLERANCE, linear_solver=lx.Normal(lx.Cholesky())
-    )
 
     def place(angle, matrix, shift):
-        return matrix @ (box.lower + width * (1 + jnp.sin(angle)) / 2) + shift
+        return matrix @ point_at(angle, box) + shift
 
     def errors(angle, given):
         objective, matrix, shift, unit_v = given
@@ -197,14 +190,10 @@ def _refit(
         # The last column is the voltage.
         factor = own.factor.at[:, -1].set(base_v)
         changed = Objective(eqx.tree_at(lambda compressed: compressed.factor, own, factor), box)
-        # The sine is flat at the ends of the box: a start exactly there could never leave.
-        fraction = jnp.clip((start - box.lower) / width, AT_BOUND, 1 - AT_BOUND)
-        angle = jnp.arcsin(2 * fraction - 1)
+        angle = angle_of(start, box)
         unit_v = jnp.linalg.norm(errors(angle, (changed, matrix, shift, 1.0)))
         given = (changed, matrix, shift, jnp.where(unit_v > 0, unit_v, 1.0))
-        solution = optx.least_squares(
-            errors, solver, angle, given, {"jac": "fwd"}, max_steps=STEPS, throw=False
-        )
+        solution = levenberg_marquardt(errors, angle, given, TOLERANCE)
         end = place(solution.value, matrix, shift)
         rmse_v = jnp.linalg.norm(residuals(end, changed))
         return end, rmse_v, solution.result == optx.RESULTS.successful

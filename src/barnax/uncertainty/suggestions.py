@@ -5,21 +5,20 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from scipy.optimize import lsq_linear, minimize_scalar
 
 from ..cell import CircuitParameters
 from ..cell.circuits import CIRCUITS, get_circuit
 from ..errors import InputError
 from ..execution import in_float64
+from ..model.axes import axes_of
+from ..model.layout import layout_of
 from ..model.prepared import prepare_record
-from ..model.problem import Problem, rc_parameters, rmse_by_scan, with_one_more_pair
+from ..model.problem import Problem, rmse_by_scan, with_one_more_pair
+from ..model.reduced import reduce_records, scored_alone
 from ..model.search_space import RATE, RATE_RANGE
-from ..model.simulate import SimulationInput, unit_response
 from ..search.refine import Descent
 from .batch_fit import Refit
 
@@ -160,28 +159,29 @@ def _start_and_capacity(
 def _over_soc(problem: Problem, parameters: CircuitParameters) -> list[Suggestion]:
     """Resistances and OCV tabulated at `KNOTS` knots over the scored SOC, time constants kept.
 
-    The error is then linear in them. A resistance between knots is interpolated; in an RC pair it
-    multiplies the current that charges it, so the pair's voltage moves to a new resistance with its
-    own time constant. Nothing where the SOC hardly changes.
+    The error is then linear in them, as in that of tables. Nothing where the SOC hardly changes.
     """
     prepared_records = problem.prepared_records
     soc = np.concatenate([prepared.soc[prepared.scored] for prepared in prepared_records])
     knots = np.linspace(soc.min(), soc.max(), KNOTS)
     if knots[-1] - knots[0] < NARROWEST:
         return []
-    rc = rc_parameters(parameters)
-    base, tabulated = [], []
-    for prepared, inputs in zip(prepared_records, problem.all_inputs, strict=True):
-        hats = np.stack([np.interp(prepared.soc, knots, row) for row in np.eye(KNOTS)])
-        responses, hysteresis_v = _responses(jnp.stack(rc.tau), rc.gamma, jnp.asarray(hats), inputs)
-        base.append((np.asarray(inputs.base_error_v) - hysteresis_v)[prepared.scored])
-        tabulated.append(np.asarray(responses)[..., prepared.scored])
-    base_v, by_knot = np.concatenate(base), np.concatenate(tabulated, axis=-1)
-    over_soc = by_knot.reshape(-1, len(soc)).T
-    constant = by_knot.sum(axis=1).T
-    offsets = np.stack([np.interp(soc, knots, row) for row in np.eye(KNOTS)], axis=1)
-    resistance_v = _nonnegative_rmse(base_v, over_soc)
-    ocv_v = _nonnegative_rmse(base_v, constant, offsets)
+    nodes, elements = tuple(knots.tolist()), parameters.elements
+    held = {name: (value, value) for name, value in parameters.constants.items()}
+    interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in prepared_records)
+    layout = layout_of(nodes, nodes, held, True, False, elements, interval_s)
+    groups = [scored_alone(prepared) for prepared in prepared_records]
+    (reduced,) = reduce_records(prepared_records, layout, groups, 1)
+    base, tables = reduced.part("base")[0][:, 0], [reduced.part("current")[0]]
+    for axis in axes_of(reduced, elements, held):
+        if axis.table is None:
+            base = base + axis.columns_at(axis.low)[:, 0]
+        else:
+            tables.append(axis.columns_at(axis.low))
+    over_soc = np.concatenate(tables, axis=1)
+    constant = np.stack([table.sum(axis=1) for table in tables], axis=1)
+    resistance_v = _nonnegative_rmse(base, over_soc)
+    ocv_v = _nonnegative_rmse(base, constant, reduced.part("correction")[0])
     more = over_soc.shape[1] - constant.shape[1]
     return [
         Suggestion("resistance over SOC", resistance_v, more, knots=KNOTS),
@@ -189,39 +189,18 @@ def _over_soc(problem: Problem, parameters: CircuitParameters) -> list[Suggestio
     ]
 
 
-@eqx.filter_jit
-def _responses(
-    tau: Float[Array, "pairs"],
-    gamma: Float[Array, ""] | None,
-    hats: Float[Array, "knots samples"],
-    inputs: SimulationInput,
-) -> tuple[Float[Array, "resistances knots samples"], Float[Array, "samples"]]:
-    """The voltage over R0 and every pair of 1 ohm for the current around each knot, and the
-    hysteresis voltage."""
-
-    def one(tau, hat):
-        return unit_response(tau, hat * inputs.held_a, inputs.intervals)
-
-    pairs = jax.vmap(jax.vmap(one, in_axes=(None, 0)), in_axes=(0, None))(tau, hats)
-    hysteresis_v, given = jnp.zeros_like(inputs.base_error_v), inputs.hysteresis
-    if gamma is not None and given is not None:
-        response = unit_response(1 / gamma, given.hysteresis_input, given.intervals)
-        hysteresis_v = given.amplitude_v * response
-    return jnp.concatenate([(hats * inputs.current_a)[None], pairs]), hysteresis_v
-
-
 def _nonnegative_rmse(
-    base_v: Float[np.ndarray, "scored"],
-    resistances: Float[np.ndarray, "scored resistances"],
-    offsets: Float[np.ndarray, "scored knots"] | None = None,
+    base: Float[np.ndarray, "rows"],
+    resistances: Float[np.ndarray, "rows resistances"],
+    offsets: Float[np.ndarray, "rows knots"] | None = None,
 ) -> float:
     """The RMSE with the best nonnegative resistances and, where given, the best offsets."""
     lower = np.zeros(resistances.shape[1])
     if offsets is not None:
         lower = np.append(lower, np.full(offsets.shape[1], -np.inf))
         resistances = np.concatenate([resistances, offsets], axis=1)
-    fitted = lsq_linear(resistances, -base_v, (lower, np.inf), method="bvls")
-    return float(np.sqrt(2 * fitted.cost / len(base_v)))
+    fitted = lsq_linear(resistances, -base, (lower, np.inf), method="bvls")
+    return float(np.sqrt(2 * fitted.cost))
 
 
 def _best_of(problem: Problem, starts: Sequence[CircuitParameters]):

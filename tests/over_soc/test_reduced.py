@@ -34,7 +34,7 @@ def whole(objective, place):
     """Every sample's columns and the penalty's rows, and the target, for SciPy."""
     found = objective.solve(place)
     columns, base, _ = map(np.concatenate, zip(*linearized(objective, found), strict=True))
-    unknowns = len(found.unknowns)
+    base, unknowns = base[:, 0], len(found.unknowns)
     matrix = np.concatenate([columns[:, :unknowns] / np.sqrt(len(base)), objective.table_penalty])
     # An OCV correction that may fall by so much only is the sum of its steps.
     steps = np.eye(unknowns)

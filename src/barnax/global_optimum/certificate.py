@@ -15,9 +15,9 @@ from jaxtyping import Float, Int
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
 from ..model.axes import Axis
-from ..model.box_least_squares import least_in_boxes
+from ..model.box_least_squares import Columns, dot, errors_of, least_in_boxes, normal_equations
 from ..search.refine import RefinedSeed
-from .objective import Columns, ConstantObjective, dot, errors_of, normal_equations
+from .objective import ConstantObjective
 from .proof import ABSOLUTE_V, SMALLEST_RMSE_V, Boxes, Proof, first_boxes, prove
 from .remainders import beyond_parabola, lowest_of_parabola
 

@@ -12,13 +12,12 @@ from ..cell import CircuitParameters
 from ..cell.elements import RC, get_element
 from ..cell.parameters import RATE
 from ..model.axes import Axis
+from ..model.box_least_squares import Columns
 from ..model.layout import Spans
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from ..model.search_space import Bounds, Range
 from .remainders import remainders
-
-Columns = Float[np.ndarray, "points rows"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,29 +95,3 @@ class ConstantObjective:
         r0, *r = coefficients[: pairs + 1].tolist()
         rate = gamma[0] if gamma else None
         return CircuitParameters.of_tau(r0, r, tau_s, rate, self.bounds.elements)
-
-
-def normal_equations(
-    columns: Sequence[Columns], base: Columns
-) -> tuple[Float[np.ndarray, "unknowns unknowns points"], Float[np.ndarray, "unknowns points"]]:
-    """A'A and A'b of every point's least squares of b + A x."""
-    normal = np.empty((len(columns), len(columns), len(base)))
-    for i, left in enumerate(columns):
-        for j, right in enumerate(columns[: i + 1]):
-            normal[i, j] = normal[j, i] = dot(left, right)
-    return normal, np.stack([dot(column, base) for column in columns])
-
-
-def errors_of(
-    columns: Sequence[Columns], base: Columns, coefficients: Float[np.ndarray, "unknowns points"]
-) -> Columns:
-    """b + A x of every point."""
-    total = base.copy()
-    for column, counts in zip(columns, coefficients, strict=True):
-        total += counts[:, None] * column
-    return total
-
-
-def dot(left: Columns, right: Columns) -> Float[np.ndarray, "points"]:
-    """The scalar product of every point's vectors."""
-    return np.einsum("pr,pr->p", left, right)

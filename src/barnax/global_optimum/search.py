@@ -14,7 +14,7 @@ from ..cell.model import NEAR_DEGC
 from ..display import Brief
 from ..errors import InputError
 from ..execution import SEEDS_PER_BLOCK, in_float64
-from ..model.box_least_squares import least_in_boxes
+from ..model.box_least_squares import errors_of, least_in_boxes, normal_equations
 from ..model.grid import GridSizes, minima_of, points_in_order
 from ..model.prepared import both_directions, prepare_record
 from ..model.problem import Problem
@@ -30,7 +30,7 @@ from ..search.refine import (
     distinct_optima,
 )
 from .certificate import CERTIFIED_GAP, certify
-from .objective import ConstantObjective, errors_of, normal_equations
+from .objective import ConstantObjective
 from .proof import SMALLEST_RMSE_V, Proof
 
 # Grid points of a time constant by the number of pairs, and of gamma. A unit response varies

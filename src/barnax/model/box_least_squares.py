@@ -6,6 +6,7 @@ digits by `least_squares_in_box`.
 """
 
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,11 +25,38 @@ ROUNDING = 1e-12
 PATIENCE = 3
 MAX_ROUNDS = 400
 
+Columns = Float[np.ndarray, "points rows"]
 Problems = Float[np.ndarray, "unknowns problems"]
 Unknowns = Float[np.ndarray, "unknowns"]
 Square = Float[np.ndarray, "unknowns unknowns"]
 # At the lower bound -1, at the upper one 1, free 0.
 Sides = Int[np.ndarray, "unknowns"]
+
+
+def normal_equations(
+    columns: Sequence[Columns], base: Columns
+) -> tuple[Float[np.ndarray, "unknowns unknowns points"], Float[np.ndarray, "unknowns points"]]:
+    """A'A and A'b of every point's least squares of b + A x."""
+    normal = np.empty((len(columns), len(columns), len(base)))
+    for i, left in enumerate(columns):
+        for j, right in enumerate(columns[: i + 1]):
+            normal[i, j] = normal[j, i] = dot(left, right)
+    return normal, np.stack([dot(column, base) for column in columns])
+
+
+def errors_of(
+    columns: Sequence[Columns], base: Columns, coefficients: Float[np.ndarray, "unknowns points"]
+) -> Columns:
+    """b + A x of every point."""
+    total = base.copy()
+    for column, counts in zip(columns, coefficients, strict=True):
+        total += counts[:, None] * column
+    return total
+
+
+def dot(left: Columns, right: Columns) -> Float[np.ndarray, "points"]:
+    """The scalar product of every point's vectors."""
+    return np.einsum("pr,pr->p", left, right)
 
 
 def least_in_boxes(

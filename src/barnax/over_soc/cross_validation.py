@@ -251,14 +251,9 @@ def with_spread(
         rows.append(objective.to_tables @ x)
         visits.append(np.concatenate([alone.visited_of(n) for n in range(objective.tables)]))
     values, is_there = np.array(rows), np.array(visits)
-    places = {
-        (name, float(soc)): objective.block(table).start + node
-        for table, name in enumerate(objective.names)
-        for node, soc in enumerate(objective.nodes_of[table])
-    }
 
     def spread(interval: NodeInterval) -> NodeInterval:
-        at = places.get((interval.name, interval.soc)) if interval.soc is not None else None
+        at = objective.visited_rows.get((interval.name, interval.soc))
         own = values[is_there[:, at], at] if at is not None else []
         if len(own) < FEWEST_RECORDS:
             return interval

@@ -21,7 +21,7 @@ from ..model.box_least_squares import least_in_box
 from ..model.prepared import PreparedRecord
 from ..model.reference import errors_along
 from .cross_validation import SocErrors, held_out_errors
-from .intervals import linearized
+from .intervals import linearized, with_penalty
 from .objective import Solution, TableObjective
 from .problem import held_at, reduced_objective
 from .search import LogScales, find_best
@@ -155,7 +155,7 @@ def propose(
         return None
     normal = _Normal.of(objective, best, trials)
     at, scales = normal.solved(best.log_scales, best.sides), len(best.log_scales)
-    others = [*range(scales + (len(known.numbers) if known else 0))]
+    others = [*range(scales + len(objective.numbers))]
     _, without = normal.step(at, others)
     promised = []
     for place, trial in enumerate(trials):
@@ -337,9 +337,8 @@ class _Normal:
         chosen = np.zeros((len(self.products) - 1, free + len(slopes)))
         chosen[:count, :free] = ways
         chosen[count + np.array(slopes, int), free + np.arange(len(slopes))] = 1.0
-        values, bent = np.concatenate(at.values), self.objective.table_penalty
-        known = self.products[:-1, :-1].copy()
-        known[:count, :count] += bent.T @ bent
+        values = np.concatenate(at.values)
+        known = with_penalty(self.objective, self.products[:-1, :-1], np.eye(count))
         error = known[:, :count] @ values + self.products[:-1, -1]
         normal, slope = chosen.T @ known @ chosen, chosen.T @ error
         normal[np.arange(free, len(normal)), np.arange(free, len(normal))] += pull

@@ -9,7 +9,7 @@ weights have moved it further, and to the curve of which the lines between nodes
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +39,9 @@ STEP = 1e-4
 UNSEEN = 1e-6
 # A constant that may lie anywhere over such a span of logarithms, nine decades, is not told.
 WIDEST = 9 * math.log(10)
+
+# Of some samples: columns, base error of every side, and which come after the first load.
+Rows = tuple[Columns, Float[np.ndarray, "rows sides"], Bool[np.ndarray, "rows"]]
 
 
 @dataclass(frozen=True)
@@ -90,21 +93,18 @@ class NodeInterval:
 @in_float64
 def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:
     """Those of visited nodes, table after table, then of the time constants and gamma."""
-    lighter = replace(objective, smoothing_scale=LIGHT * objective.smoothing_scale)
-    light = lighter.solve(best.log_scales, best.sides, exact=True)
+    lighter, light = unsmoothed(objective, best)
     is_open = [
         axis.low < scale < axis.high
         for axis, scale in zip(objective.axes, best.log_scales, strict=True)
     ]
     of_tables = lighter.ways(light)
-    dependence = objective.prepared_records[0].dependence
-    numbers = {} if dependence is None else dependence.numbers
+    dependence, numbers = objective.facts[0].dependence, objective.numbers
     of_constants = block_diag(np.eye(len(is_open))[:, is_open], np.eye(len(numbers)))
     ways = np.asarray(block_diag(of_tables, of_constants))
-    noise, to_noise, products, _ = noise_behind(lighter, light, ways, linearized(lighter, light))
-    normal, count = products.copy(), of_tables.shape[1]
-    bent = lighter.table_penalty @ of_tables
-    normal[:count, :count] += bent.T @ bent
+    values, rows = np.concatenate(light.values)[:, None], linearized(lighter, light)
+    (noise,), to_noise, products, _ = noises_behind(lighter, values, ways, rows)
+    normal = with_penalty(lighter, products, of_tables)
     usual = {} if dependence is None else dependence.usual
     places = [len(normal) - len(numbers) + [*numbers].index(name) for name in usual]
     pull = best.objective_v2 * np.array([number.pull for number in usual.values()])
@@ -133,17 +133,19 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         low, high = min(value, min(unmoved) - reach), max(value, max(unmoved) + reach)
         return NodeInterval(name, soc, value, error, bias, low, high)
 
-    found = []
-    for table, name in enumerate(objective.names):
-        nodes, seen = objective.nodes_of[table], np.flatnonzero(objective.visited_of(table))
-        sag = sag_of(nodes[seen], best.values[table][seen])
-        for node, own_sag in zip(seen, sag, strict=True):
-            value, lightly = float(best.values[table][node]), float(light.values[table][node])
-            number, soc = objective.block(table).start + int(node), float(nodes[node])
-            around = interval(name, soc, number, value, lightly, lightly + float(own_sag))
-            if name.startswith("R") and around.low is not None:
-                around = replace(around, low=max(around.low, 0.0))
-            found.append(around)
+    found, both = [], np.column_stack([np.concatenate(best.values), values]).tolist()
+    sags = [
+        sag_of(nodes[seen], table[seen])
+        for number, (nodes, table) in enumerate(zip(objective.nodes_of, best.values, strict=True))
+        for seen in [objective.visited_of(number)]
+    ]
+    places = zip(objective.visited_rows.items(), np.concatenate(sags).tolist(), strict=True)
+    for ((name, soc), row), sag in places:
+        value, own = both[row]
+        around = interval(name, soc, row, value, own, own + sag)
+        if name.startswith("R") and around.low is not None:
+            around = replace(around, low=max(around.low, 0.0))
+        found.append(around)
     scales = zip((axis.name for axis in objective.axes), best.log_scales, strict=True)
     logarithms = dict(scales) | {name: math.log(value) for name, value in numbers.items()}
     for number, (name, scale) in enumerate(logarithms.items()):
@@ -188,37 +190,37 @@ def sag_of(
     return np.linalg.solve(products, second * cubes / 24)
 
 
-def noise_behind(
+def unsmoothed(objective: TableObjective, found: Solution) -> tuple[TableObjective, Solution]:
+    """The objective with hardly any smoothing, and its tables at the same time constants."""
+    lighter = replace(objective, smoothing_scale=LIGHT * objective.smoothing_scale)
+    return lighter, lighter.solve(found.log_scales, found.sides, exact=True)
+
+
+def with_penalty(
     objective: TableObjective,
-    found: Solution,
-    ways: Float[np.ndarray, "values ways"],
-    rows: Iterable[tuple[Columns, Float[np.ndarray, "rows"], Bool[np.ndarray, "rows"]]],
-) -> tuple[
-    Noise,
-    Float[np.ndarray, "seen ways"],
-    Float[np.ndarray, "ways ways"],
-    Float[np.ndarray, "ways"],
-]:
-    """The noise in coordinates Q, the T / N with J = Q T, J'J / N and J'e / N of some ways to move,
-    from the rows of `linearized`."""
-    values = np.concatenate(found.values)[:, None]
-    sided = ((columns, base[:, None], informed) for columns, base, informed in rows)
-    (noise,), to_noise, products, slopes = noises_behind(objective, values, ways, sided)
-    return noise, to_noise, products, slopes[:, 0]
+    products: Float[np.ndarray, "ways ways"],
+    of_tables: Float[np.ndarray, "values few"],
+) -> Float[np.ndarray, "ways ways"]:
+    """J'J / N with what the smoothing adds, the first ways being those of the tables."""
+    normal, count = products.copy(), of_tables.shape[1]
+    bent = objective.table_penalty @ of_tables
+    normal[:count, :count] += bent.T @ bent
+    return normal
 
 
 def noises_behind(
     objective: TableObjective,
     values: Float[np.ndarray, "values sides"],
     ways: Float[np.ndarray, "all_values ways"],
-    rows: Iterable[tuple[Columns, Float[np.ndarray, "rows sides"], Bool[np.ndarray, "rows"]]],
+    rows: Iterable[Rows],
 ) -> tuple[
     list[Noise],
     Float[np.ndarray, "seen ways"],
     Float[np.ndarray, "ways ways"],
     Float[np.ndarray, "ways sides"],
 ]:
-    """The same of several voltages under one current, each with its tables' values."""
+    """The noise in coordinates Q, the T / N with J = Q T, J'J / N and J'e / N of some ways to move,
+    from the rows of `linearized`: of every side, with its tables' values."""
     time_s = one_clock(objective.prepared_records)
     longest_s = max(prepared.scored_duration_s for prepared in objective.prepared_records)
     slots = Slots.of(time_s, longest_s, MAX_SLOTS)
@@ -262,10 +264,10 @@ def linearized(
     objective: TableObjective,
     found: Solution,
     beside_v: Float[np.ndarray, "simulated sides"] | None = None,
-):
+) -> Iterator[Rows]:
     """Columns of all unknowns, of all axes and of a dependence's numbers at the scored samples, the
-    base error, and which of them come after the first load. With `beside_v` as `reduce_records` has
-    it, the base error is a column for every side."""
+    base error of every side, and which of them come after the first load. `beside_v` is as
+    `reduce_records` has it."""
     pairs, layout = objective.pairs, objective.reduced.layout
     tau, rate = found.log_scales[:pairs], found.log_scales[pairs:]
     rungs = rungs_of(objective.elements)
@@ -285,12 +287,11 @@ def linearized(
             taus = np.zeros((3 * pairs, *answers.shape[1:]))
             for own, rung in zip(answers.reshape(-1, 3, *answers.shape[1:]), rungs, strict=True):
                 taus[3 * rung.element : 3 * rung.element + 3] += rung.share * own
-            amplitude = list(initial)
-            base = base[0][:, 0] if beside_v is None else base[:, :, 0].T
+            amplitude, base = list(initial), base[:, :, 0].T
             if rate and layout.has_amplitude:
                 amplitude = [initial[0] + responses[1]]
             elif rate:
-                base = base + responses[1][:, 0].reshape(-1, *[1] * (base.ndim - 1))
+                base = base + responses[1]
             tables = [*current, *taus[1::3], *correction, *amplitude]
             moved = [
                 (taus[3 * pair + 2] - taus[3 * pair]) @ found.values[pair + 1] / (2 * STEP)

@@ -286,22 +286,11 @@ def _empty(layout: Layout) -> Reduced:
 
 def _without_noise(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:
     """The values of visited nodes and the time constants, whose intervals are not known yet."""
-    found = [
-        NodeInterval(name, float(node), float(value), 0.0, 0.0, None, None)
-        for table, name in enumerate(objective.names)
-        for node, value, is_visited in zip(
-            objective.nodes_of[table],
-            best.values[table],
-            objective.visited_of(table),
-            strict=True,
-        )
-        if is_visited
-    ]
-    found += [
-        NodeInterval(axis.name, None, float(np.exp(scale)), 0.0, 0.0, None, None)
-        for axis, scale in zip(objective.axes, best.log_scales, strict=True)
-    ]
-    return tuple(found)
+    rows, scales = np.concatenate(best.values), np.exp(best.log_scales)
+    values = {place: float(rows[row]) for place, row in objective.visited_rows.items()}
+    names = [(axis.name, None) for axis in objective.axes]
+    values |= dict(zip(names, scales.tolist(), strict=True))
+    return tuple(NodeInterval(*own, value, 0.0, 0.0, None, None) for own, value in values.items())
 
 
 def _other_grid(first: Kept, other: Kept) -> str:

@@ -4,11 +4,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from ..model.reduced import Columns
-from .intervals import LIGHT, linearized, noise_behind
+from .intervals import Rows, linearized, noises_behind, unsmoothed, with_penalty
 from .objective import Solution, TableObjective
 
 # Columns of the voltage by the nuisances of all records, at the scored samples of one.
@@ -57,23 +56,19 @@ def estimate(
     The noise is correlated, so that H^-1 (J' G J + P S P) H^-1 is the covariance, with S the prior
     and P its weight in the least squares, the noise's own strength over S.
     """
-    lighter = replace(objective, smoothing_scale=LIGHT * objective.smoothing_scale)
-    light = lighter.solve(best.log_scales, best.sides, exact=True)
+    lighter, light = unsmoothed(objective, best)
     of_tables, axes = lighter.ways(light), len(objective.axes)
-    dependence = objective.prepared_records[0].dependence
-    constants = axes + (len(dependence.numbers) if dependence else 0)
-    ways = np.asarray(block_diag(of_tables, np.eye(constants), np.eye(now.size)))
-    rows = _with_nuisances(lighter, light, nuisances)
-    noise, to_noise, normal, slopes = noise_behind(lighter, light, ways, rows)
-    bent, count = lighter.table_penalty @ of_tables, of_tables.shape[1]
-    normal[:count, :count] += bent.T @ bent
+    count, others = of_tables.shape[1], axes + len(objective.numbers) + now.size
+    ways = np.asarray(block_diag(of_tables, np.eye(others)))
+    values, rows = np.concatenate(light.values), _with_nuisances(lighter, light, nuisances)
+    (noise,), to_noise, products, slopes = noises_behind(lighter, values[:, None], ways, rows)
+    normal, slopes = with_penalty(lighter, products, of_tables), slopes[:, 0]
     weight = float(np.mean(np.diag(noise.spread_v2))) / objective.reduced.scored
     own = slice(len(normal) - now.size, len(normal))
     pull = weight / prior**2
     normal[own, own] += np.diag(pull)
     slopes[own] += pull * now
     moved = np.linalg.lstsq(normal, np.column_stack([slopes, to_noise.T]))[0]
-    values = np.concatenate(light.values)
     wanted = np.empty((0, len(values))) if wanted is None else wanted
     told = np.eye(len(normal))[own]
     picked = np.vstack([told, wanted @ ways[: len(values)]])
@@ -95,7 +90,7 @@ def estimate(
 
 def _with_nuisances(
     objective: TableObjective, found: Solution, nuisances: Nuisances
-) -> Iterator[tuple[Columns, Float[np.ndarray, "rows"], Bool[np.ndarray, "rows"]]]:
+) -> Iterator[Rows]:
     """The rows of `linearized` with the columns of nuisances."""
     for place, prepared in enumerate(objective.prepared_records):
         # The error falls where the simulated voltage rises.

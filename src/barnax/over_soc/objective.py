@@ -17,9 +17,11 @@ from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION, OHMIC, RATE
 from ..model.axes import Axis, axes_of
 from ..model.box_least_squares import (
     Sides,
+    errors_of,
     least_in_box,
     least_in_boxes,
     least_squares_in_box,
+    normal_equations,
 )
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced
@@ -92,6 +94,12 @@ class TableObjective:
         return replace(self, prepared_records=records, kept=kept)
 
     @property
+    def numbers(self) -> dict[str, float]:
+        """Those of what resistances follow."""
+        dependence = self.facts[0].dependence
+        return {} if dependence is None else dependence.numbers
+
+    @property
     def elements(self) -> tuple[str, ...]:
         return get_circuit(self.facts[0].circuit).elements
 
@@ -129,6 +137,15 @@ class TableObjective:
 
     def _nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
         return np.any([record.nearest(nodes) for record in self.facts], axis=0)
+
+    @cached_property
+    def visited_rows(self) -> dict[tuple[str, float | None], int]:
+        """Where all tables' values have that of a table at a visited node."""
+        return {
+            (name, float(self.nodes_of[table][node])): self.block(table).start + int(node)
+            for table, name in enumerate(self.names)
+            for node in np.flatnonzero(self.visited_of(table))
+        }
 
     def block(self, table: int) -> slice:
         """The unknowns of a table."""
@@ -289,14 +306,11 @@ class TableObjective:
                 blocks[axis.table] = blocks.get(axis.table, 0.0) + answers
         shape = (log_scales.shape[1], len(self.base))
         base = np.broadcast_to(base, shape)
-        columns = np.stack(
-            [np.broadcast_to(blocks[table][..., 0], shape) for table in range(self.tables)]
-        )
-        normal = np.einsum("ipr,jpr->ijp", columns, columns) + self.penalty_normal[:, :, None]
-        gradient = np.einsum("ipr,pr->ip", columns, base)
+        columns = [np.broadcast_to(blocks[table][..., 0], shape) for table in range(self.tables)]
+        normal, gradient = normal_equations(columns, base)
         low, high = (np.repeat(end[:, None], shape[0], axis=1) for end in self.box)
-        x = least_in_boxes(normal, gradient, low, high)
-        error = base + np.einsum("ipr,ip->pr", columns, x)
+        x = least_in_boxes(normal + self.penalty_normal[:, :, None], gradient, low, high)
+        error = errors_of(columns, base, x)
         return np.sum(error**2, axis=1) + np.sum((self.penalty @ x) ** 2, axis=0)
 
     def ways(self, found: Solution) -> Float[np.ndarray, "values ways"]:

@@ -22,7 +22,7 @@ from ..execution import in_float64
 from ..model.prepared import PreparedRecord
 from ..model.reduced import together
 from ..uncertainty.covariance import CONFIDENCE
-from .intervals import LIGHT, UNSEEN, linearized, noises_behind
+from .intervals import LIGHT, UNSEEN, linearized, noises_behind, unsmoothed, with_penalty
 from .level import level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
@@ -121,7 +121,9 @@ def fit_pack(
         count, log_scales = 1 + len(names), tuple(math.log(low) for low, _ in held.values())
         own = [replace(pack, reduced=pack.reduced.side(side)) for side in range(count)]
         found = [objective.solve(log_scales, exact=True) for objective in own]
-        light = [_lightly(objective, start) for objective, start in zip(own, found, strict=True)]
+        light = [
+            unsmoothed(objective, start)[1] for objective, start in zip(own, found, strict=True)
+        ]
         spread = _Spread.of(own[0], light, sides_v)
         loaded_soc, directions = _directions(pack, found[0], prepared, spread)
         if own_time_constants:
@@ -129,7 +131,7 @@ def fit_pack(
             for side in range(count):
                 alone = replace(wide, reduced=together([wide.reduced.side(side)]))
                 found[side] = _polished(alone, found[side])
-                light[side] = _lightly(alone, found[side])
+                light[side] = unsmoothed(alone, found[side])[1]
     middle = np.concatenate(found[0].values), np.concatenate(light[0].values)
     ocv = pack.block(1 + pack.pairs)
     ocv_nodes = np.array(pack.reduced.layout.ocv_nodes)
@@ -173,12 +175,6 @@ def _polished(objective: TableObjective, start: Solution) -> Solution:
     return objective.solve(met.log_scales, met.sides, exact=True)
 
 
-def _lightly(objective: TableObjective, found: Solution) -> Solution:
-    """The same time constants with tables that are hardly smoothed."""
-    lighter = replace(objective, smoothing_scale=LIGHT)
-    return lighter.solve(found.log_scales, found.sides, exact=True)
-
-
 def _known_at(soc: float, prepared: PreparedRecord) -> float:
     return float(prepared.cell.average_ocv_v(np.array([soc]))[0])
 
@@ -203,22 +199,19 @@ class _Spread:
         """That of every side, whose values are those of its light fit."""
         lighter = replace(objective, smoothing_scale=LIGHT)
         of_tables = lighter.ways(light[0])
-        dependence = lighter.facts[0].dependence
-        others = len(lighter.axes) + (len(dependence.numbers) if dependence else 0)
+        others = len(lighter.axes) + len(lighter.numbers)
         ways = np.asarray(block_diag(of_tables, np.eye(others)))
         values = np.column_stack([np.concatenate(solution.values) for solution in light])
         layout = replace(lighter.reduced.layout, sides=len(light))
         sided = replace(lighter, reduced=replace(lighter.reduced, layout=layout))
         rows = linearized(sided, light[0], sides_v)
         noises, to_noise, products, slopes = noises_behind(lighter, values, ways, rows)
-        count = of_tables.shape[1]
         # All tables are at their best; what is left is the slope by the scales, beside the mean's.
         by_scales = slopes[:, :1] - slopes
-        by_scales[:count] = 0.0
+        by_scales[: of_tables.shape[1]] = 0.0
 
         def turned(weighted: TableObjective, pushes: np.ndarray) -> np.ndarray:
-            normal, bent = products.copy(), weighted.table_penalty @ of_tables
-            normal[:count, :count] += bent.T @ bent
+            normal = with_penalty(weighted, products, of_tables)
             return (ways @ np.linalg.lstsq(normal, pushes, UNSEEN**2)[0])[: len(values)]
 
         return cls(

@@ -278,7 +278,7 @@ def _kind_warnings(
 
 
 def _speed_warnings(sweeps: Mapping[int, Sweep]) -> list[Notice]:
-    """What a sweep that is not very slow does to hysteresis."""
+    """A warning where a sweep is too fast for its hysteresis."""
     hours = {
         sweep.passed_ah / float(np.median([abs(point.current_a) for point in sweep.points])): sweep
         for sweep in sweeps.values()

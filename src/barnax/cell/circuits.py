@@ -63,7 +63,7 @@ class Circuit:
 
     @property
     def pairs(self) -> int:
-        """How many elements there are, RC pairs mostly."""
+        """Number of elements, RC pairs mostly."""
         return len(self.elements)
 
     def beside(self, *elements: str) -> "Circuit":
@@ -78,7 +78,7 @@ class Circuit:
 
     @property
     def has_hysteresis(self) -> bool:
-        """Whether its voltage depends on more of the OCV test than the average of both branches."""
+        """True where the voltage depends on more of the OCV test than the branches' average."""
         return self.has_rate or self.source_voltage is not average_ocv
 
     @property
@@ -122,7 +122,7 @@ def average_ocv_with_loops(cell: CellModel, soc: Samples, direction: Samples) ->
 
 
 def loops(soc: Samples, direction: Samples) -> Samples:
-    """Where between the branches, -1 discharged to +1 charged, after every sample.
+    """The state between the branches, -1 discharged to +1 charged, after every sample.
 
     >>> loops(np.array([0.5, 0.45, 0.4]), np.array([1.0, -1.0, -1.0])).round(2)
     array([ 1.  ,  1.  , -0.45])

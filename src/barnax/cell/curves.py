@@ -134,7 +134,7 @@ def fit_curve(
 
 
 def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
-    """Where the curve falls with SOC, leaves the range of neighboring points or misses them.
+    """Warnings where the curve falls with SOC, leaves the range of its points or misses them.
 
     `branch` is its name, if it has one. An OCV rises with SOC; what falls between good points
     is the fit, not the cell.

@@ -1,4 +1,4 @@
-"""What resistances follow beside the state of charge: temperature, the cell's own heat, current."""
+"""Resistances that follow more than the state of charge: temperature, own heat, current."""
 
 import math
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ Samples = Float[np.ndarray, "samples"]
 
 @dataclass(frozen=True, repr=False)
 class Dependence(Brief):
-    """What the resistances of a circuit follow beside SOC, with one number for all of them.
+    """Dependence of a circuit's resistances on more than SOC, with one number for all of them.
 
     R(s) is what they are at `reference_degc`, or of a cell that has warmed itself so far as those
     identified on had on the average. At every sample all of them are R(s) exp(-beta (T - T_ref)),
@@ -52,14 +52,14 @@ class Dependence(Brief):
 
     @property
     def numbers(self) -> dict[str, float]:
-        """What it consists of, by name with unit; all positive."""
+        """Its numbers by name with unit; all positive."""
         found = {BETA: self.beta_per_k, KAPPA: self.kappa_per_a2}
         found |= {HEATING: self.heating_tau_s or 0.0, ONSET: self.onset_a or 0.0}
         return {name: value for name, value in found.items() if value}
 
     @property
     def usual(self) -> Mapping[str, "Usual"]:
-        """What is known of some of its numbers before any record is seen."""
+        """Prior knowledge of some of its numbers."""
         found = {HEATING: Usual(math.log(USUAL_HEATING_S), 1.0, 0.02)}
         if self.reference_degc is not None:
             found[BETA] = Usual(math.log(arrhenius_beta(self.reference_degc)), 0.4, 0.3)
@@ -75,7 +75,7 @@ class Dependence(Brief):
         interval_current_a: Float[np.ndarray, "intervals"],
         degc: Samples | None,
     ) -> Samples:
-        """What resistances are multiplied by at every sample of a record."""
+        """The factor of resistances at every sample of a record."""
         exponent = np.zeros(len(time_s))
         if degc is not None and self.reference_degc is not None:
             exponent -= self.beta_per_k * (degc - self.reference_degc)
@@ -105,8 +105,8 @@ class Usual:
 def between(
     cold: Dependence | None, warm: Dependence | None, degc: float, share: float
 ) -> Dependence | None:
-    """What holds so far on the way from a cold temperature to a warm one: beta, kappa and 1 / i0
-    are linear in it, and zero where nothing is followed."""
+    """The dependence at a share of the way from a cold temperature to a warm one: beta, kappa and
+    1 / i0 are linear in it, and zero where nothing is followed."""
     if cold is None and warm is None:
         return None
     first, second = (end or Dependence() for end in (cold, warm))

@@ -62,7 +62,7 @@ class Element:
             raise InputError(f"the ratios of the element {self.name} must fall, from slow to fast")
 
     def names(self, number: int) -> "ElementNames":
-        """What its parameters are called; `number` counts the RC pairs before and with it."""
+        """The names of its parameters; `number` counts the RC pairs before and with it."""
         of = f"_{self.symbol}" if self.symbol else str(number)
         capacitance = None if self.symbol else f"C{of} [F]"
         return ElementNames(f"R{of} [Ohm]", f"tau{of} [s]", capacitance)
@@ -77,7 +77,7 @@ class ElementNames(NamedTuple):
 
     @property
     def stored(self) -> str:
-        """What a constant circuit has beside the resistance."""
+        """The name of what a constant circuit stores beside the resistance."""
         return self.capacitance or self.tau
 
 
@@ -171,7 +171,7 @@ def require_order(elements: Sequence[str]) -> None:
 
 
 def alike(elements: Sequence[str]) -> int:
-    """How many of the first elements are RC pairs, which can change places."""
+    """Number of the first elements that are RC pairs, which can change places."""
     return sum(name == RC.name for name in elements)
 
 

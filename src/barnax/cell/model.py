@@ -33,7 +33,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class FitError:
-    """How far a curve passes from its points, in V."""
+    """The distance of a curve from its points, in V."""
 
     rms_v: float
     max_v: float
@@ -124,18 +124,18 @@ class CellModel(Brief):
 
     @property
     def is_of_records(self) -> bool:
-        """Whether its OCV was identified with the circuit, on records that are no OCV test."""
+        """True where its OCV was identified with the circuit, on records that are no OCV test."""
         return all(not point.row for point in self.charge_points + self.discharge_points)
 
     @property
     def has_sweep_drop(self) -> bool:
-        """Whether some of its points were measured under load, and that is still in them."""
+        """True where points were measured under load, and that is still in them."""
         points = self.charge_points + self.discharge_points
         return self.sweep_ohm is None and any(point.current_a for point in points)
 
     @property
     def has_flat_ocv(self) -> bool:
-        """Whether hysteresis matters as it does for LFP: half the gap between the branches is as
+        """True where hysteresis matters as it does for LFP: half the gap between the branches is as
         much as the OCV rises over `FLAT` of the SOC, between 20 and 80 %.
 
         Cells of layered oxides have 1 %, 4 % where the gap was measured at C/20; LFP has 12 %.
@@ -196,7 +196,7 @@ def fit_error(errors_v: Float[np.ndarray, "points"]) -> FitError:
 
 
 def group_near(known: Iterable[tuple[float, Item]]) -> dict[float, list[Item]]:
-    """What is within `SAME_DEGC` of the coldest together, under the mean of their temperatures.
+    """Groups within `SAME_DEGC` of the coldest of each, under the mean of their temperatures.
 
     >>> group_near([(25.0, "a"), (0.0, "b"), (27.0, "c")])
     {0.0: ['b'], 26.0: ['a', 'c']}

@@ -71,7 +71,7 @@ def _point(
 
 
 def _rest_s(record: Record, first: int, last: int) -> float:
-    """How long no current flowed, the interval of the hold at one end included."""
+    """The time without current, the interval of the hold at one end included."""
     if record.hold.value == "backward":
         return float(record.time_s[last] - record.time_s[max(first - 1, 0)])
     return float(record.time_s[min(last + 1, record.samples - 1)] - record.time_s[first])
@@ -108,7 +108,7 @@ def _point_samples(
 
 
 def _is_plausible_start(record: Record, last: int, following: int) -> bool:
-    """Whether the short rest that begins the record, up to `last`, is the end of a long one."""
+    """True where the short rest that begins the record, up to `last`, is the end of a long one."""
     charged = np.sign(record.discharged_ah[last] - record.discharged_ah[following])
     step_v = charged * (record.voltage_v[following] - record.voltage_v[last])
     drift_v = abs(record.voltage_v[last] - record.voltage_v[0])
@@ -137,7 +137,7 @@ def _runs(directions: list[int], direction: int) -> list[tuple[int, int]]:
 def _extent(
     discharged_ah: Charge, lasts: list[int], directions: list[int], first: int, last: int
 ) -> tuple[float, float]:
-    """Where the sweep began and ended, charge beyond its end points included.
+    """The ends of the sweep, charge beyond its end points included.
 
     A test may start loaded at full or stop at the cut-off without a rest. Where the neighboring
     sweep turns at the rest itself, the sweep ends there.
@@ -160,7 +160,7 @@ def _no_test(record: Record, reason: str) -> InputError:
 
 
 def _nothing_found(rests_s: list[float], directions: list[int]) -> str:
-    """Why the rests make no sweep."""
+    """The reason why the rests make no sweep."""
     if not rests_s:
         return "it has no rests"
     long = sum(_is_long(rest_s) for rest_s in rests_s)
@@ -299,7 +299,7 @@ def find_sweeps(
 
 
 def _is_test(rested: list[Sweep], slow: list[Sweep]) -> bool:
-    """Whether the sweeps between rests are the test, and the slow ones something beside it.
+    """True where the sweeps between rests are the test, and the slow ones something beside it.
 
     The kind that measures both directions is; where both kinds do, rests, which hold no
     overpotential.

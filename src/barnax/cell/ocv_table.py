@@ -129,7 +129,7 @@ def read_ocv_test(
     current_hold: Hold | Literal["auto"] = "auto",
     voltage_lag: float | None = None,
 ) -> Record | OcvTable:
-    """What a file gives to characterize a cell by: a table of OCV over SOC, else a record."""
+    """The OCV test in a file: a table of OCV over SOC, else a record."""
     if not isinstance(source, Source):
         source = read_source(source)
     if is_ocv_table(source.table.header):

@@ -191,12 +191,12 @@ class CircuitParameters(Brief):
 
     @cached_property
     def elements(self) -> tuple[str, ...]:
-        """What each element is, by name."""
+        """The elements by name."""
         return tuple(element_of(name).name for name in self.scales if name != RATE)
 
     @cached_property
     def names(self) -> tuple[ElementNames, ...]:
-        """What the parameters of every element are called."""
+        """The names of every element's parameters."""
         return names_of(self.elements)
 
     @property
@@ -206,12 +206,12 @@ class CircuitParameters(Brief):
 
     @property
     def pairs(self) -> int:
-        """How many elements there are, RC pairs mostly."""
+        """Number of elements, RC pairs mostly."""
         return len(self.elements)
 
     @property
     def is_constant(self) -> bool:
-        """Whether the circuit is one that does not change with SOC, by whatever node."""
+        """True for a circuit that does not change with SOC."""
         return self.nodes == ANYWHERE and not self.visited
 
     @property
@@ -264,7 +264,7 @@ class CircuitParameters(Brief):
 
     @property
     def constants(self) -> dict[str, float]:
-        """What does not change with SOC: time constants, gamma, the numbers of a dependence."""
+        """The numbers that do not change with SOC: time constants, gamma, those of a dependence."""
         rate = {} if self.gamma is None else {RATE: self.gamma}
         return self.named_tau_s | rate | (self.dependence.numbers if self.dependence else {})
 

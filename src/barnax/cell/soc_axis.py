@@ -27,7 +27,7 @@ ABOVE_SOC = 0.1
 
 
 def is_above(soc: Float[np.ndarray, "samples"]) -> Bool[np.ndarray, "samples"]:
-    """Where a cell is not nearly empty: `ABOVE_SOC` included, as bands include their lower edge."""
+    """True where a cell is not nearly empty; `ABOVE_SOC` counts, as bands hold their lower edge."""
     return soc >= ABOVE_SOC
 
 
@@ -69,7 +69,7 @@ class Sweep:
 
     @property
     def stops_at_cutoff(self) -> bool:
-        """Whether it ran until full or empty, as far as its points tell.
+        """True where it ran until full or empty, as far as its points tell.
 
         A slow sweep does. Between rests a cut-off shortens the last pulse below all before it, or
         the last but one where a taper at constant voltage follows.
@@ -267,7 +267,7 @@ def _main(sweeps: Mapping[int, Sweep]) -> Sweep:
 
 
 def _agree(sweeps: Mapping[int, Sweep], tolerance: float, direction: int = CHARGE) -> bool:
-    """Whether there are both directions, and the one passed the same charge as the other."""
+    """True where there are both directions, and they passed the same charge."""
     return len(sweeps) == 2 and _is_near(
         sweeps[direction].passed_ah, sweeps[-direction].passed_ah, tolerance
     )
@@ -278,7 +278,7 @@ def _is_near(charge_ah: float, reference_ah: float, tolerance: float) -> bool:
 
 
 def spans_both_ends(sweeps: Mapping[int, Sweep]) -> bool:
-    """Whether the test ran between full and empty.
+    """True where the test ran between full and empty.
 
     A slow sweep does; so do two directions that close and each stop at a cut-off, one at empty and
     one at full.

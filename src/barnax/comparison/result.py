@@ -64,7 +64,7 @@ class SeedAnswerPart(ComparisonPart):
 
 
 class SpreadPart(ComparisonPart):
-    """How the seeds of one row differ."""
+    """The spread of the seeds of one row."""
 
     best_rmse_v: Volts
     worst_rmse_v: Loss
@@ -125,7 +125,7 @@ class ModelPart(ComparisonPart):
 
 
 class BudgetPart(ComparisonPart):
-    """What every method could spend: `evaluations` a seed."""
+    """The budget of every method: `evaluations` a seed."""
 
     population: Count
     iterations: Count
@@ -279,7 +279,7 @@ def _row_part(row: Row) -> RowPart:
 
 
 def _spread_part(errors_v: np.ndarray) -> SpreadPart:
-    """How far the seeds are apart; one that failed altogether is infinitely far away."""
+    """The spread of the seeds; one that failed altogether is infinitely far away."""
     deviation_v = 0.0 if len(errors_v) == 1 else math.inf
     if len(errors_v) > 1 and np.isfinite(errors_v).all():
         deviation_v = float(np.std(errors_v, ddof=1))

@@ -212,5 +212,5 @@ def compare_over_seeds(
 def _differ(
     first_v: Float[np.ndarray, "..."] | float, second_v: Float[np.ndarray, "..."] | float
 ) -> Any:
-    """Where two RMSE are not one, rounding and unfinished descents aside."""
+    """True where two RMSE differ, rounding and unfinished descents aside."""
     return np.abs(first_v - second_v) > SAME_RMSE * np.minimum(first_v, second_v)

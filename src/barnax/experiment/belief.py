@@ -1,4 +1,4 @@
-"""What is believed of a cell before its next test: by a result, or by its chemistry alone."""
+"""Beliefs about a cell before its next test: by a result, or by its chemistry alone."""
 
 import math
 from collections.abc import Sequence

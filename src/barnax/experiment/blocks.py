@@ -49,7 +49,7 @@ class Block:
 def candidate_blocks(
     key: Array, drive: Float[np.ndarray, "seconds"] | None = None
 ) -> tuple[Block, ...]:
-    """What a design chooses from by default.
+    """The blocks that a design chooses from by default.
 
     Pulses and rests, pseudo-random binary currents of several clocks, random steps, a multisine
     and, where one is given, pieces of a drive cycle (`drive`, a level for every second).

@@ -1,4 +1,4 @@
-"""What a current would tell of a cell's tables: the intervals that a fit of it would have, and the
+"""Information of a current about a cell's tables: the intervals that its fit would have, and the
 error of that fit on a drive cycle.
 
 Least squares with a covariance S of the error have the covariance H^-1 J' S J H^-1 of the tables,
@@ -80,7 +80,7 @@ class Seconds:
 
 @dataclass(frozen=True, eq=False)
 class Believed:
-    """What is believed of a cell before a test.
+    """The belief about a cell before a test.
 
     Attributes:
         cell: Its OCV, hysteresis and capacity.
@@ -127,7 +127,7 @@ class Believed:
 
     @cached_property
     def values(self) -> Float[np.ndarray, "unknowns"]:
-        """What each is believed to be; nothing of an OCV's correction."""
+        """The believed value of each; zero for a correction of the OCV."""
 
         def value(name: str, soc: float | None) -> float:
             if soc is None:
@@ -141,13 +141,13 @@ class Believed:
 
     @cached_property
     def units(self) -> Float[np.ndarray, "unknowns"]:
-        """What widths of each are counted in: its value for a resistance, else one."""
+        """The unit of each width: its value for a resistance, else one."""
         is_r = [name.startswith("R") for name, _ in self.names]
         return np.where(is_r, self.values, 1.0)
 
     @cached_property
     def unseen(self) -> Float[np.ndarray, "unknowns"]:
-        """How far each may be where nothing is measured; a time constant is measured anywhere."""
+        """The prior width of each where nothing is measured; time constants are measured anywhere."""
         share = [UNSEEN_SHARE if name.startswith("R") else UNSEEN_V for name, _ in self.names]
         return self.units * share * [soc is not None for _, soc in self.names]
 
@@ -172,7 +172,7 @@ class Believed:
 
     @cached_property
     def told_before(self) -> "Information | None":
-        """What the earlier records tell."""
+        """The information of the earlier records."""
         found = None
         for own in self.earlier:
             columns, _ = columns_along(self, own.current_a, own.soc)
@@ -268,7 +268,7 @@ def columns_along(
 
 
 def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0) -> Information:
-    """What samples with these columns tell."""
+    """The information of samples with these columns."""
     used = np.flatnonzero(np.any(columns, axis=0))
     rows = np.ascontiguousarray(columns.T[used])
     products = rows @ rows.T

@@ -178,7 +178,7 @@ def _believed(
     chemistry: str,
     temperature: float | None,
 ) -> tuple[Believed, tuple[float, float], tuple[float, float]]:
-    """What is believed of the cell, its usual voltages, and the usual rates."""
+    """The belief about the cell, its usual voltages, and the usual rates."""
     if capacity is not None and not 0 < capacity < math.inf:
         raise InputError(f"`capacity` {capacity:g} Ah must be positive and finite")
     if result is None:
@@ -205,7 +205,7 @@ def _hours(steps: Sequence[Step]) -> float:
 
 
 def _short(name: str) -> str:
-    """How a table is called in a wish."""
+    """The name of a table in a wish."""
     return re.split(r"[ \[]", name)[0]
 
 
@@ -214,7 +214,7 @@ def _is_wanted(soc: float | None) -> bool:
 
 
 def _names(believed: Believed) -> list[str]:
-    """What can be wished."""
+    """The names that can be wished."""
     names = dict.fromkeys(map(_short, believed.tables_of_names))
     if believed.settings.ocv_nodes is None:
         names.pop("OCV")
@@ -313,7 +313,7 @@ def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Found:
 
 
 def _emptying(believed: Believed, limits: Limits) -> tuple[Step, ...]:
-    """What shows the lower end of an OCV that is not known."""
+    """The steps that show the lower end of an unknown OCV."""
     if believed.settings.ocv_nodes is None:
         return ()
     capacity_ah, rest = believed.cell.capacity_ah, Step("last rest", LAST_REST_S, 0.0)
@@ -367,7 +367,7 @@ def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits
 def _widths(
     believed: Believed, steps: Sequence[Step], drive: Normal, interval_s: float = INTERVAL_S
 ) -> tuple[Width, ...]:
-    """What a test tells, and the RMSE on a drive cycle with it."""
+    """The widths that a test leaves, and the RMSE on a drive cycle with it."""
     columns, _ = columns_along(believed, sampled(steps, interval_s), HIGH_SOC, interval_s)
     found = information_of(believed, columns, interval_s)
     alone, after = (

@@ -41,7 +41,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a test must keep.
+    """Limits that a test must keep.
 
     Args:
         low_v: Lowest voltage.

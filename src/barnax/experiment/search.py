@@ -64,7 +64,7 @@ class OnDrive:
 
 @dataclass(frozen=True)
 class Pattern:
-    """How a test is made up: stretches, the rate of moves, how many blocks of each kind, and the
+    """The makeup of a test: stretches, the rate of moves, how many blocks of each kind, and the
     weights of equal parts of the state of charge, from full to empty."""
 
     stretches: int
@@ -91,7 +91,7 @@ class Pattern:
 
     @property
     def changes(self) -> int:
-        """How many single changes there are."""
+        """Number of single changes."""
         return 2 * (2 + len(self.counts) + PARTS)
 
     def changed(self, number: int) -> "Pattern | None":

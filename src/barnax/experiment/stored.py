@@ -44,7 +44,7 @@ class Predicted(Part):
 
 
 class Reference(Part):
-    """What a usual test would take and tell.
+    """Duration and information of a usual test.
 
     Attributes:
         name: What it is.

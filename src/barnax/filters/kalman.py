@@ -275,7 +275,7 @@ def _correct(
 
 
 def _kept(model: FilterModel, slow: Float[Array, "slow"], drive: Drive) -> Vector:
-    """What an interval leaves of every state's deviation: no state moves another but by `slow`."""
+    """The share of every state's deviation left after an interval: only `slow` moves others."""
     return jnp.concatenate([jnp.ones(1), 1 - model.gains(slow, drive)])
 
 

@@ -50,7 +50,7 @@ FIRST_RESISTANCE = 4
 
 
 class Drive(NamedTuple):
-    """What drives the model at every sample: the interval before it, and what is measured there.
+    """The inputs of the model at every sample: the interval before it, and the measurements.
 
     `held_a` is the current that flowed since the sample before, discharge positive, `turning_a` the
     same where it turns a hysteresis, else zero. `direction` is that of the last current, or where
@@ -155,7 +155,7 @@ class FilterModel(eqx.Module):
         return jnp.clip(along, 0, len(GRID) - 2).astype(jnp.int32)
 
     def factor(self, name: str, slow: Float[Array, "slow"]) -> Scalar | float:
-        """What a slow parameter multiplies; one where it is not estimated."""
+        """The factor of a slow parameter; one where it is not estimated."""
         return jnp.exp(slow[self.slow.index(name)]) if name in self.slow else 1.0
 
     def factors(self, letter: str, slow: Float[Array, "slow"]) -> Float[Array, "pairs"]:
@@ -233,7 +233,7 @@ class FilterModel(eqx.Module):
     def slopes(
         self, state: Float[Array, "states"], slow: Float[Array, "slow"], drive: Drive, near: Scalar
     ) -> Float[Array, "both"]:
-        """How the voltage depends on every state and slow parameter: its gradient, written out,
+        """The gradient of the voltage by every state and slow parameter, written out,
         for that of a look-up in a table takes as long as the rest of the filter."""
         row, there = self.at(state[0]), self.at(near)
         place = self.place(state[0])

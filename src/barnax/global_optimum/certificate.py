@@ -37,7 +37,7 @@ def certify(
     polish: Callable[[CircuitParameters], RefinedSeed],
     max_boxes: int,
 ) -> Proof[RefinedSeed]:
-    """How far below the RMSE of the best known circuit that of any in the box could be.
+    """A bound on how far below the best known RMSE that of any circuit in the box could be.
 
     It goes on to a gap of `NARROW_GAP`, or of `CERTIFIED_GAP` where the former needs more than
     `FEW_BOXES` boxes, or until `max_boxes` have been looked at. A better circuit that is met is
@@ -66,7 +66,7 @@ def certify(
 def _bound(
     objective: ConstantObjective, boxes: Boxes, best_v: float
 ) -> tuple[Float[np.ndarray, "boxes"], Int[np.ndarray, "boxes"], CircuitParameters | None]:
-    """What no error in a box is below, the axis to split it along, and a better circuit if met.
+    """A lower bound of the errors in a box, the axis to split it along, a better circuit if met.
 
     The first y is the direction of the error at the middle of the box, with the resistances best
     there. To first order that error has no slope in free resistances, but what y.phi loses over
@@ -127,7 +127,7 @@ class _Side:
     def least(
         self, direction: Columns
     ) -> tuple[Float[np.ndarray, "boxes"], Float[np.ndarray, "boxes"]]:
-        """What y.phi is never below in a box, and how far that is below its middle."""
+        """A lower bound of y.phi in a box, and how far that is below its middle."""
         below, middle, above = (dot(direction, responses) for responses in self.responses)
         least = lowest_of_parabola(below, middle, above) - self.remainder
         return least, middle - least

@@ -35,12 +35,12 @@ class ConstantObjective:
 
     @cached_property
     def remainders(self) -> list[Float[np.ndarray, "2 _"]]:
-        """What a proof allows for between the scales that it looks at."""
+        """The allowance of a proof between the scales that it looks at."""
         return remainders(self.prepared_records, self.axes, (0.5,))
 
     @property
     def interchangeable(self) -> int:
-        """How many of the first axes are of pairs with one box: only circuits with tau1 <= tau2
+        """Number of the first axes that are of pairs with one box: only circuits with tau1 <= tau2
         and so on are in it."""
         return self.bounds.interchangeable_pairs
 

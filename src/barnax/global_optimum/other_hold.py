@@ -34,7 +34,7 @@ class OtherHold:
 
 
 def try_other_hold(problem: Problem) -> OtherHold | None:
-    """What the answer would be with the other hold in every record whose own is only assumed.
+    """The answer with the other hold in every record whose own is only assumed.
 
     None where all are known, or where the box is too wide to look. On an even clock both holds fit
     alike: a pair of resistance R and decay a between samples, under a current that flowed before
@@ -137,7 +137,7 @@ def with_better_hold(problem: Problem) -> Problem:
 
 
 def _can_tell(prepared: PreparedRecord) -> bool:
-    """Whether the voltage of a record may tell its hold: one that lags speaks for one of them."""
+    """True where the voltage may tell the hold: one that lags speaks for one of them."""
     interval_s, usual_s = prepared.record.interval_s, prepared.median_interval_s
     is_even = np.quantile(np.abs(interval_s - usual_s), 0.99) <= EVEN * usual_s
     return usual_s > SHORT_S or not is_even or late_answers_ohm(prepared.record) is not None

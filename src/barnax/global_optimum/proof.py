@@ -46,7 +46,7 @@ def prove(
     at_once: int,
     max_boxes: int,
 ) -> tuple[float, int]:
-    """What no error in the first boxes is below, and how many boxes that took.
+    """A lower bound of the errors in the first boxes, and how many boxes that took.
 
     It goes on until that is within a share of the best error, `gap_of` it after so many boxes, or
     until `max_boxes` have been looked at, `at_once` at a time. The first axes, so many as are
@@ -56,7 +56,7 @@ def prove(
     taken, parents_v, seen = first, np.zeros(len(first)), 0
 
     def wanted() -> tuple[float, float]:
-        """How far a bound may be off, and how high one is wanted with that."""
+        """The slack of a bound, and how high one is wanted with that."""
         slack_v = max(RELATIVE * best_v, ABSOLUTE_V)
         return slack_v, best_v - gap_of(best_v, seen) * max(best_v, SMALLEST_RMSE_V) + slack_v
 

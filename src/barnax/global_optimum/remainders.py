@@ -23,7 +23,7 @@ LEBESGUE = 1.25
 def beyond_parabola(
     derivatives: Float[np.ndarray, "2 width"], half_width: Float[np.ndarray, "*boxes"] | float
 ) -> Float[np.ndarray, "_"]:
-    """How far any unit y times a column can be from the parabola, given its `remainders`."""
+    """A bound on any unit y times a column minus the parabola, given its `remainders`."""
     third, error = derivatives
     return PARABOLA * third * half_width**3 + LEBESGUE * error
 
@@ -109,7 +109,7 @@ def earlier_rms(
 
 
 def _most_within(time_s: Float[np.ndarray, "samples"], length_s: float) -> int:
-    """How many samples a half-open run of that length holds at most."""
+    """The most samples that a half-open run of that length holds."""
     return max(
         int(np.max(np.searchsorted(time_s, here + length_s) - first - np.arange(len(here))))
         for first in range(0, len(time_s), BLOCK)

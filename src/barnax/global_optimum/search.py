@@ -144,7 +144,7 @@ class GlobalOptimum(Brief):
 
     @property
     def lower_bound_v(self) -> float:
-        """What no circuit in the box has an RMSE below; 0 where nothing was proved."""
+        """A lower bound of the RMSE of any circuit in the box; 0 where nothing was proved."""
         return 0.0 if self.proof is None else self.proof.lower_bound_v
 
     @property
@@ -158,12 +158,12 @@ class GlobalOptimum(Brief):
 
     @property
     def boxes(self) -> int | None:
-        """How many boxes of time constants the proof took; None where none was asked for."""
+        """Number of boxes of time constants that the proof took; None without a proof."""
         return None if self.proof is None else self.proof.boxes
 
 
 def optimality_gap(rmse_v: float, optimum_v: float) -> float:
-    """How far an RMSE lies above that of the optimum, as a fraction of the latter.
+    """The distance of an RMSE above that of the optimum, as a fraction of the latter.
 
     Args:
         rmse_v: An RMSE.
@@ -269,7 +269,7 @@ def best_on_grid(problem: Problem) -> CircuitParameters:
 
 
 def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> float:
-    """What the best circuit of the records nearest to a temperature resists after `DROP_S`."""
+    """The resistance after `DROP_S` of the best circuit of the records nearest to a temperature."""
     records = problem.prepared_records
     if temperature_degc is not None:
         degc = np.array([prepared.temperature_degc for prepared in records], float)

@@ -1,4 +1,4 @@
-"""What a fleet's dataset says of its cells' ageing: trends with intervals, and odd cells."""
+"""Ageing of the cells of a fleet's dataset: trends with intervals, and odd cells."""
 
 import datetime
 from collections.abc import Iterable, Iterator
@@ -43,13 +43,13 @@ class Trend:
 
     @property
     def estimates(self) -> int:
-        """How many records tell it."""
+        """Number of records that tell it."""
         return int(np.count_nonzero(np.isfinite(self.measured[:, 0])))
 
 
 @dataclass(frozen=True)
 class Fault:
-    """How a cell departs from the fleet in a quantity: from which age on and by how much, in its
+    """A cell's departure from the fleet in a quantity: from which age on and by how much, in its
     unit, of capacity and resistances as a share; `slope` and `knee` by unit of age."""
 
     cell: str

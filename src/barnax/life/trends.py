@@ -78,8 +78,8 @@ class Spread:
 
 @dataclass(frozen=True)
 class Shape:
-    """What a fault adds to a cell from an age on: `level`, `slope`, `knee` or `step`; how much of
-    it was found, by how many standard deviations."""
+    """The addition of a fault to a cell from an age on, a `level`, `slope`, `knee` or `step`: how
+    much of it was found, by how many standard deviations."""
 
     kind: str
     age: float
@@ -201,7 +201,7 @@ class Fit:
         return float(found - right @ np.linalg.solve(normal, right))
 
     def covariate_part(self, cell: int) -> np.ndarray:
-        """What the covariate adds to each of a cell's estimates."""
+        """The covariate's part of each of a cell's estimates."""
         known = self.series.known[cell]
         if not self.has_covariate:
             return np.zeros(np.count_nonzero(known))
@@ -224,7 +224,7 @@ class Fit:
         return found, np.sqrt(np.maximum(variance, 0.0))
 
     def scores(self, cell: int) -> tuple[list[Shape], np.ndarray]:
-        """What each fault would have added to a cell, and the correlation of their scores."""
+        """The addition of every possible fault to a cell, and the correlation of their scores."""
         its, known = self.series, self.series.known[cell]
         age = its.age[cell][known]
         places = range(ASIDE, len(age) - ASIDE)

@@ -53,7 +53,7 @@ class Span(NamedTuple):
         return np.exp(self.center + self.half_width * self.nodes[self.skeleton])
 
     def counts(self, log_tau: Float[np.ndarray, "points"]) -> Float[np.ndarray, "points nodes"]:
-        """What each node's answer counts in those of some tau, as `Lagrange.at` has it."""
+        """The weights of the nodes' answers in those of some tau, as `Lagrange.at` has it."""
         gaps = ((log_tau - self.center) / self.half_width)[:, None] - self.nodes
         terms = self.weights / np.where(gaps == 0, np.finfo(float).tiny, gaps)
         return terms / np.sum(terms, axis=1, keepdims=True)
@@ -189,7 +189,7 @@ class Lagrange(eqx.Module):
         )
 
     def at(self, tau: Scalar, count: Scalar | float = 1.0) -> Float[Array, "nodes"]:
-        """What each node's answer counts in `count` times that of `tau`."""
+        """The weights of the nodes' answers in `count` times that of `tau`."""
         return _cardinal((jnp.log(tau) - self.center) / self.half_width, jnp.asarray(count), self)
 
 

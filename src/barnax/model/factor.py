@@ -23,7 +23,7 @@ Triangle = Float[np.ndarray, "columns columns"]
 
 
 def reflectors(columns: int) -> int:
-    """How many columns LAPACK reflects at once."""
+    """Number of columns that LAPACK reflects at once."""
     few, many = REFLECTORS
     return min(few if columns <= FEW_COLUMNS else many, columns)
 

@@ -12,7 +12,7 @@ from .search_space import Range
 
 @dataclass(frozen=True)
 class GridSizes:
-    """How many places every axis has: of a time constant by the number of elements, alone and
+    """Number of places on every axis: of a time constant by the number of elements, alone and
     beside a rate, and of the rate."""
 
     alone: Mapping[int, int]

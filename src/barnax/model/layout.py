@@ -65,18 +65,18 @@ class Layout:
 
     @classmethod
     def constant(cls, spans: Spans) -> "Layout":
-        """That of a circuit that does not change with SOC."""
+        """The layout of a circuit that does not change with SOC."""
         return cls(ANYWHERE, ANYWHERE, *spans, has_correction=False, has_amplitude=False)
 
     @cached_property
     def places(self) -> dict[str, Int[np.ndarray, "count width"]]:
-        """Where the columns of each part stand."""
+        """The places of the columns of each part."""
         ends = np.cumsum([count * width for count, width in self.sizes.values()])
         parts = zip(self.sizes.items(), np.split(np.arange(ends[-1]), ends[:-1]), strict=True)
         return {name: part.reshape(size) for (name, size), part in parts}
 
     def is_alike(self, other: "Layout") -> bool:
-        """Whether another has the same columns."""
+        """True where another has the same columns."""
 
         def described(layout: Layout):
             spans = layout.in_tau, layout.in_rate
@@ -91,7 +91,7 @@ class Layout:
 
     @property
     def sizes(self) -> dict[str, tuple[int, int]]:
-        """How many columns of each part there are, of how wide; those of `pairs` and
+        """Number and width of the columns of each part; those of `pairs` and
         `hysteresis_response` are of the skeletons, `initial_hysteresis` is the hysteresis before it
         has turned."""
         nodes, rate = len(self.nodes), self.in_rate

@@ -10,7 +10,7 @@ from .simulate import AbstractEvaluator, Joint, SimulationInput
 
 @dataclass(frozen=True)
 class PaddedSize:
-    """What the largest of some records takes: samples, and nodes of both its clocks."""
+    """The size of the largest of some records: samples, and nodes of both clocks."""
 
     samples: int
     is_shared: bool

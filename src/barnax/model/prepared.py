@@ -208,7 +208,7 @@ class PreparedRecord(Brief):
     def simulation_input(
         self, shortest_tau_s: float, highest_gamma: float | None = None, samples: int | None = None
     ) -> SimulationInput:
-        """What this span imposes on a circuit, exact for time constants from `shortest_tau_s` on.
+        """The span as a circuit's input, exact for time constants from `shortest_tau_s` on.
 
         With dynamic hysteresis, exact for rates up to `highest_gamma`. With `samples`, the first so
         many in a form that blocks share; where there are fewer, the last is repeated uncounted.

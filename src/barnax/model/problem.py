@@ -29,7 +29,7 @@ from .window import Window
 
 
 class Objective(eqx.Module):
-    """What the compiled search sees: the errors and the map from points to circuits."""
+    """The errors and the map from points to circuits, as the compiled search takes them."""
 
     evaluator: AbstractEvaluator
     coordinates: Coordinates
@@ -98,7 +98,7 @@ class Problem(Brief):
 
     @property
     def scored(self) -> int:
-        """How many samples count."""
+        """Number of samples that count."""
         return sum(int(np.count_nonzero(prepared.scored)) for prepared in self.prepared_records)
 
     def keeping_computed(self, **changes: Any) -> "Problem":
@@ -158,7 +158,7 @@ class Problem(Brief):
 
     @property
     def objective(self) -> Objective:
-        """What the search minimises."""
+        """The objective of the search."""
         evaluator = self.compressed if self.kind == "compressed" else self.scan
         return Objective(evaluator, self.coordinates)
 

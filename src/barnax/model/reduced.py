@@ -293,8 +293,8 @@ class _SharedAnswers:
         Float[np.ndarray, "samples skeleton"],
         Float[np.ndarray, "samples skeleton near"],
     ]:
-        """What is left of earlier answers at nodes that are not near, how that decays, and the
-        answers at those that are."""
+        """The rest of earlier answers at nodes that are not near, its decay, and the answers at
+        those that are."""
         # Where every node is near, no answer elsewhere is left that could decay.
         has_far = int(len(near) < self._states.shape[1])
         size, wide = len(spread), has_far + len(near)

@@ -65,7 +65,7 @@ class Bounds:
 
     @property
     def pairs(self) -> int:
-        """How many elements there are, RC pairs mostly."""
+        """Number of elements, RC pairs mostly."""
         return len(self.elements)
 
     @property
@@ -157,7 +157,7 @@ class Bounds:
 
     @property
     def interchangeable_pairs(self) -> int:
-        """How many RC pairs, the first ones, can be swapped within the box: all, or none."""
+        """Number of RC pairs, the first ones, that can be swapped within the box: all, or none."""
         pairs = alike(self.elements)
         names = self.element_names[:pairs]
         if self.fixed.keys() & {name for own in names for name in own}:

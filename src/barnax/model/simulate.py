@@ -92,7 +92,7 @@ State = tuple[tuple[Scalar, ...], Scalar]
 
 
 class HysteresisInput(eqx.Module):
-    """What moves a dynamic hysteresis state, and what it is worth in volts.
+    """The input of a dynamic hysteresis state, and its worth in volts.
 
     With the state's initial value inside the source, the rest of it is the answer of an RC pair
     of 1 ohm to `hysteresis_input` on a clock that counts SOC instead of seconds, with the time
@@ -105,7 +105,7 @@ class HysteresisInput(eqx.Module):
 
 
 class SimulationInput(AbstractEvaluator):
-    """What one record imposes on every candidate, at the samples that are simulated.
+    """The input of one record to every candidate, at the simulated samples.
 
     `held_a` is the current that flows from a sample to the next, by the record's hold; the last
     entry leads nowhere. `source_v` is the open-circuit voltage with the model's hysteresis term,
@@ -257,7 +257,7 @@ def terminal_voltage(rc: RCParameters, inputs: SimulationInput) -> Float[Array, 
 
 
 def _clocked(held: Float[Array, "samples *channels"], intervals: Intervals):
-    """What moves a pair, sample by sample."""
+    """The input of a pair, sample by sample."""
     return held, intervals.node, intervals.offset_s
 
 

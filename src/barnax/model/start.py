@@ -236,7 +236,7 @@ def _direction_before(
 
 
 def _unrested(record: Record, first: int, rest_a: float) -> Notice | None:
-    """Why the voltage at the start does not tell the state of charge; None where it does."""
+    """The reason why the voltage at the start tells no state of charge; None where it does."""
     row = int(record.row[first])
     is_loaded = ~is_rested(record, rest_a)[: first + 1]
     if is_loaded[first]:
@@ -258,7 +258,7 @@ def _soc_from_rest(record: Record, cell: CellModel, first: int, direction: int) 
 
 
 def _denies(cell: CellModel, voltage_v: float, soc: float) -> bool:
-    """Whether a rested voltage lies off both branches at a SOC, by voltage and by SOC."""
+    """True where a rested voltage lies off both branches at a SOC, by voltage and by SOC."""
     try:
         ends = [cell.soc_from_rest_voltage(voltage_v, direction) for direction in (-1, 1)]
     except InputError:  # far from where the other branch ends
@@ -269,7 +269,7 @@ def _denies(cell: CellModel, voltage_v: float, soc: float) -> bool:
 
 
 def _doubts(record: Record, cell: CellModel, window: Window, start: Start) -> list[Notice]:
-    """What a rested voltage at the start has against the SOC that is taken for it."""
+    """Warnings where the rested voltage at the start contradicts the SOC that is taken."""
     if cell.is_of_records:
         return []
     branch = cell.charge if start.direction > 0 else cell.discharge

@@ -83,7 +83,7 @@ def make_optimizer(name: str, population: int, iterations: int) -> AbstractPopul
 
 
 def evaluations_per_iteration(optimizer: AbstractPopulationMinimiser) -> int:
-    """How many candidates the optimizer evaluates in one generation."""
+    """Number of candidates that the optimizer evaluates in one generation."""
 
     def first_offspring(key, positions, losses):
         box = Box(positions[0], positions[0] + 1)

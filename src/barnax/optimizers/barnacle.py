@@ -16,7 +16,7 @@ MatingFactor = Literal["normal", "uniform", "one"]
 
 
 class Chances(NamedTuple):
-    """What is random in one generation; the father of mother k ranks as `lots[k]` does."""
+    """The draws of one generation; the father of mother k ranks as `lots[k]` does."""
 
     lots: UInt32[Array, "candidates"]
     factor: Float[Array, "#candidates dims"]

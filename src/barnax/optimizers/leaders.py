@@ -265,7 +265,7 @@ def hunt(
     generation: Generation,
     iterations: int,
 ) -> Float[Array, "candidates dims"]:
-    """Where the pack moves: the mean of one place about each leader (Eq. 3.5 to 3.7).
+    """The next place of the pack: the mean of one place about each leader (Eq. 3.5 to 3.7).
 
     `numbers` are uniform in [0, 1).
     """

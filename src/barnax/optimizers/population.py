@@ -102,7 +102,7 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
 
     @abc.abstractmethod
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
-        """Who lives on after `generation`, of the parents and their evaluated offspring."""
+        """The survivors of `generation`, of the parents and their evaluated offspring."""
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> PopulationState:
         del aux_struct, tags

@@ -12,7 +12,7 @@ from .population import AbstractUniformStart, Generation, Proposal
 
 
 class Flight(eqx.Module):
-    """What particles remember: velocities, and the best place each has been."""
+    """The memory of particles: velocities, and the best place of each."""
 
     velocities: Float[Array, "candidates dims"]
     best_positions: Float[Array, "candidates dims"]

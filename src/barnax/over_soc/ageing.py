@@ -1,4 +1,4 @@
-"""What a record tells of a cell's ageing: its capacity, resistances and OCV beside those of before.
+"""Ageing by one record: capacity, resistances and OCV beside those of before.
 
 With the OCV U that the cell had over its state of charge s, a record's voltage is
 
@@ -55,7 +55,7 @@ DETERMINED = {CAPACITY: 0.05, R0: 0.25, R: 0.5}
 
 @dataclass(frozen=True)
 class Aged:
-    """What a record tells of one quantity, with its 95 % interval. `by_ocv` is how far the value is
+    """One aged quantity with its 95 % interval. `by_ocv` is how far the value is
     off where the OCV of before is, by one standard deviation at one of its nodes: what all records
     that are told beside one OCV have in common."""
 
@@ -194,7 +194,7 @@ def _weights_at(objective: TableObjective, soc: float) -> Float[np.ndarray, "two
 def _told(
     found: Estimated, records: Sequence[PreparedRecord], told: Nuisance, is_visited: bool
 ) -> Iterator[tuple[str, Aged]]:
-    """What is determined, with intervals."""
+    """The quantities that are determined, with intervals."""
     reach = float(ndtri((1 + CONFIDENCE) / 2))
     count = len(records)
     by_ocv = found.by_prior[:, count + 2 :]

@@ -50,7 +50,7 @@ PROGRAMS = 3
 def certify(
     objective: Searchable[Found], best: Found, alone_v: Sequence[float] = (0.0,)
 ) -> Proof[Found]:
-    """How far below the best known tables any in the box could be.
+    """A bound on how far below the best known tables any in the box could be.
 
     It goes on until that is within `settings.proved_share`, or until `settings.max_boxes` boxes
     have been looked at; nothing is proved where the first ones would be half of those. `alone_v`
@@ -121,7 +121,7 @@ class _Side:
         error: Float[np.ndarray, "rows"],
         tax: Float[np.ndarray, "width"],
     ) -> Float[np.ndarray, "width"]:
-        """What 2 y.columns(u) + tax (u - middle) / half width is never below in the box."""
+        """A lower bound of 2 y.columns(u) + tax (u - middle) / half width in the box."""
         below, middle, above = 2 * (error @ self.three) + np.array([[-1.0], [0.0], [1.0]]) * tax
         lowest = lowest_of_parabola(below, middle, above)
         return lowest - 2 * float(np.linalg.norm(error)) * self.remainder
@@ -129,7 +129,7 @@ class _Side:
 
 @dataclass(frozen=True, eq=False)
 class _Relaxation:
-    """What J is never below in the boxes of an objective."""
+    """Lower bounds of J in boxes of an objective."""
 
     objective: TableObjective
 
@@ -243,7 +243,7 @@ class _Relaxation:
         return value + float(np.sum(np.minimum(low * slope, high * slope))), lacking
 
     def _limits(self, objective_v2: float) -> tuple[np.ndarray, np.ndarray]:
-        """How far every unknown of tables with at most this J can be from zero."""
+        """The lowest and highest value of every unknown of tables with at most this J."""
         objective = self.objective
         furthest = [
             math.sqrt(objective_v2 / (ridge * objective.smoothing_scale)) / weight

@@ -1,4 +1,4 @@
-"""What tables over SOC are worth on blocks of samples that were held out of their fit."""
+"""Errors of tables over SOC on blocks of samples that were held out of their fit."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -53,7 +53,7 @@ class SocErrors:
         return cls(float(np.sqrt(squares_v2.sum() / counts.sum())), above_v)
 
     def is_worth(self, simpler: "SocErrors") -> bool:
-        """Whether it is lower than a simpler circuit's by more than `WORTHWHILE` in both."""
+        """True where both are below a simpler circuit's by more than `WORTHWHILE`."""
 
         def falls(own_v: float | None, other_v: float | None) -> bool:
             if own_v is None or other_v is None:
@@ -63,7 +63,7 @@ class SocErrors:
         return falls(self.rmse_v, simpler.rmse_v) and falls(self.above_v, simpler.above_v)
 
     def is_no_worse(self, other: "SocErrors") -> bool:
-        """Whether neither is higher than another's."""
+        """True where neither is higher than another's."""
         pairs = (self.rmse_v, other.rmse_v), (self.above_v, other.above_v)
         return all(own is None or it is None or own <= it for own, it in pairs)
 
@@ -191,7 +191,7 @@ def _together(folds: Sequence[Sums]) -> SocErrors:
 def _held_out(
     objective: TableObjective, best: Solution, parts: Sequence[Reduced], told: Sequence[Reduced]
 ) -> list[Sums]:
-    """What every fold's samples, as they are told, come to, which the others' tables predict."""
+    """Squared errors of every fold's samples, as they are told, by the tables of the others."""
     folds = len(parts) // 2
     # Of every group's factor only the columns at some scales are wanted.
     columns, bases = _at(objective, best, parts)

@@ -137,7 +137,7 @@ def shared_offset(
 
 
 def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | None:
-    """What an offset of `DOUBTED_PER_H` would do to tables that were fitted to one record with its
+    """The effect of an offset of `DOUBTED_PER_H` on tables that were fitted to one record with its
     own OCV, at their time constants; None where it would leave the axis of SOC with it."""
     (prepared,) = objective.prepared_records
     offset_a = DOUBTED_PER_H * prepared.capacity_ah

@@ -1,4 +1,4 @@
-"""Whether resistances follow the cell's temperature, its own heat or the current, and how much.
+"""Resistances that follow the cell's temperature, its own heat or the current.
 
 The numbers of a `Dependence` have no grid as time constants have. What each could gain is told by
 one step of Gauss and Newton from none; from there such steps go on in the logarithms of the numbers
@@ -131,7 +131,7 @@ def _searched_anew(
 
 
 def is_worth(one: SocErrors, without: SocErrors) -> bool:
-    """Whether what is held out speaks for a dependence."""
+    """True where the held-out errors speak for a dependence."""
     above_v, without_v = one.above_v or 0.0, without.above_v or 0.0
     return one.rmse_v < (1 - WORTHWHILE) * without.rmse_v and above_v <= without_v
 
@@ -140,8 +140,8 @@ def is_worth(one: SocErrors, without: SocErrors) -> bool:
 def propose(
     objective: TableObjective, best: Solution, what: str, is_asked: bool = False
 ) -> tuple[Dependence, LogScales] | None:
-    """What resistances follow besides, from the best tables without it, with the logarithms of the
-    time constants there.
+    """A further dependence of resistances, from the best tables without it, and the logarithms of
+    the time constants with it.
 
     `what` is "temperature" where that was measured, "heating" or "current". None where a first step
     promises too little, unless it is asked for.
@@ -212,7 +212,7 @@ def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> lis
 
 
 def _joined(known: Dependence | None, other: Dependence) -> Dependence:
-    """What follows both."""
+    """The dependence on both."""
     if known is None:
         return other
     reference_degc = known.reference_degc if BETA in known.numbers else other.reference_degc

@@ -102,7 +102,7 @@ class TableFit(Brief):
 
     @property
     def is_rate_told(self) -> bool:
-        """Whether the records tell the rate of a hysteresis, by an interval."""
+        """True where the records determine the rate of a hysteresis, with an interval."""
         return any(own.name == RATE and own.low is not None for own in self.intervals)
 
     def of_table(self, name: str) -> tuple[NodeInterval, ...]:

@@ -67,7 +67,7 @@ class NodeInterval:
 
     @property
     def is_biased(self) -> bool:
-        """Whether the value may have been moved further than its standard error."""
+        """True where the value may have been moved further than its standard error."""
         return abs(self.bias) > self.standard_error
 
     def moved(self, by: float) -> "NodeInterval":
@@ -170,7 +170,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
 def sag_of(
     nodes: Float[np.ndarray, "nodes"], values: Float[np.ndarray, "nodes"]
 ) -> Float[np.ndarray, "nodes"]:
-    """How far a curve lies above the best lines along it, at their nodes.
+    """Distances of a curve above the best lines along it, at their nodes.
 
     Least squares put a line between nodes below a chord of the curve, so that the table is low
     where the curve bends upward: by a twelfth of the second difference on even nodes. The curve's

@@ -134,7 +134,7 @@ class Kept:
 
     @property
     def scored(self) -> int:
-        """How many samples it has."""
+        """Number of samples that count."""
         return sum(part.scored for part in self.parts)
 
     def nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
@@ -254,7 +254,7 @@ def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> Tab
 
 
 def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjective:
-    """What is searched: time constants are those of the records that the grid answers."""
+    """The objective; time constants are those of the records that the grid answers."""
     grid = kept[0].grid
     layout = grid.layout
     settings = replace(
@@ -294,7 +294,7 @@ def _without_noise(objective: TableObjective, best: Solution) -> tuple[NodeInter
 
 
 def _other_grid(first: Kept, other: Kept) -> str:
-    """What differs between the grids of two records, in words."""
+    """The difference between the grids of two records, in words."""
     one, two = first.grid, other.grid
     differences = {
         "time constants": tuple(f"{g.low_s:g} to {g.high_s:g} s" for g in (one, two)),

@@ -1,4 +1,4 @@
-"""What records of one cell leave open beside its tables: estimated with them, each with a prior."""
+"""Nuisances of the records of one cell, estimated together with its tables under priors."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -47,7 +47,7 @@ class Solution(Solved):
 
 
 class Facts(Protocol):
-    """What a fit asks of a record beside its columns: a prepared one, or one that was kept."""
+    """Facts of a record that a fit needs beside its columns: of a prepared or of a kept one."""
 
     @property
     def circuit(self) -> str: ...
@@ -84,7 +84,7 @@ class TableObjective:
 
     @property
     def facts(self) -> Sequence[Facts]:
-        """What is known of every record beside its factor."""
+        """The records, prepared or kept, for all but their factors."""
         return self.kept or self.prepared_records
 
     def alone(self, place: int) -> "TableObjective":
@@ -105,12 +105,12 @@ class TableObjective:
 
     @property
     def pairs(self) -> int:
-        """How many elements there are, RC pairs mostly."""
+        """Number of elements, RC pairs mostly."""
         return len(self.ranges) - (RATE in self.ranges)
 
     @property
     def nodes(self) -> int:
-        """How many nodes all tables but an OCV correction have."""
+        """Number of nodes of all tables but an OCV correction."""
         return len(self.reduced.layout.nodes)
 
     @cached_property
@@ -140,7 +140,7 @@ class TableObjective:
 
     @cached_property
     def visited_rows(self) -> dict[tuple[str, float | None], int]:
-        """Where all tables' values have that of a table at a visited node."""
+        """The rows of all tables' values at visited nodes, by table and SOC."""
         return {
             (name, float(self.nodes_of[table][node])): self.block(table).start + int(node)
             for table, name in enumerate(self.names)
@@ -162,7 +162,7 @@ class TableObjective:
 
     @property
     def interchangeable(self) -> int:
-        """How many RC pairs can change places: all where they have one box, else none."""
+        """Number of RC pairs that can change places: all where they have one box, else none."""
         pairs = alike(self.elements)
         boxes = {(axis.low, axis.high) for axis in self.axes[:pairs]}
         return pairs if len(boxes) == 1 else 0
@@ -342,7 +342,7 @@ class TableObjective:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What every table is of."""
+        """The names of the tables."""
         layout = self.reduced.layout
         names = [OHMIC, *(element.resistance for element in names_of(self.elements))]
         if layout.has_correction:

@@ -62,7 +62,7 @@ NEARLY_SOC = 0.02
 
 @dataclass(frozen=True)
 class Axis:
-    """Where a record's charge stands on the axis of SOC, and what that is known from."""
+    """The place of a record's charge on the axis of SOC, and its source."""
 
     initial_soc: float
     source: AxisSource
@@ -172,7 +172,7 @@ def _started(
 def compare_with_own(
     prepared_records: Sequence[PreparedRecord], fit: TableFit, settings: TableSettings
 ) -> OcvCompared | None:
-    """What an OCV of the records' own gives in place of their cell's, at the time constants of
+    """The errors with an OCV of the records' own in place of their cell's, at the time constants of
     tables that were fitted to them, without search or proof; None where they visit too little."""
     first = prepared_records[0]
     level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
@@ -378,7 +378,7 @@ def _span_ah(record: Record) -> float:
 
 
 def _axis(record: Record, window: Window, capacity_ah: float) -> Axis:
-    """Where a record starts on the axis: as given, by a full charge, or with its fullest sample as
+    """The start of a record on the axis: as given, by a full charge, or with its fullest sample as
     full."""
     if window.initial_soc is not None:
         return Axis(window.initial_soc, "given")

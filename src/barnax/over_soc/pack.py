@@ -181,7 +181,7 @@ def _known_at(soc: float, prepared: PreparedRecord) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Spread:
-    """How noise moves tables: `moved` is by the coordinates of the noise's projection. `steps` are
+    """Tables moved by noise: `moved` is by the coordinates of the noise's projection. `steps` are
     how far every side's tables go to first order where it has time constants of its own, as
     smoothed as they are and lightly."""
 
@@ -196,7 +196,7 @@ class _Spread:
         light: Sequence[Solution],
         sides_v: Float[np.ndarray, "simulated sides"],
     ) -> "_Spread":
-        """That of every side, whose values are those of its light fit."""
+        """The spread of every side, whose values are those of its light fit."""
         lighter = replace(objective, smoothing_scale=LIGHT)
         of_tables = lighter.ways(light[0])
         others = len(lighter.axes) + len(lighter.numbers)
@@ -237,8 +237,8 @@ class _Spread:
 def _directions(
     pack: TableObjective, mean: Solution, prepared: PreparedRecord, spread: _Spread
 ) -> tuple[float, dict[str, Float[np.ndarray, "values"]]]:
-    """What is told of every cell, as combinations of its tables' values, and the SOC at which it is
-    loaded.
+    """The SOC at which every cell is loaded, and its quantities as combinations of its tables'
+    values.
 
     A cell that starts a fuller and has a capacity of 1 / (1 - c) of the mean's is at the pack's SOC
     s on its own OCV at s + a + (s0 - s) c. So a and c are least squares of what its OCV is above

@@ -74,7 +74,7 @@ def reduced_objective(
 
 
 def _is_alike(one: PreparedRecord, other: PreparedRecord) -> bool:
-    """Whether RC circuits' errors on both are the same."""
+    """True where RC circuits have the same errors on both."""
     what = ("soc", "scored", "source_v", "hysteresis_amplitude_v")
     return (
         one.record is other.record
@@ -128,7 +128,7 @@ def box_of(prepared_records: Sequence[Any], settings: TableSettings) -> dict[str
 
 
 def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
-    """How far the SOC goes without turning back, in the direction in which it goes less far."""
+    """The longest way of the SOC without turning back, in the direction where that is shorter."""
 
     def furthest(soc: Float[np.ndarray, "samples"], extreme: np.ufunc) -> float:
         ends = extreme.accumulate(soc)

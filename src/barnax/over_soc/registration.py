@@ -1,4 +1,4 @@
-"""Where records of one cell start, and over which capacity, told by each other.
+"""Starts and capacities of the records of one cell, told by each other.
 
 What is called full differs by some tenths of a percent of SOC from one charge to the next, and so
 does what a coulomb counter counts. In the records of one cell that is most of the error left near
@@ -203,7 +203,7 @@ class _Rest(NamedTuple):
 
 
 def rest_warnings(prepared: PreparedRecord) -> list[Notice]:
-    """That a rest of a record lies far from the OCV, which its capacity or start may be why of."""
+    """A warning where a rest lies far from the OCV: the capacity or the start may be wrong."""
     rest = _far_rest(prepared)
     if rest is None:
         return []
@@ -254,7 +254,7 @@ def told_within(prepared: PreparedRecord, level_v: float = 0.0) -> tuple[float, 
 def slope_of(
     prepared: PreparedRecord, soc: Float[np.ndarray, "_"], step_soc: float = STEP_SOC
 ) -> Float[np.ndarray, "_"]:
-    """That of the cell's OCV in V by SOC, over such a step."""
+    """The slope of the cell's OCV in V by SOC, a difference over such a step."""
     above_v, below_v = (
         prepared.cell.average_ocv_v(soc + step) for step in (step_soc / 2, -step_soc / 2)
     )

@@ -27,8 +27,8 @@ LogScales = tuple[float, ...]
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """What J the best tables at some scales have, and the bounds that they are at, where another
-    solve starts."""
+    """J of the best tables at some scales, and the bounds that they are at, where another solve
+    starts."""
 
     log_scales: LogScales
     sides: Any
@@ -44,7 +44,7 @@ Found = TypeVar("Found", bound=Solved)
 
 
 class Searchable(Protocol[Found]):
-    """What can be searched: a `TableObjective`, or a weighted sum of several with the same time
+    """A searchable objective: a `TableObjective`, or a weighted sum of several with the same time
     constants: `parts_at` has the weight, objective and solution of each. The first axes, so many as
     are `interchangeable`, are of RC pairs with one box."""
 
@@ -70,7 +70,7 @@ def find_best(objective: Searchable[Found]) -> Found:
 
 
 def polish(objective: Searchable[Found], start: Found) -> Found:
-    """Where a descent from a solution ends (L-BFGS-B), with interchangeable pairs from fast to
+    """The end of a descent from a solution (L-BFGS-B), with interchangeable pairs from fast to
     slow."""
     best = start
 

@@ -1,4 +1,4 @@
-"""What may be chosen of tables over SOC: the options of all, and their bounds."""
+"""Options of tables over SOC, with bounds."""
 
 import re
 from collections.abc import Mapping

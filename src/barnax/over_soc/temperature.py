@@ -35,7 +35,7 @@ from .settings import TableSettings
 
 @dataclass(frozen=True)
 class LeftOut:
-    """How well the tables of the other temperatures predict one that was left out of the fit.
+    """Errors of one temperature, predicted by the tables of the others.
 
     `errors` are of the prediction, `own` of the tables identified there. `is_between` says whether
     the temperature lies between others: else the nearest one's tables are taken as they are.
@@ -59,7 +59,7 @@ class Reversal:
 
 @dataclass(frozen=True)
 class OverTemperature:
-    """What is known of tables at several temperatures together, from cold to warm.
+    """Tables at several temperatures taken together, from cold to warm.
 
     J is the mean of each temperature's own, by its scored samples; `objective_v` is sqrt(J).
     `separate_v` is what time constants of its own for each temperature would leave, and
@@ -105,7 +105,7 @@ class TableFits:
 
     @property
     def reference(self) -> TableFit:
-        """That of `reference_degc`."""
+        """The fit of `reference_degc`."""
         if self.over_temperature is None or self.reference_degc is None:
             return self.fits[0]
         return self.fits[self.over_temperature.temperatures_degc.index(self.reference_degc)]
@@ -288,7 +288,7 @@ def require_temperature(prepared: PreparedRecord) -> float:
 def _prove_together(
     joint: _Joint, best: _JointSolution, proofs: Sequence[Proof]
 ) -> tuple[float, _JointSolution]:
-    """What shared time constants leave at least, in V, and the best ones met.
+    """A lower bound in V for shared time constants, and the best ones met.
 
     What is proved of each temperature alone may be enough, unless sharing costs more than that.
     """

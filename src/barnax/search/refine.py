@@ -36,7 +36,7 @@ SMALLEST_UNIT_V = 1e-12
 
 @dataclass(frozen=True)
 class RefinedSeed:
-    """Where Levenberg-Marquardt took one seed; `moved` is the largest relative parameter change.
+    """The end of one seed's refinement; `moved` is the largest relative change of a parameter.
 
     `evaluations` counts the simulations that took, a Jacobian as one per free parameter.
     """

@@ -1,4 +1,4 @@
-"""What the data determine, how well, and what would lower the error."""
+"""Intervals and identifiability of parameters, and changes that would lower the error."""
 
 from .assessment import Assessment as Assessment
 from .assessment import Band as Band

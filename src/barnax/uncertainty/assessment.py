@@ -1,4 +1,4 @@
-"""What is said of an optimum: intervals, what is determined, and where the residuals are.
+"""Assessment of an optimum: intervals, identifiability, and the residuals.
 
 An assessment needs no further fit; an examination fits again, some hundred times.
 """
@@ -48,7 +48,7 @@ class Band:
 
 @dataclass(frozen=True, repr=False)
 class Diagnostics(Brief):
-    """How the residuals are correlated and where they are large.
+    """Correlation of the residuals, and the places where they are large.
 
     `autocorrelation` holds the residuals' own at `lags_s`. `correlation_time_s` is the integrated
     autocorrelation time of the fitted noise: so many seconds are worth one independent sample, and

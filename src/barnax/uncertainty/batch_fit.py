@@ -84,7 +84,7 @@ def _project(basis: np.ndarray, voltages_v: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """Where fits ended, in `log` coordinates, and their RMSE in V."""
+    """The ends of fits in `log` coordinates, and their RMSE in V."""
 
     points: Float[np.ndarray, "fits coordinates"]
     rmse_v: Float[np.ndarray, "fits"]
@@ -133,7 +133,7 @@ class Refit:
         matrix: Float[np.ndarray, "coordinates coordinates"] | None = None,
         shift: Float[np.ndarray, "fits coordinates"] | None = None,
     ) -> Ends:
-        """Where each fit ends, from the y of `starts`.
+        """The end of each fit, from the y of `starts`.
 
         `base_v` are voltages as `Voltages.project` gives them; without it the record's own is
         fitted.

@@ -37,7 +37,7 @@ class Resampled:
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """What refits to resampled records gave. `is_cut` says that blocks are shorter than the rule
+    """Refits to resampled records. `is_cut` says that blocks are shorter than the rule
     asks for, because the record is."""
 
     block_s: float

@@ -79,7 +79,7 @@ class Linearization(Brief):
         return float(np.median(np.diff(self.time_s)))
 
     def direction_of(self, name: str) -> tuple[Float[np.ndarray, "free"], Held | None]:
-        """How the logarithm of a parameter moves with the free ones', and why it is held if it is.
+        """The move of a parameter's logarithm with the free ones', and why it is held if it is.
 
         C and tau of a pair follow from each other: ln tau = ln R + ln C.
         """

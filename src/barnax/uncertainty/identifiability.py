@@ -1,4 +1,4 @@
-"""What the data determine: collinear parameters, time constants out of sight, bounds."""
+"""Parameters that the data do not determine: collinear ones, too fast, too slow, at bounds."""
 
 import math
 from collections.abc import Sequence
@@ -70,7 +70,7 @@ class CollinearPair:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """How well the free parameters can be told apart.
+    """Measures of how well the free parameters can be told apart.
 
     `collinearity_index` is Brun's gamma of all of them: a change of one of them by 1 can be made
     up by the others down to 1/gamma of its effect. `collinear_pairs` are the pairs whose own
@@ -86,7 +86,7 @@ class Identifiability:
 def identifiability(
     problem: Problem, covariance: Covariance, uncertainty: Uncertainty
 ) -> Identifiability:
-    """What the records of a problem determine of an optimum and what they leave open."""
+    """The identifiability of an optimum by the records of its problem."""
     linearization = covariance.linearization
     findings = _Search(
         covariance,
@@ -120,7 +120,7 @@ def _singular(scaled: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What findings are looked for in."""
+    """The covariance and estimates in which findings are looked for."""
 
     covariance: Covariance
     estimates: dict[str, Estimate]
@@ -265,7 +265,7 @@ class _Search:
         return self.covariance.estimate(f"{label} [Ohm]", sum(values), np.asarray(direction))
 
     def is_sharper(self, total: Estimate, members: Sequence[str]) -> bool:
-        """Whether the total is known far better than any of its members."""
+        """True where the total is known far better than any of its members."""
         errors = [self.estimates[name].relative_error for name in members]
         known = [error for error in errors if error is not None]
         if total.low is None or total.relative_error is None or len(known) < len(errors):
@@ -274,5 +274,5 @@ class _Search:
 
 
 def _is_tight(estimate: Estimate) -> bool:
-    """Whether its interval ends within `LOOSE_FACTOR` of the value; not, where it has none."""
+    """True where its interval ends within `LOOSE_FACTOR` of the value; false without one."""
     return estimate.low is not None and estimate.value / estimate.low <= LOOSE_FACTOR

@@ -89,7 +89,7 @@ class Noise:
         return interval_s * float(self.variance_v2 @ sums) / total
 
     def degrees_of_freedom(self, direction: Float[np.ndarray, "columns"]) -> float:
-        """How well the variance of `direction` . Q' u is known, as degrees of freedom.
+        """Degrees of freedom of the variance of `direction` . Q' u.
 
         Satterthwaite (1946): twice its square over its own variance. That of a linear function of
         the autocovariances is known but where samples come in bursts, and the fit has followed much
@@ -107,7 +107,7 @@ class Noise:
 
     @property
     def _is_bursty(self) -> bool:
-        """Whether the samples fill less than half as many slots evenly, of not too many."""
+        """True where the samples fill less than half as many slots evenly, of not too many."""
         counts = self._counts
         is_uneven = counts.sum() ** 2 < len(counts) / 2 * (counts @ counts)
         return is_uneven and len(counts) <= MAX_DRAWN

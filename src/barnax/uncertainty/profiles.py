@@ -109,7 +109,7 @@ def profile(
 
 
 def _reach(full, point, refit: Refit) -> tuple[float, float]:
-    """How far the quantity's logarithm can go down and up inside the box.
+    """The reach of the quantity's logarithm down and up inside the box.
 
     What it is made of may all move: C is largest where its tau is and its R is smallest.
     """
@@ -149,7 +149,7 @@ def _taus(points: Float[np.ndarray, "points coordinates"], box: Coordinates):
 
 
 def _crossing(side, steps, rmse_v, best_v, threshold_v) -> float | None:
-    """Where the profile rises to the threshold on one side, None where it does not.
+    """The step at which the profile rises to the threshold on one side, None where it does not.
 
     The root of the rise is all but linear in the step, and is what is interpolated.
     """

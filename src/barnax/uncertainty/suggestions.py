@@ -1,4 +1,4 @@
-"""What would lower the error first: changes of the model, each tried by a fit, ranked."""
+"""Changes of the model that would lower the error, each tried by a fit, ranked."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -250,7 +250,7 @@ def _best_along(
 
 
 def _furthest(changed: Callable[[float], Problem], end: float) -> float:
-    """How far a change can go to one side before the state of charge leaves the OCV curve."""
+    """The largest change to one side that keeps the state of charge on the OCV curve."""
 
     def is_possible(change: float) -> bool:
         with suppress(InputError):

@@ -147,7 +147,7 @@ class Believed:
 
     @cached_property
     def unseen(self) -> Float[np.ndarray, "unknowns"]:
-        """The prior width of each where nothing is measured; time constants are measured anywhere."""
+        """The prior width of each where nothing is measured; time constants always are."""
         share = [UNSEEN_SHARE if name.startswith("R") else UNSEEN_V for name, _ in self.names]
         return self.units * share * [soc is not None for _, soc in self.names]
 

@@ -11,15 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .elements import (
-    ELEMENTS,
-    RC,
-    Element,
-    add_element,
-    get_element,
-    names_of,
-    require_order,
-)
+from .elements import ELEMENTS, RC, Element, add_element, get_element, names_of, require_order
 from .model import CellModel
 from .parameters import MAX_PAIRS, parameter_names
 

@@ -82,10 +82,7 @@ def _is_long(rest_s: float) -> bool:
 
 
 def _point_samples(
-    record: Record,
-    blocks: list[tuple[int, int]],
-    rests_s: dict[int, float],
-    discharged_ah: Charge,
+    record: Record, blocks: list[tuple[int, int]], rests_s: dict[int, float], discharged_ah: Charge
 ) -> list[int]:
     """The samples at which OCV points stand, in time order."""
     span_ah = float(np.ptp(discharged_ah))

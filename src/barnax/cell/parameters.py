@@ -113,12 +113,7 @@ class CircuitParameters(Brief):
 
     @classmethod
     def constant(
-        cls,
-        r0: float,
-        r: Rows,
-        c: Rows,
-        gamma: float | None = None,
-        elements: Sequence[str] = (),
+        cls, r0: float, r: Rows, c: Rows, gamma: float | None = None, elements: Sequence[str] = ()
     ) -> Self:
         """A constant circuit.
 

@@ -76,10 +76,7 @@ def run_filter(
     mean, variance = start
     slow = jnp.zeros_like(model.slow_sd)
     if form == "dual" and model.slow:
-        beliefs = (
-            Gaussian(mean, jnp.diag(variance)),
-            Gaussian(slow, jnp.diag(model.slow_sd**2)),
-        )
+        beliefs = (Gaussian(mean, jnp.diag(variance)), Gaussian(slow, jnp.diag(model.slow_sd**2)))
         sensitivity = jnp.zeros((len(mean), len(slow)))
         step = _dual_step(model, kind, adapting)
         rows = lax.scan(step, (beliefs, sensitivity, jnp.ones_like(mean[0])), drive)[1]

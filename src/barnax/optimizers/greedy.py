@@ -176,8 +176,7 @@ class SunflowerSearch(AbstractSortedSearch):
         step_key, born_key = jr.split(key)
         shape, dtype = (self.population, len(box.lower)), box.lower.dtype
         return Light(
-            jr.uniform(step_key, shape, dtype),
-            box.scale(jr.uniform(born_key, shape, dtype)),
+            jr.uniform(step_key, shape, dtype), box.scale(jr.uniform(born_key, shape, dtype))
         )
 
     def propose(self, drawn: Light, swarm: Swarm, generation: Generation, box: Box) -> Proposal:

@@ -117,9 +117,7 @@ class _Side:
         return cls(axis, half_width, three, tax, beyond_parabola(derivatives, half_width))
 
     def least(
-        self,
-        error: Float[np.ndarray, "rows"],
-        tax: Float[np.ndarray, "width"],
+        self, error: Float[np.ndarray, "rows"], tax: Float[np.ndarray, "width"]
     ) -> Float[np.ndarray, "width"]:
         """A lower bound of 2 y.columns(u) + tax (u - middle) / half width in the box."""
         below, middle, above = 2 * (error @ self.three) + np.array([[-1.0], [0.0], [1.0]]) * tax

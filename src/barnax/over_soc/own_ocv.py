@@ -21,12 +21,7 @@ from ..cell.model import group_near
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
-from ..model.prepared import (
-    OCV_MARGIN,
-    PreparedRecord,
-    prepare_record,
-    soc_along,
-)
+from ..model.prepared import OCV_MARGIN, PreparedRecord, prepare_record, soc_along
 from ..model.start import find_start, held_charges
 from ..model.temperature import temperature_of
 from ..model.window import Window, first_sample, scored_samples
@@ -37,12 +32,7 @@ from .certificate import certify
 from .cross_validation import held_out_errors
 from .current_offset import offset_effect
 from .dependence import searched
-from .fit import (
-    OcvCompared,
-    TableFit,
-    constant_with_ocv_held_out,
-    fit_of,
-)
+from .fit import OcvCompared, TableFit, constant_with_ocv_held_out, fit_of
 from .level import level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective

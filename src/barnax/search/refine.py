@@ -258,10 +258,7 @@ class Refinement(Brief):
 
 @in_float64
 def refine(
-    search: Search,
-    *,
-    descent: Descent | None = None,
-    progress: Callable[[int], None] | None = None,
+    search: Search, *, descent: Descent | None = None, progress: Callable[[int], None] | None = None
 ) -> Refinement:
     """The best circuit of every seed, refined by optimistix's Levenberg-Marquardt.
 

@@ -136,10 +136,7 @@ def search_many(
 
 
 def _identification(
-    problem: Problem,
-    optimizer: AbstractPopulationMinimiser,
-    key: Key[Array, ""],
-    outcomes,
+    problem: Problem, optimizer: AbstractPopulationMinimiser, key: Key[Array, ""], outcomes
 ) -> Search:
     points, histories, evaluations, failures = zip(*outcomes, strict=True)
     circuits = problem.parameters_at(points, problem.objective.coordinates)

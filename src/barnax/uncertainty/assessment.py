@@ -211,11 +211,7 @@ def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
 
 
 def examine(
-    problem: Problem,
-    parameters: CircuitParameters,
-    assessment: Assessment,
-    *,
-    key: Key[Array, ""],
+    problem: Problem, parameters: CircuitParameters, assessment: Assessment, *, key: Key[Array, ""]
 ) -> Examination:
     """Profiles, a block bootstrap, and changes that might lower the error, by further fits.
 

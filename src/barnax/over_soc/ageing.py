@@ -6,9 +6,8 @@ With the OCV U that the cell had over its state of charge s, a record's voltage 
 
 with its own capacity C, start s0 and shift d of the OCV, which a sensor's offset is too. They are
 estimated together with all tables (`nuisances`), without a correction of the OCV that could take
-their place, but for the errors that U may have. What was told of s0 and d is a prior; of C nothing
-is believed. A capacity that the
-record tells less well than it has to is not determined.
+their place, but for the errors that U may have. There are priors on s0 and d, and hardly one on C.
+A capacity with too wide an interval is not determined.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -39,8 +38,8 @@ CAPACITY, SHIFT, R0, R = "capacity [A.h]", "OCV shift [V]", "R0 [Ohm]", "R [Ohm]
 AGED = (CAPACITY, "start SOC", SHIFT, R0, R)
 # Standard deviations of what is believed of a shift of the OCV, and of the logarithm of a capacity.
 SHIFT_SD_V, CAPACITY_SD = 0.02, 1.0
-# An OCV that records told is wavy between its nodes. No cell is, and over so wide a step of SOC its
-# slope is not: else the waves would tell a start and a capacity from a shift, and wrongly.
+# An OCV identified from records ripples between its nodes, which no cell's does. Slopes over so
+# wide a step of SOC leave that out: it would tell start and capacity from a shift, wrongly.
 SLOPE_SOC = 0.1
 # Standard deviations of the OCV of before at its nodes, and of what is held.
 OCV_SD_V, OCV_NODES = 1.5e-3, np.linspace(0.0, 1.0, 21)

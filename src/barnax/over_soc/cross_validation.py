@@ -18,14 +18,13 @@ from .objective import Solution, TableObjective
 from .search import find_best
 from .settings import TableSettings
 
-# Blocks that a fold holds of a record at least, unless they would be shorter than what residuals
-# are correlated over.
+# Fewest blocks of a record in a fold, unless they would be shorter than the residuals' correlation.
 FEWEST_BLOCKS, SHORTEST_BLOCK_S = 5, 30.0
 # An extra is worth its parameters where it lowers both held-out errors by more than this share.
 WORTHWHILE = 0.1
 # Fewer records tell no spread.
 FEWEST_RECORDS = 3
-# And by more than this: less than voltmeters tell is no reason for another circuit.
+# And by more than this: what voltmeters cannot resolve is no reason for another circuit.
 LEAST_GAIN_V = 1e-4
 
 
@@ -91,7 +90,7 @@ class CrossValidation:
 def blocks_of(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings
 ) -> tuple[list[Groups], int]:
-    """For each record what gives the groups of some samples, -1 where one is not scored, and how
+    """Functions that number the groups of a record's samples, -1 where one is not scored, and how
     many groups there are.
 
     Two groups a fold: the samples below and above 10 % SOC. Several records are a fold each.

@@ -21,18 +21,18 @@ from .objective import Solution, TableObjective
 from .problem import held_at, reduced_objective
 from .settings import TableSettings
 
-# Offsets that are tried first, in shares of the capacity per hour, and the standard deviation of
-# what may be.
+# Offsets that are tried first, in shares of the capacity per hour, and the prior's standard
+# deviation.
 TRIED_PER_H, SD_PER_H = (-0.015, -0.01, -0.005, 0.005, 0.01, 0.015), 0.02
-# One is told from so many standard errors on, where it is more than so much and leaves less of the
-# error than this share. The rounds end where the first leaves more open than this, and where a
-# later one finds less than so many errors.
+# An offset counts from so many standard errors and from such a size on, if it leaves less than this
+# share of the error. The search ends where the first round's standard error is above the next
+# limit, and where a later round finds less than so many standard errors.
 TOLD_ERRORS, LEAST_PER_H, LEAVES = 3.0, 1 / 300, 0.85
 OPEN_PER_H, DOUBTED_ERRORS = 0.0075, 1.5
-# What a tester may well have without a word: its effect is told where nothing shows it.
+# An offset that testers commonly have: its effect is reported where nothing shows the offset.
 DOUBTED_PER_H = 1 / 200
-# Charge is off by percents, so slopes of the OCV are over as much; in rounds, until it moves by
-# less than this share of its error.
+# Charge is off by percents, so slopes of the OCV are differences over as much. The rounds end when
+# the offset moves by less than this share of its error.
 STEP_SOC, ROUNDS, SETTLED = 0.02, 6, 0.05
 
 

@@ -1,8 +1,8 @@
 """Resistances that follow the cell's temperature, its own heat or the current.
 
-The numbers of a `Dependence` have no grid as time constants have. What each could gain is told by
-one step of Gauss and Newton from none; from there such steps go on in the logarithms of the numbers
-and of all time constants, with the best tables at each.
+The numbers of a `Dependence` have no grid as time constants have. One Gauss-Newton step from none
+tells what each could gain; further steps follow in the logarithms of the numbers and of all time
+constants, with the best tables at each.
 """
 
 import math
@@ -29,18 +29,18 @@ from .settings import TableSettings
 
 # Temperatures that move by less than this tell nothing of what follows them.
 LEAST_SPREAD_K = 1.0
-# What a first step promises has to be more than this share of sqrt(J).
+# A first step has to promise more than this share of sqrt(J).
 PROMISING = 0.01
-# What follows more has to save this share of what is held out, and none of that above 10 % SOC.
+# A further dependence lowers the held-out RMSE by this share, and does not raise it above 10 % SOC.
 WORTHWHILE = 0.02
 # Self-heating is tried with these time constants, by this exponent at its largest.
 HEATING_TAUS_S, TRIED_EXPONENT = (300.0, 1000.0, 3000.0), 0.3
-# A first step goes this far from what is tried at most: it is a straight line.
+# Limits of the first step, in multiples of what is tried: it extrapolates a straight line.
 FEWEST, MOST = 0.05, 4.0
-# So many steps at most, until one gains less than this share of J; no logarithm moves further in
-# one, and what leads uphill is tried again with a part of it.
+# Most steps, the gain as a share of J that ends them, the furthest move of a logarithm in one, and
+# the part of a step that is tried again after one uphill.
 ROUNDS, SETTLED, FURTHEST, BACK = 6, 1e-3, 1.0, 0.3
-# Of a long record only every so many samples count in a step that so many are left.
+# Long records are thinned in a step to about this many samples.
 ENOUGH = 20_000
 
 
@@ -169,7 +169,7 @@ def propose(
 
 
 def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> list[Dependence]:
-    """Resistances that follow something moderately."""
+    """Dependences of moderate strength, to be tried."""
     if what == "current":
         return [
             Dependence(

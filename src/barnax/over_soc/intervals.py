@@ -79,7 +79,7 @@ class NodeInterval:
         return replace(self, value=self.value + by, **ends)
 
     def spanning(self, shifts: Sequence[float]) -> "NodeInterval":
-        """The same with an interval that reaches over those of values so far off, as possible."""
+        """The same with an interval that includes those of equally possible values so far off."""
         if self.low is None or self.high is None:
             return self
         low, high = max(self.low + min([0.0, *shifts]), 0.0), self.high + max([0.0, *shifts])

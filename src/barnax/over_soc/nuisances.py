@@ -16,10 +16,11 @@ Nuisances = Callable[[TableObjective, Solution, int], Float[np.ndarray, "samples
 
 @dataclass(frozen=True)
 class Estimated:
-    """Nuisances, counted from what was told, with their standard errors, and by how much more the
-    logarithm of every searched scale would be with them. Sums of the tables' values that were
-    wanted have theirs. `by_prior` is how far each nuisance and sum moves with what was told of each
-    nuisance, by one standard deviation of that."""
+    """Nuisances relative to what was told, with standard errors, and the shifts of the searched
+    scales' logarithms with them. `sums` are the wanted sums of the tables' values. `by_prior` is
+    how far each nuisance and sum moves with what was told of each nuisance, by one standard
+    deviation.
+    """
 
     values: Float[np.ndarray, "nuisances"]
     errors: Float[np.ndarray, "nuisances"]

@@ -2,9 +2,9 @@
 
 The axis of SOC is the mean cell's, and every cell has an OCV of its own on it. At the pack's time
 constants the columns of all cells are the same, and so is how they project the noise of residuals.
-What is left for each cell is a least-squares problem in a box, and the fit of its own noise. The
-way in which time constants move the errors is that of the mean cell for all: by that, values are
-told at each cell's own to first order.
+What is left for each cell is a least-squares problem in a box, and the fit of its own noise.
+Derivatives by the time constants are those of the mean cell for all; with them values are given, to
+first order, at each cell's own time constants.
 """
 
 import math
@@ -31,7 +31,7 @@ from .settings import TableSettings
 
 # Where resistances are averaged: near the ends few samples tell them.
 MIDDLE = (0.1, 0.9)
-# What is told with a wider half interval than this, in SOC or as a share of the capacity, is not.
+# Starts and capacities with a wider half interval than this, in SOC or as a share, are left out.
 TOLD = 0.1
 R0, TOTAL, SHIFT, CAPACITY, LOADED = (
     "R0 [Ohm]", "total R [Ohm]", "SOC shift", "capacity ratio", "loaded voltage [V]",
@@ -154,7 +154,7 @@ def fit_pack(
                 value, near = (
                     above_v + _known_at(loaded_soc, prepared) for above_v in (value, near)
                 )
-            # What no circuit follows is in all cells alike, and seen best where noise averages out.
+            # The circuit's own error is common to all cells; the mean cell shows it best.
             common = 0.0 if is_other else spread.reach(0, direction)
             reach = math.hypot(spread.reach(side, direction), common)
             ends = min(value, near - reach), max(value, near + reach)

@@ -44,13 +44,14 @@ FULL_SD, REST_SD_V, MAX_SD, CAPACITY_SD = 0.004, 0.005, 0.05, 0.002
 FROM_VOLTAGE = ("rested voltage", "rest elsewhere")
 # The OCV's slope is a difference over so much SOC.
 STEP_SOC = 1e-3
-# Alone: the voltage at the end of a rest so long is so far from the OCV; what counting may have
-# lost of the capacity, the first steps of the descent in start and share, and how often it looks.
+# One record alone: the shortest rest and the least distance of its end from the OCV; the standard
+# deviation of counted charge as a share of the capacity; the reach of the descent in standard
+# deviations, its first steps in start and share, and its evaluations.
 LEAST_REST_S, FAR_V = 240.0, 0.1
 COUNTED_SD, FURTHEST, FIRST_STEPS, LOOKS = 0.03, 2.5, (-0.003, 0.005), 40
 # Fast records are registered in means over this.
 MEANS_S = 1.0
-# The tables bend: registered again until nothing moves by more than this, so often at most.
+# The tables change with it: registered again until nothing moves by more than this, or so often.
 SETTLED, ROUNDS = 5e-4, 2
 
 

@@ -171,7 +171,7 @@ def fit_noise(
 class Slots:
     """Even slots of time that samples are gathered in; `reach` is how many the longest record has.
 
-    A finer clock than `most` slots is read in coarser ones.
+    A clock finer than `max_slots` is read in coarser ones.
     """
 
     start_s: float
@@ -184,11 +184,11 @@ class Slots:
         cls,
         time_s: Float[np.ndarray, "samples"],
         longest_s: float | None = None,
-        most: int = MAX_SLOTS,
+        max_slots: int = MAX_SLOTS,
     ) -> "Slots":
         """Those of a clock."""
         interval_s = float(np.median(np.diff(time_s), overwrite_input=True))
-        slot_s = max(interval_s, (time_s[-1] - time_s[0]) / (most - 1))
+        slot_s = max(interval_s, (time_s[-1] - time_s[0]) / (max_slots - 1))
         count = int(np.floor((time_s[-1] - time_s[0]) / slot_s + 0.5)) + 1
         reach = count if longest_s is None else min(math.floor(longest_s / slot_s + 0.5) + 1, count)
         return cls(float(time_s[0]), float(slot_s), count, reach)

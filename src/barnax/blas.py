@@ -61,9 +61,9 @@ def _libraries() -> _Libraries:
     # Looking for them takes longer than a small problem's algebra.
     found = ThreadpoolController().select(user_api="blas")
     has_own = {
-        each["filepath"]: (each["internal_api"], each.get("threading_layer"))
+        library["filepath"]: (library["internal_api"], library.get("threading_layer"))
         == ("openblas", "openmp")
-        for each in found.info()
+        for library in found.info()
     }
     return _Libraries(
         *(

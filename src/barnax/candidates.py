@@ -69,7 +69,7 @@ class Candidate:
         proved_gap: float | None,
     ) -> "Candidate":
         """The candidate with the errors of its evaluations."""
-        validation_v = tuple(each.metrics.rmse_v for each in validated)
+        validation_v = tuple(evaluation.metrics.rmse_v for evaluation in validated)
         return cls(model, over, _together(identified), validation_v, held_out, proved_gap)
 
 
@@ -79,8 +79,8 @@ def table_name(model: str, has_degc: bool) -> str:
 
 
 def _together(evaluations: Iterable[Evaluation]) -> SocErrors:
-    scored = [(each, each.prepared.scored) for each in evaluations]
-    return SocErrors.of((each.error_v[at], each.prepared.soc[at]) for each, at in scored)
+    scored = [(found, found.prepared.scored) for found in evaluations]
+    return SocErrors.of((found.error_v[at], found.prepared.soc[at]) for found, at in scored)
 
 
 def tabulated_circuit(cell: CellModel) -> str:
@@ -91,7 +91,7 @@ def tabulated_circuit(cell: CellModel) -> str:
 
 def is_fast(records: Iterable[PreparedRecord | Record]) -> bool:
     """Whether all records are sampled fast enough to show a third RC pair."""
-    return all(float(np.median(np.diff(each.time_s))) <= FAST_S for each in records)
+    return all(float(np.median(np.diff(record.time_s))) <= FAST_S for record in records)
 
 
 def spans_enough(fit: TableFit) -> bool:
@@ -119,8 +119,8 @@ def is_alike(one: SocErrors | None, other: SocErrors | None) -> bool:
 def best_of(held_out: Sequence[SocErrors | None]) -> int:
     """The place of the constant circuit to prefer, the simplest of them being first."""
     worth = [
-        (each.rmse_v, place)
-        for place, each in enumerate(held_out)
-        if each is not None and is_better(each, held_out[0])
+        (errors.rmse_v, place)
+        for place, errors in enumerate(held_out)
+        if errors is not None and is_better(errors, held_out[0])
     ]
     return min(worth, default=(0.0, 0))[1]

@@ -84,14 +84,14 @@ class _Head(_Strict):
 def factors_to_bytes(kept: Sequence[Kept]) -> bytes:
     """The content of a factor file; equal records give equal bytes."""
     heads, columns, rows = [], [np.empty(0, "<i4")], [np.empty(0)]
-    for each in kept:
+    for record in kept:
         parts = []
-        for part in each.parts:
+        for part in record.parts:
             order, factor = _trapezoid(part.factor)
             parts.append(_Part(scored=part.scored, rows=len(part.factor), columns=len(order)))
             columns.append(order)
             rows += [row[place:] for place, row in enumerate(factor)]
-        heads.append(_head_of(each, (parts[0], parts[1])).model_dump())
+        heads.append(_head_of(record, (parts[0], parts[1])).model_dump())
     header = json.dumps({"version": VERSION, "records": heads}).encode()
     members = {
         "header": np.frombuffer(header, np.uint8),
@@ -169,7 +169,7 @@ def read_factors(path: str | Path) -> list[Kept]:
         records = header.get("records")
         if not isinstance(records, list) or not 0 < len(records) <= MOST_RECORDS:
             raise ValueError(f"it has no list of 1 to {MOST_RECORDS:,} records")
-        heads = [_Head.model_validate_json(json.dumps(each)) for each in records]
+        heads = [_Head.model_validate_json(json.dumps(record)) for record in records]
         try:
             return list(_records(heads, members["columns"], members["rows"]))
         except InputError as problem:
@@ -199,7 +199,7 @@ def _members(content: bytes) -> dict[str, np.ndarray]:
     found = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         infos = archive.infolist()
-        if [each.filename for each in infos] != [f"{name}.npy" for name in _MEMBERS]:
+        if [entry.filename for entry in infos] != [f"{name}.npy" for name in _MEMBERS]:
             raise ValueError("its members are others")
         for name, info in zip(_MEMBERS, infos, strict=True):
             is_stored = info.compress_type == zipfile.ZIP_STORED
@@ -239,7 +239,7 @@ def _records(
                 f"{head.name}: its factor is on another grid of time constants than this barnax "
                 "makes; keep the factors anew, from the records"
             )
-        lengths = [len(each) for each in (head.visited, head.visited_ocv, head.ocv_v)]
+        lengths = [len(column) for column in (head.visited, head.visited_ocv, head.ocv_v)]
         is_short = len(head.slopes_v) != (wide - 1 if layout.has_correction else 0)
         if lengths != [count, wide, wide] or is_short or layout.width > MOST_COLUMNS:
             raise ValueError("its nodes do not fit")

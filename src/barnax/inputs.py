@@ -79,7 +79,7 @@ def read_inputs(
     """Every record once, with what the checks say of it, and the cell that the OCV tests show,
     unless that is known already; `over_temperature` those of each temperature by themselves.
     `without_test` gives the cell of records that have no OCV test."""
-    given, tests, others = (listed(each) for each in (records, ocv, validate))
+    given, tests, others = (listed(several) for several in (records, ocv, validate))
     common = window_of(window, "")
     capacity = common.capacity_ah if capacity is None else capacity
     is_bundled = not given
@@ -89,20 +89,22 @@ def read_inputs(
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
     elif not tests and cell is None and without_test is None:
         raise notice("ocv-test.missing-to-compare", _name_of(given[0])).error()
-    names = file_names([each for each in (*given, *tests, *others) if isinstance(each, str | Path)])
+    names = file_names(
+        [source for source in (*given, *tests, *others) if isinstance(source, str | Path)]
+    )
     looked_at: list[tuple[str, Source, Record | OcvTable]] = []
     called: dict[str, int] = {}
 
-    def take(each: Given, role: str) -> Any:
+    def take(item: Given, role: str) -> Any:
         """What a file or frame holds, read once, and remembered to be checked."""
-        if isinstance(each, OcvTable):
-            return each
-        is_record = isinstance(each, Record)
-        source: Any = each
+        if isinstance(item, OcvTable):
+            return item
+        is_record = isinstance(item, Record)
+        source: Any = item
         if not is_record:
-            source = source_of(each, names, reading, _FRAMES.get(role, FRAME))
+            source = source_of(item, names, reading, _FRAMES.get(role, FRAME))
         # Files have names of their own already; one that is given twice is told by its name.
-        if role != "OCV test" and not isinstance(each, str | Path):
+        if role != "OCV test" and not isinstance(item, str | Path):
             source = numbered(source, called)
         if is_record:
             return source
@@ -111,12 +113,12 @@ def read_inputs(
         return looked_at[-1][2]
 
     with watch("Reading records", 0):
-        ocv_records = [take(each, "OCV test") for each in tests]
-        dynamic = [take(each, "identification") for each in given]
-        further = [take(each, "validation") for each in others]
+        ocv_records = [take(source, "OCV test") for source in tests]
+        dynamic = [take(source, "identification") for source in given]
+        further = [take(source, "validation") for source in others]
         _require_different([*dynamic, *further])
         # A table has no samples of its own.
-        _require_different([each for each in ocv_records if isinstance(each, Record)])
+        _require_different([test for test in ocv_records if isinstance(test, Record)])
     is_without_test = not tests and cell is None
     with watch("Characterizing the cell", 0):
         options: Any = {
@@ -187,22 +189,22 @@ def _checked(
             against = compare_with_cell(taken, own_cell, own_ah)
             if not own.is_chosen:
                 raise_first_error(against, found.file)
-            warnings += [each.about(found.file) for each in against]
+            warnings += [warning.about(found.file) for warning in against]
         warnings += input_warnings(found, role, window)
         if role == "identification" and found.traits:
             kinds[found.file] = found.traits.kind(own_ah)
         # What has no one temperature has that told.
-        if found.traits and not any(each.check == "temperature" for each in found.findings):
+        if found.traits and not any(finding.check == "temperature" for finding in found.findings):
             degc[is_test].append((found.file, found.traits.temperature_degc))
     require_load(kinds)
     # A charge beside a record under load is there for the other direction.
     charges = {name for name, kind in kinds.items() if kind == "charge"}
     warnings = [
-        each
-        for each in warnings
-        if each.code != "role.unfit"
-        or each.subject not in charges
-        or each.values["role"] != "identification"
+        warning
+        for warning in warnings
+        if warning.code != "role.unfit"
+        or warning.subject not in charges
+        or warning.values["role"] != "identification"
     ]
     return warnings + compare_temperatures(degc[False], degc[True], identified)
 
@@ -270,12 +272,12 @@ def input_warnings(
     found: FileCheck, role: str, window: Window | Mapping[str, Window] | None
 ) -> list[Notice]:
     """What the checks of a file have against the role that it is given."""
-    told = [each.about(found.file) for each in found.findings if each.counts]
-    for each in found.roles:
-        if each.name == role and not each.is_usable:
-            told.insert(0, notice("role.unfit", found.file, role=role, reason=each.reason))
-        elif each.name == role and each.window and not window_of(window, found.file).is_chosen:
-            given = {"reason": each.window.reason, "advice": each.window.advice}
+    told = [finding.about(found.file) for finding in found.findings if finding.counts]
+    for use in found.roles:
+        if use.name == role and not use.is_usable:
+            told.insert(0, notice("role.unfit", found.file, role=role, reason=use.reason))
+        elif use.name == role and use.window and not window_of(window, found.file).is_chosen:
+            given = {"reason": use.window.reason, "advice": use.window.advice}
             told += [notice("role.window", found.file, **given)] if given["advice"] else []
     return told
 
@@ -296,7 +298,7 @@ def windows_of(
 ) -> dict[str, Window]:
     """The window of every record. Raises `InputError` where one is for a record there is not."""
     known = windows_by_name(window)
-    unknown = sorted(known.keys() - inputs.names - {each.name for each in inputs.ocv} - {""})
+    unknown = sorted(known.keys() - inputs.names - {test.name for test in inputs.ocv} - {""})
     if unknown:
         raise InputError(
             f"no record is called {unknown[0]!r}, for which options are given; there are "
@@ -304,8 +306,8 @@ def windows_of(
         )
     chosen = {name: window_of(known, name) for name in inputs.names}
     return {
-        name: each if each.capacity_ah is not None else replace(each, capacity_ah=capacity)
-        for name, each in chosen.items()
+        name: own if own.capacity_ah is not None else replace(own, capacity_ah=capacity)
+        for name, own in chosen.items()
     }
 
 

@@ -99,7 +99,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     tables: TableSettings | None = None
 
     def __repr__(self) -> str:
-        return f"Job({', '.join(f'{name}={brief(each)}' for name, each in self.chosen.items())})"
+        return f"Job({', '.join(f'{name}={brief(value)}' for name, value in self.chosen.items())})"
 
     def __eq__(self, other: object) -> bool:
         return self is other
@@ -123,7 +123,9 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
             (Reading, self.reading),
             (TableOptions, self.tables),
         ):
-            names = [each.name for each in fields(kind) if part and each.name not in own["_chosen"]]
+            names = [
+                field.name for field in fields(kind) if part and field.name not in own["_chosen"]
+            ]
             own |= {name: getattr(part, name) for name in names}
             own["_chosen"] |= {name for name in names if own[name] != getattr(kind, name)}
         if self.setup is not None:
@@ -148,7 +150,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
 
     def part(self, kind: Callable[..., Found]) -> Found:
         """The options of one kind, such as `Reading`, by themselves."""
-        names = [each.name for each in fields(kind)]  # pyright: ignore[reportArgumentType]
+        names = [field.name for field in fields(kind)]  # pyright: ignore[reportArgumentType]
         return kind(**{name: getattr(self, name) for name in names})
 
     def changed(self, **options: Any) -> Self:
@@ -158,11 +160,11 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     @classmethod
     def require_names(cls, options: Mapping[str, Any]) -> None:
         """Raise `TypeError` for an option that there is not, with the nearest one that there is."""
-        known = [each.name for each in fields(cls)]
+        known = [field.name for field in fields(cls)]
         for name in sorted(options.keys() - {*known}):
             near = difflib.get_close_matches(name, known, 1)
             remedy = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}"
-            if name in {each.name for each in fields(Window)}:
+            if name in {field.name for field in fields(Window)}:
                 remedy = f"; give window=barnax.Window({name}=...)"
             raise TypeError(f"there is no option {name}{remedy}")
 
@@ -171,7 +173,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
 OPTIONS: Mapping[str, Any] = get_type_hints(Job)
 # Those that a plan holds: all but data, and what is done while it runs.
 _GROUPS = (Settings, Reading, CellSettings, Scope, TableOptions)
-PLANNED = (*(each.name for kind in _GROUPS for each in fields(kind)), "capacity", "bounds", "fix")
+PLANNED = (*(field.name for kind in _GROUPS for field in fields(kind)), "capacity", "bounds", "fix")
 
 
 def require_choice(name: str, value: Any) -> None:

@@ -179,8 +179,10 @@ class Notice:
 
 def notice(code: str, subject: str = "", row: int | None = None, /, **values: Any) -> Notice:
     """The notice of a code, in its usual severity; what is None is no value of it."""
-    plain = {name: getattr(each, "item", lambda each=each: each)() for name, each in values.items()}
-    given = {name: each for name, each in plain.items() if each is not None}
+    plain = {
+        name: getattr(value, "item", lambda value=value: value)() for name, value in values.items()
+    }
+    given = {name: value for name, value in plain.items() if value is not None}
     if missing := kinds()[code].missing(given):
         raise KeyError(f"a notice {code!r} needs {', '.join(sorted(missing))}")
     return Notice(code, subject, given, kinds()[code].severity, row)
@@ -188,6 +190,6 @@ def notice(code: str, subject: str = "", row: int | None = None, /, **values: An
 
 def raise_first_error(notices: Iterable[Notice], file: str) -> None:
     """Raise InputError for the first error among the notices of a file, if there is one."""
-    for each in notices:
-        if each.severity == "error":
-            raise each.about(file).error(".")
+    for found in notices:
+        if found.severity == "error":
+            raise found.about(file).error(".")

@@ -74,23 +74,23 @@ class Pack(Brief):
     def rows(self) -> list[dict[str, str | float | None]]:
         """A row for each cell: its values with the ends of their intervals, and what is odd."""
         rows = []
-        for each in self.fit.cells:
-            row: dict[str, str | float | None] = {"cell": each.name, "RMSE [V]": each.rmse_v}
+        for cell in self.fit.cells:
+            row: dict[str, str | float | None] = {"cell": cell.name, "RMSE [V]": cell.rmse_v}
             for name in (*LOOKED_AT, LOADED):
-                known = each.values.get(name)
+                known = cell.values.get(name)
                 row[name] = known and known.value
                 row[f"{name} low"], row[f"{name} high"] = (
                     (known.low, known.high) if known else (None, None)
                 )
-            odd = [own.quantity for own in self.odd if own.cell == each.name]
-            rows.append(row | {"odd": "; ".join(odd), "weakest": each.name == self.weakest})
+            odd = [own.quantity for own in self.odd if own.cell == cell.name]
+            rows.append(row | {"odd": "; ".join(odd), "weakest": cell.name == self.weakest})
         return rows
 
     def figure(self) -> "Figure":
         """Every cell's values with their intervals, as a matplotlib `Figure`."""
         from .plots import plot_pack
 
-        odd = {(each.cell, each.quantity) for each in self.odd}
+        odd = {(outlier.cell, outlier.quantity) for outlier in self.odd}
         return plot_pack(self.fit, odd, self.weakest)
 
 
@@ -138,7 +138,7 @@ def identify_pack(job: PackJob) -> Pack:
     chosen = {"seeds": 0, "trust": "none", "advise": False, "model": "so-rc", **job.chosen}
     chosen |= {"records": [read.record], "over": "soc"}
     of_cells = ("cells", "own_time_constants")
-    result = identify(**{name: each for name, each in chosen.items() if name not in of_cells})
+    result = identify(**{name: value for name, value in chosen.items() if name not in of_cells})
     if result.tables is None or result.run.tables is None:
         raise InputError(f"{read.record.name}: has no tables over SOC, so no cells are told")
     tables = result.run.tables
@@ -155,7 +155,7 @@ def identify_pack(job: PackJob) -> Pack:
         tables.settings,
         job.own_time_constants,
     )
-    weakest = min(fit.cells, key=lambda each: each.values[LOADED].value).name
+    weakest = min(fit.cells, key=lambda cell: cell.values[LOADED].value).name
     return Pack(result, fit, tuple(odd_ones(fit)), weakest, read.left_out, beside_v)
 
 
@@ -163,7 +163,7 @@ def odd_ones(fit: PackFit) -> list[Odd]:
     """The cells far from the others in some quantity."""
     found = []
     for name in LOOKED_AT:
-        known = [(each.name, each.values[name].value) for each in fit.cells if name in each.values]
+        known = [(cell.name, cell.values[name].value) for cell in fit.cells if name in cell.values]
         if len(known) < FEWEST:
             continue
         deviations = robust_deviations(np.array([value for _, value in known]))
@@ -172,4 +172,4 @@ def odd_ones(fit: PackFit) -> list[Odd]:
             for (cell, _), apart in zip(known, deviations, strict=True)
             if abs(apart) > ODD
         ]
-    return sorted(found, key=lambda each: -abs(each.deviations))
+    return sorted(found, key=lambda outlier: -abs(outlier.deviations))

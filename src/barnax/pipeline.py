@@ -115,10 +115,10 @@ def _identified(job: Job) -> Result:
             windows = _registered(job, inputs, told)
         asked = job.table_settings, job.bounds, job.fix, job.advise
         weighing = weigh(_as_counted(inputs, told, windows), windows, job, *asked, *found)
-        held = [each.record for each in weighing.first.prepared_records]
+        held = [prepared.record for prepared in weighing.first.prepared_records]
         is_other = any(
-            one.hold.value != each.hold.value
-            for one, each in zip(held, inputs.records, strict=True)
+            one.hold.value != record.hold.value
+            for one, record in zip(held, inputs.records, strict=True)
         )
         if is_other and (found or windows != told):
             # The voltage told another hold of the current than was assumed: all over again.
@@ -135,12 +135,14 @@ def _identified(job: Job) -> Result:
             weighing = weigh(counted, windows, job, *asked, *found[-1:])
         if is_over_temperature:
             require_temperatures(group_by_temperature(weighing.first.prepared_records))
-            for each in weighing.validation(weighing.first):
-                require_temperature(each)
+            for prepared in weighing.validation(weighing.first):
+                require_temperature(prepared)
     run = search_and_assess(weighing, optimizer, job, job.trust, job.watch, job.advise)
     run = replace(run, ocv=inputs.ocv)
     read = [*inputs.records, *inputs.validation, *inputs.ocv]
-    notes = dict.fromkeys(one for each in read if isinstance(each, Record) for one in each.notes)
+    notes = dict.fromkeys(
+        one for record in read if isinstance(record, Record) for one in record.notes
+    )
     run = replace(run, notes=tuple(notes), warnings=_all_warnings(inputs.warnings, run))
     return make_result(run, job.command)
 
@@ -154,13 +156,13 @@ def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict
     try:
         tables = bounded_tables(job, but="[F]")
         told = [
-            prepare_record(each, inputs.cell, circuit, windows[each.name].as_told)
-            for each in inputs.records
+            prepare_record(record, inputs.cell, circuit, windows[record.name].as_told)
+            for record in inputs.records
         ]
-        found = [register_alone(each, tables) for each in told]
+        found = [register_alone(prepared, tables) for prepared in told]
         if len(found) > 1 and job.over != OVER_TEMPERATURE:
             found = register(found, tables)
-        return {**windows, **{each.record.name: each.window for each in found}}
+        return {**windows, **{prepared.record.name: prepared.window for prepared in found}}
     except InputError:
         # What tables cannot be fitted to is refused, or not, by what is fitted to it.
         return dict(windows)
@@ -171,14 +173,14 @@ def _as_counted(
 ) -> Inputs:
     """The inputs whose cell has the capacity that its OCV test tells of all records identified on:
     testers of one cell count some percent apart, and records are mostly of one of them."""
-    names = [each.name for each in inputs.records]
+    names = [record.name for record in inputs.records]
     known = [windows[name].registration for name in names]
-    by_test = [each.origin for each in known if each and each.origin.by == "OCV test"]
+    by_test = [level.origin for level in known if level and level.origin.by == "OCV test"]
     if len(by_test) < len(names) or any(told[name].capacity_ah for name in names):
         return inputs
     counted_ah = [windows[name].capacity_ah or 0.0 for name in names]
     pairs = zip(counted_ah, by_test, strict=True)
-    share = sum(own_ah / each.told_capacity_ah for own_ah, each in pairs) / len(names)
+    share = sum(own_ah / level.told_capacity_ah for own_ah, level in pairs) / len(names)
 
     def counted(cell: CellModel) -> CellModel:
         return replace(
@@ -197,7 +199,7 @@ def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
     that tables do not have."""
     ranges, tables = ranges_of(job.bounds)[1], job.table_settings
     bounds, fixed = (
-        {name: each for name, each in (given or {}).items() if but is None or but not in name}
+        {name: value for name, value in (given or {}).items() if but is None or but not in name}
         for given in (ranges, job.fix)
     )
     return replace(tables, bounds={**bounds, **tables.bounds}, fixed={**fixed, **tables.fixed})
@@ -214,7 +216,7 @@ def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
     for what, is_asked in asked.items():
         if is_asked:
             raise notice("ocv-test.missing", asked=what).error()
-    windows = {each.name: window_of(job.window, each.name).as_told for each in records}
+    windows = {record.name: window_of(job.window, record.name).as_told for record in records}
     is_over = job.over == OVER_TEMPERATURE
     is_open = job.model is None and not (is_over or job.bounds or job.fix)
     beside = THREE_PAIRS if is_open and is_fast(records) else None
@@ -287,40 +289,46 @@ def identify_problem(
 
 def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
     """Every warning of a run once, in the order of the flow."""
-    told = [each for record in run.ocv for each in record.warnings]
+    told = [warning for record in run.ocv for warning in record.warnings]
     told += of_inputs
     told += run.problem.warnings
-    for each in run.identification:
-        if each.metrics.r2 < 0:
-            name = each.prepared.record.name
-            told.append(notice("answer.worse-than-constant", name, r2=each.metrics.r2))
+    for evaluation in run.identification:
+        if evaluation.metrics.r2 < 0:
+            name = evaluation.prepared.record.name
+            told.append(notice("answer.worse-than-constant", name, r2=evaluation.metrics.r2))
     told += compare_resistances(
-        [(each.prepared.record, each.prepared.temperature_degc) for each in run.identification]
+        [
+            (evaluation.prepared.record, evaluation.prepared.temperature_degc)
+            for evaluation in run.identification
+        ]
     )
-    for each in run.validation:
-        told += [*each.prepared.record.warnings, *each.prepared.warnings]
-        told += rest_warnings(each.prepared)
+    for evaluation in run.validation:
+        told += [*evaluation.prepared.record.warnings, *evaluation.prepared.warnings]
+        told += rest_warnings(evaluation.prepared)
     if run.tables is None:
         told += [
-            notice("answer.at-bound", name=each.name, side=each.side)
-            for each in run.answer.at_bound
+            notice("answer.at-bound", name=hit.name, side=hit.side) for hit in run.answer.at_bound
         ]
         told += _contradictions(run)
     else:
         told += table_warnings(run.tables)
     # Its file says so already, with rows and voltages.
-    closed = {each.subject for each in told if each.code == "closure.open"}
-    told = [each for each in told if each.code != "ocv-test.open" or each.subject not in closed]
+    closed = {one.subject for one in told if one.code == "closure.open"}
+    told = [one for one in told if one.code != "ocv-test.open" or one.subject not in closed]
     return tuple(dict.fromkeys([*told, *run.warnings]))
 
 
 def _contradictions(run: Run) -> Iterator[Notice]:
     """What another constant circuit, fitted to the same data, says against the answer's."""
-    own = next((each for each in run.candidates if each.is_answer), None)
-    others = [each for each in run.candidates if not each.is_answer and each.over is None]
+    own = next((candidate for candidate in run.candidates if candidate.is_answer), None)
+    others = [
+        candidate
+        for candidate in run.candidates
+        if not candidate.is_answer and candidate.over is None
+    ]
     if own is None or not others:
         return
-    best = min(others, key=lambda each: each.identification.rmse_v)
+    best = min(others, key=lambda candidate: candidate.identification.rmse_v)
     if CONTRADICTED * best.identification.rmse_v < own.identification.rmse_v:
         rmse_v = {
             "rmse_v": own.identification.rmse_v,

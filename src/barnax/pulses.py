@@ -224,9 +224,9 @@ def levels(pulses: Sequence[Pulse]) -> list[tuple[Pulse, ...]]:
     []
     """
     found: list[list[Pulse]] = []
-    for pulse in sorted(pulses, key=lambda each: (each.current_a < 0, abs(each.current_a))):
+    for pulse in sorted(pulses, key=lambda pulse: (pulse.current_a < 0, abs(pulse.current_a))):
         reached_a = found[-1][-1].current_a if found else 0.0
         if abs(pulse.current_a - reached_a) > SAME_RATE * abs(pulse.current_a):
             found.append([])
         found[-1].append(pulse)
-    return [tuple(sorted(each, key=lambda pulse: -pulse.soc)) for each in found]
+    return [tuple(sorted(level, key=lambda pulse: -pulse.soc)) for level in found]

@@ -117,10 +117,10 @@ def reopened(result: Result, inputs: Inputs) -> Run:
         tables = TableRun(result.tables.settings, fits, *of_tables)
     identification, validation = found
     problem = make_problem(
-        [each.prepared.record for each in identification],
+        [evaluation.prepared.record for evaluation in identification],
         result.cell,
         constant.model,
-        window=[each.prepared.settled_window for each in identification],
+        window=[evaluation.prepared.settled_window for evaluation in identification],
         bounds=constant.bounds,
         fixed=constant.fixed,
         coordinates=constant.search.coordinates if constant.search else "rc",

@@ -266,24 +266,24 @@ def replay_soc(
         warnings += no_temperature(prepared, used.tables.found)
     capacity_ah = prepared.capacity_ah
     model = eqx.tree_at(
-        lambda each: (each.capacity_ah, each.axis_sd),
+        lambda model: (model.capacity_ah, model.axis_sd),
         model_of(used, settings.estimate),
         (jnp.asarray(capacity_ah), jnp.asarray(axis_sd_of(result, capacity_ah))),
     )
-    tried = {each: first_with_room(prepared.soc, each.soc_error) for each in scenarios}
+    tried = {scenario: first_with_room(prepared.soc, scenario.soc_error) for scenario in scenarios}
     cases = [
-        case_of(model, prepared, each, first, settings.soc_sd)
-        for each, first in tried.items()
+        case_of(model, prepared, scenario, first, settings.soc_sd)
+        for scenario, first in tried.items()
         if first is not None
     ]
     if not cases:
         raise InputError(f"{measured.name}: its SOC leaves no room for a start so far off")
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(each.given for each in cases))
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(case.given for case in cases))
     program = compile_for(_run_all, *stacked, settings.kind)
     estimate = jax.tree.map(np.asarray, program(*stacked, settings.kind))
     late = [
         jax.tree.map(
-            lambda each, place=place, case=case: in_place(each[place], case.first), estimate
+            lambda array, place=place, case=case: in_place(array[place], case.first), estimate
         )
         for place, case in enumerate(cases)
     ]
@@ -309,7 +309,7 @@ def replay_soc(
         flat_soc=(float(flat_soc.min()), float(flat_soc.max())) if len(flat_soc) else None,
         flat_share=len(flat_soc) / len(prepared.soc),
         scenarios=parts,
-        untried=tuple(each.name for each, first in tried.items() if first is None),
+        untried=tuple(scenario.name for scenario, first in tried.items() if first is None),
         innovations=None
         if parts[0].diverged_s is not None
         else examine_innovations(normalised[cases[0].first :]),

@@ -45,7 +45,7 @@ ELSEWHERE = ElsewhereError()
 
 def window_of(result: Result, name: str) -> Window:
     """The window of a record: its own, as it was registered, if it was identified on."""
-    own = (each.window for each in result.inputs if each.window and each.name == name)
+    own = (part.window for part in result.inputs if part.window and part.name == name)
     return next(own, None) or result.common_window
 
 
@@ -57,8 +57,8 @@ def axis_sd_of(result: Result, capacity_ah: float) -> float:
     test because their charge contradicts it, what another capacity than theirs makes of it over the
     whole axis.
     """
-    own = (each.window for each in result.inputs if each.window and each.window.registration)
-    off = [abs(capacity_ah / each.capacity_ah - 1) for each in own if each.capacity_ah]
+    own = (part.window for part in result.inputs if part.window and part.window.registration)
+    off = [abs(capacity_ah / window.capacity_ah - 1) for window in own if window.capacity_ah]
     return float(np.hypot(FULL_SD, max(off, default=0.0) / np.sqrt(3)))
 
 
@@ -81,16 +81,18 @@ def errors_of(result: Result) -> ErrorModel:
         )
     bands = constant.assessment.diagnostics.by_soc if tables is None else tables.by_soc
     # Where the fit has seen nothing, its nearest error has to do; a result may have none by SOC.
-    by_soc = {((each.low or 0.0) + (each.high or 1.0)) / 2: each.rmse_v for each in bands}
+    by_soc = {((band.low or 0.0) + (band.high or 1.0)) / 2: band.rmse_v for band in bands}
     by_soc = by_soc or {0.5: constant.metrics.identification.rmse_v}
     residual_v = np.interp(GRID, list(by_soc), list(by_soc.values()))
     residual_v = np.maximum(residual_v, LEAST_NOISE_V)
     bias_v = ELSEWHERE.lasting * residual_v
     known = [] if tables is None else tables.fit.of_table(OCV_CORRECTION)
-    known = [each for each in known if each.low is not None]
+    known = [interval for interval in known if interval.low is not None]
     if tables is not None and known:
-        soc = np.array([each.soc for each in known])
-        bias_v = np.interp(GRID, soc, [np.hypot(each.standard_error, each.bias) for each in known])
+        soc = np.array([interval.soc for interval in known])
+        bias_v = np.interp(
+            GRID, soc, [np.hypot(interval.standard_error, interval.bias) for interval in known]
+        )
         moved_v = tables.fit.tables.at(OCV_CORRECTION, GRID)
         held_v = tables.fit.tables.at(OCV_CORRECTION, np.clip(GRID, soc[0], soc[-1]))
         bias_v = np.hypot(bias_v, moved_v - held_v)
@@ -120,8 +122,8 @@ def model_of(result: Result, slow: Sequence[str] = ()) -> FilterModel:
     errors = errors_of(result)
     assert result.constant.assessment is not None, "asked above"
     fitted = {
-        each.name.partition(" [")[0]: each.relative_error
-        for each in result.constant.assessment.uncertainty.estimates
+        estimate.name.partition(" [")[0]: estimate.relative_error
+        for estimate in result.constant.assessment.uncertainty.estimates
     }
     rest_a, slow_sd = result.start_rest_current_a, []
     known = [OFFSET, CAPACITY, *(name for name in fitted if name[0] in "Rt")]

@@ -95,7 +95,7 @@ class Result(Document):
 
     @model_validator(mode="after")
     def _hold_a_record(self) -> Self:
-        if not any(each.role == "identification" and each.start for each in self.inputs):
+        if not any(part.role == "identification" and part.start for part in self.inputs):
             raise ValueError("no record that was identified on is among the inputs")
         return self
 
@@ -284,7 +284,7 @@ class Result(Document):
         # The capacity is the cell's now, and no record's.
         alone: dict[str, Any] = {
             "cell": self.cell_at(temperature_degc),
-            "inputs": tuple(each.model_copy(update={"capacity_ah": None}) for each in self.inputs),
+            "inputs": tuple(part.model_copy(update={"capacity_ah": None}) for part in self.inputs),
         }
         part = self.tables
         if part is not None and part.over_temperature is not None:
@@ -310,12 +310,12 @@ class Result(Document):
 
     def of_role(self, role: str) -> tuple[InputPart, ...]:
         """The inputs that served as `role`."""
-        return tuple(each for each in self.inputs if each.role == role)
+        return tuple(part for part in self.inputs if part.role == role)
 
     @property
     def name(self) -> str:
         """The names of the records identified on."""
-        return " + ".join(each.name for each in self.of_role("identification"))
+        return " + ".join(part.name for part in self.of_role("identification"))
 
     @property
     def _first(self) -> InputPart:
@@ -326,7 +326,7 @@ class Result(Document):
         """The records identified on and their temperatures, where the circuit is of one alone."""
         if self.tables is not None and self.tables.over_temperature is not None:
             return []
-        planned = {each.name: each.temperature_degc for each in self.plan}
+        planned = {part.name: part.temperature_degc for part in self.plan}
         own = [(part.name, part.temperature_degc) for part in self.of_role("identification")]
         return [(name, planned.get(name) if degc is None else degc) for name, degc in own]
 
@@ -346,11 +346,11 @@ class Result(Document):
     def common_window(self) -> Window:
         """What the windows of all simulated records agree on; what is one's alone is not
         another's."""
-        first, *others = [each.window.as_told for each in self.inputs if each.window]
+        first, *others = [part.window.as_told for part in self.inputs if part.window]
         agreed = {
             name: value
             for name, value in vars(first).items()
-            if all(getattr(each, name) == value for each in others)
+            if all(getattr(window, name) == value for window in others)
         }
         return Window(**agreed)
 

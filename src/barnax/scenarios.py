@@ -74,12 +74,12 @@ def case_of(
     if first:
         # The current was known until then: pairs and hysteresis stand where it has left them.
         right, _ = model.start(prepared.soc[0], soc_sd, direction, direction_sd)
-        before = jax.tree.map(lambda each: each[: first + 1], drive)
+        before = jax.tree.map(lambda array: array[: first + 1], drive)
         reached = _open_loop(model, right, before)
         state = reached.at[0].set(soc)
     # The samples before are put behind the last, where nothing is counted.
     drive = jax.tree.map(
-        lambda each: jnp.concatenate([each[first:], jnp.repeat(each[-1:], first)]), drive
+        lambda array: jnp.concatenate([array[first:], jnp.repeat(array[-1:], first)]), drive
     )
     capacity_ah = model.capacity_ah * scenario.capacity_factor
     offset_a = scenario.offset_c * prepared.capacity_ah
@@ -89,7 +89,7 @@ def case_of(
         current_a=drive.current_a + offset_a,
         pairs_a=None if drive.pairs_a is None else drive.pairs_a.at[1:].add(offset_a),
     )
-    believed = eqx.tree_at(lambda each: each.capacity_ah, model, capacity_ah)
+    believed = eqx.tree_at(lambda model: model.capacity_ah, model, capacity_ah)
     return Case(scenario, first, (believed, (state, variance), drive))
 
 
@@ -97,9 +97,9 @@ def case_of(
 def _open_loop(model: FilterModel, state: Any, drive: Drive) -> Any:
     """The state at the end of a drive."""
     slow = jnp.zeros_like(model.slow_sd)
-    return jax.lax.scan(lambda state, each: (model.advance(state, slow, each), None), state, drive)[
-        0
-    ]
+    return jax.lax.scan(
+        lambda state, current_a: (model.advance(state, slow, current_a), None), state, drive
+    )[0]
 
 
 def in_place(

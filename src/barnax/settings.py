@@ -390,8 +390,8 @@ def explained(thing: Any) -> dict[str, str]:
     'Independent runs of the optimizer; 0: only the global optimum.'
     """
     found: dict[str, str] = {}
-    for each in getattr(thing, "__mro__", (thing,)):
-        section = re.search(ARGS, inspect.cleandoc(each.__doc__ or ""))
+    for owner in getattr(thing, "__mro__", (thing,)):
+        section = re.search(ARGS, inspect.cleandoc(owner.__doc__ or ""))
         entries = re.findall(r"    (\w+): (.*(?:\n {8}.*)*)", section[1] if section else "")
         found = {name: " ".join(text.split()) for name, text in entries} | found
     return found

@@ -66,9 +66,9 @@ def simulate_frame(
     time_s, current_a, *_ = profile
     known |= {"temperature_degc": temperature_degc, "measured_degc": profile.temperature_degc}
     found = simulate_current(result, time_s, current_a, **known)
-    for each in _doubts(result, profile, found.soc, temperature_degc):
+    for doubt in _doubts(result, profile, found.soc, temperature_degc):
         # Told of the line that calls `Result.simulate`.
-        warnings.warn(str(each), stacklevel=3)
+        warnings.warn(str(doubt), stacklevel=3)
     columns = {
         "Time [s]": time_s,
         "Current [A]": current_a,
@@ -122,7 +122,7 @@ def _doubts(
 ) -> Iterator[Notice]:
     """Where a simulation goes beyond what the answer was identified on."""
     parts = result.of_role("identification")
-    max_a = max((each.peak_current_a or 0.0 for each in parts), default=0.0)
+    max_a = max((part.peak_current_a or 0.0 for part in parts), default=0.0)
     far = np.flatnonzero(np.abs(profile.current_a) > FAR_CURRENT * max_a)
     if max_a and len(far):
         worst = far[np.argmax(np.abs(profile.current_a[far]))]
@@ -134,7 +134,7 @@ def _doubts(
             largest_a=max_a,
             more=len(far) - 1 or None,
         )
-    ranges = [each.soc_range for each in parts if each.soc_range is not None]
+    ranges = [part.soc_range for part in parts if part.soc_range is not None]
     if ranges:
         low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
         outside = np.flatnonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC))
@@ -259,8 +259,8 @@ def _at(result: Result, degc: float | None) -> Result:
         return result.at_temperature(degc)
     if degc is None:
         return result
-    known = [each for _, each in result.measured_at if each is not None]
-    if not any(abs(each - degc) <= SAME_DEGC for each in known):
+    known = [known_degc for _, known_degc in result.measured_at if known_degc is not None]
+    if not any(abs(known_degc - degc) <= SAME_DEGC for known_degc in known):
         told = f"is of {known[0]:.3g} degC alone" if known else "is of no known temperature"
         raise InputError(
             f"the circuit {told}, and says nothing of {degc:g} degC; leave `temperature` out, or "

@@ -87,11 +87,13 @@ def make_result(run: Run, command: Sequence[str] = ()) -> Result:
         candidates=run.candidates,
         tables=tables,
         constant=constant,
-        pulses=tuple(pulse for each in run.identification for pulse in pulses_of(each.prepared)),
+        pulses=tuple(
+            pulse for evaluation in run.identification for pulse in pulses_of(evaluation.prepared)
+        ),
         cell=problem.cell,
         inputs=(
-            *(record_part("identification", each) for each in run.identification),
-            *(record_part("validation", each) for each in run.validation),
+            *(record_part("identification", evaluation) for evaluation in run.identification),
+            *(record_part("validation", evaluation) for evaluation in run.validation),
             *(input_part("ocv", record) for record in run.ocv),
         ),
         notes=run.notes,
@@ -108,16 +110,16 @@ def _metrics_block(
 ) -> MetricsBlock:
     return MetricsBlock(
         identification=joint_metrics(name, identified),
-        jointly=tuple(metrics_part(each) for each in identified if len(identified) > 1),
-        validation=tuple(metrics_part(each) for each in validated),
+        jointly=tuple(metrics_part(evaluation) for evaluation in identified if len(identified) > 1),
+        validation=tuple(metrics_part(evaluation) for evaluation in validated),
     )
 
 
 def bands_by_soc(evaluations: Sequence[Evaluation]) -> tuple[Band, ...]:
     """The errors of several records together in each tenth of the state of charge."""
-    scored = [each.prepared.scored for each in evaluations]
-    soc = [each.prepared.soc[s] for each, s in zip(evaluations, scored, strict=True)]
-    error_v = [each.error_v[s] for each, s in zip(evaluations, scored, strict=True)]
+    scored = [evaluation.prepared.scored for evaluation in evaluations]
+    soc = [evaluation.prepared.soc[s] for evaluation, s in zip(evaluations, scored, strict=True)]
+    error_v = [evaluation.error_v[s] for evaluation, s in zip(evaluations, scored, strict=True)]
     return soc_bands(np.concatenate(soc), np.concatenate(error_v))
 
 
@@ -148,13 +150,13 @@ def _global_part(refinement: Refinement | None, optimum: GlobalOptimum) -> Globa
         return part
     gaps = [optimality_gap(seed.rmse_v, optimum.rmse_v) for seed in refinement.search.seeds]
     local = list(optimum.local_optima)
-    for each in refinement.optima:
+    for minimum in refinement.optima:
         known = [optimum.rmse_v, *(other.rmse_v for other in local)]
-        if all(abs(each.rmse_v / other - 1) > SAME_RMSE for other in known if other):
-            local.append(each)
+        if all(abs(minimum.rmse_v / other - 1) > SAME_RMSE for other in known if other):
+            local.append(minimum)
     return part.model_copy(
         update={
-            "local_optima": tuple(sorted(local, key=lambda each: each.rmse_v)),
+            "local_optima": tuple(sorted(local, key=lambda minimum: minimum.rmse_v)),
             "median_gap": float(np.median(gaps)),
             "best_gap": min(gaps),
             "refined_gap": optimality_gap(refinement.rmse_v, optimum.rmse_v),
@@ -177,7 +179,8 @@ def metrics_part(evaluation: Evaluation) -> MetricsPart:
 
 def _metrics(name: str, metrics: Metrics, evaluations: Sequence[Evaluation]) -> MetricsPart:
     above = [
-        each.error_v[each.prepared.scored & is_above(each.prepared.soc)] for each in evaluations
+        evaluation.error_v[evaluation.prepared.scored & is_above(evaluation.prepared.soc)]
+        for evaluation in evaluations
     ]
     errors_v = np.concatenate(above)
     above_v = float(np.sqrt(np.mean(errors_v**2))) if len(errors_v) else None

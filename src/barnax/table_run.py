@@ -61,17 +61,19 @@ class TableRun(Brief):
         cell: CellModel,
     ) -> "TableRun":
         """The tables on every record, each at its own temperature."""
-        own = [found.evaluate(each) for each in identified]
+        own = [found.evaluate(prepared) for prepared in identified]
         others = [
-            with_registered(evaluate_from_either(each, cell, found.evaluate), found.evaluate)
-            for each in validated
+            with_registered(evaluate_from_either(prepared, cell, found.evaluate), found.evaluate)
+            for prepared in validated
         ]
         return cls(settings, found, own, others)
 
     def median_ohm(self, name: str) -> float:
         """The median of a table over the nodes that have an interval, 0 without such."""
-        named = [each for fit in self.found.fits for each in fit.of_table(name)]
-        return float(np.median([each.value for each in named if each.low is not None] or [0.0]))
+        named = [interval for fit in self.found.fits for interval in fit.of_table(name)]
+        return float(
+            np.median([interval.value for interval in named if interval.low is not None] or [0.0])
+        )
 
     @property
     def hold_shift_ohm(self) -> float:
@@ -98,7 +100,11 @@ class TableRun(Brief):
         prepared = self.identification[0].prepared
         hold = prepared.record.hold.value
         (tau, *_) = [
-            {each.name: each.value for each in fit.intervals if each.name.startswith("tau")}
+            {
+                interval.name: interval.value
+                for interval in fit.intervals
+                if interval.name.startswith("tau")
+            }
             for fit in self.found.fits
         ]
         rungs, interval_s = rungs_of(self.found.fits[0].tables.elements), prepared.median_interval_s
@@ -106,23 +112,27 @@ class TableRun(Brief):
         least = 0.0 if len(rungs) == len(tau) else 0.5
 
         def moved(kept: float) -> float:
-            own, others = (_answer(each, max(kept, least)) for each in (hold, other))
+            own, others = (_answer(kind, max(kept, least)) for kind in (hold, other))
             return own[0] - own[1] / others[1] * others[0]
 
         return sum(
             self.median_ohm(names_beside(name).resistance)
-            * each.share
-            * moved(math.exp(-interval_s / (tau_s * each.ratio)))
+            * rung.share
+            * moved(math.exp(-interval_s / (tau_s * rung.ratio)))
             for place, (name, tau_s) in enumerate(tau.items())
-            for each in rungs
-            if each.element == place
+            for rung in rungs
+            if rung.element == place
         )
 
     @property
     def middle_r0(self) -> NodeInterval | None:
         """R0 at the node nearest to the middle of the SOC, None where no node has an interval."""
-        known = [each for each in self.found.reference.of_table(R0) if each.low is not None]
-        return min(known, key=lambda each: abs((each.soc or 0.0) - MIDDLE_SOC), default=None)
+        known = [
+            interval for interval in self.found.reference.of_table(R0) if interval.low is not None
+        ]
+        return min(
+            known, key=lambda interval: abs((interval.soc or 0.0) - MIDDLE_SOC), default=None
+        )
 
     def hold_warnings(self, problem: Problem, other: OtherHold) -> Iterator[Notice]:
         """That the other hold would move R0 in the middle of the SOC out of its interval."""
@@ -139,7 +149,8 @@ class TableRun(Brief):
             replace(
                 fit,
                 intervals=tuple(
-                    each.spanning(shifts_ohm) if each.name == R0 else each for each in fit.intervals
+                    interval.spanning(shifts_ohm) if interval.name == R0 else interval
+                    for interval in fit.intervals
                 ),
             )
             for fit in self.found.fits
@@ -175,11 +186,11 @@ def fit_over(
 def table_warnings(run: TableRun) -> Iterator[Notice]:
     """What a user should know of tables over SOC."""
     over = run.found.over_temperature
-    degc = [""] if over is None else [f" at {each:.3g} degC" for each in over.temperatures_degc]
+    degc = [""] if over is None else [f" at {degc:.3g} degC" for degc in over.temperatures_degc]
     told: dict[str, list[Notice]] = {}
     for where, fit in zip(degc, run.found.fits, strict=True):
-        for each in fit.warnings:
-            told.setdefault(str(each), []).append(each.about(f"tables over SOC{where}"))
+        for warning in fit.warnings:
+            told.setdefault(str(warning), []).append(warning.about(f"tables over SOC{where}"))
     for found in told.values():
         # What is so at every temperature is said once.
         yield from found if len(found) < len(degc) else [found[0].about("tables over SOC")]
@@ -191,8 +202,8 @@ def table_warnings(run: TableRun) -> Iterator[Notice]:
     yield from _offset_warnings(run)
     yield from _reversal_warnings(run)
     yield from _outside_warnings(run)
-    for each in run.validation:
-        yield from no_temperature(each.prepared, run.found)
+    for evaluation in run.validation:
+        yield from no_temperature(evaluation.prepared, run.found)
 
 
 def no_temperature(prepared: PreparedRecord, found: TableFits) -> Iterator[Notice]:
@@ -206,15 +217,15 @@ def no_temperature(prepared: PreparedRecord, found: TableFits) -> Iterator[Notic
 
 def _offset_warnings(run: TableRun) -> Iterator[Notice]:
     """That the records agree far better without an offset of their current, which moves R."""
-    prepared = [each.prepared for each in run.identification]
+    prepared = [evaluation.prepared for evaluation in run.identification]
     known = prepared[0].window.registration
     if known is None or known.offset_a is None or known.offset_error_a is None:
         return
     # As the files have it.
-    is_turned = {each.record.sign.value for each in prepared} == {"charge-positive"}
+    is_turned = {record.record.sign.value for record in prepared} == {"charge-positive"}
     offset_a = -known.offset_a if is_turned else known.offset_a
     told = {"offset_a": offset_a, "error_a": 2 * known.offset_error_a}
-    names = ", ".join(each.record.name for each in prepared)
+    names = ", ".join(record.record.name for record in prepared)
     hours = known.told_capacity_ah / abs(offset_a)
     yield notice("answer.current-offset", names, **told, hours=hours)
 
@@ -225,12 +236,12 @@ def _reversal_warnings(run: TableRun) -> Iterator[Notice]:
     if over is None:
         return
     by_name: dict[str, list[Reversal]] = {}
-    for each in over.reversals:
-        by_name.setdefault(each.name, []).append(each)
-    degc = ", ".join(f"{each:.3g}" for each in over.temperatures_degc)
+    for reversal in over.reversals:
+        by_name.setdefault(reversal.name, []).append(reversal)
+    degc = ", ".join(f"{degc:.3g}" for degc in over.temperatures_degc)
     for name, found in by_name.items():
-        each = found[len(found) // 2]
-        values = ", ".join(f"{1e3 * value:.3g}" for value in each.values_ohm)
+        reversal = found[len(found) // 2]
+        values = ", ".join(f"{1e3 * value:.3g}" for value in reversal.values_ohm)
         yield notice(
             "tables.not-monotone",
             name=name.partition(" ")[0],
@@ -238,30 +249,30 @@ def _reversal_warnings(run: TableRun) -> Iterator[Notice]:
             all_nodes=len(run.found.fits[0].tables.nodes),
             values_mohm=values,
             temperatures_degc=degc,
-            soc=each.soc,
+            soc=reversal.soc,
         )
 
 
 def _outside_warnings(run: TableRun) -> Iterator[Notice]:
-    for each in run.validation:
-        own = [other for other in run.identification if _is_alike(run, each, other)]
+    for evaluation in run.validation:
+        own = [other for other in run.identification if _is_alike(run, evaluation, other)]
         low, high = (
             bound([bound(other.prepared.soc[other.prepared.scored]) for other in own])
             for bound in (min, max)
         )
-        soc = each.prepared.soc[each.prepared.scored]
+        soc = evaluation.prepared.soc[evaluation.prepared.scored]
         outside = int(np.count_nonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC)))
         if outside:
             told = {"outside": outside, "samples": len(soc)}
             told |= {"low_percent": 100 * low, "high_percent": 100 * high}
-            yield notice("soc.outside-tables", each.prepared.record.name, **told)
+            yield notice("soc.outside-tables", evaluation.prepared.record.name, **told)
 
 
-def _is_alike(run: TableRun, each: Evaluation, other: Evaluation) -> bool:
+def _is_alike(run: TableRun, evaluation: Evaluation, other: Evaluation) -> bool:
     """Whether the tables of one record were identified on another: not those of another
     measured temperature; between temperatures all of them count."""
     over = run.found.over_temperature
     if over is None:
         return True
-    near = over.measured_near(each.prepared.temperature_degc or 0.0)
+    near = over.measured_near(evaluation.prepared.temperature_degc or 0.0)
     return near in (None, over.measured_near(other.prepared.temperature_degc or 0.0))

@@ -88,7 +88,7 @@ class Weighing(Brief):
     @property
     def tabulated_names(self) -> tuple[str, ...]:
         """The circuits whose tables are weighed."""
-        return tuple(each.circuit for each in self.tabulated)
+        return tuple(tables.circuit for tables in self.tabulated)
 
 
 def weigh(
@@ -111,19 +111,19 @@ def weigh(
     elif model is None:
         models = WEIGHED
     else:
-        models = (model, *(each for each in WEIGHED if each != model)) if advise else (model,)
+        models = (model, *(name for name in WEIGHED if name != model)) if advise else (model,)
     source, ranges = ranges_of(bounds)
     # The circuit that was asked for complains of what it does not have.
     known = [
         (dict(ranges or {}), dict(fix or {}))
-        if each == model
-        else (known_to(each, ranges, models), known_to(each, fix, models))
-        for each in models
+        if name == model
+        else (known_to(name, ranges, models), known_to(name, fix, models))
+        for name in models
     ]
     first = without_sweep_drop(_problem(inputs, windows, settings, models[0], source, *known[0]))
     first = with_better_hold(with_better_directions(first))
     # All have the OCV that the first circuit finds at rest, and the hold that it tells.
-    records = [each.record for each in first.prepared_records]
+    records = [prepared.record for prepared in first.prepared_records]
     inputs, problems = replace(inputs, cell=first.cell, records=records), [first]
     for name, (own_ranges, own_fix) in zip(models[1:], known[1:], strict=True):
         try:
@@ -135,7 +135,7 @@ def weigh(
                 raise
             continue
         problems.append(with_better_directions(made))
-    of = {each.circuit: each for each in problems}
+    of = {problem.circuit: problem for problem in problems}
     # Tables have no capacitance to bound or hold.
     has_farads = any(name.endswith("[F]") for name in {**(ranges or {}), **(fix or {})})
     has_tables = over is not None or (model is None and not has_farads)
@@ -219,19 +219,19 @@ def search_and_assess(
     """The search, and what does not wait for it beside it. No failure of either is swallowed."""
     problems, over = weighing.problems, settings.over or "soc"
     with threads(3) as beside:
-        tables_futures = [_fitting(beside, over, weighing, each) for each in weighing.tabulated]
+        tables_futures = [_fitting(beside, over, weighing, tables) for tables in weighing.tabulated]
         held_out_futures = [
-            beside.submit(_held_out_or_none, each, weighing.tables.get(each.circuit))
+            beside.submit(_held_out_or_none, problem, weighing.tables.get(problem.circuit))
             if weighing.fitted is None and (len(problems) > 1 or tables_futures)
             else None
-            for each in problems
+            for problem in problems
         ]
         with watch("Weighing circuits", len(problems)) as advance:
             optima = []
-            for each in problems:
-                optima.append(_optimum_or_none(each))
+            for problem in problems:
+                optima.append(_optimum_or_none(problem))
                 advance(1)
-            held_out = [each.result() if each else None for each in held_out_futures]
+            held_out = [future.result() if future else None for future in held_out_futures]
             if weighing.fitted is not None:
                 # The OCV here is that of all samples: only with its own are the errors alike.
                 crossed = weighing.fitted.reference.cross_validation
@@ -242,8 +242,8 @@ def search_and_assess(
             tables_futures.append(_fitting(beside, over, weighing, problem))
         linearization = beside.submit(compile_linearization, problem) if trust != "none" else None
         other_hold_future = beside.submit(try_other_hold, problem) if advise else None
-        jumps = [late_answers_ohm(each.record) for each in problem.prepared_records]
-        late_ohm = [each[0] + each[1] for each in jumps if each is not None]
+        jumps = [late_answers_ohm(prepared.record) for prepared in problem.prepared_records]
+        late_ohm = [jump[0] + jump[1] for jump in jumps if jump is not None]
         # Where the voltage lags, one more pair would only take that up.
         has_more = trust != "none" and not late_ohm
         more_future = beside.submit(r0_with_one_more_pair, problem) if has_more else None
@@ -271,21 +271,21 @@ def search_and_assess(
     candidates: list[Candidate] = []
     with watch("Evaluating", 0):
         identified, validated = [], []
-        for each, its, held in zip(problems, optima, held_out, strict=True):
-            parameters = answer.parameters if each is problem else its and its.parameters
+        for weighed, its, held in zip(problems, optima, held_out, strict=True):
+            parameters = answer.parameters if weighed is problem else its and its.parameters
             if parameters is None:
                 continue
             by_circuit = partial(evaluate, parameters=parameters)
-            own = [by_circuit(record) for record in each.prepared_records]
+            own = [by_circuit(record) for record in weighed.prepared_records]
             others = [
-                evaluate_from_either(record, each.cell, by_circuit)
-                for record in weighing.validation(each)
+                evaluate_from_either(record, weighed.cell, by_circuit)
+                for record in weighing.validation(weighed)
             ]
-            if each is problem:
+            if weighed is problem:
                 others = [with_registered(one, by_circuit) for one in others]
                 identified, validated = own, others
             gap = None if its is None else its.proved_gap
-            candidates.append(Candidate.of(each.circuit, None, own, others, held, gap))
+            candidates.append(Candidate.of(weighed.circuit, None, own, others, held, gap))
         table_run, best_held_out = None, held_out[place]
         for of, found in fits:
             tried = TableRun.of(
@@ -305,7 +305,8 @@ def search_and_assess(
                 table_run, best_held_out = tried, errors
     is_answer = (table_run.model, over) if table_run else (problem.circuit, None)
     told = tuple(
-        replace(each, is_answer=(each.model, each.over) == is_answer) for each in candidates
+        replace(candidate, is_answer=(candidate.model, candidate.over) == is_answer)
+        for candidate in candidates
     )
     assessment = examination = None
     with watch("Assessing", 0):
@@ -328,7 +329,7 @@ def search_and_assess(
             assessment = replace(assessment, uncertainty=known.spanning(others))
             if table_run is not None:
                 shifts_ohm = [
-                    each - table_run.median_ohm(R0) for each in (*late_ohm, *alike(best_held_out))
+                    late - table_run.median_ohm(R0) for late in (*late_ohm, *alike(best_held_out))
                 ]
                 if other_hold is not None:
                     warnings += table_run.hold_warnings(problem, other_hold)
@@ -366,7 +367,7 @@ def _alike_r0(
     """R0 in ohm of the circuits that what was held out tells no better or worse than one."""
     return [
         optimum.parameters.r0
-        for each, optimum, errors in zip(problems, optima, held_out, strict=False)
+        for problem, optimum, errors in zip(problems, optima, held_out, strict=False)
         if optimum is not None and is_alike(held, errors)
     ]
 

@@ -138,14 +138,14 @@ def compare_resistances(records: Sequence[tuple[Record, float | None]]) -> list[
     for own_ohm, record, degc in known:
         fast_s = float(np.median(record.interval_s))
         alike = [
-            (ohm, each.name)
-            for ohm, each, other in known
+            (ohm, known_record.name)
+            for ohm, known_record, other in known
             if (degc is None or other is None or abs(other - degc) <= _DEGREES)
-            and 1 / _AS_FAST <= float(np.median(each.interval_s)) / fast_s <= _AS_FAST
+            and 1 / _AS_FAST <= float(np.median(known_record.interval_s)) / fast_s <= _AS_FAST
         ]
         if len(alike) == 2:
-            alike = [each for each in alike if each[1] != record.name]
-            if any(each.values["other"] == record.name for each in found):
+            alike = [pair for pair in alike if pair[1] != record.name]
+            if any(earlier.values["other"] == record.name for earlier in found):
                 continue
         usual_ohm, other = sorted(alike)[(len(alike) - 1) // 2]
         if not 1 / _ALIKE <= own_ohm / usual_ohm <= _ALIKE:

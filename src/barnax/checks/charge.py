@@ -98,7 +98,9 @@ def _is_scaled(given: CheckInput, ratio: float) -> bool:
     assert counted_ah is not None, "both counters are there"
     passed_ah = np.cumsum(np.abs(counted_ah))
     edges = np.searchsorted(passed_ah, passed_ah[-1] * np.arange(_PARTS) / _PARTS)
-    parts = [np.add.reduceat(np.abs(each), edges) for each in (given.moved_ah, counted_ah)]
+    parts = [
+        np.add.reduceat(np.abs(charge_ah), edges) for charge_ah in (given.moved_ah, counted_ah)
+    ]
     return bool(np.all(np.abs(parts[0] / parts[1] / ratio - 1) < _SCALED))
 
 

@@ -177,7 +177,7 @@ def check_file(
             samples, found = channels.find_turn(examined.mended)
             sign, doubts = decide_sign(samples, current_sign, source.name)
             # Of a current without any sign that is told already.
-            is_told = any(each.check == "sign" for each in examined.findings)
+            is_told = any(finding.check == "sign" for finding in examined.findings)
             findings += found if is_told else [*found, *doubts]
             record = make_record(source, samples, sign, decide_hold(samples, current_hold))
             given = CheckInput(
@@ -188,14 +188,16 @@ def check_file(
             traits = traits_of(given)
             facts, roles = _facts(given), find_roles(given, traits)
     if source.name.lower().endswith(_TESTERS_OWN):
-        findings = [replace(each, values={**each.values, "edit": "exported"}) for each in findings]
+        findings = [
+            replace(finding, values={**finding.values, "edit": "exported"}) for finding in findings
+        ]
     findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
     return FileCheck(source.name, tuple(findings), facts, roles, traits)
 
 
 def _check_table(table: OcvTable) -> FileCheck:
     """What was found in a table of OCV over SOC."""
-    findings = [replace(each, subject="", severity="note") for each in table.warnings]
+    findings = [replace(warning, subject="", severity="note") for warning in table.warnings]
     for points in table.branches.values():
         fall = find_fall(points)
         if fall:

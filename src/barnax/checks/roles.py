@@ -175,8 +175,8 @@ def roles_of_table(table: OcvTable) -> tuple[Role, ...]:
     names = {DISCHARGE: "discharge: ", CHARGE: "charge: "}
     reason = "; ".join(
         f"{names.get(direction, '')}{len(points)} points, SOC {points[0].soc:.4g} to "
-        f"{points[-1].soc:.4g}, {min(each.voltage_v for each in points):.3f} to "
-        f"{max(each.voltage_v for each in points):.3f} V, {_rising(points)}"
+        f"{points[-1].soc:.4g}, {min(point.voltage_v for point in points):.3f} to "
+        f"{max(point.voltage_v for point in points):.3f} V, {_rising(points)}"
         for direction, points in table.branches.items()
     )
     others = ("identification", "validation")
@@ -203,7 +203,9 @@ def _ocv_test(given: CheckInput) -> Role:
         return Role(name, False, given.sweeps)
     try:
         by_direction = {
-            direction: join_sweeps([each for each in given.sweeps if each.direction == direction])
+            direction: join_sweeps(
+                [sweep for sweep in given.sweeps if sweep.direction == direction]
+            )
             for direction in dict.fromkeys(sweep.direction for sweep in given.sweeps)
         }
         if given.capacity_ah is not None:

@@ -53,12 +53,12 @@ def _left_v(
         return None
     soc = 1 - (out_ah - out_ah.min()) / np.ptp(out_ah)
     between = (soc[1:] + soc[:-1]) / 2
-    columns = [np.diff(current_a) * each for each in _hats(between, 0.0, _R0_NODES)]
+    columns = [np.diff(current_a) * hat for hat in _hats(between, 0.0, _R0_NODES)]
     for rows in _TAUS:
         kept = np.exp(-1 / rows)
         answer = np.diff(lfilter([0.0, 1 - kept], [1.0, -kept], current_a))
         columns += [answer, answer * between] if rows < _TAUS[2] else [answer]
-    columns += [np.diff(each) for each in _hats(soc, 0.1, _OCV_NODES)[1:]]
+    columns += [np.diff(hat) for hat in _hats(soc, 0.1, _OCV_NODES)[1:]]
     columns += [current_a[1:], current_a[:-1], np.ones(len(between))]
     table = np.column_stack(columns)
     is_inside = (between > _INSIDE[0]) & (between < _INSIDE[1])

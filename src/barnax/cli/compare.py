@@ -127,7 +127,9 @@ def _show(
 
     document = comparison_document(result, (), seconds)
     if not is_verbose:
-        kept = [each for each in document.sections if each.title.partition(":")[0] in SHOWN]
+        kept = [
+            section for section in document.sections if section.title.partition(":")[0] in SHOWN
+        ]
         document = replace(document, sections=tuple(kept))
     session.show(to_terminal(document.with_option_names(as_flags)))
     session.warn(result.warnings)
@@ -204,9 +206,9 @@ def optimizers() -> None:
         "Evaluations per iteration, with a population of 30.",
         summarize_optimizers(),
         {
-            "name": lambda each: each.name,
-            "evaluations": lambda each: str(each.evaluations_per_iteration),
-            "what it is": lambda each: each.source,
+            "name": lambda optimizer: optimizer.name,
+            "evaluations": lambda optimizer: str(optimizer.evaluations_per_iteration),
+            "what it is": lambda optimizer: optimizer.source,
         },
         ["name", "what it is"],
     )

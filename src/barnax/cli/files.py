@@ -77,25 +77,25 @@ def check(what: Checked) -> None:
         try:
             with session.watch(f"Looking at {file.name}"):
                 source = read_source(file, **what.read)
-                each = check_file(
+                check = check_file(
                     source, capacity_ah=what.capacity, rest_current_a=what.rest_current
                 )
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})
             continue
-        found.append(each)
-        listed.append(each.to_dict())
-        session.show(to_terminal(check_document(each).with_option_names(as_flags)))
+        found.append(check)
+        listed.append(check.to_dict())
+        session.show(to_terminal(check_document(check).with_option_names(as_flags)))
         if what.quiet:
-            session.warn(finding_line(each.file, one) for one in each.findings if one.counts)
+            session.warn(finding_line(check.file, one) for one in check.findings if one.counts)
     if what.as_json:
         document = {"schema_version": SCHEMA_VERSION, "files": listed}
         typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
     session.show([count_sentence(found, len(unreadable))])
     if unreadable:
         raise InputError("\n".join(unreadable))
-    if not all(each.is_clean for each in found):
+    if not all(check.is_clean for check in found):
         raise typer.Exit(FINDINGS)
 
 
@@ -146,11 +146,11 @@ def convert(what: Converted) -> None:
         found = check_file(source, **how.options()).findings
     for name, content in bdf_files(record, path.name).items():
         write_file(path.with_name(name), content)
-    told = [each.about(record.name) for each in found if each.counts]
+    told = [finding.about(record.name) for finding in found if finding.counts]
     session.warn(dict.fromkeys([*record.warnings, *told]))
-    for each in found:
-        if not each.counts:
-            session.note(str(each.about(record.name)))
+    for finding in found:
+        if not finding.counts:
+            session.note(str(finding.about(record.name)))
     session.show([f"Battery Data Format, {record.samples:,} samples: [bold]{shown(path)}[/bold]"])
 
 
@@ -225,7 +225,7 @@ def export(chosen: ExportChoices) -> None:
 
 
 def _verification(found: "Verification") -> str:
-    degc = ", ".join(f"{each:.3g}" for each in found.temperatures_degc)
+    degc = ", ".join(f"{degc:.3g}" for degc in found.temperatures_degc)
     at = f" at each of {degc} degC" if degc else ""
     text = (
         f"Largest difference from barnax in {found.package} {found.version}, over {found.samples} "

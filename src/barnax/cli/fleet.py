@@ -151,9 +151,9 @@ class FleetOptions:
         """What a row has where the manifest leaves it open."""
         files = {"ocv": self.files.ocv, "validate": self.files.validate}
         given = {
-            name: [each.absolute() for each in paths] for name, paths in files.items() if paths
+            name: [path.absolute() for path in paths] for name, paths in files.items() if paths
         }
-        given |= {name: each[-1] for name, each in self.of_records.given.items()}
+        given |= {name: values[-1] for name, values in self.of_records.given.items()}
         given |= {**self.files.cell, **self.files.read}
         for name in ("bounds", "cell"):
             if value := getattr(self.search, name):
@@ -185,7 +185,7 @@ def fleet(given: FleetOptions) -> None:
     else:
         from ..fleet.regroup import regrouped
 
-        columns = tuple(each.strip() for each in given.kept.group.split(","))
+        columns = tuple(name.strip() for name in given.kept.group.split(","))
         cells, carried = regrouped(where, columns), columns
     session.note(_what_is_there(cells, carried))
     prepare_process()

@@ -138,11 +138,11 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         from ..reporting.terminal import to_terminal
 
     job = Job(**options.given([]), watch=session.watch)
-    known = {each.name for each in fields(TableOptions)} | {"bounds", "fix", "watch", "command"}
+    known = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch", "command"}
     chosen = options.chosen
     shown = {"json": options.output.as_json, "report": chosen.report, "live": chosen.live}
     shown |= {"paper": chosen.paper, "design": chosen.design}
-    idle = [*(job.chosen.keys() - known), *(name for name, each in shown.items() if each)]
+    idle = [*(job.chosen.keys() - known), *(name for name, value in shown.items() if value)]
     if idle:
         first = min(idle)
         what = "a window, `initial_soc` or `capacity`" if first == "window" else f"`{first}`"
@@ -150,7 +150,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
             f"{what} does nothing for factor files, whose records were read and set up when "
             "they were kept; leave it out, or identify on the records"
         )
-    kept = [each for path in paths for each in read_factors(path)]
+    kept = [record for path in paths for record in read_factors(path)]
     fit = fit_kept(kept, bounded_tables(job, but="[F]"))
     session.show(to_terminal(kept_document(kept, fit)))
     if folder := options.output.out:
@@ -256,8 +256,8 @@ def result_files(
         with column_width():
             tables |= paper_files(identification_illustrations(result))
     if not (report or live):
-        drawn = [each for each in identification_illustrations(result) if each.is_main]
-        return tables | {f"figures/{each.name}.png": each.png for each in drawn}
+        drawn = [figure for figure in identification_illustrations(result) if figure.is_main]
+        return tables | {f"figures/{figure.name}.png": figure.png for figure in drawn}
     drawn = identification_illustrations(result, live=live)
     return tables | report_files(
         identification_document(result, drawn).with_option_names(as_flags), drawn
@@ -356,7 +356,7 @@ def _words(name: str, value: Any, of: str = "") -> list[str]:
         flags = FLAGS.get(name, f"{flag}/{flag.replace('--', '--no-')}").split("/")
         return flags[:1] if value else flags[1:]
     if isinstance(value, Mapping):
-        return [word for key, each in value.items() for word in (flag, f"{key}={each}")]
+        return [word for key, part in value.items() for word in (flag, f"{key}={part}")]
     if isinstance(value, tuple):
         value = ",".join(map(str, value))
     return [flag, f"{of}{value.name if isinstance(value, Path) else value}"]

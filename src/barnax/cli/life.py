@@ -68,10 +68,10 @@ def life(given: LifeOptions, output: Output) -> None:
             raise InputError(f"`false_alarms` {given.false_alarms:g}: give a rate such as 0.005")
         asked = given.age, given.by, given.throughput, given.false_alarms, given.key
         found = life_of(read_fleet(given.dataset), *asked)
-    unknown = [each for each in given.cell or () if each not in found.cells]
+    unknown = [name for name in given.cell or () if name not in found.cells]
     if unknown:
         raise InputError(f"`cell` {unknown[0]!r}: no cell of {given.dataset} is called so")
-    odd = list(dict.fromkeys(each.cell for each in found.faults))[:MOST_PAGES]
+    odd = list(dict.fromkeys(fault.cell for fault in found.faults))[:MOST_PAGES]
     pages = dict.fromkeys([*(given.cell or ()), *odd])
 
     def files() -> dict[str, bytes]:
@@ -106,5 +106,5 @@ def _pages(found: "Life", cells: Iterable[str]) -> dict[str, bytes]:
 
 def _file_name(cell: str) -> str:
     """A name that is one of a file in its folder."""
-    kept = "".join(each if each.isalnum() or each in "-_ " else "-" for each in cell)
+    kept = "".join(letter if letter.isalnum() or letter in "-_ " else "-" for letter in cell)
     return kept[:100] or "cell"

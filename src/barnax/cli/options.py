@@ -152,38 +152,40 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def spread(context: typer.Context, **given: Any) -> None:
         sources = {name: context.get_parameter_source(name) for name in given}
-        typed = {name for name, each in sources.items() if each and each.name == "COMMANDLINE"}
-        command(**{name: _made(each, given, typed) for name, each in groups.items()})
+        typed = {
+            name for name, source in sources.items() if source and source.name == "COMMANDLINE"
+        }
+        command(**{name: _made(kind, given, typed) for name, kind in groups.items()})
 
     spelled = [_parameter("context", typer.Context, inspect.Parameter.empty)]
-    spelled += [each for of in groups.values() for each in _spelled(of)]
+    spelled += [parameter for of in groups.values() for parameter in _spelled(of)]
     spread.__signature__ = inspect.Signature(spelled)  # pyright: ignore
-    spread.__annotations__ = {each.name: each.annotation for each in spelled}
+    spread.__annotations__ = {parameter.name: parameter.annotation for parameter in spelled}
     return spread
 
 
 def _spelled(group: Any) -> Iterator[inspect.Parameter]:
     hints = get_type_hints(group)
-    for each in fields(group):
-        hint, declared = hints[each.name], each.metadata.get(DECLARED)
+    for member in fields(group):
+        hint, declared = hints[member.name], member.metadata.get(DECLARED)
         if declared is None:
             yield from _spelled(hint)
         elif isinstance(declared, dict):
             yield from declared.values()
         else:
-            yield _parameter(each.name, hint, declared)
+            yield _parameter(member.name, hint, declared)
 
 
 def _made(group: Any, given: Mapping[str, Any], typed: Collection[str]) -> Any:
     hints, values = get_type_hints(group), {}
-    for each in fields(group):
-        declared = each.metadata.get(DECLARED)
+    for member in fields(group):
+        declared = member.metadata.get(DECLARED)
         if declared is None:
-            values[each.name] = _made(hints[each.name], given, typed)
+            values[member.name] = _made(hints[member.name], given, typed)
         elif isinstance(declared, dict):
-            values[each.name] = {name: given[name] for name in declared if name in typed}
+            values[member.name] = {name: given[name] for name in declared if name in typed}
         else:
-            values[each.name] = given[each.name]
+            values[member.name] = given[member.name]
     return group(**values)
 
 
@@ -321,7 +323,9 @@ def run_options(
         **files.cell,
         **files.read,
         **search.settings,
-        "command": command_line(file_names([path for each in paths.values() for path in each])),
+        "command": command_line(
+            file_names([path for several in paths.values() for path in several])
+        ),
     }
 
 

@@ -127,7 +127,7 @@ def show(of: Shown) -> None:
 def _names(paths: list[Path]) -> tuple[str, ...]:
     """What results are called: their folders, or the files where one folder holds several."""
     folders = [path if path.is_dir() else path.resolve().parent for path in paths]
-    names = tuple(each.resolve().name for each in folders)
+    names = tuple(folder.resolve().name for folder in folders)
     return names if len({*names}) == len(names) else tuple(map(str, paths))
 
 
@@ -300,7 +300,7 @@ def rerun(of: Rerun) -> None:
     if repeated.to_json() == stored.to_json():
         session.show(["The result is the same, byte for byte."])
         return
-    old_v, new_v = (each.metrics.identification.rmse_v for each in (stored, repeated))
+    old_v, new_v = (result.metrics.identification.rmse_v for result in (stored, repeated))
     session.show(_differences(stored, repeated))
     if abs(new_v / old_v - 1) <= REPRODUCED_RMSE:
         session.show([f"The error agrees to {abs(new_v / old_v - 1):.1e}."])
@@ -318,7 +318,7 @@ def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str
     from ..records import find_file
     from ..reopening import PART
 
-    hashes = {PART.sub("", each.name): each.sha256 for each in stored.inputs}
+    hashes = {PART.sub("", part.name): part.sha256 for part in stored.inputs}
     words = []
     for before, word in itertools.pairwise(stored.command):
         option, equals, name = word.partition("=") if word.startswith("--") else ("", "", word)
@@ -349,7 +349,7 @@ def _differences(stored: "Result", repeated: "Result") -> list[str]:
         for name, old in stored.versions.items()
         if repeated.versions.get(name) != old
     ]
-    entries = [set(_entries(json.loads(each.to_json()))) for each in (stored, repeated)]
+    entries = [set(_entries(json.loads(result.to_json()))) for result in (stored, repeated)]
     names = list(dict.fromkeys(place for place, _ in sorted(entries[0] ^ entries[1])))
     first = ", ".join(names[:3])
     return [*lines, f"{len(names)} entries differ from the stored ones, such as {shown(first)}."]

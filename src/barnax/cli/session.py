@@ -131,13 +131,13 @@ class Session:
 
     def tell(self, notes: Iterable[object]) -> None:
         """Print what was done with the inputs to stderr, unless the command is quiet."""
-        for each in () if self._is_quiet else notes:
-            self._notes.print("[dim]note:[/dim]", shown(as_flags(str(each))), soft_wrap=True)
+        for note in () if self._is_quiet else notes:
+            self._notes.print("[dim]note:[/dim]", shown(as_flags(str(note))), soft_wrap=True)
 
     def warn(self, warnings: Iterable[object]) -> None:
         """Print warnings to stderr, even where the command is quiet."""
-        for each in warnings:
-            text = shown(as_flags(str(each)))
+        for warning in warnings:
+            text = shown(as_flags(str(warning)))
             self._notes.print("[yellow]warning:[/yellow]", text, soft_wrap=True)
 
     @property

@@ -56,7 +56,9 @@ def write_c_filter(result: Result) -> Export:
     if result.tables is not None and over is not None:
         degc = result.tables.found.reference_degc or 0.0
         result = result.at_temperature(degc)
-        others = ", ".join(f"{each:.3g}" for each in over.temperatures_degc if each != degc)
+        others = ", ".join(
+            f"{own_degc:.3g}" for own_degc in over.temperatures_degc if own_degc != degc
+        )
         caveats = (
             f"The filter has one temperature: all of it is for {degc:.3g} degC, and nothing "
             f"identified at {others} degC is in it.",
@@ -144,7 +146,7 @@ def _points(
     degc: Sequence[float] | None = None,
 ) -> Iterator[tuple[str, float, str]]:
     """A row a point, at each temperature in turn where there are several."""
-    where_at = [""] if degc is None else [f", {each!r}" for each in degc]
+    where_at = [""] if degc is None else [f", {own_degc!r}" for own_degc in degc]
     for where, row in zip(where_at, np.atleast_2d(values).tolist(), strict=True):
         for at, value in zip(soc.tolist(), row, strict=True):
             yield f"{name}({at!r}{where})", value, unit

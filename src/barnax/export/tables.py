@@ -111,11 +111,11 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     resistances = parameters.ohm
     if found and found.tables is not None:
         degc = _with_some_between(found.tables.temperatures_degc)
-        cells, place = [result.cell.at(each) for each in degc], degc.index(reference)
-        over_soc = [found.tables.at(each) for each in degc]
+        cells, place = [result.cell.at(own_degc) for own_degc in degc], degc.index(reference)
+        over_soc = [found.tables.at(own_degc) for own_degc in degc]
     elif found:
         over_soc = [found.reference.tables]
-    over_soc = [_from_empty_to_full(each.laddered()) for each in over_soc]
+    over_soc = [_from_empty_to_full(tables.laddered()) for tables in over_soc]
     if over_soc:
         # R0, R1 and so on first, then the temperatures.
         resistances = np.stack([tables.ohm for tables in over_soc], axis=1)
@@ -131,7 +131,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         gamma=constants.gamma,
         nodes=over_soc[0].nodes if over_soc else None,
         degc=degc,
-        resistances={f"R{number}": each for number, each in enumerate(resistances)},
+        resistances={f"R{number}": values for number, values in enumerate(resistances)},
         capacity_ah=cell.capacity_ah,
         initial_soc=result.initial_soc,
         initial_direction=result.start_direction,
@@ -147,10 +147,10 @@ def _ladders(circuit: Circuit) -> tuple[str, ...]:
     """Which elements are written as RC pairs."""
     names, pairs = names_of(circuit.elements), 0
     told = []
-    for element, each in zip(circuit.elements, names, strict=True):
+    for element, own in zip(circuit.elements, names, strict=True):
         count = len(get_element(element).shares)
         if count > 1:
-            resistance, tau = (name.partition(" ")[0] for name in each[:2])
+            resistance, tau = (name.partition(" ")[0] for name in own[:2])
             told.append(
                 f"{resistance} and {tau}, {get_element(element).description}, are written as the "
                 f"{count} RC pairs that the element is computed with: "
@@ -181,7 +181,7 @@ def _ocv(
         for cell in cells
     ]
     nodes = np.array(over_soc[0].nodes if over_soc else [])
-    points = np.concatenate([nodes, *(each.soc for each in means)])
+    points = np.concatenate([nodes, *(mean.soc for mean in means)])
     soc = np.unique(np.round(points, DIGITS_SOC))
     ocv_v = np.array([mean(soc) for mean in means])
     for row_v, tables in zip(ocv_v, over_soc, strict=False):
@@ -250,7 +250,7 @@ def _caveats(
     """Which nodes mean nothing by themselves, and which temperatures were not measured; nothing
     where all were."""
     told, over = [], result.tables and result.tables.over_temperature
-    unseen = ~np.all([each.visited for each in over_soc], axis=0)
+    unseen = ~np.all([tables.visited for tables in over_soc], axis=0)
     if unseen.any():
         nodes = ", ".join(f"{node:g}" for node in np.array(over_soc[0].nodes)[unseen])
         where = ", at one temperature or more" if over else ""
@@ -264,8 +264,8 @@ def _caveats(
         )
     # Between measured temperatures it lies between theirs.
     fits = result.tables.fits if over and result.tables else ()
-    own = [each.tables for each in fits] if len(over_soc) > 1 else over_soc
-    for known in (each.dependence for each in own if each.dependence is not None):
+    own = [fit.tables for fit in fits] if len(over_soc) > 1 else over_soc
+    for known in (tables.dependence for tables in own if tables.dependence is not None):
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in known.numbers.items())
         at = "" if known.reference_degc is None else f", at {known.reference_degc:.3g} degC"
         told.append(
@@ -274,16 +274,16 @@ def _caveats(
         )
     if not over:
         return tuple(told)
-    degc = ", ".join(f"{each:.3g}" for each in over.temperatures_degc)
+    degc = ", ".join(f"{own_degc:.3g}" for own_degc in over.temperatures_degc)
     text = (
         f"Identified at {degc} degC. Between these, the logarithm of the resistances is "
         "interpolated over 1/T; beyond them, the tables of the nearest temperature apply."
     )
     if kind != "none":
         text += " The hysteresis voltage is that of the temperature nearest to 25 degC."
-    capacities_ah = [result.cell_at(each).capacity_ah for each in over.temperatures_degc]
+    capacities_ah = [result.cell_at(own_degc).capacity_ah for own_degc in over.temperatures_degc]
     if len(set(capacities_ah)) > 1:
-        own_ah = ", ".join(f"{each:.4g}" for each in capacities_ah)
+        own_ah = ", ".join(f"{capacity_ah:.4g}" for capacity_ah in capacities_ah)
         text += f" So is the capacity; at {degc} degC it was {own_ah} Ah."
     return (*told, text)
 
@@ -292,9 +292,10 @@ def _not_determined(result: Result) -> str:
     """The resistances that the samples near a node do not tell, with the SOC of the node."""
     found: dict[str, set[float]] = {}
     for fit in result.tables.fits if result.tables else ():
-        for each in fit.intervals:
-            if each.soc is not None and each.low is None and each.name.endswith("[Ohm]"):
-                found.setdefault(each.name.partition(" ")[0], set()).add(each.soc)
+        for interval in fit.intervals:
+            name, _, unit = interval.name.partition(" ")
+            if interval.soc is not None and interval.low is None and unit == "[Ohm]":
+                found.setdefault(name, set()).add(interval.soc)
     return "; ".join(
         f"{name} at SOC {', '.join(f'{soc:g}' for soc in sorted(at))}" for name, at in found.items()
     )

@@ -86,7 +86,9 @@ def verify(
             cell = replace(here.cell, capacity_ah=tables_of(result).capacity_ah)
             here = here.model_copy(update={"cell": cell})
         found.append(_differences(here, simulate, content, there))
-    differences_v, without_v, turns_v = (np.concatenate(each) for each in zip(*found, strict=True))
+    differences_v, without_v, turns_v = (
+        np.concatenate(parts) for parts in zip(*found, strict=True)
+    )
     return Verification(
         package=package,
         version=importlib.metadata.version(package),

@@ -107,7 +107,7 @@ def _joined(frames: Sequence[pl.DataFrame]) -> pl.DataFrame:
         if len(found) > 1 and not all(dtype.is_numeric() for dtype in found)
     }
     alike = [
-        frame.with_columns(_text(each, frame[each].to_list()) for each in mixed & {*frame.columns})
+        frame.with_columns(_text(name, frame[name].to_list()) for name in mixed & {*frame.columns})
         for frame in frames
     ]
     return pl.concat(alike, how="diagonal_relaxed")
@@ -226,7 +226,7 @@ def read_rows(
         return pl.DataFrame(schema=dict.fromkeys(names, pl.String))
     # Of one time, a part is newer than a file that takes parts in.
     found.reverse()
-    found.sort(key=lambda each: each[0])
+    found.sort(key=lambda dated: dated[0])
     rows = _joined([frame for _, frame in found])
     return rows.unique("id", keep="last", maintain_order=True).sort("id")
 

@@ -109,7 +109,7 @@ def identify_fleet(
     def wanted(done: Mapping[str, tuple[str, bool]]) -> Iterator[tuple[str, FleetCell]]:
         """The cells that have no row of these inputs and settings yet; the others are counted."""
         nonlocal state
-        given = (each if isinstance(each, FleetCell) else cell_of(each) for each in cells)
+        given = (cell if isinstance(cell, FleetCell) else cell_of(cell) for cell in cells)
         for cell in distinct(given):
             if not in_shard(cell, shard):
                 continue
@@ -185,7 +185,7 @@ def _run(
             break
         lost: list[Batch] = []
         done = wait(waiting, return_when=FIRST_COMPLETED).done
-        if any(isinstance(each.exception(), BrokenExecutor) for each in done):
+        if any(isinstance(future.exception(), BrokenExecutor) for future in done):
             # The others fail as well, but not at once.
             done = wait(waiting).done
         for future in done:
@@ -197,7 +197,9 @@ def _run(
                 yield future.result()
         if lost:
             executor = reopen()
-            at = [marked_place(folder, batch_name([print_ for print_, _ in each])) for each in lost]
+            at = [
+                marked_place(folder, batch_name([print_ for print_, _ in batch])) for batch in lost
+            ]
             breaks = breaks + 1 if all(place is None for place in at) else 0
             if breaks == FEW:
                 raise BrokenExecutor(

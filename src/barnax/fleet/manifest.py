@@ -69,7 +69,7 @@ class FleetCell:
     @property
     def files(self) -> tuple[str, ...]:
         """Every file that its row depends on."""
-        more = [each for each in (self.cell, self.bounds) if each]
+        more = [path for path in (self.cell, self.bounds) if path]
         return (*self.records, *self.ocv, *self.validate, *more)
 
     def fingerprint(self, settings: Mapping[str, Any]) -> str:
@@ -147,9 +147,9 @@ def read_manifest(
     place = located(path)
     if place.is_dir():
         rows = [
-            {"id": each.name, "records": [f"{glob.escape(each.name)}/*"]}
-            for each in sorted(place.iterdir())
-            if each.is_dir()
+            {"id": item.name, "records": [f"{glob.escape(item.name)}/*"]}
+            for item in sorted(place.iterdir())
+            if item.is_dir()
         ]
         cells = [cell_of({**(defaults or {}), **row}, place) for row in rows]
         if not cells:
@@ -173,16 +173,16 @@ def read_manifest(
 def _confined(cells: Iterable[FleetCell], allowed: list[str], where: str) -> Iterator[FleetCell]:
     """The cells; raises `InputError` where one reads at an address that is not allowed: a manifest
     of somebody else could ask servers that only this machine reaches."""
-    roots = tuple(each.rstrip("/") + "/" for each in allowed)
+    roots = tuple(address.rstrip("/") + "/" for address in allowed)
     for cell in cells:
-        for each in filter(is_address, cell.files):
+        for address in filter(is_address, cell.files):
             # fsspec chains addresses with ::, and servers resolve what is escaped.
-            is_plain = "::" not in each and ".." not in re.split(r"[/\\]", unquote(each))
-            if not (is_plain and each.startswith(roots)):
+            is_plain = "::" not in address and ".." not in re.split(r"[/\\]", unquote(address))
+            if not (is_plain and address.startswith(roots)):
                 raise InputError(
-                    f"{where}: {cut(cell.id, LONGEST_NAME)} reads {cut(each, LONGEST_NAME)}, which "
-                    "is not below an address that you allowed; if you trust the manifest, allow it "
-                    "with `addresses`, as in s3://bucket/logs"
+                    f"{where}: {cut(cell.id, LONGEST_NAME)} reads {cut(address, LONGEST_NAME)}, "
+                    "which is not below an address that you allowed; if you trust the manifest, allow "
+                    "it with `addresses`, as in s3://bucket/logs"
                 )
         yield cell
 
@@ -208,7 +208,7 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             document = tomllib.loads(path.read_text(encoding="utf-8"))
             defaults, rows = document.pop("defaults", {}), document.pop("cell", [])
             tables = [defaults, *rows] if isinstance(rows, list) else [None]
-            if document or not all(isinstance(each, dict) for each in tables):
+            if document or not all(isinstance(table, dict) for table in tables):
                 raise InputError(
                     f"{path}: must contain [[cell]] tables and [defaults]; it contains "
                     f"{listed(document) or 'them in another form'}"
@@ -263,14 +263,14 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
         raise InputError(
             f"{where}: an id is the name of a folder too; write one without / and \\, not . or .."
         )
-    carried = {each: row[each] for each in row if each not in KNOWN and each != "problem"}
-    taken = listed([each for each in carried if OWN.fullmatch(each)])
+    carried = {name: row[name] for name in row if name not in KNOWN and name != "problem"}
+    taken = listed([name for name in carried if OWN.fullmatch(name)])
     if taken:
         raise InputError(f"{where}: the dataset has its own {taken}; rename the column")
     missing: list[str] = []
     records, ocv, validate, models, bounds = (
-        tuple(_found(row.get(each), folder, missing, f"{where}: `{each}`"))
-        for each in (*FILES, "cell", "bounds")
+        tuple(_found(row.get(column), folder, missing, f"{where}: `{column}`"))
+        for column in (*FILES, "cell", "bounds")
     )
     if not row.get("records") and "problem" not in row:
         raise InputError(f"{where}: no record; give files in the column records")
@@ -283,7 +283,7 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
         bounds=next(iter(bounds), None),
         window=_window(row, where),
         validate_window=_window(row, where, OF_VALIDATION),
-        options={each: row[each] for each in OPTIONS if each in row},
+        options={option: row[option] for option in OPTIONS if option in row},
         carried=carried,
         missing=tuple(missing),
         problem=row.get("problem"),
@@ -326,12 +326,12 @@ def _found(value: Any, folder: Path, missing: list[str], where: str) -> Iterator
         place = folder / pattern
         # The folder's own name is none.
         inside = [] if place.exists() else glob.glob(pattern, root_dir=folder, recursive=True)
-        found = [str(place)] if place.exists() else sorted(str(folder / each) for each in inside)
+        found = [str(place)] if place.exists() else sorted(str(folder / name) for name in inside)
         # To read from a pipe may never end; a folder is for its reader to refuse.
-        odd = [each for each in found if not (os.path.isfile(each) or os.path.isdir(each))]
-        missing += [f"{each} is a pipe or a device" for each in odd]
+        odd = [path for path in found if not (os.path.isfile(path) or os.path.isdir(path))]
+        missing += [f"{path} is a pipe or a device" for path in odd]
         missing += [] if found else [f"{pattern} does not exist"]
-        yield from (each for each in found if each not in odd)
+        yield from (path for path in found if path not in odd)
 
 
 def _stored(pattern: str, folder: Any, missing: list[str], where: str) -> Iterator[str]:

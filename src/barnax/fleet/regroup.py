@@ -48,7 +48,7 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
         name = ", ".join(map(str, values)).replace("/", "-").replace("\\", "-")
         carried = dict(zip(group, values, strict=True))
         if name in cells:
-            others = [cells[name].carried.get(each, name) for each in group]
+            others = [cells[name].carried.get(column, name) for column in group]
             raise InputError(
                 f"{out}: the groups {listed(map(str, others))} and {listed(map(str, values))} "
                 f"would both be called {name!r}; change these values in a column of the "

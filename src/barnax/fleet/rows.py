@@ -80,20 +80,20 @@ def identify_cell(
             if pack is not None and of_pack is not None:
                 of_pack += [{**own, **cell.carried} for own in pack_rows(pack, cell.id)]
             if settings.get("ageing"):
-                records = [each.prepared for each in result.run.identification]
+                records = [evaluation.prepared for evaluation in result.run.identification]
                 row |= ageing_row(records, is_own=not cell.ocv and cell.cell is None)
             if out is not None and settings.get("keep_results"):
                 keep_result(out, cell.id, result.to_json())
             if out is not None and (kind := settings.get("keep_factors")):
                 grid = Grid(nodes=CONSTANT) if kind == "constants" else Grid()
-                used = [each.prepared for each in result.run.identification]
-                kept = [keep(each, grid) for each in used]
+                used = [evaluation.prepared for evaluation in result.run.identification]
+                kept = [keep(prepared, grid) for prepared in used]
                 row["factor bytes"] = keep_factors(out, cell.id, factors_to_bytes(kept))
                 if pack is not None and of_pack:
-                    names = [each.name for each in pack.fit.cells]
+                    names = [cell.name for cell in pack.fit.cells]
                     cells = keep_all(used[0], grid, pack.beside_v, names)
-                    for own, each in zip(of_pack, cells, strict=True):
-                        size = keep_factors(out, own["id"], factors_to_bytes([each]))
+                    for own, factors in zip(of_pack, cells, strict=True):
+                        size = keep_factors(out, own["id"], factors_to_bytes([factors]))
                         own["factor bytes"] = size
     except InputError as problem:
         # One sentence, and what is told of each file of a folder with the warnings.
@@ -134,8 +134,8 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     )  # fmt: skip
     result = identify(job.changed(ocv=known.tests, cell=known.model))
     run = result.run
-    used = [each.prepared for each in (*run.identification, *run.validation)]
-    measured = [(each.record.name, each.temperature_degc) for each in used]
+    used = [evaluation.prepared for evaluation in (*run.identification, *run.validation)]
+    measured = [(prepared.record.name, prepared.temperature_degc) for prepared in used]
     more = compare_temperatures(measured, known.temperatures_degc)
     return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
 
@@ -145,7 +145,7 @@ def _identified_pack(cell: FleetCell, settings: Mapping[str, Any]) -> Pack:
     if cell.missing or len(cell.records) != 1:
         why = "; ".join(cell.missing) or "a pack is one file with all its cells"
         raise InputError(f"{why}: correct the manifest")
-    options = {name: each for name, each in cell.options.items() if name != "pack_cells"}
+    options = {name: value for name, value in cell.options.items() if name != "pack_cells"}
     given = {**settings, **options, "over": "soc"}
     job = job_of(given).changed(window=_windows(cell), bounds=cell.bounds)
     asked = str(cell.options["pack_cells"])
@@ -157,11 +157,11 @@ def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
     """The rows of a pack's cells, as a fleet's dataset has them."""
     rows, result = [], pack.result
     samples = result.metrics.identification.samples
-    for own, each in zip(pack.rows(), pack.fit.cells, strict=True):
+    for own, fitted in zip(pack.rows(), pack.fit.cells, strict=True):
         plain = str(own.pop("cell")).replace("/", "-").replace("\\", "-")
         row: dict[str, Any] = {"id": f"{name} {plain}", "error": None, "error code": None}
         row |= {"circuit": result.run.tables and result.run.tables.model, "pack": name}
-        row |= {"samples": samples, **own, **each.tables.constants}
+        row |= {"samples": samples, **own, **fitted.tables.constants}
         row |= {"answer": "tables over SOC", "certified": False, "at bound": ""}
         rows.append(row | {"warnings": [], "warning codes": []})
     return rows
@@ -171,8 +171,8 @@ def ageing_row(records: Sequence[PreparedRecord], *, is_own: bool = False) -> di
     """What the records of a cell at one age tell of its ageing, under "aged" names; `is_own` where
     no other records, and no OCV test, told its OCV."""
     passed_as = sum(
-        float(np.abs(each.record.interval_current_a) @ np.diff(each.record.time_s))
-        for each in records
+        float(np.abs(prepared.record.interval_current_a) @ np.diff(prepared.record.time_s))
+        for prepared in records
     )
     ocv_v = records[0].cell.average_ocv_v(OCV_NODES)
     row: dict[str, Any] = {
@@ -185,10 +185,11 @@ def ageing_row(records: Sequence[PreparedRecord], *, is_own: bool = False) -> di
             records, TableSettings(), is_own=is_own and records[0].cell.is_of_records
         )
     for name in AGED:
-        each = told.get(name)
-        row[f"aged {name}"] = each and each.value
-        row[f"aged {name} low"], row[f"aged {name} high"] = each and each.low, each and each.high
-        row[f"aged {name} by OCV"] = each and [*each.by_ocv]
+        value = told.get(name)
+        row[f"aged {name}"] = value and value.value
+        row[f"aged {name} low"] = value and value.low
+        row[f"aged {name} high"] = value and value.high
+        row[f"aged {name} by OCV"] = value and [*value.by_ocv]
     return row
 
 
@@ -196,17 +197,17 @@ def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:
     """The row of records of which only factors were kept, without where it is of."""
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
-    kept = [each for path in cell.records for each in read_factors(path)]
+    kept = [record for path in cell.records for record in read_factors(path)]
     job = job_of(settings).changed(**cell.options, bounds=cell.bounds)
     fit = fit_kept(kept, bounded_tables(job, but="[F]"))
-    counts = [each.scored for each in kept]
+    counts = [record.scored for record in kept]
     whole_v = float(np.sqrt(np.average([e.rmse_v**2 for e in fit.errors], weights=counts)))
     is_constant = kept[0].grid.is_constant
     row: dict[str, Any] = {
         "circuit": kept[0].circuit,
         "records": f"{len(kept)} kept",
         "samples": sum(counts),
-        "duration [s]": sum(each.scored_duration_s for each in kept),
+        "duration [s]": sum(record.scored_duration_s for record in kept),
         "capacity [A.h]": kept[0].capacity_ah,
         "RMSE [V]": whole_v,
         **_middle_of(fit, "" if is_constant else "tables "),
@@ -214,9 +215,9 @@ def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:
         "answer": "constants" if is_constant else "tables over SOC",
         "certified": False,
         "proved gap": None,
-        "at bound": "; ".join(f"{each.name} {each.side}" for each in fit.at_bound),
-        "warnings": [str(each) for each in fit.warnings],
-        "warning codes": [each.code for each in fit.warnings],
+        "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in fit.at_bound),
+        "warnings": [str(warning) for warning in fit.warnings],
+        "warning codes": [warning.code for warning in fit.warnings],
     }
     held = fit.cross_validation
     return row | {"held-out RMSE [V]": held and held.tables.rmse_v}
@@ -315,7 +316,7 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
         "initial SOC": result.initial_soc,
     }
     intervals = constant.assessment.uncertainty.estimates if constant.assessment else ()
-    ends = {each.name: (each.low, each.high) for each in intervals}
+    ends = {interval.name: (interval.low, interval.high) for interval in intervals}
     for name, value in named_values(constant.parameters).items():
         row[name] = value
         if ends:
@@ -337,10 +338,10 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
         "answer": constant.source if result.tables is None else result.answer,
         "certified": is_certified,
         "proved gap": gap,
-        "at bound": "; ".join(f"{each.name} {each.side}" for each in constant.at_bound),
-        "warnings": [str(each) for each in warnings],
-        "warning codes": [each.code for each in warnings],
-        "inputs sha256": _together(each.sha256 for each in result.inputs),
+        "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in constant.at_bound),
+        "warnings": [str(warning) for warning in warnings],
+        "warning codes": [warning.code for warning in warnings],
+        "inputs sha256": _together(part.sha256 for part in result.inputs),
     }
 
 
@@ -355,17 +356,17 @@ def _proof_of(result: Result) -> tuple[bool, float | None]:
 
 def _middle_of(fit: TableFit, whose: str = "tables ") -> dict[str, float | None]:
     """The resistances of tables at the node nearest to 50 % SOC that samples visit."""
-    known = {(each.name, each.soc): each for each in fit.intervals}
+    known = {(interval.name, interval.soc): interval for interval in fit.intervals}
     visited = list(itertools.compress(fit.tables.nodes, fit.tables.visited))
     soc = min(visited or fit.tables.nodes, key=lambda node: abs(node - MIDDLE_SOC))
     place = fit.tables.nodes.index(soc)
     found: dict[str, float | None] = {"tables at SOC": soc}
     for name, values in fit.tables.tables.items():
         if name.startswith("R"):
-            each = known.get((name, soc))
+            interval = known.get((name, soc))
             found[f"{whose}{name}"] = values[place]
-            found[f"{whose}{name} low"] = each and each.low
-            found[f"{whose}{name} high"] = each and each.high
+            found[f"{whose}{name} low"] = interval and interval.low
+            found[f"{whose}{name} high"] = interval and interval.high
     return found
 
 

@@ -118,7 +118,7 @@ def summarize(rows: pl.DataFrame) -> Summary:
         certified=int(good["certified"].sum()) if len(good) else 0,
         at_bound=int((good["at bound"] != "").sum()) if len(good) else 0,
         distributions=tuple(distributions),
-        outliers=tuple(sorted(outliers, key=lambda each: -abs(each.deviations))),
+        outliers=tuple(sorted(outliers, key=lambda outlier: -abs(outlier.deviations))),
         failures=_causes(failed, "error", "error code"),
         warnings=_causes(
             good.explode("warnings", "warning codes").drop_nulls("warnings"),
@@ -169,4 +169,4 @@ def _causes(rows: pl.DataFrame, text: str, code: str) -> tuple[Cause, ...]:
         key = re.sub(r"\b\d+(\.\d+)?|'[^']*'", "#", cause) if is_general else own
         causes.setdefault(key, (cause, []))[1].append(name)
     found = [Cause(cause, tuple(dict.fromkeys(ids))) for cause, ids in causes.values()]
-    return tuple(sorted(found, key=lambda each: -len(each.ids)))
+    return tuple(sorted(found, key=lambda failure: -len(failure.ids)))

@@ -83,22 +83,22 @@ def plan(
     ['identification.parquet', 'validation.parquet']
     """
     given, tests, others = (
-        files_of(found_in(listed(each), listed(sources))) for each in (sources, ocv, validate)
+        files_of(found_in(listed(several), listed(sources))) for several in (sources, ocv, validate)
     )
-    settled = {Path(each).resolve() for each in (*tests, *others) if isinstance(each, str | Path)}
+    settled = {Path(file).resolve() for file in (*tests, *others) if isinstance(file, str | Path)}
     given = [
-        each
-        for each in given
-        if not isinstance(each, str | Path) or Path(each).resolve() not in settled
+        file
+        for file in given
+        if not isinstance(file, str | Path) or Path(file).resolve() not in settled
     ]
     windows = windows_by_name(window)
     looked = list(look([*given, *tests, *others], reading or Reading(), watch, windows))
-    refused = [each.refusal for each in looked if each.refusal]
+    refused = [file.refusal for file in looked if file.refusal]
     if len(refused) == len(looked):
         raise InputError("\n".join(refused))
     first, last = len(given), len(given) + len(tests)
     with watch("Planning", 0):
-        free = [part for each in looked[:first] for part in split(each)]
+        free = [part for file in looked[:first] for part in split(file)]
         files = [*free, *looked[first:]]
         given_ah = windows.get("", Window()).capacity_ah if capacity is None else capacity
         draft = Draft(files, given_ah=given_ah, is_over=over == OVER_TEMPERATURE)
@@ -109,37 +109,37 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     """The plan of files of which some have their role given."""
     files = draft.files
     first_of: dict[tuple[object, ...], CandidateFile] = {}
-    for each in files:
+    for file in files:
         # What came from no file is itself alone.
-        source = (each.source.sha256, each.source.span_s) if each.source else (id(each),)
-        if each.refusal:
-            draft.take(each, "not used", each.refusal.removeprefix(f"{each.name}: "))
-        elif (same := first_of.setdefault(source, each)) is not each:
-            draft.take(each, "not used", f"the same as {same.name}, byte for byte")
+        source = (file.source.sha256, file.source.span_s) if file.source else (id(file),)
+        if file.refusal:
+            draft.take(file, "not used", file.refusal.removeprefix(f"{file.name}: "))
+        elif (same := first_of.setdefault(source, file)) is not file:
+            draft.take(file, "not used", f"the same as {same.name}, byte for byte")
     # What was given comes first, and of a record and a part or a share of it the longer.
     unlike: list[Content] = []
     given = (*tests, *others)
-    readable = [each for each in files if each not in draft.taken and each.traits]
-    for each in sorted(readable, key=lambda one: (one not in given, -one.record.samples)):
-        content = Content(each.record)
+    readable = [file for file in files if file not in draft.taken and file.traits]
+    for file in sorted(readable, key=lambda one: (one not in given, -one.record.samples)):
+        content = Content(file.record)
         same = next((known for known in unlike if content.is_like(known)), None)
         if same is not None:
-            draft.take(each, "not used", f"of the same samples as {same.record.name}")
+            draft.take(file, "not used", f"of the same samples as {same.record.name}")
         else:
             unlike.append(content)
-    for each in others:
-        draft.take(each, "validation", "given", each.window)
-    for each in tests:
-        draft.take(each, "OCV test", "given")
-    free = [each for each in files if each not in draft.taken]
-    dynamic = [each for each in free if each.kind(None) == "drive cycle"]
+    for file in others:
+        draft.take(file, "validation", "given", file.window)
+    for file in tests:
+        draft.take(file, "OCV test", "given")
+    free = [file for file in files if file not in draft.taken]
+    dynamic = [file for file in free if file.kind(None) == "drive cycle"]
     is_pulsed = not dynamic
     if is_pulsed:
-        dynamic = [each for each in free if each.kind(None) == "pulse test"]
+        dynamic = [file for file in free if file.kind(None) == "pulse test"]
     groups = list(by_temperature(dynamic or free))
     # An OCV test of its own temperature comes before many records.
     chosen = [(group, ocv_at(degc, free, tests, draft.given_ah)) for degc, group in groups]
-    with_test = [(group, each) for group, each in chosen if each]
+    with_test = [(group, test) for group, test in chosen if test]
     if not with_test:
         groups = [group for _, group in by_temperature(dynamic)]
         return _on_records(draft, groups) or _without_record(draft, free)
@@ -152,7 +152,7 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     if not runs:
         draft.take_tests(choice)
         _leave_others(draft, choice, [])
-        names = " and ".join(each.name for each in choice.tests)
+        names = " and ".join(test.name for test in choice.tests)
         unfit = f"no record can be identified on with {names}, for the reasons beside each"
         return Plan("identify", draft.parts(), missing=unfit if dynamic else MAKE_RECORD)
     record, window = runs[0]
@@ -182,24 +182,24 @@ def _on_records(draft: Draft, groups: Sequence[Sequence[CandidateFile]]) -> Plan
         if not runs:
             continue
         record = runs[0][0]
-        for each, window in runs:
-            alone = each is record and len(together) == 1
+        for file, window in runs:
+            alone = file is record and len(together) == 1
             its = "its OCV" if alone else "the OCV of its temperature" if draft.is_over else ""
             why = f"{its} is identified with it, because there is no OCV test" if its else ""
-            if missing := each.missing_for(draft.given_ah):
+            if missing := file.missing_for(draft.given_ah):
                 reason = f"too little to identify on: {missing}"
-                draft.take(each, "validation", reason, window)
+                draft.take(file, "validation", reason, window)
             else:
-                told = "; ".join(filter(None, (words_of(draft, each), why)))
-                draft.take(each, "identification", told, window)
+                told = "; ".join(filter(None, (words_of(draft, file), why)))
+                draft.take(file, "identification", told, window)
         if draft.is_over:
             draft.tell_temperatures()
         at = named_degc(record.temperature_degc)
-        for each in draft.files:
-            if each not in draft.taken:
-                own = f"measured{named_degc(each.temperature_degc)}, and {record.name}{at}"
-                is_there = is_same_degc(each.temperature_degc, record.temperature_degc)
-                draft.take(each, "not used", why_useless(each, None) if is_there else own)
+        for file in draft.files:
+            if file not in draft.taken:
+                own = f"measured{named_degc(file.temperature_degc)}, and {record.name}{at}"
+                is_there = is_same_degc(file.temperature_degc, record.temperature_degc)
+                draft.take(file, "not used", why_useless(file, None) if is_there else own)
         given = {} if draft.given_ah is None else {"capacity": draft.given_ah}
         return Plan("identify", draft.parts(), given, dict.fromkeys(given, "given"))
     return None
@@ -209,9 +209,9 @@ def _without_test(draft: Draft, group: Sequence[CandidateFile]) -> list[Runnable
     """What can be identified on without an OCV test, and then validated on, the widest first; none
     where the first cannot be identified on."""
     runs = [
-        (each, each.window)
-        for each in group
-        if each not in draft.taken and not each.missing_for(draft.given_ah, VALIDATION_STEPS)
+        (file, file.window)
+        for file in group
+        if file not in draft.taken and not file.missing_for(draft.given_ah, VALIDATION_STEPS)
     ]
     runs.sort(key=lambda run: (bool(run[0].missing_for(draft.given_ah)), -reach_ah(run[0])))
     return [] if not runs or runs[0][0].missing_for(draft.given_ah) else runs
@@ -219,8 +219,8 @@ def _without_test(draft: Draft, group: Sequence[CandidateFile]) -> list[Runnable
 
 def _without_record(draft: Draft, free: Sequence[CandidateFile]) -> Plan:
     """A plan that has nothing to identify on, nor an OCV test."""
-    for each in free:
-        draft.take(each, "not used", why_useless(each, None))
+    for file in free:
+        draft.take(file, "not used", why_useless(file, None))
     missing = f"{MAKE_RECORD}; nor is there an OCV test: {MAKE_OCV}"
     return Plan("identify", draft.parts(), missing=missing)
 
@@ -233,40 +233,40 @@ def _runnable(
     Those that cannot are left with the reason.
     """
     found: list[Runnable] = []
-    for each in group:
-        if each in draft.taken or (not is_pulsed and each in choice.tests):
+    for file in group:
+        if file in draft.taken or (not is_pulsed and file in choice.tests):
             continue
-        missing = each.missing_for(choice.cell.capacity_ah, VALIDATION_STEPS)
-        window = each.window
+        missing = file.missing_for(choice.cell.capacity_ah, VALIDATION_STEPS)
+        window = file.window
         if not missing and not is_pulsed:
             try:
-                draft.starts[each] = started(draft.files, each, window, choice)
-                window = draft.starts[each].window
+                draft.starts[file] = started(draft.files, file, window, choice)
+                window = draft.starts[file].window
             except InputError as problem:
-                own = str(problem).removeprefix(f"{each.name}: ")
-                missing = another_cell(each, choice.cell.capacity_ah) or own
+                own = str(problem).removeprefix(f"{file.name}: ")
+                missing = another_cell(file, choice.cell.capacity_ah) or own
         if missing:
-            draft.take(each, "not used", missing)
+            draft.take(file, "not used", missing)
         else:
-            found.append((each, window))
+            found.append((file, window))
     # An OCV test that is cut short may hold less than a record, but not by so much.
     max_ah = math.inf if choice.capacity_ah else _ANOTHER * choice.cell.capacity_ah
-    others = [each for each, _ in found if each.traits and each.traits.span_ah > max_ah]
+    others = [file for file, _ in found if file.traits and file.traits.span_ah > max_ah]
     if len(others) < len(found):
-        for each in others:
-            draft.take(each, "not used", why_useless(each, choice.cell.capacity_ah))
+        for file in others:
+            draft.take(file, "not used", why_useless(file, choice.cell.capacity_ah))
         found = [run for run in found if run[0] not in others]
-    widest_ah = max((reach_ah(each) for each, _ in found), default=0.0)
+    widest_ah = max((reach_ah(file) for file, _ in found), default=0.0)
 
     def rank(run: Runnable) -> tuple:
-        each = run[0]
-        is_wide = reach_ah(each) >= _AS_WIDE * widest_ah
+        file = run[0]
+        is_wide = reach_ah(file) >= _AS_WIDE * widest_ah
         return (
-            bool(each.missing_for(choice.cell.capacity_ah)),
+            bool(file.missing_for(choice.cell.capacity_ah)),
             not is_wide,
-            each.warnings if is_wide else 0,
-            not each.is_settled,
-            -reach_ah(each),
+            file.warnings if is_wide else 0,
+            not file.is_settled,
+            -reach_ah(file),
         )
 
     return sorted(found, key=rank)
@@ -278,23 +278,23 @@ def _choose_validation(
     """Another profile of the same temperature before the same one again, and the widest of them."""
     if is_given or not others:
         return
-    each, window = min(others, key=lambda run: (run[0].is_like(record), -reach_ah(run[0])))
-    which = "the same profile again" if each.is_like(record) else "another profile"
-    draft.take(each, "validation", f"{which}: {words_of(draft, each)}", window)
-    for each, _ in others:
+    file, window = min(others, key=lambda run: (run[0].is_like(record), -reach_ah(run[0])))
+    which = "the same profile again" if file.is_like(record) else "another profile"
+    draft.take(file, "validation", f"{which}: {words_of(draft, file)}", window)
+    for file, _ in others:
         draft.take(
-            each, "not used", "equally suitable; add it with `validate` to validate on it too"
+            file, "not used", "equally suitable; add it with `validate` to validate on it too"
         )
 
 
 def _take_others(draft: Draft, others: Sequence[Runnable], capacity_ah: float | None) -> None:
     """All further records of the same temperature are identified on too, each left out once; those
     too poor for that are left to validate on."""
-    for each, window in others:
-        if missing := each.missing_for(capacity_ah):
-            draft.take(each, "validation", f"too little to identify on: {missing}", window)
+    for file, window in others:
+        if missing := file.missing_for(capacity_ah):
+            draft.take(file, "validation", f"too little to identify on: {missing}", window)
         else:
-            draft.take(each, "identification", words_of(draft, each), window)
+            draft.take(file, "identification", words_of(draft, file), window)
 
 
 def _take_other_temperatures(
@@ -309,36 +309,36 @@ def _take_other_temperatures(
         degc = group[0].temperature_degc
         if degc is None or is_same_degc(degc, record.temperature_degc):
             continue
-        own = [each for each in group if each.temperature_degc is not None]
+        own = [file for file in group if file.temperature_degc is not None]
         if test is None or not (test.tells_temperature and choice.tells_temperature):
             test = choice
-        for each, window in _runnable(draft, own, test, is_pulsed)[:1]:
-            why = f"for tables over temperature too: {words_of(draft, each)}"
-            draft.take(each, "identification", why, window)
+        for file, window in _runnable(draft, own, test, is_pulsed)[:1]:
+            why = f"for tables over temperature too: {words_of(draft, file)}"
+            draft.take(file, "identification", why, window)
             draft.take_tests(test)
     draft.tell_temperatures()
 
 
 def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
     """What is left has no role, for a reason."""
-    known = (each.temperature_degc for each in choice.tests if each.temperature_degc is not None)
+    known = (test.temperature_degc for test in choice.tests if test.temperature_degc is not None)
     degc = next(known, None)
-    usable = {each for group, test in chosen if test for each in (*group, *test.tests)}
-    for each in draft.files:
-        if each in draft.taken:
+    usable = {file for group, test in chosen if test for file in (*group, *test.tests)}
+    for file in draft.files:
+        if file in draft.taken:
             continue
-        if not is_same_degc(each.temperature_degc, degc):
-            at, of = named_degc(each.temperature_degc), named_degc(degc)
+        if not is_same_degc(file.temperature_degc, degc):
+            at, of = named_degc(file.temperature_degc), named_degc(degc)
             reason = f"measured{at}, the OCV test{of}"
-            if each in usable:
+            if file in usable:
                 reason = f"measured{at}: for tables over temperature (`over=soc,temperature`)"
-            draft.take(each, "not used", reason)
-        elif each.kind(None) in OCV_KINDS:
+            draft.take(file, "not used", reason)
+        elif file.kind(None) in OCV_KINDS:
             names = " and ".join(test.name for test in choice.tests)
-            reason = f"also an OCV test ({ocv_reason([each])}), but {names} is better"
-            draft.take(each, "not used", reason)
+            reason = f"also an OCV test ({ocv_reason([file])}), but {names} is better"
+            draft.take(file, "not used", reason)
         else:
-            draft.take(each, "not used", why_useless(each, draft.capacity_ah))
+            draft.take(file, "not used", why_useless(file, draft.capacity_ah))
 
 
 def _options(
@@ -348,12 +348,12 @@ def _options(
     options: dict[str, Any] = {}
     reasons: dict[str, str] = {}
     (record, window), own_ah = runs[0], None
-    for each, own in runs:
-        is_full = own.initial_soc == 1.0 or draft.starts.get(each, SHOWN).is_full
-        taken_ah = record_capacity_ah(each, own, choice, is_full)
-        is_used = draft.taken[each][0] == "identification"
+    for file, own in runs:
+        is_full = own.initial_soc == 1.0 or draft.starts.get(file, SHOWN).is_full
+        taken_ah = record_capacity_ah(file, own, choice, is_full)
+        is_used = draft.taken[file][0] == "identification"
         if taken_ah is not None and is_used and taken_ah > (own_ah or 0.0):
-            record, window, own_ah = each, own, taken_ah
+            record, window, own_ah = file, own, taken_ah
     if draft.given_ah is not None:
         options["capacity"] = draft.given_ah
         reasons["capacity"] = "given"

@@ -102,12 +102,12 @@ class Plan(Brief):
         first, *others = self.of_role("identification")
         why = f"validated on, for {first.name} is identified on"
         parts = (
-            replace(each, role="validation", reason=f"{why}: {each.reason}")
-            if each in others
-            else each
-            for each in self.parts
+            replace(part, role="validation", reason=f"{why}: {part.reason}")
+            if part in others
+            else part
+            for part in self.parts
         )
-        return replace(self, parts=tuple(sorted(parts, key=lambda each: ROLES.index(each.role))))
+        return replace(self, parts=tuple(sorted(parts, key=lambda part: ROLES.index(part.role))))
 
     @property
     def anywhere(self) -> "Plan":
@@ -154,9 +154,9 @@ class Plan(Brief):
 def merged(planned: Window, chosen: Window) -> Window:
     """A planned window with what was chosen in its place."""
     given = {
-        each.name: value
-        for each in fields(Window)
-        if (value := getattr(chosen, each.name)) is not None
+        field.name: value
+        for field in fields(Window)
+        if (value := getattr(chosen, field.name)) is not None
     }
     if given.keys() & {"start_time_s", "start_after_step"}:
         given = {**dict.fromkeys(_START), **given}
@@ -197,7 +197,9 @@ _Kinds = Mapping[str, tuple[str, TypeAdapter[Any]]]
 
 # Options of a record, in the order of a `Window`, whose fields they are.
 _OPTION_OF = {name: option for option, (name, *_) in WINDOW_OPTIONS.items()}
-_FIELD_OF = {_OPTION_OF[each.name]: each.name for each in fields(Window) if each.name in _OPTION_OF}
+_FIELD_OF = {
+    _OPTION_OF[field.name]: field.name for field in fields(Window) if field.name in _OPTION_OF
+}
 _OF_RECORD: _Kinds = {
     **dict.fromkeys(_FIELD_OF, _NUMBER),
     "start_after_step": _WHOLE,
@@ -257,7 +259,7 @@ def plan_to_toml(plan: Plan) -> str:
     values = {name: value for name, value in plan.options.items() if value is not None}
     for name, value in (values | _known(plan.window)).items():
         document.add(name, tomlkit.item(str(value) if isinstance(value, Path) else value))
-    reasons = {name: each for name, each in plan.reasons.items() if each != GIVEN}
+    reasons = {name: reason for name, reason in plan.reasons.items() if reason != GIVEN}
     if reasons:
         document.add("reasons", tomlkit.item(reasons))
     tables = tomlkit.aot()
@@ -327,9 +329,9 @@ def plan_from_toml(path: str | Path) -> Plan:
         _, window = Job(**options), Window(**common)
     except InputError as problem:
         raise InputError(f"{shown}: {as_keys(str(problem))}") from problem
-    if not isinstance(listed, list) or not all(isinstance(each, dict) for each in listed):
+    if not isinstance(listed, list) or not all(isinstance(entry, dict) for entry in listed):
         raise InputError(f"{shown}: each file needs a line [[files]] above it")
-    parts = tuple(_part(shown, path.parent, each, window) for each in listed)
+    parts = tuple(_part(shown, path.parent, entry, window) for entry in listed)
     role = "identification"
     if not any(part.role == role for part in parts):
         raise InputError(f"{shown}: no file has the role {role}; give one file that role")

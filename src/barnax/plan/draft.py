@@ -34,8 +34,8 @@ class Draft:
 
     def take_tests(self, choice: OcvChoice) -> None:
         """Settle the files of an OCV test."""
-        for each in choice.tests:
-            self.take(each, "OCV test", ocv_reason([each]))
+        for test in choice.tests:
+            self.take(test, "OCV test", ocv_reason([test]))
 
     def tell_temperatures(self) -> None:
         """Put the temperature that a name tells into the windows of records without a column."""
@@ -48,14 +48,14 @@ class Draft:
     def parts(self) -> tuple[Part, ...]:
         """Every file: those that serve first, by their role, the best to identify on first."""
         parts = []
-        best = [each for each, (role, *_) in self.taken.items() if role == "identification"]
-        for each in (*best, *(each for each in self.files if each not in best)):
-            role, reason, window = self.taken[each]
-            kept = None if role == "not used" else each.source
-            what = (role, each.kind(self.capacity_ah), reason, window)
-            planned = window.initial_soc is not None and each.chosen.initial_soc is None
-            known = (each.source and each.source.span_s, each.temperature_degc, planned, kept)
-            parts.append(Part(each.path, each.name, *what, *known))
+        best = [file for file, (role, *_) in self.taken.items() if role == "identification"]
+        for file in (*best, *(file for file in self.files if file not in best)):
+            role, reason, window = self.taken[file]
+            kept = None if role == "not used" else file.source
+            what = (role, file.kind(self.capacity_ah), reason, window)
+            planned = window.initial_soc is not None and file.chosen.initial_soc is None
+            known = (file.source and file.source.span_s, file.temperature_degc, planned, kept)
+            parts.append(Part(file.path, file.name, *what, *known))
         return tuple(sorted(parts, key=lambda part: ROLES.index(part.role)))
 
 

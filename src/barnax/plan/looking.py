@@ -133,7 +133,7 @@ class CandidateFile:
 
     def is_like(self, other: "CandidateFile") -> bool:
         """Whether both play the same profile, by how the current is distributed."""
-        peak_a = max(np.abs(each._quantiles_a).max() for each in (self, other))
+        peak_a = max(np.abs(traits._quantiles_a).max() for traits in (self, other))
         apart_a = np.abs(self._quantiles_a - other._quantiles_a).mean()
         return bool(apart_a <= _ANOTHER * peak_a)
 
@@ -144,35 +144,35 @@ def files_of(sources: Sequence[Any]) -> list[Any]:
     Raises `InputError` for a folder without files.
     """
     found: list[Any] = []
-    for each in sources:
-        if not isinstance(each, str | Path) or not os.path.isdir(each):
-            found.append(each)
+    for source in sources:
+        if not isinstance(source, str | Path) or not os.path.isdir(source):
+            found.append(source)
             continue
         inside = [
             path
-            for path in sorted(Path(each).iterdir())
+            for path in sorted(Path(source).iterdir())
             if not path.name.startswith(_TEMPORARY)
             and (path.suffix.lower() not in _BESIDE if path.is_file() else _is_of_files(path))
         ]
         if not any(path.is_file() for path in inside):
             within = " or ".join(f"'{path}'" for path in inside)
             remedy = f"give {within}" if inside else "give the folder with the records of a cell"
-            raise InputError(f"{printable(str(each))}: has no files; {printable(remedy)}")
+            raise InputError(f"{printable(str(source))}: has no files; {printable(remedy)}")
         found += inside
     return found
 
 
 def found_in(given: Sequence[Any], sources: Sequence[Any]) -> list[Any]:
     """What was given, of which names that are no files here stand for those in a folder given."""
-    folders = [Path(each) for each in sources if isinstance(each, str | Path)]
+    folders = [Path(source) for source in sources if isinstance(source, str | Path)]
 
-    def found(each: Any) -> Any:
-        if not isinstance(each, str | Path) or os.path.exists(each):
-            return each
-        inside = (folder / each for folder in folders if folder.is_dir())
-        return next((path for path in inside if path.exists()), each)
+    def found(source: Any) -> Any:
+        if not isinstance(source, str | Path) or os.path.exists(source):
+            return source
+        inside = (folder / source for folder in folders if folder.is_dir())
+        return next((path for path in inside if path.exists()), source)
 
-    return [found(each) for each in given]
+    return [found(source) for source in given]
 
 
 def _is_of_files(path: Path) -> bool:
@@ -187,18 +187,17 @@ def look(
 ) -> Iterator[CandidateFile]:
     """Every file once, in the order given, with what `windows` say of it. One that cannot be read
     is told as such."""
-    names = file_names([each for each in sources if isinstance(each, str | Path)])
-    for each in sources:
-        name = each.name if isinstance(each, Source) else names[Path(each)]
-        path = Path(name if isinstance(each, Source) else each)
+    names = file_names([source for source in sources if isinstance(source, str | Path)])
+    for source in sources:
+        name = source.name if isinstance(source, Source) else names[Path(source)]
+        path = Path(name if isinstance(source, Source) else source)
         if path.is_dir():
             refusal = f"{name}: a folder in the folder is not looked into; give its files too"
             yield CandidateFile(path, name, refusal=refusal)
             continue
         with watch(f"Looking at {name}", 0):
             try:
-                source = source_of(each, names, reading)
-                yield _looked_at(path, source, window_of(windows, name))
+                yield _looked_at(path, source_of(source, names, reading), window_of(windows, name))
             except InputError as problem:
                 yield CandidateFile(path, name, refusal=str(problem))
 
@@ -237,7 +236,7 @@ def _tests(file: CandidateFile) -> Iterator[CandidateFile]:
             continue
         part = _part(file, first, last, is_full)
         sweeps = part.traits.sweeps if part.traits else ()
-        rows = [point.row for each in sweeps if each.kind == "rests" for point in each.points]
+        rows = [point.row for sweep in sweeps if sweep.kind == "rests" for point in sweep.points]
         begin, end = np.flatnonzero(np.isin(record.row, rows))[[0, -1]] if rows else (first, last)
         # A sweep begins where its first rest ends, and may end at a cut-off without a rest.
         for cut, beside in ((int(end), (int(end), last)), (int(begin), (first, int(begin)))):
@@ -291,13 +290,13 @@ def by_temperature(
 ) -> Iterator[tuple[float | None, list[CandidateFile]]]:
     """The files of each temperature: the most first, and of equally many those nearest to room."""
     groups: list[list[CandidateFile]] = []
-    for each in sorted(files, key=lambda one: (one.temperature_degc or 0.0, one.name)):
+    for file in sorted(files, key=lambda one: (one.temperature_degc or 0.0, one.name)):
         for group in groups:
-            if is_same_degc(group[0].temperature_degc, each.temperature_degc, is_strict=True):
-                group.append(each)
+            if is_same_degc(group[0].temperature_degc, file.temperature_degc, is_strict=True):
+                group.append(file)
                 break
         else:
-            groups.append([each])
+            groups.append([file])
 
     def rank(group: list[CandidateFile]) -> tuple[int, float]:
         degc = group[0].temperature_degc
@@ -306,7 +305,7 @@ def by_temperature(
     for group in sorted(groups, key=rank):
         degc = group[0].temperature_degc
         # A file of unknown temperature may be of this one.
-        unknown = [each for each in files if degc is not None and each.temperature_degc is None]
+        unknown = [file for file in files if degc is not None and file.temperature_degc is None]
         yield degc, [*group, *unknown]
 
 

@@ -40,7 +40,7 @@ class OcvChoice:
 
     @property
     def tells_temperature(self) -> bool:
-        return all(each.temperature_degc is not None for each in self.tests)
+        return all(test.temperature_degc is not None for test in self.tests)
 
 
 def ocv_at(
@@ -53,15 +53,15 @@ def ocv_at(
 
     `given_ah` is the capacity that was given.
     """
-    near = [each for each in free if is_same_degc(each.temperature_degc, degc)]
-    max_ah = max((each.traits.longest_discharge_ah for each in near if each.traits), default=None)
+    near = [file for file in free if is_same_degc(file.temperature_degc, degc)]
+    max_ah = max((file.traits.longest_discharge_ah for file in near if file.traits), default=None)
     capacities_ah = dict.fromkeys((given_ah, None, max_ah))
     if tests:
-        own = [each for each in tests if is_same_degc(each.temperature_degc, degc)]
+        own = [file for file in tests if is_same_degc(file.temperature_degc, degc)]
         return _choose_ocv(own or tests, capacities_ah, is_given=True)
-    own = [each for each in near if is_same_degc(each.temperature_degc, degc, is_strict=True)]
+    own = [file for file in near if is_same_degc(file.temperature_degc, degc, is_strict=True)]
     for candidates in (own, near):
-        of_kind = [each for each in candidates if each.kind(None) in OCV_KINDS]
+        of_kind = [file for file in candidates if file.kind(None) in OCV_KINDS]
         choice = _choose_ocv(of_kind, capacities_ah)
         if choice is not None:
             return choice
@@ -80,7 +80,7 @@ def _choose_ocv(
     few. The first of the capacities counts with which a test makes a cell. Raises `InputError`
     where given tests make none.
     """
-    max_ah = max((each.passed_ah for each in _sweeps(candidates)), default=0.0)
+    max_ah = max((sweep.passed_ah for sweep in _sweeps(candidates)), default=0.0)
     sets = sorted(_sets(candidates), key=lambda tests: _rank(tests, max_ah))
     reason = None
     for tests in [tuple(candidates)] if is_given else sets:
@@ -110,15 +110,15 @@ def ocv_reason(tests: Sequence[CandidateFile]) -> str:
         + (f"with {len(sweep.points)} rests" if sweep.kind == "rests" else "by a slow sweep")
         for sweep in sweeps
     }
-    return f"{' and '.join(kinds.values())}, {max(each.passed_ah for each in sweeps):.4g} Ah"
+    return f"{' and '.join(kinds.values())}, {max(sweep.passed_ah for sweep in sweeps):.4g} Ah"
 
 
 def _sets(candidates: Sequence[CandidateFile]) -> Iterator[tuple[CandidateFile, ...]]:
     """Every file by itself, every two of opposite directions, and all parts of one direction."""
-    yield from ((each,) for each in candidates)
-    lone = [(each, *_directions([each])) for each in candidates if len(_directions([each])) == 1]
-    outward = [each for each, direction in lone if direction == DISCHARGE]
-    inward = [each for each, direction in lone if direction == CHARGE]
+    yield from ((file,) for file in candidates)
+    lone = [(file, *_directions([file])) for file in candidates if len(_directions([file])) == 1]
+    outward = [file for file, direction in lone if direction == DISCHARGE]
+    inward = [file for file, direction in lone if direction == CHARGE]
     yield from ((one, other) for one in outward for other in inward)
     if max(len(outward), len(inward)) > 1:
         yield (*outward, *inward)
@@ -191,7 +191,7 @@ def started(
         full = _fuller(file, own, choice)
         if full is not None:
             return Started(replace(window, capacity_ah=full.capacity_ah), is_full=True)
-        before = next((each for each in files if _goes_on(each, file, choice)), None)
+        before = next((other for other in files if _goes_on(other, file, choice)), None)
         soc = None if before is None else _final_soc(before, choice)
         if before is None or soc is None or window.is_chosen:
             raise

@@ -39,7 +39,7 @@ def plan_of(job: Job) -> Plan | None:
         return None
     if len(given) == 1 and isinstance(given[0], Plan):
         return given[0]
-    paths = [Path(each) for each in given if isinstance(each, str | Path)]
+    paths = [Path(source) for source in given if isinstance(source, str | Path)]
     if len(given) == len(paths) == 1 and paths[0].suffix.lower() == ".toml":
         return plan_from_toml(paths[0])
     if not any(map(os.path.isdir, paths)) and (not paths or listed(job.ocv)):
@@ -59,7 +59,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"]) -> Plan:
         "OCV test": listed(job.ocv),
         "validation": listed(job.validate),
     }
-    names = file_names([path for each in given.values() for path in each])
+    names = file_names([path for several in given.values() for path in several])
     parts = tuple(
         Part(Path(path), names[Path(path)], role) for role, paths in given.items() for path in paths
     )
@@ -83,10 +83,10 @@ def planned(found: Plan, job: Asked) -> Asked:
     chosen = {name: value for name, value in job.chosen.items() if name != "capacity"}
     job = type(job)(**{**found.options, **chosen})
     windows = {
-        each.name: each.window
-        for each in found.parts
+        part.name: part.window
+        for part in found.parts
         # Of an OCV test its temperature counts.
-        if each.is_simulated or each.window.temperature_degc is not None
+        if part.is_simulated or part.window.temperature_degc is not None
     }
     job = job.changed(
         records=_sources(found, "identification", job),
@@ -130,8 +130,8 @@ def prepare_pulse_tests(job: Asked) -> Asked:
         cell = None
         if not listed(job.ocv):
             given_ah = chosen.get("", Window()).capacity_ah
-            by_degc = group_near((_degc(each, chosen), each) for each in tests)
-            own = {degc: each[0] for degc, each in by_degc.items()}
+            by_degc = group_near((_degc(test, chosen), test) for test in tests)
+            own = {degc: alike[0] for degc, alike in by_degc.items()}
             cell = characterize_over_temperature(
                 {degc: [first.record] for degc, first in own.items()},
                 capacity_ah=given_ah if job.capacity is None else job.capacity,
@@ -145,12 +145,12 @@ def prepare_pulse_tests(job: Asked) -> Asked:
             )
         # From the rest before the first pulse on, but where something else is chosen.
         windows = {
-            each.record.name: _own_window(each, cell, window_of(chosen, each.record.name))
-            for each in tests
+            test.record.name: _own_window(test, cell, window_of(chosen, test.record.name))
+            for test in tests
         }
-        is_one = len(group_near((_degc(each, chosen), each) for each in tests)) == 1
+        is_one = len(group_near((_degc(test, chosen), test) for test in tests)) == 1
     return job.changed(
-        records=[each.source for each in tests],
+        records=[test.source for test in tests],
         over=job.over or ("soc" if is_one else OVER_TEMPERATURE),
         window={"": window_of(chosen, ""), **chosen, **windows},
     )
@@ -158,12 +158,12 @@ def prepare_pulse_tests(job: Asked) -> Asked:
 
 def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
     """Every test once. Raises `InputError` where one has no pulses."""
-    names = file_names([each for each in given if isinstance(each, str | Path)])
+    names = file_names([file for file in given if isinstance(file, str | Path)])
     tests: list[_Test] = []
     called: dict[str, int] = {}
-    for each in given:
-        is_record = isinstance(each, Record)
-        source = numbered(each if is_record else source_of(each, names, reading), called)
+    for file in given:
+        is_record = isinstance(file, Record)
+        source = numbered(file if is_record else source_of(file, names, reading), called)
         record = source if is_record else read_record(source, **reading.options())
         pulse = first_pulse(record)
         if pulse is None:

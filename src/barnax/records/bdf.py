@@ -54,7 +54,7 @@ def provenance(record: Record) -> dict[str, Any]:
         "reason": record.sign.reason,
         "current flows": f"{record.hold.value} from a sample ({record.hold.strength})",
         "net capacity": "integrated" if _is_unproved(record) else "the tester's",
-        "warnings": [str(each) for each in (*record.notes, *record.warnings)],
+        "warnings": [str(found) for found in (*record.notes, *record.warnings)],
     }
 
 

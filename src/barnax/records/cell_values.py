@@ -244,7 +244,7 @@ def _dates(text: pl.Series) -> pl.Series:
         stamps = dates.dt.epoch("us")
         falls = (stamps.diff() < 0).sum()
         read.append(((dates.null_count(), falls, stamps.max() - stamps.min()), dates))  # type: ignore[operator]
-    return min(read, key=lambda each: each[0])[1] if read else text
+    return min(read, key=lambda candidate: candidate[0])[1] if read else text
 
 
 def _date_unit_s(values: Numbers) -> float:

@@ -177,7 +177,7 @@ def _is_time_of_day(table: Table, found: Columns) -> bool:
     some = table.columns[date.index].gather(_some_places(table))
     if np.any(numbers(some, date) % DAY_S != 0):
         return False
-    days_s, clock_s = (numbers(table.columns[each.index], each) for each in (date, time))
+    days_s, clock_s = (numbers(table.columns[column.index], column) for column in (date, time))
     # A day is not known where its cell is blank.
     if np.any(days_s % DAY_S != 0):
         return False
@@ -200,7 +200,8 @@ def _by_the_dates(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
         return
     places = _some_places(table)
     dates_s, times_s = (
-        np.diff(numbers(table.columns[each.index].gather(places), each)) for each in (date, time)
+        np.diff(numbers(table.columns[column.index].gather(places), column))
+        for column in (date, time)
     )
     moved = (times_s > 0) & (dates_s > _LEAST_DATED_S)
     if moved.sum() < 2:

@@ -91,7 +91,7 @@ def named_column(header: Sequence[str], quantity: Quantity, given: str) -> Colum
     """
     name, _, spelled = given.rpartition(":")
     unit = unit_of(quantity, spelled) if name else None
-    places = {normal(each): index for index, each in reversed(list(enumerate(header)))}
+    places = {normal(name): index for index, name in reversed(list(enumerate(header)))}
     if unit is None or normal(given) in places:
         name, unit = given, None
     if normal(name) not in places:
@@ -191,7 +191,7 @@ def with_units(header: Sequence[str], below: Sequence[str]) -> tuple[tuple[str, 
     """The names with the units that stand in the cells below them, and whether they do."""
     units = [cell.strip("[]()") for cell in below]
     units += [""] * (len(header) - len(units))
-    own = {each.index: each for each in columns_of(header).values()}
+    own = {column.index: column for column in columns_of(header).values()}
     spelled = {
         k: unit_of(own[k].quantity, units[k])
         for k in own

@@ -42,7 +42,7 @@ class Counters:
     @property
     def written(self) -> dict[str, Charge]:
         """The counters that the file has, by name."""
-        named = {each.name: getattr(self, each.name) for each in fields(self)}
+        named = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: values for name, values in named.items() if values is not None}
 
     @property

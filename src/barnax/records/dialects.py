@@ -37,7 +37,8 @@ class Dialect:
     def quantities(self) -> tuple[Quantity, ...]:
         """What the columns of this make's tables may hold."""
         return tuple(
-            replace(each, spelled=self.names.get(each.name, each.spelled)) for each in QUANTITIES
+            replace(quantity, spelled=self.names.get(quantity.name, quantity.spelled))
+            for quantity in QUANTITIES
         )
 
     def is_marked(self, names: set[str]) -> bool:

@@ -92,15 +92,15 @@ def _voltages(source: Source, pattern: str | None) -> dict[str, Float[np.ndarray
     """The columns of cell voltages by name, in V."""
     header = source.table.header
     if pattern is not None:
-        wanted = [each.strip() for each in pattern.split(",")]
-        names = [name for name in header if any(fnmatchcase(name, each) for each in wanted)]
+        wanted = [part.strip() for part in pattern.split(",")]
+        names = [name for name in header if any(fnmatchcase(name, part) for part in wanted)]
         if len(names) < FEWEST:
             raise InputError(
                 f"{source.name}: `cells` {pattern!r} fits {listed(names) or 'no column'}; there "
                 f"are {listed(header)}"
             )
         return {name: _in_volts(source, name) for name in names}
-    taken = {each.header for name, each in columns_of(header, source.columns).items()
+    taken = {column.header for name, column in columns_of(header, source.columns).items()
              if name != "voltage"}  # fmt: skip
     alike: dict[str, dict[str, np.ndarray]] = {}
     for name in header:

@@ -73,7 +73,7 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     mended = samples
     if short := _too_short(mended):
         # Where bad cells took the samples, that is said already.
-        findings += [] if any(each.severity == "error" for each in findings) else [short]
+        findings += [] if any(finding.severity == "error" for finding in findings) else [short]
         return Examined(None, None, tuple(findings))
     # Absurd values overflow on their way to being found absurd.
     with np.errstate(all="ignore"):
@@ -175,11 +175,11 @@ def read_record(
     assert samples is not None  # Where there are none, that was an error.
     sign, doubts = decide_sign(samples, current_sign, source.name)
     record = make_record(source, samples, sign, decide_hold(samples, current_hold))
-    found = [each.about(source.name) for each in (*examined.findings, *doubts)]
+    found = [finding.about(source.name) for finding in (*examined.findings, *doubts)]
     return replace(
         aligned(record, voltage_lag),
-        warnings=tuple(each for each in found if each.severity == "warning"),
-        notes=tuple(each for each in found if each.is_told),
+        warnings=tuple(finding for finding in found if finding.severity == "warning"),
+        notes=tuple(finding for finding in found if finding.is_told),
     )
 
 

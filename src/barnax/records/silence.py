@@ -56,7 +56,7 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
     shown_s = interval_s.copy()
     shown_s[gaps] = usual_s
     out_ah, clock_s = (
-        np.append(0.0, np.cumsum(each)) for each in (held_a * shown_s / 3600, shown_s)
+        np.append(0.0, np.cumsum(amount)) for amount in (held_a * shown_s / 3600, shown_s)
     )
     first = np.searchsorted(clock_s, clock_s[gaps] - _LATELY_S)
     passed_s = np.maximum(clock_s[gaps] - clock_s[first], usual_s)
@@ -96,11 +96,11 @@ def gaps_in(interval_s: Float[np.ndarray, "intervals"]) -> Int[np.ndarray, "gaps
     usual_s = np.maximum(np.nanmedian(before, axis=1), np.nanmedian(after, axis=1))
     gaps = likely[interval_s[likely] > _GAP * usual_s]
     # Intervals of a length that is common elsewhere are how the tester samples.
-    alone, all_s = (np.sort(each) for each in (interval_s[gaps], interval_s))
+    alone, all_s = (np.sort(intervals_s) for intervals_s in (interval_s[gaps], interval_s))
     counts = (
-        np.searchsorted(each, interval_s[gaps] * (1 + _ALIKE), "right")
-        - np.searchsorted(each, interval_s[gaps] * (1 - _ALIKE))
-        for each in (alone, all_s)
+        np.searchsorted(intervals_s, interval_s[gaps] * (1 + _ALIKE), "right")
+        - np.searchsorted(intervals_s, interval_s[gaps] * (1 - _ALIKE))
+        for intervals_s in (alone, all_s)
     )
     among_gaps, among_all = counts
     return gaps[among_gaps > _FEW_ALIKE * among_all]

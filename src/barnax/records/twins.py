@@ -57,7 +57,7 @@ def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
 
 def _others(table: Table, name: str, own: Column) -> Iterator[Column]:
     """Further columns that can hold the quantity, by their names."""
-    (quantity,) = [each for each in QUANTITIES if each.name == name]
+    (quantity,) = [quantity for quantity in QUANTITIES if quantity.name == name]
     for index, header in enumerate(table.header[:_MAX_NAMES]):
         found = find_columns([header], QUANTITIES)
         column = found.get(name) or (None if found else likely_column(quantity, [header]))

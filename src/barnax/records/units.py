@@ -185,10 +185,10 @@ def _too_slow(samples: Samples, stated_s: float) -> _Suspicion | None:
     ratio = _throughput_ratio(samples)
     units = _SHORTER if stated_s == 1 else (("seconds", "s", 1 / stated_s),)
     if ratio is not None:
-        units = [each for each in units if abs(ratio * each[2] - 1) < _RATIO]
+        units = [unit for unit in units if abs(ratio * unit[2] - 1) < _RATIO]
         if not units:
             return None
-    fitting = [each for each in units if _is_whole(interval_s * each[2])]
+    fitting = [unit for unit in units if _is_whole(interval_s * unit[2])]
     words, symbol, factor = (fitting or units)[0]
     reason = f"samples lie {interval_s:.5g} s apart"
     if len(fitting) == 1:

@@ -48,7 +48,7 @@ def _only_file(content: bytes, file: str) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as packed:
             # Finder adds files of its own.
-            files = [each for each in packed.infolist() if "__MACOSX/" not in each.filename]
+            files = [entry for entry in packed.infolist() if "__MACOSX/" not in entry.filename]
             for part in unpacked(packed, files) if len(files) == 1 else ():
                 return unpack(part, content, file)
     except InputError:

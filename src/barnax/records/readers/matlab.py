@@ -109,11 +109,11 @@ def _of_hdf5(content: bytes, file: str) -> Struct:
                 for name in found
                 if name != "#refs#" and isinstance(found.get(name, getlink=True), h5py.HardLink)
             }
-            held = [each for each in found.values() if isinstance(each, h5py.Dataset)]
+            held = [item for item in found.values() if isinstance(item, h5py.Dataset)]
             if (
                 held
-                and all(h5py.check_ref_dtype(each.dtype) for each in held)
-                and not any("MATLAB_class" in each.attrs for each in held)
+                and all(h5py.check_ref_dtype(dataset.dtype) for dataset in held)
+                and not any("MATLAB_class" in dataset.attrs for dataset in held)
             ):
                 # An array of structures holds each field as an array.
                 return [
@@ -123,7 +123,11 @@ def _of_hdf5(content: bytes, file: str) -> Struct:
         if found.external or found.is_virtual:
             raise InputError(f"{file}: refers to other files; save it as one file.")
         if h5py.check_ref_dtype(found.dtype):
-            return [value_of(found.file[each], depth + 1) for each in found[()].ravel() if each]
+            return [
+                value_of(found.file[reference], depth + 1)
+                for reference in found[()].ravel()
+                if reference
+            ]
         if found.attrs.get("MATLAB_class") == b"char":
             return "".join(map(chr, found[()].ravel().tolist()))
         return found[()]
@@ -145,8 +149,8 @@ def _structs(
         for name, value in tree.items():
             yield from _structs(value, f"{path}.{name}".lstrip("."), depth + 1, seen)
     elif isinstance(tree, list) or (isinstance(tree, np.ndarray) and tree.dtype == object):
-        for number, each in enumerate(np.ravel(tree) if isinstance(tree, np.ndarray) else tree, 1):
-            yield from _structs(each, f"{path}({number})", depth + 1, seen)
+        for number, part in enumerate(np.ravel(tree) if isinstance(tree, np.ndarray) else tree, 1):
+            yield from _structs(part, f"{path}({number})", depth + 1, seen)
 
 
 def _is_column(value: Any) -> bool:
@@ -211,18 +215,18 @@ def _joined(
 ) -> Table:
     """NASA's cycles behind each other, each from when it began."""
     cycles = _begun(structs, [*records])
-    starts_s = [_start_s(each) for each in cycles]
+    starts_s = [_start_s(cycle) for cycle in cycles]
     order = np.argsort(starts_s, kind="stable").tolist()
     own = [[*records.values()][k] for k in order]
     clocks = [
-        each["Time"] + starts_s[k] - min(starts_s) for k, each in zip(order, own, strict=True)
+        columns["Time"] + starts_s[k] - min(starts_s) for k, columns in zip(order, own, strict=True)
     ]
-    shared = [name for name in own[0] if name != "Time" and all(name in each for each in own)]
-    counts = [len(each) for each in clocks]
+    shared = [name for name in own[0] if name != "Time" and all(name in columns for columns in own)]
+    counts = [len(clock_s) for clock_s in clocks]
     numbers = [int(re.findall(r"\((\d+)\)", [*records][k])[-1]) for k in order]
     words = [str(cycles[k].get("type", "")) for k in order]
     columns = {"Time": np.concatenate(clocks), "cycle": np.repeat(numbers, counts)}
-    columns |= {name: np.concatenate([each[name] for each in own]) for name in shared}
+    columns |= {name: np.concatenate([columns[name] for columns in own]) for name in shared}
     joined = notice("columns.joined-cycles", cycles=len(own), path=path)
     return _table(columns, (joined,), state=np.repeat(words, counts).tolist())
 
@@ -232,7 +236,7 @@ def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -
     option = "`columns='time={0}.NAME:s,current={0}.NAME:A,voltage={0}.NAME:V'`"
     if records:
         names = ", ".join(
-            printable(cut(each or "the workspace", LONGEST_CELL)) for each in records[:_MAX_NAMED]
+            printable(cut(path or "the workspace", LONGEST_CELL)) for path in records[:_MAX_NAMED]
         )
         choose = option.format(records[-1]) if records[-1] else "save one of them alone"
         return (

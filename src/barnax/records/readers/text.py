@@ -132,8 +132,8 @@ def _fits(header: Sequence[str], columns: Sequence[pl.Series]) -> bool:
     if clock is None or "voltage" not in found:
         return True
     time, voltage = (
-        numbers(columns[each.index].head(_GUESSED_LINES), each)
-        for each in (clock, found["voltage"])
+        numbers(columns[column.index].head(_GUESSED_LINES), column)
+        for column in (clock, found["voltage"])
     )
     is_cell = bool(np.isfinite(voltage).all() and 0 < np.median(voltage) < CELL_RANGE_V[1])
     rises = np.diff(time) > 0
@@ -198,8 +198,8 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
 def _names(line: str, given: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
     """The delimiter of a line and its cells: by the one that names a record, else the commonest."""
     commonest = sorted(_DELIMITERS, key=line.count, reverse=True)
-    split = [(each, tuple(_cells(line, each))) for each in commonest if each in line]
-    named = (each for each in split[1:] if names_record(each[1], given))
+    split = [(mark, tuple(_cells(line, mark))) for mark in commonest if mark in line]
+    named = (candidate for candidate in split[1:] if names_record(candidate[1], given))
     if not split or names_record(split[0][1], given):
         return split[0] if split else (commonest[0], tuple(_cells(line, commonest[0])))
     return next(named, split[0])

@@ -20,7 +20,7 @@ class _Libraries(NamedTuple):
 
 
 class _Guard:
-    """How many are inside `one_blas_thread`, and what the last of them restores."""
+    """A count of those inside `one_blas_thread`, and what the last of them restores."""
 
     def __init__(self):
         self.lock = threading.Lock()

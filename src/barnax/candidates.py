@@ -90,12 +90,12 @@ def tabulated_circuit(cell: CellModel) -> str:
 
 
 def is_fast(records: Iterable[PreparedRecord | Record]) -> bool:
-    """Whether all records are sampled fast enough to show a third RC pair."""
+    """True if all records are sampled fast enough to show a third RC pair."""
     return all(float(np.median(np.diff(record.time_s))) <= FAST_S for record in records)
 
 
 def spans_enough(fit: TableFit) -> bool:
-    """Whether samples visit so much of the SOC that tables say something of the cell."""
+    """True if samples visit so much of the SOC that tables say something of the cell."""
     tables = fit.tables
     visited = [
         soc for soc, is_visited in zip(tables.nodes, tables.visited, strict=True) if is_visited
@@ -104,12 +104,12 @@ def spans_enough(fit: TableFit) -> bool:
 
 
 def is_better(one: SocErrors | None, simpler: SocErrors | None) -> bool:
-    """Whether a circuit is worth what it has more than a simpler one, by what was held out."""
+    """True if a circuit is worth what it has more than a simpler one, by held-out errors."""
     return one is not None and simpler is not None and one.is_worth(simpler)
 
 
 def is_alike(one: SocErrors | None, other: SocErrors | None) -> bool:
-    """Whether what was held out tells two circuits apart by less than `ALIKE`."""
+    """True if held-out errors tell two circuits apart by less than `ALIKE`."""
     if one is None or other is None:
         return False
     low, high = sorted((one.rmse_v, other.rmse_v))

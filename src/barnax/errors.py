@@ -1,4 +1,4 @@
-"""What is said where an input cannot be used, and how a message quotes what stands in it."""
+"""The error for an input that cannot be used, and how messages quote its content."""
 
 import re
 import textwrap
@@ -12,7 +12,7 @@ REFUSED = "input.refused"
 
 
 class InputError(ValueError):
-    """What was given cannot be used; the message names it and the remedy.
+    """An input that cannot be used; the message names it and the remedy.
 
     Raised for files, options and values that come from outside. Options stand in it by their
     Python names between backticks, which are used for nothing else. The command line prints the
@@ -75,12 +75,12 @@ def escaped(name: str) -> str:
 
 
 def reason_of(error: BaseException) -> str:
-    """What a library says went wrong, in one line."""
+    """The first line of what a library says went wrong."""
     return printable(cut(next(iter(str(error).splitlines()), type(error).__name__), 200))
 
 
 def toml_reason(error: BaseException) -> str:
-    """Where a text is not TOML; a library's words only where it says no place.
+    """The place where a text is not TOML; a library's words only if it names none.
 
     >>> toml_reason(ValueError("Invalid value (at line 14, column 8)"))
     'error at line 14, column 8'

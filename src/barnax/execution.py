@@ -1,4 +1,4 @@
-"""How the numerics run: in float64, compiled once for a shape, in blocks on all cores."""
+"""Execution of the numerics: in float64, compiled once for a shape, in blocks on all cores."""
 
 import functools
 import os
@@ -79,7 +79,7 @@ def seed_blocks(seeds: int, size: int = SEEDS_PER_BLOCK) -> list[list[int]]:
 
 
 def wanted_rows(seeds: int, size: int = SEEDS_PER_BLOCK) -> list[int]:
-    """How many rows of each block are seeds that were asked for."""
+    """The number of rows of each block that are seeds that were asked for."""
     return [min(size, seeds - first) for first in range(0, seeds, size)]
 
 

@@ -54,13 +54,13 @@ class _Part(_Strict):
 
     @property
     def size(self) -> int:
-        """How many numbers are stored: the rows without what stands below the trapezoid."""
+        """The number of stored values: the rows without what stands below the trapezoid."""
         filled = min(self.rows, self.columns)
         return filled * self.columns - filled * (filled - 1) // 2
 
 
 class _Head(_Strict):
-    """What stands in the header of one record."""
+    """The header of one record."""
 
     name: str = Field(max_length=LONGEST_TEXT)
     low_s: _Finite

@@ -37,7 +37,7 @@ def csv_text(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def is_factor_file(path: str | Path) -> bool:
-    """Whether a path is named as files of factors are.
+    """True if a path is named as files of factors are.
 
     >>> is_factor_file("fleet/factors/A1.factors.npz"), is_factor_file("A1.csv")
     (True, False)
@@ -46,7 +46,7 @@ def is_factor_file(path: str | Path) -> bool:
 
 
 def is_address(path: str | Path) -> bool:
-    """Whether a path is one of an object store, or another address.
+    """True if a path is one of an object store, or another address.
 
     >>> is_address("s3://bucket/cell.parquet"), is_address("cell.parquet")
     (True, False)
@@ -82,7 +82,7 @@ def located(where: str | Path) -> Any:
 
 
 def fetched(address: str | Path, most_bytes: int) -> bytes:
-    """What lies at an address. Raises `InputError` where it cannot be read, or is longer."""
+    """The content at an address. Raises `InputError` where it cannot be read, or is longer."""
     try:
         with located(address).open("rb") as file:
             content = file.read(most_bytes + 1)
@@ -97,7 +97,7 @@ def fetched(address: str | Path, most_bytes: int) -> bytes:
 
 
 def changed_ns(path: Path) -> int:
-    """When a file was written, in ns; 0 where its store does not know."""
+    """The time at which a file was written, in ns; 0 where its store does not know."""
     if isinstance(path, Path):
         return path.stat().st_mtime_ns
     try:
@@ -112,7 +112,7 @@ def aside(folder: Path) -> Path:
 
 
 def unfinished(folder: Path) -> list[Path]:
-    """What processes that were killed, or still write, have aside in a folder."""
+    """Files that processes that were killed, or still write, have aside in a folder."""
     return sorted(
         path
         for path in folder.glob(".barnax-*")

@@ -45,7 +45,7 @@ def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[in
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What was in the files: records to identify and to validate on, OCV tests, and the cell, whose
+    """Contents of the files: records to identify and to validate on, OCV tests, and the cell, whose
     OCV is that of the records where there is no test."""
 
     records: list[Record]
@@ -96,7 +96,7 @@ def read_inputs(
     called: dict[str, int] = {}
 
     def take(item: Given, role: str) -> Any:
-        """What a file or frame holds, read once, and remembered to be checked."""
+        """The record or table in a file or frame, read once, and remembered to be checked."""
         if isinstance(item, OcvTable):
             return item
         is_record = isinstance(item, Record)
@@ -163,7 +163,7 @@ def _checked(
     reading: Reading,
     identified: Sequence[tuple[str, float | None]] = (),
 ) -> list[Notice]:
-    """What the checks have against the files, by themselves and against each other.
+    """Warnings of the checks about the files, by themselves and against each other.
 
     Of what was given nothing is advised again, and what is not simulated is left out.
     """
@@ -220,7 +220,7 @@ def _simulated(source: Source, record: Record, window: Window) -> Source:
 
 @contextmanager
 def telling(warnings: Sequence[Notice]) -> Iterator[None]:
-    """What an `InputError` says goes before what the checks found, which may be its cause."""
+    """Put what the checks found behind an `InputError`, as it may be its cause."""
     try:
         yield
     except InputError as problem:
@@ -271,7 +271,7 @@ def numbered(source: Any, called: dict[str, int]) -> Any:
 def input_warnings(
     found: FileCheck, role: str, window: Window | Mapping[str, Window] | None
 ) -> list[Notice]:
-    """What the checks of a file have against the role that it is given."""
+    """Warnings of the checks of a file about the role that it is given."""
     told = [finding.about(found.file) for finding in found.findings if finding.counts]
     for use in found.roles:
         if use.name == role and not use.is_usable:
@@ -288,7 +288,7 @@ def windows_by_name(window: Window | Mapping[str, Window] | None) -> dict[str, W
 
 
 def window_of(window: Window | Mapping[str, Window] | None, name: str) -> Window:
-    """What was said of a record: its own window, else the common one."""
+    """The window of a record: its own, else the common one."""
     known = windows_by_name(window)
     return known.get(name, known.get("")) or Window()
 
@@ -314,7 +314,7 @@ def windows_of(
 def ranges_of(
     bounds: Mapping[str, Range] | str | Path | None,
 ) -> tuple[str, Mapping[str, Range] | None]:
-    """Where the box comes from, for messages, and its ranges."""
+    """The origin of the box, for messages, and its ranges."""
     if isinstance(bounds, str | Path):
         return Path(bounds).name, read_bounds(Path(bounds))
     return ("`fix`" if bounds is None else "`bounds`"), bounds
@@ -331,7 +331,7 @@ def _name_of(source: Given) -> str:
 
 
 def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:
-    """What each file is called: its name, with folders where names are shared."""
+    """The name by which each file is told, with folders where names are shared."""
     distinct = {Path(path) for path in paths}
     names = {path: printable(_shortest_own_name(path, distinct - {path})) for path in distinct}
     return names | ({STDIN: STDIN_NAME} if STDIN in distinct else {})

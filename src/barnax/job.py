@@ -44,7 +44,7 @@ AnyJob = TypeVar("AnyJob", bound="Job")
 
 
 class _Signature:
-    """What a class is made of: the arguments of its `__init__`, whatever its `__new__` takes."""
+    """The arguments of a class's `__init__`, whatever its `__new__` takes."""
 
     def __get__(self, _: object, owner: type) -> inspect.Signature:
         own = inspect.signature(owner.__init__)
@@ -53,7 +53,7 @@ class _Signature:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Job(TableOptions, CellSettings, Reading, Scope, Settings):
-    """What `identify` is asked for, with the fields of `Settings`, `Reading` and others by name.
+    """A request to `identify`, with the fields of `Settings`, `Reading` and others by name.
 
     `chosen` tells what was given from defaults.
 
@@ -139,12 +139,12 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
 
     @property
     def chosen(self) -> dict[str, Any]:
-        """What was given, by name."""
+        """The options that were given, by name."""
         return {name: value for name, value in vars(self).items() if name in vars(self)["_chosen"]}
 
     @property
     def table_settings(self) -> TableSettings:
-        """How tables are fitted. Raises `InputError` where these options do not go together."""
+        """Settings of the tables' fit. Raises `InputError` where they do not go together."""
         more = self.tables or TableSettings()
         return TableSettings(**vars(self.part(TableOptions)), bounds=more.bounds, fixed=more.fixed)
 

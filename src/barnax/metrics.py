@@ -1,4 +1,4 @@
-"""How far simulated voltage is from measured voltage (Li et al., 2023, Eq. 22 to 26)."""
+"""Errors of simulated against measured voltage (Li et al., 2023, Eq. 22 to 26)."""
 
 from dataclasses import dataclass
 
@@ -69,7 +69,7 @@ TO_SD = 1.4826
 
 
 def robust_deviations(values: Float[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
-    """How many robust standard deviations each value is from the median; zero without a spread.
+    """The distance of each value from the median in robust deviations; zero without a spread.
 
     >>> robust_deviations(np.array([1.0, 2.0, 3.0, 4.0, 100.0])).round(1).tolist()
     [-1.3, -0.7, 0.0, 0.7, 65.4]

@@ -139,12 +139,12 @@ class Notice:
 
     @property
     def what(self) -> str:
-        """What was found, in words."""
+        """The finding in words."""
         return _Words(self.kind.words).vformat(self.kind.says, (), self.values)
 
     @property
     def remedy(self) -> str:
-        """What to do: an action, or an option by its Python name in backticks."""
+        """The remedy: an action, or an option by its Python name in backticks."""
         return _Words(self.kind.words).vformat(self.kind.remedy, (), self.values)
 
     @property
@@ -154,12 +154,12 @@ class Notice:
 
     @property
     def counts(self) -> bool:
-        """Whether it is more than a note."""
+        """True if it is more than a note."""
         return self.severity != "note"
 
     @property
     def is_told(self) -> bool:
-        """Whether it is a note of what was assumed or changed, which the record repeats."""
+        """True for a note of what was assumed or changed, which the record repeats."""
         return self.kind.is_told and not self.counts
 
     def about(self, subject: str) -> Self:

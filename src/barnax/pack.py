@@ -33,7 +33,7 @@ LOOKED_AT = (R0, TOTAL, SHIFT, CAPACITY)
 
 @dataclass(frozen=True)
 class Odd:
-    """What is odd about a cell.
+    """A quantity in which a cell is odd.
 
     Attributes:
         cell: Its name.

@@ -195,7 +195,7 @@ def _as_counted(
 
 
 def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
-    """How tables are fitted, with the bounds and fixed values of the circuit, but those in a unit
+    """Settings of tables, with the bounds and fixed values of the circuit, but those in a unit
     that tables do not have."""
     ranges, tables = ranges_of(job.bounds)[1], job.table_settings
     bounds, fixed = (
@@ -319,7 +319,7 @@ def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
 
 
 def _contradictions(run: Run) -> Iterator[Notice]:
-    """What another constant circuit, fitted to the same data, says against the answer's."""
+    """A notice where another constant circuit, fitted to the same data, contradicts the answer."""
     own = next((candidate for candidate in run.candidates if candidate.is_answer), None)
     others = [
         candidate

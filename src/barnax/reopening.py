@@ -45,7 +45,7 @@ By = Callable[[PreparedRecord], Evaluation]
 
 @dataclass(frozen=True)
 class Inputs:
-    """Where the inputs of a stored result are: in folders, or given by their names."""
+    """The inputs of a stored result: in folders, or given by their names."""
 
     folders: tuple[Path, ...]
     given: Mapping[str, Given]
@@ -205,7 +205,7 @@ def _again(
 
 
 def _search(result: Result, problem: Problem) -> Search | None:
-    """What the seeds found; None where there were none, or their optimizer is not known here."""
+    """The seeds' search; None without seeds, or where their optimizer is not known here."""
     part = result.constant.search
     if part is None or part.method not in OPTIMIZERS:
         return None

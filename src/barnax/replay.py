@@ -127,7 +127,7 @@ class ScenarioPart(Part):
 
     @property
     def is_lost(self) -> bool:
-        """Whether the estimate does not stay near the reference."""
+        """True if the estimate does not stay near the reference."""
         return self.diverged_s is None and (self.rms is None or self.rms > CONVERGED)
 
 
@@ -201,7 +201,7 @@ class SocReplay(Document):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Traces(Brief):
-    """What stands over time in a replay: the counter as the truth, and every scenario's estimate.
+    """A replay over time: the counter as the truth, and every scenario's estimate.
 
     `counted` is plain counting in each scenario; before one starts there are no numbers.
     """
@@ -327,7 +327,7 @@ def _run_all(models: FilterModel, starts: Any, drives: Drive, kind: Kind) -> Est
 
 
 def _score(model: FilterModel, case: Case, traces: Traces, place: int) -> ScenarioPart:
-    """What a filter's estimates are worth against the counter."""
+    """The errors of a filter's estimates against the counter."""
     believed, (state, _), _ = case.given
     here = slice(case.first, None)
     time_s, truth = traces.time_s[here] - traces.time_s[case.first], traces.truth[here]

@@ -50,7 +50,7 @@ def window_of(result: Result, name: str) -> Window:
 
 
 def axis_sd_of(result: Result, capacity_ah: float) -> float:
-    """How far, as a standard deviation, the SOC that is counted over a capacity may be from that of
+    """The standard deviation of the SOC that is counted over a capacity, against that of
     the OCV.
 
     That is what is called full, and, where the records identified on were registered on the OCV

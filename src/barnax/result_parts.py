@@ -54,7 +54,7 @@ class SearchPart(Part):
 
 
 class RefinedPart(Part):
-    """Where Levenberg-Marquardt took the seeds, and the distinct optima they ended in.
+    """The seeds after Levenberg-Marquardt, and the distinct optima they ended in.
 
     Attributes:
         rmse_v: The best, by scan.
@@ -207,7 +207,7 @@ class InputPart(Part):
         return known.told_capacity_ah if known and known.by == "records" else self.capacity_ah
 
     def is_at(self, temperature_degc: float) -> bool:
-        """Whether it is a record of this temperature, as far as one is told from another."""
+        """True for a record of this temperature, as far as one is told from another."""
         own_degc = self.temperature_degc
         return own_degc is not None and abs(own_degc - temperature_degc) <= SAME_DEGC
 
@@ -225,7 +225,7 @@ class PlannedFile(Part):
 
 
 class AssessmentPart(Part):
-    """How well the data determine the answer.
+    """The data's hold on the answer: intervals, what is not determined, and residuals.
 
     Attributes:
         uncertainty: Intervals of all parameters.

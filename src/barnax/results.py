@@ -332,7 +332,7 @@ class Result(Document):
 
     @property
     def start(self) -> Start:
-        """Where the simulation of the first record starts."""
+        """The start of the simulation of the first record."""
         start = self._first.start
         assert start is not None, "validated above"
         return start
@@ -344,8 +344,8 @@ class Result(Document):
 
     @property
     def common_window(self) -> Window:
-        """What the windows of all simulated records agree on; what is one's alone is not
-        another's."""
+        """The values on which the windows of all simulated records agree: what is one's alone is no
+        other's."""
         first, *others = [part.window.as_told for part in self.inputs if part.window]
         agreed = {
             name: value

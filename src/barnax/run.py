@@ -1,4 +1,4 @@
-"""What an identification ran on and found: the objects behind a result, and its best circuit."""
+"""The objects behind a result, and the best circuit known."""
 
 from dataclasses import dataclass, field
 from typing import Literal

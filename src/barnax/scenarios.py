@@ -1,4 +1,4 @@
-"""What a battery manager may have wrong when it starts a filter, and the filter's inputs then."""
+"""Wrong beliefs of a battery manager that starts a filter, and the filter's inputs then."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -105,7 +105,7 @@ def _open_loop(model: FilterModel, state: Any, drive: Drive) -> Any:
 def in_place(
     values: Float[np.ndarray, "samples *_"], first: int
 ) -> Float[np.ndarray, "samples *_"]:
-    """What was computed from a sample on, in its place."""
+    """Values that were computed from a sample on, in their place."""
     found = np.full(values.shape, np.nan)
     found[first:] = values[: len(values) - first]
     return found

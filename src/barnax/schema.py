@@ -68,7 +68,7 @@ def key_of(name: str) -> str:
 
 
 class _Array:
-    """How an array of numbers is stored: as nested lists, null for what is not finite."""
+    """An array of numbers, stored as nested lists, null for what is not finite."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
         del source, handler
@@ -155,7 +155,7 @@ class Document(Part):
 
     @classmethod
     def from_json(cls, path: str | Path) -> Self:
-        """What is in a file. Raises `InputError` that names what is wrong with it."""
+        """The document in a file. Raises `InputError` that names what is wrong with it."""
         if not isinstance(path, str | os.PathLike) or _TEXT.match(str(path)):
             given = "its text" if isinstance(path, str) else f"a {type(path).__name__}"
             raise InputError(f"from_json takes the name of a file, not {given}; {cls.remedy}")
@@ -202,7 +202,7 @@ class StoredNotice(Part):
 
 
 class _Told:
-    """How a notice is stored. One without a code that is known here is read as it was worded."""
+    """A notice as it is stored. One without a code that is known here is read as it was worded."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
         del source

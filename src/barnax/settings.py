@@ -1,4 +1,4 @@
-"""What a user may choose, apart from the data: types, defaults, and what each option means.
+"""Options of a user, apart from the data: types, defaults, and what each option means.
 
 `Job` has all of it, under the same names; the command line makes its options of these fields, and
 their help of the lines of `Args`. Nothing heavy is loaded here.
@@ -100,7 +100,7 @@ class Settings:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """How files are read: the sign of the current, its sampling, columns, cells in series.
+    """Reading of files: the sign of the current, its sampling, columns, cells in series.
 
     Args:
         current_sign: Sign of current in the records: charge-positive, discharge-positive, or auto
@@ -136,7 +136,7 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class CellSettings:
-    """How OCV tests become curves.
+    """The way from OCV tests to curves.
 
     Args:
         ocv_capacity: Capacity in Ah in the OCV test, if it does not span full to empty.
@@ -151,7 +151,7 @@ class CellSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Scope:
-    """How far a run goes.
+    """The reach of a run.
 
     Args:
         setup: The set-up of a paper: li2023 is iso-rc alone on an OCV polynomial, as in Li et al.
@@ -242,7 +242,7 @@ CELL_DEGC = (-100.0, 200.0)
 
 
 def is_temperature(degc: float) -> bool:
-    """Whether it may be a cell's.
+    """True if it may be a cell's.
 
     >>> is_temperature(25.0), is_temperature(298.15)
     (True, False)
@@ -256,7 +256,7 @@ MAX_MOVED_SOC = 0.03
 
 @dataclass(frozen=True)
 class Registration:
-    """Where other records of the cell, or its OCV test, put a record's start and capacity, with
+    """A record's start and capacity by other records of the cell, or by its OCV test, with
     95 % intervals, and what was told of them before: its window, and what that gave. The axis is
     the one on which what was told is right on the average. An offset of the current that records
     share is in A, discharge positive, with its standard error. What resistances follow is found
@@ -364,7 +364,7 @@ class Window:
 
     @property
     def is_chosen(self) -> bool:
-        """Whether it says where to start or what to score."""
+        """True if it says where to start or what to score."""
         return self != Window(
             rest_current_a=self.rest_current_a,
             initial_direction=self.initial_direction,
@@ -384,7 +384,7 @@ def choices_in(hint: Any) -> tuple[str, ...]:
 
 
 def explained(thing: Any) -> dict[str, str]:
-    """What docstrings say of each argument of a function, or each field of a class and its bases.
+    """Explanations in docstrings of a function's arguments, or a class's fields and its bases'.
 
     >>> explained(Settings)["seeds"]
     'Independent runs of the optimizer; 0: only the global optimum.'

@@ -55,7 +55,7 @@ def simulate_frame(
     temperature_degc: float | None = None,
     **known: Any,
 ) -> Any:
-    """What `Result.simulate` gives: columns of the same kind as `current`."""
+    """The columns that `Result.simulate` gives, of the same kind as `current`."""
     if time is not None:
         profile = Profile(_numbers("time", time), _numbers("current", current))
     elif isinstance(current, list | tuple) or (hasattr(current, "ndim") and current.ndim == 1):
@@ -120,7 +120,7 @@ def _doubts(
     soc: Float[np.ndarray, "samples"],
     given_degc: float | None,
 ) -> Iterator[Notice]:
-    """Where a simulation goes beyond what the answer was identified on."""
+    """Notices that a simulation goes beyond what the answer was identified on."""
     parts = result.of_role("identification")
     max_a = max((part.peak_current_a or 0.0 for part in parts), default=0.0)
     far = np.flatnonzero(np.abs(profile.current_a) > FAR_CURRENT * max_a)

@@ -1,4 +1,4 @@
-"""What is stored of a run: a `Run` as a `Result`, and its parts."""
+"""A `Run` as a `Result`, to be stored, and its parts."""
 
 import functools
 import sys

@@ -88,7 +88,7 @@ class TableRun(Brief):
 
     @property
     def means_shifts_ohm(self) -> tuple[float, ...]:
-        """What R0 may be off by where rows are taken for means, whose current is half that of the
+        """Possible errors of R0 where rows are taken for means, whose current is half that of the
         interval before and half that of the one after: as it would be for a current that stood
         still in each of them, to either side, for what it does in them is not known."""
         if self.identification[0].prepared.record.hold.value != "centered":
@@ -159,7 +159,7 @@ class TableRun(Brief):
 
 
 def _answer(hold: str, kept: float) -> tuple[float, float]:
-    """What a pair answers in its own sample, and what it is under a current that flows after it,
+    """A pair's answer in its own sample, and what it is under a current that flows after it,
     as shares of it; `kept` is what an interval leaves of it."""
     if hold == "centered":
         own = (1 - EARLIER_SHARE) * (1 - kept)
@@ -184,7 +184,7 @@ def fit_over(
 
 
 def table_warnings(run: TableRun) -> Iterator[Notice]:
-    """What a user should know of tables over SOC."""
+    """Notices that a user of tables over SOC should know."""
     over = run.found.over_temperature
     degc = [""] if over is None else [f" at {degc:.3g} degC" for degc in over.temperatures_degc]
     told: dict[str, list[Notice]] = {}
@@ -269,7 +269,7 @@ def _outside_warnings(run: TableRun) -> Iterator[Notice]:
 
 
 def _is_alike(run: TableRun, evaluation: Evaluation, other: Evaluation) -> bool:
-    """Whether the tables of one record were identified on another: not those of another
+    """True if the tables of one record were identified on another: not those of another
     measured temperature; between temperatures all of them count."""
     over = run.found.over_temperature
     if over is None:

@@ -1,4 +1,4 @@
-"""What a run does: circuits are weighed, the best constant one is searched, the answer assessed."""
+"""The work of a run: circuits are weighed, the best constant one searched, the answer assessed."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
@@ -62,7 +62,7 @@ from .uncertainty import assess, compile_linearization, examine
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Weighing(Brief):
-    """What is weighed: constant circuits, of which one may be chosen already, and tables.
+    """Circuits to weigh: constant ones, of which one may be chosen already, and tables.
 
     Attributes:
         problems: Those of the constant circuits, the simplest first.
@@ -393,7 +393,7 @@ def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:
 def _attempt(
     code: str, warnings: list[Notice], function: Callable[..., Any], *given: Any, **more: Any
 ):
-    """What the function gives; where it fails, a warning: the answer stands without it."""
+    """The value of the function; where it fails, a warning: the answer stands without it."""
     try:
         return function(*given, **more)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError) as problem:

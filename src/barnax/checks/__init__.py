@@ -1,4 +1,4 @@
-"""What is wrong with a file, what mends it, and what it can serve as."""
+"""Checks of a file: what is wrong with it, how to mend it, and what it can serve as."""
 
 from .check_file import CHECKS, FileCheck, check_file
 from .roles import Role

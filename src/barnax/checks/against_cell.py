@@ -1,4 +1,4 @@
-"""Whether a record is of the cell that the OCV test shows, by charge, voltage and temperature."""
+"""Checks that a record is of the OCV test's cell, by charge, voltage and temperature."""
 
 from collections.abc import Callable, Sequence
 
@@ -39,7 +39,7 @@ _AS_FAST, _ALIKE = 2.0, 1.5
 
 
 def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[float], float]:
-    """How far the voltage leaves the cell's OCV at its best start, for a factor on the charge."""
+    """The voltage's distance from the cell's OCV at its best start, for a factor on the charge."""
     source_v, passed = _source(record, capacity_ah)
     soc = np.linspace(*cell.soc_range, 501)
     ocv_v = (cell.charge(soc) + cell.discharge(soc)) / 2
@@ -77,7 +77,7 @@ def _source(
 def compare_with_cell(
     record: Record, cell: CellModel, capacity_ah: float | None = None
 ) -> list[Notice]:
-    """What says that the record's charge or voltage is not of the cell that the OCV test shows: an
+    """Notices that the record's charge or voltage is not of the cell that the OCV test shows: an
     error where no unit makes its charge fit."""
     capacity_ah = capacity_ah or cell.capacity_ah
     apart_v = follow(record, cell, capacity_ah)

@@ -1,4 +1,4 @@
-"""Whether the current has a sign; channels that spike, stand still or stop at their limit."""
+"""Checks of the channels: a current that changes sign, spikes, stuck and clipped readings."""
 
 from collections.abc import Iterator
 
@@ -85,7 +85,7 @@ def find_current_spikes(given: CheckInput) -> Iterator[Notice]:
 
 
 def voltage_spikes(given: CheckInput) -> Bool[np.ndarray, "samples"]:
-    """Where the voltage spikes."""
+    """True where the voltage spikes."""
     current_a = given.record.current_a
     source_v = given.record.voltage_v + current_a * given.resistance_ohm
     # A current explains what the voltage does then and later.
@@ -114,8 +114,8 @@ def _spike(
 def _spikes(
     values: Channel, least: float, other: Channel, after: int
 ) -> Bool[np.ndarray, "samples"]:
-    """Where `values` leave steady neighbors by `least` and come back, while `other` stays, up to so
-    many samples after."""
+    """True where `values` leave steady neighbors by `least` and come back while `other` stays, up
+    to `after` samples later."""
     spiked = np.zeros(len(values), bool)
     for width in _WIDTHS:
         size = 2 * _BESIDE + width
@@ -239,7 +239,7 @@ def _range(values: Channel, first: Places, last: Places) -> Float[np.ndarray, "r
 
 
 def _swing(current_a: Channel) -> float:
-    """How far a current goes both up and down, but for single samples: where a tester holds the
+    """The swing of a current, both up and down, but for single samples: where a tester holds the
     voltage, it goes one way and is no more than noisy the other."""
     middle_a = np.median([current_a[:-2], current_a[1:-1], current_a[2:]], axis=0)
     fall_a = float((np.maximum.accumulate(middle_a) - middle_a).max())

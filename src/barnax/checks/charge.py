@@ -93,7 +93,7 @@ def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Itera
 
 
 def _is_scaled(given: CheckInput, ratio: float) -> bool:
-    """Whether the integral is that share of the counted charge in every part of the record."""
+    """True if the integral is that share of the counted charge in every part of the record."""
     counted_ah = given.samples.counters.increments_ah(with_net=False)
     assert counted_ah is not None, "both counters are there"
     passed_ah = np.cumsum(np.abs(counted_ah))
@@ -191,7 +191,7 @@ def find_rests(given: CheckInput) -> Iterator[Notice]:
 
 
 def _doubt_a(given: CheckInput, rests: list[_Rest]) -> float:
-    """How far from zero noise may put the median of the rests' currents."""
+    """The largest median of the rests' currents that noise may make."""
     peak_a, step_a = given.samples.peak_a, np.abs(given.samples.step_a)
     is_small = np.abs(given.record.current_a) < _SMALL_SHARE * peak_a
     quiet_a = step_a[is_small[1:] & (step_a < STEADY_SHARE * peak_a)]
@@ -236,7 +236,7 @@ def _turnover_ah(given: CheckInput) -> float:
 
 
 def _is_counted(given: CheckInput, first: int, last: int) -> bool:
-    """Whether the tester itself counted the charge of a run, which is then no rest."""
+    """True if the tester itself counted the charge of a run, which is then no rest."""
     counters = given.samples.counters.both
     counted_ah = sum(float(counter[last] - counter[first]) for counter in counters)
     moved_ah = abs(float(given.moved_ah[first:last].sum()))

@@ -51,7 +51,7 @@ _TESTERS_OWN = (".nda", ".ndax", ".mpr", ".res")
 
 @dataclass(frozen=True)
 class Facts:
-    """What the record is, once mended so far as it could be."""
+    """Facts of the record, once mended so far as it could be."""
 
     samples: int
     first_s: float
@@ -98,7 +98,7 @@ class FileCheck(Brief):
 
     @property
     def is_clean(self) -> bool:
-        """Whether nothing but notes was found."""
+        """True if nothing but notes was found."""
         return not any(finding.counts for finding in self.findings)
 
     def to_dict(self) -> Json:
@@ -196,7 +196,7 @@ def check_file(
 
 
 def _check_table(table: OcvTable) -> FileCheck:
-    """What was found in a table of OCV over SOC."""
+    """The check of a table of OCV over SOC."""
     findings = [replace(warning, subject="", severity="note") for warning in table.warnings]
     for points in table.branches.values():
         fall = find_fall(points)

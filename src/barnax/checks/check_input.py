@@ -1,4 +1,4 @@
-"""What the checks of a record look at: the record, mended so far as it could be."""
+"""The input of the checks: a record, mended so far as it could be."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What kind of test a record is, and what it can serve as.
+"""The kind of test that a record is, and the roles it can serve in.
 
 The kind is told by its sweeps, its current steps and how far they reach.
 """
@@ -56,11 +56,11 @@ class Traits:
 
     @property
     def is_slow(self) -> bool:
-        """Whether all that it holds are slow sweeps."""
+        """True if all that it holds are slow sweeps."""
         return bool(self.sweeps) and all(sweep.kind == "slow" for sweep in self.sweeps)
 
     def kind(self, capacity_ah: float | None) -> Kind:
-        """What it is, of a cell of that capacity."""
+        """The kind of test, for a cell of that capacity."""
         if self.sweeps:
             points = sum(len(sweep.points) - 1 for sweep in self.sweeps)
             has_pulses = self.steps >= max(STEPS, _STEPS_A_POINT * points)
@@ -75,7 +75,7 @@ class Traits:
         return "charge" if self.charged_ah > self.discharged_ah else "nothing"
 
     def missing_for(self, capacity_ah: float | None, fewest: int = STEPS) -> str:
-        """What it lacks to identify or validate a circuit on, in words; nothing if it is fit."""
+        """The reason why no circuit can be identified or validated on it; empty if one can."""
         if self.is_slow and self.steps >= STEPS:
             steps = counted(self.steps, "current step")
             return f"it holds a slow sweep beside {steps}; give the part with the steps by itself"
@@ -148,7 +148,7 @@ VALIDATION_STEPS = 10
 
 @dataclass(frozen=True)
 class Role:
-    """Whether a record can serve as `name`, why, and the window that it then needs, if any."""
+    """A role that a record can serve in or not, why, and the window that it then needs, if any."""
 
     name: str
     is_usable: bool

@@ -149,7 +149,7 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Notice]:
 
 
 def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
-    """What the voltage shows of a step of the current at once, one sample later and after that.
+    """The answers of the voltage to a step of the current at once, one sample later and after that.
 
     None where nothing is late. The answers of the samples from a step on are least squares on the
     differences between samples: R0 and what follows at once in the first, in the others what the RC
@@ -270,7 +270,7 @@ def find_resolution(given: CheckInput) -> Iterator[Notice]:
 
 
 def in_fahrenheit(value: float) -> float:
-    """What a number is in degC where it is one of Fahrenheit.
+    """Degrees Fahrenheit in degC.
 
     >>> in_fahrenheit(77.0)
     25.0

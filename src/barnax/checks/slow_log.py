@@ -1,4 +1,4 @@
-"""What the rows of a slow log are: means over their intervals, or samples of an instant.
+"""Slow logs: rows that are means over their intervals, or samples of an instant.
 
 The load changes between the rows. Of instants the charge between them is not known, so that the
 voltage wanders from what the logged current tells, and keeps what it gained: the differences
@@ -29,7 +29,7 @@ Rows = Literal["instants", "means", "open"]
 
 
 def rows_are(record: Record) -> Rows:
-    """What the rows of a record are whose load changes between them."""
+    """The kind of rows of a record whose load changes between them."""
     left = _left_v(record)
     if changes_through_values_between(record.current_a):
         return "means"
@@ -46,7 +46,7 @@ def rows_are(record: Record) -> Rows:
 def _left_v(
     record: Record,
 ) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]] | None:
-    """What R0 and the OCV over SOC, and pairs leave of the voltage's differences, and those."""
+    """Residuals of the voltage's differences after R0 and OCV over SOC and pairs, and those."""
     current_a, moved_v = record.current_a, np.diff(record.voltage_v)
     out_ah = record.discharged_ah
     if not np.ptp(out_ah) > 0:

@@ -1,4 +1,4 @@
-"""How to cut a whole test to its profile: where the charge is known, and what to score."""
+"""Windows that cut a whole test to its profile, from where the charge is known on."""
 
 import math
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ _ALIKE = 1.5
 
 @dataclass(frozen=True)
 class SuggestedWindow:
-    """How to cut a whole test to its profile, and why.
+    """A window that cuts a whole test to its profile, and why.
 
     The fields are those of `barnax.Window`; what is None stays at its default.
     `needs_initial_soc` says that the record does not tell the state of charge at the start, so
@@ -40,13 +40,13 @@ class SuggestedWindow:
 
     @property
     def options(self) -> dict[str, Any]:
-        """What to give to `barnax.Window`."""
+        """Arguments of `barnax.Window`."""
         names = ("start_time_s", "start_after_step", "initial_soc", "score_steps")
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     @property
     def advice(self) -> str:
-        """What to give, where a record is not to be simulated from its first sample to its last."""
+        """The options to give where not all of a record is to be simulated."""
         options = [
             f"`{name.removesuffix('_s')}={','.join(f'{n:.10g}' for n in np.atleast_1d(value))}`"
             for name, value in self.options.items()
@@ -111,14 +111,14 @@ def _after_charge(given: CheckInput) -> SuggestedWindow | None:
 
 
 def _is_fine_throughout(given: CheckInput) -> bool:
-    """Whether nearly all of the record is logged at the interval of its loads."""
+    """True if nearly all of the record is logged at the interval of its loads."""
     interval_s = given.record.interval_s
     loaded_s = float(np.median(interval_s[~given.is_rested[1:]]))
     return bool(np.quantile(interval_s, _WHOLE) <= _ALIKE * loaded_s)
 
 
 def _from_the_beginning(given: CheckInput) -> SuggestedWindow:
-    """How a simulation of the whole record learns its state of charge."""
+    """The window of the whole record, by how it tells its state of charge."""
     record = given.record
     if not given.is_rested[0]:
         return SuggestedWindow("it starts under load", needs_initial_soc=True, is_settled=False)

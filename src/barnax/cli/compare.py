@@ -38,7 +38,7 @@ SHOWN = {*("Circuits", "Verdict", "Parameters", "Search"), *("Identification", "
 
 @group
 class Rows:
-    """Which rows are compared."""
+    """The rows that are compared."""
 
     models: str | None = option(
         SEARCH,

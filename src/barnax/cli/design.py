@@ -20,7 +20,7 @@ CELL, TEST, LIMITS = "Cell", "Test", "Limits"
 
 @group
 class Cell:
-    """What is known of the cell."""
+    """Knowledge of the cell."""
 
     result: Path | None = argument(
         "[RESULT]",
@@ -34,7 +34,7 @@ class Cell:
 
 @group
 class Test:
-    """What the test is for."""
+    """The aim of the test."""
 
     want: list[str] | None = option(
         TEST,
@@ -52,7 +52,7 @@ class Test:
 
 @group
 class Kept:
-    """What the test must keep."""
+    """Limits that the test must keep."""
 
     low_voltage: float | None = option(LIMITS, "V", "Lowest voltage (default: the chemistry's).")
     high_voltage: float | None = option(LIMITS, "V", "Highest voltage.")
@@ -131,7 +131,7 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
 
 
 def _next(found: "Design", known: "Result | None", folder: Path) -> list[Any]:
-    """What to do after the test: identify its record, with all that counted."""
+    """The step after the test: to identify its record, with all that counted."""
     from ..reporting.terminal import next_lines
 
     soc = f"{found.initial_soc:g}"

@@ -39,7 +39,7 @@ SCHEMA_VERSION = 1
 
 @group
 class Checked:
-    """What is checked, and what is printed of it."""
+    """The files to check, and what is printed of them."""
 
     files: list[Path] = argument("FILE", "Files from a cycler; - is standard input.")
     capacity: float | None = option(
@@ -101,7 +101,7 @@ def check(what: Checked) -> None:
 
 @group
 class Converted:
-    """Which file is converted to what."""
+    """The file to convert, and the format it is converted to."""
 
     file: Path = argument("FILE", "File from a cycler; - is standard input.")
     to: Literal["bdf"] = typer.Option(
@@ -164,7 +164,7 @@ def _require_another(path: Path, read: Path) -> None:
 
 @group
 class ExportChoices:
-    """Where an export goes, and whether it is simulated there."""
+    """The target of an export, and whether it is simulated there."""
 
     result: Path = STORED
     to: str = option(

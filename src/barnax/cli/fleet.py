@@ -41,7 +41,7 @@ MAX_LISTED = 50
 
 @group
 class FleetSearch:
-    """Which circuit, and how each cell's is found."""
+    """The circuit, and the search for that of each cell."""
 
     settings: Given = options_of(Settings(seeds=0), SEARCH, "model", "method", "seeds", "key")
     trust: Literal["none", "basic"] = option(
@@ -58,7 +58,7 @@ class FleetSearch:
 
 @group
 class EngineOptions:
-    """What computes, and how much of the fleet."""
+    """The engine, and the part of the fleet that it computes."""
 
     workers: int | None = option(ENGINE, "N", "Processes (default: as many as cores).", None, min=1)
     scheduler: str | None = option(
@@ -134,7 +134,7 @@ class FleetOptions:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """How every cell is identified."""
+        """Settings that hold for every cell."""
         search = self.search
         chosen: dict[str, Any] = {"seeds": 0, "trust": search.trust, **search.settings}
         if search.fix:
@@ -148,7 +148,7 @@ class FleetOptions:
 
     @property
     def defaults(self) -> dict[str, Any]:
-        """What a row has where the manifest leaves it open."""
+        """Values for what a row of the manifest leaves empty."""
         files = {"ocv": self.files.ocv, "validate": self.files.validate}
         given = {
             name: [path.absolute() for path in paths] for name, paths in files.items() if paths

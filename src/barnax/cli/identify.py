@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 @group
 class Choices:
-    """Which circuit, which method, and how far the answer is looked into."""
+    """The circuit, the method, and how closely the answer is examined."""
 
     circuit: Given = options_of(Settings(), SEARCH, "model", "method")
     scope: Given = options_of(Scope(), SEARCH)
@@ -77,14 +77,14 @@ class Identification:
     output: Output
 
     def given(self, records: list[Path]) -> dict[str, Any]:
-        """What was chosen, by the names of `barnax.identify`."""
+        """The chosen options, by the names of `barnax.identify`."""
         shared = run_options(self.files, self.of_records, self.search, records)
         return {**shared, **self.chosen.circuit, **self.chosen.scope, **self.tables.chosen()}
 
 
 @group
 class Records:
-    """What `identify` identifies on."""
+    """The records to identify on."""
 
     records: list[Path] | None = argument(
         "[RECORD]...",
@@ -103,7 +103,7 @@ class Records:
 
 @group
 class PulseTests:
-    """What `hppc` identifies on."""
+    """The pulse tests to identify on."""
 
     records: list[Path] | None = argument(
         "[RECORD]...",
@@ -275,7 +275,7 @@ def _show_answer(session: Session, result: "Result", verbose: bool) -> None:
 
 
 def _show_files(session: Session, result: "Result", folder: Path | None, written: set[str]) -> None:
-    """What to do next, and what was written."""
+    """Print the next step, and what was written."""
     from ..reporting.terminal import next_lines, parts_line
 
     session.show(next_lines(*_next(result, folder)))
@@ -290,7 +290,7 @@ def _show_files(session: Session, result: "Result", folder: Path | None, written
 
 
 def _next(result: "Result", folder: Path | None) -> tuple[str, str]:
-    """What to do next, and the command that does it where one does."""
+    """The next step, and the command for it, empty where there is none."""
     from ..reporting.verdict import next_step
 
     step = next_step(result)

@@ -219,7 +219,7 @@ class Files:
 
 @group
 class RecordOptions:
-    """What is known of the records, and what of them counts; for all, or for one by its name."""
+    """Starts, capacities and scored parts of the records: for all, or for one by its name."""
 
     given: Given = windows_of_records()
 
@@ -292,7 +292,7 @@ class Tables:
     )  # fmt: skip
 
     def chosen(self) -> dict[str, Any]:
-        """What was chosen, by the names of `barnax.identify`."""
+        """The chosen options, by the names of `barnax.identify`."""
         chosen = {**self.over, **self.how}
         if "nodes" in chosen:
             try:
@@ -307,7 +307,7 @@ class Tables:
 def run_options(
     files: Files, of_records: RecordOptions, search: SearchOptions, records: list[Path]
 ) -> dict[str, Any]:
-    """What was chosen of the shared options, by the names of `barnax.identify`."""
+    """The chosen options that commands share, by the names of `barnax.identify`."""
     from ..inputs import file_names
     from ..model.search_space import parse_fixed
 

@@ -26,7 +26,7 @@ OURS = {*RESULTS, "timings.json", "report.html", "report.md", LIST}
 
 @group
 class Output:
-    """Where results go, and what is printed."""
+    """The folder of the results, and what is printed."""
 
     out: Path | None = option(
         OUTPUT,
@@ -217,7 +217,7 @@ def _moved(fresh: Path, place: Path) -> Path:
 
 
 def _own_and_others(place: Path, files: Iterable[str]) -> tuple[set[str], set[str]]:
-    """What in a folder of results is ours, by its list or else by name, and what is not."""
+    """Files in a folder of results that are ours, by its list or else by name, and all others."""
     own = {*OURS, *files}
     with suppress(OSError, ValueError, TypeError):
         # A pipe would wait for its other end.
@@ -237,7 +237,7 @@ def _take_away(place: Path, names: Iterable[str]) -> None:
 
 
 def _is_in_the_way(place: Path, name: str, theirs: set[str]) -> bool:
-    """Whether a file cannot be put there without taking something of the user's away."""
+    """True if a file there would take the place of something of the user's."""
     path = PurePosixPath(name)
     return (place / name).is_dir() or any(str(part) in theirs for part in (path, *path.parents))
 

@@ -19,7 +19,7 @@ PAGE = "report.html"
 
 @group
 class Stored:
-    """What is stored, and where its page goes."""
+    """A stored result, and the file for its page."""
 
     result: Path = argument(
         "RESULT",

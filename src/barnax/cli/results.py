@@ -125,7 +125,7 @@ def show(of: Shown) -> None:
 
 
 def _names(paths: list[Path]) -> tuple[str, ...]:
-    """What results are called: their folders, or the files where one folder holds several."""
+    """Names of results: their folders, or the files where one folder holds several."""
     folders = [path if path.is_dir() else path.resolve().parent for path in paths]
     names = tuple(folder.resolve().name for folder in folders)
     return names if len({*names}) == len(names) else tuple(map(str, paths))
@@ -133,7 +133,7 @@ def _names(paths: list[Path]) -> tuple[str, ...]:
 
 @group
 class Errors:
-    """How the errors on a record are printed."""
+    """The form in which errors on a record are printed."""
 
     as_json: bool = flag(OUTPUT, "--json", "Print the errors as JSON.")
     report: Path | None = option(
@@ -201,7 +201,7 @@ def _validation_page(evaluation: "Evaluation", table: "Table", answer: str) -> b
 
 @group
 class FilterOptions:
-    """Which filter replays the record, and what it estimates."""
+    """The filter that replays the record, and the parameters it estimates."""
 
     filter: Literal["sum", "ekf", "ukf"] = option(
         FILTER,
@@ -343,7 +343,7 @@ def _run(command: list[str], folder: Path) -> "Result":
 
 
 def _differences(stored: "Result", repeated: "Result") -> list[str]:
-    """What is not the same, in words."""
+    """Sentences on the versions and entries that differ."""
     lines = [
         f"{name} was {old}, is {repeated.versions.get(name)}."
         for name, old in stored.versions.items()

@@ -65,7 +65,7 @@ def shown(text: object) -> str:
 
 
 class Session:
-    """What a command shows while it works. Tables go to stdout, everything else to stderr.
+    """The console of one command. Tables go to stdout, everything else to stderr.
 
     A quiet command shows warnings alone.
     """
@@ -156,7 +156,7 @@ class Session:
 
 
 def command_line(names: Mapping[Path, str]) -> list[str]:
-    """What was run, without folders and without the options of output: equal runs are equal.
+    """The command that was run, without folders and options of output: equal runs are equal.
 
     `names` are what results call the files.
     """

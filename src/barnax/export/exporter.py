@@ -1,4 +1,4 @@
-"""What an export target is, and how the text of one is written from its template."""
+"""Export targets, and their text from templates."""
 
 import textwrap
 from collections.abc import Callable, Iterable
@@ -120,7 +120,7 @@ def note_lines(heading: str, caveats: Iterable[str], prefix: str = "") -> str:
 
 
 def hysteresis_is_left_out(tool: str, tables: Tables) -> tuple[str, ...]:
-    """What a tool with a single OCV curve loses; nothing for a circuit without hysteresis."""
+    """The loss in a tool with a single OCV curve; empty for a circuit without hysteresis."""
     if tables.hysteresis is None:
         return ()
     rate = ""

@@ -1,4 +1,4 @@
-"""What every tool asks of a result: constants, and curves over SOC as tables read linearly."""
+"""A result as every tool needs it: constants, and curves over SOC as tables read linearly."""
 
 import itertools
 import math
@@ -86,7 +86,7 @@ class Tables:
 
     @property
     def initial_hysteresis_v(self) -> float:
-        """What the hysteresis adds to the OCV at the start."""
+        """The share of the hysteresis in the voltage at the start."""
         if self.hysteresis is None:
             return 0.0
         w_v = self.hysteresis(np.array([self.initial_soc]))[0]
@@ -144,7 +144,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
 
 
 def _ladders(circuit: Circuit) -> tuple[str, ...]:
-    """Which elements are written as RC pairs."""
+    """A caveat for each element that is written as RC pairs."""
     names, pairs = names_of(circuit.elements), 0
     told = []
     for element, own in zip(circuit.elements, names, strict=True):
@@ -212,7 +212,7 @@ def _hysteresis(
 
 
 def _bends(cell: CellModel) -> Values:
-    """Where the curves of a cell may bend."""
+    """States of charge at which the curves of a cell may bend."""
     return np.concatenate([cell.charge.soc, cell.discharge.soc])
 
 
@@ -247,7 +247,7 @@ def _from_empty_to_full(tables: CircuitParameters) -> CircuitParameters:
 def _caveats(
     result: Result, over_soc: Sequence[CircuitParameters], kind: Hysteresis
 ) -> tuple[str, ...]:
-    """Which nodes mean nothing by themselves, and which temperatures were not measured; nothing
+    """The nodes that mean nothing by themselves, and temperatures that were not measured; nothing
     where all were."""
     told, over = [], result.tables and result.tables.over_temperature
     unseen = ~np.all([tables.visited for tables in over_soc], axis=0)

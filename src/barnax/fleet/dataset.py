@@ -52,7 +52,7 @@ def dataset_path(out: Path, shard: Shard | None = None) -> Path:
 
 
 def parts_folder(out: Path, shard: Shard | None = None) -> Path:
-    """Where the rows of batches go until the end."""
+    """The folder for the rows of batches until the end."""
     return out / _named("parts", shard)
 
 
@@ -126,7 +126,7 @@ def keep_factors(out: Path, name: str, content: bytes) -> int:
 
 
 def factors_path(out: Path, name: str) -> Path:
-    """Where the factors of a cell's records are."""
+    """The file of the factors of a cell's records."""
     return out / FACTORS / f"{name}{SUFFIX}"
 
 
@@ -171,7 +171,7 @@ def marking(folder: Path, batch: str) -> Iterator[Callable[[int], None]]:
 
 
 def marked_place(folder: Path, batch: str) -> int | None:
-    """Which cell of a batch a worker was at when it died, None where it had not begun."""
+    """The place in its batch of the cell at which a worker died, None where it had not begun."""
     path = _marker(folder, batch)
     try:
         place = int(path.read_text().split()[0])
@@ -186,7 +186,7 @@ def _marker(folder: Path, batch: str) -> Path:
 
 
 def count_rows(part: Path) -> tuple[int, int] | None:
-    """How many rows a part has, and how many of them are errors; None where it is not there."""
+    """The number of a part's rows, and of errors among them; None where it is not there."""
     if not part.exists():
         return None
     # Those of a pack's cells are its own.

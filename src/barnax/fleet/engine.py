@@ -170,7 +170,7 @@ def _run(
     folder: Path,
     max_out: int,
 ) -> Iterator[Counts]:
-    """What every batch gave, as they complete."""
+    """The counts of every batch, as they complete."""
     executor, breaks = reopen(), 0
     waiting: dict[Future[Counts], Batch] = {}
     again: deque[Batch] = deque()
@@ -245,7 +245,7 @@ def _attempt(
 
 
 def _has_died(future: "Future[Counts]") -> bool:
-    """Whether a task was given up because its worker died."""
+    """True if a task was given up because its worker died."""
     error = future.exception()
     return isinstance(error, BrokenExecutor) or type(error).__name__ in WORKER_DIED
 
@@ -254,7 +254,7 @@ def _has_died(future: "Future[Counts]") -> bool:
 def _opened(
     scheduler: str | None, executor: Executor | None, workers: int
 ) -> Iterator[tuple[Callable[[], Executor], int]]:
-    """What gives the executor, and another one of the same kind where that is broken; how many
+    """A function that gives the executor, and a new one where that is broken; with it, how many
     workers it has."""
     if executor is not None:
         try:

@@ -73,7 +73,7 @@ class FleetCell:
         return (*self.records, *self.ocv, *self.validate, *more)
 
     def fingerprint(self, settings: Mapping[str, Any]) -> str:
-        """What changes where an input or a setting does: files by path, size and time of change."""
+        """A digest of all inputs and settings: files by path, size and time of change."""
         known = [
             *(__version__, self.id, _plain(settings), self.records, self.ocv, self.validate),
             *(self.cell, self.bounds, self.missing, [stamp(path) for path in self.files]),
@@ -181,8 +181,8 @@ def _confined(cells: Iterable[FleetCell], allowed: list[str], where: str) -> Ite
             if not (is_plain and address.startswith(roots)):
                 raise InputError(
                     f"{where}: {cut(cell.id, LONGEST_NAME)} reads {cut(address, LONGEST_NAME)}, "
-                    "which is not below an address that you allowed; if you trust the manifest, allow "
-                    "it with `addresses`, as in s3://bucket/logs"
+                    "which is not below an address that you allowed; if you trust the manifest, "
+                    "allow it with `addresses`, as in s3://bucket/logs"
                 )
         yield cell
 
@@ -239,7 +239,7 @@ def _renamed(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _filled(row: Mapping[str, Any]) -> dict[str, Any]:
-    """What a row says, without what it leaves empty."""
+    """The values of a row, without those it leaves empty."""
     return {
         name: value
         for name, value in _renamed(row).items()
@@ -349,7 +349,7 @@ def _stored(pattern: str, folder: Any, missing: list[str], where: str) -> Iterat
 
 
 def in_shard(cell: FleetCell, shard: tuple[int, int] | None) -> bool:
-    """Whether a cell belongs to the k-th of N shards, by its id alone."""
+    """True if a cell belongs to the k-th of N shards, by its id alone."""
     if shard is None:
         return True
     number, count = shard
@@ -357,7 +357,7 @@ def in_shard(cell: FleetCell, shard: tuple[int, int] | None) -> bool:
 
 
 def parse_shard(text: str) -> tuple[int, int]:
-    """Which of how many, from "3/10". Raises `InputError` where it is no such thing."""
+    """The shard and the number of shards, from "3/10". Raises `InputError` for anything else."""
     try:
         number, count = map(int, text.split("/"))
     except ValueError:

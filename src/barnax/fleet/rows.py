@@ -168,7 +168,7 @@ def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
 
 
 def ageing_row(records: Sequence[PreparedRecord], *, is_own: bool = False) -> dict[str, Any]:
-    """What the records of a cell at one age tell of its ageing, under "aged" names; `is_own` where
+    """Values of a cell's ageing from its records at one age, under "aged" names; `is_own` where
     no other records, and no OCV test, told its OCV."""
     passed_as = sum(
         float(np.abs(prepared.record.interval_current_a) @ np.diff(prepared.record.time_s))
@@ -224,12 +224,12 @@ def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def job_of(settings: Mapping[str, Any]) -> Job:
-    """What the settings of a fleet, or the options of a row, ask for."""
+    """The job that the settings of a fleet, or the options of a row, ask for."""
     return Job(**{name: value for name, value in settings.items() if name not in OWN})
 
 
 def reasons_against(cell: FleetCell) -> Iterator[str]:
-    """What is wrong with a cell's row, as far as that can be said without reading its files."""
+    """Problems of a cell's row, as far as they can be told without reading its files."""
     yield from cell.missing
     for require in (lambda: _windows(cell), lambda: job_of(cell.options)):
         try:
@@ -267,7 +267,7 @@ def _known_cell(
     reading: Reading,
     fits: CellSettings,
 ) -> _Known:
-    """What many cells of a fleet share is read and fitted once; a changed file is another one."""
+    """Read and fit once what many cells of a fleet share; a changed file is another one."""
     if earlier is not None:
         return _Known(Result.from_json(earlier[0]).cell, [], [], [])
     tests, warnings, temperatures_degc = [], [], []
@@ -346,7 +346,7 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
 
 
 def _proof_of(result: Result) -> tuple[bool, float | None]:
-    """Whether the answer is proved, and the largest share of its error that another could save."""
+    """True if the answer is proved, and the largest share of its error that another could save."""
     optimum, part = result.constant.global_optimum, result.tables
     if part is not None:
         gap = (part.over_temperature or part.fit).proved_gap

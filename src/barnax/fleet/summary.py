@@ -1,4 +1,4 @@
-"""What a fleet shows as a whole: distributions, outliers, failures, and the worst fits."""
+"""A fleet as a whole: distributions, outliers, failures, and the worst fits."""
 
 import re
 from collections.abc import Iterable
@@ -159,8 +159,8 @@ def _distribution(
 
 
 def _causes(rows: pl.DataFrame, text: str, code: str) -> tuple[Cause, ...]:
-    """What is told under one code is of one cause, and what has no code of its own where the texts
-    differ in names and numbers only; the most frequent first."""
+    """Causes, the most frequent first: one for each code, and without a code of its own for texts that
+    differ in names and numbers only."""
     causes: dict[str, tuple[str, list[str]]] = {}
     for name, said, own in rows.select("id", text, code).iter_rows():
         # Without the file's name.

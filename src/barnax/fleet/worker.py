@@ -1,4 +1,4 @@
-"""What a worker does with a batch of cells: a row each, and one file of them.
+"""A worker's task: a batch of cells, a row each, and one file of them.
 
 Nothing here loads JAX before a worker has set how it is to run.
 """

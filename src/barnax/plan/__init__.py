@@ -1,4 +1,4 @@
-"""What a folder of a cycler's files is for: roles, windows and options, chosen with reasons."""
+"""Plans for a folder of a cycler's files: roles, windows and options, chosen with reasons."""
 
 from .choosing import plan
 from .document import ROLES, Part, Plan, plan_from_toml, plan_to_toml

@@ -206,7 +206,7 @@ def _on_records(draft: Draft, groups: Sequence[Sequence[CandidateFile]]) -> Plan
 
 
 def _without_test(draft: Draft, group: Sequence[CandidateFile]) -> list[Runnable]:
-    """What can be identified on without an OCV test, and then validated on, the widest first; none
+    """Records to identify on without an OCV test, then those to validate on, the widest first; none
     where the first cannot be identified on."""
     runs = [
         (file, file.window)
@@ -228,7 +228,7 @@ def _without_record(draft: Draft, free: Sequence[CandidateFile]) -> Plan:
 def _runnable(
     draft: Draft, group: Sequence[CandidateFile], choice: OcvChoice, is_pulsed: bool
 ) -> list[Runnable]:
-    """What can be simulated with the cell, in its window, the best first to identify on.
+    """Records that can be simulated with the cell, in their windows, the best to identify on first.
 
     Those that cannot are left with the reason.
     """
@@ -320,7 +320,7 @@ def _take_other_temperatures(
 
 
 def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
-    """What is left has no role, for a reason."""
+    """Give the files that are left no role, with the reason."""
     known = (test.temperature_degc for test in choice.tests if test.temperature_degc is not None)
     degc = next(known, None)
     usable = {file for group, test in chosen if test for file in (*group, *test.tests)}

@@ -53,7 +53,7 @@ class Part:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it has a window."""
+        """True if its role is one with a window."""
         return self.role in ("identification", "validation")
 
 
@@ -294,7 +294,7 @@ def _table(part: Part, common: Mapping[str, Any]) -> Table:
 
 
 def _known(window: Window) -> dict[str, Any]:
-    """What a window says, by the names of options."""
+    """The values of a window, by the names of options."""
     values = ((option, getattr(window, name)) for option, name in _FIELD_OF.items())
     return {option: value for option, value in values if value is not None}
 

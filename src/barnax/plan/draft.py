@@ -1,4 +1,4 @@
-"""What a plan has decided so far of every file, and the words for it."""
+"""A plan in the making: the decisions so far on every file, and the words for them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -14,7 +14,7 @@ _BEYOND = 1.2
 
 @dataclass(eq=False)
 class Draft:
-    """What has been decided so far: a role, a reason and a window for some of the files.
+    """The decisions so far: a role, a reason and a window for some of the files.
 
     `given_ah` is the capacity that was given, `is_over` whether all temperatures are asked for.
     """

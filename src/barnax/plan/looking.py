@@ -1,4 +1,4 @@
-"""What each file is: read once, checked, classified, and cut where it holds several.
+"""Candidate files: each read once, checked, classified, and cut where it holds several tests.
 
 A file that holds a whole schedule is cut into its tests, by full charges and by OCV sweeps.
 """
@@ -75,18 +75,18 @@ class CandidateFile:
         return next((role for role in roles if role.name == name), None)
 
     def kind(self, capacity_ah: float | None) -> str:
-        """What it is, of a cell of that capacity."""
+        """The kind of file, for a cell of that capacity."""
         if self.refusal:
             return "unreadable"
         return "OCV table" if self.traits is None else self.traits.kind(capacity_ah)
 
     def missing_for(self, capacity_ah: float | None, fewest: int = STEPS) -> str:
-        """What it lacks to be simulated, in words."""
+        """The reason why it cannot be simulated; empty where it can."""
         return "" if self.traits is None else self.traits.missing_for(capacity_ah, fewest)
 
     @property
     def warnings(self) -> int:
-        """How many things are wrong with it."""
+        """The number of warnings about it."""
         findings = self.check.findings if self.check else ()
         return sum(finding.counts for finding in findings)
 
@@ -119,7 +119,7 @@ class CandidateFile:
 
     @property
     def is_settled(self) -> bool:
-        """Whether its profile begins with the cell at rest."""
+        """True if its profile begins with the cell at rest."""
         role = self.role("validation")
         return bool(role and role.window and role.window.is_settled)
 
@@ -132,7 +132,7 @@ class CandidateFile:
         return np.quantile(record.current_a[is_scored], _QUANTILES)
 
     def is_like(self, other: "CandidateFile") -> bool:
-        """Whether both play the same profile, by how the current is distributed."""
+        """True if both play the same profile, by how the current is distributed."""
         peak_a = max(np.abs(traits._quantiles_a).max() for traits in (self, other))
         apart_a = np.abs(self._quantiles_a - other._quantiles_a).mean()
         return bool(apart_a <= _ANOTHER * peak_a)
@@ -163,7 +163,7 @@ def files_of(sources: Sequence[Any]) -> list[Any]:
 
 
 def found_in(given: Sequence[Any], sources: Sequence[Any]) -> list[Any]:
-    """What was given, of which names that are no files here stand for those in a folder given."""
+    """The given sources, names that are no files here replaced by those in a given folder."""
     folders = [Path(source) for source in sources if isinstance(source, str | Path)]
 
     def found(source: Any) -> Any:
@@ -176,7 +176,7 @@ def found_in(given: Sequence[Any], sources: Sequence[Any]) -> list[Any]:
 
 
 def _is_of_files(path: Path) -> bool:
-    """Whether it is a folder with something in it, other than a result."""
+    """True for a folder with something in it, other than a result."""
     if not path.is_dir() or not os.access(path, os.R_OK) or (path / "result.json").exists():
         return False
     return any(path.iterdir())
@@ -203,7 +203,7 @@ def look(
 
 
 def _looked_at(path: Path, source: Source, chosen: Window) -> CandidateFile:
-    """What was read of a file, checked."""
+    """A file that was read, checked."""
     file = CandidateFile(path, source.name, source, chosen=chosen)
     try:
         if is_ocv_table(source.table.header):
@@ -255,7 +255,7 @@ def _part(file: CandidateFile, first: int, last: int, is_full: bool = False) -> 
 
 
 def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:
-    """What lies between the ends of the record's long charges, and whether full comes before."""
+    """Spans between the ends of the record's long charges, and whether each follows a full one."""
     discharged_ah = record.discharged_ah
     span_ah = float(np.ptp(discharged_ah))
     rest_a = rest_current_a(record, span_ah)
@@ -310,7 +310,7 @@ def by_temperature(
 
 
 def is_same_degc(one: float | None, other: float | None, is_strict: bool = False) -> bool:
-    """Whether two temperatures are one; what is not known may be any, unless that is strict."""
+    """True if two temperatures are one; an unknown one may be any, unless `is_strict`."""
     if one is None or other is None:
         return one is other or not is_strict
     return abs(one - other) <= SAME_DEGC

@@ -1,4 +1,4 @@
-"""Which files are the OCV test, and where a record starts on it: at full, or at another's end."""
+"""The files of an OCV test, and the start of a record on it: at full, or at another's end."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -101,7 +101,7 @@ def _choose_ocv(
 
 
 def ocv_reason(tests: Sequence[CandidateFile]) -> str:
-    """What sweeps a set of tests holds, in words."""
+    """The sweeps of a set of tests, in words."""
     sweeps = _sweeps(tests)
     if not sweeps:
         return "a table of OCV over state of charge"
@@ -152,7 +152,7 @@ def _hole_ah(sweeps: Sequence[Sweep], max_ah: float) -> float:
 
 
 def _closes(sweeps: Sequence[Sweep]) -> bool:
-    """Whether both directions passed about the same charge."""
+    """True if both directions passed about the same charge."""
     passed_ah = [sweep.passed_ah for sweep in sweeps]
     return not passed_ah or min(passed_ah) >= (1 - CAPACITY_WARNING) * max(passed_ah)
 
@@ -217,7 +217,7 @@ def _fuller(file: CandidateFile, window: Window, choice: OcvChoice) -> Window | 
 
 
 def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> bool:
-    """Whether a file's clock and counters go on where those of another end."""
+    """True if a file's clock and counters continue where those of another end."""
     if before.traits is None or file.traits is None or before is file:
         return False
     first, second = before.record, file.record

@@ -182,7 +182,7 @@ def _degc(test: _Test, chosen: Mapping[str, Window]) -> float:
 
 
 def _own_window(test: _Test, cell: CellModel | None, window: Window) -> Window:
-    """Where a pulse test starts: at its first OCV point, at that point's state of charge.
+    """The window of a pulse test, from its first OCV point on, at that point's state of charge.
 
     Where the OCV is of another record, or `cell` is None, at the end of the rest before the first
     pulse. What `window` has stays.

@@ -45,7 +45,7 @@ def _is_unproved(record: Record) -> bool:
 
 
 def provenance(record: Record) -> dict[str, Any]:
-    """Which file the record is of, and what was decided and changed on the way."""
+    """The file that the record is of, and what was decided and changed on the way."""
     return {
         "written by": f"barnax {__version__}",
         "source": record.name,

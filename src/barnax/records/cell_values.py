@@ -1,4 +1,4 @@
-"""What stands in cells, as numbers: decimal commas, clocks, dates, and words for steps."""
+"""The contents of cells as numbers: decimal commas, clocks, dates, and words for steps."""
 
 import re
 from collections.abc import Callable
@@ -86,7 +86,7 @@ _GROUPS = "(\\d)[ \u00a0\u202f'\u2019](\\d{3})"
 
 
 def _groups_thousands(with_comma: pl.Series, plain: pl.Series) -> bool:
-    """Whether "1,005" is a thousand: what stands without a comma then goes up to 999."""
+    """True if "1,005" is a thousand: numbers without a comma then go up to 999."""
     are_groups = with_comma.str.contains(r"^[+-]?[1-9]\d{0,2},\d{3}$").all()
     return bool(are_groups) and (plain.abs().max() or 0) >= 100  # type: ignore[operator]
 
@@ -112,7 +112,7 @@ _LOOKED_AT, _WITH_POINT = 1000, r"^\s*[+-]?\d[\d,]*\.\d+\s*$"
 
 
 def _has_points(column: pl.Series) -> bool:
-    """Whether numbers in the column have decimal points."""
+    """True if numbers in the column have decimal points."""
     if column.dtype == pl.String:
         return bool(column.head(_LOOKED_AT).str.contains(_WITH_POINT).any())
     return column.dtype.is_float() and bool((column % 1 > 0).any())
@@ -174,7 +174,7 @@ def _clock_s(text: pl.Series) -> Numbers:
 
 
 def _unsteady(clock_s: Numbers) -> int:
-    """How many intervals are far from the usual one."""
+    """The number of intervals that are far from the usual one."""
     interval_s = np.diff(clock_s)
     usual_s = np.median(interval_s) if len(interval_s) else 0.0
     return int(np.sum(np.abs(interval_s - usual_s) > 0.1 * abs(usual_s)))
@@ -197,7 +197,7 @@ def _minutes(word: str) -> float:
 
 
 def _by_word(text: pl.Series, meaning: Callable[[str], float]) -> Numbers:
-    """What the words of a column mean, NaN for none; they stand in runs, and few are different."""
+    """The meanings of a column's words, NaN for none; they stand in runs, and few are different."""
     lengths, words = text.rle().struct.unnest().get_columns()
     meanings = {word: meaning(word) for word in words.unique().drop_nulls()}
     values = words.replace_strict(meanings, default=None, return_dtype=pl.Float64)
@@ -205,7 +205,7 @@ def _by_word(text: pl.Series, meaning: Callable[[str], float]) -> Numbers:
 
 
 def is_clock(cells: pl.Series) -> bool:
-    """Whether the cells are clock times or dates rather than numbers of some unit."""
+    """True if the cells are clock times or dates rather than numbers of some unit."""
     if cells.dtype != pl.String:
         return cells.dtype.is_temporal()
     return ":" in "".join(cells.drop_nulls().head(1).to_list())

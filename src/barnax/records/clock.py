@@ -165,14 +165,14 @@ def _stray_runs(time: Clock) -> Bool[np.ndarray, "samples"]:
 
 
 def _irregular(time: Clock) -> int:
-    """How many intervals are far from the usual one."""
+    """The number of intervals that are far from the usual one."""
     interval = np.diff(time)
     usual = float(np.median(interval)) if len(interval) else 0.0
     return int(np.sum((interval < usual / 2) | (interval > 1.5 * usual)))
 
 
 def _is_shuffled(time: Clock, falls: int) -> bool:
-    """Whether sorting puts whole pieces into their places, rather than mixing two clocks."""
+    """True if sorting puts whole pieces into their places, rather than mixing two clocks."""
     order = np.argsort(time, kind="stable")
     if np.any(np.diff(time[order]) == 0):
         return False

@@ -1,4 +1,4 @@
-"""Which columns of a table are read, and what is to be said of them."""
+"""The columns of a table that are read, and what there is to say about them."""
 
 import re
 from collections import Counter
@@ -163,7 +163,7 @@ def _other_clock(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
 
 
 def _is_time_of_day(table: Table, found: Columns) -> bool:
-    """Whether the dates are whole days, and the clock is the time on them.
+    """True if the dates are whole days, and the clock is the time on them.
 
     Then it falls where the date changes and nowhere else. Where it never falls, it may be a clock
     of the test; that runs over midnight where the dates change, whenever it began.
@@ -225,7 +225,7 @@ def _some_places(table: Table) -> np.ndarray:
 
 
 def _is_off_by(ratios: np.ndarray, unit: Unit, column: Column) -> bool:
-    """Whether most intervals by the dates are those by the clock, were that in the unit."""
+    """True if most intervals by the dates are those by the clock, were that in the unit."""
     return bool(np.mean(np.abs(ratios * column.unit.factor / unit.factor - 1) < 0.01) > 0.5)
 
 

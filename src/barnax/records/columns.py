@@ -1,4 +1,4 @@
-"""Which column of a table holds which quantity, and in what unit.
+"""The columns of a table that hold quantities of a record, and their units.
 
 A column name is an alias and a unit, in any of the usual spellings: Battery Data Format labels
 ("Current / A") and machine names ("current_ampere"), PyBaMM ("Current [A]"), Arbin
@@ -182,7 +182,7 @@ def columns_of(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> dic
 
 
 def names_record(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> bool:
-    """Whether the header names a clock, a current and a voltage."""
+    """True if the header names a clock, a current and a voltage."""
     found = columns_of(header, given).keys() if len(header) > 2 else set()
     return "voltage" in found and bool(found & _CURRENTS) and bool(found & _CLOCKS)
 
@@ -214,13 +214,13 @@ def _is_unit(text: str) -> bool:
 
 
 def other_table(header: Sequence[str]) -> str | None:
-    """What a table is that is known to be no record, if it is such."""
+    """The kind of a table that is known to be no record; None for any other."""
     names = _bare(header)
     held = (what for mark, what in OTHER_TABLES.items() if names.issuperset(mark.split(" & ")))
     return next(held, None)
 
 
 def is_ocv_table(header: Sequence[str]) -> bool:
-    """Whether the header names SOC and a voltage, but no record."""
+    """True if the header names SOC and a voltage, but no record."""
     ocv = find_columns(header, OCV_QUANTITIES).keys()
     return "SOC" in ocv and len(ocv) > 1 and not names_record(header)

@@ -47,14 +47,14 @@ class Counters:
 
     @property
     def both(self) -> tuple[Charge, ...]:
-        """What was counted in and out; nothing unless the file has both."""
+        """The counters of charge in and out; empty unless the file has both."""
         if self.charged_ah is None or self.discharged_ah is None:
             return ()
         return self.charged_ah, self.discharged_ah
 
     @cached_property
     def quantum_ah(self) -> float:
-        """What the coarsest counter resolves: the decimal place to which it was printed."""
+        """The resolution of the coarsest counter: the decimal place to which it was printed."""
         moving = [values for values in self.written.values() if values.any()]
         return max(map(decimal_place, moving), default=0.0)
 
@@ -114,7 +114,7 @@ class Counters:
         return np.cumsum(np.concatenate([[begun_ah], counted_ah]))
 
     def net_ratio(self, integrated_ah: Increments, is_loaded: Loaded) -> float | None:
-        """How many times what a lone net counter counted the integral is, in every part alike.
+        """The integral as a multiple of what a lone net counter counted, in every part alike.
 
         None where there is no such counter, or where they are not proportional.
         """
@@ -128,7 +128,7 @@ class Counters:
         return None
 
     def _candidates(self, integrated_ah: Increments) -> Iterator[tuple[float, Increments, Loaded]]:
-        """What the counters may mean, the plainest first.
+        """Readings of what the counters mean, the plainest first.
 
         That is their first value, what they gain, and where they begin anew.
         """
@@ -153,7 +153,7 @@ class Counters:
 
 
 def skipped_ah(charge_ah: Charge, held_ah: Increments, max_ah: Increments) -> Increments | None:
-    """What the tester counted in each interval beyond `held_ah`, where that is much and lasts.
+    """The charge counted in each interval beyond `held_ah`, where it is much and lasts.
 
     `charge_ah` is the counted net charge, `held_ah` what the record's current makes of each
     interval, and `max_ah` what can pass in it at most. Zero elsewhere, and None where nothing was
@@ -195,7 +195,7 @@ def _in_blocks(is_loaded: Loaded, *values: Increments) -> list[Float[np.ndarray,
 
 
 def _joined(counter_ah: Charge) -> tuple[Increments, Loaded]:
-    """What a counter that only grows counted in each interval, and where it began anew."""
+    """The counts of each interval of a counter that only grows, and where it began anew."""
     gained_ah = np.diff(counter_ah)
     is_anew = gained_ah < -_ROUNDING * counter_ah.max()
     return np.where(is_anew, counter_ah[1:], np.maximum(gained_ah, 0)), is_anew

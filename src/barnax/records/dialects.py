@@ -35,14 +35,14 @@ class Dialect:
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
-        """What the columns of this make's tables may hold."""
+        """The quantities that columns of this make's tables may hold."""
         return tuple(
             replace(quantity, spelled=self.names.get(quantity.name, quantity.spelled))
             for quantity in QUANTITIES
         )
 
     def is_marked(self, names: set[str]) -> bool:
-        """Whether the names, each with its unit and without, are those of this make."""
+        """True if the names, each with its unit and without, are those of this make."""
         return any(names.issuperset(mark.split(" & ")) for mark in self.marks)
 
 

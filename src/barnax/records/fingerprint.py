@@ -51,11 +51,11 @@ class Content:
         return ";".join(texts)
 
     def is_like(self, other: "Content") -> bool:
-        """Whether they share a good part of the samples of either."""
+        """True if they share a good part of the samples of either."""
         return self.holds(other.fingerprint, other) or other.holds(self.fingerprint, self)
 
     def holds(self, fingerprint: str, whole: "Content | None" = None) -> bool:
-        """Whether the samples of a fingerprint are among these, so far as the two overlap; and
+        """True if the samples of a fingerprint are among these, so far as the two overlap; and
         all others too of the record that it is of, where that is given."""
         (first_s, last_s), runs = read_fingerprint(fingerprint)
         known = np.concatenate(runs, axis=1)
@@ -100,7 +100,7 @@ class Content:
             yield float(np.median(found_s[np.abs(found_s - middle_s) <= width_s]))
 
     def _agrees(self, runs: list[Run], shift_s: float, near: Near, share: float) -> bool:
-        """Whether these samples are those of the runs, or lie on the lines between them, or they on
+        """True if these samples are those of the runs, or lie on the lines between them, or they on
         lines between these: a copy may be thinned or interpolated."""
         own = [self._around(run, shift_s) for run in runs]
         return _lie_on(runs, own, near, share) or _lie_on(own, runs, near, share)
@@ -128,7 +128,7 @@ def _rounded(run: Run) -> Float[np.ndarray, "2"]:
 
 
 def _lie_on(lines: list[Run], points: list[Run], near: Near, share: float) -> bool:
-    """Whether that share of the points that overlap with their lines lies on them."""
+    """True if that share of the points that overlap with their lines lies on them."""
     alike: list[np.bool_] = []
     for line, own in zip(lines, points, strict=True):
         is_on = _is_on(line, own, near)
@@ -139,7 +139,7 @@ def _lie_on(lines: list[Run], points: list[Run], near: Near, share: float) -> bo
 
 
 def _is_on(line: Run, points: Run, near: Near) -> Bool[np.ndarray, "points"]:
-    """Which of the points that overlap with a line are on it, or like a sample beside them."""
+    """True for points that overlap with a line and are on it, or like a sample beside them."""
     if line.shape[1] < 2:
         return np.zeros(0, bool)
     inside = np.searchsorted(points[0], line[0, [0, -1]] + [-_SINGLE, _SINGLE])

@@ -1,4 +1,4 @@
-"""When a sample's current flowed: in the interval after it, in the one before it, or half in both.
+"""The hold of a sample's current: over the interval after it, the one before it, or half of both.
 
 Testers that log a sample at the end of its interval (Arbin) prove it by their own ampere-hour
 counters: the increments follow the current of the interval's last sample. A column that holds the
@@ -76,7 +76,7 @@ def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
 
 
 def _is_mean(column: Column) -> bool:
-    """Whether a column of currents holds means over intervals: "<I>/mA", or the charge of each."""
+    """True if a column of currents holds means over intervals: "<I>/mA", or the charge of each."""
     return column.header.startswith("<") or column.quantity.name == "charge of the interval"
 
 

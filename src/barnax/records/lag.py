@@ -34,7 +34,7 @@ _FEWEST, _STEP_SHARE, _EVEN = 200, 0.05, 0.1
 
 @dataclass(frozen=True)
 class Lag:
-    """How much older a voltage is than its row's current, and what it shows of R0 at each sample.
+    """The age of a voltage beside its row's current, and what it shows of R0 at each sample.
 
     Attributes:
         seconds: The lag; negative where the voltage is newer.
@@ -91,7 +91,7 @@ def find_lag(record: Record) -> Lag | None:
 
 
 def _answers(products: Float[np.ndarray, "columns columns"]) -> Float[np.ndarray, "3"]:
-    """What steps of the current show one sample before, at once and one sample after."""
+    """Answers to steps of the current one sample before, at once and one sample after."""
     return np.linalg.lstsq(products[:-1, :-1], products[:-1, -1], rcond=1e-12)[0][:3]
 
 

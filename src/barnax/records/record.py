@@ -28,7 +28,7 @@ _NAMED_DEGC = re.compile(
 
 @dataclass(frozen=True)
 class FullCharge:
-    """What tells that a charge ends full: a voltage that is held while the current tapers.
+    """The marks of a charge that ends full: a voltage that is held while the current tapers.
 
     Attributes:
         least_s: It lasts so long; what a brake gives back is shorter.
@@ -55,7 +55,7 @@ FULL_CHARGE = FullCharge()
 
 @dataclass(frozen=True)
 class Decision:
-    """What was decided about a file, how firmly, and why, in words for the user."""
+    """A decision about a file, how firm it is, and why, in words for the user."""
 
     value: str
     strength: Strength
@@ -244,7 +244,7 @@ def _noise_at_rest_a(record: Record, capacity_ah: float) -> float:
 
 
 def is_rested(record: Record, threshold_a: float) -> Bool[np.ndarray, "samples"]:
-    """Where the current's magnitude is below `threshold_a`.
+    """True where the current's magnitude is below `threshold_a`.
 
     >>> from barnax.bundled import bundled_file
     >>> from barnax.records import read_record

@@ -104,7 +104,7 @@ class Samples(Lines):
 
     @cached_property
     def is_step(self) -> Bool[np.ndarray, "intervals"]:
-        """Where the current steps."""
+        """True where the current steps."""
         least_a = STEP_SHARE * self.peak_a
         return (self.step_a > least_a) | (self.step_a < -least_a)
 
@@ -136,7 +136,7 @@ class Samples(Lines):
 
     @cached_property
     def changes_between(self) -> bool:
-        """Whether the current changes between samples: it does where it changes as often as it is
+        """True if the current changes between samples: it does where it changes as often as it is
         logged, slowly, and where its levels change through rows that hold a part of both."""
         is_changed = np.abs(self.step_a) > ALONE_SHARE * self.peak_a
         is_loaded = np.abs(self.current_a[1:-1]) > STEADY_SHARE * self.peak_a
@@ -264,7 +264,7 @@ def step_resistance_ohm(
 
 
 def changes_through_values_between(current_a: Float[np.ndarray, "rows"]) -> bool:
-    """Whether levels of the load mostly change through a row that holds a part of both."""
+    """True if levels of the load mostly change through a row that holds a part of both."""
     largest_a = float(np.max(np.abs(current_a)))
     is_steady = np.abs(np.diff(current_a)) < _STEADY * largest_a
     is_far = np.abs(np.diff(current_a)) > _APART * largest_a

@@ -20,7 +20,7 @@ from .table import found_at
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one look at the data says: +1 charge-positive, -1 discharge-positive."""
+    """The vote of one look at the data: +1 charge-positive, -1 discharge-positive."""
 
     vote: int
     is_strong: bool
@@ -165,7 +165,7 @@ def _at_current_steps(samples: Samples) -> Evidence | None:
 
 
 def _agreement(product: Float[np.ndarray, "steps"]) -> tuple[int, float, int]:
-    """Which way most products point by their sum, the share that agrees, and their number."""
+    """The sign of the products' sum, the share that agrees, and their number."""
     product = product[product != 0]
     if not len(product):
         return 0, 0.0, 0

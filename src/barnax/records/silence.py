@@ -143,7 +143,7 @@ def examine_empty_current(lines: Lines) -> tuple[Lines, list[Notice]]:
 
 
 def _empty_current(lines: Lines) -> Bool[np.ndarray, "lines"]:
-    """Where nothing is written under the current, and a time and a voltage are."""
+    """True where nothing is written under the current, and a time and a voltage are."""
     if not lines.columns.keys() >= {"time", "current", "voltage"}:
         return np.zeros(len(lines), bool)
     column = lines.table.columns[lines.columns["current"].index]

@@ -91,12 +91,12 @@ class Lines:
         return self.columns[name].header
 
     def cell(self, name: str, line: int) -> object:
-        """What stands in the file under the quantity `name`, long text cut; None for nothing."""
+        """The cell in the file under the quantity `name`, long text cut; None for an empty one."""
         cell = self.table.columns[self.columns[name].index][int(self.at[line])]
         return cut(cell, LONGEST_CELL) if isinstance(cell, str) else cell
 
     def bad(self, name: str) -> Bool[np.ndarray, "lines"]:
-        """Where the quantity `name` has no number, or one that no tester reads."""
+        """True where the quantity `name` has no number, or one that no tester reads."""
         values = self.values[name]
         # The sum of most columns' squares tells, NaN too; a mask takes several times as long.
         if inner(values, values) <= LARGEST_NUMBER**2:
@@ -239,7 +239,7 @@ def impedance_rows(table: Table) -> Bool[np.ndarray, "lines"]:
 
 
 def _is_cut_short(lines: Lines) -> bool:
-    """Whether cells are missing at the end of the last line that the one before it has."""
+    """True if cells are missing at the end of the last line that the one before it has."""
     if len(lines) < 2 or lines.table.sheets:
         return False
     last, before = (

@@ -63,7 +63,7 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
 
 
 def _read_as(samples: Samples, quantity: str, symbol: str) -> dict[str, str | None]:
-    """How to say that a column is in another unit than its name says."""
+    """Values of a notice that a column is in another unit than its name says."""
     column = samples.columns[quantity]
     given = {"column": column.header, "quantity": quantity, "unit": symbol}
     examples = column.quantity.examples
@@ -205,7 +205,7 @@ def _too_slow(samples: Samples, stated_s: float) -> _Suspicion | None:
 
 
 def _is_whole(interval_s: float) -> bool:
-    """Whether it is an interval that testers are set to."""
+    """True for an interval that testers are set to."""
     return any(abs(interval_s / second - 1) < _PATTERN for second in _SECONDS)
 
 
@@ -256,7 +256,7 @@ def examine_current_unit(
 
 
 def _amperes_signs(samples: Samples, capacity_ah: float | None) -> list[str]:
-    """What tells that a current in mA is a thousand times too small."""
+    """Signs that a current in mA is a thousand times too small."""
     if samples.columns["current"].unit.factor != 1e-3:
         return []
     signs = []
@@ -276,7 +276,7 @@ def _amperes_signs(samples: Samples, capacity_ah: float | None) -> list[str]:
 
 
 def _milliamperes_signs(samples: Samples, capacity_ah: float | None) -> list[str]:
-    """What tells that currents are milliamperes under an ampere's name."""
+    """Signs that currents are milliamperes under an ampere's name."""
     if samples.columns["current"].unit.factor == 1e-3:
         return []
     magnitude_a = np.abs(few(samples.current_a))

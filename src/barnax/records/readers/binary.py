@@ -38,7 +38,7 @@ def _as_file(content: bytes, suffix: str) -> Iterator[str]:
 
 @contextmanager
 def quieted(library: str) -> Iterator[list[logging.LogRecord]]:
-    """What the library logs meanwhile, kept from the terminal."""
+    """Keep from the terminal what the library logs meanwhile."""
     log = logging.getLogger(library)
     handler = BufferingHandler(10_000)
     was_propagating, log.propagate = log.propagate, False
@@ -88,7 +88,7 @@ def _is_neware(content: bytes) -> bool:
 
 
 def _told_length(content: bytes) -> int:
-    """How long an .nda file is by its own head: where the last of its parts ends.
+    """The length of an .nda file by its own head: the end of the last of its parts.
 
     The head holds begins and lengths of the parts, of 64 bits each from version 129 on, and of 32
     before, where each part begins as the one before it ends. Zero where it does not tell.

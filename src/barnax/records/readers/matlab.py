@@ -199,7 +199,7 @@ def _begun(structs: Mapping[str, Struct], cycles: Sequence[str]) -> list[Struct]
 
 
 def _start_s(cycle: Struct) -> float:
-    """When a cycle of NASA's began, by its date of six numbers; zero where it has none."""
+    """The start of a cycle of NASA's, by its date of six numbers; zero where it has none."""
     date = np.ravel(cycle.get("time", ()))
     if len(date) != 6 or date.dtype.kind not in "iuf" or not np.isfinite(date).all():
         return 0.0

@@ -77,7 +77,7 @@ def require_trial(code: str, content: bytes, file: str) -> None:
 
 
 def dies(code: str, content: bytes, most_bytes: float) -> bool:
-    """Whether code that may read `content` dies, or takes more memory, in a process of its own."""
+    """True if code that may read `content` dies, or takes more memory, in a process of its own."""
     room = str(int(_FOR_A_WHILE * most_bytes))
     command = [sys.executable, "-P", "-c", _LIMITED + code, room]
     done = subprocess.run(command, input=content, capture_output=True, env=os.environ | _ALONE)

@@ -53,7 +53,7 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the names stand, as a number of lines above them, and how the cells are delimited."""
+    """The names, the number of lines above them, and the delimiter of the cells."""
 
     above: int
     header: tuple[str, ...]
@@ -126,7 +126,7 @@ def _within_the_names(table: Table, file: str) -> Table:
 
 
 def _fits(header: Sequence[str], columns: Sequence[pl.Series]) -> bool:
-    """Whether the columns are what the names say: a clock that runs, and the voltage of a cell."""
+    """True if the columns are what the names say: a clock that runs, and the voltage of a cell."""
     found = columns_of(header)
     clock = found.get("time") or found.get("date") or found.get("step time")
     if clock is None or "voltage" not in found:
@@ -213,7 +213,7 @@ def _blank_cells(line: str, given: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def _offset(content: bytes, lines: int, at: int = 0) -> int:
-    """Where the line after so many begins, counted from the one at `at`."""
+    """The beginning of the line after so many, counted from the one at `at`."""
     for _ in range(lines):
         at = content.find(b"\n", at) + 1
         if at == 0:
@@ -328,7 +328,7 @@ def _columns(
 
 
 def _guessed(content: bytes, names: list[str], delimiter: str) -> Schema:
-    """Which columns hold numbers, by the first lines; whole numbers may go on with a fraction."""
+    """The types of the columns by the first lines; whole numbers may go on with a fraction."""
     frame = pl.read_csv(
         content,
         has_header=False,

@@ -159,8 +159,8 @@ def _distribution(
 
 
 def _causes(rows: pl.DataFrame, text: str, code: str) -> tuple[Cause, ...]:
-    """Causes, the most frequent first: one for each code, and without a code of its own for texts that
-    differ in names and numbers only."""
+    """Causes, the most frequent first: one a code, and where there is no own code, one for texts
+    that differ in names and numbers only."""
     causes: dict[str, tuple[str, list[str]]] = {}
     for name, said, own in rows.select("id", text, code).iter_rows():
         # Without the file's name.

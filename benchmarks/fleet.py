@@ -116,7 +116,7 @@ def measure_alone(manifest: str) -> dict:
     import polars as pl
 
     from barnax.fleet import read_manifest
-    from barnax.fleet.rows import identify_cell
+    from barnax.fleet.rows import identify_rows
 
     names: list[str] = []
     handler = logging.Handler()
@@ -130,7 +130,7 @@ def measure_alone(manifest: str) -> dict:
     rows, spent, programs = [], [], []
     for cell in cells:
         start_s = time.process_time()
-        rows.append(identify_cell(cell, {"seeds": 0}))
+        rows += identify_rows(cell, {"seeds": 0})
         spent.append(time.process_time() - start_s)
         programs.append(sum(name.startswith("Compiling") for name in names))
     large = {"_descend", "_respond", "rmse_of_all", "_errors_and_slopes", "terminal_voltage"}
@@ -171,7 +171,7 @@ def measure_stages(count: str) -> dict:
 
     from barnax import bundled_file
     from barnax.fleet import cell_of
-    from barnax.fleet.rows import identify_cell
+    from barnax.fleet.rows import identify_rows
 
     spent: dict[str, float] = {}
 
@@ -190,11 +190,11 @@ def measure_stages(count: str) -> dict:
         setattr(place, function, timed(name, getattr(place, function)))
     ocv = [str(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
     cell = cell_of({"id": "bundled", "records": str(bundled_file("identification")), "ocv": ocv})
-    whole = timed("whole cell", identify_cell)
+    whole = timed("whole cell", identify_rows)
     found: dict[str, list[float]] = {}
     for turn in range(int(count)):
         spent.clear()
-        row = whole(cell, {"seeds": 0})
+        (row,) = whole(cell, {"seeds": 0})
         for name, each in spent.items() if turn > 1 else ():
             found.setdefault(name, []).append(each)
     return {name: min(each) for name, each in found.items()} | {"samples": row["samples"]}

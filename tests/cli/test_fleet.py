@@ -12,7 +12,7 @@ def test_the_report_is_of_the_cells_of_the_manifest(run, tmp_path, monkeypatch):
         "barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1)
     )
     monkeypatch.setattr(
-        "barnax.fleet.rows.identify_cell", lambda cell, *_: {"id": cell.id, "error": "no"}
+        "barnax.fleet.rows.identify_rows", lambda cell, *_: [{"id": cell.id, "error": "no"}]
     )
     manifest, out = tmp_path / "m.csv", tmp_path / "out"
     for names, told in (("ab", "0 of 2 cells identified"), ("b", "0 of 1 cell identified")):

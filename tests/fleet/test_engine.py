@@ -16,7 +16,7 @@ from barnax.cell import characterize
 from barnax.errors import InputError
 from barnax.fleet import FleetCell, cell_of, identify_fleet, read_manifest
 from barnax.fleet.dataset import read_rows
-from barnax.fleet.rows import identify_cell
+from barnax.fleet.rows import identify_rows
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.records import read_record
@@ -56,12 +56,12 @@ def made_rows(monkeypatch, before=lambda name: None):
     """The same, where `before` is called with each id, and may give an error or raise one."""
     computed = []
 
-    def row(cell, settings, kept=None, of_pack=None):
+    def rows(cell, settings, out=None):
         error = before(cell.id)
         computed.append(cell.id)
-        return ROW | {"id": cell.id, "error": error, **cell.carried}
+        return [ROW | {"id": cell.id, "error": error, **cell.carried}]
 
-    monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
+    monkeypatch.setattr("barnax.fleet.rows.identify_rows", rows)
     return computed
 
 
@@ -232,7 +232,7 @@ def test_an_edited_result_is_another_cell(tmp_path, monkeypatch):
     for text in ("2 A.h", "1.5 A.h"):
         path.write_text(text)
         for name in "ab":
-            identify_cell(FleetCell(name, records=("drive.csv",), cell=str(path)), {})
+            identify_rows(FleetCell(name, records=("drive.csv",), cell=str(path)), {})
     assert given == ["2 A.h", "2 A.h", "1.5 A.h", "1.5 A.h"]
 
 
@@ -393,8 +393,8 @@ def test_validation_records_start_at_an_soc_of_their_own(small_fleet, bundled_ce
     (cell, *_), _ = read_manifest(small_fleet / "manifest.csv")
     row = {"id": "own", "records": cell.records, "ocv": cell.ocv, "initial_soc": 0.8}
     row |= {"validate": tmp_path / "later.parquet", "validate_initial_soc": 0.5, "model": "1rc"}
-    found = identify_cell(cell_of(row), {"seeds": 0, "trust": "none"})
+    (found,) = identify_rows(cell_of(row), {"seeds": 0, "trust": "none"})
     assert found["error"] is None
     assert found["validation RMSE [V]"] == pytest.approx(found["RMSE [V]"], rel=0.3)
-    wrong = identify_cell(cell_of(row | {"validate_initial_soc": 0.6}), {"seeds": 0})
+    (wrong,) = identify_rows(cell_of(row | {"validate_initial_soc": 0.6}), {"seeds": 0})
     assert wrong["validation RMSE [V]"] > 10 * found["RMSE [V]"]

@@ -9,7 +9,7 @@ import pytest
 from barnax.errors import InputError
 from barnax.fleet import read_manifest
 from barnax.fleet.manifest import in_shard, parse_shard
-from barnax.fleet.rows import identify_cell
+from barnax.fleet.rows import identify_rows
 from barnax.records.readers import room
 
 ROWS = [
@@ -64,7 +64,7 @@ def test_a_pipe_or_a_device_is_told_with_its_row_and_never_read(folder, column):
         row = {"id": "odd", "records": "b.csv", column: name}
         pl.DataFrame([row]).write_csv(folder / "m.csv")
         (cell,), _ = read_manifest(folder / "m.csv")
-        assert "is a pipe or a device" in identify_cell(cell, {})["error"]
+        assert "is a pipe or a device" in identify_rows(cell, {})[0]["error"]
     with pytest.raises(
         InputError, match=r"pipe\.csv: is a pipe or a device; write the manifest to"
     ):

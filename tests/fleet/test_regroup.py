@@ -7,7 +7,7 @@ from barnax.errors import InputError
 from barnax.factors import factors_to_bytes
 from barnax.fleet.dataset import dataset_path, keep_factors, write_rows
 from barnax.fleet.regroup import regrouped
-from barnax.fleet.rows import identify_cell
+from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc.kept import CONSTANT, Grid, keep
 
@@ -31,7 +31,7 @@ def fleet(tmp_path_factory, bundled_record, bundled_cell):
 def test_rows_alike_in_a_column_are_one_cell(fleet):
     (cell,) = regrouped(fleet, ["cell_name"])
     assert (cell.id, len(cell.records), cell.carried) == ("A-1", 2, {"cell_name": "A/1"})
-    row = identify_cell(cell, {"seeds": 0})
+    (row,) = identify_rows(cell, {"seeds": 0})
     assert row["error"] is None
     assert row["samples"] == 2000 + 2001
     # That of the bundled cell.

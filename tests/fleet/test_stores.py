@@ -14,7 +14,7 @@ from barnax.files import fetched, located
 from barnax.fleet import identify_fleet, read_manifest
 from barnax.fleet.dataset import FACTORS, marked_place, marking, opened, read_rows, writing
 from barnax.fleet.regroup import regrouped
-from barnax.fleet.rows import identify_cell
+from barnax.fleet.rows import identify_rows
 
 from .conftest import comparable
 from .test_engine import Inline
@@ -63,7 +63,7 @@ def test_a_fleet_in_a_store_is_that_of_a_folder(small_fleet, bucket, tmp_path):
     )
     (group,) = regrouped(str(bucket / "out"), ["age"])
     again, there = (
-        identify_cell(each, {"seeds": 0}) for each in (group, *regrouped(tmp_path, ["age"]))
+        identify_rows(each, {"seeds": 0})[0] for each in (group, *regrouped(tmp_path, ["age"]))
     )
     assert again["error"] is None
     assert again["R0 [Ohm]"] == there["R0 [Ohm]"]

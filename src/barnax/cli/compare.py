@@ -25,12 +25,11 @@ from .options import (
     require_choice,
     run_options,
 )
-from .output import DEFAULT_FOLDER, Output
+from .output import DEFAULT_FOLDER, Output, drawn_files
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
-    from ..reporting.illustrations import Illustration
 
 # What of the report stands in the terminal unless everything is asked for.
 SHOWN = {*("Circuits", "Verdict", "Parameters", "Search"), *("Identification", "Validation")}
@@ -178,22 +177,11 @@ def _report(
     live: bool,
 ) -> dict[str, bytes]:
     """The report in both forms and its figures, by their path below the results folder."""
-    from ..plots import column_width
     from ..reporting.comparison import comparison_document
     from ..reporting.illustrations import comparison_illustrations
-    from ..reporting.render import paper_files, report_files
 
-    def draw() -> "list[Illustration]":
-        return comparison_illustrations(result, comparison, comparison.optima, live=live)
-
-    drawn = draw()
-    files = report_files(
-        comparison_document(result, drawn, seconds).with_option_names(as_flags), drawn
-    )
-    if paper:
-        with column_width():
-            files |= paper_files(draw())
-    return files
+    draw = partial(comparison_illustrations, result, comparison, comparison.optima, live=live)
+    return drawn_files(draw, lambda drawn: comparison_document(result, drawn, seconds), True, paper)
 
 
 def optimizers() -> None:

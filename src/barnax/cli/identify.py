@@ -35,7 +35,7 @@ from .options import (
     options_of,
     run_options,
 )
-from .output import DEFAULT_FOLDER, Output, free_name
+from .output import DEFAULT_FOLDER, Output, drawn_files, free_name
 from .session import (
     APPEARANCE,
     Session,
@@ -244,24 +244,15 @@ def result_files(
     result: "Result", report: bool, paper: bool = False, live: bool = False
 ) -> dict[str, bytes]:
     """The figures, and the report where it is wanted, by their path in the folder."""
-    from ..plots import column_width
     from ..reporting.identification import identification_document
     from ..reporting.illustrations import identification_illustrations
     from ..reporting.pulses import pulses_csv, tables_csv
-    from ..reporting.render import paper_files, report_files
 
     tables = {"tables.csv": tables_csv(result)} if result.tables else {}
     tables |= {"pulses.csv": pulses_csv(result.pulses)} if result.pulses else {}
-    if paper:
-        with column_width():
-            tables |= paper_files(identification_illustrations(result))
-    if not (report or live):
-        drawn = [figure for figure in identification_illustrations(result) if figure.is_main]
-        return tables | {f"figures/{figure.name}.png": figure.png for figure in drawn}
-    drawn = identification_illustrations(result, live=live)
-    return tables | report_files(
-        identification_document(result, drawn).with_option_names(as_flags), drawn
-    )
+    draw = partial(identification_illustrations, result, live=live)
+    document_of = partial(identification_document, result)
+    return tables | drawn_files(draw, document_of, report or live, paper)
 
 
 def _show_answer(session: Session, result: "Result", verbose: bool) -> None:

@@ -8,13 +8,17 @@ import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from ..errors import InputError
 from ..files import aside, undisturbed, unfinished, write_whole
 from .options import OUTPUT, QUIET, flag, group, option
-from .session import Session
+from .session import Session, as_flags
+
+if TYPE_CHECKING:
+    from ..reporting.document import Document
 
 DEFAULT_FOLDER = Path("barnax-out")
 # A folder that holds one of these was written by us.
@@ -91,6 +95,26 @@ class Output:
         return folder, set(written)
 
 
+def drawn_files(
+    draw: Callable[[], Any], document_of: Callable[[Any], "Document"], report: bool, paper: bool
+) -> dict[str, bytes]:
+    """The report with the figures that `draw` makes, or only the main ones, and all of them for
+    paper, by their path below the results folder."""
+    from ..plots import column_width
+    from ..reporting.render import paper_files, report_files
+
+    files: dict[str, bytes] = {}
+    if paper:
+        with column_width():
+            files = paper_files(draw())
+    drawn = draw()
+    if not report:
+        return files | {
+            f"figures/{figure.name}.png": figure.png for figure in drawn if figure.is_main
+        }
+    return files | report_files(document_of(drawn).with_option_names(as_flags), drawn)
+
+
 def require_there(path: Path) -> None:
     """Raise `InputError` where there is no such file; "-" is the standard input."""
     if path == Path("-"):
@@ -114,9 +138,7 @@ def require_free(folder: Path, is_forced: bool) -> None:
             raise InputError(
                 f"{folder}: results replace their folder as a whole; give `out` one in it"
             )
-        existing = next(parent for parent in place.parents if parent.exists())
-        if not existing.is_dir() or not os.access(existing, os.W_OK):
-            raise InputError(f"{folder}: {existing} cannot be written to; {another}")
+        existing = _writable(folder, place, another)
         for name in place.relative_to(existing).parts:
             # A name that no folder can have is refused now, not when the search is done.
             with suppress(FileNotFoundError):
@@ -253,9 +275,16 @@ def require_free_file(path: Path, is_forced: bool) -> None:
             raise InputError(f"{path}: is a device or a pipe, and no file; {another}")
         if place.exists() and not is_forced:
             raise InputError(f"{path}: exists already; replace it with `force` or {another}")
-        existing = next(parent for parent in place.parents if parent.exists())
-        if not existing.is_dir() or not os.access(existing, os.W_OK):
-            raise InputError(f"{path}: {existing} cannot be written to; {another}")
+        _writable(path, place, another)
+
+
+def _writable(path: Path, place: Path, another: str) -> Path:
+    """The nearest folder above a place that is there. Raises `InputError` unless one can write
+    to it."""
+    existing = next(parent for parent in place.parents if parent.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise InputError(f"{path}: {existing} cannot be written to; {another}")
+    return existing
 
 
 def write_file(path: Path, content: bytes) -> None:

@@ -34,7 +34,7 @@ from .options import (
     option,
     options_of,
 )
-from .output import Output, require_free_file, write_file
+from .output import Output, drawn_files, require_free_file, write_file
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
@@ -255,19 +255,11 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
 
 
 def _soc_figures(replay: "SocReplay", report: bool, paper: bool) -> dict[str, bytes]:
-    from ..plots import column_width
     from ..reporting.illustrations import replay_illustration
-    from ..reporting.render import paper_files, report_files
     from ..reporting.replay import replay_document
 
-    drawn = [replay_illustration(replay)]
-    files = {"figures/soc.png": drawn[0].png}
-    if report:
-        files |= report_files(replay_document(replay, drawn).with_option_names(as_flags), drawn)
-    if paper:
-        with column_width():
-            files |= paper_files([replay_illustration(replay)])
-    return files
+    document_of = partial(replay_document, replay)
+    return drawn_files(lambda: [replay_illustration(replay)], document_of, report, paper)
 
 
 @group

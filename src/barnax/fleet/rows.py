@@ -4,7 +4,7 @@ import functools
 import hashlib
 import itertools
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -48,24 +48,14 @@ MIDDLE_SOC = 0.5
 def identify_rows(
     cell: FleetCell, settings: Mapping[str, Any], out: Path | None = None
 ) -> list[dict[str, Any]]:
-    """The row of a cell; of a pack that of its mean cell, then one for each cell."""
-    found: list[dict[str, Any]] = []
-    return [identify_cell(cell, settings, out, found), *found]
-
-
-def identify_cell(
-    cell: FleetCell,
-    settings: Mapping[str, Any],
-    out: Path | None = None,
-    of_pack: list[dict[str, Any]] | None = None,
-) -> dict[str, Any]:
-    """The row of a cell; where it cannot be identified, with the reason in one sentence.
+    """The row of a cell, where it cannot be identified with the reason in one sentence; of a pack
+    that of its mean cell, then one for each cell.
 
     `out` is the fleet's folder, where its `result.json` and factors are kept if that is asked for.
-    `of_pack` takes the rows of the cells of a pack.
     """
     start_s = time.perf_counter()
     row: dict[str, Any] = {"id": cell.id, "error": None, "error code": None, **cell.carried}
+    of_pack: list[dict[str, Any]] = []
     try:
         if cell.records and all(map(is_factor_file, cell.records)):
             row |= _refitted(cell, settings)
@@ -77,19 +67,18 @@ def identify_cell(
             else:
                 result, warnings = identified(cell, settings)
             row |= row_of(result, warnings)
-            if pack is not None and of_pack is not None:
+            if pack is not None:
                 of_pack += [{**own, **cell.carried} for own in pack_rows(pack, cell.id)]
+            used = [evaluation.prepared for evaluation in result.run.identification]
             if settings.get("ageing"):
-                records = [evaluation.prepared for evaluation in result.run.identification]
-                row |= ageing_row(records, is_own=not cell.ocv and cell.cell is None)
+                row |= ageing_row(used, is_own=not cell.ocv and cell.cell is None)
             if out is not None and settings.get("keep_results"):
                 keep_result(out, cell.id, result.to_json())
             if out is not None and (kind := settings.get("keep_factors")):
                 grid = Grid(nodes=CONSTANT) if kind == "constants" else Grid()
-                used = [evaluation.prepared for evaluation in result.run.identification]
                 kept = [keep(prepared, grid) for prepared in used]
                 row["factor bytes"] = keep_factors(out, cell.id, factors_to_bytes(kept))
-                if pack is not None and of_pack:
+                if pack is not None:
                     names = [cell.name for cell in pack.fit.cells]
                     cells = keep_all(used[0], grid, pack.beside_v, names)
                     for own, factors in zip(of_pack, cells, strict=True):
@@ -103,7 +92,7 @@ def identify_cell(
         # One cell's trouble, whatever it is, costs that cell its row and no other.
         row["error"] = f"{type(problem).__name__}: {reason_of(problem)}"
     row["seconds"] = time.perf_counter() - start_s
-    return row
+    return [row, *of_pack]
 
 
 def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tuple[Notice, ...]]:
@@ -334,6 +323,7 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
         for tenth in range(10)
     }
     is_certified, gap = _proof_of(result)
+    hashes = [part.sha256 for part in result.inputs]
     return row | {
         "answer": constant.source if result.tables is None else result.answer,
         "certified": is_certified,
@@ -341,7 +331,7 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
         "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in constant.at_bound),
         "warnings": [str(warning) for warning in warnings],
         "warning codes": [warning.code for warning in warnings],
-        "inputs sha256": _together(part.sha256 for part in result.inputs),
+        "inputs sha256": hashlib.sha256(" ".join(hashes).encode()).hexdigest(),
     }
 
 
@@ -379,7 +369,3 @@ def _errors_of(whose: str, metrics: MetricsPart | None) -> dict[str, float | Non
             ("max error [V]", "max_v"),
         )
     }
-
-
-def _together(hashes: Iterable[str]) -> str:
-    return hashlib.sha256(" ".join(hashes).encode()).hexdigest()

@@ -241,6 +241,7 @@ BAND_SD = 2.0
     "State of charge of {}: counted, and estimated by the filter in every scenario. Below, the "
     "errors of the filter.",
     "State of charge over time by counting and by the filter, with its errors",
+    is_main=True,
 )
 def plot_soc_replay(replay: "SocReplay") -> Figure:
     """SOC by the counter and by the filter in every scenario, and the filter's errors.

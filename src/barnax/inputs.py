@@ -9,13 +9,7 @@ from typing import Any
 import numpy as np
 
 from .bundled import BUNDLED
-from .cell import (
-    CellModel,
-    OcvTable,
-    characterize,
-    characterize_over_temperature,
-    read_ocv_test,
-)
+from .cell import CellModel, OcvTable, characterize, characterize_over_temperature, read_ocv_test
 from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import Kind, require_load

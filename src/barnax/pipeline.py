@@ -11,14 +11,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from .bundled import BUNDLED
-from .candidates import (
-    CONTRADICTED,
-    THREE_PAIRS,
-    WEIGHED,
-    is_better,
-    is_fast,
-    tabulated_circuit,
-)
+from .candidates import CONTRADICTED, THREE_PAIRS, WEIGHED, is_better, is_fast, tabulated_circuit
 from .cell import CellModel, get_circuit
 from .checks.against_cell import compare_resistances
 from .errors import InputError
@@ -267,10 +260,7 @@ def hppc(job: Job) -> Result:
 
 
 def identify_problem(
-    problem: Problem,
-    settings: Settings | None = None,
-    *,
-    trust: Trust = "basic",
+    problem: Problem, settings: Settings | None = None, *, trust: Trust = "basic"
 ) -> Result:
     """`identify` for a problem that is set up already.
 
@@ -330,8 +320,5 @@ def _contradictions(run: Run) -> Iterator[Notice]:
         return
     best = min(others, key=lambda candidate: candidate.identification.rmse_v)
     if CONTRADICTED * best.identification.rmse_v < own.identification.rmse_v:
-        rmse_v = {
-            "rmse_v": own.identification.rmse_v,
-            "better_rmse_v": best.identification.rmse_v,
-        }
+        rmse_v = {"rmse_v": own.identification.rmse_v, "better_rmse_v": best.identification.rmse_v}
         yield notice("answer.contradicted", circuit=own.model, better=best.model, **rmse_v)

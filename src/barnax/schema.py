@@ -34,15 +34,7 @@ from .notices import Notice, Severity, kinds, notice
 LARGEST_FILE = 200_000_000
 LONGEST_REASON = 500
 # Of a field's name and of a key: what follows the last underscore is the unit.
-UNITS = {
-    "v": "V",
-    "s": "s",
-    "a": "A",
-    "ah": "A.h",
-    "ohm": "Ohm",
-    "percent": "%",
-    "degc": "degC",
-}
+UNITS = {"v": "V", "s": "s", "a": "A", "ah": "A.h", "ohm": "Ohm", "percent": "%", "degc": "degC"}
 # Other than their names would give: shorter, or as stored before.
 KEYS = {
     "history_v": "history",

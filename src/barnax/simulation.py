@@ -115,10 +115,7 @@ def _columns(frame: Any) -> Profile:
 
 
 def _doubts(
-    result: Result,
-    profile: Profile,
-    soc: Float[np.ndarray, "samples"],
-    given_degc: float | None,
+    result: Result, profile: Profile, soc: Float[np.ndarray, "samples"], given_degc: float | None
 ) -> Iterator[Notice]:
     """Notices that a simulation goes beyond what the answer was identified on."""
     parts = result.of_role("identification")

@@ -44,13 +44,7 @@ from .model.problem import Kind, Problem, known_to, make_problem, require_enough
 from .model.search_space import Range
 from .model.window import Window
 from .notices import Notice, notice
-from .over_soc import (
-    OwnOcv,
-    SocErrors,
-    TableFits,
-    TableSettings,
-    constant_held_out,
-)
+from .over_soc import OwnOcv, SocErrors, TableFits, TableSettings, constant_held_out
 from .run import Run, best_answer
 from .search.evaluate import evaluate, evaluate_from_either, with_registered
 from .search.refine import Descent, refine
@@ -209,12 +203,7 @@ def _problem(
 
 
 def search_and_assess(
-    weighing: Weighing,
-    optimizer: Any,
-    settings: Settings,
-    trust: str,
-    watch: Watch,
-    advise: bool,
+    weighing: Weighing, optimizer: Any, settings: Settings, trust: str, watch: Watch, advise: bool
 ) -> Run:
     """The search, and what does not wait for it beside it. No failure of either is swallowed."""
     problems, over = weighing.problems, settings.over or "soc"

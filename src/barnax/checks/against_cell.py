@@ -13,14 +13,7 @@ from ..records.samples import record_resistance_ohm
 from .sampling import in_fahrenheit
 
 # A mistake of unit or range multiplies the charge by one of these; a wrong capacity by another.
-_UNITS = {
-    60.0: "minutes",
-    3600.0: "hours",
-    1e-3: "milli",
-    1e3: "small",
-    2.0: "half",
-    0.5: "twice",
-}
+_UNITS = {60.0: "minutes", 3600.0: "hours", 1e-3: "milli", 1e3: "small", 2.0: "half", 0.5: "twice"}
 _CAPACITIES = np.geomspace(0.5, 2, 25)
 # What most of the voltage must leave the OCV by before anything is said of it, and what share of
 # that must vanish with another charge; and what no unit explains.

@@ -108,13 +108,7 @@ class CheckInput:
             is_other = problem.code == "ocv-test.none"
             return problem.notice.values["reason"] if is_other else str(problem)
 
-    def at(
-        self,
-        place: int | Bool[np.ndarray, "samples"],
-        code: str,
-        /,
-        **values: Any,
-    ) -> Notice:
+    def at(self, place: int | Bool[np.ndarray, "samples"], code: str, /, **values: Any) -> Notice:
         """A notice of one sample, or the first of several."""
         return found_at(self.samples, place, code, **values)
 

@@ -43,9 +43,7 @@ def rows_are(record: Record) -> Rows:
     return "means" if correlation < _MEANS else "open"
 
 
-def _left_v(
-    record: Record,
-) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]] | None:
+def _left_v(record: Record) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]] | None:
     """Residuals of the voltage's differences after R0 and OCV over SOC and pairs, and those."""
     current_a, moved_v = record.current_a, np.diff(record.voltage_v)
     out_ah = record.discharged_ah

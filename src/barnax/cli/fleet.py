@@ -256,11 +256,7 @@ def _ended_from_within() -> Iterator[None]:
 
 
 def _summed_up(
-    cells: "list[FleetCell]",
-    settings: dict[str, Any],
-    out: Path,
-    *,
-    write: bool,
+    cells: "list[FleetCell]", settings: dict[str, Any], out: Path, *, write: bool
 ) -> str:
     """The report's sentence, and in the folder itself where something is new in it; fits that
     cannot be repeated are not drawn."""

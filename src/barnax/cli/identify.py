@@ -36,14 +36,7 @@ from .options import (
     run_options,
 )
 from .output import DEFAULT_FOLDER, Output, drawn_files, free_name
-from .session import (
-    APPEARANCE,
-    Session,
-    as_flags,
-    flag_of,
-    use_compilation_cache,
-    without_options,
-)
+from .session import APPEARANCE, Session, as_flags, flag_of, use_compilation_cache, without_options
 
 if TYPE_CHECKING:
     from ..plan import Plan

@@ -3,16 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from .options import (
-    INPUT,
-    Files,
-    RecordOptions,
-    Tables,
-    argument,
-    flag,
-    group,
-    option,
-)
+from .options import INPUT, Files, RecordOptions, Tables, argument, flag, group, option
 from .output import Output
 from .session import as_flags, use_compilation_cache
 

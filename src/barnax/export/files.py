@@ -139,11 +139,7 @@ def _rows(tables: Tables) -> Iterator[tuple[str, float, str]]:
 
 
 def _points(
-    name: str,
-    soc: np.ndarray,
-    values: np.ndarray,
-    unit: str,
-    degc: Sequence[float] | None = None,
+    name: str, soc: np.ndarray, values: np.ndarray, unit: str, degc: Sequence[float] | None = None
 ) -> Iterator[tuple[str, float, str]]:
     """A row a point, at each temperature in turn where there are several."""
     where_at = [""] if degc is None else [f", {own_degc!r}" for own_degc in degc]

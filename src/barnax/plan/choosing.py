@@ -7,13 +7,7 @@ from typing import Any
 
 from ..checks.roles import VALIDATION_STEPS
 from ..errors import InputError
-from ..inputs import (
-    Given,
-    Watch,
-    listed,
-    unwatched,
-    windows_by_name,
-)
+from ..inputs import Given, Watch, listed, unwatched, windows_by_name
 from ..model.window import Window
 from ..records.fingerprint import Content
 from ..settings import OVER_TEMPERATURE, Reading
@@ -298,11 +292,7 @@ def _take_others(draft: Draft, others: Sequence[Runnable], capacity_ah: float | 
 
 
 def _take_other_temperatures(
-    draft: Draft,
-    record: CandidateFile,
-    chosen: Chosen,
-    choice: OcvChoice,
-    is_pulsed: bool,
+    draft: Draft, record: CandidateFile, chosen: Chosen, choice: OcvChoice, is_pulsed: bool
 ) -> None:
     """The best record of each further temperature, for tables over it, with its own OCV test."""
     for group, test in chosen:

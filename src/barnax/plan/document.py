@@ -210,12 +210,7 @@ _OF_RECORD: _Kinds = {
 # Those of all records; one capacity for all is an option of the run.
 _COMMON = {*_FIELD_OF} - {"capacity"}
 # What was found of a file: results tell it again.
-_TOLD: _Kinds = {
-    "kind": _TEXT,
-    "reason": _TEXT,
-    "temperature_degc": _NUMBER,
-    "plans_soc": _FLAG,
-}
+_TOLD: _Kinds = {"kind": _TEXT, "reason": _TEXT, "temperature_degc": _NUMBER, "plans_soc": _FLAG}
 # Options of the run, by the names of `barnax.identify`.
 _OF_RUN: _Kinds = {
     **{name: _BY_TYPE.get(OPTIONS[name], _TEXT) for name in PLANNED},

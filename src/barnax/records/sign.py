@@ -134,9 +134,7 @@ def examine_direction(samples: Samples) -> tuple[Samples, list[Notice]]:
     return samples, [found_at(samples, at, "sign.none", **given)]
 
 
-def step_votes(
-    samples: Samples,
-) -> tuple[Int[np.ndarray, "steps"], Float[np.ndarray, "steps"]]:
+def step_votes(samples: Samples) -> tuple[Int[np.ndarray, "steps"], Float[np.ndarray, "steps"]]:
     """The clear current steps, and for each +1 where the file's current raises the voltage."""
     at = samples.steps
     at = at[np.abs(samples.step_v[at]) > 6 * samples.noise_v]

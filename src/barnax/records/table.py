@@ -138,11 +138,7 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
 
 
 def found_at(
-    source: Lines,
-    place: int | Bool[np.ndarray, "lines"],
-    code: str,
-    /,
-    **values: Any,
+    source: Lines, place: int | Bool[np.ndarray, "lines"], code: str, /, **values: Any
 ) -> Notice:
     """A notice of one line, or the first of several, with the row and sheet it stands in."""
     line = int(np.argmax(place)) if isinstance(place, np.ndarray) else place

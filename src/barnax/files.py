@@ -146,7 +146,9 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 def write_whole(path: Path, content: bytes) -> None:
     """Put `content` into the file `path`, or leave what was there."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    # A store has no folders.
+    if isinstance(path, Path):
+        path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as file:
         file.write(content)
 

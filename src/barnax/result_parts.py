@@ -3,7 +3,7 @@
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from .cell import CircuitParameters, get_circuit
 from .cell.model import SAME_DEGC
@@ -22,6 +22,7 @@ from .uncertainty import Band, Diagnostics, Examination, Identifiability, Uncert
 Key = Annotated[int, Field(ge=0, lt=2**64)]
 # A state of charge; a record may run beyond full and empty, but not far.
 Soc = Annotated[float, Field(ge=-10, le=10)]
+CircuitName = Annotated[str, AfterValidator(lambda name: get_circuit(name).name)]
 # What a file of a folder serves for.
 Use = Literal["identification", "OCV test", "validation", "not used"]
 Setting = bool | int | float | str
@@ -287,7 +288,7 @@ class ConstantPart(Part):
         fixed: Parameters that were held.
     """
 
-    model: str
+    model: CircuitName
     parameters: CircuitParameters
     source: Literal["seeds", "global optimum"]
     at_bound: tuple[AtBound, ...]
@@ -299,11 +300,6 @@ class ConstantPart(Part):
     refined: RefinedPart | None = None
     bounds: dict[str, tuple[float, float]]
     fixed: Parameters
-
-    @field_validator("model")
-    @classmethod
-    def _name_a_known_circuit(cls, name: str) -> str:
-        return get_circuit(name).name
 
     @model_validator(mode="after")
     def _hold_what_the_circuit_has(self) -> Self:

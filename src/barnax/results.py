@@ -9,17 +9,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from .candidates import Candidate, table_name
-from .cell import CellModel, CircuitParameters, get_circuit
+from .cell import CellModel, CircuitParameters
 from .display import hook
 from .errors import InputError
 from .model.start import Start
 from .model.window import Window
 from .older_results import upgraded
 from .pulses import Pulse
-from .result_parts import ConstantPart, InputPart, MetricsBlock, PlannedFile, TablesPart
+from .result_parts import (
+    CircuitName,
+    ConstantPart,
+    InputPart,
+    MetricsBlock,
+    PlannedFile,
+    TablesPart,
+)
 from .run import Run
 from .schema import Document, Told
 from .search.evaluate import Evaluation
@@ -60,7 +67,7 @@ class Result(Document):
     """
 
     schema_version: Literal[5]
-    model: str
+    model: CircuitName
     metrics: MetricsBlock
     candidates: tuple[Candidate, ...] = ()
     tables: TablesPart | None = None
@@ -87,11 +94,6 @@ class Result(Document):
         yield "rmse_v", self.metrics.identification.rmse_v
         if self.tables is None:
             yield "parameters", self.parameters
-
-    @field_validator("model")
-    @classmethod
-    def _name_a_known_circuit(cls, name: str) -> str:
-        return get_circuit(name).name
 
     @model_validator(mode="after")
     def _hold_a_record(self) -> Self:

@@ -55,13 +55,9 @@ def make_result(run: Run, command: Sequence[str] = ()) -> Result:
         at_bound=run.answer.at_bound,
         metrics=_metrics_block(problem.name, run.identification, run.validation),
         global_optimum=_global_part(run.refinement, run.optimum) if run.optimum else None,
-        assessment=None
-        if run.assessment is None
-        else AssessmentPart(
-            uncertainty=run.assessment.uncertainty,
-            identifiability=run.assessment.identifiability,
-            diagnostics=run.assessment.diagnostics,
-            examination=run.examination,
+        assessment=run.assessment
+        and AssessmentPart.model_validate(run.assessment, from_attributes=True).model_copy(
+            update={"examination": run.examination}
         ),
         other_hold=run.other_hold,
         search=search_part(run.search) if run.search else None,

@@ -16,7 +16,7 @@ from typing import Any
 import polars as pl
 
 from ..errors import InputError, reason_of
-from ..files import SUFFIX, changed_ns, replacing
+from ..files import SUFFIX, changed_ns, replacing, write_whole
 from ..records.readers.room import dies
 from ..records.table import LARGEST_FILE
 
@@ -131,16 +131,11 @@ def factors_path(out: Path, name: str) -> Path:
 
 
 def _keep(out: Path, path: Path, content: bytes) -> None:
-    if not isinstance(out, Path):
-        # A store has neither folders nor links.
-        with replacing(path) as file:
-            file.write(content)
-        return
-    for place in reversed(path.parents[: len(path.relative_to(out).parts) - 1]):
-        _require_no_link(place)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as file:
-        file.write(content)
+    # A store has neither folders nor links.
+    if isinstance(out, Path):
+        for place in reversed(path.parents[: len(path.relative_to(out).parts) - 1]):
+            _require_no_link(place)
+    write_whole(path, content)
 
 
 def _require_no_link(folder: Path) -> None:

@@ -50,10 +50,6 @@ def quieted(library: str) -> Iterator[list[logging.LogRecord]]:
         log.propagate = was_propagating
 
 
-def _is_parquet(content: bytes) -> bool:
-    return content.startswith(b"PAR1")
-
-
 def _read_parquet(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     del given
     damaged = f"{file}: the Parquet file is damaged or cut short"
@@ -79,7 +75,7 @@ def _read_parquet(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     )
 
 
-PARQUET = Reader("Parquet table", _is_parquet, _read_parquet)
+PARQUET = Reader("Parquet table", lambda content: content.startswith(b"PAR1"), _read_parquet)
 
 
 def _is_neware(content: bytes) -> bool:

@@ -40,10 +40,6 @@ _DEEPEST, _MAX_NAMED = 8, 12
 _SCRIPTS = re.compile(r"(?:DYNData|OCVData)\.script(\d)")
 
 
-def _recognizes(content: bytes) -> bool:
-    return content.startswith(_MARKS)
-
-
 def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     if content.startswith(_OCTAVE):
         raise InputError(f"{file}: Octave's text format; save it with '-v7', or as CSV.")
@@ -258,4 +254,4 @@ def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -
     )
 
 
-MATLAB = Reader("MATLAB .mat", _recognizes, _read)
+MATLAB = Reader("MATLAB .mat", lambda content: content.startswith(_MARKS), _read)

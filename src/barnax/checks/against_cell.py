@@ -20,10 +20,10 @@ _CAPACITIES = np.geomspace(0.5, 2, 25)
 _APART_V, _VANISHES, _ELSEWHERE_V = 0.03, 0.5, 0.15
 _LEFT, _FAR_V = 0.2, 0.25
 _MOST = 0.75
-# So many samples tell, best those of a small current.
+# The number of samples that are compared, preferably those of a small current.
 _SAMPLES, _SMALL_HOURS = 400, 5.0
 _STARTS = 61
-# Parameters of a cell change noticeably over so many degrees.
+# The parameters of a cell change noticeably over this many degrees.
 _DEGREES = 5.0
 # From here on a temperature may be one of Fahrenheit, 15 degC, in a column that is named otherwise.
 _WARM_DEGC = 59.0
@@ -59,7 +59,7 @@ def _source(
     if len(at) < _SAMPLES:
         at = np.arange(record.samples)
     passed = record.discharged_ah / capacity_ah
-    # Evenly over the charge, or a long rest would be all that counts.
+    # Evenly over the charge, or one long rest would outweigh all else.
     order = at[np.argsort(passed[at], kind="stable")]
     wanted = np.linspace(passed[order[0]], passed[order[-1]], _SAMPLES)
     chosen = order[np.minimum(np.searchsorted(passed[order], wanted), len(order) - 1)]

@@ -88,7 +88,7 @@ def voltage_spikes(given: CheckInput) -> Bool[np.ndarray, "samples"]:
     """True where the voltage spikes."""
     current_a = given.record.current_a
     source_v = given.record.voltage_v + current_a * given.resistance_ohm
-    # A current explains what the voltage does then and later.
+    # A current explains what the voltage does at that moment and later.
     return _spikes(source_v, _least_v(given), current_a * given.response_ohm, after=0)
 
 
@@ -144,7 +144,7 @@ def _spikes(
 # What the current must do to a voltage that does not answer, in volts and in steps of resolution.
 _EXPECTED_V, _EXPECTED_STEPS = 0.01, 10.0
 _FEWEST_SAMPLES = 4
-# What is told of a channel that stands still, and that stops at the end of its range.
+# Codes for a channel that stands still, and for one that stops at the end of its range.
 _VOLTAGE = "stuck-voltage.still", "stuck-voltage.limit"
 _CURRENT = "stuck-current.still", "stuck-current.limit"
 # A voltage that jumps so, both ways, under a current that does not move.

@@ -15,7 +15,7 @@ from .check_input import CheckInput
 # As shares of all the charge that went in and out. Testers integrate between the samples that
 # they log, so that a fast current and slow samples differ by a percent.
 _COUNTERS_DIFFER, _COUNTERS_NOTED = 0.03, 0.01
-# Counters are printed to so much, and both ends are rounded.
+# Counters are rounded at both ends; this many quanta are no difference.
 _QUANTA = 3
 # A factor that every tenth of the charge has to this is a wrong unit or range, and no hole.
 _SCALED, _PARTS = 0.1, 10
@@ -162,7 +162,7 @@ _LOAD_HOURS, _SMALL_SHARE, _FEWEST = 20.0, 0.15, 5
 _LONG_S, _MOST, _FEW = 60.0, 0.5, 0.05
 # An offset is more than one step of the reading, and more than noise makes.
 _OFFSET_QUANTA, _SIGMAS = 1.5, 5.0
-# The longest runs tell enough.
+# Only this many of the longest runs are looked at.
 _ENOUGH = 1000
 # In the second half of a rest the voltage hardly moves, as it does in a slow sweep, and the current
 # is steady, as it is not in a taper.
@@ -211,7 +211,7 @@ def _rests(given: CheckInput) -> list[_Rest]:
     last = last_interval + 1
     length_s = record.time_s[last] - record.time_s[first]
     chosen = last - first + 1 >= _FEWEST
-    # Of short runs some may be loads; they count only where there are no long ones.
+    # Some short runs may be loads; they count only where there are no long ones.
     if np.any(chosen & (length_s >= _LONG_S)):
         chosen &= length_s >= _LONG_S
     places = np.flatnonzero(chosen)

@@ -45,7 +45,7 @@ CHECKS: Mapping[str, Check] = {
     "resolution": sampling.find_resolution,
 }
 _ORDER = {"error": 0, "warning": 1, "note": 2}
-# Testers' own files, which nobody edits: they are exported first.
+# Testers' own files cannot be edited: they are exported first.
 _TESTERS_OWN = (".nda", ".ndax", ".mpr", ".res")
 
 
@@ -171,12 +171,12 @@ def check_file(
     examined = examine(source, capacity_ah)
     findings = [*source.findings, *examined.findings]
     facts, roles, traits = None, (), None
-    # Absurd values overflow on their way to being found absurd.
+    # Absurd values overflow before they are found out.
     with np.errstate(all="ignore"):
         if examined.mended is not None:
             samples, found = channels.find_turn(examined.mended)
             sign, doubts = decide_sign(samples, current_sign, source.name)
-            # Of a current without any sign that is told already.
+            # A current without any sign has been reported already.
             is_told = any(finding.check == "sign" for finding in examined.findings)
             findings += found if is_told else [*found, *doubts]
             record = make_record(source, samples, sign, decide_hold(samples, current_hold))

@@ -142,7 +142,7 @@ def require_load(kinds: Mapping[str, Kind]) -> None:
             raise notice("role.no-load", file, what=kind).error()
 
 
-# Current steps that a validation wants.
+# The current steps that a validation needs.
 VALIDATION_STEPS = 10
 
 

@@ -30,7 +30,7 @@ _ANSWERS, _FEWEST_STEPS, _STEP_SHARE = 5, 50, 0.05
 # is over within two samples. More than this share of the whole, at so many deviations, is late.
 _LASTING, _LATE_SHARE, _LATE_SURE = 2.0, 0.03, 4.0
 
-# What is told of a current that changes faster than it is sampled, by what its rows are.
+# Codes for a current that changes faster than it is sampled, by the kind of its rows.
 _FAST_LOAD = {
     "instants": "fast-load.instants",
     "means": "fast-load.means",
@@ -167,7 +167,7 @@ def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
     is_used = is_even & (np.max(np.abs(steps_a), axis=1) > least_a)
     if is_used.sum() < _FEWEST_STEPS:
         return None
-    # The current before and a constant stand for what is slow.
+    # The current before the steps and a constant stand for all that is slow.
     before_a = record.current_a[: len(steps_a)]
     design = np.column_stack([steps_a, before_a, np.ones(len(steps_a))])[is_used]
     moved_v = np.diff(record.voltage_v)[_ANSWERS - 1 :][is_used]

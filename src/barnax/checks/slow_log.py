@@ -17,7 +17,7 @@ from ..records.samples import changes_through_values_between
 
 # Time constants of pairs in rows, and SOC nodes of R0 and of the OCV.
 _TAUS, _R0_NODES, _OCV_NODES = (1.0, 3.0, 10.0, 30.0), 5, 11
-# Near empty and full no circuit follows; so many rows a column are needed between.
+# No circuit follows near empty and full; between, each column needs this many rows.
 _INSIDE, _FEWEST = (0.15, 0.98), 3
 # A correlation above this, by so much more over the root of the rows, and innovations of so much of
 # what the voltage moves are of instants; a correlation below the last is of means.

@@ -11,7 +11,7 @@ from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
 from ..records.record import FULL_CHARGE, runs
 from .check_input import CheckInput
 
-# A rest so long settles the cell.
+# A rest of this length settles the cell.
 _LONG_REST_S = MINIMUM_REST_S - CLOCK_SLACK_S
 # Current steps inside a step of the tester that make it a profile.
 _FEWEST_STEPS = 10

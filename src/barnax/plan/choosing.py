@@ -25,9 +25,9 @@ from .ocv import (
     started,
 )
 
-# Ranges of charge within this share of the widest are as good, and other things decide.
+# Ranges of charge within this share of the widest count as equal, and other things decide.
 _AS_WIDE = 0.9
-# So many times, it is another's beside records that fit, or its current is in another unit.
+# A record that moves so many times the capacity is of another cell, or in another unit.
 _ANOTHER = 1.5
 MAKE_OCV = (
     "measure one: from full, pulses of 5 to 10 % of the capacity with rests of at least 30 min "
@@ -37,7 +37,7 @@ MAKE_RECORD = (
     "there is no record to identify on: measure a drive cycle, or pulses after rests (HPPC), "
     "sampled about every second under load, over most of the state of charge"
 )
-# What can be simulated, in its window; and the files of each temperature with their OCV test.
+# A file to simulate, and its window; and the files of each temperature with their OCV test.
 Runnable = tuple[CandidateFile, Window]
 Chosen = Sequence[tuple[Sequence[CandidateFile], OcvChoice | None]]
 
@@ -104,13 +104,13 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     files = draft.files
     first_of: dict[tuple[object, ...], CandidateFile] = {}
     for file in files:
-        # What came from no file is itself alone.
+        # A record that came from no file is only like itself.
         source = (file.source.sha256, file.source.span_s) if file.source else (id(file),)
         if file.refusal:
             draft.take(file, "not used", file.refusal.removeprefix(f"{file.name}: "))
         elif (same := first_of.setdefault(source, file)) is not file:
             draft.take(file, "not used", f"the same as {same.name}, byte for byte")
-    # What was given comes first, and of a record and a part or a share of it the longer.
+    # Given files come first, and of a record and a part of it the longer one.
     unlike: list[Content] = []
     given = (*tests, *others)
     readable = [file for file in files if file not in draft.taken and file.traits]
@@ -170,7 +170,7 @@ def _on_records(draft: Draft, groups: Sequence[Sequence[CandidateFile]]) -> Plan
     """A plan without an OCV test, where records of some temperature can do without, or over
     temperature those of several: the OCV is then the records' own."""
     known = [group for group in groups if draft.is_over and group[0].temperature_degc is not None]
-    # Where the temperatures are not enough for that, it is said as where files are given.
+    # If the temperatures are too few, that is refused as for files whose roles are given.
     for together in (known, *([group] for group in groups)):
         runs = [run for group in together for run in _without_test(draft, group)]
         if not runs:

@@ -257,7 +257,7 @@ def _date_unit_s(values: Numbers) -> float:
     return next((unit for below, unit in units if middle < below), 1e-9)
 
 
-# How testers call what a step does; what is neither is another state.
+# Testers' words for what a step does; any other word is another state.
 _STATES = (
     (
         1,

@@ -74,7 +74,7 @@ def _by_counter(samples: Samples) -> tuple[Samples, list[Notice]]:
     return samples, []
 
 
-# A clock that falls by so small a share of the usual interval is not read finely enough.
+# A clock that falls by less than this share of the usual interval is read too coarsely.
 _JITTER_SHARE = 0.1
 
 
@@ -101,7 +101,7 @@ def _without_jitter(samples: Samples) -> tuple[Samples, list[Notice]]:
     return samples.having(time=mended), [finding]
 
 
-# So much of a clock's falls must lie where the step changes, and so low must they go.
+# The least share of a clock's falls that lie where the step changes, and how low they go.
 _AT_STEPS, _FROM_ZERO = 0.8, 0.1
 
 
@@ -188,7 +188,7 @@ def _running_on(time: Clock) -> Clock:
     return np.concatenate([time[:1], time[0] + passed])
 
 
-# What two samples of one time stamp may differ by and still be one sample, logged twice.
+# Two samples of one time stamp that differ by no more are one sample, logged twice.
 _SAME_VOLTAGE_V, _SAME_CURRENT_SHARE = 2e-3, 0.02
 # Past this share of stamps with two different values the clock is printed with too few digits.
 _COARSE = 0.05

@@ -33,7 +33,7 @@ QUANTITY_OF = {quantity.name: quantity for quantity in QUANTITIES}
 NAMES = tuple(name for name in QUANTITY_OF if name not in ("date", "charge of the interval"))
 # Dates that stand still in a larger share of the intervals are printed too coarsely to be a clock.
 _COARSE_DATES = 0.05
-# So many dates are compared with the clock, over intervals that whole seconds resolve.
+# The number of dates that are compared with the clock, over intervals that seconds resolve.
 _DATES, _LEAST_DATED_S = 50, 100.0
 
 
@@ -111,7 +111,7 @@ def examine_columns(
     for quantity in REQUIRED:
         if quantity.name in found:
             continue
-        # What another quantity has taken is no candidate.
+        # A column that another quantity has taken is no candidate.
         free = ["" if name in _headers(found) else name for name in table.header]
         guess = likely_column(quantity, free)
         missing.append((quantity, guess, free))
@@ -173,7 +173,7 @@ def _is_time_of_day(table: Table, found: Columns) -> bool:
         return False
     if time.quantity.name != "time" or len(table.row) < 2:
         return False
-    # Some tell most columns of dates, which take long to read.
+    # A few cells rule out most columns of dates, which take long to read.
     some = table.columns[date.index].gather(_some_places(table))
     if np.any(numbers(some, date) % DAY_S != 0):
         return False

@@ -27,7 +27,7 @@ _CLOCK_FORM = re.compile(r".*\bh+[: ]m.*|m+:s.*|s+\.x+")
 _SELF_EXPLAINING = re.compile("seconds|m?amps|volts|m?amp-hr|chgah|disah|ma|mv")
 # Comparing spellings is slow, and no tester writes so many columns.
 _COMPARED_NAMES = 1000
-# What can tell the time, and the current.
+# The quantities that tell the time, and the current.
 _CLOCKS, _CURRENTS = {"time", "step time", "date"}, {"current", "charge of the interval"}
 NOTHING: Mapping[str, str] = MappingProxyType({})
 

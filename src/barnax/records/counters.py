@@ -17,9 +17,9 @@ _ROUNDING, _LOW = 1e-3, 0.5
 # drive cycle the current switches between samples, and at rest a counter may tell of what was not
 # logged. They agree within this share and so many quanta; so many must.
 _BLOCKS, _NEAR, _QUANTA, _AGREEING = 200, 0.1, 2.0, 0.5
-# Of so many values the decimals are looked at.
+# The number of values whose decimals are looked at.
 _ENOUGH = 100_000
-# What proportional block sums correlate by.
+# The correlation of block sums that are proportional.
 _PROPORTIONAL = 0.995
 
 # Of the counted charge, and of the smallest count, what an interval must hide to have been skipped;
@@ -208,7 +208,7 @@ def gain_ah(counter_ah: Charge) -> float:
 
 def decimal_place(values: Charge) -> float:
     """The coarsest power of ten of which all values are multiples, to single precision."""
-    # Of more values a share tells the same.
+    # An even share of more values tells the same.
     values = values[:: 1 + len(values) // _ENOUGH]
     for digits in range(9):
         scaled = np.abs(values) * 10.0**digits

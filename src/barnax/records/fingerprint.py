@@ -25,7 +25,7 @@ _RUNS, _LENGTH = 8, 12
 _FEWEST, _ALIKE, _ALIKE_THROUGHOUT, _HALF = 12, 0.98, 0.995, 0.5
 # Single precision, and what a current may be rounded to, as a share of the largest.
 _SINGLE, _CURRENT_SHARE = 1e-6, 1e-3
-# A voltage that is read more often does not tell when it was.
+# A voltage that was read more often than this does not tell its time.
 _MANY = 1000
 
 

@@ -26,7 +26,7 @@ _ANYWHERE = {"fewest": 20, "margin": 0.05}
 # One change of step proves nothing, but is better evidence than whose file it is.
 _AT_ONE = {"fewest": 1, "margin": 0.2}
 _AGREEING = 0.8
-# So many intervals may hold a fall of a counter that was not seen as one.
+# The share of intervals that may hold a fall of a counter that was not seen as one.
 _FALLS = 0.05
 
 

@@ -22,11 +22,11 @@ from .record import Record
 
 # Time constants in samples that stand for the pairs, and how many samples are looked at.
 _SLOW, _NEAR = (3.0, 10.0, 30.0, 100.0, 300.0), 3
-# A lag of less than so much of a sample, or at so few standard errors of as many parts, is none.
+# The least lag in samples, and in standard errors over so many parts of the record.
 _LEAST, _SURE, _PARTS = 0.1, 4.0, 24
 # On its other side a step shows less than this share of what it shows beside itself.
 _OTHER_SIDE = 0.25
-# Of slower logs a pair that is over within a sample is likelier than a lag.
+# In slower logs a pair that is over within a sample is likelier than a lag.
 _SLOWEST_S = 1.5
 # So many intervals beside steps of this share of the largest current are needed, of an even clock.
 _FEWEST, _STEP_SHARE, _EVEN = 200, 0.05, 0.1

@@ -108,7 +108,7 @@ def _voltages(source: Source, pattern: str | None) -> dict[str, Float[np.ndarray
             continue
         values_v = _in_volts(source, name)
         known_v = values_v[np.isfinite(values_v)]
-        # A sensor that is out leaves the others of its kind.
+        # A sensor that has failed leaves the others of its kind.
         if len(known_v) and CELL_RANGE_V[0] < np.median(known_v) < CELL_RANGE_V[1]:
             alike.setdefault(re.sub(r"\d+", "#", normal(name)), {})[name] = values_v
     sets = [own for own in alike.values() if len(own) >= FEWEST]

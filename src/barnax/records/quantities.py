@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-# The voltages of one cell: those of all lithium chemistries lie within.
+# The voltage of one cell: that of every lithium chemistry lies within.
 CELL_RANGE_V = (0.5, 6.0)
 
 
@@ -46,7 +46,7 @@ class Quantity:
         return self.name in NEEDED
 
 
-# What no record can do without, by the quantities' names.
+# The quantities that every record needs, by name.
 NEEDED = frozenset({"time", "current", "voltage"})
 
 

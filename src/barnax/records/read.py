@@ -72,10 +72,10 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     findings += found
     mended = samples
     if short := _too_short(mended):
-        # Where bad cells took the samples, that is said already.
+        # If bad cells took the samples, that has been said already.
         findings += [] if any(finding.severity == "error" for finding in findings) else [short]
         return Examined(None, None, tuple(findings))
-    # Absurd values overflow on their way to being found absurd.
+    # Absurd values overflow before they are found out.
     with np.errstate(all="ignore"):
         for rule in (
             examine_clock,
@@ -93,7 +93,7 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
             findings += found
             if short := _too_short(mended):
                 return Examined(None, None, (*findings, short))
-            # What follows judges the values, and a record keeps them.
+            # The rules that follow judge the values, which a record keeps as they are.
             samples = mended if rule is examine_voltage_unit else samples
         findings += examine_twins(source, mended)
         is_usable = bool(mended.intervals_s.min() > 0 and mended.peak_a > 0)

@@ -115,7 +115,7 @@ class Record(Brief):
 
     def __post_init__(self):
         for name, values in vars(self).copy().items():
-            # A table's own memory is no array, and nobody can write to it.
+            # The memory of a table is no array, and cannot be written to.
             is_own = isinstance(values, np.ndarray) and not isinstance(values.base, np.ndarray)
             if isinstance(values, np.ndarray) and not (is_own and not values.flags.writeable):
                 # A copy, for the caller may go on writing to what was given.

@@ -24,9 +24,9 @@ _STEADY, _APART, _BETWEEN, _FEWEST_BETWEEN = 0.015, 0.1, (0.1, 0.9), 5
 # An interval so many times the usual one is a gap that may hide a load, of at most so many times
 # the largest current that was logged.
 _FAR_LONGER, _HEAVIER = 30, 3
-# What a rest does not do to a voltage between two of its samples.
+# A rest does not move the voltage this far between two samples.
 _LOAD_V = 0.02
-# Medians of so many values are as good as of all.
+# The median of this many values is as good as that of all.
 _ENOUGH = 50_000
 
 
@@ -165,7 +165,7 @@ class Samples(Lines):
     @cached_property
     def span_ah(self) -> float:
         """The charge between the fullest and emptiest moments, by counters that count it too."""
-        # Of many intervals, several in a row tell the same.
+        # Where there are many intervals, sums of several in a row tell the same.
         starts = np.arange(0, len(self.ended_ah), 1 + len(self.ended_ah) // _ENOUGH)
         integrated_ah = float(np.ptp(np.cumsum(np.add.reduceat(self.ended_ah, starts))))
         counted_ah = self.counted_ah

@@ -117,7 +117,7 @@ def examine_direction(samples: Samples) -> tuple[Samples, list[Notice]]:
     if state is not None and np.any((current_a != 0) & ((state == 1) | (state == -1))):
         begins = np.append(0, np.flatnonzero(state[1:] != state[:-1]) + 1)
         words = state[begins]
-        # Of other states the one before tells.
+        # Within any other state, the state before tells.
         told = np.maximum.accumulate(np.where(np.abs(words) == 1, np.arange(len(words)), -1))
         directions = np.where(told >= 0, -words[told], 1)
         direction = np.repeat(directions, np.diff(begins, append=len(state)))
@@ -148,7 +148,7 @@ def _at_current_steps(samples: Samples) -> Evidence | None:
     step_v = samples.step_v[at]
     product = samples.step_a[at] * step_v
     vote, share, count = clear = _agreement(product[np.abs(step_v) > 6 * noise_v])
-    # Where few of the steps are clear, the current may be noise and the clear ones chance.
+    # If few of the steps are clear, the current may be noise, and the clear ones chance.
     is_strong = share >= 0.85 and count >= max(3, 0.2 * len(at))
     if not is_strong:
         vote, share, count = _agreement(product)

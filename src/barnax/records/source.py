@@ -22,7 +22,7 @@ from .samples import Samples
 from .table import LARGEST_FILE, Table, table_sha256
 
 STDIN, STDIN_NAME = Path("-"), "standard input"
-# How a shell names what another command writes.
+# The names under which a shell passes another command's output.
 _PIPES, _PIPE_NAME = (Path("/dev/fd"), Path("/proc/self/fd")), "piped file"
 _CONTENT = {
     b"PK\x03\x04": ("an OOXML workbook", (".xlsx", ".xlsm", ".ndax", ".zip")),
@@ -105,7 +105,7 @@ def read_source(
     if path == STDIN or path.parent in _PIPES:
         name = STDIN_NAME if path == STDIN else _PIPE_NAME
     content = _read_content(path) if content is None else content
-    # Of large files the hash takes a tenth of the time, and lets another thread work.
+    # The hash of a large file takes a tenth of the time, and lets another thread work.
     with ThreadPoolExecutor(1) as beside:
         hashing = beside.submit(lambda: hashlib.sha256(content).hexdigest())
         table = read_table(content, name, given)
@@ -140,7 +140,7 @@ def source_from_frame(
     import narwhals as nw
 
     try:
-        # Whole numbers beside others are numbers.
+        # Integers beside floats are floats.
         table = pl.DataFrame(frame, strict=False) if isinstance(frame, Mapping) else frame
     except pl.exceptions.PolarsError as error:
         raise InputError(f"{name}: its columns make no table ({reason_of(error)})") from error

@@ -18,7 +18,7 @@ from .counters import inner
 from .quantities import NEEDED
 from .record import OTHER_STATE
 
-# Even nanoseconds since 1970 are less; what is more overflows where it is squared.
+# Even nanoseconds since 1970 are less; anything larger overflows when it is squared.
 LARGEST_NUMBER = 1e20
 _LARGEST_WHOLE = 2**31
 _IMPEDANCE = r"^\s*(FRA|EIS|P?EIS|GEIS|ACI|AC ?IMP.*)\s*$"
@@ -190,7 +190,7 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Notice]]:
             "limit": LARGEST_NUMBER if is_large else None,
             "cells": bad.sum(),
         }
-        # A clock of dates or steps may be what tells the time.
+        # A clock of dates or of steps may have to tell the time.
         if name not in NEEDED:
             lines = lines.without(name)
             is_coded = name == "state" and not isinstance(cell, str)

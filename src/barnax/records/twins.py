@@ -16,10 +16,10 @@ from .table import Table, found_at, take_lines
 
 Channel = Float[np.ndarray, "samples"]
 
-# A voltage of one cell, and the names that nobody's rule puts one of before another.
+# Makes whose names have no rule for which of two voltage columns comes first.
 _ANYBODYS = ("plain", "Battery Data Format", "PyBaMM")
 _TINY = 1e-30
-# What is set, or made of measured values, is no second measurement.
+# A set point, or a statistic of measured values, is no second measurement.
 _NOT_MEASURED = re.compile(r"\b(set|max|min|limit|target|end|start|cut|mean|avg|average)")
 # Two voltages differ by a lead where the current explains so much of their difference, which it
 # moves by so many volts; currents differ where they are proportional to within a percent, but not

@@ -17,10 +17,10 @@ from .table import found_at
 # Past 10 V it is no cell but a module, past 1000 V a cell in millivolts, and past 10,000 V no pack
 # at all; 100 V is no reading of a single cell.
 _MODULE_V, _MILLIVOLT_V, _IMPOSSIBLE_V = 10.0, 1000.0, 100.0
-# A cell's volts divided by a thousand once too often.
+# Volts that were divided by a thousand once too often.
 _KILOVOLT_V = 0.01
 _NEARLY_ALL = 0.95
-# What cells in series are counted by.
+# The voltage by which cells in series are counted.
 _NOMINAL_V = 3.6
 
 
@@ -37,7 +37,7 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
     if middle_v < 0:
         low_v, high_v = CELL_RANGE_V
         turned_v = -samples.voltage_v
-        # Turned, nearly all of it has to be a cell's.
+        # With its sign turned, nearly all of it must be a cell's voltage.
         is_swapped = np.mean((turned_v >= low_v) & (turned_v <= high_v)) > _NEARLY_ALL
         code = "voltage-unit.swapped" if is_swapped else "voltage-unit.negative"
         samples = mended(code, -1.0 if is_swapped else 1.0)
@@ -92,7 +92,7 @@ def examine_voltage_range(samples: Samples) -> tuple[Samples, list[Notice]]:
     limits = {"low_v": low_v, "high_v": high_v}
     code = "voltage-unit.no-cell" if outside.mean() > 0.5 else "voltage-unit.outside"
     finding = found_at(samples, first, code, **given, **limits).rated(severity)
-    # Where nearly all is outside, the rest shows nothing either.
+    # If nearly all is outside, the rest shows nothing either.
     return (samples if outside.mean() > 0.5 else samples.keep(~outside)), [finding]
 
 
@@ -117,7 +117,7 @@ _LONGEST_S = 1e8
 # Testers sample no faster.
 _FINEST_S = 5e-4
 _RATIO = 0.15
-# What numbers are that are too large for seconds, the first where nothing tells which.
+# Readings of numbers that are too large for seconds; the first where nothing tells which.
 _SHORTER = (
     ("milliseconds", "ms", 1e-3),
     ("hours, converted to seconds twice", "", 1 / 3600),
@@ -156,7 +156,7 @@ def _too_fast(samples: Samples) -> _Suspicion | None:
             continue
         is_pattern = interval_s < _SHORT_S and _is_whole(interval_s * factor)
         is_fast = 0 < bulk_s < shortest_s and travel_v >= _TRAVEL_V
-        # What moved the voltage in a gap was not logged: its charge is missing, not the unit wrong.
+        # A load in a gap was not logged: its charge is missing, and the unit may be right.
         is_fast &= samples.hidden_v < travel_v / 2
         pattern = f"samples lie {interval_s:.5g} apart, {interval_s * factor:.3g} s if in {words}"
         if ratio is not None:

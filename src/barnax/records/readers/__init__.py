@@ -54,7 +54,7 @@ def _only_file(content: bytes, file: str) -> bytes:
     except InputError:
         raise
     except Exception:
-        # What is damaged or encrypted fails in many ways; a reader has words for its own format.
+        # Damaged and encrypted archives fail in many ways; each reader explains its own format.
         return content
     return content
 

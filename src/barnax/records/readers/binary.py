@@ -121,7 +121,7 @@ def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     except InputError:
         raise
     except Exception as error:
-        # What a damaged file makes the library raise is of many kinds.
+        # On a damaged file the library raises errors of many kinds.
         raise InputError(
             f"{file}: the {suffix} file is damaged, cut short or of an unknown version; export the "
             "record as CSV from BTSDA."
@@ -160,7 +160,7 @@ def _by_package(
                 f"pip install 'barnax[{extra}]', or export the record as {export}."
             ) from error
         except Exception as error:
-            # What a damaged file makes the package raise is of many kinds.
+            # On a damaged file the package raises errors of many kinds.
             raise InputError(
                 f"{file}: the {name} file is damaged, cut short or of an unknown version; export "
                 f"the record as {export}."

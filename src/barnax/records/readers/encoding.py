@@ -5,10 +5,10 @@ import re
 
 from ...errors import InputError
 
-# What stands above a table is shorter.
+# No text above a table is longer.
 PREAMBLE_BYTES = 400_000
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-# So many zero bytes may stand in text.
+# The number of stray zero bytes that text may have.
 _STRAY_ZEROS = 4
 # Words that tell a text in the encodings of Chinese, Japanese and Korean computers: voltage,
 # current, discharge.

@@ -55,7 +55,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     except InputError:
         raise
     except Exception as error:
-        # What a damaged file makes the libraries raise is of many kinds.
+        # On a damaged file the libraries raise errors of many kinds.
         raise InputError(
             f"{file}: the MATLAB file is damaged or cut short; copy or save it again."
         ) from error
@@ -91,7 +91,7 @@ def _of_hdf5(content: bytes, file: str) -> Struct:
     known: dict[Any, Any] = {}
 
     def value_of(found: Any, depth: int) -> Any:
-        # What is referred to again is read once, and may refer to itself.
+        # Something that is referred to again is read once, and may refer to itself.
         if found.id not in known:
             known[found.id] = None
             known[found.id] = read(found, depth) if depth <= _DEEPEST else None
@@ -99,7 +99,7 @@ def _of_hdf5(content: bytes, file: str) -> Struct:
 
     def read(found: Any, depth: int) -> Any:
         if isinstance(found, h5py.Group):
-            # What lies in other files is not asked for.
+            # Other files are not opened.
             own = {
                 name: value_of(found[name], depth + 1)
                 for name in found

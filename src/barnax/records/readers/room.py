@@ -31,7 +31,7 @@ try:
 except (ImportError, OSError, ValueError):
     pass
 """
-# A library has some of what it reads twice for a while.
+# A library holds part of what it reads twice for a while.
 _FOR_A_WHILE = 1.5
 # Threads take room too, and there may be one for each of many cores.
 _ALONE = {"POLARS_MAX_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

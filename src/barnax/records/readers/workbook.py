@@ -71,7 +71,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     except InputError:
         raise
     except BaseException as error:
-        # What a damaged workbook makes the library's Rust code do is outside Exception.
+        # On a damaged workbook the library's Rust code raises what is no Exception.
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
         raise InputError(
@@ -134,7 +134,7 @@ def _chosen_sheets(
         )
     partial = [name for name, cells in headers.items() if columns_of(cells).keys() & NEEDED]
     if len(partial) == 1:
-        # Which of its columns is missing is for the reader of columns to say.
+        # The rules on columns say which of them is missing.
         return partial
     found = "; ".join(f"{name}: {listed(cells) or 'empty'}" for name, cells in headers.items())
     raise InputError(

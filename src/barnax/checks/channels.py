@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..notices import Notice, Severity
 from ..records.dialects import CHARGE, DISCHARGE
+from ..records.record import equal_runs
 from ..records.samples import Samples
 from ..records.sign import step_votes
 from ..records.table import found_at
@@ -223,12 +224,6 @@ def _stuck(
         moved_v=moved_v,
         **{f"value_{unit}": value[worst]},
     ).rated(severity)
-
-
-def equal_runs(values: Channel) -> tuple[Places, Places]:
-    """First and last sample of each run of equal values."""
-    changes = np.flatnonzero(np.diff(values) != 0)
-    return np.concatenate([[0], changes + 1]), np.concatenate([changes, [len(values) - 1]])
 
 
 def _range(values: Channel, first: Places, last: Places) -> Float[np.ndarray, "runs"]:

@@ -7,6 +7,7 @@ import numpy as np
 from ..notices import Notice, notice
 from ..records import Record
 from ..records.lag import find_lag
+from ..records.record import equal_runs
 from ..records.silence import gaps_in
 from .check_input import CheckInput
 from .roles import FINE_S
@@ -233,8 +234,8 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
     record = given.record
     if record.step is None:
         return
-    starts = np.flatnonzero(np.diff(record.step, prepend=record.step[0] - 1) != 0)
-    lengths = np.diff(np.append(starts, record.samples))
+    starts, ends = equal_runs(record.step)
+    lengths = ends - starts + 1
     starts, lengths = starts[lengths >= 20], lengths[lengths >= 20]
     if len(starts) < 3:
         return

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
-from ..records.record import FULL_CHARGE, runs
+from ..records.record import FULL_CHARGE, equal_runs, runs
 from .check_input import CheckInput
 
 # A rest of this length settles the cell.
@@ -166,8 +166,7 @@ def _full_step(given: CheckInput, before: int) -> int | None:
     step = record.step
     if step is None:
         return None
-    starts = np.flatnonzero(np.diff(step, prepend=step[0] - 1) != 0)
-    ends = np.append(starts[1:], record.samples) - 1
+    starts, ends = equal_runs(step)
     for start, end in zip(starts[::-1], ends[::-1], strict=True):
         if end >= before or record.time_s[end] - record.time_s[start] < FULL_CHARGE.least_s:
             continue

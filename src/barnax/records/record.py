@@ -161,6 +161,14 @@ def runs(
     return edges[::2], edges[1::2] - 1
 
 
+def equal_runs(
+    values: Float[np.ndarray, "places"] | Int[np.ndarray, "places"],
+) -> tuple[Int[np.ndarray, "runs"], Int[np.ndarray, "runs"]]:
+    """First and last place of each run of equal values."""
+    changes = np.flatnonzero(np.diff(values) != 0)
+    return np.append(0, changes + 1), np.append(changes, len(values) - 1)
+
+
 def in_means(record: Record, interval_s: float) -> Record:
     """The record in means over intervals, with all its charge; itself where it is no faster.
 

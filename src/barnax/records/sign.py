@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from ..errors import counted
 from ..notices import Notice, notice
 from .dialects import CHARGE, DISCHARGE, PLAIN, Sign
-from .record import Decision, runs
+from .record import Decision, equal_runs, runs
 from .samples import Samples, some, voltage_noise_v
 from .table import found_at
 
@@ -115,12 +115,12 @@ def examine_direction(samples: Samples) -> tuple[Samples, list[Notice]]:
         return samples, []
     name = samples.header("current")
     if state is not None and np.any((current_a != 0) & ((state == 1) | (state == -1))):
-        begins = np.append(0, np.flatnonzero(state[1:] != state[:-1]) + 1)
+        begins, ends = equal_runs(state)
         words = state[begins]
         # Within any other state, the state before tells.
         told = np.maximum.accumulate(np.where(np.abs(words) == 1, np.arange(len(words)), -1))
         directions = np.where(told >= 0, -words[told], 1)
-        direction = np.repeat(directions, np.diff(begins, append=len(state)))
+        direction = np.repeat(directions, ends - begins + 1)
         told = notice("sign.by-state", column=name, state=samples.header("state"))
         signed = samples.having(current=np.abs(current_a) * direction)
         return signed, [told]

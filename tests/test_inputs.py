@@ -24,16 +24,14 @@ from barnax.inputs import (
 from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.records import source_from_frame
-from barnax.settings import Reading, Settings
+from barnax.settings import CellSettings, Reading, Settings
 from helpers.reference import make_record
 
 
 def read(records, ocv=BUNDLED.ocv, validate=(), window=None, **options):
-    given = {"capacity": None, "ocv_capacity": None, "window": window} | options
-    return read_inputs(
-        records, list(ocv), list(validate), Reading(),
-        ocv_fit="polynomial", hysteresis_fit="continuous", **given,
-    )  # fmt: skip
+    given = {"capacity": None, "window": window} | options
+    fits = CellSettings(ocv_fit="polynomial")
+    return read_inputs(records, list(ocv), list(validate), Reading(), fits, **given)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import tables_csv
 from barnax.reporting.render import to_markdown
 from barnax.reporting.temperatures import prediction_sentence
-from barnax.settings import Reading
+from barnax.settings import CellSettings, Reading
 from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm
 
 FEW = {"seeds": 2, "iterations": 5, "population": 8}
@@ -174,17 +174,15 @@ def test_without_an_ocv_test_each_temperature_has_the_ocv_of_its_records():
 def test_a_record_has_the_test_of_its_temperature_of_those_that_are_given():
     given = [replace(at(degc), name=f"test at {degc:g}") for degc in DEGC]
     inputs = read_inputs(
-        [at(45.0)], given, [], Reading(), capacity=CAPACITY_AH, ocv_capacity=None,
-        ocv_fit="interpolated", hysteresis_fit="continuous", window=None,
-    )  # fmt: skip
+        [at(45.0)], given, [], Reading(), CellSettings(), capacity=CAPACITY_AH, window=None
+    )
     own_v = inputs.cell.at(45.0).average_ocv_v(np.array([0.5]))
     assert own_v == pytest.approx(3.2 + 0.92 * 0.5, abs=1e-5)
     again = replace(made_record(2.0, factor=2.0, degc=7.0), name="again")
     with pytest.raises(InputError, match="Give only one test"):
         read_inputs(
-            [at(45.0)], [given[0], again], [], Reading(),
-            capacity=CAPACITY_AH, ocv_capacity=None, ocv_fit="interpolated",
-            hysteresis_fit="continuous", window=None,
+            [at(45.0)], [given[0], again], [], Reading(), CellSettings(),
+            capacity=CAPACITY_AH, window=None,
         )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from .notices import Notice, notice, raise_first_error
 from .records import Record, Source, read_record, read_source, source_from_frame
 from .records.fingerprint import Content
 from .records.source import STDIN, STDIN_NAME
-from .settings import HysteresisFit, OcvFit, Reading
+from .settings import CellSettings, Reading
 
 # A file or what was read of one, a `Record`, or a data frame.
 Given = Any
@@ -59,11 +59,9 @@ def read_inputs(
     ocv: Given | Sequence[Given],
     validate: Given | Sequence[Given],
     reading: Reading,
+    fits: CellSettings,
     *,
     capacity: float | None,
-    ocv_capacity: float | None,
-    ocv_fit: OcvFit,
-    hysteresis_fit: HysteresisFit,
     window: Window | Mapping[str, Window] | None,
     cell: CellModel | None = None,
     over_temperature: bool = False,
@@ -115,17 +113,11 @@ def read_inputs(
         _require_different([test for test in ocv_records if isinstance(test, Record)])
     is_without_test = not tests and cell is None
     with watch("Characterizing the cell", 0):
-        options: Any = {
-            "capacity_ah": capacity,
-            "ocv_capacity_ah": ocv_capacity,
-            "ocv_fit": ocv_fit,
-            "hysteresis_fit": hysteresis_fit,
-            "rest_current_a": common.rest_current_a,
-        }
+        options = {"capacity_ah": capacity, "rest_current_a": common.rest_current_a}
         if is_without_test and without_test is not None:
             cell = without_test(dynamic)
         elif cell is None:
-            cell = _characterized(ocv_records, window, over_temperature, options)
+            cell = _characterized(ocv_records, window, over_temperature, options | fits.of_curves)
     warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window, reading)
     return Inputs(dynamic, ocv_records, further, cell, tuple(warnings), is_without_test)
 

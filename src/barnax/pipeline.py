@@ -92,11 +92,9 @@ def _identified(job: Job) -> Result:
         return found[-1].cell
 
     inputs = read_inputs(
-        job.records, job.ocv, job.validate, job,
-        capacity=job.capacity, ocv_capacity=job.ocv_capacity,
-        ocv_fit=job.ocv_fit or "interpolated", hysteresis_fit=job.hysteresis_fit,
-        window=job.window, cell=job.cell, over_temperature=is_over_temperature, watch=job.watch,
-        without_test=cell_of,
+        job.records, job.ocv, job.validate, job, job,
+        capacity=job.capacity, window=job.window, cell=job.cell,
+        over_temperature=is_over_temperature, watch=job.watch, without_test=cell_of,
     )  # fmt: skip
     if found:
         # The tables came with the OCV; a constant circuit with that OCV is another fit.

@@ -148,6 +148,12 @@ class CellSettings:
     ocv_fit: OcvFit | None = None
     hysteresis_fit: HysteresisFit = "continuous"
 
+    @property
+    def of_curves(self) -> dict[str, Any]:
+        """Capacity and fits, as `characterize` takes them."""
+        how = {"ocv_fit": self.ocv_fit or "interpolated", "hysteresis_fit": self.hysteresis_fit}
+        return {"ocv_capacity_ah": self.ocv_capacity, **how}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Scope:

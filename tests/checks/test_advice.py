@@ -11,7 +11,7 @@ from barnax.cli.options import RecordOptions
 from barnax.errors import InputError
 from barnax.inputs import read_inputs, read_validation
 from barnax.records import source_from_frame
-from barnax.settings import Reading
+from barnax.settings import CellSettings, Reading
 from checks.test_findings import CAPACITY_AH, FAULTS
 from helpers.records import CURRENT, changed, frame, with_counters
 
@@ -40,9 +40,8 @@ def warned(table, cell, capacity_ah, given):
     source = source_from_frame(table, "cell", columns=how.get("columns", ""))
     try:
         inputs = read_inputs(
-            source, (), (), Reading(**how),
-            capacity=capacity_ah, ocv_capacity=None, ocv_fit="polynomial",
-            hysteresis_fit="continuous", window=window, cell=cell,
+            source, (), (), Reading(**how), CellSettings(),
+            capacity=capacity_ah, window=window, cell=cell,
         )  # fmt: skip
     except InputError as problem:
         return [str(problem)]

@@ -323,10 +323,8 @@ def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
             "`validate`"
         )
     inputs = read_inputs(
-        records, job.ocv, job.validate, job,
-        capacity=job.capacity, ocv_capacity=job.ocv_capacity,
-        ocv_fit=job.ocv_fit or "interpolated", hysteresis_fit=job.hysteresis_fit,
-        window=job.window, watch=watch,
+        records, job.ocv, job.validate, job, job,
+        capacity=job.capacity, window=job.window, watch=watch,
     )  # fmt: skip
     windows = windows_of(inputs, job.window, job.capacity)
     source, ranges = ranges_of(job.bounds)

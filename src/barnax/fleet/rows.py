@@ -270,12 +270,7 @@ def _known_cell(
         if found.traits is not None:
             temperatures_degc.append((found.file, found.traits.temperature_degc))
     model = characterize(
-        tests,
-        capacity_ah=capacity_ah,
-        ocv_capacity_ah=fits.ocv_capacity,
-        ocv_fit=fits.ocv_fit or "interpolated",
-        hysteresis_fit=fits.hysteresis_fit,
-        rest_current_a=rest_current_a,
+        tests, capacity_ah=capacity_ah, rest_current_a=rest_current_a, **fits.of_curves
     )
     return _Known(model, tests, warnings, temperatures_degc)
 

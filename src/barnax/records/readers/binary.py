@@ -21,7 +21,14 @@ import polars as pl
 from ...errors import InputError, reason_of
 from ...notices import notice
 from ..table import Reader, Table
-from .room import NUMBER_BYTES, require_room, require_room_to_unpack, require_trial, unpacked
+from .room import (
+    NUMBER_BYTES,
+    refusing,
+    require_room,
+    require_room_to_unpack,
+    require_trial,
+    unpacked,
+)
 
 Columns = Mapping[str, Any]
 ZIP = b"PK\x03\x04"
@@ -111,21 +118,17 @@ def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
             f"{file}: the .nda file is cut short: it has {len(content):,} bytes of {length:,}; "
             "copy it again from the tester's computer."
         )
-    try:
+    damaged = (
+        f"{file}: the {suffix} file is damaged, cut short or of an unknown version; export the "
+        "record as CSV from BTSDA."
+    )
+    with refusing(damaged):
         if suffix == ".ndax":
             with zipfile.ZipFile(io.BytesIO(content)) as packed:
                 parts = unpacked(packed, packed.infolist())
                 require_room_to_unpack(parts, content, file)
         with _as_file(content, suffix) as path, quieted("fastnda") as told:
             frame = fastnda.read(path, cycle_mode="auto")
-    except InputError:
-        raise
-    except Exception as error:
-        # On a damaged file the library raises errors of many kinds.
-        raise InputError(
-            f"{file}: the {suffix} file is damaged, cut short or of an unknown version; export the "
-            "record as CSV from BTSDA."
-        ) from error
     if not frame.height:
         raise InputError(f"{file}: this Neware file has no samples; give another.")
     is_damaged = any(record.exc_info for record in told)
@@ -152,19 +155,13 @@ def _by_package(
     def read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         del given
         article = "an" if name[0] in "AEIOU" else "a"
-        try:
+        with refusing(
+            f"{file}: the {name} file is damaged, cut short or of an unknown version; export "
+            f"the record as {export}.",
+            f"{file}: this is {article} {name} file; install the package that reads it with "
+            f"pip install 'barnax[{extra}]', or export the record as {export}.",
+        ):
             columns = parse(content)
-        except ImportError as error:
-            raise InputError(
-                f"{file}: this is {article} {name} file; install the package that reads it with "
-                f"pip install 'barnax[{extra}]', or export the record as {export}."
-            ) from error
-        except Exception as error:
-            # On a damaged file the package raises errors of many kinds.
-            raise InputError(
-                f"{file}: the {name} file is damaged, cut short or of an unknown version; export "
-                f"the record as {export}."
-            ) from error
         series = tuple(pl.Series(key, np.array(values)) for key, values in columns.items())
         rows = np.arange(2, len(series[0]) + 2)
         return Table(tuple(columns), series, rows, has_known_units=True)

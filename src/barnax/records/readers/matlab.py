@@ -20,7 +20,7 @@ from ...notices import Notice, notice
 from ..cell_values import DAY_S
 from ..columns import is_ocv_table, names_record
 from ..table import Reader, Table
-from .room import require_trial
+from .room import refusing, require_trial
 
 Struct = dict[str, Any]
 
@@ -45,20 +45,12 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         raise InputError(f"{file}: Octave's text format; save it with '-v7', or as CSV.")
     is_hdf5 = content.startswith((_MARKS[1], _HDF5))
     require_trial(_READS_73 if is_hdf5 else _READS_5, content, file)
-    try:
+    with refusing(
+        f"{file}: the MATLAB file is damaged or cut short; copy or save it again.",
+        f"{file}: this is a MATLAB file of version 7.3; install the package that reads it with "
+        "pip install 'barnax[matlab]', or save it with '-v7'.",
+    ):
         tree = _of_hdf5(content, file) if is_hdf5 else _of_matlab_5(content)
-    except ImportError as error:
-        raise InputError(
-            f"{file}: this is a MATLAB file of version 7.3; install the package that reads it with "
-            "pip install 'barnax[matlab]', or save it with '-v7'."
-        ) from error
-    except InputError:
-        raise
-    except Exception as error:
-        # On a damaged file the libraries raise errors of many kinds.
-        raise InputError(
-            f"{file}: the MATLAB file is damaged or cut short; copy or save it again."
-        ) from error
     structs = dict(_structs(tree))
     if chosen := _chosen(structs, given):
         return _table(chosen)

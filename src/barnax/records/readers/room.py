@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from copy import copy
 from shutil import copyfileobj
 from typing import IO
@@ -82,6 +83,19 @@ def dies(code: str, content: bytes, most_bytes: float) -> bool:
     command = [sys.executable, "-P", "-c", _LIMITED + code, room]
     done = subprocess.run(command, input=content, capture_output=True, env=os.environ | _ALONE)
     return done.returncode not in (0, 1) or b"MemoryError" in done.stderr
+
+
+@contextmanager
+def refusing(damaged: str, missing: str = "") -> Iterator[None]:
+    """Raise `InputError` in our words where a library fails: it is missing, or the file is damaged,
+    for which libraries raise errors of many kinds."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        words = missing if missing and isinstance(error, ImportError) else damaged
+        raise InputError(words) from error
 
 
 def unpacked(archive: ZipFile, files: Iterable[ZipInfo]) -> Iterator[IO[bytes]]:

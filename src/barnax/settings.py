@@ -126,12 +126,10 @@ class Reading:
     series: int = 1
 
     def options(self, role: str = "identification") -> dict[str, Any]:
-        """Sign, hold and lag of a file of that role, as `read_record` and `check_file` take
-        them."""
+        """Sign, hold and lag of a file of that role, as readers and checks take them."""
         signs = {"OCV test": self.ocv_current_sign, "validation": self.validate_current_sign}
-        sign = signs.get(role, self.current_sign)
         how = {"current_hold": self.current_hold, "voltage_lag": self.voltage_lag}
-        return {"current_sign": sign, **how}
+        return {"current_sign": signs.get(role, self.current_sign), **how}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,7 +239,6 @@ WINDOW_OPTIONS: dict[str, tuple[str, Callable[[str], Any], str]] = {
     "score_soc": ("score_soc", lambda text: _numbers(text, float, 2), "0.1,1"),
     "rest_current": ("rest_current_a", float, "5"),
 }
-
 
 # What is no cell's temperature is of another unit, or of a sensor that is not there.
 CELL_DEGC = (-100.0, 200.0)

@@ -300,7 +300,7 @@ def rest_blocks(record: Record, threshold_a: float) -> list[tuple[int, int]]:
 def degc_in_name(name: str) -> float | None:
     """The temperature in degC that a file's name tells, None without such.
 
-    >>> [degc_in_name(each) for each in ("dst_25degC.csv", "ocv-5degC", "us06_minus10degC.csv")]
+    >>> [degc_in_name(name) for name in ("dst_25degC.csv", "ocv-5degC", "us06_minus10degC.csv")]
     [25.0, 5.0, -10.0]
     """
     named = _NAMED_DEGC.search(name)

@@ -67,3 +67,12 @@ def test_a_third_pair_is_found_where_there_is_one(short_problem):
     assert pair.rmse_v == pytest.approx(NOISE_V, rel=0.1)
     assert (len(pair.tau_s), pair.circuit) == (3, "3rc")
     assert found["dynamic hysteresis"].circuit == "esc"
+
+
+def test_tables_are_suggested_of_the_fitted_elements(short_problem):
+    elements = ("rc", "diffusion")
+    start = CircuitParameters.of_tau(0.05, (0.02, 0.03), (10.0, 120.0), elements=elements)
+    problem = made_problem(short_problem, white_noise(3, NOISE_V), circuit="1rc+diffusion")
+    fitted, found = tried(problem, start)
+    # Hardly lower: the truth is constant.
+    assert found["resistance over SOC"].rmse_v > 0.9 * fitted.rmse_v

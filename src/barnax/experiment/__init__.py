@@ -1,4 +1,4 @@
-"""Which test to run next: what a current would tell, and the test that tells what is wanted."""
+"""The next test to run: what a current would tell, and the test that tells what is wanted."""
 
 from .blocks import Block as Block
 from .blocks import candidate_blocks as candidate_blocks

@@ -69,7 +69,7 @@ class ConstantObjective:
         return cls(factor[:, -1], factor[:, -2], tuple(axes), bounds, records)
 
     def columns(self, responses: Sequence[Columns]) -> tuple[list[Columns], Columns]:
-        """Those of R0 and all others at some points, given every axis's, and the base error."""
+        """The columns of R0 and of every axis, which are given, at some points; the base error."""
         base = np.broadcast_to(self.base, responses[0].shape)
         return [np.broadcast_to(self.current, base.shape), *responses], base
 

@@ -105,7 +105,7 @@ def _halves(
 
 
 def _are_in_order(boxes: Boxes, interchangeable: int) -> Bool[np.ndarray, "boxes"]:
-    """Which boxes hold scales of interchangeable pairs that rise."""
+    """True for boxes with scales of interchangeable pairs that rise."""
     count = max(interchangeable, 1)
     first, second = boxes[:, : count - 1], boxes[:, 1:count]
     rises = (first[..., 0] < second[..., 1]) | np.all(first == second, axis=2)

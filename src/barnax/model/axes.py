@@ -48,7 +48,7 @@ class Axis:
         return self._product(sum(share * self.span.counts(at) for share, at, _ in rungs))
 
     def columns_at(self, scale: float) -> Float[np.ndarray, "rows width"]:
-        """Those at one, which are kept."""
+        """The columns at one scale, which are kept."""
         if scale not in self._known:
             while len(self._known) >= KEPT:
                 del self._known[next(iter(self._known))]

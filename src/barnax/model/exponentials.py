@@ -83,7 +83,7 @@ def span_of(lower: float, upper: float, tolerance: float) -> Span:
 
 
 def span_through(log_taus: Sequence[float]) -> Span:
-    """Those time constants themselves, between which nothing is known.
+    """The span of just these time constants, between which nothing is known.
 
     >>> span_through((math.log(2.0), math.log(50.0))).skeleton_tau.round(9).tolist()
     [2.0, 50.0]

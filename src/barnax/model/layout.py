@@ -31,7 +31,7 @@ class Spans(NamedTuple):
     def of(
         cls, records: Sequence[PreparedRecord], box: Coordinates, tolerance: float = TOLERANCE
     ) -> "Spans":
-        """Those of every circuit in a box."""
+        """The spans of every circuit in a box."""
         interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in records)
         taus_s = box.shortest_tau_s, box.longest_tau_s
         return cls.between(taus_s, box.gamma_limits, interval_s, tolerance)
@@ -40,7 +40,7 @@ class Spans(NamedTuple):
     def between(
         cls, taus_s: Range, gammas: Range | None, interval_s: float, tolerance: float = TOLERANCE
     ) -> "Spans":
-        """Those between some ends, as far as an interval can tell a pair from a faster one.
+        """The spans between some ends, as far as an interval can tell a pair from a faster one.
 
         Raises `InputError` where these are too far apart.
         """
@@ -51,7 +51,7 @@ class Spans(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Which columns a factor has. `amplitude` says what a dynamic hysteresis has of them: none,
+    """The columns of a factor. `amplitude` says what a dynamic hysteresis has of them: none,
     those of the measured gap, or those of a table. The OCV correction stands at `ocv_nodes`, all
     other tables at `nodes`. Several voltages under one current are so many `sides`."""
 

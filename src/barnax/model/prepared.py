@@ -194,7 +194,7 @@ class PreparedRecord(Brief):
         return record_resistance_ohm(self.record)
 
     def nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
-        """Which nodes some scored sample is nearest to."""
+        """True at the nodes that are nearest to some scored sample."""
         soc = self.soc[self.scored]
         shares = (hats(soc[n : n + BLOCK], nodes) for n in range(0, len(soc), BLOCK))
         return np.any([np.any(hat >= 0.5, axis=0) for hat in shares], axis=0)

@@ -1,4 +1,4 @@
-"""Which part of a record is simulated, and where errors count."""
+"""The part of a record that is simulated, and the samples at which errors count."""
 
 import numpy as np
 from jaxtyping import Bool, Float

@@ -51,7 +51,7 @@ def ranks(values: Shaped[Array, "items"]) -> Int[Array, "items"]:
 
 
 def items_at_ranks(ranks: Int[Array, "items"], count: int) -> Int[Array, "count"]:
-    """Which items hold the ranks 0 to `count - 1`: the inverse of the permutation `ranks`."""
+    """The items that hold the ranks 0 to `count - 1`: the inverse of the permutation `ranks`."""
     if len(ranks) > COUNTED:
         return jnp.argsort(ranks)[:count]
     item = jnp.arange(len(ranks), dtype=jnp.int32)

@@ -162,7 +162,7 @@ def _moved(
 
 
 def _ocv_columns(soc: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples ocv"]:
-    """Those of the shift of the OCV, and of its errors."""
+    """The columns of the OCV's shift and of its errors."""
     return np.column_stack([np.ones_like(soc), hats(soc, OCV_NODES)])
 
 
@@ -174,7 +174,7 @@ def _start_sd(prepared: PreparedRecord) -> float:
 def _columns(
     objective: TableObjective, found: Solution, place: int
 ) -> Float[np.ndarray, "samples nuisances"]:
-    """Those of every record's start, of the logarithm of their capacity, and of the OCV."""
+    """The columns of every record's start, of the logarithm of their capacity, and of the OCV."""
     prepared = objective.prepared_records[place]
     soc = prepared.soc[prepared.scored]
     inside = np.clip(soc, SLOPE_SOC / 2, 1 - SLOPE_SOC / 2)
@@ -184,7 +184,7 @@ def _columns(
 
 
 def _weights_at(objective: TableObjective, soc: float) -> Float[np.ndarray, "two values"]:
-    """By which the tables' values give R0, and the sum of all resistances, at a state of charge."""
+    """Weights of the tables' values in R0, and in the sum of all resistances, at a SOC."""
     own = hats(np.array([soc]), objective.nodes_of[0])[0]
     return np.stack([np.append(own, np.zeros(objective.pairs * len(own))),
                      np.tile(own, 1 + objective.pairs)])  # fmt: skip

@@ -37,7 +37,7 @@ class SocErrors:
 
     @classmethod
     def of(cls, parts: Iterable[tuple[Float[np.ndarray, "_"], Float[np.ndarray, "_"]]]):
-        """Those of errors at states of charge, part after part."""
+        """The RMSE of errors at states of charge, part after part."""
         squares_v2, counts = np.zeros(2), np.zeros(2, int)
         for error_v, soc in parts:
             group = is_above(soc).astype(int)
@@ -47,7 +47,7 @@ class SocErrors:
 
     @classmethod
     def of_squares(cls, squares_v2: Float[np.ndarray, "2"], counts: Int[np.ndarray, "2"]):
-        """Those of the sums of squares below 10 % SOC and above, of so many samples."""
+        """The RMSE of sums of squares below 10 % SOC and above, of so many samples."""
         above_v = float(np.sqrt(squares_v2[1] / counts[1])) if counts[1] else None
         return cls(float(np.sqrt(squares_v2.sum() / counts.sum())), above_v)
 

@@ -46,8 +46,8 @@ class CurrentOffset:
 
 @dataclass(frozen=True)
 class OffsetEffect:
-    """By which shares an offset of the current that nothing tells would move R0, and all
-    resistances together: the medians of their sizes over the visited nodes."""
+    """The shares by which an unseen offset of the current would move R0, and all resistances
+    together: medians of their sizes over the visited nodes."""
 
     offset_a: float
     r0: float

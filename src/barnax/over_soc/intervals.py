@@ -92,7 +92,7 @@ class NodeInterval:
 
 @in_float64
 def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:
-    """Those of visited nodes, table after table, then of the time constants and gamma."""
+    """The intervals of visited nodes, table after table, then of the time constants and gamma."""
     lighter, light = unsmoothed(objective, best)
     is_open = [
         axis.low < scale < axis.high

@@ -44,7 +44,7 @@ OcvSource = Literal["OCV test", "own"]
 
 @dataclass(frozen=True)
 class Grid:
-    """Which columns are kept: one choice for all records that are to be fitted together.
+    """The columns that are kept: one choice for all records that are to be fitted together.
 
     Args:
         low_s: Fastest time constant that a fit may try.
@@ -138,7 +138,7 @@ class Kept:
         return sum(part.scored for part in self.parts)
 
     def nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
-        """Which nodes of its tables some sample is nearest to."""
+        """True at the nodes of its tables that are nearest to some sample."""
         return self.visited if np.array_equal(nodes, self.grid.nodes) else self.visited_ocv
 
     def counted_from(self, ocv: KeptOcv) -> "Kept":

@@ -95,7 +95,7 @@ class TableObjective:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Those of what resistances follow."""
+        """The numbers of what resistances follow."""
         dependence = self.facts[0].dependence
         return {} if dependence is None else dependence.numbers
 
@@ -124,7 +124,7 @@ class TableObjective:
 
     @cached_property
     def visited(self) -> Bool[np.ndarray, "nodes"]:
-        """Which nodes of a resistance some scored sample is nearest to."""
+        """True at the nodes of a resistance that are nearest to some scored sample."""
         return self._nearest(self.nodes_of[0])
 
     def visited_of(self, table: int) -> Bool[np.ndarray, "nodes"]:

@@ -325,7 +325,7 @@ def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
 
 
 def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[AtBound, ...]:
-    """Which parameters are at an end of a box in `log` coordinates."""
+    """The parameters at an end of a box in `log` coordinates."""
     point = np.asarray(point_blocks([parameters], box)[0])[0]
     ends = np.asarray(box.lower), np.asarray(box.upper)
     places = list(zip(box.names, point, *ends, strict=True))

@@ -186,7 +186,7 @@ class Slots:
         longest_s: float | None = None,
         max_slots: int = MAX_SLOTS,
     ) -> "Slots":
-        """Those of a clock."""
+        """The slots of a clock."""
         interval_s = float(np.median(np.diff(time_s), overwrite_input=True))
         slot_s = max(interval_s, (time_s[-1] - time_s[0]) / (max_slots - 1))
         count = int(np.floor((time_s[-1] - time_s[0]) / slot_s + 0.5)) + 1

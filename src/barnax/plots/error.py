@@ -177,7 +177,7 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
     >>> circuit = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
     >>> record, cell = read_record(bundled_file("identification")), characterize(tests)
     >>> rows = {name: validate(record, cell, name, circuit) for name in ("so-rc", "iso-rc")}
-    >>> [len(plot_error(each).axes) for each in (rows, rows["so-rc"])]
+    >>> [len(plot_error(drawn).axes) for drawn in (rows, rows["so-rc"])]
     [4, 2]
     """
     rows = rows_of(evaluations)
@@ -193,9 +193,9 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
         )
         figure.supylabel(LABEL.replace("\n", " "), fontsize=letters_pt(9))
     limits = _common_limits(shown)
-    for (over_time, over_soc), (label, each) in zip(panels, shown.items(), strict=True):
-        rmse = f"{1e3 * each.metrics.rmse_v:.3g} mV"
-        outside = outside_note(1e3 * each.error_v[prepared.scored], *limits)
+    for (over_time, over_soc), (label, row) in zip(panels, shown.items(), strict=True):
+        rmse = f"{1e3 * row.metrics.rmse_v:.3g} mV"
+        outside = outside_note(1e3 * row.error_v[prepared.scored], *limits)
         if is_one:
             not_scored = "_none" if prepared.scored.all() else NOT_SCORED
             colors, labels = (BLUE, ORANGE), ("scored error", not_scored, f"± RMSE, {rmse}")
@@ -206,7 +206,7 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
             colors, labels = (looks[label].color, BLACK), ("_scored", "_not scored", "± RMSE")
             _name_strip(over_time, f"{label}: RMSE {rmse}")
             _name_strip(over_soc, outside.replace(" scored", ""))
-        draw_errors(over_time, over_soc, each, colors, labels, limits)
+        draw_errors(over_time, over_soc, row, colors, labels, limits)
     panels[-1, 0].set_xlabel(choose_time_unit(prepared.time_s).label)
     panels[-1, 1].set_xlabel(SOC_LABEL)
     title(panels[0, 0], heading(prepared.record.name, len(shown), len(rows)))
@@ -215,9 +215,9 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
 
 def _common_limits(shown: Mapping[str, "Evaluation"]) -> tuple[float, float]:
     """One scale for all strips, from the rows that are not far off."""
-    lowest_v = min(each.metrics.rmse_v for each in shown.values())
-    near = [each for each in shown.values() if each.metrics.rmse_v <= FAR_OFF * lowest_v]
-    limits = np.array([scored_limits(1e3 * each.error_v[each.prepared.scored]) for each in near])
+    lowest_v = min(row.metrics.rmse_v for row in shown.values())
+    near = [row for row in shown.values() if row.metrics.rmse_v <= FAR_OFF * lowest_v]
+    limits = np.array([scored_limits(1e3 * row.error_v[row.prepared.scored]) for row in near])
     return float(limits[:, 0].min()), float(limits[:, 1].max())
 
 

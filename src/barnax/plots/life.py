@@ -37,12 +37,12 @@ def plot_fleet_life(life: "Life") -> Figure:
     """
     figure, panels = _panels(life)
     for axes, (quantity, (_, scale)) in zip(panels, LABELS.items(), strict=True):
-        odd = {each.cell for each in life.faults if each.quantity == quantity}
+        odd = {fault.cell for fault in life.faults if fault.quantity == quantity}
         drawn = life.of(quantity)
-        for each in [*drawn[:MOST_DRAWN], *(one for one in drawn if one.cell in odd)]:
-            is_odd = each.cell in odd
+        for trend in [*drawn[:MOST_DRAWN], *(one for one in drawn if one.cell in odd)]:
+            is_odd = trend.cell in odd
             style = {"color": VERMILLION, "zorder": 3} if is_odd else {"color": GREY, "alpha": 0.5}
-            axes.plot(each.age, scale * each.smooth[:, 0], linewidth=0.8, **style)
+            axes.plot(trend.age, scale * trend.smooth[:, 0], linewidth=0.8, **style)
         _say_where_empty(axes, drawn)
     return finish(figure, *panels, columns=2)
 
@@ -63,20 +63,20 @@ def plot_cell_life(life: "Life", cell: str) -> Figure:
     figure, panels = _panels(life)
     for axes, (quantity, (_, scale)) in zip(panels, LABELS.items(), strict=True):
         found = life.of(quantity, cell)
-        for each in found:
-            if not each.estimates:
+        for trend in found:
+            if not trend.estimates:
                 continue
-            value, low, high = scale * each.measured.T
+            value, low, high = scale * trend.measured.T
             reach = np.stack([value - low, high - value])
             dots = {"fmt": "o", "markersize": 3.0, "linewidth": 0.8, "color": BLACK}
-            axes.errorbar(each.age, value, reach, **dots)
-            age, smooth = life.along(each)
+            axes.errorbar(trend.age, value, reach, **dots)
+            age, smooth = life.along(trend)
             value, low, high = scale * smooth.T
             axes.fill_between(age, low, high, color=SKY_BLUE, alpha=0.45, linewidth=0.0)
             axes.plot(age, value, color=BLUE)
-        for each in life.faults:
-            if (each.cell, each.quantity) == (cell, quantity) and each.kind in ("knee", "step"):
-                axes.axvline(each.age, color=VERMILLION, linewidth=0.8, linestyle="--")
+        for fault in life.faults:
+            if (fault.cell, fault.quantity) == (cell, quantity) and fault.kind in ("knee", "step"):
+                axes.axvline(fault.age, color=VERMILLION, linewidth=0.8, linestyle="--")
         _say_where_empty(axes, found)
     return finish(figure, *panels, columns=2)
 
@@ -93,6 +93,6 @@ def _panels(life: "Life") -> tuple[Figure, list[Axes]]:
 
 
 def _say_where_empty(axes: Axes, trends: list) -> None:
-    if not any(each.estimates for each in trends):
+    if not any(trend.estimates for trend in trends):
         middle = {"ha": "center", "va": "center", "transform": axes.transAxes}
         axes.text(0.5, 0.5, "not determined", color=GREY, **middle)

@@ -39,8 +39,8 @@ def live_record(rows: "Mapping[str, Evaluation]", max_numbers: int = MAX_NUMBERS
     first = next(iter(shown.values()))
     prepared = first.prepared
     columns = [prepared.voltage_v, prepared.current_a]
-    columns += [each.simulated_v for each in shown.values()]
-    lines = [*columns, *(each.error_v for each in shown.values())]
+    columns += [row.simulated_v for row in shown.values()]
+    lines = [*columns, *(row.error_v for row in shown.values())]
     kept = enough_samples(prepared.time_s, lines, max_numbers // (len(columns) + 1))
     unit = choose_time_unit(prepared.time_s)
     is_one = ALONE in rows
@@ -64,8 +64,8 @@ def live_record(rows: "Mapping[str, Evaluation]", max_numbers: int = MAX_NUMBERS
         "origin": float(prepared.time_s[0]),
         "seconds": unit.seconds,
         "columns": [
-            base64.b64encode(np.asarray(each[kept], "<f4").tobytes()).decode()
-            for each in (prepared.time_s - prepared.time_s[0], *columns)
+            base64.b64encode(np.asarray(column[kept], "<f4").tobytes()).decode()
+            for column in (prepared.time_s - prepared.time_s[0], *columns)
         ],
         "shaded": [
             list(map(float, span)) for span in unscored_spans(prepared.time_s, prepared.scored)

@@ -35,7 +35,7 @@ def plot_pack(fit: "PackFit", odd: Collection[tuple[str, str]] = (), weakest: st
         odd: Names of odd cells, each with the quantity that is odd.
         weakest: The name of the weakest cell.
     """
-    shown = [name for name in PANELS if any(name in each.values for each in fit.cells)]
+    shown = [name for name in PANELS if any(name in cell.values for cell in fit.cells)]
     figure = make_figure(height_in=1.0 + 1.15 * len(shown))
     panels = np.atleast_1d(figure.subplots(len(shown), 1, sharex=True))
     for axes, name in zip(panels, shown, strict=True):
@@ -45,11 +45,11 @@ def plot_pack(fit: "PackFit", odd: Collection[tuple[str, str]] = (), weakest: st
             scale * float(np.median([value.value for *_, value in known])),
             color=GREY, linestyle="--", linewidth=0.8,
         )  # fmt: skip
-        for place, each, value in known:
-            color = VERMILLION if (each.name, name) in odd else BLUE
+        for place, cell, value in known:
+            color = VERMILLION if (cell.name, name) in odd else BLUE
             axes.plot([place] * 2, [scale * value.low, scale * value.high], color=color, lw=1.0)
             axes.plot(place, scale * value.value, "o", color=color, markersize=3.0)
-            if each.name == weakest:
+            if cell.name == weakest:
                 ring = {"markersize": 8.0, "markerfacecolor": "none", "color": BLACK}
                 axes.plot(place, scale * value.value, "o", **ring)
         axes.set_ylabel(label)

@@ -137,10 +137,10 @@ def _draw_row(axes: Axes, place: int, row: "RowPart", look: RowLook, name: str) 
 
 def _shared_bounds(result: "ComparisonResult") -> dict[str, tuple[float, float]]:
     """Bounds in readable units of what every model bounds alike."""
-    each = [model.bounds for model in result.models.values()]
+    of_models = [model.bounds for model in result.models.values()]
     shared = {}
-    for name, limits in each[0].items() if each else ():
-        if all(bounds.get(name) == limits for bounds in each):
+    for name, limits in of_models[0].items() if of_models else ():
+        if all(bounds.get(name) == limits for bounds in of_models):
             scale = 1e3 if name.endswith("[Ohm]") else 1.0
             low, high = limits
             shared[name.replace("[Ohm]", "[mOhm]")] = (scale * low, scale * high)
@@ -212,7 +212,7 @@ def medians(soc: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray
     """The middle of every percent of SOC in %, and the median of what is a number there."""
     place = np.clip(np.digitize(soc, STEPS), 1, len(STEPS) - 1)
     inside = [values[(place == step) & np.isfinite(values)] for step in range(1, len(STEPS))]
-    middle = [np.median(each) if len(each) else np.nan for each in inside]
+    middle = [np.median(found) if len(found) else np.nan for found in inside]
     return 100 * (STEPS[:-1] + STEPS[1:]) / 2, np.array(middle)
 
 

@@ -62,8 +62,10 @@ def padded(histories: "Sequence[Sequence[float] | np.ndarray]") -> Histories:
     >>> padded([[3.0, 2.0, 1.0], [4.0]]).tolist()
     [[3.0, 2.0, 1.0], [4.0, 4.0, 4.0]]
     """
-    longest = max(len(each) for each in histories)
-    return np.array([[*each, *([each[-1]] * (longest - len(each)))] for each in histories])
+    longest = max(len(history) for history in histories)
+    return np.array(
+        [[*history, *([history[-1]] * (longest - len(history)))] for history in histories]
+    )
 
 
 def finite(values: np.ndarray) -> np.ndarray:
@@ -330,8 +332,8 @@ def plot_landscape(
     _draw_excess(figure, axes, tau1_s, tau2_s, rmse_v)
 
     def mark(circuits: "Sequence[CircuitParameters]", label: str, layer: float, style: Any) -> None:
-        taus_s = [sorted(each.tau_s) if is_ordered else each.tau_s for each in circuits]
-        if any(len(each) != 2 for each in taus_s):
+        taus_s = [sorted(circuit.tau_s) if is_ordered else circuit.tau_s for circuit in circuits]
+        if any(len(tau_s) != 2 for tau_s in taus_s):
             raise ValueError(f"{label}: a landscape over two time constants needs two RC pairs")
         if not taus_s:
             return
@@ -368,7 +370,7 @@ def plot_landscape(
 
 def has_landscape(landscape: "Landscape") -> bool:
     """Whether there are two time constants to draw it over."""
-    return [len(each) > 1 for each in landscape.tau_s] == [True, True]
+    return [len(tau_s) > 1 for tau_s in landscape.tau_s] == [True, True]
 
 
 def least_over_gamma(landscape: "Landscape") -> Float[np.ndarray, "first second"]:

@@ -76,10 +76,10 @@ def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
     for name, values in fit.tables.tables.items():
         symbol, _, unit = name.partition(" [")
         low, high = np.full((2, len(nodes)), np.nan)
-        for each in fit.of_table(name):
-            at = int(np.argmin(np.abs(nodes - (each.soc or 0.0))))
-            low[at] = np.nan if each.low is None else 1e3 * each.low
-            high[at] = np.nan if each.high is None else 1e3 * each.high
+        for node in fit.of_table(name):
+            at = int(np.argmin(np.abs(nodes - (node.soc or 0.0))))
+            low[at] = np.nan if node.low is None else 1e3 * node.low
+            high[at] = np.nan if node.high is None else 1e3 * node.high
         is_resistance = unit == "Ohm]"
         found[name] = DrawnTable(
             label=f"{symbol} [{'mOhm' if is_resistance else 'mV'}]",
@@ -192,11 +192,13 @@ def plot_error_map(circuits: "Mapping[str, Sequence[Evaluation]]") -> Figure:
     >>> figure.axes[0].get_xlabel()
     'State of charge [-]'
     """
-    flat = [each for evaluations in circuits.values() for each in evaluations]
-    currents = np.concatenate([each.prepared.current_a[each.prepared.scored] for each in flat])
+    flat = [evaluation for evaluations in circuits.values() for evaluation in evaluations]
+    currents = np.concatenate(
+        [evaluation.prepared.current_a[evaluation.prepared.scored] for evaluation in flat]
+    )
     edges_a = np.linspace(*_rounded(float(currents.min()), float(currents.max())), CURRENT_BINS + 1)
     maps = {name: _rmse_mv(evaluations, edges_a) for name, evaluations in circuits.items()}
-    known = np.concatenate([each.compressed() for each in maps.values()])
+    known = np.concatenate([rmse_mv.compressed() for rmse_mv in maps.values()])
     top = float(np.percentile(known, SHOWN_PERCENT)) if len(known) else 1.0
     figure = make_figure(height_in=3.2)
     space_columns(figure)
@@ -224,11 +226,13 @@ def _rounded(low: float, high: float) -> tuple[float, float]:
 
 def _rmse_mv(evaluations: "Sequence[Evaluation]", edges_a: np.ndarray) -> np.ma.MaskedArray:
     """RMSE of every cell, masked where there are too few samples."""
-    scored = [each.prepared.scored for each in evaluations]
+    scored = [evaluation.prepared.scored for evaluation in evaluations]
     pairs = list(zip(evaluations, scored, strict=True))
-    soc = np.concatenate([each.prepared.soc[chosen] for each, chosen in pairs])
-    current_a = np.concatenate([each.prepared.current_a[chosen] for each, chosen in pairs])
-    error_mv = 1e3 * np.concatenate([each.error_v[chosen] for each, chosen in pairs])
+    soc = np.concatenate([evaluation.prepared.soc[chosen] for evaluation, chosen in pairs])
+    current_a = np.concatenate(
+        [evaluation.prepared.current_a[chosen] for evaluation, chosen in pairs]
+    )
+    error_mv = 1e3 * np.concatenate([evaluation.error_v[chosen] for evaluation, chosen in pairs])
     bins = (SOC_EDGES, edges_a)
     samples = np.histogram2d(soc, current_a, bins)[0]
     squares = np.histogram2d(soc, current_a, bins, weights=error_mv**2)[0]
@@ -298,10 +302,10 @@ def plot_over_temperature(found: "TableFits") -> Figure:
     names = [name for name, table in fits[0].items() if table.is_resistance]
     nodes, places = found.fits[0].tables.nodes, _places(found.fits)
     fine = np.linspace(degc[0], degc[-1], POINTS)
-    courses = [between.at(float(each)).tables for each in fine]
+    courses = [between.at(float(at_degc)).tables for at_degc in fine]
     figure, panels = _panels(len(names))
     for axes, name in zip(panels, names, strict=True):
-        values = 1e3 * np.array([[each[name][place] for place in places] for each in courses])
+        values = 1e3 * np.array([[tables[name][place] for place in places] for tables in courses])
         for place, course, color in zip(places, values.T, _colors(len(places)), strict=True):
             label = f"SOC {100 * nodes[place]:g} %"
             axes.plot(fine, course, color=color, linewidth=1.2, label=label)

@@ -132,7 +132,7 @@ def _draw_resistances(
         tau_s = found.named_tau_s
     else:
         tables = drawn_tables(found).items()
-        resistances = [each for name, each in tables if name.endswith("[Ohm]")]
+        resistances = [table for name, table in tables if name.endswith("[Ohm]")]
         for table, color in zip(resistances, COLORS, strict=False):
             at = table.is_visited
             tops.append(float(table.values[at].max()))
@@ -142,7 +142,10 @@ def _draw_resistances(
         tau_s = {n: s for n, s in found.tables.constants.items() if n.startswith("tau")}
     names = [names_beside(name).resistance.partition(" ")[0] for name in tau_s]
     each_tau = zip(names, tau_s.values(), strict=True)
-    told = ((name, f"{each:.3g}" if each < 1000 else f"{each:.0f}") for name, each in each_tau)
+    told = (
+        (name, f"{seconds:.3g}" if seconds < 1000 else f"{seconds:.0f}")
+        for name, seconds in each_tau
+    )
     labels = ["R0", *(f"{name}, tau {seconds} s" for name, seconds in told)]
     axes.legend(lines, labels, loc="upper center")
     axes.set_ylim(0.0, WIDEST * max(tops))

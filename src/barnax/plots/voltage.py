@@ -175,8 +175,8 @@ def rows_of(evaluations: "Evaluation | Mapping[str, Evaluation]") -> "Mapping[st
     if not evaluations:
         raise ValueError("there is no row to draw; give at least one evaluation")
     simulated = {
-        (each.prepared.record.name, each.prepared.first, len(each.simulated_v))
-        for each in evaluations.values()
+        (row.prepared.record.name, row.prepared.first, len(row.simulated_v))
+        for row in evaluations.values()
     }
     if len(simulated) > 1:
         names = ", ".join(sorted({name for name, _, _ in simulated}))
@@ -190,7 +190,7 @@ def most_accurate(evaluations: Mapping[str, "Evaluation"], most: int) -> dict[st
     """At most `most` rows, those of the lowest RMSE, in their own order."""
     ranked = sorted(evaluations, key=lambda label: evaluations[label].metrics.rmse_v)
     kept = set(ranked[:most])
-    return {label: each for label, each in evaluations.items() if label in kept}
+    return {label: row for label, row in evaluations.items() if label in kept}
 
 
 def measured_color(rows: Mapping[str, "Evaluation"]) -> str:
@@ -230,12 +230,12 @@ def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure
     >>> circuit = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
     >>> record, cell = read_record(bundled_file("identification")), characterize(tests)
     >>> rows = {name: validate(record, cell, name, circuit) for name in ("so-rc", "iso-rc")}
-    >>> [plot_voltage(each).axes[0].get_ylabel() for each in (rows, rows["so-rc"])]
+    >>> [plot_voltage(drawn).axes[0].get_ylabel() for drawn in (rows, rows["so-rc"])]
     ['Voltage [V]', 'Voltage [V]']
     """
     rows = rows_of(evaluations)
     looks, shown = row_looks(rows), most_accurate(rows, MAX_VOLTAGES)
-    best = min(shown.values(), key=lambda each: each.metrics.rmse_v)
+    best = min(shown.values(), key=lambda row: row.metrics.rmse_v)
     prepared, unit = best.prepared, choose_time_unit(best.prepared.time_s)
     time = prepared.time_s / unit.seconds
     columns = [(time, unit.label, slice(None))]
@@ -282,11 +282,11 @@ def draw_rows(
     measured_v = next(iter(shown.values())).prepared.voltage_v
     style = {"color": measured_color(shown), "linewidth": 2.9 if is_close else 1.8}
     draw_line(axes, time[samples], measured_v[samples], label="measured", **style)
-    for place, (label, each) in enumerate(shown.items()):
+    for place, (label, row) in enumerate(shown.items()):
         look = looks[label]
-        name = f"{label} (RMSE {1e3 * each.metrics.rmse_v:.3g} mV)"
+        name = f"{label} (RMSE {1e3 * row.metrics.rmse_v:.3g} mV)"
         style = {"color": look.color, "linewidth": 1.0 if is_close else 0.6}
-        drawn = draw_line(axes, time[samples], each.simulated_v[samples], label=name, **style)
+        drawn = draw_line(axes, time[samples], row.simulated_v[samples], label=name, **style)
         if is_close:
             drawn.set(linestyle=look.line, marker=look.marker, markersize=3.6)
             drawn.set_markerfacecolor("white")

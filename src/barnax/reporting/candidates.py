@@ -21,7 +21,9 @@ ALIKE = 0.02
 
 def ranked(candidates: "Sequence[Candidate]") -> "list[Candidate]":
     """The answer first, then by the errors on what was fitted."""
-    return sorted(candidates, key=lambda each: (not each.is_answer, each.identification.rmse_v))
+    return sorted(
+        candidates, key=lambda candidate: (not candidate.is_answer, candidate.identification.rmse_v)
+    )
 
 
 def candidates_section(
@@ -43,18 +45,20 @@ def candidates_section(
 def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str]) -> Table:
     """The errors of every circuit on all records."""
     cells: Cells[Candidate] = {
-        "circuit": lambda each: each.name,
-        "identification [mV]": lambda each: errors_words(each.identification),
+        "circuit": lambda candidate: candidate.name,
+        "identification [mV]": lambda candidate: errors_words(candidate.identification),
     }
     for place, name in enumerate(validation):
-        cells[f"{name} [mV]"] = lambda each, place=place: fixed(1e3 * each.validation_v[place], 1)
-    cells["left out [mV]"] = lambda each: errors_words(each.held_out)
-    cells["proved: better by at most"] = lambda each: (
+        cells[f"{name} [mV]"] = lambda candidate, place=place: fixed(
+            1e3 * candidate.validation_v[place], 1
+        )
+    cells["left out [mV]"] = lambda candidate: errors_words(candidate.held_out)
+    cells["proved: better by at most"] = lambda candidate: (
         "not proved"
-        if each.proved_gap is None or each.proved_gap >= 1
-        else percent(each.proved_gap)
+        if candidate.proved_gap is None or candidate.proved_gap >= 1
+        else percent(candidate.proved_gap)
     )
-    cells[""] = lambda each: "the answer" if each.is_answer else ""
+    cells[""] = lambda candidate: "the answer" if candidate.is_answer else ""
     return make_table(
         "RMSE in mV, in brackets that above 10 % SOC, of the circuits that were weighed.",
         ranked(candidates),
@@ -115,7 +119,7 @@ def held_out_errors(result: "Result") -> "Both | None":
     What was cross-validated beside the tables is the constant circuit of the same name, which need
     not be the best one.
     """
-    of = {(each.model, each.over): each.held_out for each in result.candidates}
+    of = {(candidate.model, candidate.over): candidate.held_out for candidate in result.candidates}
     tables = None if result.tables is None else both_held_out(result.tables.fit)
     constant = of.get((result.constant.model, None))
     if tables is not None and constant is None and result.constant.model == result.model:
@@ -143,7 +147,7 @@ def unseen_errors(result: "Result") -> "Both | None":
     if result.tables is None:
         return None
     constant, tables = (
-        [SocErrors(each.rmse_v, each.rmse_above_10_soc_v) for each in metrics.validation]
+        [SocErrors(part.rmse_v, part.rmse_above_10_soc_v) for part in metrics.validation]
         for metrics in (result.constant.metrics, result.metrics)
     )
     return (_over_all(constant), _over_all(tables)) if constant else None
@@ -153,10 +157,10 @@ def _over_all(errors: "Sequence[SocErrors]") -> "SocErrors":
     from ..over_soc import SocErrors
 
     def of(values: list[float]) -> float:
-        return math.sqrt(sum(each**2 for each in values) / len(values))
+        return math.sqrt(sum(value**2 for value in values) / len(values))
 
-    above = [each.above_v for each in errors if each.above_v is not None]
-    all_v = of([each.rmse_v for each in errors])
+    above = [error.above_v for error in errors if error.above_v is not None]
+    all_v = of([error.rmse_v for error in errors])
     return SocErrors(all_v, of(above) if len(above) == len(errors) else None)
 
 
@@ -164,7 +168,7 @@ def _change(constant: "SocErrors", tables: "SocErrors") -> str:
     """From the constant circuit's error to the tables'."""
     change = f"{fixed(1e3 * constant.rmse_v, 1)} to {fixed(1e3 * tables.rmse_v, 1)} mV"
     if tables.above_v is not None and constant.above_v is not None:
-        above = (fixed(1e3 * each, 1) for each in (constant.above_v, tables.above_v))
+        above = (fixed(1e3 * value_v, 1) for value_v in (constant.above_v, tables.above_v))
         change += f" ({' to '.join(above)} above 10 % SOC)"
     return change
 
@@ -180,9 +184,9 @@ def errors_words(errors: "SocErrors | None") -> str:
 def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str]:
     """What an OCV test is worth: what the records' own OCV gives in place of it."""
     fit = None if result.tables is None else result.tables.fit
-    tests = {each.sha256 for each in result.of_role("ocv")}
+    tests = {part.sha256 for part in result.of_role("ocv")}
     # That of a pulse test is the records' own already.
-    is_other = tests.isdisjoint(each.sha256 for each in result.of_role("identification"))
+    is_other = tests.isdisjoint(part.sha256 for part in result.of_role("identification"))
     if fit is None or fit.own_ocv is None or not is_other:
         return
     own, held = fit.own_ocv, both_held_out(fit)

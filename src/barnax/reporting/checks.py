@@ -47,7 +47,7 @@ def count_sentence(found: Sequence["FileCheck"], unreadable: int) -> str:
     refused = f"{counted(unreadable, 'file')} could not be read" if unreadable else ""
     if not found:
         return f"{refused}, so nothing was checked."
-    severities = [each.severity for file in found for each in file.findings]
+    severities = [finding.severity for file in found for finding in file.findings]
     counts = [counted(severities.count(severity), severity) for severity in SEVERITIES]
     read = f"{counted(len(found), 'file')} checked: {', '.join(counts)}"
     return "; ".join(filter(None, (read, refused))) + "."
@@ -62,10 +62,10 @@ def _place(finding: "Notice") -> str:
 
 def _findings_table(findings: Sequence["Notice"]) -> Table:
     cells: Cells[Notice] = {
-        "kind": lambda each: each.severity,
-        "row": lambda each: NOTHING if each.row is None else str(each.row),
-        "found": lambda each: each.what,
-        "remedy": lambda each: each.remedy or NOTHING,
+        "kind": lambda finding: finding.severity,
+        "row": lambda finding: NOTHING if finding.row is None else str(finding.row),
+        "found": lambda finding: finding.what,
+        "remedy": lambda finding: finding.remedy or NOTHING,
     }
     return make_table("", findings, cells, cells)
 
@@ -79,10 +79,10 @@ def _reason(role: "Role", has_errors: bool) -> str:
 
 
 def _roles_table(found: "FileCheck") -> Table:
-    has_errors = any(each.severity == "error" for each in found.findings)
+    has_errors = any(finding.severity == "error" for finding in found.findings)
     cells: Cells[Role] = {
-        "usable for": lambda each: each.name,
-        "": lambda each: "yes" if each.is_usable else "no",
-        "because": lambda each: _reason(each, has_errors),
+        "usable for": lambda role: role.name,
+        "": lambda role: "yes" if role.is_usable else "no",
+        "because": lambda role: _reason(role, has_errors),
     }
     return make_table("", found.roles, cells, cells)

@@ -58,7 +58,7 @@ def comparison_document(
         *box_sentences({name: (m.bounds, m.fixed) for name, m in result.models.items()}),
         budget_sentence(result),
     )
-    validated = [each.name for each in result.inputs if each.role == "validation"]
+    validated = [part.name for part in result.inputs if part.role == "validation"]
     sources = {row.method: row.source for row in result.rows}
     sections = [
         *candidates_section(result.candidates, validated),
@@ -76,7 +76,7 @@ def comparison_document(
         *results,
         reproduction_section(result),
     ]
-    names = [each.name for each in result.inputs if each.role == "identification"]
+    names = [part.name for part in result.inputs if part.role == "identification"]
     title = f"{counted(len(result.rows), 'row')} compared on {joined(names)}"
     return Document(title, "", tuple(sections))
 
@@ -220,30 +220,35 @@ def differences_table(result: "ComparisonResult", on: OnRecord) -> Table:
     if len(found) > ALL_PAIRS:
         methods, leader = {row.name: row.method for row in result.rows}, on.ranked[0]
         found = [
-            each
-            for each in found
-            if leader in (each.first, each.second) or methods[each.first] == methods[each.second]
+            difference
+            for difference in found
+            if leader in (difference.first, difference.second)
+            or methods[difference.first] == methods[difference.second]
         ]
         note = " Shown are the pairs with the leader and those of one method."
-    if any(each.over_time.is_block_capped for each in found):
+    if any(difference.over_time.is_block_capped for difference in found):
         note += f" {NARROW_MARK}: {NARROW}."
-    has_seeds = any(each.over_seeds is not None for each in found)
+    has_seeds = any(difference.over_seeds is not None for difference in found)
     cells: Cells[Difference] = {
-        "first": lambda each: each.first,
-        "second": lambda each: each.second,
-        "difference [mV]": lambda each: millivolts_cell(each.over_time.difference_v),
-        "from [mV]": lambda each: millivolts_cell(each.over_time.interval_v[0]),
-        "to [mV]": lambda each: millivolts_cell(each.over_time.interval_v[1]),
-        "significant": lambda each: (
-            ("yes" if each.over_time.is_real else "no")
-            + (NARROW_MARK if each.over_time.is_block_capped else "")
+        "first": lambda difference: difference.first,
+        "second": lambda difference: difference.second,
+        "difference [mV]": lambda difference: millivolts_cell(difference.over_time.difference_v),
+        "from [mV]": lambda difference: millivolts_cell(difference.over_time.interval_v[0]),
+        "to [mV]": lambda difference: millivolts_cell(difference.over_time.interval_v[1]),
+        "significant": lambda difference: (
+            ("yes" if difference.over_time.is_real else "no")
+            + (NARROW_MARK if difference.over_time.is_block_capped else "")
         ),
     }
     if has_seeds:
-        cells["wins–losses"] = lambda each: (
-            f"{each.over_seeds.wins}–{each.over_seeds.losses}" if each.over_seeds else NOTHING
+        cells["wins–losses"] = lambda difference: (
+            f"{difference.over_seeds.wins}–{difference.over_seeds.losses}"
+            if difference.over_seeds
+            else NOTHING
         )
-        cells["p"] = lambda each: significant(each.over_seeds and each.over_seeds.p_value, 2)
+        cells["p"] = lambda difference: significant(
+            difference.over_seeds and difference.over_seeds.p_value, 2
+        )
     caption = (
         f"Differences of RMSE on {on.name}, first row minus second, with the 95 % interval of a "
         "moving-block bootstrap over time"

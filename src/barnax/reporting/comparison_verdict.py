@@ -46,7 +46,11 @@ class OnRecord:
     def between(self, first: str, second: str) -> "Difference | None":
         """How two rows differ, in either order, or None where that was not compared."""
         pair = {first, second}
-        found = (each for each in self.differences if {each.first, each.second} == pair)
+        found = (
+            difference
+            for difference in self.differences
+            if {difference.first, difference.second} == pair
+        )
         return next(found, None)
 
 
@@ -58,18 +62,22 @@ def answered(result: "ComparisonResult") -> "list[RowPart]":
 def on_records(result: "ComparisonResult") -> list[OnRecord]:
     """What was found on the identification record, then on those for validation."""
     errors = {
-        row.name: [each for each in (row.identification, *row.validation) if each is not None]
+        row.name: [
+            errors_part
+            for errors_part in (row.identification, *row.validation)
+            if errors_part is not None
+        ]
         for row in answered(result)
     }
     found = []
     for place, first in enumerate(next(iter(errors.values()), [])):
         name, is_validation = first.metrics.record, place > 0
         differences = [
-            each
-            for each in result.differences
-            if each.record == name and each.is_validation == is_validation
+            difference
+            for difference in result.differences
+            if difference.record == name and difference.is_validation == is_validation
         ]
-        of_rows = {row: each[place] for row, each in errors.items()}
+        of_rows = {row: of_row[place] for row, of_row in errors.items()}
         found.append(OnRecord(name, is_validation, of_rows, differences))
     return found
 
@@ -147,7 +155,7 @@ def _best_of_both(on: OnRecord, plain: str, rich: str) -> str | None:
     """The method with the lowest errors of both models, None where none ran both."""
     methods = [row.removesuffix(f" {plain}") for row in on.errors if row.endswith(f" {plain}")]
     ran = [method for method in methods if f"{method} {rich}" in on.errors]
-    both_v = {each: on.rmse_v(f"{each} {plain}") + on.rmse_v(f"{each} {rich}") for each in ran}
+    both_v = {name: on.rmse_v(f"{name} {plain}") + on.rmse_v(f"{name} {rich}") for name in ran}
     return min(ran, key=both_v.__getitem__, default=None)
 
 
@@ -210,8 +218,8 @@ def bound_sentences(result: "ComparisonResult") -> Iterator[str]:
     found: dict[str, list[str]] = {}
     rows = answered(result)
     for row in rows:
-        for each in row.at_bound:
-            found.setdefault(bound_words(each.name, each.side), []).append(row.name)
+        for bound in row.at_bound:
+            found.setdefault(bound_words(bound.name, bound.side), []).append(row.name)
     for place, names in found.items():
         where = "every row" if len(names) == len(rows) > 1 else joined(names)
         yield f"{place} in {where}: set by the bounds, not by the data."

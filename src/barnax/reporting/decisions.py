@@ -41,10 +41,10 @@ SAME_OHM = 1e-3
 def files_table(stored: "Stored") -> Table:
     """Every file that was read."""
     cells: Cells[InputPart] = {
-        "file": lambda each: each.name,
-        "used for": lambda each: "OCV test" if each.role == "ocv" else each.role,
-        "sign of current": lambda each: each.sign.value if each.sign else "a table",
-        "hash": lambda each: each.sha256[:HASH_LETTERS],
+        "file": lambda part: part.name,
+        "used for": lambda part: "OCV test" if part.role == "ocv" else part.role,
+        "sign of current": lambda part: part.sign.value if part.sign else "a table",
+        "hash": lambda part: part.sha256[:HASH_LETTERS],
     }
     caption = "The files that were read. The hash is the beginning of the file's SHA-256."
     return make_table(caption, stored.inputs, cells, cells)
@@ -53,10 +53,10 @@ def files_table(stored: "Stored") -> Table:
 def plan_blocks(stored: "Result") -> tuple[Table, ...]:
     """Every file of a folder, and why it serves or not; nothing where roles were given."""
     cells: Cells[PlannedFile] = {
-        "file": lambda each: each.name,
-        "serves for": lambda each: each.role,
-        "it is": lambda each: each.kind or NOTHING,
-        "because": lambda each: each.reason or NOTHING,
+        "file": lambda file: file.name,
+        "serves for": lambda file: file.role,
+        "it is": lambda file: file.kind or NOTHING,
+        "because": lambda file: file.reason or NOTHING,
     }
     caption = "The plan: what was found among the files that were given."
     return (make_table(caption, stored.plan, cells, cells),) if stored.plan else ()
@@ -66,60 +66,60 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
     """What was decided before the search."""
     cell = stored.cell_model
     inputs = stored.inputs
-    for sign, names in _gathered((each.sign, each.name) for each in inputs if each.sign):
+    for sign, names in _gathered((part.sign, part.name) for part in inputs if part.sign):
         yield f"The current is {sign.value} in {joined(names)} ({_reason(sign)})."
-    for hold, names in _gathered((each.hold, each.name) for each in inputs if each.hold):
+    for hold, names in _gathered((part.hold, part.name) for part in inputs if part.hold):
         yield f"A sample's current flows {FLOWS[hold.value]} in {joined(names)} ({_reason(hold)})."
     yield f"The capacity is {cell.capacity_ah:.4f} Ah ({cell.capacity_origin})."
     yield from ocv_sentences(cell)
-    for each in cell.elsewhere:
-        points = each.charge_points + each.discharge_points
+    for other in cell.elsewhere:
+        points = other.charge_points + other.discharge_points
         tests = joined(list(dict.fromkeys(point.source for point in points)))
         yield (
-            f"That is of {cell.temperature_degc:.3g} degC. Records at {each.temperature_degc:.3g} "
-            f"degC have the OCV of {tests} and {each.capacity_ah:.4f} Ah, and what lies between "
+            f"That is of {cell.temperature_degc:.3g} degC. Records at {other.temperature_degc:.3g} "
+            f"degC have the OCV of {tests} and {other.capacity_ah:.4f} Ah, and what lies between "
             "is linear in temperature."
         )
-    simulated = [each for each in stored.inputs if each.start is not None]
-    planned = {each.name for each in getattr(stored, "plan", ()) if each.plans_soc}
+    simulated = [part for part in stored.inputs if part.start is not None]
+    planned = {file.name for file in getattr(stored, "plan", ()) if file.plans_soc}
     for window, names in _gathered(
-        (each.window and each.window.as_told, each.name) for each in simulated
+        (part.window and part.window.as_told, part.name) for part in simulated
     ):
         yield from window_sentences(window, names)
-    for each in simulated:
-        if each.start is not None:
-            yield start_sentence(each, each.name in planned)
+    for part in simulated:
+        if part.start is not None:
+            yield start_sentence(part, part.name in planned)
 
 
 def guess_sentences(stored: "Result") -> Iterator[str]:
     """The decisions that were guesses and that the answer depends on, with how to settle them."""
-    simulated = [each for each in stored.inputs if each.start is not None]
+    simulated = [part for part in stored.inputs if part.start is not None]
     yield from own_ocv_sentences(stored)
     yield from offset_sentence(stored)
-    guessed = [each for each in simulated if each.hold and each.hold.strength == "assumed"]
+    guessed = [part for part in simulated if part.hold and part.hold.strength == "assumed"]
     if guessed:
         value = guessed[0].hold.value if guessed[0].hold else ""
         other = "backward" if value == "forward" else "forward"
-        where = f" in {joined([each.name for each in guessed])}" if guessed != simulated else ""
+        where = f" in {joined([part.name for part in guessed])}" if guessed != simulated else ""
         assumed = f"each sample's current flows {FLOWS[value]}{where}"
         change = _other_r0(stored)
         if change is None:
             yield f"{assumed} (`current_hold={other}` for the other)."
         else:
             yield f"{assumed}; with `current_hold={other}` {_would_be(*change)}."
-    for each in simulated:
-        start = each.start
+    for part in simulated:
+        start = part.start
         if start is None:
             continue
         if start.direction_source == "better fit" and start.other_rmse_v is not None:
             yield (
-                f"the cell was last {CAME_FROM[start.direction]} before {each.name}. If it was "
+                f"the cell was last {CAME_FROM[start.direction]} before {part.name}. If it was "
                 f"{CAME_FROM[-start.direction]} (`initial_direction={-start.direction:+d}`), the "
                 f"RMSE would be {millivolt(start.other_rmse_v)}."
             )
         elif start.direction_source == "assumed" and stored.cell_model.hysteresis.points:
             yield (
-                f"the cell was last {CAME_FROM[start.direction]} before {each.name}; "
+                f"the cell was last {CAME_FROM[start.direction]} before {part.name}; "
                 "`initial_direction` changes this."
             )
 

@@ -34,13 +34,13 @@ def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
     if known is None:
         return
     numbers = known.numbers
-    ends = {each.name: each for each in fit.intervals if each.name in numbers}
+    ends = {node.name: node for node in fit.intervals if node.name in numbers}
 
     def interval(name: str, times: float, unit: str) -> str:
-        each = ends.get(name)
-        if each is None or each.low is None or each.high is None:
+        node = ends.get(name)
+        if node is None or node.low is None or node.high is None:
             return "not determined"
-        return f"95 %: {figures(times * each.low, 2)} to {figures(times * each.high, 2)}{unit}"
+        return f"95 %: {figures(times * node.low, 2)} to {figures(times * node.high, 2)}{unit}"
 
     if BETA in numbers and known.reference_degc is not None:
         yield (

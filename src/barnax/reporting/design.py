@@ -56,11 +56,11 @@ def _widths_table(design: "Design"):
     ]
     for name, wanted in design.wanted.items():
         own = design.of_table(name)
-        before = [each.before for each in own if each.before is not None]
+        before = [width.before for width in own if width.before is not None]
         known = _middle(name, before) if len(before) > len(own) / 2 else NOTHING
-        tests = [own, *(design.of_table(name, each.widths) for each in design.references)]
-        middle = [_middle(name, [each.after for each in test]) for test in tests]
-        widest = [_said(name, max(each.after for each in test)) for test in tests]
+        tests = [own, *(design.of_table(name, reference.widths) for reference in design.references)]
+        middle = [_middle(name, [width.after for width in test]) for test in tests]
+        widest = [_said(name, max(width.after for width in test)) for test in tests]
         shown = "error on a drive" if name == DRIVE else name
         rows.append([shown, _said(name, wanted), known, *middle])
         if len(own) > 1:
@@ -177,7 +177,7 @@ def steps_csv(design: "Design") -> str:
 def profile_csv(design: "Design") -> str:
     """The current of every second, for cyclers that run a profile (discharge positive)."""
     current_a = sampled(design.steps)
-    rows = ([second, _ampere(each)] for second, each in enumerate(current_a.tolist()))
+    rows = ([second, _ampere(current)] for second, current in enumerate(current_a.tolist()))
     return csv_text(("Time / s", "Current / A"), rows)
 
 
@@ -275,12 +275,12 @@ def promised_lines(design: "Design", result: "Result") -> Iterator[RenderableTyp
 def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> Table:
     """What a design promised of its intervals, beside what the record's identification reached."""
     rows = []
-    for name in [each for each in design.wanted if each != DRIVE]:
+    for name in [wanted for wanted in design.wanted if wanted != DRIVE]:
         pairs = [
             (promised, reached)
-            for each in design.of_table(name)
-            if (reached := reached_half(fit, each)) is not None
-            for promised in [each.alone if is_alone else each.after]
+            for width in design.of_table(name)
+            if (reached := reached_half(fit, width)) is not None
+            for promised in [width.alone if is_alone else width.after]
         ]
         if not pairs:
             rows.append((name, "", "", "not determined", ""))
@@ -306,11 +306,11 @@ def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> 
 def reached_half(fit: "TableFit", width: "Width") -> float | None:
     """Half the interval that a fit has where a width was promised, in its measure, were its noise
     known as well as the promise takes it."""
-    for each in fit.intervals:
-        if each.name == width.name and each.soc == width.soc:
-            if each.low is None or each.high is None:
+    for node in fit.intervals:
+        if node.name == width.name and node.soc == width.soc:
+            if node.low is None or node.high is None:
                 return None
-            scale = each.value if each.name.startswith("R") else 1.0
-            half = HALF_95 * each.standard_error + abs(each.bias) / 2
+            scale = node.value if node.name.startswith("R") else 1.0
+            half = HALF_95 * node.standard_error + abs(node.bias) / 2
             return half / scale if scale > 0 else None
     return None

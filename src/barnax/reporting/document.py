@@ -101,13 +101,13 @@ def column_of(head: str, role: Role = "number") -> Column:
 
 
 METRICS: "Cells[MetricsPart]" = {
-    "RMSE [mV]": lambda each: millivolts_cell(each.rmse_v),
-    "R2": lambda each: fixed(each.r2, 4),
-    "R2 (paper)": lambda each: fixed(each.r2_paper, 4),
-    "MAPE [%]": lambda each: fixed(each.mape_percent, 3),
-    "CE [V]": lambda each: fixed(each.ce_v, 2),
-    "max [mV]": lambda each: fixed(1e3 * each.max_v, 1),
-    "samples": lambda each: str(each.samples),
+    "RMSE [mV]": lambda metrics: millivolts_cell(metrics.rmse_v),
+    "R2": lambda metrics: fixed(metrics.r2, 4),
+    "R2 (paper)": lambda metrics: fixed(metrics.r2_paper, 4),
+    "MAPE [%]": lambda metrics: fixed(metrics.mape_percent, 3),
+    "CE [V]": lambda metrics: fixed(metrics.ce_v, 2),
+    "max [mV]": lambda metrics: fixed(1e3 * metrics.max_v, 1),
+    "samples": lambda metrics: str(metrics.samples),
 }
 
 
@@ -145,7 +145,7 @@ def _order(head: str) -> tuple[str, int]:
 
 def pairs_table(caption: str, name: str, value: str, pairs: Mapping[str, str]) -> Table:
     """Names and what is said of each, both in words."""
-    return make_table(caption, pairs, {name: str, value: lambda each: pairs[each]}, [name, value])
+    return make_table(caption, pairs, {name: str, value: lambda item: pairs[item]}, [name, value])
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,9 @@ class Pictures:
     """The pictures of a report by their figures' names, to be put where they belong."""
 
     def __init__(self, illustrations: "Iterable[Illustration]"):
-        self._pictures = {each.name: picture(each) for each in illustrations}
+        self._pictures = {
+            illustration.name: picture(illustration) for illustration in illustrations
+        }
 
     def of(self, *names: str) -> tuple[Picture, ...]:
         """Those of the named pictures that there are, in this order."""
@@ -226,19 +228,19 @@ class Pictures:
 
     def starting(self, beginning: str) -> tuple[Picture, ...]:
         """The pictures whose names begin so, in the order given."""
-        return tuple(each for name, each in self._pictures.items() if name.startswith(beginning))
+        return tuple(found for name, found in self._pictures.items() if name.startswith(beginning))
 
 
 def _renamed(value: Any, named: Callable[[str], str]) -> Any:
     if isinstance(value, str):
         return named(value)
     if isinstance(value, tuple):
-        return tuple(_renamed(each, named) for each in value)
+        return tuple(_renamed(item, named) for item in value)
     if isinstance(value, Document | Section | Paragraph | Bullets | Table):
         changed = {
-            each.name: _renamed(getattr(value, each.name), named)
-            for each in fields(value)
-            if each.name not in ("columns", "best", "are_warnings")
+            field.name: _renamed(getattr(value, field.name), named)
+            for field in fields(value)
+            if field.name not in ("columns", "best", "are_warnings")
         }
         return replace(value, **changed)
     return value

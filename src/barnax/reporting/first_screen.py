@@ -63,9 +63,9 @@ def first_screen(
         yield indented(bare_table(middle_heads(result), pulses))
         yield Text()
     unfit = [
-        ("Do not use", str(each))
-        for each in result.warnings
-        if each.code == "role.unfit" and each.values["role"] == "identification"
+        ("Do not use", str(warning))
+        for warning in result.warnings
+        if warning.code == "role.unfit" and warning.values["role"] == "identification"
     ]
     lines = [*unfit, ("Best possible", best_possible(result))]
     if result.tables is not None:
@@ -81,9 +81,9 @@ def first_screen(
     lines += [("Adjusted", text) for text in registered_sentences(result)]
     lines += [
         ("Start", text + ".")
-        for each in result.metrics.validation
-        if (text := moved_start_sentence(each))
-        and (each.registered_v or 0.0) < (1 - APART) * each.rmse_v
+        for part in result.metrics.validation
+        if (text := moved_start_sentence(part))
+        and (part.registered_v or 0.0) < (1 - APART) * part.rmse_v
     ]
     lines += [("Start", text) for text in carried_sentences(result)]
     lines += [("Assumed", text) for text in guess_sentences(result)]
@@ -96,10 +96,10 @@ def _files_table(result: "Result") -> Whole:
     rows = []
     parts = (*result.of_role("identification"), *result.of_role("validation"))
     shown = parts if len(parts) <= MAX_FILES else parts[: MAX_FILES - 1]
-    for each in shown:
-        degc = each.temperature_degc
+    for part in shown:
+        degc = part.temperature_degc
         at = [] if not has_degc else ["" if degc is None else degrees(degc)]
-        rows.append([_short(each.name, LONGEST_NAME - 9 * has_degc), *at, *_extent(each)])
+        rows.append([_short(part.name, LONGEST_NAME - 9 * has_degc), *at, *_extent(part)])
     if len(shown) < len(parts):
         rows.append([f"and {len(parts) - len(shown)} more", *[""] * (3 + has_degc)])
     return bare_table((), rows, [False] * (4 + has_degc))
@@ -122,24 +122,29 @@ def _errors_table(result: "Result") -> Whole:
         return _errors_over_temperature(result)
     metrics, validation = result.metrics, result.metrics.validation
     heads = ["", "identification", *_numbered("validation", len(validation))]
-    above = [each.rmse_above_10_soc_v for each in (metrics.identification, *validation)]
-    own = [each.rmse_v for each in (metrics.identification, *validation)]
+    above = [part.rmse_above_10_soc_v for part in (metrics.identification, *validation)]
+    own = [part.rmse_v for part in (metrics.identification, *validation)]
     candidates = ranked(result.candidates)[:MAX_CANDIDATES]
-    held = [None if each.held_out is None else each.held_out.rmse_v for each in candidates]
+    held = [
+        None if candidate.held_out is None else candidate.held_out.rmse_v
+        for candidate in candidates
+    ]
     if any(value is not None for value in held):
         heads.append("left out")
     rows: list[list[str]] = []
     if not candidates:
         # A result of an earlier version.
         rows.append([result.answer, *map(_millivolt, own), ""])
-    for each, held_v in zip(candidates, held, strict=True):
-        values = [each.identification.rmse_v, *each.validation_v, held_v][: len(heads) - 1]
-        mark = "<- answer" if each.is_answer and len(candidates) > 1 else ""
-        rows.append([each.name, *map(_millivolt, values), mark])
-        if each.is_answer and any(
+    for candidate, held_v in zip(candidates, held, strict=True):
+        values = [candidate.identification.rmse_v, *candidate.validation_v, held_v][
+            : len(heads) - 1
+        ]
+        mark = "<- answer" if candidate.is_answer and len(candidates) > 1 else ""
+        rows.append([candidate.name, *map(_millivolt, values), mark])
+        if candidate.is_answer and any(
             is_apart(low_v, all_v) for low_v, all_v in zip(above, own, strict=True)
         ):
-            held_above = None if each.held_out is None else each.held_out.above_v
+            held_above = None if candidate.held_out is None else candidate.held_out.above_v
             values = [*above, held_above][: len(heads) - 1]
             rows.append(["  above 10 % SOC", *map(_millivolt, values), ""])
     are_numbers = [False, *(True for _ in heads[1:]), False]
@@ -161,13 +166,13 @@ def _errors_over_temperature(result: "Result") -> Whole:
     rows += zip(_numbered("validation", len(others)), others, strict=True)
     before = (*constant.jointly, constant.identification, *constant.validation)
     columns = {
-        "RMSE": [each.rmse_v for _, each in rows],
-        "above 10 % SOC": [each.rmse_above_10_soc_v for _, each in rows],
-        "constant circuit": [each.rmse_v for each in before],
+        "RMSE": [part.rmse_v for _, part in rows],
+        "above 10 % SOC": [part.rmse_above_10_soc_v for _, part in rows],
+        "constant circuit": [part.rmse_v for part in before],
     }
-    parts = {each.name: each for each in result.of_role("validation")}
+    parts = {part.name: part for part in result.of_role("validation")}
     assert result.tables is not None, "asked by the caller"
-    left = [_left_out_v(result.tables, parts.get(each.record)) for _, each in rows]
+    left = [_left_out_v(result.tables, parts.get(part.record)) for _, part in rows]
     if any(value is not None for value in left):
         columns["left out"] = left
     told = (map(_millivolt, row) for row in zip(*columns.values(), strict=True))
@@ -182,7 +187,7 @@ def _left_out_v(part: "TablesPart", record: "InputPart | None") -> float | None:
     over, degc = part.over_temperature, None if record is None else record.temperature_degc
     if over is None or degc is None or over.measured_near(degc) is not None:
         return None
-    return max(each.errors.rmse_v for each in over.like(degc))
+    return max(left_out.errors.rmse_v for left_out in over.like(degc))
 
 
 def _numbered(role: str, count: int) -> list[str]:
@@ -199,10 +204,12 @@ def _parameters_table(result: "Result") -> Whole:
     constant = result.constant
     estimates: dict[str, Estimate] = {}
     if constant.assessment is not None:
-        estimates = {each.name: each for each in constant.assessment.uncertainty.estimates}
+        estimates = {
+            estimate.name: estimate for estimate in constant.assessment.uncertainty.estimates
+        }
     circuit = constant.parameters
-    bounds = {each.name: each.side for each in constant.at_bound}
-    longest_s = max(each.duration_s or 0.0 for each in result.of_role("identification"))
+    bounds = {bound.name: bound.side for bound in constant.at_bound}
+    longest_s = max(part.duration_s or 0.0 for part in result.of_role("identification"))
     rows = []
     for resistance, r_ohm in circuit.named_ohm.items():
         value = with_unit(resistance, r_ohm)
@@ -223,12 +230,12 @@ def _parameters_table(result: "Result") -> Whole:
 def _interval(name: str, estimates: "dict[str, Estimate]", bounds: dict[str, str]) -> str:
     if name in bounds:
         return f"at its {bounds[name]} bound"
-    each = estimates.get(name)
-    if each is None or each.held is not None:
-        return "" if each is None else "held"
-    if each.low is None or each.high is None:
+    estimate = estimates.get(name)
+    if estimate is None or estimate.held is not None:
+        return "" if estimate is None else "held"
+    if estimate.low is None or estimate.high is None:
         return "not determined"
-    return between(name, each.low, each.high)
+    return between(name, estimate.low, estimate.high)
 
 
 def _millivolt(value_v: float | None) -> str:

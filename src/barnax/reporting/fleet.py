@@ -62,10 +62,12 @@ def fleet_document(summary: "Summary", illustrations: "Sequence[Illustration]" =
 def fleet_sentence(summary: "Summary") -> str:
     """The fleet in one sentence."""
     failed = summary.cells - summary.identified
-    parts = [f"{summary.identified:,} of {counted(summary.cells, 'cell')} identified"]
-    parts.append(f"{summary.certified:,} certified")
-    parts.append(f"{summary.at_bound:,} with a parameter at a bound, {failed:,} failed")
-    return f"{', '.join(parts)}, {counted(len({each.id for each in summary.outliers}), 'outlier')}."
+    odd = len({outlier.id for outlier in summary.outliers})
+    return (
+        f"{summary.identified:,} of {counted(summary.cells, 'cell')} identified, "
+        f"{summary.certified:,} certified, {summary.at_bound:,} with a parameter at a bound, "
+        f"{failed:,} failed, {counted(odd, 'outlier')}."
+    )
 
 
 def failed_sentence(summary: "Summary") -> str:
@@ -85,14 +87,14 @@ def _distributions(summary: "Summary") -> Table:
         "the logarithm.",
         summary.distributions,
         {
-            "circuit": lambda each: each.circuit,
-            "quantity": lambda each: each.name,
-            "cells": lambda each: f"{each.cells:,}",
-            "at a bound": lambda each: f"{each.at_bound:,}",
-            "5 %": lambda each: figures(each.low),
-            "median": lambda each: figures(each.median),
-            "95 %": lambda each: figures(each.high),
-            "spread": lambda each: figures(each.sd_log, 2),
+            "circuit": lambda spread: spread.circuit,
+            "quantity": lambda spread: spread.name,
+            "cells": lambda spread: f"{spread.cells:,}",
+            "at a bound": lambda spread: f"{spread.at_bound:,}",
+            "5 %": lambda spread: figures(spread.low),
+            "median": lambda spread: figures(spread.median),
+            "95 %": lambda spread: figures(spread.high),
+            "spread": lambda spread: figures(spread.sd_log, 2),
         },
         ["circuit", "quantity"],
     )
@@ -108,11 +110,11 @@ def _outliers(summary: "Summary") -> Table | Paragraph:
         "logarithm; the farthest first.",
         summary.outliers[:MAX_TOLD],
         {
-            "cell": lambda each: each.id,
-            "because of": lambda each: each.name,
-            "value": lambda each: figures(each.value),
-            "median": lambda each: figures(each.median),
-            "deviations": lambda each: f"{each.deviations:+.1f}",
+            "cell": lambda outlier: outlier.id,
+            "because of": lambda outlier: outlier.name,
+            "value": lambda outlier: figures(outlier.value),
+            "median": lambda outlier: figures(outlier.median),
+            "deviations": lambda outlier: f"{outlier.deviations:+.1f}",
         },
         ["cell", "because of"],
     )
@@ -125,9 +127,9 @@ def _causes(causes: "Sequence[Cause]", which: str) -> Table | Paragraph:
         f"{which}, by cause, with the message of the first.",
         causes[:MAX_TOLD],
         {
-            "cells": lambda each: f"{len(each.ids):,}",
-            "cause": lambda each: each.text,
-            "such as": lambda each: ", ".join(each.ids[:3]),
+            "cells": lambda cause: f"{len(cause.ids):,}",
+            "cause": lambda cause: cause.text,
+            "such as": lambda cause: ", ".join(cause.ids[:3]),
         },
         ["cause", "such as"],
     )
@@ -137,7 +139,7 @@ def _worst(summary: "Summary") -> Table:
     return make_table(
         "The cells with the largest RMSE.",
         summary.worst,
-        {"cell": lambda each: each[0], "RMSE [mV]": lambda each: figures(1e3 * each[1])},
+        {"cell": lambda cell: cell[0], "RMSE [mV]": lambda cell: figures(1e3 * cell[1])},
         ["cell"],
     )
 
@@ -146,7 +148,7 @@ def problem_lines(cells: "Sequence[FleetCell]") -> list[str]:
     """What is wrong in a manifest by itself, a line each."""
     from ..fleet.rows import reasons_against
 
-    return [f"{cell.id}: {as_keys(each)}" for cell in cells for each in reasons_against(cell)]
+    return [f"{cell.id}: {as_keys(reason)}" for cell in cells for reason in reasons_against(cell)]
 
 
 def progress_remark(state: "Progress", elapsed_s: float) -> str:

@@ -93,7 +93,7 @@ def identification_document(
     if summary_only:
         return Document(title, about, (answer, verdict, errors))
     beside = "The constant circuit beside the tables"
-    validated = [each.name for each in result.of_role("validation")]
+    validated = [part.name for part in result.of_role("validation")]
     sections = (
         answer,
         verdict,
@@ -130,8 +130,8 @@ def identification_document(
 def _cell_and_record(result: "Result") -> str:
     """The cell and what it was measured on. Files seldom say a date, and a result holds none."""
     first, *others = result.of_role("identification")
-    degc = [each.temperature_degc for each in (first, *others)]
-    known = sorted({degrees(each) for each in degc if each is not None})
+    degc = [part.temperature_degc for part in (first, *others)]
+    known = sorted({degrees(value) for value in degc if value is not None})
     at = f", at {joined(known)}" if known else ""
     low, high = first.soc_range or (0.0, 1.0)
     extent = "" if others else f", {duration(first.duration_s or 0.0)}"
@@ -157,12 +157,12 @@ def validation_sentences(
     own: "MetricsPart", validation: "tuple[MetricsPart, ...]"
 ) -> Iterator[str]:
     """How the error on records that were not fitted compares with the one that was."""
-    for each in validation:
-        error = f"On {each.record}, a validation record, it is {millivolt(each.rmse_v)}"
+    for part in validation:
+        error = f"On {part.record}, a validation record, it is {millivolt(part.rmse_v)}"
         if own.rmse_v == 0:
             yield f"{error}."
             continue
-        ratio = each.rmse_v / own.rmse_v - 1
+        ratio = part.rmse_v / own.rmse_v - 1
         if abs(ratio) <= ALIKE:
             yield f"{error}, the same as in identification."
         else:
@@ -188,14 +188,14 @@ def parameters_table(result: "Result") -> Table:
         "sample were independent; inflation: the ratio of the two.",
         found.estimates,
         {
-            "parameter": lambda each: _shown(each.name)[0],
-            "value": lambda each: significant(_shown(each.name)[1] * each.value),
-            "from": lambda each: _interval_end(each, each.low),
-            "to": lambda each: _interval_end(each, each.high),
-            "SE": lambda each: _share(each.relative_error),
-            "white-noise SE": lambda each: _share(each.white_noise_relative_error),
-            "inflation": lambda each: fixed(each.inflation, 1),
-            "held": lambda each: held_words(each.held) if each.held else "",
+            "parameter": lambda estimate: _shown(estimate.name)[0],
+            "value": lambda estimate: significant(_shown(estimate.name)[1] * estimate.value),
+            "from": lambda estimate: _interval_end(estimate, estimate.low),
+            "to": lambda estimate: _interval_end(estimate, estimate.high),
+            "SE": lambda estimate: _share(estimate.relative_error),
+            "white-noise SE": lambda estimate: _share(estimate.white_noise_relative_error),
+            "inflation": lambda estimate: fixed(estimate.inflation, 1),
+            "held": lambda estimate: held_words(estimate.held) if estimate.held else "",
         },
         ["parameter", "held"],
     )
@@ -218,7 +218,7 @@ def seeds_table(result: "Result", search: "SearchPart") -> Table:
     seeds, own_v = search.seeds, result.constant.metrics.identification.rmse_v
     found = [readable(seed.parameters.to_dict()) for seed in seeds]
     values = {
-        name: (value, [each[name] for each in found])
+        name: (value, [readables[name] for readables in found])
         for name, value in readable(result.constant.parameters.to_dict()).items()
     }
     values["RMSE [mV]"] = (1e3 * own_v, [1e3 * seed.rmse_v for seed in seeds])
@@ -244,26 +244,26 @@ def seeds_table(result: "Result", search: "SearchPart") -> Table:
 def errors_table(result: "Result") -> Table:
     """Errors of the answer on every record (Li et al., 2023, Eq. 22 to 26)."""
     metrics = result.metrics
-    rows = [(each, "identification") for each in metrics.jointly]
+    rows = [(part, "identification") for part in metrics.jointly]
     rows.append((metrics.identification, "all of these" if rows else "identification"))
-    rows += [(each, "validation") for each in metrics.validation]
+    rows += [(part, "validation") for part in metrics.validation]
     return metrics_table(rows)
 
 
 def metrics_table(rows: "Sequence[tuple[MetricsPart, str]]") -> Table:
     """Errors on records, and what each serves for."""
-    caption = f"Errors on {joined([f'{each.record} ({role})' for each, role in rows])}."
-    metrics = [each for each, _ in rows]
-    cells: Cells[MetricsPart] = {"record": lambda each: each.record, **METRICS}
+    caption = f"Errors on {joined([f'{part.record} ({role})' for part, role in rows])}."
+    metrics = [part for part, _ in rows]
+    cells: Cells[MetricsPart] = {"record": lambda part: part.record, **METRICS}
     return make_table(caption, metrics, cells, ["record"])
 
 
 def optima_table(refined: "RefinedPart") -> Table:
     """The distinct optima that are known, the best first."""
-    optima = {f"optimum {place}": each for place, each in enumerate(refined.optima, 1)}
+    optima = {f"optimum {place}": optimum for place, optimum in enumerate(refined.optima, 1)}
     return circuits_table(
         "The circuits at which the refined seeds ended, the best first.",
-        {name: each.parameters.to_dict() for name, each in optima.items()},
+        {name: optimum.parameters.to_dict() for name, optimum in optima.items()},
         {
             "RMSE [mV]": lambda name: f"{1e3 * optima[name].rmse_v:.4f}",
             "seeds": lambda name: str(optima[name].seeds),
@@ -290,7 +290,7 @@ def _uncertainty_section(result: "Result") -> list[Section]:
             found.examination.suggestions, result.constant.metrics.identification.rmse_v
         )
         blocks.append(_examination_table(found.examination))
-    told = Bullets(tuple(each for each in sentences if each))
+    told = Bullets(tuple(sentence for sentence in sentences if sentence))
     return [Section("What the data determine", (told, *blocks, _bands_table(found, whose)))]
 
 
@@ -306,11 +306,11 @@ def _examination_table(examination: "Examination") -> Table:
         f"bootstrap of {again.replicates} replicates in blocks of {again.block_s:.0f} s{cut}.",
         examination.profiles,
         {
-            "parameter": lambda each: _shown(each.name)[0],
-            "profile, from": lambda each: _end(each.name, each.low),
-            "profile, to": lambda each: _end(each.name, each.high),
-            "bootstrap, from": lambda each: resampled(each, "low"),
-            "bootstrap, to": lambda each: resampled(each, "high"),
+            "parameter": lambda profile: _shown(profile.name)[0],
+            "profile, from": lambda profile: _end(profile.name, profile.low),
+            "profile, to": lambda profile: _end(profile.name, profile.high),
+            "bootstrap, from": lambda profile: resampled(profile, "low"),
+            "bootstrap, to": lambda profile: resampled(profile, "high"),
         },
         ["parameter"],
     )
@@ -328,12 +328,12 @@ def _bands_table(found: "AssessmentPart", whose: str) -> Table:
         f"Errors{whose} by {joined(list(kinds))}; the mean is measured minus simulated.",
         bands,
         {
-            "by": lambda each: each[0],
-            "band": lambda each: band_label(*each),
-            "samples": lambda each: str(each[1].samples),
-            "RMSE": lambda each: millivolt(each[1].rmse_v),
-            "mean": lambda each: millivolt(each[1].mean_v),
-            "share of the squared error": lambda each: percent(each[1].share),
+            "by": lambda banded: banded[0],
+            "band": lambda banded: band_label(*banded),
+            "samples": lambda banded: str(banded[1].samples),
+            "RMSE": lambda banded: millivolt(banded[1].rmse_v),
+            "mean": lambda banded: millivolt(banded[1].mean_v),
+            "share of the squared error": lambda banded: percent(banded[1].share),
         },
         ["by", "band"],
     )
@@ -361,8 +361,8 @@ def _roles(result: "Result") -> list[str]:
     return record_roles(len(result.of_role("identification")), len(result.of_role("validation")))
 
 
-def _interval_end(each: "Estimate", end: float | None) -> str:
-    return NOTHING if each.relative_error is None else _end(each.name, end)
+def _interval_end(estimate: "Estimate", end: float | None) -> str:
+    return NOTHING if estimate.relative_error is None else _end(estimate.name, end)
 
 
 def _share(ratio: float | None) -> str:

@@ -44,13 +44,15 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
     answered = run if run.tables is None else run.tables
     found = [_summary(result, answered.identification), *_of_cell(run.problem.cell)]
     roles = record_roles(len(run.identification), len(run.validation))
-    for role, each in zip(roles, [*answered.identification, *answered.validation], strict=True):
-        record = each.prepared.record.name
-        voltage = illustrate(f"{role}-voltage", record, plots.plot_voltage, each)
+    for role, evaluation in zip(
+        roles, [*answered.identification, *answered.validation], strict=True
+    ):
+        record = evaluation.prepared.record.name
+        voltage = illustrate(f"{role}-voltage", record, plots.plot_voltage, evaluation)
         found += [
-            illustrate(f"{role}-condition", record, plots.plot_condition, each.prepared),
-            _moving(voltage, record, {"simulated": each}, len(roles)) if live else voltage,
-            illustrate(f"{role}-error", record, plots.plot_error, each),
+            illustrate(f"{role}-condition", record, plots.plot_condition, evaluation.prepared),
+            _moving(voltage, record, {"simulated": evaluation}, len(roles)) if live else voltage,
+            illustrate(f"{role}-error", record, plots.plot_error, evaluation),
         ]
     if run.tables is not None:
         found += _of_tables(run.tables.found, run.answer.parameters)
@@ -60,12 +62,12 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
             circuits = {"constant circuit": by_constant, "tables": by_tables}
             if by_constant:
                 found += [illustrate(f"tables{name}-map", which, plots.plot_error_map, circuits)]
-    for role, each in zip(roles, answered.identification, strict=False):
-        pulses, record = pulses_of(each.prepared), each.prepared.record.name
+    for role, evaluation in zip(roles, answered.identification, strict=False):
+        pulses, record = pulses_of(evaluation.prepared), evaluation.prepared.record.name
         if pulses:
-            over_soc = plots.plot_pulse_resistances, pulses, each.prepared.capacity_ah
+            over_soc = plots.plot_pulse_resistances, pulses, evaluation.prepared.capacity_ah
             found += [
-                illustrate(f"{role}-pulses", record, plots.plot_pulses, each, pulses),
+                illustrate(f"{role}-pulses", record, plots.plot_pulses, evaluation, pulses),
                 illustrate(f"{role}-resistances", record, *over_soc),
             ]
     answers = {}
@@ -84,9 +86,11 @@ def figure_of(result: "Result", name: str) -> "Figure":
 
     Raises `InputError` where there is none of that name.
     """
-    drawn = {each.name: each for each in identification_illustrations(result)}
-    found = [each for each in drawn if each == name or each.rpartition("-")[2] == name]
-    found += [each for each in drawn if each.startswith(name)]
+    drawn = {
+        illustration.name: illustration for illustration in identification_illustrations(result)
+    }
+    found = [title for title in drawn if title == name or title.rpartition("-")[2] == name]
+    found += [title for title in drawn if title.startswith(name)]
     if not found:
         raise InputError(f"there is no figure {name!r}; there are {', '.join(drawn)}")
     return drawn[found[0]].figure
@@ -123,12 +127,12 @@ def comparison_illustrations(
         online = {row.name: row for row in comparison.answered}
         first = comparison.answered[0].evaluations
         roles = record_roles(1, len(first) - 1)
-        for place, (role, each) in enumerate(zip(roles, first, strict=True)):
+        for place, (role, evaluation) in enumerate(zip(roles, first, strict=True)):
             rows = {name: row.evaluations[place] for name, row in online.items()}
-            record = each.prepared.record.name
+            record = evaluation.prepared.record.name
             voltages = illustrate(f"{role}-voltages", record, plots.plot_voltage, rows)
             found += [
-                illustrate(f"{role}-condition", record, plots.plot_condition, each.prepared),
+                illustrate(f"{role}-condition", record, plots.plot_condition, evaluation.prepared),
                 _moving(voltages, record, rows, len(roles)) if live else voltages,
                 illustrate(f"{role}-errors", record, plots.plot_error, rows),
             ]
@@ -185,11 +189,13 @@ def _summary(result: "Result", evaluations: "Sequence[Evaluation]") -> Illustrat
     found = own.parameters if tables is None else tables.fit
     if tables is not None and (over := tables.over_temperature) is not None:
         degc = over.temperatures_degc[tables.fits.index(tables.fit)]
-        known = [(each.prepared.temperature_degc, each) for each in evaluations]
-        near = [each for at, each in known if at is not None and abs(at - degc) <= SAME_DEGC]
+        known = [(evaluation.prepared.temperature_degc, evaluation) for evaluation in evaluations]
+        near = [
+            evaluation for at, evaluation in known if at is not None and abs(at - degc) <= SAME_DEGC
+        ]
         first = [*near, first][0]
     known = () if own.assessment is None else own.assessment.uncertainty.estimates
-    intervals = {each.name: each for each in known}
+    intervals = {evaluation.name: evaluation for evaluation in known}
     record = first.prepared.record.name
     return illustrate("summary", record, plots.plot_summary, first, found, intervals)
 
@@ -203,7 +209,7 @@ def _landscape(
     """The landscape of one model, where it has two time constants to be drawn over."""
     if not has_landscape(found.landscape):
         return []
-    others = [each.parameters for each in found.local_optima]
+    others = [other.parameters for other in found.local_optima]
     marked = {"answers": answers, "refined": refined, "optimum": found.parameters, "others": others}
     draw: Any = plots.plot_landscape
     return [illustrate(f"landscape-{model}", model, draw, found.landscape, **marked)]

@@ -18,9 +18,9 @@ MOST_NAMED = 8
 
 def kept_document(kept: "Sequence[Kept]", fit: "TableFit") -> Document:
     """The fit of some kept records together."""
-    samples = sum(each.scored for each in kept)
+    samples = sum(record.scored for record in kept)
     told_apart = zip(kept, fit.errors, strict=True)
-    errors = ", ".join(f"{each.name} {millivolt(one.rmse_v)}" for each, one in told_apart)
+    errors = ", ".join(f"{record.name} {millivolt(one.rmse_v)}" for record, one in told_apart)
     if len(kept) > MOST_NAMED:
         ends = (millivolt(end(one.rmse_v for one in fit.errors)) for end in (min, max))
         errors = " to ".join(ends)

@@ -48,7 +48,7 @@ def life_lines(life: "Life") -> list[str]:
         f"{counted(round(life.exposure), 'cell year')}.",
         *told,
         _judging_sentence(life),
-        *(f"  {fault_sentence(life, each)}" for each in life.faults[:10]),
+        *(f"  {fault_sentence(life, fault)}" for fault in life.faults[:10]),
         *([f"  {len(life.faults) - 10} more on the page"] if len(life.faults) > 10 else []),
         *_failed(life)[:3],
     ]
@@ -71,19 +71,19 @@ def life_document(life: "Life", drawn: Sequence[Any]) -> Document:
 
 def cell_document(life: "Life", cell: str, drawn: Sequence[Any]) -> Document:
     """The page of a cell."""
-    faults = [each for each in life.faults if each.cell == cell]
-    told = tuple(fault_sentence(life, each) for each in faults)
+    faults = [fault for fault in life.faults if fault.cell == cell]
+    told = tuple(fault_sentence(life, fault) for fault in faults)
     blocks: list[Block] = [Bullets(told, are_warnings=True)] if told else []
     blocks += [*map(picture, drawn)]
     blocks += [
-        _trend_table(life, each)
+        _trend_table(life, trend)
         for quantity in QUANTITIES
-        for each in life.of(quantity, cell)
-        if each.estimates
+        for trend in life.of(quantity, cell)
+        if trend.estimates
     ]
-    missing = [each for each in QUANTITIES if not any(t.estimates for t in life.of(each, cell))]
+    missing = [name for name in QUANTITIES if not any(t.estimates for t in life.of(name, cell))]
     if missing:
-        blocks.append(Bullets(tuple(f"Not determined: {UNTOLD[each]}." for each in missing)))
+        blocks.append(Bullets(tuple(f"Not determined: {UNTOLD[name]}." for name in missing)))
     at_least = "" if life.cycles_known else "at least "
     summary = f"{at_least}{life.cycles[cell]:.3g} equivalent full cycles at its last record."
     return Document(f"The life of {cell}", summary, (Section("Trends", tuple(blocks)),))
@@ -112,7 +112,7 @@ def life_json(life: "Life") -> str:
             name: judged.threshold if np.isfinite(judged.threshold) else None
             for name, (_, judged) in life.judged.items()
         },
-        "faults": [vars(each) for each in life.faults],
+        "faults": [vars(fault) for fault in life.faults],
         "failed": [{"cell": name, "error": error} for name, error in life.failed],
         "trends": life_frame(life).to_dicts(),
     }
@@ -124,12 +124,12 @@ def life_frame(life: "Life") -> pl.DataFrame:
     columns = ("estimate", "estimate low", "estimate high", "trend", "trend low", "trend high")
     return pl.DataFrame(
         [
-            {"cell": each.cell, "quantity": each.quantity, f"age [{life.unit}]": float(age)}
+            {"cell": trend.cell, "quantity": trend.quantity, f"age [{life.unit}]": float(age)}
             | dict(
                 zip(columns, [None if np.isnan(one) else float(one) for one in row], strict=True)
             )
-            for each in life.trends
-            for age, row in zip(each.age, np.hstack([each.measured, each.smooth]), strict=True)
+            for trend in life.trends
+            for age, row in zip(trend.age, np.hstack([trend.measured, trend.smooth]), strict=True)
         ],
         schema_overrides=dict.fromkeys(columns, pl.Float64),
         infer_schema_length=None,
@@ -137,10 +137,10 @@ def life_frame(life: "Life") -> pl.DataFrame:
 
 
 def _told_sentence(life: "Life", quantity: str) -> str:
-    told = [each for each in life.of(quantity) if each.estimates]
+    told = [trend for trend in life.of(quantity) if trend.estimates]
     if not told:
         return f"{quantity_name(quantity)}: not determined: {UNTOLD[quantity]}."
-    ends = np.array([_ends(each) for each in told])
+    ends = np.array([_ends(trend) for trend in told])
     if quantity == SHIFT:
         words = f"median {1e3 * float(np.median(ends[:, 1])):+.2g} mV at the end"
     else:
@@ -157,7 +157,7 @@ def _judging_sentence(life: "Life") -> str:
     expected = life.false_alarms * life.exposure
     year = "365 equivalent full cycles" if life.unit == "A.h" else "365 cycles"
     unit = year if life.unit in ("A.h", "cycle") else "year"
-    odd = len({each.cell for each in life.faults})
+    odd = len({fault.cell for fault in life.faults})
     return (
         f"{counted(odd, 'odd cell')}, at {percent(life.false_alarms)} false alarms a cell and "
         f"{unit}: {expected:.2g} of a fleet like this one without any fault."
@@ -173,8 +173,8 @@ def _untold(life: "Life") -> tuple[Block, ...]:
     lines = []
     for quantity in QUANTITIES:
         found = life.of(quantity)
-        rows = sum(len(each.age) for each in found)
-        told = sum(each.estimates for each in found)
+        rows = sum(len(trend.age) for trend in found)
+        told = sum(trend.estimates for trend in found)
         if told < rows:
             lines.append(
                 f"{quantity_name(quantity)}: {rows - told:,} of {counted(rows, 'row')}; "

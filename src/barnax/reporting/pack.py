@@ -24,17 +24,17 @@ def pack_document(pack: "Pack") -> Document:
     """The pack as the screen shows it."""
     cells = pack.fit.cells
     fit = pack.result.tables and pack.result.tables.fit
-    tau_s = [f"{each:.3g} s" for each in fit.tables.tau_s] if fit else []
+    tau_s = [f"{tau:.3g} s" for tau in fit.tables.tau_s] if fit else []
     told = [
         f"{counted(len(cells), 'cell')} under one current; the mean cell's time constants are "
         f"{joined(tau_s)}, its RMSE is {millivolt(pack.result.metrics.identification.rmse_v)}."
     ]
-    for name in dict.fromkeys(each.cell for each in pack.odd):
+    for name in dict.fromkeys(outlier.cell for outlier in pack.odd):
         why = joined(
             [
-                f"{each.quantity.partition(' [')[0]} ({each.deviations:+.1f})"
-                for each in pack.odd
-                if each.cell == name
+                f"{outlier.quantity.partition(' [')[0]} ({outlier.deviations:+.1f})"
+                for outlier in pack.odd
+                if outlier.cell == name
             ]
         )
         told.append(f"{name} is odd: {why} robust standard deviations off the median.")
@@ -44,7 +44,7 @@ def pack_document(pack: "Pack") -> Document:
             if len(cells) >= FEWEST
             else f"With fewer than {FEWEST} cells none is judged odd."
         )
-    value = next(each for each in cells if each.name == pack.weakest).values["loaded voltage [V]"]
+    value = next(cell for cell in cells if cell.name == pack.weakest).values["loaded voltage [V]"]
     told.append(
         f"{pack.weakest} is the weakest: under 1C at {100 * pack.fit.loaded_soc:.0f} % SOC it has "
         f"{value.value:.3f} V ({value.low:.3f} to {value.high:.3f})."

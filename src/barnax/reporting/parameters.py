@@ -40,7 +40,7 @@ class Known(NamedTuple):
         if self.low is None or self.high is None:
             return with_unit(self.name, self.value)
         (value, unit), (low, low_unit), (high, high_unit) = (
-            shown(self.name, each) for each in (self.value, self.low, self.high)
+            shown(self.name, end) for end in (self.value, self.low, self.high)
         )
         if not unit == low_unit == high_unit:
             return f"{value} {unit} ({between(self.name, self.low, self.high)})"
@@ -80,7 +80,7 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
     import polars as pl
 
     if result.tables is None:
-        rows = [(each.name, each.value, each.low, each.high) for each in _constants(result)]
+        rows = [(known.name, known.value, known.low, known.high) for known in _constants(result)]
         number = dict.fromkeys(("value", "low", "high"), pl.Float64)
         return pl.DataFrame(rows, {"parameter": pl.String, **number}, orient="row")
     part = result.tables
@@ -97,7 +97,7 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
 def _node_rows(fit: "TableFit") -> Iterator[dict[str, Any]]:
     """Every node: its SOC, whether samples visit it, and every value with its interval."""
     tables = fit.tables
-    known = {(each.name, each.soc): each for each in fit.intervals}
+    known = {(node.name, node.soc): node for node in fit.intervals}
     visited = tables.visited or (True,) * len(tables.nodes)
     for place, (soc, is_visited) in enumerate(zip(tables.nodes, visited, strict=True)):
         row: dict[str, Any] = {"SOC": soc, "is visited": is_visited}
@@ -119,22 +119,25 @@ def _constants(result: Result) -> list[Known]:
         own = result.constant.parameters.to_dict()
         return [Known(name, None, value) for name, value in own.items()]
     found = result.constant.assessment.uncertainty.estimates
-    return [Known(each.name, None, each.value, each.low, each.high) for each in found]
+    return [
+        Known(estimate.name, None, estimate.value, estimate.low, estimate.high)
+        for estimate in found
+    ]
 
 
 def _tabulated(fit: "TableFit") -> Iterator[Known]:
     """Tables at a few states of charge between visited nodes, and the constants."""
     for name in fit.tables.tables:
-        known = [each for each in fit.of_table(name) if each.low is not None]
+        known = [node for node in fit.of_table(name) if node.low is not None]
         if name == OCV_CORRECTION or not known:
             # A correction is of an OCV, which is another result's no more.
             continue
-        soc = np.array([each.soc for each in known], float)
+        soc = np.array([node.soc for node in known], float)
         for at in COMPARED_SOC:
             if soc[0] <= at <= soc[-1]:
-                ends = ([getattr(each, of) for each in known] for of in ("value", "low", "high"))
+                ends = ([getattr(node, of) for node in known] for of in ("value", "low", "high"))
                 yield Known(name, at, *(float(np.interp(at, soc, own)) for own in ends))
-    known_ends = {each.name: (each.low, each.high) for each in fit.intervals if each.soc is None}
+    known_ends = {node.name: (node.low, node.high) for node in fit.intervals if node.soc is None}
     for name, value in fit.tables.constants.items():
         yield Known(name, None, value, *known_ends.get(name, (None, None)))
 
@@ -183,15 +186,15 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     >>> barnax.show(result, result, names=("fresh", "aged")).differing
     {'aged': ()}
     """
-    found = [each if isinstance(each, Result) else Result.load(each) for each in results]
+    found = [result if isinstance(result, Result) else Result.load(result) for result in results]
     if len(found) < 2:
         raise InputError(f"{len(found)} result given; give two or more to show side by side")
     called = names or _names(found)
     if len({*called}) != len(found):
         raise InputError(f"the names {', '.join(called)} are not {len(found)} different ones")
-    have_tables = all(each.tables for each in found)
+    have_tables = all(result.tables for result in found)
     known = [
-        {(each.name, each.soc): each for each in own}
+        {(parameter.name, parameter.soc): parameter for parameter in own}
         for own in (
             _tabulated(result.tables.fit) if have_tables and result.tables else _constants(result)
             for result in found
@@ -207,7 +210,7 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     }
     differing, too_wide = (
         {
-            name: tuple(first[key].place for key, each in words.items() if each == said)
+            name: tuple(first[key].place for key, change in words.items() if change == said)
             for name, words in told.items()
         }
         for said in ("beyond", "too wide to tell")
@@ -239,7 +242,7 @@ def _places(keys: Iterable[tuple[str, float | None]]) -> str:
 
 
 def _names(results: list[Result]) -> tuple[str, ...]:
-    names = [each.name for each in results]
+    names = [result.name for result in results]
     if len({*names}) == len(names):
         return tuple(names)
     return tuple(f"{place}: {name}" for place, name in enumerate(names, 1))
@@ -247,7 +250,7 @@ def _names(results: list[Result]) -> tuple[str, ...]:
 
 def _results_table(called: tuple[str, ...], results: list[Result], have_tables: bool) -> Table:
     """What each is of, and how well it fits."""
-    own = results if have_tables else [each.without_tables() for each in results]
+    own = results if have_tables else [result.without_tables() for result in results]
     of = dict(zip(called, own, strict=True))
 
     def temperature(name: str) -> str:
@@ -262,7 +265,7 @@ def _results_table(called: tuple[str, ...], results: list[Result], have_tables: 
         )
 
     def validation(name: str) -> str:
-        errors = [millivolt(each.rmse_v) for each in of[name].metrics.validation]
+        errors = [millivolt(part.rmse_v) for part in of[name].metrics.validation]
         return joined(errors) if errors else NOTHING
 
     cells = {

@@ -32,7 +32,7 @@ def pulses_section(result: "Result", pictures: Iterable[Picture]) -> list[Sectio
 
 def _sentences(result: "Result") -> Iterator[str]:
     pulses = result.pulses
-    found = [f"{len(each)} in {label}" for label, each in _levels(result)]
+    found = [f"{len(level)} in {label}" for label, level in _levels(result)]
     socs = [pulse.soc for pulse in pulses]
     rests_s = sorted({round(pulse.rest_s, -1) for pulse in pulses})
     yield (
@@ -157,16 +157,16 @@ def pulses_csv(pulses: Sequence[Pulse]) -> bytes:
     rows = [
         [
             *(
-                escaped(each.record),
-                each.row,
-                each.soc,
-                each.current_a,
-                each.duration_s,
-                each.rest_s,
+                escaped(pulse.record),
+                pulse.row,
+                pulse.soc,
+                pulse.current_a,
+                pulse.duration_s,
+                pulse.rest_s,
             ),
-            *(each.temperature_degc, int(each.is_limited), each.delay_s, *each.resistance_ohm),
+            *(pulse.temperature_degc, int(pulse.is_limited), pulse.delay_s, *pulse.resistance_ohm),
         ]
-        for each in pulses
+        for pulse in pulses
     ]
     return csv_text(head, rows).encode()
 
@@ -194,7 +194,7 @@ def fit_csv(fit: "TableFit", *more: str) -> bytes:
 
 
 def _table_rows(fit: "TableFit") -> Iterator[list[object]]:
-    known = {(each.name, each.soc): (each.low, each.high) for each in fit.intervals}
+    known = {(node.name, node.soc): (node.low, node.high) for node in fit.intervals}
     unknown = (None, None)
     visited = fit.tables.visited or (True,) * len(fit.tables.nodes)
     for name, values in fit.tables.tables.items():

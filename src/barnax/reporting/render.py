@@ -102,7 +102,7 @@ def to_html(document: Document) -> str:
     True
     """
     script, allowed = "", ""
-    if any(each.live for each in document.pictures):
+    if any(picture.live for picture in document.pictures):
         script = _script()
         digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
         allowed = f"; script-src 'sha256-{digest}'"
@@ -137,8 +137,11 @@ def to_fragment(document: Document) -> str:
 def report_files(document: Document, drawn: Iterable[Illustration]) -> dict[str, bytes]:
     """A report in both forms and its figures, by their path below the results folder."""
     files = {"report.html": to_html(document).encode(), "report.md": to_markdown(document).encode()}
-    for each in drawn:
-        files |= {f"figures/{each.name}.png": each.png, f"figures/{each.name}.svg": each.svg}
+    for illustration in drawn:
+        files |= {
+            f"figures/{illustration.name}.png": illustration.png,
+            f"figures/{illustration.name}.svg": illustration.svg,
+        }
     return files
 
 
@@ -146,8 +149,8 @@ def paper_files(drawn: Iterable[Illustration]) -> dict[str, bytes]:
     """Figures drawn within `column_width`, as PDF and SVG by their path in the results folder."""
     kinds: tuple[Kind, ...] = ("pdf", "svg")
     return {
-        f"figures/paper/{each.name}.{kind}": encode(each.figure, kind, PAPER_DPI)
-        for each in drawn
+        f"figures/paper/{illustration.name}.{kind}": encode(illustration.figure, kind, PAPER_DPI)
+        for illustration in drawn
         for kind in kinds
     }
 

@@ -63,11 +63,12 @@ def replay_table(replay: "SocReplay") -> Table:
 
 def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
     """Heads and sentences: what went wrong, what was estimated, whether innovations are white."""
-    diverged = [each for each in replay.scenarios if each.diverged_s is not None]
-    for each in diverged:
+    diverged = [scenario for scenario in replay.scenarios if scenario.diverged_s is not None]
+    for scenario in diverged:
         yield (
             "Diverged",
-            f"{each.name}: after {duration(each.diverged_s or 0.0)} the filter returns no numbers",
+            f"{scenario.name}: after {duration(scenario.diverged_s or 0.0)} the filter returns no "
+            "numbers",
         )
     right = replay.scenarios[0]
     if right.is_lost:
@@ -78,7 +79,7 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
             f"even from the right start, the estimate of SOC goes wrong{size}: the circuit's "
             f"voltage does not tell it{advice}",
         )
-    held = [each.in_band for each in replay.scenarios if each.in_band is not None]
+    held = [scenario.in_band for scenario in replay.scenarios if scenario.in_band is not None]
     if held and min(held) < TRUSTED_BAND:
         low, high = (f"{100 * share:.0f}" for share in (min(held), max(held)))
         shares = f"{low} %" if low == high else f"{low} to {high} %"
@@ -89,7 +90,7 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         )
     if replay.flat_soc is not None and replay.flat_share > FLAT_SHARE:
         low, high = (f"{100 * soc:.0f}" for soc in replay.flat_soc)
-        widest = max(each.widest or 0.0 for each in replay.scenarios)
+        widest = max(scenario.widest or 0.0 for scenario in replay.scenarios)
         yield (
             "Flat OCV",
             f"between {low} and {high} % SOC a voltage does not tell SOC to 5 %: the filter counts "
@@ -119,14 +120,14 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         )
 
 
-def _scenario_row(each: "ScenarioPart") -> tuple[str, ...]:
-    errors = each.rms, each.rms_above_10_soc, each.max, each.band
+def _scenario_row(scenario: "ScenarioPart") -> tuple[str, ...]:
+    errors = scenario.rms, scenario.rms_above_10_soc, scenario.max, scenario.band
     return (
-        each.name,
-        _converged(each),
+        scenario.name,
+        _converged(scenario),
         *(_in_percent(share) for share in errors),
-        _in_percent(each.in_band, 0),
-        _in_percent(each.counter_rms),
+        _in_percent(scenario.in_band, 0),
+        _in_percent(scenario.counter_rms),
     )
 
 

@@ -38,9 +38,9 @@ def report_of(result: Result, path: str | Path | None, format: str | None) -> Re
     if path is not None:
         place = Path(path)
         if form == "md":
-            for each in document.pictures:
-                name = f"{each.name}{picture_suffix(each)}"
-                write_whole(place.parent / "figures" / name, each.content)
+            for picture in document.pictures:
+                name = f"{picture.name}{picture_suffix(picture)}"
+                write_whole(place.parent / "figures" / name, picture.content)
         write_whole(place, text.encode())
     return Report(text)
 

@@ -70,7 +70,7 @@ def local_optima_sentence(optimum: "GlobalOptimum | GlobalPart") -> str:
     if not others:
         return f"No other local optimum is {reach}."
     nearest = others[0].parameters
-    ohms = joined([with_unit("R [Ohm]", each) for each in (nearest.r0, *nearest.r)])
+    ohms = joined([with_unit("R [Ohm]", ohm) for ohm in (nearest.r0, *nearest.r)])
     where = f"{_nearest_gap(optimum)} above at {_taus(nearest.tau_s)} (R0 and R: {ohms})"
     if nearly_as_good(optimum):
         where += ", a different circuit with nearly the same error"
@@ -95,7 +95,7 @@ def _nearest_gap(optimum: "GlobalOptimum | GlobalPart") -> str:
 def _at_bounds(at_bound: Sequence[AtBound]) -> str:
     parts = []
     for side in ("lower", "upper"):
-        names = [symbol(each.name) for each in at_bound if each.side == side]
+        names = [symbol(bound.name) for bound in at_bound if bound.side == side]
         if names:
             whose = f"their {side} bounds" if len(names) > 1 else f"its {side} bound"
             parts.append(f"{joined(names)} at {whose}")
@@ -115,7 +115,9 @@ def held_words(held: Held) -> str:
 
 def uncertainty_sentence(uncertainty: Uncertainty) -> str:
     """How far the intervals differ from those for independent residuals."""
-    inflations = [each.inflation for each in uncertainty.estimates if each.inflation is not None]
+    inflations = [
+        estimate.inflation for estimate in uncertainty.estimates if estimate.inflation is not None
+    ]
     if not inflations:
         return "No parameter was free, so none has an interval."
     low, high = f"{min(inflations):.2g}", f"{max(inflations):.2g}"
@@ -156,8 +158,8 @@ def finding_sentence(finding: Undetermined) -> str:
             return f"{_loose(finding)}."
         case "direction":
             moves = [
-                f"{symbol(each.name)} {_times(step)}"
-                for each, step in zip(finding.estimates, finding.log_steps, strict=True)
+                f"{symbol(estimate.name)} {_times(step)}"
+                for estimate, step in zip(finding.estimates, finding.log_steps, strict=True)
             ]
             text = f"{joined(moves)}, changed together, stay within one standard error"
             return f"{text}; {combined} is determined." if combined else f"{text}."
@@ -184,9 +186,9 @@ def _too_slow(finding: Undetermined) -> str:
     else:
         text += f": only {_with_interval(capacitance)} is determined"
     at_bound = [
-        AtBound(each.name, "lower" if each.held == "at lower bound" else "upper")
-        for each in (tau, resistance)
-        if each.held in ("at lower bound", "at upper bound")
+        AtBound(estimate.name, "lower" if estimate.held == "at lower bound" else "upper")
+        for estimate in (tau, resistance)
+        if estimate.held in ("at lower bound", "at upper bound")
     ]
     if not at_bound:
         return text
@@ -194,14 +196,14 @@ def _too_slow(finding: Undetermined) -> str:
 
 
 def _loose(finding: Undetermined) -> str:
-    (each,) = finding.estimates
-    name = symbol(each.name)
-    if each.low is None or each.high is None:
+    (estimate,) = finding.estimates
+    name = symbol(estimate.name)
+    if estimate.low is None or estimate.high is None:
         return f"{name} is not determined"
-    text = f"{name} is only known to be {between(each.name, each.low, each.high)}"
-    if name.startswith("tau") and each.low < finding.interval_s / 2:
+    text = f"{name} is only known to be {between(estimate.name, estimate.low, estimate.high)}"
+    if name.startswith("tau") and estimate.low < finding.interval_s / 2:
         text += f"; it may be too fast for {figures(finding.interval_s)} s sampling"
-    if name.startswith("tau") and each.high > finding.duration_s:
+    if name.startswith("tau") and estimate.high > finding.duration_s:
         text += f"; it may be longer than the record ({_seconds(finding.duration_s)})"
     return text
 
@@ -267,13 +269,13 @@ def _notable(quantity: BandQuantity, bands: Sequence[Band]) -> Iterator[str]:
 
 def suggestion_sentences(found: Sequence[Suggestion], rmse_v: float) -> tuple[str, ...]:
     """What would lower the RMSE, the largest gain first; what gains nothing comes last."""
-    gains = [each for each in found if each.rmse_v < (1 - WORTH_TELLING) * rmse_v]
-    others = [_change(each) for each in found if each not in gains]
-    sentences = [
-        f"{capitalized(_change(each))}: RMSE {_mv(each.rmse_v)} instead of {_mv(rmse_v)}"
-        f"{''.join(f', with `{name}={value}`' for name, value in option(each).items())}."
-        for each in gains
-    ]
+    gains = [suggestion for suggestion in found if suggestion.rmse_v < (1 - WORTH_TELLING) * rmse_v]
+    others = [_change(suggestion) for suggestion in found if suggestion not in gains]
+    sentences = []
+    for gain in gains:
+        change = f"RMSE {_mv(gain.rmse_v)} instead of {_mv(rmse_v)}"
+        how = "".join(f", with `{name}={value}`" for name, value in option(gain).items())
+        sentences.append(f"{capitalized(_change(gain))}: {change}{how}.")
     if others:
         sentences.append(f"These do not lower the error: {joined(others)}.")
     return tuple(sentences) or ("There was nothing to try that could lower the error.",)

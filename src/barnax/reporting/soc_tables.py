@@ -82,20 +82,20 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
     constant = millivolt(result.constant.metrics.identification.rmse_v)
     beside = f"the constant circuit {result.constant.model}"
     if over is not None:
-        degc = [degrees(each) for each in over.temperatures_degc]
+        degc = [degrees(value) for value in over.temperatures_degc]
         yield (
             f"With tables over SOC at {joined(degc)} the RMSE is {own}; {beside}, one for "
             f"all temperatures, leaves {constant}."
         )
         yield f"Best possible: {best_of(part, result.model)}"
-        yield from (f"Resistances: {each}" for each in dependence_sentences(part))
+        yield from (f"Resistances: {text}" for text in dependence_sentences(part))
         costs = over.objective_v / over.separate_v - 1 if over.separate_v else 0.0
         yield (
             "The time constants are the same at every temperature; separate ones would lower the "
             f"error by {percent(max(costs, 0.0))}."
         )
-        for at, each in zip(degc, part.fits, strict=True):
-            both, what = both_held_out(each), held_out_words(each)
+        for at, own_fit in zip(degc, part.fits, strict=True):
+            both, what = both_held_out(own_fit), held_out_words(own_fit)
             if pays := pay_sentence(None, both, result.model, result.model, what):
                 yield f"At {at}, {pays}"
         yield (
@@ -111,7 +111,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         "were searched."
     )
     yield f"Best possible: {best_of(part, result.model)}"
-    yield from (f"Resistances: {each}" for each in dependence_sentences(part))
+    yield from (f"Resistances: {text}" for text in dependence_sentences(part))
     unseen, held = unseen_errors(result), held_out_errors(result)
     names = result.constant.model, result.model
     if pays := pay_sentence(unseen, held, *names, held_out_words(fit)):
@@ -121,7 +121,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         yield (
             "The OCV correction absorbs errors of the OCV test, and with them any error of the SOC."
         )
-    biased = sum(each.is_biased for each in fit.intervals)
+    biased = sum(node.is_biased for node in fit.intervals)
     if biased:
         yield (
             "Smoothing and the straight lines between nodes may have moved "
@@ -160,14 +160,14 @@ def best_tables(fit: "TableFit", model: str) -> str:
 def nodes_table(fit: "TableFit", where: str = "") -> Table:
     """Every table at every node that samples visit, with its interval."""
     cells: Cells[int] = {"SOC [%]": lambda place: f"{100 * fit.tables.nodes[place]:g}"}
-    are_several = any(each.record_low is not None for each in fit.intervals)
-    intervals = [each for each in fit.intervals if each.soc is not None]
+    are_several = any(node.record_low is not None for node in fit.intervals)
+    intervals = [node for node in fit.intervals if node.soc is not None]
     if are_several:
         intervals = [
-            replace(each, low=each.record_low, high=each.record_high) for each in intervals
+            replace(node, low=node.record_low, high=node.record_high) for node in intervals
         ]
     for name, values in fit.tables.tables.items():
-        known = {each.soc: each for each in intervals if each.name == name}
+        known = {node.soc: node for node in intervals if node.name == name}
 
         def value(place: int, values: tuple = values, known: dict = known) -> str:
             return figures(1e3 * values[place]) + _edge(known.get(fit.tables.nodes[place]))
@@ -193,7 +193,7 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
 
 def constants_table(fit: "TableFit", where: str = "") -> Table:
     """What is the same at every SOC: time constants and, if any, gamma."""
-    known = {each.name: each for each in fit.intervals if each.soc is None}
+    known = {node.name: node for node in fit.intervals if node.soc is None}
     cells: Cells[str] = {
         "parameter": str,
         "value": lambda name: with_unit(name, fit.tables.constants[name]),
@@ -233,22 +233,22 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
     fit, nodes = part.fit, part.fit.tables.nodes
     visited = _visited(fit)
     middle = min(visited, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
-    are_several = any(each.record_low is not None for each in fit.intervals)
+    are_several = any(node.record_low is not None for node in fit.intervals)
     # Of a record that was not identified on, the interval may be wide of the truth.
     kind = "another record" if are_several else "this record" if records == 1 else "these records"
     heads = ["", f"at {100 * nodes[middle]:g} % SOC", kind, "over SOC", "", "", ""]
     known = {
-        (each.name, each.soc): _of_another(each)
-        if are_several and each.soc is not None
-        else _between(each, fit)
-        for each in fit.intervals
+        (node.name, node.soc): _of_another(node)
+        if are_several and node.soc is not None
+        else _between(node, fit)
+        for node in fit.intervals
     }
     constants = fit.tables.constants
     rows = []
     for name, values in fit.tables.tables.items():
         if name == OCV_CORRECTION:
             continue
-        told = {each.soc for each in fit.of_table(name) if each.low is not None}
+        told = {node.soc for node in fit.of_table(name) if node.low is not None}
         seen = [values[n] for n in visited if nodes[n] in told] or [values[n] for n in visited]
         here = known.get((name, nodes[middle]), "")
         ranges = between(name, min(seen), max(seen))
@@ -269,7 +269,7 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
 def _under_one_unit(value: str, *others: str) -> list[str]:
     """A value with its unit, and what stands beside it without the same unit."""
     unit = value.rpartition(" ")[2]
-    return [value, *(each.removesuffix(f" {unit}") for each in others)]
+    return [value, *(text.removesuffix(f" {unit}") for text in others)]
 
 
 def _middle_by_temperature(
@@ -286,8 +286,8 @@ def _middle_by_temperature(
     for fit, left in zip(part.fits, over.left_out, strict=True):
         values = [with_unit(name, fit.tables.tables[name][middle]) for name in names]
         errors = [
-            "" if each is None else f"{1e3 * each.rmse_v:#.3g} mV"
-            for each in (left.own, _held_out(fit), left.errors)
+            "" if error is None else f"{1e3 * error.rmse_v:#.3g} mV"
+            for error in (left.own, _held_out(fit), left.errors)
         ]
         rows.append((degrees(left.temperature_degc), *values, *errors))
     for name, value in part.fits[0].tables.constants.items():
@@ -309,11 +309,11 @@ def _name(name: str) -> str:
     return SHORT.get(name, symbol(name))
 
 
-def _of_another(each: "NodeInterval") -> str:
+def _of_another(node: "NodeInterval") -> str:
     """What another record of the cell would show."""
-    if each.record_low is None or each.record_high is None:
+    if node.record_low is None or node.record_high is None:
         return NOT_DETERMINED
-    return between(each.name, each.record_low, each.record_high)
+    return between(node.name, node.record_low, node.record_high)
 
 
 def left_out_sentences(result: "Result") -> Iterator[str]:
@@ -321,8 +321,8 @@ def left_out_sentences(result: "Result") -> Iterator[str]:
     held = result.tables and result.tables.fit.cross_validation
     if not held or not held.by_record:
         return
-    names = [each.name for each in result.of_role("identification")]
-    adjusted = [f", adjusted {errors_words(each)}" for each in held.registered]
+    names = [part.name for part in result.of_role("identification")]
+    adjusted = [f", adjusted {errors_words(error)}" for error in held.registered]
     told = [
         f"{name} {errors_words(errors)}{own}"
         for name, errors, own in zip(
@@ -332,37 +332,37 @@ def left_out_sentences(result: "Result") -> Iterator[str]:
     yield f"predicted by the other records, in mV (above 10 % SOC): {'; '.join(told)}"
 
 
-def _between(each: "NodeInterval", fit: "TableFit") -> str:
-    known = _determined(each, fit)
-    return NOT_DETERMINED if known is None else between(each.name, *known)
+def _between(node: "NodeInterval", fit: "TableFit") -> str:
+    known = _determined(node, fit)
+    return NOT_DETERMINED if known is None else between(node.name, *known)
 
 
-def _interval(each: "NodeInterval | None", fit: "TableFit", scale: float = 1.0) -> str:
-    if each is None:
+def _interval(node: "NodeInterval | None", fit: "TableFit", scale: float = 1.0) -> str:
+    if node is None:
         return NOTHING
-    known = _determined(each, fit)
+    known = _determined(node, fit)
     return NOT_DETERMINED if known is None else " to ".join(figures(scale * end) for end in known)
 
 
-def _edge(each: "NodeInterval | None") -> str:
+def _edge(node: "NodeInterval | None") -> str:
     """A mark where a value is at an end of its own interval."""
-    if each is None or each.low is None or each.high is None or each.record_low is not None:
+    if node is None or node.low is None or node.high is None or node.record_low is not None:
         return ""
-    near = AT_EDGE * (each.high - each.low)
-    return f" {EDGE}" if min(each.value - each.low, each.high - each.value) <= near else ""
+    near = AT_EDGE * (node.high - node.low)
+    return f" {EDGE}" if min(node.value - node.low, node.high - node.value) <= near else ""
 
 
-def _determined(each: "NodeInterval", fit: "TableFit") -> tuple[float, float] | None:
+def _determined(node: "NodeInterval", fit: "TableFit") -> tuple[float, float] | None:
     """The ends of an interval; None where it is so wide that it says nothing."""
-    if each.low is None or each.high is None:
+    if node.low is None or node.high is None:
         return None
-    if each.name == OCV_CORRECTION:
-        seen = [fit.tables.tables[each.name][place] for place in _visited(fit)]
-        is_wide = each.high - each.low > max(seen) - min(seen)
+    if node.name == OCV_CORRECTION:
+        seen = [fit.tables.tables[node.name][place] for place in _visited(fit)]
+        is_wide = node.high - node.low > max(seen) - min(seen)
     else:
         # Half the hysteresis may well be zero, a resistance or time constant may not.
-        is_positive = each.low > 0
+        is_positive = node.low > 0
         is_wide = (
-            each.high > WIDEST_FACTOR * each.low if is_positive else each.name != HALF_HYSTERESIS
+            node.high > WIDEST_FACTOR * node.low if is_positive else node.name != HALF_HYSTERESIS
         )
-    return None if is_wide else (each.low, each.high)
+    return None if is_wide else (node.low, node.high)

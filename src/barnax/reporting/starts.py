@@ -33,12 +33,12 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     }
     # The others start by their rest on the OCV of this one.
     name, start = next(
-        (each.name, starts[source])
-        for each in parts
-        if each.start is not None and (source := told_source(each)) in starts
+        (part.name, starts[source])
+        for part in parts
+        if part.start is not None and (source := told_source(part)) in starts
     )
     whose = f"{name} " if len(parts) > 1 else ""
-    names = [each.name for each in parts]
+    names = [part.name for part in parts]
     whole = joined(names) if len(names) <= MAX_NAMES else f"these {len(names)} records"
     yield (
         f"no OCV test: the OCV is that of {whole}, whose SOC is "
@@ -69,11 +69,11 @@ def ocv_sentences(stored: "Result") -> Iterator[str]:
     elif not cell.elsewhere:
         yield "all temperatures have the same OCV; `ocv` takes a test of each of them."
         return
-    degc = [each.temperature_degc or 0.0 for each in (cell, *cell.elsewhere)]
+    degc = [model.temperature_degc or 0.0 for model in (cell, *cell.elsewhere)]
     without = [
-        degrees(each)
-        for each in over.temperatures_degc
-        if min(abs(own - each) for own in degc) > NEAR_DEGC
+        degrees(value)
+        for value in over.temperatures_degc
+        if min(abs(own - value) for own in degc) > NEAR_DEGC
     ]
     where = joined(list(map(degrees, sorted(degc))))
     if not without:
@@ -94,19 +94,22 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
     """What several records of a cell made of each other's start and capacity, and its OCV test of
     those of one."""
     known = [
-        (each, each.start.soc, each.window.capacity_ah, own)
-        for each in stored.of_role("identification")
-        if each.start and each.window and (own := each.window.registration)
-        and each.window.capacity_ah
+        (part, part.start.soc, part.window.capacity_ah, own)
+        for part in stored.of_role("identification")
+        if part.start and part.window and (own := part.window.registration)
+        and part.window.capacity_ah
     ]  # fmt: skip
-    by_test = [each for each in known if each[-1].origin.by == "OCV test"]
+    by_test = [entry for entry in known if entry[-1].origin.by == "OCV test"]
     if by_test:
         parts, soc, capacity_ah, own = zip(*by_test, strict=True)
-        told = [(each.origin.told_soc, each.origin.told_capacity_ah) for each in own]
+        told = [
+            (registration.origin.told_soc, registration.origin.told_capacity_ah)
+            for registration in own
+        ]
         told_soc, told_ah = zip(*told, strict=True)
         is_one = len(parts) == 1
         whose = f"{parts[0].name} starts" if is_one else f"{len(parts)} records start"
-        is_for_all = not any(each.origin.told.capacity_ah for each in own)
+        is_for_all = not any(registration.origin.told.capacity_ah for registration in own)
         is_for_all &= len(parts) == len(stored.of_role("identification"))
         others = ", and others are counted over that too" if is_for_all else ""
         yield (
@@ -133,7 +136,7 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
 
 def _span(values: Sequence[float], scale: float = 1.0) -> str:
     """The least and the most of some values, where they are not the same."""
-    ends = [f"{scale * each:.4g}" for each in (min(values), max(values))]
+    ends = [f"{scale * end:.4g}" for end in (min(values), max(values))]
     return " to ".join(dict.fromkeys(ends))
 
 
@@ -195,7 +198,7 @@ def known_words(start: "Start") -> dict[str, str]:
 
 def carried_sentences(stored: "Result") -> Iterator[str]:
     """Starts whose state of charge comes from another place of the record."""
-    for each in stored.inputs:
-        if each.start is not None and each.start.soc_source not in TOLD:
-            known = known_words(each.start)[each.start.soc_source]
-            yield f"{each.name} starts at {percent(each.start.soc)} SOC, {known}."
+    for part in stored.inputs:
+        if part.start is not None and part.start.soc_source not in TOLD:
+            known = known_words(part.start)[part.start.soc_source]
+            yield f"{part.name} starts at {percent(part.start.soc)} SOC, {known}."

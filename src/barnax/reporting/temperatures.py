@@ -14,8 +14,10 @@ if TYPE_CHECKING:
 def expectation(over: "OverTemperature") -> str:
     """What is to be expected of temperatures that were not measured."""
     worst: dict[bool, float] = {}
-    for each in over.left_out:
-        worst[each.is_between] = max(each.errors.rmse_v, worst.get(each.is_between, 0.0))
+    for left_out in over.left_out:
+        worst[left_out.is_between] = max(
+            left_out.errors.rmse_v, worst.get(left_out.is_between, 0.0)
+        )
     told = [f"{millivolt(worst[True])} between the measured ones"] if True in worst else []
     told.append(f"{millivolt(worst[False])} beyond")
     text = (
@@ -31,8 +33,8 @@ def prediction_sentences(result: "Result") -> Iterator[str]:
     """One sentence for each record of a result at a temperature without tables of its own."""
     if result.tables is None:
         return
-    for each in result.of_role("validation"):
-        if told := prediction_sentence(result.tables, each.name, each.temperature_degc):
+    for part in result.of_role("validation"):
+        if told := prediction_sentence(result.tables, part.name, part.temperature_degc):
             yield told
 
 
@@ -43,7 +45,7 @@ def prediction_sentence(part: "TablesPart", name: str, temperature_degc: float |
         return ""
     known = over.temperatures_degc
     if known[0] < temperature_degc < known[-1]:
-        above = next(place for place, each in enumerate(known) if each > temperature_degc)
+        above = next(place for place, degc in enumerate(known) if degc > temperature_degc)
         ends = known[above - 1 : above + 1]
         how = f"lie between those of {joined([degrees(end) for end in ends])}"
     else:
@@ -53,9 +55,9 @@ def prediction_sentence(part: "TablesPart", name: str, temperature_degc: float |
         if known_by is not None and known_by.beta_per_k:
             how += ", with resistances that follow its temperature from there"
     told = [
-        f"{degrees(each.temperature_degc)} was predicted to {millivolt(each.errors.rmse_v)} (with "
-        f"its own tables {millivolt(each.own.rmse_v)})"
-        for each in over.like(temperature_degc)
+        f"{degrees(left.temperature_degc)} was predicted to {millivolt(left.errors.rmse_v)} (with "
+        f"its own tables {millivolt(left.own.rmse_v)})"
+        for left in over.like(temperature_degc)
     ]
     return (
         f"{name} is at {degrees(temperature_degc)}, which was not measured: its tables "

@@ -282,7 +282,7 @@ def soc_screen(replay: "SocReplay") -> Iterator[RenderableType]:
         yield indented(Text(fact))
     yield Text()
     table = replay_table(replay)
-    yield indented(bare_table([each.name for each in table.columns], table.rows))
+    yield indented(bare_table([column.name for column in table.columns], table.rows))
     yield Text()
     for head, text in soc_lines(replay):
         yield indented(headed_line(head, text))

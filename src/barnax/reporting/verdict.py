@@ -125,9 +125,9 @@ def weakest_point(result: "Result") -> str:
 def _no_circuit(result: "Result") -> str:
     """Why the answer cannot be the cell's, empty where it may be."""
     at_bound = [
-        symbol(each.name)
-        for each in result.constant.at_bound
-        if each.name.endswith("[Ohm]") and each.side == "upper"
+        symbol(bound.name)
+        for bound in result.constant.at_bound
+        if bound.name.endswith("[Ohm]") and bound.side == "upper"
     ]
     if len(at_bound) > 1:
         return f"{joined(at_bound)} end at their upper bounds"
@@ -175,27 +175,27 @@ def next_step(result: "Result") -> Next:
         return Next(f"measure what is missing: {wide}", designs=True)
     if result.tables is not None:
         return Next("export the tables", exports=True)
-    if len(result.candidates) > 1 and not any(each.over for each in result.candidates):
+    if len(result.candidates) > 1 and not any(candidate.over for candidate in result.candidates):
         if result.model not in WEIGHED:
             return Next("try tables over SOC of this circuit too", {"over": "soc"})
         return Next("weigh tables over SOC too, without `model`", without=("model", "setup"))
     found = result.constant.assessment
     if found is None:
         return Next("compute intervals of the parameters", {"trust": "basic"})
-    has_failed = any(each.code == "answer.no-examination" for each in result.warnings)
+    has_failed = any(warning.code == "answer.no-examination" for warning in result.warnings)
     if found.examination is None and not has_failed:
         return Next("find out what would lower the error", {"trust": "full"})
     rmse_v = result.metrics.identification.rmse_v
     suggested = () if found.examination is None else found.examination.suggestions
-    for each in suggested:
-        if option(each) and each.rmse_v < (1 - WORTH_TELLING) * rmse_v:
-            options = option(each)
+    for suggestion in suggested:
+        if option(suggestion) and suggestion.rmse_v < (1 - WORTH_TELLING) * rmse_v:
+            options = option(suggestion)
             names = [part.name for part in result.of_role("identification")]
             if "initial_soc" in options and len(names) == 1:
                 # A start is one record's; the others keep theirs.
                 options["initial_soc"] = f"{names[0]}={options['initial_soc']}"
-            return Next(f"lower the RMSE to {millivolt(each.rmse_v)}", options)
-    names = [each.name for each in result.of_role("validation")]
+            return Next(f"lower the RMSE to {millivolt(suggestion.rmse_v)}", options)
+    names = [part.name for part in result.of_role("validation")]
     return Next(f"compare circuits and methods with barnax compare; validated on {joined(names)}")
 
 
@@ -224,9 +224,9 @@ def _wide(result: "Result") -> str:
         if not name.startswith("R") or not nodes:
             continue
         known = [
-            each
-            for each in nodes
-            if each.low is not None and each.standard_error <= WIDE * each.value
+            node
+            for node in nodes
+            if node.low is not None and node.standard_error <= WIDE * node.value
         ]
         if len(known) < FEW * len(nodes):
             held = f"{len(known)} of {len(nodes)} nodes"
@@ -236,13 +236,13 @@ def _wide(result: "Result") -> str:
 
 def _other_temperatures(result: "Result") -> list[float]:
     """The temperatures of records in the folder that could be identified on too, and are not."""
-    used = {each.temperature_degc for each in result.plan if each.role == "identification"}
+    used = {file.temperature_degc for file in result.plan if file.role == "identification"}
     if len(used) != 1 or None in used:
         return []
     found: list[float] = []
-    for each in result.plan:
-        degc = each.temperature_degc
-        is_left = each.role == "not used" and each.kind in ("drive cycle", "pulse test")
+    for file in result.plan:
+        degc = file.temperature_degc
+        is_left = file.role == "not used" and file.kind in ("drive cycle", "pulse test")
         known = [*used, *found]
         if (
             is_left

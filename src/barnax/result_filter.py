@@ -120,10 +120,9 @@ def model_of(result: Result, slow: Sequence[str] = ()) -> FilterModel:
     without an assessment.
     """
     errors = errors_of(result)
-    assert result.constant.assessment is not None, "asked above"
     fitted = {
-        estimate.name.partition(" [")[0]: estimate.relative_error
-        for estimate in result.constant.assessment.uncertainty.estimates
+        name.partition(" [")[0]: estimate.relative_error
+        for name, estimate in result.constant.estimates.items()
     }
     rest_a, slow_sd = result.start_rest_current_a, []
     known = [OFFSET, CAPACITY, *(name for name in fitted if name[0] in "Rt")]

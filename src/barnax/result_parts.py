@@ -17,7 +17,7 @@ from .records.fingerprint import read_fingerprint
 from .schema import Count, MaybeInfinite, Parameters, Part, Volts
 from .search.refine import AtBound, Optimum, RefinedSeed
 from .search.seeds import SeedAnswer
-from .uncertainty import Band, Diagnostics, Examination, Identifiability, Uncertainty
+from .uncertainty import Band, Diagnostics, Estimate, Examination, Identifiability, Uncertainty
 
 Key = Annotated[int, Field(ge=0, lt=2**64)]
 # A state of charge; a record may run beyond full and empty, but not far.
@@ -300,6 +300,12 @@ class ConstantPart(Part):
     refined: RefinedPart | None = None
     bounds: dict[str, tuple[float, float]]
     fixed: Parameters
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The parameters with their intervals, by name; none where the assessment was skipped."""
+        found = () if self.assessment is None else self.assessment.uncertainty.estimates
+        return {estimate.name: estimate for estimate in found}
 
     @model_validator(mode="after")
     def _hold_what_the_circuit_has(self) -> Self:

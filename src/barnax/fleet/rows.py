@@ -299,8 +299,7 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
         "temperature [degC]": run.identification[0].prepared.temperature_degc,
         "initial SOC": result.initial_soc,
     }
-    intervals = constant.assessment.uncertainty.estimates if constant.assessment else ()
-    ends = {interval.name: (interval.low, interval.high) for interval in intervals}
+    ends = {name: (known.low, known.high) for name, known in constant.estimates.items()}
     for name, value in named_values(constant.parameters).items():
         row[name] = value
         if ends:

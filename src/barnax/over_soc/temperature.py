@@ -119,6 +119,12 @@ class TableFits:
             self.over_temperature.temperatures_degc, key=lambda degc: abs(degc - REFERENCE_DEGC)
         )
 
+    @property
+    def by_degc(self) -> list[tuple[float | None, TableFit]]:
+        """Every temperature with its tables; None stands for that of the only ones."""
+        over = self.over_temperature
+        return [*zip((None,) if over is None else over.temperatures_degc, self.fits, strict=True)]
+
     @cached_property
     def tables(self) -> TemperatureTables | None:
         """The tables over temperature, None where they are of one."""

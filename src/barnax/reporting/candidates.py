@@ -10,6 +10,7 @@ from .words import NOTHING, fixed, millivolt, percent
 if TYPE_CHECKING:
     from ..candidates import Candidate
     from ..over_soc import SocErrors, TableFit
+    from ..result_parts import MetricsPart
     from ..results import Result
 
     # The errors of a constant circuit, and of the tables beside it.
@@ -144,24 +145,20 @@ def unseen_errors(result: "Result") -> "Both | None":
     squares, each record counting alike."""
     from ..over_soc import SocErrors
 
-    if result.tables is None:
-        return None
-    constant, tables = (
-        [SocErrors(part.rmse_v, part.rmse_above_10_soc_v) for part in metrics.validation]
-        for metrics in (result.constant.metrics, result.metrics)
-    )
-    return (_over_all(constant), _over_all(tables)) if constant else None
-
-
-def _over_all(errors: "Sequence[SocErrors]") -> "SocErrors":
-    from ..over_soc import SocErrors
-
-    def of(values: list[float]) -> float:
+    def root_mean_square(values: list[float]) -> float:
         return math.sqrt(sum(value**2 for value in values) / len(values))
 
-    above = [error.above_v for error in errors if error.above_v is not None]
-    all_v = of([error.rmse_v for error in errors])
-    return SocErrors(all_v, of(above) if len(above) == len(errors) else None)
+    def over_all(parts: "Sequence[MetricsPart]") -> SocErrors:
+        above_v = [part.rmse_above_10_soc_v for part in parts]
+        known_v = [value_v for value_v in above_v if value_v is not None]
+        return SocErrors(
+            root_mean_square([part.rmse_v for part in parts]),
+            root_mean_square(known_v) if len(known_v) == len(above_v) else None,
+        )
+
+    if result.tables is None or not result.metrics.validation:
+        return None
+    return over_all(result.constant.metrics.validation), over_all(result.metrics.validation)
 
 
 def _change(constant: "SocErrors", tables: "SocErrors") -> str:

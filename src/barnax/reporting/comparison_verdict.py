@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from ..search.refine import SAME_RMSE
 from .sentences import better_than
-from .words import bound_words, joined, millivolt, sentence
+from .words import bound_words, gathered, joined, millivolt, sentence
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
@@ -215,11 +215,8 @@ def optimum_sentences(result: "ComparisonResult") -> Iterator[str]:
 
 def bound_sentences(result: "ComparisonResult") -> Iterator[str]:
     """Which parameters the box decided, and in which rows."""
-    found: dict[str, list[str]] = {}
     rows = answered(result)
-    for row in rows:
-        for bound in row.at_bound:
-            found.setdefault(bound_words(bound.name, bound.side), []).append(row.name)
-    for place, names in found.items():
+    at_bound = ((bound_words(b.name, b.side), row.name) for row in rows for b in row.at_bound)
+    for place, names in gathered(at_bound).items():
         where = "every row" if len(names) == len(rows) > 1 else joined(names)
         yield f"{place} in {where}: set by the bounds, not by the data."

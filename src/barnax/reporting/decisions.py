@@ -1,16 +1,16 @@
 """What was measured, what was decided about it with the reasons, and how to repeat it."""
 
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..cell import CellModel, PolynomialCurve
 from ..cell.parameters import OHMIC
 from ..notices import Notice
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
 from .starts import CAME_FROM, offset_sentence, own_ocv_sentences, start_sentence
-from .words import NOTHING, joined, millivolt, significant, with_unit
+from .words import NOTHING, gathered, joined, millivolt, significant, with_unit
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
@@ -66,9 +66,9 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
     """What was decided before the search."""
     cell = stored.cell_model
     inputs = stored.inputs
-    for sign, names in _gathered((part.sign, part.name) for part in inputs if part.sign):
+    for sign, names in gathered((part.sign, part.name) for part in inputs if part.sign).items():
         yield f"The current is {sign.value} in {joined(names)} ({_reason(sign)})."
-    for hold, names in _gathered((part.hold, part.name) for part in inputs if part.hold):
+    for hold, names in gathered((part.hold, part.name) for part in inputs if part.hold).items():
         yield f"A sample's current flows {FLOWS[hold.value]} in {joined(names)} ({_reason(hold)})."
     yield f"The capacity is {cell.capacity_ah:.4f} Ah ({cell.capacity_origin})."
     yield from ocv_sentences(cell)
@@ -82,9 +82,8 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
         )
     simulated = [part for part in stored.inputs if part.start is not None]
     planned = {file.name for file in getattr(stored, "plan", ()) if file.plans_soc}
-    for window, names in _gathered(
-        (part.window and part.window.as_told, part.name) for part in simulated
-    ):
+    windows = ((part.window.as_told, part.name) for part in simulated if part.window)
+    for window, names in gathered(windows).items():
         yield from window_sentences(window, names)
     for part in simulated:
         if part.start is not None:
@@ -190,11 +189,9 @@ def ocv_sentences(cell: CellModel) -> Iterator[str]:
         yield "Only one branch was measured, so the hysteresis voltage is taken as zero."
 
 
-def window_sentences(window: "Window | None", names: Sequence[str]) -> Iterator[str]:
+def window_sentences(window: "Window", names: Sequence[str]) -> Iterator[str]:
     """Where the simulation of some records starts and which of their samples count."""
-    if window is None:
-        return
-    where = joined(list(names))
+    where = joined(names)
     start = "the first sample"
     if window.start_time_s is not None:
         start = f"{window.start_time_s:g} s of its clock"
@@ -214,24 +211,13 @@ def window_sentences(window: "Window | None", names: Sequence[str]) -> Iterator[
         limits.append(f"between {100 * low:g} and {100 * high:g} % state of charge")
     scored = f"the samples {', '.join(limits)} are" if limits else "every simulated sample is"
     yield f"{where}: {scored} scored."
-    if window.rest_current_a is not None:
-        yield f"{where}: the rest current is {1e3 * window.rest_current_a:.3g} mA, as given."
-    if window.capacity_ah is not None:
-        yield f"{where}: the capacity is {window.capacity_ah:.4g} Ah, as given."
-    if window.temperature_degc is not None:
-        yield f"{where}: measured at {window.temperature_degc:g} degC, as given."
-
-
-def _gathered(decisions: Iterable[tuple[Any, str]]) -> Iterator[tuple[Any, list[str]]]:
-    """Each decision once, with the files that it was made for."""
-    told: list[tuple[Any, list[str]]] = []
-    for decision, name in decisions:
-        names = next((names for known, names in told if known == decision), None)
-        if names is None:
-            told.append((decision, [name]))
-        else:
-            names.append(name)
-    return iter(told)
+    for value, told in (
+        (window.rest_current_a, lambda current_a: f"the rest current is {1e3 * current_a:.3g} mA"),
+        (window.capacity_ah, "the capacity is {:.4g} Ah".format),
+        (window.temperature_degc, "measured at {:g} degC".format),
+    ):
+        if value is not None:
+            yield f"{where}: {told(value)}, as given."
 
 
 def _reason(decision: "Decision") -> str:
@@ -242,18 +228,14 @@ def box_sentences(
     boxes: Mapping[str, tuple[Mapping[str, tuple[float, float]], Mapping[str, float]]],
 ) -> Iterator[str]:
     """The search box of each model: its bounds and what is held, each box once."""
-    told: dict[str, list[str]] = {}
-    for model, (bounds, fixed) in boxes.items():
-        told.setdefault(_box(bounds, fixed), []).append(model)
+    told = gathered((_box(*limits), model) for model, limits in boxes.items())
     for box, models in told.items():
         yield f"The search box of {joined(models)}: {box}."
 
 
 def _box(bounds: Mapping[str, tuple[float, float]], fixed: Mapping[str, float]) -> str:
     """Ranges and held values, names with the same range together."""
-    ranges: dict[tuple[float, float], list[str]] = {}
-    for name, limits in bounds.items():
-        ranges.setdefault(limits, []).append(name)
+    ranges = gathered((limits, name) for name, limits in bounds.items())
     free = [
         f"{joined(names)} from {significant(low, 4)} to {significant(high, 4)}"
         for (low, high), names in ranges.items()

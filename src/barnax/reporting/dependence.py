@@ -16,12 +16,8 @@ NEXT_TO_NOTHING = 0.01
 
 def dependence_sentences(part: "TablesPart") -> Iterator[str]:
     """What the resistances of tables follow, with intervals; nothing where that is SOC alone."""
-    over = part.over_temperature
-    if over is None:
-        yield from _sentences(part.fit, "")
-        return
-    for degc, fit in zip(over.temperatures_degc, part.fits, strict=True):
-        yield from _sentences(fit, f"at {degrees(degc)}, ")
+    for degc, fit in part.found.by_degc:
+        yield from _sentences(fit, "" if degc is None else f"at {degrees(degc)}, ")
 
 
 def numbers_of(fit: "TableFit") -> Mapping[str, float]:

@@ -52,43 +52,43 @@ def first_screen(
 
     `with_cli_options` gives the texts as who reads them names the options.
     """
-    yield Text()
-    yield indented(_files_table(result))
-    yield Text()
-    yield indented(_errors_table(result))
-    yield Text()
-    yield indented(_parameters_table(result))
-    yield Text()
+    tables = [_files_table(result), _errors_table(result), _parameters_table(result)]
     if pulses := middle_pulses(result):
-        yield indented(bare_table(middle_heads(result), pulses))
+        tables.append(bare_table(middle_heads(result), pulses))
+    for table in tables:
         yield Text()
+        yield indented(table)
+    yield Text()
     unfit = [
-        ("Do not use", str(warning))
+        str(warning)
         for warning in result.warnings
         if warning.code == "role.unfit" and warning.values["role"] == "identification"
     ]
-    lines = [*unfit, ("Best possible", best_possible(result))]
-    if result.tables is not None:
-        lines += [("Resistances", text) for text in dependence_sentences(result.tables)]
-    lines += [("Left out", text) for text in left_out_sentences(result)]
-    lines += [("OCV test", text) for text in ocv_test_sentences(result, is_short=True)]
-    lines += [("Search", text) for text in search_sentences(result)]
-    over = None if result.tables is None else result.tables.over_temperature
-    if over is not None:
-        lines.append(("Temperatures", f"where none was measured, {expectation(over)}"))
-        lines += [("", told) for told in prediction_sentences(result)]
-        lines += [("OCV", told) for told in ocv_sentences(result)]
-    lines += [("Adjusted", text) for text in registered_sentences(result)]
-    lines += [
-        ("Start", text + ".")
+    moved = [
+        f"{text}."
         for part in result.metrics.validation
         if (text := moved_start_sentence(part))
         and (part.registered_v or 0.0) < (1 - APART) * part.rmse_v
     ]
-    lines += [("Start", text) for text in carried_sentences(result)]
-    lines += [("Assumed", text) for text in guess_sentences(result)]
-    for head, text in lines:
-        yield indented(headed_line(head, with_cli_options(text)))
+    over = None if result.tables is None else result.tables.over_temperature
+    beyond = [] if over is None else [f"where none was measured, {expectation(over)}"]
+    for head, sentences in (
+        ("Do not use", unfit),
+        ("Best possible", [best_possible(result)]),
+        ("Resistances", dependence_sentences(result.tables) if result.tables else ()),
+        ("Left out", left_out_sentences(result)),
+        ("OCV test", ocv_test_sentences(result, is_short=True)),
+        ("Search", search_sentences(result)),
+        ("Temperatures", beyond),
+        ("", prediction_sentences(result)),
+        ("OCV", ocv_sentences(result)),
+        ("Adjusted", registered_sentences(result)),
+        ("Start", moved),
+        ("Start", carried_sentences(result)),
+        ("Assumed", guess_sentences(result)),
+    ):
+        for text in sentences:
+            yield indented(headed_line(head, with_cli_options(text)))
 
 
 def _files_table(result: "Result") -> Whole:
@@ -125,10 +125,7 @@ def _errors_table(result: "Result") -> Whole:
     above = [part.rmse_above_10_soc_v for part in (metrics.identification, *validation)]
     own = [part.rmse_v for part in (metrics.identification, *validation)]
     candidates = ranked(result.candidates)[:MAX_CANDIDATES]
-    held = [
-        None if candidate.held_out is None else candidate.held_out.rmse_v
-        for candidate in candidates
-    ]
+    held = [c.held_out and c.held_out.rmse_v for c in candidates]
     if any(value is not None for value in held):
         heads.append("left out")
     rows: list[list[str]] = []
@@ -136,17 +133,15 @@ def _errors_table(result: "Result") -> Whole:
         # A result of an earlier version.
         rows.append([result.answer, *map(_millivolt, own), ""])
     for candidate, held_v in zip(candidates, held, strict=True):
-        values = [candidate.identification.rmse_v, *candidate.validation_v, held_v][
-            : len(heads) - 1
-        ]
+        errors_v = [candidate.identification.rmse_v, *candidate.validation_v, held_v]
         mark = "<- answer" if candidate.is_answer and len(candidates) > 1 else ""
-        rows.append([candidate.name, *map(_millivolt, values), mark])
+        rows.append([candidate.name, *map(_millivolt, errors_v[: len(heads) - 1]), mark])
         if candidate.is_answer and any(
             is_apart(low_v, all_v) for low_v, all_v in zip(above, own, strict=True)
         ):
-            held_above = None if candidate.held_out is None else candidate.held_out.above_v
-            values = [*above, held_above][: len(heads) - 1]
-            rows.append(["  above 10 % SOC", *map(_millivolt, values), ""])
+            errors_v = [*above, candidate.held_out and candidate.held_out.above_v]
+            row = map(_millivolt, errors_v[: len(heads) - 1])
+            rows.append(["  above 10 % SOC", *row, ""])
     are_numbers = [False, *(True for _ in heads[1:]), False]
     return bare_table([*heads, ""], rows, are_numbers)
 
@@ -202,11 +197,7 @@ def _parameters_table(result: "Result") -> Whole:
             return bare_table(heads, rows)
         return bare_table(heads, rows, [place in (1, 5) for place in range(len(heads))])
     constant = result.constant
-    estimates: dict[str, Estimate] = {}
-    if constant.assessment is not None:
-        estimates = {
-            estimate.name: estimate for estimate in constant.assessment.uncertainty.estimates
-        }
+    estimates = constant.estimates
     circuit = constant.parameters
     bounds = {bound.name: bound.side for bound in constant.at_bound}
     longest_s = max(part.duration_s or 0.0 for part in result.of_role("identification"))

@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..plots.live import MAX_NUMBERS, live_record
 from ..plots.pictures import Illustration, illustrate, record_roles
 from ..plots.search import has_landscape
+from ..plots.style import ALONE
 from ..pulses import pulses_of
 from ..storing import describe
 
@@ -47,13 +48,7 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
     for role, evaluation in zip(
         roles, [*answered.identification, *answered.validation], strict=True
     ):
-        record = evaluation.prepared.record.name
-        voltage = illustrate(f"{role}-voltage", record, plots.plot_voltage, evaluation)
-        found += [
-            illustrate(f"{role}-condition", record, plots.plot_condition, evaluation.prepared),
-            _moving(voltage, record, {"simulated": evaluation}, len(roles)) if live else voltage,
-            illustrate(f"{role}-error", record, plots.plot_error, evaluation),
-        ]
+        found += _of_record(role, evaluation, live and len(roles))
     if run.tables is not None:
         found += _of_tables(run.tables.found, run.answer.parameters)
         of = {"": ("identification", run.identification, run.tables.identification)}
@@ -125,17 +120,10 @@ def comparison_illustrations(
     found = _of_cell(result.cell_model)
     if comparison is not None and comparison.answered:
         online = {row.name: row for row in comparison.answered}
-        first = comparison.answered[0].evaluations
-        roles = record_roles(1, len(first) - 1)
-        for place, (role, evaluation) in enumerate(zip(roles, first, strict=True)):
+        roles = record_roles(1, len(comparison.answered[0].evaluations) - 1)
+        for place, role in enumerate(roles):
             rows = {name: row.evaluations[place] for name, row in online.items()}
-            record = evaluation.prepared.record.name
-            voltages = illustrate(f"{role}-voltages", record, plots.plot_voltage, rows)
-            found += [
-                illustrate(f"{role}-condition", record, plots.plot_condition, evaluation.prepared),
-                _moving(voltages, record, rows, len(roles)) if live else voltages,
-                illustrate(f"{role}-errors", record, plots.plot_error, rows),
-            ]
+            found += _of_record(role, rows, live and len(roles))
         if any(row.median.trajectory is not None for row in online.values()):
             found += [illustrate("trajectories", "", plots.plot_trajectories, online)]
     if any(row.seeds for row in result.rows):
@@ -144,23 +132,31 @@ def comparison_illustrations(
             illustrate("parameters", "", plots.plot_compared_parameters, result),
         ]
     for model, optimum in (optima or {}).items():
+        of_model = [row for row in result.rows if row.model == model]
         # The rows of other models are there without an answer, so that all keep their looks.
-        answers = {
-            row.name: [
-                CircuitParameters.from_dict(seed.parameters)
-                for seed in row.seeds
-                if row.model == model
-            ]
-            for row in result.rows
-            if row.seeds
-        }
-        refined = [
-            CircuitParameters.from_dict(row.refined_parameters)
-            for row in result.rows
-            if row.model == model and row.refined_parameters is not None
-        ]
+        answers = {row.name: [] for row in result.rows if row.seeds}
+        for row in of_model:
+            if row.seeds:
+                seeds = (seed.parameters for seed in row.seeds)
+                answers[row.name] = [*map(CircuitParameters.from_dict, seeds)]
+        known = (row.refined_parameters for row in of_model)
+        refined = [CircuitParameters.from_dict(own) for own in known if own is not None]
         found += _landscape(model, optimum, answers, refined)
     return found
+
+
+def _of_record(role: str, drawn: "Evaluation | Mapping[str, Evaluation]", live_of: int) -> Drawn:
+    """The figures of a record, of one circuit or of many rows; its voltage has an interactive form
+    where it is one of `live_of` that have."""
+    rows, ending = (drawn, "s") if isinstance(drawn, Mapping) else ({ALONE: drawn}, "")
+    prepared = next(iter(rows.values())).prepared
+    record = prepared.record.name
+    voltage = illustrate(f"{role}-voltage{ending}", record, plots.plot_voltage, drawn)
+    return [
+        illustrate(f"{role}-condition", record, plots.plot_condition, prepared),
+        _moving(voltage, record, rows, live_of) if live_of else voltage,
+        illustrate(f"{role}-error{ending}", record, plots.plot_error, drawn),
+    ]
 
 
 def _of_cell(cell: "CellModel") -> Drawn:
@@ -172,14 +168,15 @@ def _of_cell(cell: "CellModel") -> Drawn:
 
 def _of_tables(found: "TableFits", constant: CircuitParameters) -> Drawn:
     """The tables over SOC, beside the constant circuit."""
-    over, fit = found.over_temperature, found.reference
-    if over is None:
-        return [illustrate("tables", "", plots.plot_tables, fit, constant)]
-    where = f" at {over.temperatures_degc[found.fits.index(fit)]:.3g} degC"
+    degc = found.reference_degc
+    where = "" if degc is None else f" at {degc:.3g} degC"
+    tables = illustrate("tables", where, plots.plot_tables, found.reference, constant)
+    if degc is None:
+        return [tables]
     return [
         illustrate("tables-by-temperature", "", plots.plot_tables_by_temperature, found),
         illustrate("tables-over-temperature", "", plots.plot_over_temperature, found),
-        illustrate("tables", where, plots.plot_tables, fit, constant),
+        tables,
     ]
 
 
@@ -187,17 +184,14 @@ def _summary(result: "Result", evaluations: "Sequence[Evaluation]") -> Illustrat
     """The answer at a glance, on the first record, or the first at the tables' temperature."""
     own, tables, first = result.constant, result.tables, evaluations[0]
     found = own.parameters if tables is None else tables.fit
-    if tables is not None and (over := tables.over_temperature) is not None:
-        degc = over.temperatures_degc[tables.fits.index(tables.fit)]
-        known = [(evaluation.prepared.temperature_degc, evaluation) for evaluation in evaluations]
-        near = [
-            evaluation for at, evaluation in known if at is not None and abs(at - degc) <= SAME_DEGC
-        ]
-        first = [*near, first][0]
-    known = () if own.assessment is None else own.assessment.uncertainty.estimates
-    intervals = {evaluation.name: evaluation for evaluation in known}
+    degc = None if tables is None else tables.found.reference_degc
+    if degc is not None:
+        for evaluation in evaluations[::-1]:
+            at_degc = evaluation.prepared.temperature_degc
+            if at_degc is not None and abs(at_degc - degc) <= SAME_DEGC:
+                first = evaluation
     record = first.prepared.record.name
-    return illustrate("summary", record, plots.plot_summary, first, found, intervals)
+    return illustrate("summary", record, plots.plot_summary, first, found, own.estimates)
 
 
 def _landscape(

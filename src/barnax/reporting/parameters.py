@@ -83,12 +83,9 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
         rows = [(known.name, known.value, known.low, known.high) for known in _constants(result)]
         number = dict.fromkeys(("value", "low", "high"), pl.Float64)
         return pl.DataFrame(rows, {"parameter": pl.String, **number}, orient="row")
-    part = result.tables
-    over = part.over_temperature
-    degc = [None] if over is None else over.temperatures_degc
     nodes = [
-        ({} if own is None else {"temperature [degC]": own}) | row
-        for own, fit in zip(degc, part.fits, strict=True)
+        ({} if degc is None else {"temperature [degC]": degc}) | row
+        for degc, fit in result.tables.found.by_degc
         for row in _node_rows(fit)
     ]
     return pl.DataFrame(nodes, infer_schema_length=None)
@@ -115,14 +112,11 @@ def _node_rows(fit: "TableFit") -> Iterator[dict[str, Any]]:
 
 def _constants(result: Result) -> list[Known]:
     """The constant circuit's parameters and time constants."""
-    if result.constant.assessment is None:
+    found = result.constant.estimates.values()
+    if not found:
         own = result.constant.parameters.to_dict()
         return [Known(name, None, value) for name, value in own.items()]
-    found = result.constant.assessment.uncertainty.estimates
-    return [
-        Known(estimate.name, None, estimate.value, estimate.low, estimate.high)
-        for estimate in found
-    ]
+    return [Known(known.name, None, known.value, known.low, known.high) for known in found]
 
 
 def _tabulated(fit: "TableFit") -> Iterator[Known]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 HEADS = tuple(f"{time_s:g} s" if time_s else "at once" for time_s in STANDARD_S)
 MIDDLE_SOC = 0.5
+TABLE_HEADS = ("table", "SOC", "value", "low", "high", "visited")
 
 
 def pulses_section(result: "Result", pictures: Iterable[Picture]) -> list[Section]:
@@ -177,20 +178,17 @@ def tables_csv(result: "Result") -> bytes:
     part = result.tables
     if part is None:
         raise ValueError("there are no tables over SOC in this result")
-    head = ["table", "SOC", "value", "low", "high", "visited"]
-    over = part.over_temperature
-    if over is None:
-        return csv_text(head, _table_rows(part.fit)).encode()
-    by_degc = zip(over.temperatures_degc, part.fits, strict=True)
-    rows = ([degc, *row] for degc, fit in by_degc for row in _table_rows(fit))
-    return csv_text(["temperature [degC]", *head], rows).encode()
+    if part.over_temperature is None:
+        return fit_csv(part.fit)
+    rows = ([degc, *row] for degc, fit in part.found.by_degc for row in _table_rows(fit))
+    return csv_text(["temperature [degC]", *TABLE_HEADS], rows).encode()
 
 
 def fit_csv(fit: "TableFit", *more: str) -> bytes:
     """The same of one fit, with the nodes of `more` that only intervals tell of."""
     rows = [*_table_rows(fit)]
     rows += [[n.name, n.soc, n.value, n.low, n.high, 1] for n in fit.intervals if n.name in more]
-    return csv_text(["table", "SOC", "value", "low", "high", "visited"], rows).encode()
+    return csv_text(TABLE_HEADS, rows).encode()
 
 
 def _table_rows(fit: "TableFit") -> Iterator[list[object]]:

@@ -36,7 +36,7 @@ from .words import (
 )
 
 if TYPE_CHECKING:
-    from ..over_soc import LeftOut, NodeInterval, OverTemperature, SocErrors, TableFit
+    from ..over_soc import LeftOut, NodeInterval, OverTemperature, TableFit
     from ..result_parts import TablesPart
     from ..results import Result
 
@@ -56,11 +56,10 @@ def tables_section(result: "Result", pictures: Pictures) -> list[Section]:
     drawn = pictures.starting("tables")
     if over is None:
         return [Section("Tables over SOC", (told, *drawn))]
-    degc = over.temperatures_degc
     others = [
-        nodes_table(fit, f" at {degrees(at)}")
-        for at, fit in zip(degc, part.fits, strict=True)
-        if fit is not part.fit
+        nodes_table(fit, f" at {degrees(degc)}")
+        for degc, fit in part.found.by_degc
+        if degc is not None and fit is not part.fit
     ]
     tables = (_temperature_table(part, over), *others)
     return [Section("Tables over SOC and temperature", (told, *tables, *drawn))]
@@ -68,9 +67,10 @@ def tables_section(result: "Result", pictures: Pictures) -> list[Section]:
 
 def answer_tables(part: "TablesPart") -> tuple[Table, Table]:
     """The values of the answer; of several temperatures, those nearest to 25 degC."""
-    if part.over_temperature is None:
+    degc = part.found.reference_degc
+    if degc is None:
         return constants_table(part.fit), nodes_table(part.fit)
-    alone = degrees(part.over_temperature.temperatures_degc[part.fits.index(part.fit)])
+    alone = degrees(degc)
     both = f" and at every temperature; intervals are those of {alone} alone"
     return constants_table(part.fit, both), nodes_table(part.fit, f" at {alone}")
 
@@ -205,17 +205,17 @@ def constants_table(fit: "TableFit", where: str = "") -> Table:
 
 
 def _temperature_table(part: "TablesPart", over: "OverTemperature") -> Table:
-    cells: Cells[tuple[LeftOut, TableFit]] = {
+    cells: Cells[tuple[LeftOut, CrossValidation | None]] = {
         "temperature": lambda row: degrees(row[0].temperature_degc),
         "own tables [mV]": lambda row: errors_words(row[0].own),
-        "held-out blocks [mV]": lambda row: errors_words(_held_out(row[1])),
+        "held-out blocks [mV]": lambda row: errors_words(row[1] and row[1].tables),
         "left out [mV]": lambda row: errors_words(row[0].errors),
         "predicted from": lambda row: "both sides" if row[0].is_between else "one side",
     }
     return make_table(
         "RMSE in mV, in brackets that above 10 % SOC: with the tables of that temperature, on "
         "blocks held out of the fit, and as predicted by the tables of the other temperatures.",
-        zip(over.left_out, part.fits, strict=True),
+        zip(over.left_out, (fit.cross_validation for fit in part.fits), strict=True),
         cells,
         cells,
     )
@@ -237,12 +237,12 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
     # Of a record that was not identified on, the interval may be wide of the truth.
     kind = "another record" if are_several else "this record" if records == 1 else "these records"
     heads = ["", f"at {100 * nodes[middle]:g} % SOC", kind, "over SOC", "", "", ""]
-    known = {
-        (node.name, node.soc): _of_another(node)
-        if are_several and node.soc is not None
-        else _between(node, fit)
-        for node in fit.intervals
-    }
+    known = {}
+    for node in fit.intervals:
+        ends = _determined(node, fit)
+        if are_several and node.soc is not None:
+            ends = _both(node.record_low, node.record_high)
+        known[node.name, node.soc] = NOT_DETERMINED if ends is None else between(node.name, *ends)
     constants = fit.tables.constants
     rows = []
     for name, values in fit.tables.tables.items():
@@ -284,10 +284,11 @@ def _middle_by_temperature(
     heads = [f"at {100 * nodes[middle]:g} % SOC", *map(symbol, names), "RMSE", "unseen", "left out"]
     rows = []
     for fit, left in zip(part.fits, over.left_out, strict=True):
+        held = fit.cross_validation
         values = [with_unit(name, fit.tables.tables[name][middle]) for name in names]
         errors = [
             "" if error is None else f"{1e3 * error.rmse_v:#.3g} mV"
-            for error in (left.own, _held_out(fit), left.errors)
+            for error in (left.own, held and held.tables, left.errors)
         ]
         rows.append((degrees(left.temperature_degc), *values, *errors))
     for name, value in part.fits[0].tables.constants.items():
@@ -301,19 +302,8 @@ def _visited(fit: "TableFit") -> list[int]:
     return [place for place, is_visited in enumerate(fit.tables.visited) if is_visited]
 
 
-def _held_out(fit: "TableFit") -> "SocErrors | None":
-    return None if fit.cross_validation is None else fit.cross_validation.tables
-
-
 def _name(name: str) -> str:
     return SHORT.get(name, symbol(name))
-
-
-def _of_another(node: "NodeInterval") -> str:
-    """What another record of the cell would show."""
-    if node.record_low is None or node.record_high is None:
-        return NOT_DETERMINED
-    return between(node.name, node.record_low, node.record_high)
 
 
 def left_out_sentences(result: "Result") -> Iterator[str]:
@@ -332,11 +322,6 @@ def left_out_sentences(result: "Result") -> Iterator[str]:
     yield f"predicted by the other records, in mV (above 10 % SOC): {'; '.join(told)}"
 
 
-def _between(node: "NodeInterval", fit: "TableFit") -> str:
-    known = _determined(node, fit)
-    return NOT_DETERMINED if known is None else between(node.name, *known)
-
-
 def _interval(node: "NodeInterval | None", fit: "TableFit", scale: float = 1.0) -> str:
     if node is None:
         return NOTHING
@@ -350,6 +335,10 @@ def _edge(node: "NodeInterval | None") -> str:
         return ""
     near = AT_EDGE * (node.high - node.low)
     return f" {EDGE}" if min(node.value - node.low, node.high - node.value) <= near else ""
+
+
+def _both(low: float | None, high: float | None) -> tuple[float, float] | None:
+    return None if low is None or high is None else (low, high)
 
 
 def _determined(node: "NodeInterval", fit: "TableFit") -> tuple[float, float] | None:

@@ -1,10 +1,12 @@
 """Numbers and lists as a sentence or a table says them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import TypeVar
 
 from ..errors import counted as counted
 
 NOTHING = "–"
+Key = TypeVar("Key")
 
 
 def joined(items: Sequence[str], last: str = "and") -> str:
@@ -16,6 +18,18 @@ def joined(items: Sequence[str], last: str = "and") -> str:
     return (
         f" {last} ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
     )
+
+
+def gathered(pairs: Iterable[tuple[Key, str]]) -> dict[Key, list[str]]:
+    """Names that have the same key, by the key, in the order that they come.
+
+    >>> gathered([(1, "a"), (2, "b"), (1, "c")])
+    {1: ['a', 'c'], 2: ['b']}
+    """
+    found: dict[Key, list[str]] = {}
+    for key, name in pairs:
+        found.setdefault(key, []).append(name)
+    return found
 
 
 def sentence(text: str) -> str:

@@ -76,7 +76,8 @@ def identification_document(
     verdict, the parameters and the errors.
     """
     pictures = Pictures(illustrations)
-    roles = _roles(result)
+    identified, validation = result.of_role("identification"), result.of_role("validation")
+    roles = record_roles(len(identified), len(validation))
     constant = parameters_table(result)
     values = (constant,) if result.tables is None else answer_tables(result.tables)
     answer = Section("Parameters", (*pictures.of("summary"), *values))
@@ -93,7 +94,9 @@ def identification_document(
     if summary_only:
         return Document(title, about, (answer, verdict, errors))
     beside = "The constant circuit beside the tables"
-    validated = [part.name for part in result.of_role("validation")]
+    own = result.constant
+    box = box_sentences({own.model: (own.bounds, own.fixed)})
+    validated = [part.name for part in validation]
     sections = (
         answer,
         verdict,
@@ -117,7 +120,7 @@ def identification_document(
                 *pictures.of(*(f"{role}-condition" for role in roles), "ocv", "hysteresis"),
             ),
         ),
-        Section("What was decided", (Bullets(tuple(_decisions(result))),)),
+        Section("What was decided", (Bullets((*decision_sentences(result), *box)),)),
         Section(
             "Search",
             (*_search_blocks(result), *pictures.of("convergence"), *pictures.starting("landscape")),
@@ -133,9 +136,10 @@ def _cell_and_record(result: "Result") -> str:
     degc = [part.temperature_degc for part in (first, *others)]
     known = sorted({degrees(value) for value in degc if value is not None})
     at = f", at {joined(known)}" if known else ""
-    low, high = first.soc_range or (0.0, 1.0)
-    extent = "" if others else f", {duration(first.duration_s or 0.0)}"
-    extent += "" if others else f", SOC {round(100 * low)} to {round(100 * high)} %"
+    extent = ""
+    if not others:
+        low, high = (round(100 * soc) for soc in first.soc_range or (0.0, 1.0))
+        extent = f", {duration(first.duration_s or 0.0)}, SOC {low} to {high} %"
     return f"A cell of {result.cell.capacity_ah:.3g} Ah: {result.name}{extent}{at}."
 
 
@@ -158,16 +162,12 @@ def validation_sentences(
 ) -> Iterator[str]:
     """How the error on records that were not fitted compares with the one that was."""
     for part in validation:
-        error = f"On {part.record}, a validation record, it is {millivolt(part.rmse_v)}"
-        if own.rmse_v == 0:
-            yield f"{error}."
-            continue
-        ratio = part.rmse_v / own.rmse_v - 1
-        if abs(ratio) <= ALIKE:
-            yield f"{error}, the same as in identification."
-        else:
-            comparison = "more" if ratio > 0 else "less"
-            yield f"{error}, {percent(abs(ratio))} {comparison} than in identification."
+        beside = ""
+        if own.rmse_v:
+            ratio = part.rmse_v / own.rmse_v - 1
+            how = f"{percent(abs(ratio))} {'more' if ratio > 0 else 'less'} than"
+            beside = f", {'the same as' if abs(ratio) <= ALIKE else how} in identification"
+        yield f"On {part.record}, a validation record, it is {millivolt(part.rmse_v)}{beside}."
     if not validation:
         yield "There is no validation record, so the error on other records is not known."
 
@@ -339,13 +339,6 @@ def _bands_table(found: "AssessmentPart", whose: str) -> Table:
     )
 
 
-def _decisions(result: "Result") -> Iterator[str]:
-    yield from decision_sentences(result)
-    yield from box_sentences(
-        {result.constant.model: (result.constant.bounds, result.constant.fixed)}
-    )
-
-
 def _search_sentence(search: "SearchPart", refined: "RefinedPart") -> str:
     return (
         f"{search.method} searched with {counted(len(search.seeds), 'seed')} of "
@@ -355,10 +348,6 @@ def _search_sentence(search: "SearchPart", refined: "RefinedPart") -> str:
         f"seed's answer in the same box, in {refined.evaluations} more. Every error is computed "
         "by the scan."
     )
-
-
-def _roles(result: "Result") -> list[str]:
-    return record_roles(len(result.of_role("identification")), len(result.of_role("validation")))
 
 
 def _interval_end(estimate: "Estimate", end: float | None) -> str:

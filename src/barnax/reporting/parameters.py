@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,15 +10,29 @@ import numpy as np
 from ..cell.parameters import OCV_CORRECTION
 from ..errors import InputError
 from ..results import Result
-from .document import Bullets, Document, Section, Table, make_table
+from .document import Bullets, Cells, Document, Section, Table, make_table
+from .pulses import table_rows
 from .render import to_fragment
-from .words import NOTHING, between, degrees, joined, millivolt, percent, shown, symbol, with_unit
+from .words import (
+    NOTHING,
+    between,
+    degrees,
+    gathered,
+    joined,
+    millivolt,
+    percent,
+    shown,
+    symbol,
+    with_unit,
+)
 
 if TYPE_CHECKING:
     import polars
 
     from ..over_soc import TableFit
 
+# A parameter's name, and the SOC that it is at.
+Key = tuple[str, float | None]
 # Where tables are compared.
 COMPARED_SOC = (0.1, 0.3, 0.5, 0.7, 0.9)
 # An interval over more than this factor would hide a doubling.
@@ -91,23 +104,21 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
     return pl.DataFrame(nodes, infer_schema_length=None)
 
 
-def _node_rows(fit: "TableFit") -> Iterator[dict[str, Any]]:
+def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
     """Every node: its SOC, whether samples visit it, and every value with its interval."""
-    tables = fit.tables
-    known = {(node.name, node.soc): node for node in fit.intervals}
-    visited = tables.visited or (True,) * len(tables.nodes)
-    for place, (soc, is_visited) in enumerate(zip(tables.nodes, visited, strict=True)):
-        row: dict[str, Any] = {"SOC": soc, "is visited": is_visited}
-        values = [(name, soc, own[place]) for name, own in tables.tables.items()]
-        values += [(name, None, own) for name, own in tables.constants.items()]
-        for name, at, value in values:
-            found = known.get((name, at))
-            what, bracket, unit = name.partition(" [")
-            row[name] = value
-            for end in ("low", "high"):
-                ended = None if found is None else getattr(found, end)
-                row[f"{what} {end}{bracket}{unit}"] = ended
-        yield row
+    rows: dict[float, dict[str, Any]] = {}
+    for name, soc, value, low, high, is_visited in table_rows(fit):
+        what, bracket, unit = name.partition(" [")
+        told = {
+            f"{what}{end}{bracket}{unit}": own
+            for end, own in zip(ENDS, (value, low, high), strict=True)
+        }
+        if soc is not None:
+            rows.setdefault(soc, {"SOC": soc, "is visited": bool(is_visited)}).update(told)
+            continue
+        for row in rows.values():
+            row.update(told)
+    return rows.values()
 
 
 def _constants(result: Result) -> list[Known]:
@@ -187,52 +198,44 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     if len({*called}) != len(found):
         raise InputError(f"the names {', '.join(called)} are not {len(found)} different ones")
     have_tables = all(result.tables for result in found)
-    known = [
-        {(parameter.name, parameter.soc): parameter for parameter in own}
-        for own in (
-            _tabulated(result.tables.fit) if have_tables and result.tables else _constants(result)
-            for result in found
+    known = {}
+    for name, result in zip(called, found, strict=True):
+        own = _tabulated(result.tables.fit) if have_tables and result.tables else _constants(result)
+        known[name] = {(parameter.name, parameter.soc): parameter for parameter in own}
+    first = known[called[0]]
+    differing, too_wide, said = {}, {}, []
+    for name in called[1:]:
+        changes = gathered(
+            (parameter.change_words(known[name][key]), key)
+            for key, parameter in first.items()
+            if key in known[name]
         )
-    ]
-    rows = list(dict.fromkeys(key for own in known for key in own))
-    first, *others = known
-    told = {
-        name: {
-            key: first[key].change_words(own[key]) for key in rows if key in first and key in own
-        }
-        for name, own in zip(called[1:], others, strict=True)
-    }
-    differing, too_wide = (
-        {
-            name: tuple(first[key].place for key, change in words.items() if change == said)
-            for name, words in told.items()
-        }
-        for said in ("beyond", "too wide to tell")
-    )
-    said = []
-    for name, words in told.items():
-        beyond, wide = differing[name], _places(key for key in words if words[key][:3] == "too")
+        beyond, wide = changes.get("beyond", []), changes.get("too wide to tell", [])
+        differing[name] = tuple(first[key].place for key in beyond)
+        too_wide[name] = tuple(first[key].place for key in wide)
         verb = "differ" if len(beyond) > 1 else "differs"
-        text = f"{name}: {joined(beyond) or 'nothing'} {verb} from {called[0]} beyond the intervals"
-        said.append(f"{text}; for {wide} they are too wide to tell." if wide else f"{text}.")
+        what = joined(differing[name]) or "nothing"
+        text = f"{name}: {what} {verb} from {called[0]} beyond the intervals"
+        more = f"; for {_places(wide)} they are too wide to tell" if wide else ""
+        said.append(f"{text}{more}.")
     if len({result.model for result in found}) > 1:
         said.append("The circuits differ, so the same name may stand for another part of the cell.")
     what = "Tables over SOC" if have_tables else "Constant circuits"
     sections = (
         Section("Differences", (Bullets(tuple(said)),)),
         Section("Results", (_results_table(called, found, have_tables),)),
-        Section(what, (_parameters_table(called, known, rows),)),
+        Section(what, (_parameters_table(known),)),
     )
     document = Document(joined(list(called), "beside"), "", sections)
     return SideBySide(document, differing, too_wide)
 
 
-def _places(keys: Iterable[tuple[str, float | None]]) -> str:
+def _places(keys: Iterable[Key]) -> str:
     """Parameters, each with all its states of charge."""
-    found: dict[str, list[str]] = {}
-    for name, soc in keys:
-        found.setdefault(symbol(name), []).extend([] if soc is None else [f"{100 * soc:g}"])
-    return joined([f"{name} at {joined(at)} % SOC" if at else name for name, at in found.items()])
+    found = gathered((symbol(name), "" if soc is None else f"{100 * soc:g}") for name, soc in keys)
+    return joined(
+        [f"{name} at {joined(socs)} % SOC" if any(socs) else name for name, socs in found.items()]
+    )
 
 
 def _names(results: list[Result]) -> tuple[str, ...]:
@@ -245,61 +248,52 @@ def _names(results: list[Result]) -> tuple[str, ...]:
 def _results_table(called: tuple[str, ...], results: list[Result], have_tables: bool) -> Table:
     """What each is of, and how well it fits."""
     own = results if have_tables else [result.without_tables() for result in results]
-    of = dict(zip(called, own, strict=True))
 
-    def temperature(name: str) -> str:
-        degc = dict.fromkeys(degrees(at) for _, at in of[name].measured_at if at is not None)
-        over = of[name].tables and of[name].tables.found.reference_degc  # pyright: ignore[reportOptionalMemberAccess]
-        return (
-            f"tables at {degrees(over)}"
-            if over is not None
-            else joined(list(degc))
-            if degc
-            else NOTHING
-        )
+    def temperature(result: Result) -> str:
+        degc = result.tables and result.tables.found.reference_degc
+        if degc is not None:
+            return f"tables at {degrees(degc)}"
+        known = dict.fromkeys(degrees(at) for _, at in result.measured_at if at is not None)
+        return joined(list(known)) or NOTHING
 
-    def validation(name: str) -> str:
-        errors = [millivolt(part.rmse_v) for part in of[name].metrics.validation]
-        return joined(errors) if errors else NOTHING
+    def validation(result: Result) -> str:
+        return joined([millivolt(part.rmse_v) for part in result.metrics.validation]) or NOTHING
 
-    cells = {
-        "result": str,
-        "circuit": lambda name: of[name].model,
-        "temperature": temperature,
-        "capacity [Ah]": lambda name: f"{of[name].cell_at().capacity_ah:.4g}",
-        "RMSE": lambda name: millivolt(of[name].metrics.identification.rmse_v),
-        "validation": validation,
+    cells: Cells[tuple[str, Result]] = {
+        "result": lambda row: row[0],
+        "circuit": lambda row: row[1].model,
+        "temperature": lambda row: temperature(row[1]),
+        "capacity [Ah]": lambda row: f"{row[1].cell_at().capacity_ah:.4g}",
+        "RMSE": lambda row: millivolt(row[1].metrics.identification.rmse_v),
+        "validation": lambda row: validation(row[1]),
     }
-    return make_table("", called, cells, ["result", "circuit", "temperature", "validation"])
+    text = ["result", "circuit", "temperature", "validation"]
+    return make_table("", zip(called, own, strict=True), cells, text)
 
 
-def _parameters_table(
-    called: tuple[str, ...],
-    known: list[dict[tuple[str, float | None], Known]],
-    rows: list[tuple[str, float | None]],
-) -> Table:
+def _parameters_table(known: Mapping[str, Mapping[Key, Known]]) -> Table:
     """Each parameter of each result with its interval, and the change from the first."""
+    (_, first), *others = known.items()
 
-    def value(place: int, key: tuple[str, float | None]) -> str:
-        return known[place][key].words if key in known[place] else NOTHING
-
-    def change(place: int, key: tuple[str, float | None]) -> str:
-        if key not in known[0] or key not in known[place] or not known[0][key].value:
+    def change(key: Key, own: Mapping[Key, Known]) -> str:
+        if key not in first or key not in own or not first[key].value:
             return NOTHING
-        one, other = known[0][key], known[place][key]
-        return f"{100 * (other.value / one.value - 1):+.3g} %, {one.change_words(other)}"
+        ratio = own[key].value / first[key].value
+        return f"{100 * (ratio - 1):+.3g} %, {first[key].change_words(own[key])}"
 
-    cells: dict[str, Any] = {
+    cells: Cells[Key] = {
         "parameter": lambda key: symbol(key[0]),
         "SOC": lambda key: NOTHING if key[1] is None else percent(key[1]),
     }
-    for place, name in enumerate(called):
-        cells[name] = partial(value, place)
-        if place:
-            cells["change" if len(called) == 2 else f"change to {name}"] = partial(change, place)
+    for name, own in known.items():
+        cells[name] = lambda key, own=own: own[key].words if key in own else NOTHING
+        if own is not first:
+            head = f"change to {name}" if len(others) > 1 else "change"
+            cells[head] = lambda key, own=own: change(key, own)
     caption = (
         "Values with their 95 % intervals. Beyond: the intervals do not overlap. Within: they do, "
         "and the results do not tell a difference. Too wide to tell: they do, and one spans more "
         "than a factor of two."
     )
-    return make_table(caption, rows, cells, list(cells))
+    keys = dict.fromkeys(key for own in known.values() for key in own)
+    return make_table(caption, keys, cells, list(cells))

@@ -1,7 +1,8 @@
 """The pulses of a test in words and tables, and the same numbers as CSV."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -79,21 +80,15 @@ def _degc(pulse: Pulse) -> float:
 
 def _level_table(result: "Result", label: str, level: Sequence[Pulse]) -> Table:
     """The resistances of one direction and rate over SOC."""
-    heads = [head for place, head in enumerate(HEADS) if _has(level, place)]
-    places = [HEADS.index(head) for head in heads]
-    unit = _unit(result)
-    has_several = len({pulse.record for pulse in level}) > 1
-    record = {"record": lambda pulse: pulse.record} if has_several else {}
-    cells = {
-        **record,
-        "SOC [%]": lambda pulse: fixed(100 * pulse.soc, 1),
-        **{
-            f"{head} [{unit}]": lambda pulse, place=place: _shown(pulse.resistance_ohm[place], unit)
-            for head, place in zip(heads, places, strict=True)
-        },
-    }
-    caption = f"Pulse resistances, {label}."
-    return make_table(caption, level, cells, ["record"])
+    unit, cells = _unit(result), {}
+    if len({pulse.record for pulse in level}) > 1:
+        cells["record"] = lambda pulse: pulse.record
+    cells["SOC [%]"] = lambda pulse: fixed(100 * pulse.soc, 1)
+    for place in _known(level):
+        cells[f"{HEADS[place]} [{unit}]"] = lambda pulse, place=place: _shown(
+            pulse.resistance_ohm[place], unit
+        )
+    return make_table(f"Pulse resistances, {label}.", level, cells, ["record"])
 
 
 def middle_pulses(result: "Result") -> list[tuple[str, ...]]:
@@ -102,10 +97,10 @@ def middle_pulses(result: "Result") -> list[tuple[str, ...]]:
     Between pulses linearly; a dash where no pulse is long enough or none is on either side. Those
     with dashes only, such as of a drive cycle's last pulses, are left out.
     """
-    unit, used = _unit(result), _used(result)
+    unit, known = _unit(result), _known(result.pulses)
     lines = []
     for label, level in _levels(result):
-        ohms = [_at_middle(level, place) for place in used]
+        ohms = [_at_middle(level, place) for place in known]
         if any(ohm is not None for ohm in ohms):
             lines.append((label, *(_shown(ohm, unit) for ohm in ohms)))
     return lines
@@ -115,16 +110,14 @@ def middle_heads(result: "Result") -> tuple[str, ...]:
     """The heads of `middle_pulses`."""
     return (
         f"at {100 * MIDDLE_SOC:.0f} % SOC [{_unit(result)}]",
-        *(HEADS[place] for place in _used(result)),
+        *(HEADS[place] for place in _known(result.pulses)),
     )
 
 
-def _used(result: "Result") -> list[int]:
-    return [place for place in range(len(STANDARD_S)) if _has(result.pulses, place)]
-
-
-def _has(pulses: Sequence[Pulse], place: int) -> bool:
-    return any(pulse.resistance_ohm[place] is not None for pulse in pulses)
+def _known(pulses: Sequence[Pulse]) -> list[int]:
+    """Places in `STANDARD_S` at which some pulse has a resistance."""
+    ohms = zip(*(pulse.resistance_ohm for pulse in pulses), strict=True)
+    return [place for place, own in enumerate(ohms) if any(ohm is not None for ohm in own)]
 
 
 def _at_middle(level: Sequence[Pulse], place: int) -> float | None:
@@ -155,19 +148,10 @@ def pulses_csv(pulses: Sequence[Pulse]) -> bytes:
     head = ["record", "row", "SOC", "current [A]", "duration [s]", "rest before [s]"]
     head += ["temperature [degC]", "met a limit", "first sample [s]"]
     head += [f"R({time_s:g} s) [Ohm]" for time_s in STANDARD_S]
+    what = attrgetter("row", "soc", "current_a", "duration_s", "rest_s", "temperature_degc")
     rows = [
-        [
-            *(
-                escaped(pulse.record),
-                pulse.row,
-                pulse.soc,
-                pulse.current_a,
-                pulse.duration_s,
-                pulse.rest_s,
-            ),
-            *(pulse.temperature_degc, int(pulse.is_limited), pulse.delay_s, *pulse.resistance_ohm),
-        ]
-        for pulse in pulses
+        (escaped(p.record), *what(p), int(p.is_limited), p.delay_s, *p.resistance_ohm)
+        for p in pulses
     ]
     return csv_text(head, rows).encode()
 
@@ -180,23 +164,24 @@ def tables_csv(result: "Result") -> bytes:
         raise ValueError("there are no tables over SOC in this result")
     if part.over_temperature is None:
         return fit_csv(part.fit)
-    rows = ([degc, *row] for degc, fit in part.found.by_degc for row in _table_rows(fit))
+    rows = ([degc, *row] for degc, fit in part.found.by_degc for row in table_rows(fit))
     return csv_text(["temperature [degC]", *TABLE_HEADS], rows).encode()
 
 
 def fit_csv(fit: "TableFit", *more: str) -> bytes:
     """The same of one fit, with the nodes of `more` that only intervals tell of."""
-    rows = [*_table_rows(fit)]
-    rows += [[n.name, n.soc, n.value, n.low, n.high, 1] for n in fit.intervals if n.name in more]
+    rows = [*table_rows(fit)]
+    rows += [(n.name, n.soc, n.value, n.low, n.high, 1) for n in fit.intervals if n.name in more]
     return csv_text(TABLE_HEADS, rows).encode()
 
 
-def _table_rows(fit: "TableFit") -> Iterator[list[object]]:
+def table_rows(fit: "TableFit") -> Iterator[tuple[Any, ...]]:
+    """Every node of every table, and every constant: what stands under `TABLE_HEADS`."""
     known = {(node.name, node.soc): (node.low, node.high) for node in fit.intervals}
     unknown = (None, None)
     visited = fit.tables.visited or (True,) * len(fit.tables.nodes)
     for name, values in fit.tables.tables.items():
         for soc, value, is_visited in zip(fit.tables.nodes, values, visited, strict=True):
-            yield [name, soc, value, *known.get((name, soc), unknown), int(is_visited)]
+            yield name, soc, value, *known.get((name, soc), unknown), int(is_visited)
     for name, value in fit.tables.constants.items():
-        yield [name, None, value, *known.get((name, None), unknown), 1]
+        yield name, None, value, *known.get((name, None), unknown), 1

@@ -6,7 +6,7 @@ from typing import TypeVar
 from ..errors import counted as counted
 
 NOTHING = "–"
-Key = TypeVar("Key")
+Key, Item = TypeVar("Key"), TypeVar("Item")
 
 
 def joined(items: Sequence[str], last: str = "and") -> str:
@@ -20,15 +20,15 @@ def joined(items: Sequence[str], last: str = "and") -> str:
     )
 
 
-def gathered(pairs: Iterable[tuple[Key, str]]) -> dict[Key, list[str]]:
-    """Names that have the same key, by the key, in the order that they come.
+def gathered(pairs: Iterable[tuple[Key, Item]]) -> dict[Key, list[Item]]:
+    """Items that have the same key, by the key, in the order that they come.
 
     >>> gathered([(1, "a"), (2, "b"), (1, "c")])
     {1: ['a', 'c'], 2: ['b']}
     """
-    found: dict[Key, list[str]] = {}
-    for key, name in pairs:
-        found.setdefault(key, []).append(name)
+    found: dict[Key, list[Item]] = {}
+    for key, item in pairs:
+        found.setdefault(key, []).append(item)
     return found
 
 

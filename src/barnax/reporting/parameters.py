@@ -109,10 +109,8 @@ def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
     rows: dict[float, dict[str, Any]] = {}
     for name, soc, value, low, high, is_visited in table_rows(fit):
         what, bracket, unit = name.partition(" [")
-        told = {
-            f"{what}{end}{bracket}{unit}": own
-            for end, own in zip(ENDS, (value, low, high), strict=True)
-        }
+        heads = [f"{what}{end}{bracket}{unit}" for end in ("", " low", " high")]
+        told = dict(zip(heads, (value, low, high), strict=True))
         if soc is not None:
             rows.setdefault(soc, {"SOC": soc, "is visited": bool(is_visited)}).update(told)
             continue

@@ -1,6 +1,6 @@
 """The report of a comparison, with its tables."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from ..plots.pictures import Illustration, record_roles
@@ -24,6 +24,7 @@ from .document import (
     circuits_table,
     make_table,
     pairs_table,
+    rows_table,
 )
 from .words import NOTHING, counted, fixed, joined, millivolts_cell, sentence, significant
 
@@ -137,18 +138,17 @@ def refined_tables(result: "ComparisonResult") -> list[Table]:
     if not rows:
         return []
 
-    def gap(name: str) -> float | None:
-        refined_v, optimum_v = rows[name].refined_rmse_v, optima_v[rows[name].model]
+    def gap(row: "RowPart") -> float | None:
+        refined_v, optimum_v = row.refined_rmse_v, result.models[row.model].optimum_rmse_v
         return None if refined_v is None or not optimum_v else refined_v / optimum_v - 1
 
-    optima_v = {name: model.optimum_rmse_v for name, model in result.models.items()}
     table = circuits_table(
         "The same after Levenberg-Marquardt has refined the median seed in the same box, with its "
         "optimality gap.",
         {name: row.refined_parameters or {} for name, row in rows.items()},
         {
             "RMSE [mV]": lambda name: millivolts_cell(rows[name].refined_rmse_v),
-            "gap [%]": lambda name: _percents(gap(name)),
+            "gap [%]": lambda name: _percents(gap(rows[name])),
         },
     )
     return [table]
@@ -157,14 +157,11 @@ def refined_tables(result: "ComparisonResult") -> list[Table]:
 def errors_table(on: OnRecord) -> Table:
     """Errors of every row's own answer on one record (Li et al., 2023, Tables 4 and 5)."""
     what = "validation record" if on.is_validation else "identification record"
-
-    def of_row(cell: Callable) -> Callable[[str], str]:
-        return lambda row: cell(on.errors[row].metrics)
-
-    return make_table(
+    errors = on.errors.items()
+    return rows_table(
         f"Errors on {on.name}, {what}. Bold: the lowest RMSE.",
-        on.errors,
-        {"row": str, **{head: of_row(cell) for head, cell in METRICS.items()}},
+        ["row", *METRICS],
+        ([row, *(cell(own.metrics) for cell in METRICS.values())] for row, own in errors),
         ["row"],
         [(place, 1) for place, row in enumerate(on.errors) if row in on.leaders],
     )
@@ -195,23 +192,22 @@ def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None
 
 def bands_table(on: OnRecord) -> Table:
     """Errors by state of charge on one record, for the bands that hold any sample."""
-    cells: Cells[str] = {"row": str}
-    samples = []
-
-    def of_band(place: int, name: str) -> Callable[[str], str]:
-        return lambda row: millivolts_cell(getattr(on.errors[row].bands[place], name))
-
-    for place, band in enumerate(next(iter(on.errors.values())).bands):
-        if band.samples:
-            head = f"{100 * band.low_soc:g}–{100 * band.high_soc:g} %"
-            samples.append(f"{band.samples} in {head}")
-            cells[f"{head} RMSE [mV]"] = of_band(place, "rmse_v")
-            cells[f"{head} mean [mV]"] = of_band(place, "mean_v")
-    caption = (
+    found = enumerate(next(iter(on.errors.values())).bands)
+    told = {place: band for place, band in found if band.samples}
+    ranges = [f"{100 * band.low_soc:g}–{100 * band.high_soc:g} %" for band in told.values()]
+    samples = [f"{b.samples} in {name}" for b, name in zip(told.values(), ranges, strict=True)]
+    rows = []
+    for row, own in on.errors.items():
+        bands = [own.bands[place] for place in told]
+        errors_v = [error_v for band in bands for error_v in (band.rmse_v, band.mean_v)]
+        rows.append([row, *map(millivolts_cell, errors_v)])
+    return rows_table(
         f"Errors on {on.name} by state of charge: RMSE and mean of measured minus simulated "
-        f"voltage. Samples: {joined(samples)}."
+        f"voltage. Samples: {joined(samples)}.",
+        ["row", *(f"{name} {what} [mV]" for name in ranges for what in ("RMSE", "mean"))],
+        rows,
+        ["row"],
     )
-    return make_table(caption, on.errors, cells, ["row"])
 
 
 def differences_table(result: "ComparisonResult", on: OnRecord) -> Table:

@@ -12,7 +12,7 @@ from ..experiment.information import HALF_95
 from ..experiment.protocol import sampled
 from ..experiment.stored import DRIVE
 from ..files import csv_text
-from .document import Table, make_table
+from .document import Table, rows_table
 from .terminal import bare_table, headed_line, indented, terminal_table
 from .words import NOTHING, counted, duration, joined, millivolt, percent
 
@@ -78,30 +78,27 @@ def _said(name: str, half: float) -> str:
 
 def pieces_table(design: "Design") -> Table:
     """The test piece by piece."""
-    first, taken_ah, items = 1, 0.0, []
+    first, taken_ah, rows = 1, 0.0, []
     for name, steps in design.pieces:
+        last = first + len(steps) - 1
         begins = design.initial_soc - taken_ah / design.capacity_ah
         taken_ah += sum(step.duration_s * step.current_a for step in steps) / 3600
-        items.append(
-            (first, name, steps, begins, design.initial_soc - taken_ah / design.capacity_ah)
+        ends = design.initial_soc - taken_ah / design.capacity_ah
+        currents = (way(step.current_a for step in steps) + 0.0 for way in (min, max))
+        rows.append(
+            [
+                f"{first}" if first == last else f"{first}-{last}",
+                name,
+                duration(sum(step.duration_s for step in steps)),
+                " to ".join(dict.fromkeys(f"{current_a:.3g}" for current_a in currents)),
+                f"{round(100 * begins)} to {round(100 * ends)}",
+            ]
         )
-        first += len(steps)
-
-    def currents(steps: "Sequence[Step]") -> str:
-        low, high = (way(step.current_a for step in steps) + 0.0 for way in (min, max))
-        low, high = f"{low:.3g}", f"{high:.3g}"
-        return low if low == high else f"{low} to {high}"
-
-    return make_table(
+        first = last + 1
+    return rows_table(
         "The test by pieces; every step of them is in steps.csv. Discharge current is positive.",
-        items,
-        {
-            "steps": lambda x: f"{x[0]}" if len(x[2]) == 1 else f"{x[0]}-{x[0] + len(x[2]) - 1}",
-            "piece": lambda x: x[1],
-            "duration": lambda x: duration(sum(step.duration_s for step in x[2])),
-            "current [A]": lambda x: currents(x[2]),
-            "SOC [%]": lambda x: f"{round(100 * x[3])} to {round(100 * x[4])}",
-        },
+        ["steps", "piece", "duration", "current [A]", "SOC [%]"],
+        rows,
         ["steps", "piece", "duration"],
     )
 
@@ -292,13 +289,11 @@ def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> 
             (name, _middle(name, promised), _middle(name, reached), f"{np.median(ratio):.2f}",
              f"{near} of {counted(len(design.of_table(name)), 'node')}")
         )  # fmt: skip
-    heads = ("", "promised", "reached", "ratio", "within 25 %")
-    cells = {head: (lambda row, place=place: row[place]) for place, head in enumerate(heads)}
-    return make_table(
+    return rows_table(
         "Half the 95 % interval that was promised and reached by the standard errors, medians from "
         "10 to 90 % SOC. An interval is wider yet where a short record tells its noise badly.",
+        ("", "promised", "reached", "ratio", "within 25 %"),
         rows,
-        cells,
         [""],
     )
 

@@ -86,18 +86,23 @@ def make_table(
     >>> table.columns[1].unit, table.rows
     ('m2', (('2', '4'), ('3', '9')))
     """
-    return Table(
-        caption,
-        tuple(column_of(head, "text" if head in text else "number") for head in cells),
-        tuple(tuple(cell(item) for cell in cells.values()) for item in items),
-        frozenset(best),
-    )
+    rows = ([cell(item) for cell in cells.values()] for item in items)
+    return rows_table(caption, cells, rows, text, best)
 
 
-def column_of(head: str, role: Role = "number") -> Column:
-    """A column by its name and, in brackets, its unit."""
-    name, _, unit = head.partition(" [")
-    return Column(name, unit.removesuffix("]"), role)
+def rows_table(
+    caption: str,
+    heads: Iterable[str],
+    rows: Iterable[Iterable[str]],
+    text: Collection[str] = (),
+    best: Iterable[tuple[int, int]] = (),
+) -> Table:
+    """The same of rows whose cells are words already."""
+    columns = []
+    for head in heads:
+        name, _, unit = head.partition(" [")
+        columns.append(Column(name, unit.removesuffix("]"), "text" if head in text else "number"))
+    return Table(caption, tuple(columns), tuple(map(tuple, rows)), frozenset(best))
 
 
 METRICS: "Cells[MetricsPart]" = {
@@ -125,13 +130,12 @@ def circuits_table(
     from ..plots.parameters import readable
 
     values = {name: readable(parameters) for name, parameters in circuits.items()}
-
-    def of_circuit(head: str) -> Callable[[str], str]:
-        return lambda name: figures(values[name].get(head), 4)
-
     heads = sorted(dict.fromkeys(chain.from_iterable(values.values())), key=_order)
-    cells = {first: str, **{head: of_circuit(head) for head in heads}, **further}
-    return make_table(caption, circuits, cells, [first])
+    rows = (
+        [name, *(figures(own.get(head), 4) for head in heads), *(f(name) for f in further.values())]
+        for name, own in values.items()
+    )
+    return rows_table(caption, [first, *heads, *further], rows, [first])
 
 
 def _order(head: str) -> tuple[str, int]:
@@ -145,7 +149,7 @@ def _order(head: str) -> tuple[str, int]:
 
 def pairs_table(caption: str, name: str, value: str, pairs: Mapping[str, str]) -> Table:
     """Names and what is said of each, both in words."""
-    return make_table(caption, pairs, {name: str, value: lambda item: pairs[item]}, [name, value])
+    return rows_table(caption, [name, value], pairs.items(), [name, value])
 
 
 @dataclass(frozen=True)

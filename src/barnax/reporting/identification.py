@@ -27,6 +27,7 @@ from .document import (
     Table,
     circuits_table,
     make_table,
+    rows_table,
 )
 from .pulses import pulses_section
 from .sentences import (
@@ -215,30 +216,25 @@ def _search_blocks(result: "Result") -> list[Bullets | Table]:
 
 def seeds_table(result: "Result", search: "SearchPart") -> Table:
     """What the seeds found before refinement."""
-    seeds, own_v = search.seeds, result.constant.metrics.identification.rmse_v
+    seeds, rows = search.seeds, []
     found = [readable(seed.parameters.to_dict()) for seed in seeds]
-    values = {
-        name: (value, [readables[name] for readables in found])
-        for name, value in readable(result.constant.parameters.to_dict()).items()
-    }
-    values["RMSE [mV]"] = (1e3 * own_v, [1e3 * seed.rmse_v for seed in seeds])
-
-    def shown(name: str, value: float) -> str:
-        return fixed(value, 4) if name == "RMSE [mV]" else significant(value)
-
-    return make_table(
+    for name, value in readable(result.constant.parameters.to_dict()).items():
+        values = [own[name] for own in found]
+        rows.append([name, *map(significant, _beside(value, values))])
+    own_v = result.constant.metrics.identification.rmse_v
+    errors_v = _beside(own_v, [seed.rmse_v for seed in seeds])
+    rows.append(["RMSE [mV]", *(fixed(1e3 * error_v, 4) for error_v in errors_v)])
+    return rows_table(
         f"The answer beside what {counted(len(seeds), 'seed')} of {search.method} "
         "found before refinement.",
-        values,
-        {
-            "parameter": str,
-            "answer": lambda name: shown(name, values[name][0]),
-            "median": lambda name: shown(name, float(np.median(values[name][1]))),
-            "lowest": lambda name: shown(name, min(values[name][1])),
-            "highest": lambda name: shown(name, max(values[name][1])),
-        },
+        ["parameter", "answer", "median", "lowest", "highest"],
+        rows,
         ["parameter"],
     )
+
+
+def _beside(answer: float, values: Sequence[float]) -> tuple[float, float, float, float]:
+    return answer, float(np.median(values)), min(values), max(values)
 
 
 def errors_table(result: "Result") -> Table:
@@ -321,20 +317,22 @@ def _bands_table(found: "AssessmentPart", whose: str) -> Table:
     kinds: dict[BandQuantity, tuple[Band, ...]] = {"SOC": by.by_soc, "current": by.by_current}
     if by.by_temperature is not None:
         kinds["temperature"] = by.by_temperature
-    bands: list[tuple[BandQuantity, Band]] = [
-        (kind, band) for kind, of_kind in kinds.items() for band in of_kind
+    rows = [
+        [
+            kind,
+            band_label(kind, band),
+            str(band.samples),
+            millivolt(band.rmse_v),
+            millivolt(band.mean_v),
+            percent(band.share),
+        ]
+        for kind, bands in kinds.items()
+        for band in bands
     ]
-    return make_table(
+    return rows_table(
         f"Errors{whose} by {joined(list(kinds))}; the mean is measured minus simulated.",
-        bands,
-        {
-            "by": lambda banded: banded[0],
-            "band": lambda banded: band_label(*banded),
-            "samples": lambda banded: str(banded[1].samples),
-            "RMSE": lambda banded: millivolt(banded[1].rmse_v),
-            "mean": lambda banded: millivolt(banded[1].mean_v),
-            "share of the squared error": lambda banded: percent(banded[1].share),
-        },
+        ["by", "band", "samples", "RMSE", "mean", "share of the squared error"],
+        rows,
         ["by", "band"],
     )
 

@@ -9,7 +9,17 @@ import numpy as np
 import polars as pl
 
 from ..life import QUANTITIES, SHIFT
-from .document import Block, Bullets, Document, Paragraph, Section, Table, make_table, picture
+from .document import (
+    Block,
+    Bullets,
+    Document,
+    Paragraph,
+    Section,
+    Table,
+    make_table,
+    picture,
+    rows_table,
+)
 from .words import NOTHING, counted, figures, percent, symbol
 
 if TYPE_CHECKING:
@@ -207,28 +217,28 @@ def _method(life: "Life") -> list[str]:
 
 
 def _fleet_table(life: "Life") -> Table:
-    cells = {
-        "cell": str,
-        "eq. full cycles": lambda cell: f"{life.cycles[cell]:.4g}",
-        **{_head(quantity): _last(life, quantity) for quantity in QUANTITIES},
-    }
-    return make_table(
+    rows = (
+        [
+            cell,
+            f"{life.cycles[cell]:.4g}",
+            *(_last(life, quantity, cell) for quantity in QUANTITIES),
+        ]
+        for cell in life.cells[:MAX_TOLD]
+    )
+    return rows_table(
         "The trend at the last record that tells it, and half its interval.",
-        life.cells[:MAX_TOLD],
-        cells,
+        ["cell", "eq. full cycles", *map(_head, QUANTITIES)],
+        rows,
         ["cell"],
     )
 
 
-def _last(life: "Life", quantity: str):
-    def of_cell(cell: str) -> str:
-        (trend,) = life.of(quantity, cell)
-        if not trend.estimates:
-            return NOTHING
-        value, low, high = _scale(quantity) * trend.smooth[np.isfinite(trend.smooth[:, 0])][-1]
-        return f"{figures(value, 4)} ± {figures((high - low) / 2, 2)}"
-
-    return of_cell
+def _last(life: "Life", quantity: str, cell: str) -> str:
+    (trend,) = life.of(quantity, cell)
+    if not trend.estimates:
+        return NOTHING
+    value, low, high = _scale(quantity) * trend.smooth[np.isfinite(trend.smooth[:, 0])][-1]
+    return f"{figures(value, 4)} ± {figures((high - low) / 2, 2)}"
 
 
 def _fault_table(life: "Life") -> Table:
@@ -249,19 +259,15 @@ def _trend_table(life: "Life", trend: "Trend") -> Table:
     def number(value: float) -> str:
         return NOTHING if np.isnan(value) else figures(scale * float(value), 4)
 
-    rows = zip(trend.age, trend.measured, trend.smooth, strict=True)
-    return make_table(
+    rows = (
+        [f"{age:.4g}", *map(number, (*measured, *smooth))]
+        for age, measured, smooth in zip(trend.age, trend.measured, trend.smooth, strict=True)
+    )
+    return rows_table(
         f"{quantity_name(trend.quantity)}, with 95 % intervals.",
+        [f"age [{life.unit}]", _head(trend.quantity), "low", "high"]
+        + ["trend", "trend low", "trend high"],
         rows,
-        {
-            f"age [{life.unit}]": lambda row: f"{row[0]:.4g}",
-            _head(trend.quantity): lambda row: number(row[1][0]),
-            "low": lambda row: number(row[1][1]),
-            "high": lambda row: number(row[1][2]),
-            "trend": lambda row: number(row[2][0]),
-            "trend low": lambda row: number(row[2][1]),
-            "trend high": lambda row: number(row[2][2]),
-        },
     )
 
 

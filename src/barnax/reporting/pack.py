@@ -1,10 +1,10 @@
 """A pack in words and tables: its cells, the odd ones and the weakest."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..files import csv_text
 from ..pack import FEWEST
-from .document import Cells, Document, Paragraph, Section, Table, make_table
+from .document import Document, Paragraph, Section, Table, rows_table
 from .words import NOTHING, counted, figures, fixed, joined, millivolt
 
 if TYPE_CHECKING:
@@ -61,21 +61,17 @@ def _table(pack: "Pack") -> Table:
     if len(rows) > MOST_SHOWN:
         rows = [row for row in rows if row["odd"] or row["weakest"]]
         caption = f"Those that stand out of {len(pack.fit.cells)} cells; cells.csv has all."
-    cells: Cells[dict[str, Any]] = {"cell": lambda row: row["cell"]}
-    for name, (head, scale) in SCALES.items():
-
-        def shown(row: dict[str, Any], name: str = name, scale: float = scale) -> str:
-            if row[name] is None:
-                return NOTHING
-            low, high = (fixed(scale * row[f"{name} {end}"], 2) for end in ("low", "high"))
-            return f"{fixed(scale * row[name], 2)} ({low} to {high})"
-
-        cells[head] = shown
-    cells["RMSE [mV]"] = lambda row: figures(1e3 * row["RMSE [V]"])
-    cells["stands out"] = lambda row: "; ".join(
-        filter(None, [row["odd"].replace(" [Ohm]", ""), "weakest" if row["weakest"] else ""])
-    )
-    return make_table(caption, rows, cells, ["cell", "stands out"])
+    heads = ["cell", *(head for head, _ in SCALES.values()), "RMSE [mV]", "stands out"]
+    told = []
+    for row in rows:
+        line = [row["cell"]]
+        for name, (_, scale) in SCALES.items():
+            known = (row[name], row[f"{name} low"], row[f"{name} high"])
+            value, low, high = (fixed(None if own is None else scale * own, 2) for own in known)
+            line.append(NOTHING if row[name] is None else f"{value} ({low} to {high})")
+        out = (row["odd"].replace(" [Ohm]", ""), "weakest" if row["weakest"] else "")
+        told.append([*line, figures(1e3 * row["RMSE [V]"]), "; ".join(filter(None, out))])
+    return rows_table(caption, heads, told, ["cell", "stands out"])
 
 
 def cells_csv(pack: "Pack") -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from ..cell.parameters import OCV_CORRECTION
 from ..errors import InputError
 from ..results import Result
-from .document import Bullets, Cells, Document, Section, Table, make_table
+from .document import Bullets, Document, Section, Table, rows_table
 from .pulses import table_rows
 from .render import to_fragment
 from .words import (
@@ -254,19 +254,19 @@ def _results_table(called: tuple[str, ...], results: list[Result], have_tables: 
         known = dict.fromkeys(degrees(at) for _, at in result.measured_at if at is not None)
         return joined(list(known)) or NOTHING
 
-    def validation(result: Result) -> str:
-        return joined([millivolt(part.rmse_v) for part in result.metrics.validation]) or NOTHING
-
-    cells: Cells[tuple[str, Result]] = {
-        "result": lambda row: row[0],
-        "circuit": lambda row: row[1].model,
-        "temperature": lambda row: temperature(row[1]),
-        "capacity [Ah]": lambda row: f"{row[1].cell_at().capacity_ah:.4g}",
-        "RMSE": lambda row: millivolt(row[1].metrics.identification.rmse_v),
-        "validation": lambda row: validation(row[1]),
-    }
+    rows = (
+        [
+            name,
+            result.model,
+            temperature(result),
+            f"{result.cell_at().capacity_ah:.4g}",
+            millivolt(result.metrics.identification.rmse_v),
+            joined([millivolt(part.rmse_v) for part in result.metrics.validation]) or NOTHING,
+        ]
+        for name, result in zip(called, own, strict=True)
+    )
     text = ["result", "circuit", "temperature", "validation"]
-    return make_table("", zip(called, own, strict=True), cells, text)
+    return rows_table("", [*text[:3], "capacity [Ah]", "RMSE", *text[3:]], rows, text)
 
 
 def _parameters_table(known: Mapping[str, Mapping[Key, Known]]) -> Table:
@@ -279,19 +279,19 @@ def _parameters_table(known: Mapping[str, Mapping[Key, Known]]) -> Table:
         ratio = own[key].value / first[key].value
         return f"{100 * (ratio - 1):+.3g} %, {first[key].change_words(own[key])}"
 
-    cells: Cells[Key] = {
-        "parameter": lambda key: symbol(key[0]),
-        "SOC": lambda key: NOTHING if key[1] is None else percent(key[1]),
-    }
-    for name, own in known.items():
-        cells[name] = lambda key, own=own: own[key].words if key in own else NOTHING
-        if own is not first:
-            head = f"change to {name}" if len(others) > 1 else "change"
-            cells[head] = lambda key, own=own: change(key, own)
+    heads = ["parameter", "SOC", *known]
+    for place, (name, _) in enumerate(others):
+        heads.insert(4 + 2 * place, f"change to {name}" if len(others) > 1 else "change")
+    rows = []
+    for key in dict.fromkeys(key for own in known.values() for key in own):
+        row = [symbol(key[0]), NOTHING if key[1] is None else percent(key[1])]
+        for own in known.values():
+            row += [own[key].words if key in own else NOTHING]
+            row += [] if own is first else [change(key, own)]
+        rows.append(row)
     caption = (
         "Values with their 95 % intervals. Beyond: the intervals do not overlap. Within: they do, "
         "and the results do not tell a difference. Too wide to tell: they do, and one spans more "
         "than a factor of two."
     )
-    keys = dict.fromkeys(key for own in known.values() for key in own)
-    return make_table(caption, keys, cells, list(cells))
+    return rows_table(caption, heads, rows, heads)

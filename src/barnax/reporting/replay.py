@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 from .decisions import warnings_section
-from .document import Bullets, Column, Document, Pictures, Section, Table
+from .document import Bullets, Document, Pictures, Section, Table, rows_table
 from .words import NOTHING, duration, joined
 
 if TYPE_CHECKING:
@@ -52,12 +52,13 @@ def facts_of(replay: "SocReplay") -> tuple[str, str]:
 
 def replay_table(replay: "SocReplay") -> Table:
     """The filter's errors in every scenario, beside those of plain counting."""
-    return Table(
+    return rows_table(
         "Errors of the filter's SOC in percent, after it has come within 3 %, the mean half width "
         "of its 95 % band, and how often that holds; on the right the RMS error of plain counting "
         "over the same samples.",
-        tuple(Column(head, role="number" if place else "text") for place, head in enumerate(HEADS)),
-        tuple(map(_scenario_row, replay.scenarios)),
+        HEADS,
+        map(_scenario_row, replay.scenarios),
+        HEADS[:1],
     )
 
 

@@ -18,7 +18,7 @@ from .candidates import (
     unseen_errors,
 )
 from .dependence import dependence_sentences, numbers_of
-from .document import Bullets, Cells, Pictures, Section, Table, make_table
+from .document import Bullets, Cells, Pictures, Section, Table, make_table, rows_table
 from .sentences import better_than
 from .temperatures import expectation
 from .words import (
@@ -159,35 +159,35 @@ def best_tables(fit: "TableFit", model: str) -> str:
 
 def nodes_table(fit: "TableFit", where: str = "") -> Table:
     """Every table at every node that samples visit, with its interval."""
-    cells: Cells[int] = {"SOC [%]": lambda place: f"{100 * fit.tables.nodes[place]:g}"}
     are_several = any(node.record_low is not None for node in fit.intervals)
     intervals = [node for node in fit.intervals if node.soc is not None]
     if are_several:
         intervals = [
             replace(node, low=node.record_low, high=node.record_high) for node in intervals
         ]
-    for name, values in fit.tables.tables.items():
-        known = {node.soc: node for node in intervals if node.name == name}
-
-        def value(place: int, values: tuple = values, known: dict = known) -> str:
-            return figures(1e3 * values[place]) + _edge(known.get(fit.tables.nodes[place]))
-
-        def interval(place: int, known: dict = known) -> str:
-            return _interval(known.get(fit.tables.nodes[place]), fit, scale=1e3)
-
-        cells[f"{_name(name)} [{'mOhm' if 'Ohm' in name else 'mV'}]"] = value
-        cells[f"{_name(name)}, 95 %"] = interval
+    known = {(node.name, node.soc): node for node in intervals}
+    heads = ["SOC [%]"]
+    for name in fit.tables.tables:
+        heads += [f"{_name(name)} [{'mOhm' if 'Ohm' in name else 'mV'}]", f"{_name(name)}, 95 %"]
+    rows = []
+    for place in _visited(fit):
+        soc = fit.tables.nodes[place]
+        row = [f"{100 * soc:g}"]
+        for name, values in fit.tables.tables.items():
+            node = known.get((name, soc))
+            row += [figures(1e3 * values[place]) + _edge(node), _interval(node, fit, scale=1e3)]
+        rows.append(row)
     mark = " 95 %: what another record of the cell would show." if are_several else ""
     if any(map(_edge, intervals)):
         mark += (
             f" {EDGE}: the value is at one end of its interval: smoothing over SOC moved it. The "
             "interval is that of a fit with a hundredth of the smoothing, extended to the value."
         )
-    return make_table(
+    return rows_table(
         f"The tables{where} at the nodes near samples; linear between nodes, constant beyond them."
         f"{mark}",
-        _visited(fit),
-        cells,
+        heads,
+        rows,
     )
 
 

@@ -1,4 +1,4 @@
-"""What tests show of a cell: open-circuit and hysteresis voltage, pulses and their resistances."""
+"""Tests of a cell: open-circuit and hysteresis voltage, pulses and their resistances."""
 
 import itertools
 from collections.abc import Sequence

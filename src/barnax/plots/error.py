@@ -136,7 +136,7 @@ def scored_limits(scored_mv: Samples) -> tuple[float, float]:
 
 
 def outside_note(scored_mv: Samples, low: float, high: float) -> str:
-    """How many scored samples lie outside the limits, and how far; nothing where none does.
+    """The number of scored samples outside the limits, and how far; empty where there are none.
 
     >>> outside_note(np.array([1.0, 2.0, -60.0]), -5.0, 5.0)
     'outside: 1 of 3 scored samples, up to −60 mV'
@@ -286,7 +286,7 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
 
 
 def _beyond(replay: "SocReplay", widest: float) -> str:
-    """What leaves the scale of the errors, and how far; nothing where nothing does."""
+    """The lines that leave the scale of the errors, and how far; empty where none does."""
     traces, far = replay.traces, []
     for way, soc in (("filter", traces.estimate.soc), ("counting", traces.counted)):
         # Before a scenario starts there is nothing.

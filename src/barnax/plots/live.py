@@ -1,4 +1,4 @@
-"""What the page's script draws interactive figures from: plain numbers, ready for JSON."""
+"""The numbers of interactive figures, ready for JSON, as the page's script takes them."""
 
 import base64
 from collections.abc import Mapping, Sequence

@@ -107,7 +107,7 @@ def plot_compared_parameters(comparison: "ComparisonResult | str | Path") -> Fig
 
 
 def _quantities(rows: "Sequence[RowPart]") -> list[str]:
-    """What has a panel: the RMSE, resistances, time constants, the rate of a hysteresis."""
+    """The quantities with a panel: RMSE, resistances, time constants, the rate of a hysteresis."""
     found = dict.fromkeys(name for row in rows for name in readable(row.seeds[0].parameters))
     kinds = ("R", "tau", "gamma")
     return [RMSE, *(name for kind in kinds for name in found if name.startswith(kind))]

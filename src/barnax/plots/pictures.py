@@ -120,14 +120,14 @@ def illustration(
 def illustrate(
     name: str, subject: str, draw: Callable[Given, Figure], *given: Given.args, **more: Given.kwargs
 ) -> Illustration:
-    """What a registered function draws of something, with its words."""
+    """The figure that a registered function draws of a subject, with its words."""
     words = _WORDS[draw]
     caption = words["caption"].format(subject)
     return Illustration(name, partial(draw, *given, **more), **words | {"caption": caption})
 
 
 def record_roles(identified: int, validated: int) -> list[str]:
-    """What the files of each record are called: those identified on, then those for validation.
+    """Names of each record's files: those identified on, then those for validation.
 
     >>> record_roles(1, 2)
     ['identification', 'validation-1', 'validation-2']

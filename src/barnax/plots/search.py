@@ -1,6 +1,7 @@
-"""How every seed's best error, or loss, fell, and the landscape that was searched.
+"""The fall of every seed's best error, or loss, and the landscape that was searched.
 
-The error over both time constants: has the problem one basin, and who ended where in it?
+The landscape is the error over both time constants: it shows how many basins there are, and who
+ended where.
 """
 
 from collections.abc import Mapping, Sequence
@@ -243,7 +244,7 @@ def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Fi
 
 
 def _convergence(row: "RowPart", population: int) -> tuple[np.ndarray, np.ndarray]:
-    """What a seed had spent, and the best RMSE of every seed by then.
+    """The evaluations that a seed had spent, and the best RMSE of every seed by then.
 
     One column, of the median RMSE at the median cost, for a row without a history.
     """
@@ -369,7 +370,7 @@ def plot_landscape(
 
 
 def has_landscape(landscape: "Landscape") -> bool:
-    """Whether there are two time constants to draw it over."""
+    """True if there are two time constants to draw it over."""
     return [len(tau_s) > 1 for tau_s in landscape.tau_s] == [True, True]
 
 

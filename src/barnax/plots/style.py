@@ -1,4 +1,4 @@
-"""How every figure looks: sizes, colors, axes, lines, and the rows of a comparison."""
+"""The looks of every figure: sizes, colors, axes, lines, and the rows of a comparison."""
 
 import io
 import math
@@ -87,7 +87,7 @@ FURTHER_FONTS: Final = (
 
 @dataclass(frozen=True)
 class Layout:
-    """How wide figures are, how high and how large their letters beside those of a page."""
+    """The width of figures, and their height and letters relative to those of a page."""
 
     width_in: float
     height: float = 1.0
@@ -118,7 +118,7 @@ def column_width() -> Iterator[None]:
 
 
 def is_column() -> bool:
-    """Whether figures are drawn for a column, where panels stand one below the other."""
+    """True if figures are drawn for a column, where panels stand one below the other."""
     return _layout.get() is COLUMN
 
 
@@ -145,7 +145,7 @@ def _scaled(style: dict[Any, Any]) -> dict[Any, Any]:
 
 
 def opened(source: Stored | str | Path, kind: type[Stored]) -> Stored:
-    """What a figure is drawn from: a stored document itself, or that of a file."""
+    """A stored document: the one given, or that of a file."""
     return source if isinstance(source, kind) else kind.from_json(cast("str | Path", source))
 
 
@@ -181,7 +181,7 @@ def make_panels(
 
 
 def name_below(panels: Sequence[Axes], across: int, text: str) -> None:
-    """What the lowest panel of each column is drawn over."""
+    """Label the x axis of the lowest panel of each column."""
     for axes in panels[-across:]:
         axes.set_xlabel(text)
         axes.tick_params(labelbottom=True)

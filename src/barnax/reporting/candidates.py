@@ -75,8 +75,8 @@ def pay_sentence(
     tables: str,
     held_out: str = "held-out blocks",
 ) -> str:
-    """Whether tables pay beside the best constant circuit, both named; empty where nothing was
-    held out and no other record is there.
+    """A verdict on tables beside the best constant circuit, both named; empty where nothing was
+    held out and there is no other record.
 
     `unseen` are the errors on the validation records, which decide where there are any; else
     `held`, those on what was held out of the fit, do: `held_out` says what that is.
@@ -102,7 +102,7 @@ def pay_sentence(
 
 
 def tables_pay(unseen: "Both | None", held: "Both | None") -> bool:
-    """Whether tables are better where they were not fitted, as `pay_sentence` says it."""
+    """True if tables are better where they were not fitted, as `pay_sentence` says it."""
     if unseen is None:
         return held is not None and held[1].is_worth(held[0])
     constant, tables = unseen
@@ -129,7 +129,7 @@ def held_out_errors(result: "Result") -> "Both | None":
 
 
 def held_out_words(fit: "TableFit") -> str:
-    """What was held out of a fit."""
+    """A name for the samples that were held out of a fit."""
     held = fit.cross_validation
     return "records left out in turn" if held and held.by_record else "held-out blocks"
 
@@ -179,7 +179,7 @@ def errors_words(errors: "SocErrors | None") -> str:
 
 
 def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str]:
-    """What an OCV test is worth: what the records' own OCV gives in place of it."""
+    """The worth of an OCV test: errors with the records' own OCV in its place."""
     fit = None if result.tables is None else result.tables.fit
     tests = {part.sha256 for part in result.of_role("ocv")}
     # That of a pulse test is the records' own already.

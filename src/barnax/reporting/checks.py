@@ -1,4 +1,4 @@
-"""What the checks found in a file, as a document."""
+"""Findings of the checks of a file, as a document."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ SEVERITIES = ("error", "warning", "note")
 
 
 def check_document(found: "FileCheck") -> Document:
-    """What the file is, what was found in it, and what it can serve as."""
+    """The file's contents, the findings, and the roles that it can serve in."""
     blocks: list[Paragraph | Table] = []
     if found.facts is not None:
         facts = found.facts
@@ -43,7 +43,7 @@ def finding_line(file: str, finding: "Notice") -> str:
 
 
 def count_sentence(found: Sequence["FileCheck"], unreadable: int) -> str:
-    """How much was found in all files."""
+    """Counts of the findings in all files."""
     refused = f"{counted(unreadable, 'file')} could not be read" if unreadable else ""
     if not found:
         return f"{refused}, so nothing was checked."

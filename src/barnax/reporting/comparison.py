@@ -112,7 +112,7 @@ def _results(
 
 
 def budget_sentence(result: "ComparisonResult") -> str:
-    """What every method could spend, and what a row is."""
+    """The budget of every method, and the meaning of a row."""
     budget = result.budget
     return (
         f"The budget of every method was {budget.evaluations} evaluations per seed "
@@ -168,7 +168,7 @@ def errors_table(on: OnRecord) -> Table:
 
 
 def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None = None) -> Table:
-    """What every row's search gave and cost on the identification record."""
+    """The errors and cost of every row's search on the identification record."""
     own = on_records(result)[0]
     time: Cells[RowPart] = {"time [s]": lambda row: fixed((seconds or {}).get(row.name), 2)}
     cells: Cells[RowPart] = {

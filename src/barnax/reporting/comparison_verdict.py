@@ -22,7 +22,7 @@ Change = Literal["better", "worse", "same"]
 
 @dataclass(frozen=True)
 class OnRecord:
-    """What a comparison found on one record: the errors of each row, and how the rows differ."""
+    """Findings of a comparison on one record: the errors of each row, and their differences."""
 
     name: str
     is_validation: bool
@@ -44,7 +44,7 @@ class OnRecord:
         return [row for row in self.ranked if self.rmse_v(row) <= max_v]
 
     def between(self, first: str, second: str) -> "Difference | None":
-        """How two rows differ, in either order, or None where that was not compared."""
+        """The difference of two rows, in either order; None where they were not compared."""
         pair = {first, second}
         found = (
             difference
@@ -60,7 +60,7 @@ def answered(result: "ComparisonResult") -> "list[RowPart]":
 
 
 def on_records(result: "ComparisonResult") -> list[OnRecord]:
-    """What was found on the identification record, then on those for validation."""
+    """The findings on the identification record, then on those for validation."""
     errors = {
         row.name: [
             errors_part
@@ -83,7 +83,7 @@ def on_records(result: "ComparisonResult") -> list[OnRecord]:
 
 
 def verdict_sentences(result: "ComparisonResult") -> Iterator[str]:
-    """Who leads, whether a model pays, what is the best possible, and what to beware of."""
+    """The leader, the gain of each model, the global optima, and cautions."""
     yield from ranking_sentences(result)
     yield from model_sentences(result)
     yield from optimum_sentences(result)
@@ -160,7 +160,7 @@ def _best_of_both(on: OnRecord, plain: str, rich: str) -> str | None:
 
 
 def _effect(on: OnRecord, plain: str, rich: str, error: str) -> tuple[Change, str]:
-    """What a model changes against another; "same" too where chance alone explains it."""
+    """The effect of one model instead of another; "same" too where chance alone explains it."""
     plain_v, rich_v = on.rmse_v(plain), on.rmse_v(rich)
     if rich_v == plain_v:
         return "same", f"does not change {error}"
@@ -174,7 +174,7 @@ def _effect(on: OnRecord, plain: str, rich: str, error: str) -> tuple[Change, st
 
 
 def conclusion(identified: Change, validated: Sequence[Change]) -> str:
-    """What the changes on the identification record and on the others come to."""
+    """One conclusion from the changes on the identification record and on the others."""
     kinds = set(validated)
     if not kinds:
         return {
@@ -214,7 +214,7 @@ def optimum_sentences(result: "ComparisonResult") -> Iterator[str]:
 
 
 def bound_sentences(result: "ComparisonResult") -> Iterator[str]:
-    """Which parameters the box decided, and in which rows."""
+    """The parameters that ended at a bound, with their rows."""
     rows = answered(result)
     at_bound = ((bound_words(b.name, b.side), row.name) for row in rows for b in row.at_bound)
     for place, names in gathered(at_bound).items():

@@ -1,4 +1,4 @@
-"""What was measured, what was decided about it with the reasons, and how to repeat it."""
+"""The files that were read, the decisions about them with their reasons, and the command."""
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
@@ -63,7 +63,7 @@ def plan_blocks(stored: "Result") -> tuple[Table, ...]:
 
 
 def decision_sentences(stored: "Stored") -> Iterator[str]:
-    """What was decided before the search."""
+    """The decisions made before the search."""
     cell = stored.cell_model
     inputs = stored.inputs
     for sign, names in gathered((part.sign, part.name) for part in inputs if part.sign).items():
@@ -139,7 +139,7 @@ def _other_r0(stored: "Result") -> tuple[float, float] | None:
 
 
 def _would_be(own_ohm: float, change_ohm: float) -> str:
-    """What another hold changes: R0, which jumps with the current."""
+    """The change that another hold makes to R0, which jumps with the current."""
     if abs(change_ohm) < SAME_OHM * own_ohm:
         return "R0 would be the same"
     more = "more" if change_ohm > 0 else "less"
@@ -147,7 +147,7 @@ def _would_be(own_ohm: float, change_ohm: float) -> str:
 
 
 def ocv_sentences(cell: CellModel) -> Iterator[str]:
-    """How the open-circuit voltage and the hysteresis voltage were made, and how well they fit."""
+    """The curves of open-circuit and hysteresis voltage, and their errors."""
     curve = cell.discharge
     kind = (
         f"a polynomial of degree {len(curve.coefficients) - 1}"
@@ -190,7 +190,7 @@ def ocv_sentences(cell: CellModel) -> Iterator[str]:
 
 
 def window_sentences(window: "Window", names: Sequence[str]) -> Iterator[str]:
-    """Where the simulation of some records starts and which of their samples count."""
+    """The window of some records: where their simulation starts and which samples count."""
     where = joined(names)
     start = "the first sample"
     if window.start_time_s is not None:

@@ -1,4 +1,4 @@
-"""What resistances follow beside the state of charge, in sentences."""
+"""Dependences of resistances on more than the state of charge, in sentences."""
 
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ NEXT_TO_NOTHING = 0.01
 
 
 def dependence_sentences(part: "TablesPart") -> Iterator[str]:
-    """What the resistances of tables follow, with intervals; nothing where that is SOC alone."""
+    """The dependences of tables' resistances, with intervals; nothing where that is SOC alone."""
     for degc, fit in part.found.by_degc:
         yield from _sentences(fit, "" if degc is None else f"at {degrees(degc)}, ")
 

@@ -32,7 +32,7 @@ LONGEST_LINE = 8
 
 
 def design_screen(design: "Design") -> Iterator[RenderableType]:
-    """What the test costs, what it is predicted to tell, its pieces, and what to do before it."""
+    """The test's hours and predicted intervals, its pieces, and the steps to take before it."""
     yield Text()
     yield indented(_widths_table(design))
     yield Text()
@@ -245,7 +245,7 @@ def procedure(design: "Design") -> str:
 
 
 def _repeats(steps: "Sequence[Step]", count: int) -> bool:
-    """Whether steps are the first `count` again and again."""
+    """True if the first `count` steps are repeated to the end."""
     return len(steps) % count == 0 and all(
         step == steps[place % count] for place, step in enumerate(steps)
     )
@@ -258,7 +258,7 @@ def _line(step: "Step") -> str:
 
 
 def promised_lines(design: "Design", result: "Result") -> Iterator[RenderableType]:
-    """What a design promised beside what an identification reached."""
+    """The promises of a design beside what an identification reached."""
     if result.tables is None:
         yield headed_line(
             "Promised", "the answer has no tables over SOC to compare; give `over` soc"
@@ -270,7 +270,7 @@ def promised_lines(design: "Design", result: "Result") -> Iterator[RenderableTyp
 
 
 def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> Table:
-    """What a design promised of its intervals, beside what the record's identification reached."""
+    """The intervals that a design promised, beside those that the identification reached."""
     rows = []
     for name in [wanted for wanted in design.wanted if wanted != DRIVE]:
         pairs = [

@@ -1,4 +1,4 @@
-"""What a report says, before it is HTML or Markdown, and the tables that several reports have."""
+"""A report before it is HTML or Markdown, and the tables that several reports have."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Role = Literal["text", "number"]
 MediaType = Literal["image/png", "image/svg+xml"]
 Item = TypeVar("Item")
-# What stands under each head of a table, from what its row is about.
+# Functions of the cells under each head of a table, from what its row is about.
 Cells = dict[str, Callable[[Item], str]]
 
 
@@ -154,7 +154,7 @@ def pairs_table(caption: str, name: str, value: str, pairs: Mapping[str, str]) -
 
 @dataclass(frozen=True)
 class Live:
-    """What an interactive figure is drawn from, and how to read and use it."""
+    """The numbers of an interactive figure, and how to read and use it."""
 
     data: dict[str, Any]
     caption: str

@@ -1,4 +1,4 @@
-"""The first screen: how good the answer is, what it is, and whether to believe it."""
+"""The first screen: the answer, its errors, and how far to believe it."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -48,9 +48,9 @@ APART = 0.1
 def first_screen(
     result: "Result", with_cli_options: Callable[[str], str] = str
 ) -> Iterator[RenderableType]:
-    """How good the answer is, what it is, whether to believe it, and what was assumed.
+    """The answer's errors and parameters, how far to believe it, and the assumptions behind it.
 
-    `with_cli_options` gives the texts as who reads them names the options.
+    `with_cli_options` turns the options named in texts into those of the reader's interface.
     """
     tables = [_files_table(result), _errors_table(result), _parameters_table(result)]
     if pulses := middle_pulses(result):
@@ -147,7 +147,7 @@ def _errors_table(result: "Result") -> Whole:
 
 
 def is_apart(above_v: float | None, all_v: float) -> bool:
-    """Whether the error above 10 % SOC is worth telling beside that of all samples."""
+    """True if the error above 10 % SOC is worth showing beside that of all samples."""
     return above_v is not None and above_v < (1 - APART) * all_v
 
 

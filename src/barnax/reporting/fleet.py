@@ -71,7 +71,7 @@ def fleet_sentence(summary: "Summary") -> str:
 
 
 def failed_sentence(summary: "Summary") -> str:
-    """Which cells failed, and why; empty where none did."""
+    """The cells that failed and the reason; empty where none did."""
     if not summary.failures:
         return ""
     first, *others = summary.failures
@@ -145,7 +145,7 @@ def _worst(summary: "Summary") -> Table:
 
 
 def problem_lines(cells: "Sequence[FleetCell]") -> list[str]:
-    """What is wrong in a manifest by itself, a line each."""
+    """Mistakes in a manifest, one a line."""
     from ..fleet.rows import reasons_against
 
     return [f"{cell.id}: {as_keys(reason)}" for cell in cells for reason in reasons_against(cell)]
@@ -161,7 +161,7 @@ def progress_remark(state: "Progress", elapsed_s: float) -> str:
 def closing_lines(
     state: "Progress", out: Path, elapsed_s: float, shard: str | None = None
 ) -> list[str]:
-    """What was done, what failed, and where it is."""
+    """The last lines: cells identified and failed, and where the results are."""
     skipped = f"{state.skipped:,} already done" if state.skipped else ""
     where = f"{out}/report.html   cells.parquet"
     rest = ""

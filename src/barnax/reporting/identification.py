@@ -145,7 +145,7 @@ def _cell_and_record(result: "Result") -> str:
 
 
 def verdict_sentences(result: "Result") -> Iterator[str]:
-    """How good the answer is, on the records it was fitted to and on others."""
+    """The answer's errors on the records it was fitted to and on others, and its weak points."""
     own = result.metrics.identification
     yield f"The RMSE of {circuit_words(result)} on {own.record} is {millivolt(own.rmse_v)}."
     yield from validation_sentences(own, result.metrics.validation)
@@ -161,7 +161,7 @@ def verdict_sentences(result: "Result") -> Iterator[str]:
 def validation_sentences(
     own: "MetricsPart", validation: "tuple[MetricsPart, ...]"
 ) -> Iterator[str]:
-    """How the error on records that were not fitted compares with the one that was."""
+    """The errors on validation records, compared with that of the identification."""
     for part in validation:
         beside = ""
         if own.rmse_v:
@@ -203,7 +203,7 @@ def parameters_table(result: "Result") -> Table:
 
 
 def _search_blocks(result: "Result") -> list[Bullets | Table]:
-    """How the answer was looked for, and what the seeds found where there were any."""
+    """The search, and the answers of its seeds where there were any."""
     search, refined = result.constant.search, result.constant.refined
     if search is None or refined is None:
         return [Bullets((*seeds_sentences(result), NO_SEEDS))]
@@ -215,7 +215,7 @@ def _search_blocks(result: "Result") -> list[Bullets | Table]:
 
 
 def seeds_table(result: "Result", search: "SearchPart") -> Table:
-    """What the seeds found before refinement."""
+    """The seeds' answers before refinement."""
     seeds, rows = search.seeds, []
     found = [readable(seed.parameters.to_dict()) for seed in seeds]
     for name, value in readable(result.constant.parameters.to_dict()).items():
@@ -269,7 +269,7 @@ def optima_table(refined: "RefinedPart") -> Table:
 
 
 def _uncertainty_section(result: "Result") -> list[Section]:
-    """What the data determine, and where the errors are, where that was assessed."""
+    """The parameters that the data determine, and the errors by band; none where not assessed."""
     found = result.constant.assessment
     if found is None:
         return []

@@ -33,6 +33,7 @@ WORDS = {
     "knee": "bends away from the fleet",
     "step": "steps",
 }
+TREND_HEADS = ("low", "high", "trend", "trend low", "trend high")
 # Kinds of faults that begin at an age.
 BEGINNING = ("knee", "step")
 UNTOLD = {
@@ -46,7 +47,7 @@ UNTOLD = {
 
 
 def quantity_name(quantity: str) -> str:
-    """As sentences name it."""
+    """A quantity's name in a sentence."""
     return NAMES.get(symbol(quantity), symbol(quantity))
 
 
@@ -100,7 +101,7 @@ def cell_document(life: "Life", cell: str, drawn: Sequence[Any]) -> Document:
 
 
 def fault_sentence(life: "Life", fault: "Fault") -> str:
-    """What was found in a cell."""
+    """One fault of a cell."""
     since = f" from {_age(life, fault.age)} on" if fault.kind in BEGINNING else ""
     return (
         f"{fault.cell}: {quantity_name(fault.quantity)} {WORDS[fault.kind]}{since}, by "
@@ -265,8 +266,7 @@ def _trend_table(life: "Life", trend: "Trend") -> Table:
     )
     return rows_table(
         f"{quantity_name(trend.quantity)}, with 95 % intervals.",
-        [f"age [{life.unit}]", _head(trend.quantity), "low", "high"]
-        + ["trend", "trend low", "trend high"],
+        [f"age [{life.unit}]", _head(trend.quantity), *TREND_HEADS],
         rows,
     )
 

@@ -61,24 +61,24 @@ class Known(NamedTuple):
 
     @property
     def place(self) -> str:
-        """What it is of."""
+        """Its symbol, and its SOC where it has one."""
         return symbol(self.name) + ("" if self.soc is None else f" at {percent(self.soc)} SOC")
 
     def is_beyond(self, other: "Known") -> bool | None:
-        """Whether the intervals have nothing in common; None where one has none."""
+        """True if the intervals do not overlap; None where one of them is missing."""
         if None in (self.low, self.high, other.low, other.high):
             return None
         return self.low > other.high or self.high < other.low  # pyright: ignore[reportOperatorIssue]
 
     @property
     def is_wide(self) -> bool:
-        """Whether its interval would hide a doubling."""
+        """True if its interval could hide a doubling."""
         if self.low is None or self.high is None:
             return False
         return self.low <= 0 or self.high > TOO_WIDE * self.low
 
     def change_words(self, other: "Known") -> str:
-        """What comes of comparing it with another."""
+        """The result of comparing its interval with another's."""
         match self.is_beyond(other):
             case None:
                 return "no interval"
@@ -244,7 +244,7 @@ def _names(results: list[Result]) -> tuple[str, ...]:
 
 
 def _results_table(called: tuple[str, ...], results: list[Result], have_tables: bool) -> Table:
-    """What each is of, and how well it fits."""
+    """The circuit, temperature, capacity and errors of each result."""
     own = results if have_tables else [result.without_tables() for result in results]
 
     def temperature(result: Result) -> str:

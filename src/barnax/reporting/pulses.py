@@ -24,7 +24,7 @@ TABLE_HEADS = ("table", "SOC", "value", "low", "high", "visited")
 
 
 def pulses_section(result: "Result", pictures: Iterable[Picture]) -> list[Section]:
-    """What the pulses of a test show, where one was identified on."""
+    """The pulses of a test; no section without any."""
     if not result.pulses:
         return []
     tables = [_level_table(result, label, level) for label, level in _levels(result)]

@@ -40,7 +40,7 @@ def replay_document(replay: "SocReplay", illustrations: "Iterable[Illustration]"
 
 
 def facts_of(replay: "SocReplay") -> tuple[str, str]:
-    """What was replayed, and by which filter."""
+    """The record that was replayed, and the filter."""
     low, high = replay.soc_range
     tables = " with tables over SOC" if replay.with_tables else ""
     return (

@@ -1,4 +1,4 @@
-"""What was found, in words: each function reads a result's numbers and makes its sentences.
+"""Findings in words: each function reads a result's numbers and makes its sentences.
 
 Options are named as in Python and stand in backticks, `initial_soc=0.9312`; nothing else does.
 """
@@ -42,7 +42,7 @@ BandQuantity = Literal["SOC", "current", "temperature"]
 
 
 def optimum_words(optimum: "GlobalOptimum | GlobalPart") -> str:
-    """How it is known that the circuit is the best one."""
+    """The evidence that the circuit is the best one."""
     elements = optimum.parameters.elements
     kind = f"{NUMBERS[len(elements)]}-RC circuit"
     if alike(elements) < len(elements):
@@ -59,7 +59,7 @@ def optimum_words(optimum: "GlobalOptimum | GlobalPart") -> str:
 
 
 def better_than(proved_gap: float) -> str:
-    """What no circuit is, by the proof."""
+    """The gain that no circuit exceeds, by the proof."""
     gap = f"{ROUNDED_UP.create_decimal(repr(100 * proved_gap)):f} %"
     return f"more than {gap} better" if proved_gap > 0 else "better"
 
@@ -114,7 +114,7 @@ def held_words(held: Held) -> str:
 
 
 def uncertainty_sentence(uncertainty: Uncertainty) -> str:
-    """How far the intervals differ from those for independent residuals."""
+    """The inflation of the intervals over those for independent residuals."""
     inflations = [
         estimate.inflation for estimate in uncertainty.estimates if estimate.inflation is not None
     ]
@@ -129,7 +129,7 @@ def uncertainty_sentence(uncertainty: Uncertainty) -> str:
 
 
 def identifiability_sentences(identifiability: Identifiability) -> tuple[str, ...]:
-    """What the data do not determine."""
+    """A sentence for everything that the data do not determine."""
     found = tuple(finding_sentence(finding) for finding in identifiability.findings)
     return found or ("The data determine every free parameter.",)
 
@@ -209,7 +209,7 @@ def _loose(finding: Undetermined) -> str:
 
 
 def diagnostics_sentences(diagnostics: Diagnostics) -> tuple[str, ...]:
-    """How long residuals are correlated, and where most of the squared error is."""
+    """The correlation time of the residuals, and the bands with most of the squared error."""
     count = f"{max(diagnostics.effective_samples, 1):,.0f}"
     independent = "a single independent one" if count == "1" else f"{count} independent ones"
     sentences = [
@@ -268,7 +268,7 @@ def _notable(quantity: BandQuantity, bands: Sequence[Band]) -> Iterator[str]:
 
 
 def suggestion_sentences(found: Sequence[Suggestion], rmse_v: float) -> tuple[str, ...]:
-    """What would lower the RMSE, the largest gain first; what gains nothing comes last."""
+    """Changes that would lower the RMSE, the largest gain first; those without a gain last."""
     gains = [suggestion for suggestion in found if suggestion.rmse_v < (1 - WORTH_TELLING) * rmse_v]
     others = [_change(suggestion) for suggestion in found if suggestion not in gains]
     sentences = []

@@ -76,7 +76,7 @@ def answer_tables(part: "TablesPart") -> tuple[Table, Table]:
 
 
 def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
-    """What the tables give, how sure that is, and what to beware of."""
+    """The tables' errors, proofs and dependences, and cautions."""
     fit, over = part.fit, part.over_temperature
     own = millivolt(result.metrics.identification.rmse_v)
     constant = millivolt(result.constant.metrics.identification.rmse_v)
@@ -131,7 +131,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
 
 
 def best_of(part: "TablesPart", model: str) -> str:
-    """How close the tables, of all temperatures together, are to the best possible ones."""
+    """The gap between the tables, of all temperatures together, and the best possible ones."""
     over, aim = part.over_temperature, part.settings.proved_share
     if over is None:
         return best_tables(part.fit, model)
@@ -143,7 +143,7 @@ def best_of(part: "TablesPart", model: str) -> str:
 
 
 def best_tables(fit: "TableFit", model: str) -> str:
-    """How close the tables of one temperature are to the best possible ones."""
+    """The gap between the tables of one temperature and the best possible ones."""
     gap = f"no {model} tables in the bounds are over {percent(fit.proved_gap)} better."
     if fit.status == "certified":
         return f"proved: {gap}"
@@ -192,7 +192,7 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
 
 
 def constants_table(fit: "TableFit", where: str = "") -> Table:
-    """What is the same at every SOC: time constants and, if any, gamma."""
+    """The parameters with one value at every SOC: time constants and, if any, gamma."""
     known = {node.name: node for node in fit.intervals if node.soc is None}
     cells: Cells[str] = {
         "parameter": str,
@@ -307,7 +307,7 @@ def _name(name: str) -> str:
 
 
 def left_out_sentences(result: "Result") -> Iterator[str]:
-    """How well the other records predict each one, where several were identified on."""
+    """The error of each record as predicted by the others, where several were identified on."""
     held = result.tables and result.tables.fit.cross_validation
     if not held or not held.by_record:
         return

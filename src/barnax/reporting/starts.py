@@ -1,4 +1,4 @@
-"""Where simulations start: how that is known, what other records made of it, and on which axis."""
+"""The starts of simulations: their sources, their changes by other records, and the SOC axis."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -21,7 +21,7 @@ MAX_NAMES = 2
 
 
 def own_ocv_sentences(stored: "Result") -> Iterator[str]:
-    """What the axis of SOC is where there is no OCV test."""
+    """The axis of SOC where there is no OCV test."""
     cell = stored.cell_model
     if not cell.is_of_records:
         return
@@ -48,7 +48,7 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
 
 
 def offset_sentence(stored: "Result") -> Iterator[str]:
-    """What an offset of the current would do that a single record cannot show."""
+    """The effect of a current offset, which a single record cannot show."""
     effect = stored.tables and stored.tables.fit.of_offset
     if effect:
         yield (
@@ -59,7 +59,7 @@ def offset_sentence(stored: "Result") -> Iterator[str]:
 
 
 def ocv_sentences(stored: "Result") -> Iterator[str]:
-    """Which OCV the records of each temperature have, over temperature."""
+    """The source of the OCV at each temperature."""
     over = stored.tables and stored.tables.over_temperature
     if not over:
         return
@@ -83,7 +83,7 @@ def ocv_sentences(stored: "Result") -> Iterator[str]:
 
 
 def told_source(part: "InputPart") -> str:
-    """Where a record's start was known from before it was registered."""
+    """The source of a record's start before it was registered."""
     registration = part.window and part.window.registration
     if registration:
         return registration.origin.told_source
@@ -91,8 +91,8 @@ def told_source(part: "InputPart") -> str:
 
 
 def registered_sentences(stored: "Result") -> Iterator[str]:
-    """What several records of a cell made of each other's start and capacity, and its OCV test of
-    those of one."""
+    """Starts and capacities that were adjusted: by a cell's records to each other, or by its OCV
+    test."""
     known = [
         (part, part.start.soc, part.window.capacity_ah, own)
         for part in stored.of_role("identification")
@@ -141,7 +141,7 @@ def _span(values: Sequence[float], scale: float = 1.0) -> str:
 
 
 def moved_start_sentence(found: "MetricsPart") -> str:
-    """What moving the start of a record to validate on gains; empty where it moves nowhere."""
+    """The gain of moving a validation record's start; empty where it is not moved."""
     moved, least_v = found.start_moved_soc, found.registered_v
     if not moved or least_v is None:
         return ""
@@ -153,7 +153,7 @@ def moved_start_sentence(found: "MetricsPart") -> str:
 
 
 def start_sentence(part: "InputPart", is_planned: bool = False) -> str:
-    """Where one record starts, and how that is known; `is_planned` is an SOC that the plan set."""
+    """The start of one record and its source; `is_planned` if the plan set its SOC."""
     name, start = part.name, part.start
     assert start is not None, "asked of simulated records"
     given = "as the folder's plan says" if is_planned else "given"
@@ -182,7 +182,7 @@ def start_sentence(part: "InputPart", is_planned: bool = False) -> str:
 
 
 def known_words(start: "Start") -> dict[str, str]:
-    """What the state of charge at the start is from, by its source."""
+    """The evidence for the state of charge at the start, by its source."""
     rested, row = f"from the rested voltage {start.voltage_v:.4f} V", f"row {start.row}"
     return {
         "rested voltage": f"{rested} at {row}",

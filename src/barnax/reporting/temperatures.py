@@ -1,4 +1,4 @@
-"""What is to be expected of tables at temperatures that were not measured, in sentences."""
+"""Expected errors of tables at temperatures that were not measured, in sentences."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def expectation(over: "OverTemperature") -> str:
-    """What is to be expected of temperatures that were not measured."""
+    """The error to expect at temperatures that were not measured."""
     worst: dict[bool, float] = {}
     for left_out in over.left_out:
         worst[left_out.is_between] = max(
@@ -39,7 +39,7 @@ def prediction_sentences(result: "Result") -> Iterator[str]:
 
 
 def prediction_sentence(part: "TablesPart", name: str, temperature_degc: float | None) -> str:
-    """What a prediction at a temperature rests on; empty where it has tables of its own."""
+    """The basis of a prediction at a temperature; empty where it has tables of its own."""
     over = part.over_temperature
     if over is None or temperature_degc is None or over.measured_near(temperature_degc) is not None:
         return ""

@@ -1,4 +1,4 @@
-"""What a terminal shows: any document in full, a plan, and a record replayed by a filter."""
+"""Output for a terminal: any document in full, a plan, and a record replayed by a filter."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -188,7 +188,7 @@ class Whole:
 
 
 def _between(places: Sequence[int], pad: int, lines: int) -> int:
-    """What stands between and beside columns."""
+    """The width of everything between and beside columns."""
     return (pad + lines) * len(places) - pad + lines
 
 
@@ -246,7 +246,7 @@ def parts_line(parts: Sequence[str]) -> RenderableType:
 
 
 def next_lines(advice: str, command: str) -> Iterator[RenderableType]:
-    """What to do next, and its command in one line however long, so that it can be copied."""
+    """The next step, and its command in one line however long, so that it can be copied."""
     yield indented(headed_line("Next", f"{advice}:" if command else advice))
     if command:
         yield Text(f"    {printable(command)}", no_wrap=True)
@@ -257,7 +257,7 @@ def plan_lines(
 ) -> Iterator[RenderableType]:
     """Every file, what it serves for and why, and the options that the files decide.
 
-    `with_cli_options` gives the texts as who reads them names the options.
+    `with_cli_options` turns the options named in texts into those of the reader's interface.
     """
     table = Shown(**BARE, show_header=False)
     table.add_column(no_wrap=True)
@@ -276,7 +276,7 @@ def plan_lines(
 
 
 def soc_screen(replay: "SocReplay") -> Iterator[RenderableType]:
-    """What was replayed, the scenarios, what was estimated, and the innovations."""
+    """The replay, its scenarios, the estimated parameters, and the innovations."""
     yield Text()
     for fact in facts_of(replay):
         yield indented(Text(fact))

@@ -43,12 +43,12 @@ WIDE, FEW = 0.5, 1 / 3
 
 
 def circuit_words(result: "Result") -> str:
-    """Which circuit the answer is."""
+    """The name of the answer's circuit."""
     return result.model if result.tables is None else f"{result.model} with tables over SOC"
 
 
 def best_possible(result: "Result") -> str:
-    """Whether a better circuit exists in the bounds, and how many seeds found this one."""
+    """The proof that no better circuit exists in the bounds, or what is known in its place."""
     optimum, refined = result.constant.global_optimum, result.constant.refined
     seeds = 0 if refined is None else len(refined.seeds)
     if result.tables is not None:
@@ -66,7 +66,7 @@ def best_possible(result: "Result") -> str:
 
 
 def search_sentences(result: "Result") -> Iterator[str]:
-    """How the population search fared, in a line; nothing without seeds or an optimum."""
+    """The success of the population search in a line; nothing without seeds or an optimum."""
     constant = result.constant
     optimum, search = constant.global_optimum, constant.search
     if optimum is None or search is None:
@@ -81,7 +81,7 @@ def search_sentences(result: "Result") -> Iterator[str]:
 
 
 def seeds_sentences(result: "Result") -> Iterator[str]:
-    """How far the seeds stayed from the optimum, and where else there is one."""
+    """The seeds' gaps to the optimum, and the other local optima."""
     optimum, refined = result.constant.global_optimum, result.constant.refined
     if optimum is None:
         return
@@ -101,7 +101,7 @@ def seeds_sentences(result: "Result") -> Iterator[str]:
 
 
 def weakest_point(result: "Result") -> str:
-    """Where most of the error is, empty where it is nowhere in particular."""
+    """The band with most of the error; empty where there is none."""
     if result.tables is not None:
         bands = result.tables.by_soc
     elif result.constant.assessment is not None:
@@ -137,8 +137,8 @@ def _no_circuit(result: "Result") -> str:
 
 @dataclass(frozen=True)
 class Next:
-    """What to do next: options to run again with or without, or an export of this result, or a
-    test designed from it."""
+    """The next step: options to run again with or without, an export of this result, or a test
+    designed from it."""
 
     advice: str
     options: Mapping[str, str] = field(default_factory=dict)
@@ -148,7 +148,7 @@ class Next:
 
 
 def next_step(result: "Result") -> Next:
-    """What to do next."""
+    """The most useful next step."""
     missed_v = _missed_by_the_polynomial_v(result.cell)
     if missed_v > MISS_TOLERANCE_V:
         missed = millivolt(missed_v)
@@ -200,7 +200,7 @@ def next_step(result: "Result") -> Next:
 
 
 def _more_data(result: "Result") -> str:
-    """What to measure where tables fail on the blocks left out; empty where they do not."""
+    """Advice on more data where tables fail on the blocks left out; empty where they do not."""
     held = held_out_errors(result)
     fitted_v = result.metrics.identification.rmse_v
     if held is None or held[1].rmse_v < max(LOST * fitted_v, LOST_V):
@@ -216,7 +216,7 @@ def _more_data(result: "Result") -> str:
 
 
 def _wide(result: "Result") -> str:
-    """Which table the data leave open nearly everywhere, empty where none."""
+    """A table that the data leave open nearly everywhere; empty where there is none."""
     if result.tables is None or result.tables.over_temperature is not None:
         return ""
     for name in result.tables.fit.tables.tables:
@@ -254,7 +254,7 @@ def _other_temperatures(result: "Result") -> list[float]:
 
 
 def _missed_by_the_polynomial_v(cell: "CellModel") -> float:
-    """How far the OCV curves pass from their points where another kind of fit would not."""
+    """The largest distance of polynomial OCV curves from their points."""
     branches = {"charge": cell.charge, "discharge": cell.discharge}
     missed = [
         cell.errors[name].max_v

@@ -166,11 +166,11 @@ def test_both_forms_say_the_same():
     assert sorted(words(page.text)) == sorted([*words(markdown.text), *contents, *title])
 
 
-def test_markdown_numbers_its_figures_and_looks_for_them_in_the_folder_it_is_told():
+def test_markdown_numbers_its_figures_and_looks_for_them_in_their_folder():
     svg = Picture("drawn", "", "", "image/svg+xml", b"<svg/>")
     document = make_document(pictures=(PICTURE, svg))
-    markdown = to_markdown(document, figures="pictures")
-    assert re.findall(r"\]\((.*?)\)", markdown) == ["pictures/figure.png", "pictures/drawn.svg"]
+    markdown = to_markdown(document)
+    assert re.findall(r"\]\((.*?)\)", markdown) == ["figures/figure.png", "figures/drawn.svg"]
     assert "\n\n\n" not in markdown
     for text in (ReportReader(to_html(document)).text, markdown.replace("*", "")):
         assert [f"Figure {n}." in text for n in (1, 2, 3)] == [True, True, False]

@@ -16,7 +16,6 @@ from barnax.over_soc import NodeInterval, SocErrors, TableFits, TableSettings
 from barnax.records import Decision
 from barnax.reporting.candidates import held_out_errors, pay_sentence
 from barnax.reporting.decisions import guess_sentences
-from barnax.reporting.dependence import dependence_sentences
 from barnax.reporting.sentences import (
     diagnostics_sentences,
     finding_sentence,
@@ -27,6 +26,7 @@ from barnax.reporting.sentences import (
     uncertainty_sentence,
 )
 from barnax.reporting.soc_tables import constants_table, nodes_table
+from barnax.reporting.temperatures import dependence_sentences
 from barnax.reporting.verdict import next_step
 from barnax.search.refine import Optimum
 from barnax.table_run import TableRun

@@ -148,10 +148,9 @@ def plot_hysteresis(cell: "CellModel | Result | str | Path") -> Figure:
     for knot in KNOTS[1:-1]:
         axes.axvline(knot, color=GREY, linestyle=":", linewidth=0.9)
     _draw_difference(axes, cell)
-    for index, (left, right) in enumerate(itertools.pairwise(KNOTS)):
-        ends_mv = 1e3 * np.array(cell.hysteresis.ends_v[index])
-        label = f"five segments ({cell.hysteresis.kind})" if index == 0 else "_segment"
-        axes.plot([left, right], ends_mv, color=VERMILLION, linewidth=2.0, label=label)
+    label = f"five segments ({cell.hysteresis.kind})"
+    for ends, ends_v in zip(itertools.pairwise(KNOTS), cell.hysteresis.ends_v, strict=True):
+        axes.plot(ends, 1e3 * np.array(ends_v), color=VERMILLION, linewidth=2.0, label=label)
     axes.set_xticks(KNOTS[1:-1], minor=True)
     return finish(figure, axes, columns=1 if is_column() else 2)
 
@@ -201,8 +200,8 @@ def plot_pulses(evaluation: "Evaluation", pulses: Sequence[Pulse]) -> Figure:
     colors = matplotlib.colormaps[PULSE_COLORS]
     scale = ScalarMappable(Normalize(0.0, 1.0), colors)
     for axes, level in panels.items():
-        for number, pulse in enumerate(level):
-            _draw_pulse(axes, evaluation, pulse, colors(pulse.soc), number == 0)
+        for pulse in level:
+            _draw_pulse(axes, evaluation, pulse, colors(pulse.soc))
         axes.set_ylim(bottom=0.0)
     bar = figure.colorbar(scale, ax=list(panels), pad=0.02, aspect=40)
     bar.set_label(SOC_LABEL)
@@ -210,9 +209,7 @@ def plot_pulses(evaluation: "Evaluation", pulses: Sequence[Pulse]) -> Figure:
     return finish(figure, *panels)
 
 
-def _draw_pulse(
-    axes: Axes, evaluation: "Evaluation", pulse: Pulse, color: object, is_first: bool
-) -> None:
+def _draw_pulse(axes: Axes, evaluation: "Evaluation", pulse: Pulse, color: object) -> None:
     prepared = evaluation.prepared
     span = pulse_samples(prepared.record, pulse)
     inside = slice(span.start - prepared.first, span.stop - prepared.first)
@@ -226,8 +223,7 @@ def _draw_pulse(
         (evaluation.simulated_v, {"color": BLACK, "linewidth": 0.7, "linestyle": (0, (3, 2))}),
     ):
         drop_v = voltage_v[inside.start] - voltage_v[inside]
-        name = "simulated" if voltage_v is evaluation.simulated_v else "measured, colored by SOC"
-        label = name if is_first else "_"
+        label = "simulated" if voltage_v is evaluation.simulated_v else "measured, colored by SOC"
         axes.plot(since_s, 1e3 * (drop_v[is_on] / change_a[is_on]), label=label, **style)
 
 

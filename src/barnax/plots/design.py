@@ -30,17 +30,12 @@ def plot_design(design: "Design") -> Figure:
     current, voltage, soc = panels
     current.plot(hours, found.current_a, color=BLACK, linewidth=0.6)
     current.set_ylabel("Current [A]\n(discharge > 0)")
-    band = {
-        "color": SKY_BLUE,
-        "alpha": 0.45,
-        "linewidth": 0.0,
-        "label": "at the largest resistances",
-    }
-    voltage.fill_between(hours, found.low_v, found.high_v, **band)
+    band = {"color": SKY_BLUE, "alpha": 0.45, "linewidth": 0.0}
+    label = "at the largest resistances"
+    voltage.fill_between(hours, found.low_v, found.high_v, **band, label=label)
     voltage.plot(hours, found.voltage_v, color=BLUE, linewidth=0.6, label="predicted")
-    for number, limit_v in enumerate((limits.low_v, limits.high_v)):
-        label = "limits" if not number else None
-        voltage.axhline(limit_v, color=VERMILLION, linewidth=0.8, linestyle="--", label=label)
+    for limit_v in (limits.low_v, limits.high_v):
+        voltage.axhline(limit_v, color=VERMILLION, linewidth=0.8, linestyle="--", label="limits")
     voltage.set_ylabel("Voltage [V]")
     soc.plot(hours, found.soc, color=GREY)
     soc.set_ylabel("SOC [-]")

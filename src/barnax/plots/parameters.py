@@ -120,19 +120,16 @@ def _value(name: str, rmse_v: float, parameters: Mapping[str, float]) -> float:
 def _draw_row(axes: Axes, place: int, row: "RowPart", look: RowLook, name: str) -> None:
     values = np.array([_value(name, seed.rmse_v, seed.parameters) for seed in row.seeds])
     offset = SPREAD * ((np.arange(len(values)) * GOLDEN_RATIO + 0.5) % 1 - 0.5)
-    is_first = place == 0
-    style = {"color": look.color, "markeredgewidth": 0.0, "alpha": 0.75}
-    label = "one seed" if is_first else "_seed"
-    draw_points(axes, values, place + offset, look.marker, 3.2, **style, label=label)
+    style = {"color": look.color, "markeredgewidth": 0.0, "alpha": 0.75, "label": "one seed"}
+    draw_points(axes, values, place + offset, look.marker, 3.2, **style)
     if row.identification is not None and row.parameters is not None:
         median = _value(name, row.identification.metrics.rmse_v, row.parameters)
-        label = "median seed" if is_first else "_median"
         stroke = [place - 0.42, place + 0.42]
-        axes.plot([median, median], stroke, color=BLACK, linewidth=1.4, label=label)
+        axes.plot([median] * 2, stroke, color=BLACK, linewidth=1.4, label="median seed")
     if row.refined_rmse_v is not None and row.refined_parameters is not None:
         refined = _value(name, row.refined_rmse_v, row.refined_parameters)
-        label = "median seed, refined" if is_first else "_refined"
-        draw_points(axes, refined, place, "D", 4.6, **OPEN, label=label, zorder=3)
+        style = {**OPEN, "label": "median seed, refined", "zorder": 3}
+        draw_points(axes, refined, place, "D", 4.6, **style)
 
 
 def _shared_bounds(result: "ComparisonResult") -> dict[str, tuple[float, float]]:

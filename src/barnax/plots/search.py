@@ -187,8 +187,8 @@ def _plot_errors(
 
 def _draw_seeds(axes: Axes, evaluations: Histories, values: Histories) -> None:
     style = {"color": SKY_BLUE, "linewidth": 0.8, "drawstyle": "steps-post"}
-    first, *_ = axes.plot(evaluations.T, finite(values).T, **style, label="_seed")
-    first.set_label("one seed" if len(values) == 1 else f"each of {len(values)} seeds")
+    label = "one seed" if len(values) == 1 else f"each of {len(values)} seeds"
+    axes.plot(evaluations.T, finite(values).T, **style, label=label)
     if len(values) > 1:
         median = np.median(values, axis=0)
         style |= {"color": BLACK, "linewidth": 2.0, "label": "median"}

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from ..cell.elements import names_beside
 from .pictures import illustration
-from .soc_tables import drawn_tables
+from .soc_tables import DrawnTable, drawn_tables
 from .style import (
     ALONE,
     BLACK,
@@ -117,29 +117,30 @@ def _draw_resistances(
 ) -> None:
     from ..cell import CircuitParameters
 
+    resistances: list[DrawnTable] = []
     tops: list[float] = []
     lines: list[Line2D] = []
     if isinstance(found, CircuitParameters):
         soc = evaluation.prepared.soc[evaluation.prepared.scored]
-        ends = np.array([soc.min(), soc.max()])
-        for (name, value), color in zip(found.named_ohm.items(), COLORS, strict=False):
+        ends, style = np.array([soc.min(), soc.max()]), {}
+        for name, value in found.named_ohm.items():
             known = intervals.get(name)
-            if known is not None and known.low is not None and known.high is not None:
-                low, high = (np.full(2, 1e3 * end) for end in (known.low, known.high))
-                _draw_band(axes, ends, low, high, color)
-            tops.append(1e3 * value)
-            lines += axes.plot(ends, np.full(2, 1e3 * value), color=color)
+            own = (value, known and known.low, known and known.high)
+            rows = [np.full(2, np.nan if v is None else 1e3 * v) for v in own]
+            resistances.append(DrawnTable(name, True, ends, np.full(2, True), *rows))
         tau_s = found.named_tau_s
     else:
-        tables = drawn_tables(found).items()
-        resistances = [table for name, table in tables if name.endswith("[Ohm]")]
-        for table, color in zip(resistances, COLORS, strict=False):
-            at = table.is_visited
-            tops.append(float(table.values[at].max()))
-            _draw_band(axes, table.nodes[at], table.low[at], table.high[at], color)
-            style = {"marker": "o", "markersize": 3.0, "color": color}
-            lines += axes.plot(table.nodes[at], table.values[at], **style)
+        resistances = [table for table in drawn_tables(found).values() if table.is_resistance]
+        style = {"marker": "o", "markersize": 3.0}
         tau_s = {n: s for n, s in found.tables.constants.items() if n.startswith("tau")}
+    for table, color in zip(resistances, COLORS, strict=False):
+        at = table.is_visited
+        tops.append(float(table.values[at].max()))
+        low, high = table.low[at], table.high[at]
+        known = np.isfinite(low) & np.isfinite(high)
+        band = {"where": known, "color": color, "alpha": 0.2, "linewidth": 0.0}
+        axes.fill_between(table.nodes[at], low, high, **band)
+        lines += axes.plot(table.nodes[at], table.values[at], color=color, **style)
     names = [names_beside(name).resistance.partition(" ")[0] for name in tau_s]
     each_tau = zip(names, tau_s.values(), strict=True)
     told = (
@@ -152,8 +153,3 @@ def _draw_resistances(
     axes.set_xlabel(SOC_LABEL)
     axes.set_ylabel("Resistance [mOhm]")
     title(axes, "shaded: 95 % intervals")
-
-
-def _draw_band(axes: Axes, soc: np.ndarray, low: np.ndarray, high: np.ndarray, color: str) -> None:
-    known = np.isfinite(low) & np.isfinite(high)
-    axes.fill_between(soc, low, high, where=known, color=color, alpha=0.2, linewidth=0.0)

@@ -14,7 +14,7 @@ from ..experiment.stored import DRIVE
 from ..files import csv_text
 from .document import Table, rows_table
 from .terminal import bare_table, headed_line, indented, terminal_table
-from .words import NOTHING, counted, duration, joined, millivolt, percent
+from .words import NOTHING, counted, duration, extent, joined, millivolt, percent
 
 if TYPE_CHECKING:
     from ..experiment import Design, Step
@@ -84,13 +84,12 @@ def pieces_table(design: "Design") -> Table:
         begins = design.initial_soc - taken_ah / design.capacity_ah
         taken_ah += sum(step.duration_s * step.current_a for step in steps) / 3600
         ends = design.initial_soc - taken_ah / design.capacity_ah
-        currents = (way(step.current_a for step in steps) + 0.0 for way in (min, max))
         rows.append(
             [
                 f"{first}" if first == last else f"{first}-{last}",
                 name,
                 duration(sum(step.duration_s for step in steps)),
-                " to ".join(dict.fromkeys(f"{current_a:.3g}" for current_a in currents)),
+                extent([step.current_a for step in steps], form=".3g"),
                 f"{round(100 * begins)} to {round(100 * ends)}",
             ]
         )

@@ -10,25 +10,17 @@ from rich.text import Text
 from ..cell.elements import names_beside
 from .candidates import ocv_test_sentences, ranked
 from .decisions import guess_sentences
-from .dependence import dependence_sentences
 from .pulses import middle_heads, middle_pulses
 from .soc_tables import left_out_sentences, middle_of_tables
-from .starts import (
-    carried_sentences,
-    moved_start_sentence,
-    ocv_sentences,
-    registered_sentences,
+from .starts import carried_sentences, moved_start_sentence, registered_sentences
+from .temperatures import (
+    dependence_sentences,
+    expectation,
+    prediction_sentences,
+    temperature_ocv_sentences,
 )
-from .temperatures import expectation, prediction_sentences
 from .terminal import Whole, bare_table, headed_line, indented
-from .words import (
-    between,
-    degrees,
-    duration,
-    figures,
-    symbol,
-    with_unit,
-)
+from .words import between, degrees, duration, figures, symbol, with_unit
 
 if TYPE_CHECKING:
     from ..result_parts import InputPart, MetricsPart, TablesPart
@@ -81,7 +73,7 @@ def first_screen(
         ("Search", search_sentences(result)),
         ("Temperatures", beyond),
         ("", prediction_sentences(result)),
-        ("OCV", ocv_sentences(result)),
+        ("OCV", temperature_ocv_sentences(result)),
         ("Adjusted", registered_sentences(result)),
         ("Start", moved),
         ("Start", carried_sentences(result)),
@@ -136,9 +128,7 @@ def _errors_table(result: "Result") -> Whole:
         errors_v = [candidate.identification.rmse_v, *candidate.validation_v, held_v]
         mark = "<- answer" if candidate.is_answer and len(candidates) > 1 else ""
         rows.append([candidate.name, *map(_millivolt, errors_v[: len(heads) - 1]), mark])
-        if candidate.is_answer and any(
-            is_apart(low_v, all_v) for low_v, all_v in zip(above, own, strict=True)
-        ):
+        if candidate.is_answer and any(map(is_apart, above, own)):
             errors_v = [*above, candidate.held_out and candidate.held_out.above_v]
             row = map(_millivolt, errors_v[: len(heads) - 1])
             rows.append(["  above 10 % SOC", *row, ""])

@@ -6,7 +6,6 @@ import re
 import unicodedata
 from collections.abc import Iterable
 from functools import cache, partial
-from pathlib import PurePosixPath
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -119,14 +118,13 @@ def _script() -> str:
     return "\n".join(templates.loader.get_source(templates, name)[0] for name in names)
 
 
-def to_markdown(document: Document, figures: str = "figures") -> str:
-    """The same as GitHub's Markdown; its images are looked for in the folder `figures`.
+def to_markdown(document: Document) -> str:
+    """The same as GitHub's Markdown; its images are looked for in the folder figures.
 
     They are the document's `pictures`, each under its name and `picture_suffix`.
     """
     template = _templates(for_html=False).get_template("report.md")
-    text = template.render(document=document, figures=PurePosixPath(figures))
-    return text.rstrip("\n") + "\n"
+    return template.render(document=document).rstrip("\n") + "\n"
 
 
 def to_fragment(document: Document) -> str:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from .decisions import warnings_section
 from .document import Bullets, Document, Pictures, Section, Table, rows_table
-from .words import NOTHING, duration, joined
+from .words import NOTHING, duration, extent, joined
 
 if TYPE_CHECKING:
     from ..plots.pictures import Illustration
@@ -82,11 +82,10 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         )
     held = [scenario.in_band for scenario in replay.scenarios if scenario.in_band is not None]
     if held and min(held) < TRUSTED_BAND:
-        low, high = (f"{100 * share:.0f}" for share in (min(held), max(held)))
-        shares = f"{low} %" if low == high else f"{low} to {high} %"
+        shares = extent(held, 100, ".0f")
         yield (
             "Overconfident",
-            f"the filter's 95 % band contains the reference SOC {shares} of the time: its errors "
+            f"the filter's 95 % band contains the reference SOC {shares} % of the time: its errors "
             "of SOC are larger than it assumes",
         )
     if replay.flat_soc is not None and replay.flat_share > FLAT_SHARE:
@@ -107,13 +106,8 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         white = "white" if tested.are_white else "not white"
         low, high = tested.mean_square_bounds
         size = tested.mean_square
-        how = (
-            "as large as"
-            if low <= size <= high
-            else "smaller than"
-            if size < low
-            else "larger than"
-        )
+        above = (size > high) - (size < low)
+        how = ("as large as", "larger than", "smaller than")[above]
         yield (
             "Innovations",
             f"{white} (autocorrelation at lag one {tested.first_lag:.2f}), {how} the filter "

@@ -15,7 +15,17 @@ from ..uncertainty.assessment import Band, Diagnostics
 from ..uncertainty.covariance import WIDEST_FACTOR, Estimate, Held, Uncertainty
 from ..uncertainty.identifiability import Identifiability, Undetermined
 from ..uncertainty.suggestions import Suggestion
-from .words import between, capitalized, counted, figures, joined, percent, symbol, with_unit
+from .words import (
+    between,
+    capitalized,
+    counted,
+    extent,
+    figures,
+    joined,
+    percent,
+    symbol,
+    with_unit,
+)
 
 if TYPE_CHECKING:
     from ..global_optimum import GlobalOptimum
@@ -120,8 +130,7 @@ def uncertainty_sentence(uncertainty: Uncertainty) -> str:
     ]
     if not inflations:
         return "No parameter was free, so none has an interval."
-    low, high = f"{min(inflations):.2g}", f"{max(inflations):.2g}"
-    factors = low if low == high else f"{low} to {high}"
+    factors = extent(inflations, form=".2g")
     return (
         f"The {100 * uncertainty.confidence:.0f} % intervals allow for correlated residuals: the "
         f"inflation factor over white-noise standard errors is {factors}."

@@ -17,10 +17,9 @@ from .candidates import (
     pay_sentence,
     unseen_errors,
 )
-from .dependence import dependence_sentences, numbers_of
 from .document import Bullets, Cells, Pictures, Section, Table, make_table, rows_table
 from .sentences import better_than
-from .temperatures import expectation
+from .temperatures import dependence_sentences, expectation, numbers_of
 from .words import (
     NOTHING,
     between,

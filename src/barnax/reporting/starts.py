@@ -1,11 +1,10 @@
 """The starts of simulations: their sources, their changes by other records, and the SOC axis."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ..cell.model import NEAR_DEGC
 from ..settings import MAX_MOVED_SOC
-from .words import degrees, joined, millivolt, percent
+from .words import extent, joined, millivolt, percent
 
 if TYPE_CHECKING:
     from ..model.start import Start
@@ -58,30 +57,6 @@ def offset_sentence(stored: "Result") -> Iterator[str]:
         )
 
 
-def ocv_sentences(stored: "Result") -> Iterator[str]:
-    """The source of the OCV at each temperature."""
-    over = stored.tables and stored.tables.over_temperature
-    if not over:
-        return
-    cell, whose = stored.cell_model, "an OCV test"
-    if cell.is_of_records:
-        whose = "its records"
-    elif not cell.elsewhere:
-        yield "all temperatures have the same OCV; `ocv` takes a test of each of them."
-        return
-    degc = [model.temperature_degc or 0.0 for model in (cell, *cell.elsewhere)]
-    without = [
-        degrees(value)
-        for value in over.temperatures_degc
-        if min(abs(own - value) for own in degc) > NEAR_DEGC
-    ]
-    where = joined(list(map(degrees, sorted(degc))))
-    if not without:
-        yield f"each temperature has its own, of {whose} at {where}."
-    else:
-        yield f"that at {joined(without)} follows from those of {whose} at {where}."
-
-
 def told_source(part: "InputPart") -> str:
     """The source of a record's start before it was registered."""
     registration = part.window and part.window.registration
@@ -113,8 +88,8 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
         is_for_all &= len(parts) == len(stored.of_role("identification"))
         others = ", and others are counted over that too" if is_for_all else ""
         yield (
-            f"{whose} at {_span(soc, 100)} % SOC and {'has' if is_one else 'have'} "
-            f"{_span(capacity_ah)} Ah in place of {_span(told_soc, 100)} % and {_span(told_ah)} "
+            f"{whose} at {extent(soc, 100)} % SOC and {'has' if is_one else 'have'} "
+            f"{extent(capacity_ah)} Ah in place of {extent(told_soc, 100)} % and {extent(told_ah)} "
             f"Ah, so that {'its' if is_one else 'their'} rests lie on the OCV{others}; "
             "`keep_starts` leaves that as given."
         )
@@ -132,12 +107,6 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
         f"starts by {soc} SOC and capacities by {capacity}, so that the records agree; "
         "`keep_starts` leaves them as given."
     )
-
-
-def _span(values: Sequence[float], scale: float = 1.0) -> str:
-    """The least and the most of some values, where they are not the same."""
-    ends = [f"{scale * end:.4g}" for end in (min(values), max(values))]
-    return " to ".join(dict.fromkeys(ends))
 
 
 def moved_start_sentence(found: "MetricsPart") -> str:

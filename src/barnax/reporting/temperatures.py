@@ -1,14 +1,90 @@
-"""Expected errors of tables at temperatures that were not measured, in sentences."""
+"""Tables beyond SOC, in sentences: what resistances follow, and other temperatures."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from .words import degrees, joined, millivolt
+from ..cell.dependence import BETA, KAPPA, ONSET
+from ..cell.model import NEAR_DEGC
+from .words import degrees, duration, figures, joined, millivolt
 
 if TYPE_CHECKING:
-    from ..over_soc import OverTemperature
+    from ..over_soc import OverTemperature, TableFit
     from ..result_parts import TablesPart
     from ..results import Result
+
+# Resistances that fall by less than this share at the average current do not follow it.
+NEXT_TO_NOTHING = 0.01
+
+
+def dependence_sentences(part: "TablesPart") -> Iterator[str]:
+    """The dependences of tables' resistances, with intervals; nothing where that is SOC alone."""
+    for degc, fit in part.found.by_degc:
+        yield from _sentences(fit, "" if degc is None else f"at {degrees(degc)}, ")
+
+
+def numbers_of(fit: "TableFit") -> Mapping[str, float]:
+    """The numbers of what the resistances of tables follow, by name."""
+    return {} if fit.tables.dependence is None else fit.tables.dependence.numbers
+
+
+def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
+    known = fit.tables.dependence
+    if known is None:
+        return
+    numbers = known.numbers
+    ends = {node.name: node for node in fit.intervals if node.name in numbers}
+
+    def interval(name: str, times: float, unit: str) -> str:
+        node = ends.get(name)
+        if node is None or node.low is None or node.high is None:
+            return "not determined"
+        return f"95 %: {figures(times * node.low, 2)} to {figures(times * node.high, 2)}{unit}"
+
+    if BETA in numbers and known.reference_degc is not None:
+        yield (
+            f"{where}all of them fall by {100 * known.beta_per_k:.2g} % a kelvin with the measured "
+            f"temperature ({interval(BETA, 100, ' %')}); tables are at "
+            f"{degrees(known.reference_degc)}."
+        )
+    if KAPPA in numbers and known.heating_tau_s is not None:
+        percent_a2 = 100 * known.kappa_per_a2
+        yield (
+            f"{where}all of them fall by {percent_a2:.2g} % an A^2 of the squared current, as in a "
+            f"cell that heats itself ({interval(KAPPA, 100, ' %')}), in "
+            f"{duration(known.heating_tau_s)}; tables are at {figures(known.reference_a2)} A^2, "
+            "the average."
+        )
+        if known.kappa_per_a2 * known.reference_a2 < NEXT_TO_NOTHING:
+            yield f"{where}at that average this is next to nothing: the data show no heating."
+    if ONSET in numbers:
+        yield (
+            f"{where}those of the pairs fall with the current: i0 asinh(i / i0) flows in place of "
+            f"i, with i0 = {figures(numbers[ONSET])} A ({interval(ONSET, 1, ' A')})."
+        )
+
+
+def temperature_ocv_sentences(stored: "Result") -> Iterator[str]:
+    """The source of the OCV at each temperature."""
+    over = stored.tables and stored.tables.over_temperature
+    if not over:
+        return
+    cell, whose = stored.cell_model, "an OCV test"
+    if cell.is_of_records:
+        whose = "its records"
+    elif not cell.elsewhere:
+        yield "all temperatures have the same OCV; `ocv` takes a test of each of them."
+        return
+    degc = [model.temperature_degc or 0.0 for model in (cell, *cell.elsewhere)]
+    without = [
+        degrees(value)
+        for value in over.temperatures_degc
+        if min(abs(own - value) for own in degc) > NEAR_DEGC
+    ]
+    where = joined(list(map(degrees, sorted(degc))))
+    if not without:
+        yield f"each temperature has its own, of {whose} at {where}."
+    else:
+        yield f"that at {joined(without)} follows from those of {whose} at {where}."
 
 
 def expectation(over: "OverTemperature") -> str:

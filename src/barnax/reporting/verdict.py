@@ -18,16 +18,8 @@ from .sentences import (
     optimum_words,
     option,
 )
-from .soc_tables import (
-    best_of,
-)
-from .words import (
-    counted,
-    joined,
-    millivolt,
-    percent,
-    symbol,
-)
+from .soc_tables import best_of
+from .words import counted, joined, millivolt, percent, symbol
 
 if TYPE_CHECKING:
     from ..cell import CellModel
@@ -124,11 +116,8 @@ def weakest_point(result: "Result") -> str:
 
 def _no_circuit(result: "Result") -> str:
     """Why the answer cannot be the cell's, empty where it may be."""
-    at_bound = [
-        symbol(bound.name)
-        for bound in result.constant.at_bound
-        if bound.name.endswith("[Ohm]") and bound.side == "upper"
-    ]
+    upper = [bound.name for bound in result.constant.at_bound if bound.side == "upper"]
+    at_bound = [symbol(name) for name in upper if name.endswith("[Ohm]")]
     if len(at_bound) > 1:
         return f"{joined(at_bound)} end at their upper bounds"
     worse = result.constant.metrics.identification.r2 < 0
@@ -223,13 +212,9 @@ def _wide(result: "Result") -> str:
         nodes = result.tables.fit.of_table(name)
         if not name.startswith("R") or not nodes:
             continue
-        known = [
-            node
-            for node in nodes
-            if node.low is not None and node.standard_error <= WIDE * node.value
-        ]
-        if len(known) < FEW * len(nodes):
-            held = f"{len(known)} of {len(nodes)} nodes"
+        known = sum(n.low is not None and n.standard_error <= WIDE * n.value for n in nodes)
+        if known < FEW * len(nodes):
+            held = f"{known} of {len(nodes)} nodes"
             return f"the standard error of {symbol(name)} is under {percent(WIDE)} at {held}"
     return ""
 
@@ -239,18 +224,13 @@ def _other_temperatures(result: "Result") -> list[float]:
     used = {file.temperature_degc for file in result.plan if file.role == "identification"}
     if len(used) != 1 or None in used:
         return []
-    found: list[float] = []
+    known = [degc for degc in used if degc is not None]
     for file in result.plan:
         degc = file.temperature_degc
         is_left = file.role == "not used" and file.kind in ("drive cycle", "pulse test")
-        known = [*used, *found]
-        if (
-            is_left
-            and degc is not None
-            and all(abs(degc - one) > SAME_DEGC for one in known if one is not None)
-        ):
-            found.append(degc)
-    return sorted(found)
+        if is_left and degc is not None and all(abs(degc - own) > SAME_DEGC for own in known):
+            known.append(degc)
+    return sorted(known[1:])
 
 
 def _missed_by_the_polynomial_v(cell: "CellModel") -> float:

@@ -1,6 +1,6 @@
 """Numbers and lists as a sentence or a table says them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import TypeVar
 
 from ..errors import counted as counted
@@ -30,6 +30,16 @@ def gathered(pairs: Iterable[tuple[Key, Item]]) -> dict[Key, list[Item]]:
     for key, item in pairs:
         found.setdefault(key, []).append(item)
     return found
+
+
+def extent(values: Collection[float], scale: float = 1.0, form: str = ".4g") -> str:
+    """The least and the largest value, once where both read the same.
+
+    >>> extent([2.0, 1.0, 3.0]), extent([0.951, 0.949], scale=100, form=".0f")
+    ('1 to 3', '95')
+    """
+    ends = (format(scale * end + 0.0, form) for end in (min(values), max(values)))
+    return " to ".join(dict.fromkeys(ends))
 
 
 def sentence(text: str) -> str:

@@ -268,6 +268,6 @@ def test_a_hold_that_moves_r0_of_the_tables_out_of_its_interval_is_said_of_them(
 def test_heating_that_moves_next_to_nothing_is_said_to(kappa_per_a2, said):
     known = Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=1800.0, reference_a2=0.96)
     fit = SimpleNamespace(tables=SimpleNamespace(dependence=known), intervals=())
-    sentences = [*dependence_sentences(SimpleNamespace(over_temperature=None, fit=fit))]
+    sentences = [*dependence_sentences(TableFits((fit,)))]
     assert len(sentences) == said
     assert ("next to nothing" in sentences[-1]) == (said == 2)

@@ -57,13 +57,14 @@ FEWEST_IN_BIN = 5
 FEW_PERCENT = 0.5
 MARGIN = 0.3
 NEARLY_INSIDE = 1.5
-# Strips of the rows of a comparison.
+# Strips of a comparison's rows.
 MAX_STRIPS: Final = 10
 STRIP_IN: Final = 1.1
 AROUND_STRIPS_IN: Final = 1.1
-# Rows farther off than this many times the best do not set the scale: theirs is cut, and said.
+# Rows with more than this many times the lowest RMSE do not set the scale; a note counts what is
+# outside.
 FAR_OFF: Final = 3.0
-# Lines stand out from points of any color, their own included.
+# An outline, so that lines stand out from points of any color.
 OUTLINE = (Stroke(linewidth=2.8, foreground="white"), Normal())
 
 
@@ -99,7 +100,7 @@ def draw_errors(
     for (chosen, color, layer), label in zip(kinds, labels[:2], strict=True):
         line = broken_line(time, error_mv, chosen)
         over_time.plot(*line, color=color, linewidth=0.8, label=label, zorder=layer)
-        # As a picture: as vectors, the points of a long record would make a huge file.
+        # Rasterized: as vectors, the points of a long record would make a huge file.
         style = {"color": color, "markeredgewidth": 0.0, "alpha": 0.6, "zorder": layer}
         draw_points(over_soc, soc[chosen], error_mv[chosen], ".", 2.0, **style, rasterized=True)
     draw_rmse_by_soc(over_soc, soc[scored], error_mv[scored], colors[1])
@@ -231,7 +232,7 @@ def _name_strip(axes: Axes, text: str) -> None:
 
 SCENARIO_COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY_BLUE)
 REPLAY_IN = 5.6
-# Errors beyond these are of a start that is still being found.
+# Larger errors are of a filter that is still finding the start.
 WIDEST_PERCENT = 8.0
 TITLE_LETTERS = 80
 BAND_SD = 2.0
@@ -265,14 +266,14 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
     errors.axhline(0.0, color=BLACK, linewidth=0.6)
     for place, (part, color) in enumerate(zip(replay.scenarios, SCENARIO_COLORS, strict=False)):
         soc = 100 * np.asarray(traces.estimate.soc[place])
-        # Where the others agree with the first, it shows on either side of them.
+        # The first line is wide, so that it shows behind others that agree with it.
         style = {"color": color, "label": part.name, "linewidth": 2.6 if place == 0 else 1.0}
         draw_line(over_time, time, soc, **style)
         draw_line(errors, time, soc - 100 * traces.truth, **style)
         counted = 100 * (traces.counted[place] - traces.truth)
         errors.plot(time[::100], counted[::100], color=color, linestyle="--", linewidth=0.7)
     errors.plot([], [], color=GREY, linestyle="--", label="counting alone")
-    # A filter that loses the SOC is shown losing it.
+    # The scale grows with the first scenario's error, so that a lost SOC is seen.
     first = 100 * np.abs(np.asarray(traces.estimate.soc[0]) - traces.truth)
     widest = max(WIDEST_PERCENT, min(1.1 * first.max(where=np.isfinite(first), initial=0), 100))
     errors.set_ylim(-widest, widest)
@@ -289,7 +290,7 @@ def _beyond(replay: "SocReplay", widest: float) -> str:
     """The lines that leave the scale of the errors, and how far; empty where none does."""
     traces, far = replay.traces, []
     for way, soc in (("filter", traces.estimate.soc), ("counting", traces.counted)):
-        # Before a scenario starts there is nothing.
+        # NaN before a scenario starts.
         off = np.abs(np.asarray(soc) - traces.truth)
         most = 100 * off.max(axis=1, where=~np.isnan(off), initial=0.0)
         far += [

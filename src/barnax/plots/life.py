@@ -12,7 +12,7 @@ from .style import BLACK, BLUE, GREY, SKY_BLUE, VERMILLION, finish, make_figure
 if TYPE_CHECKING:
     from ..life import Life
 
-# What stands at the axes, and what values are multiplied by.
+# Labels of the axes, and the factors to their units.
 LABELS = {
     "capacity [A.h]": ("Capacity [A.h]", 1.0),
     "R0 [Ohm]": ("R0 [mOhm]", 1e3),
@@ -20,7 +20,7 @@ LABELS = {
     "OCV shift [V]": ("OCV shift [mV]", 1e3),
 }
 AGES = {"A.h": "Throughput [A.h]", "cycle": "Age [cycles]"}
-# Of a large fleet so many cells are drawn, beside those that are odd.
+# The most cells drawn of a large fleet, beside those that are odd.
 MOST_DRAWN = 500
 
 

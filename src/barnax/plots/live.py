@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Live = dict[str, Any]
 Columns = Sequence[Float[np.ndarray, "samples"]]
 
-# All records of a report share so many numbers, which take 5.3 bytes each in the page.
+# Numbers that all records of a report share, each of 5.3 bytes in the page.
 MAX_NUMBERS: Final = 480_000
 
 

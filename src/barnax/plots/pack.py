@@ -12,7 +12,7 @@ from .style import BLACK, BLUE, GREY, VERMILLION, finish, make_figure, title
 if TYPE_CHECKING:
     from ..over_soc.pack import PackFit
 
-# What a panel shows: its label, and by what a value is multiplied.
+# Labels of the panels, and the factors to their units.
 PANELS = {
     "R0 [Ohm]": ("R0 [mOhm]", 1e3),
     "total R [Ohm]": ("Total R [mOhm]", 1e3),

@@ -41,7 +41,7 @@ COLUMNS: Final = 3
 LINE_IN: Final = 0.26
 FURNITURE_IN: Final = 0.65
 LEGEND_IN: Final = 0.3
-# Seeds are spread about their row's line, evenly and without a draw, so equal answers show.
+# Seeds are spread evenly about their row's line, so that equal answers show.
 SPREAD: Final = 0.56
 MARGIN: Final = 0.06
 GOLDEN_RATIO: Final = 0.6180339887498949
@@ -147,7 +147,7 @@ def _shared_bounds(result: "ComparisonResult") -> dict[str, tuple[float, float]]
 def _draw_bounds(axes: Axes, limits: Sequence[float]) -> None:
     low, high = axes.get_xlim()
     for limit in limits:
-        # Just outside the data a bound still says that the data end at it.
+        # A bound just outside the data still shows that they end at it.
         if low / 1.3 <= limit <= high * 1.3:
             axes.axvline(limit, color=GREY, linestyle=":", linewidth=1.1, zorder=1)
 
@@ -198,7 +198,7 @@ def plot_trajectories(rows: "Mapping[str, Row]") -> Figure:
     grid[0, 1].set_visible(False)
     for axes in grid[-1]:
         axes.set_xlabel("State of charge [%]")
-        # As a discharge runs.
+        # From full to empty, as in a discharge.
         axes.set_xlim(101, -4)
     for axes in panels.values():
         label_plainly(axes.yaxis)

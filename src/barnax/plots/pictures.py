@@ -44,7 +44,7 @@ def encode(figure: Figure, kind: Kind = "png", dpi: int = DPI) -> bytes:
     return buffer.getvalue()
 
 
-# Sharp on a phone and in print, and still small enough to be sent.
+# Sharp on a phone and in print, and small enough to send.
 ILLUSTRATION_DPI: Final = 180
 Given = ParamSpec("Given")
 
@@ -87,7 +87,7 @@ class Illustration:
         """The PNG with 256 colors, a third of the bytes, for a page that holds many."""
         image = PngImageFile(io.BytesIO(self.png)).convert("RGB")
         buffer = io.BytesIO()
-        # Of Pillow's ways the one that leaves no rare color far off.
+        # The one of Pillow's methods that keeps rare colors close.
         few = image.quantize(method=Quantize.MAXCOVERAGE, dither=Dither.NONE)
         few.save(buffer, "png", optimize=True)
         return buffer.getvalue()

@@ -50,7 +50,7 @@ Histories = Float[np.ndarray, "seeds generations"]
 LEAST_EXCESS_PERCENT = 1e-6
 
 OPTIMUM = "global optimum"
-# Where both are the same, the wide line shows on either side of the narrow one.
+# Where both are equal, the wide line shows on either side of the narrow one.
 AIMS: dict[str, dict[str, Any]] = {
     OPTIMUM: {"color": GREEN, "linewidth": 2.4},
     "refined": {"color": VERMILLION, "linestyle": "--"},
@@ -265,13 +265,13 @@ def _draw_convergence(
     if len(spent) == 1:
         axes.plot(spent, values[0], linestyle="none", **style)
         return
-    # Between infinite errors nothing can be interpolated; what comes of it is not drawn.
+    # Interpolating between infinite errors gives NaN, which is not drawn.
     with np.errstate(invalid="ignore"):
         low, median, high = np.percentile(values, [BAND[0], 50, BAND[1]], axis=0)
     if len(values) > 1:
         band = {"color": look.color, "alpha": 0.16, "linewidth": 0.0}
         axes.fill_between(spent, finite(low), finite(high), **band)
-    # Evenly along a logarithmic axis.
+    # Markers are spaced evenly along a logarithmic axis.
     places = np.searchsorted(spent, np.geomspace(spent[0], spent[-1], MARKERS_PER_LINE))
     style["markevery"] = np.unique(np.minimum(places, len(spent) - 1)).tolist()
     style |= {"linestyle": look.line, "linewidth": 1.3, "markerfacecolor": "white"}
@@ -326,7 +326,7 @@ def plot_landscape(
         raise ValueError("a landscape is drawn over two time constants, neither of them held")
     tau1_s, tau2_s = landscape.tau_s
     rmse_v = least_over_gamma(landscape)
-    # Alike pairs are ordered, and there is nothing where tau1 exceeds tau2.
+    # Interchangeable pairs are ordered: there is no value where tau1 exceeds tau2.
     is_ordered = bool(np.isnan(rmse_v[-1, 0]))
     figure = make_figure(height_in=LANDSCAPE_IN)
     axes = figure.subplots()
@@ -338,11 +338,11 @@ def plot_landscape(
             raise ValueError(f"{label}: a landscape over two time constants needs two RC pairs")
         if not taus_s:
             return
-        # What a method found beyond the box stands at its edge, and is said to.
+        # An answer beyond the box is marked at its edge, and labeled so.
         shown_s = np.clip(taus_s, (tau1_s[0], tau2_s[0]), (tau1_s[-1], tau2_s[-1]))
         if not np.allclose(shown_s, taus_s):
             label += " (partly outside the bounds)" if len(taus_s) > 1 else " (outside the bounds)"
-        # At the limits of the box a mark would be cut in half.
+        # Unclipped: a mark at the limits of the box would be cut in half.
         style = {"linestyle": "none", "clip_on": False, **style}
         axes.plot(*shown_s.T, label=label, zorder=layer, **style)
 
@@ -361,7 +361,7 @@ def plot_landscape(
         xlabel=f"{'Shorter time' if is_ordered else 'Time'} constant tau1 [s]",
         ylabel=f"{'Longer time' if is_ordered else 'Time'} constant tau2 [s]",
     )
-    # Ordered pairs leave a corner free.
+    # Ordered pairs leave a corner free for the legend.
     finish(figure, axes, legend_of=[] if is_ordered else [axes])
     axes.grid(visible=False)
     if is_ordered and axes.get_legend_handles_labels()[0]:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 PANELS_ACROSS: Final = 2
 PANEL_IN: Final = 1.9
-# An interval that reaches further than this many times the largest value does not set the scale.
+# Intervals beyond this many times the largest value do not set the scale.
 WIDEST: Final = 1.6
 
 Values = Float[np.ndarray, "nodes"]
@@ -147,7 +147,7 @@ def _draw_table(axes: Axes, table: DrawnTable) -> None:
     axes.plot(nodes, np.where(visited, values, np.nan), linewidth=1.2, **line)
     band = {"color": SKY_BLUE, "alpha": 0.35, "linewidth": 0.0, "label": "95 % interval"}
     axes.fill_between(nodes, table.low, table.high, where=known, zorder=2, **band)
-    # A node between two without an interval has no area to fill.
+    # A node whose neighbors have no interval has no area to fill.
     ends = {"color": SKY_BLUE, "linewidth": 1.0, "zorder": 2}
     axes.vlines(nodes[known], table.low[known], table.high[known], **ends)
     style = {"linestyle": "none", "marker": "o", "markersize": 3.6, "zorder": 4, "clip_on": True}
@@ -246,7 +246,7 @@ SOC: Final = (0.1, 0.3, 0.5, 0.7, 0.9)
 COLORS: Final = "plasma"
 # The end of the colors is too light for a line.
 LIGHTEST: Final = 0.85
-# What is interpolated is drawn at so many temperatures.
+# Temperatures at which the interpolation is drawn.
 POINTS: Final = 101
 
 
@@ -273,7 +273,7 @@ def plot_tables_by_temperature(found: "TableFits") -> Figure:
             band = table.nodes[seen], table.low[seen], table.high[seen]
             axes.fill_between(*band, color=color, alpha=0.18, linewidth=0.0)
         axes.set_ylabel(tables[0].label)
-        # A scale of the values: a band may reach beyond it.
+        # The scale is that of the values; a band may reach beyond it.
         values = np.concatenate([table.values[table.is_visited] for table in tables])
         margin = 0.12 * (np.ptp(values) or 1.0)
         low = 0.0 if tables[0].is_resistance else values.min() - margin

@@ -76,7 +76,7 @@ GRID: Final[dict[str, Any]] = {"color": "#D9D9D9", "linestyle": "-", "linewidth"
 
 SOC_LABEL: Final = "State of charge [-]"
 
-# What matplotlib brings along, and what systems have for the letters it lacks.
+# matplotlib's own font, and system fonts for letters that it lacks.
 FONT: Final = "DejaVu Sans"
 FURTHER_FONTS: Final = (
     *("Noto Sans CJK SC", "Noto Sans CJK JP", "Source Han Sans SC", "WenQuanYi Zen Hei"),
@@ -298,7 +298,7 @@ def _power_of_ten(value: float, _: object) -> str:
     return "10" + str(round(math.log10(value))).translate(RAISED)
 
 
-# Twice as many as a 7 inch figure has pixel columns at 150 dpi.
+# About twice the pixel columns of a 7 inch figure at 150 dpi.
 COLUMNS = 2000
 
 
@@ -333,7 +333,7 @@ def draw_line(
     return line
 
 
-# A mark that is seen over any color.
+# A mark that is visible over any color.
 OPEN: Final[dict[str, Any]] = {
     "markerfacecolor": "white",
     "markeredgecolor": BLACK,
@@ -362,7 +362,7 @@ class RowLook:
     marker: str
 
 
-# A circuit's label where it is the only one.
+# Label of a circuit that is the only one.
 ALONE: Final = "simulated"
 
 

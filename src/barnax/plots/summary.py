@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from ..uncertainty.covariance import Estimate
 
 COLORS: Final = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
-# An interval may set the scale up to so many times the largest value.
+# Intervals may extend the scale up to this many times the largest value.
 WIDEST: Final = 1.5
-# The error's axis shows this share of the samples; what lies beyond is told.
+# The error's axis shows this share of the samples; a title tells the largest error beyond.
 SHOWN: Final = 0.995
 
 

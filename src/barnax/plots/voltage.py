@@ -160,7 +160,7 @@ def _draw_current(axes: Axes, prepared: "PreparedRecord", time: np.ndarray, span
     axes.set_ylabel("Current [A]\n(discharge > 0)")
 
 
-# More lines of voltage than these hide each other even in the magnified stretch.
+# More voltage lines than this hide each other even in the magnified stretch.
 MAX_VOLTAGES: Final = 8
 MARKERS_PER_LINE: Final = 8
 
@@ -290,7 +290,7 @@ def draw_rows(
         if is_close:
             drawn.set(linestyle=look.line, marker=look.marker, markersize=3.6)
             drawn.set_markerfacecolor("white")
-            # Shifted from row to row, so that markers of equal answers do not hide each other.
+            # Shifted from row to row, so that markers of equal answers stay visible.
             spacing = max(1, np.size(drawn.get_xdata()) // MARKERS_PER_LINE)
             drawn.set_markevery((spacing * place // len(shown), spacing))
     axes.set_ylabel("Voltage [V]")

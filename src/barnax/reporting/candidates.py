@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     # The errors of a constant circuit, and of the tables beside it.
     Both = tuple[SocErrors, SocErrors]
 
-# Errors on all of a record that differ by less than this share are alike.
+# Errors on a whole record that differ by less than this share count as equal.
 ALIKE = 0.02
 
 
@@ -110,7 +110,7 @@ def tables_pay(unseen: "Both | None", held: "Both | None") -> bool:
         return tables.rmse_v < constant.rmse_v
     if abs(tables.rmse_v / constant.rmse_v - 1) > ALIKE:
         return tables.rmse_v < constant.rmse_v
-    # Nearly empty both may fail alike; what is above it decides.
+    # Both may fail when nearly empty; the error above that decides.
     return tables.above_v < constant.above_v
 
 
@@ -182,7 +182,7 @@ def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str
     """The worth of an OCV test: errors with the records' own OCV in its place."""
     fit = None if result.tables is None else result.tables.fit
     tests = {part.sha256 for part in result.of_role("ocv")}
-    # That of a pulse test is the records' own already.
+    # The OCV of a pulse test is already the records' own.
     is_other = tests.isdisjoint(part.sha256 for part in result.of_role("identification"))
     if fit is None or fit.own_ocv is None or not is_other:
         return

@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from ..comparison.result import RowPart
     from ..comparison.run import Difference
 
-# With more pairs than these only those are shown that a reader asks for first.
+# With more pairs than this, only those with the leader or of one method are shown.
 ALL_PAIRS = 15
 NARROW_MARK = "†"
-# A gap so small, relative, is none.
+# A relative gap below this is rounding.
 ROUNDING = 1e-7
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..comparison.run import Difference
 
 NARROW = "the residuals stay correlated longer than a block, so the interval is too narrow"
-# The plainest model, against which others must show that they pay.
+# The plainest model, which the others are compared with.
 BASE = "so-rc"
 
 Change = Literal["better", "worse", "same"]
@@ -115,7 +115,7 @@ def _lead(on: OnRecord, leader: str, other: str) -> str:
     if found is None:
         return f" The next is {other}, with {lead} more."
     over_time = found.over_time
-    # Stored may be the second row against the first.
+    # The stored difference may be of the second row minus the first.
     sign = 1 if found.first == leader else -1
     low_v, high_v = sorted(-sign * end_v for end_v in over_time.interval_v)
     narrow, sure = (f"; {NARROW}", "may be") if over_time.is_block_capped else ("", "is")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Stored = Result | ComparisonResult
 
 
-# How firmly something was decided, before its reason.
+# Firmness of a decision, put before its reason.
 FIRMNESS = {
     "given": "",
     "strong": "strong evidence: ",
@@ -32,9 +32,9 @@ FIRMNESS = {
 FLOWS = {"forward": "until the next sample", "backward": "since the previous sample"}
 FLOWS["centered"] = "for half of the intervals on either side of it"
 HASH_LETTERS = 16
-# What passes this close to its points passes through them.
+# A curve this close to its points passes through them.
 THROUGH_V = 1e-6
-# A change of R0 by less than this share is none.
+# A smaller relative change of R0 counts as none.
 SAME_OHM = 1e-3
 
 

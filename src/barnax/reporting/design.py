@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from ..results import Result
 
 EMPTYING = "to empty"
-# Below this a step is a rest.
+# A step below this current is a rest.
 REST_A = 1e-9
-# Promised and reached are held to agree within this.
+# Promised and reached intervals within this share of each other agree.
 AGREES = 0.25
-# What has more different steps is run from a profile.
+# Pieces with more different steps are run from a profile.
 LONGEST_LINE = 8
 
 
@@ -197,7 +197,7 @@ def pybamm_steps(design: "Design") -> list[str]:
         if mode == "rest":
             steps.append(f"Rest for {step.duration_s:g} seconds")
             continue
-        # What empties the cell ends at the voltage, not before.
+        # The discharge to empty must end at the voltage, not before.
         seconds = step.duration_s * (2 if step.block == EMPTYING else 1)
         steps.append(
             f"{mode.capitalize()} at {_ampere(abs(step.current_a))} A for {seconds:g} seconds "

@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 from .verdict import best_possible, search_sentences
 
 LONGEST_NAME = 34
-# The report has the others.
+# The others are in the report.
 MAX_CANDIDATES = 4
-# More files than these are counted.
+# With more files than this, the rest are only counted.
 MAX_FILES = 5
-# The error above 10 % SOC is told beside the whole where it is lower by this share.
+# The error above 10 % SOC is shown where it is lower than the whole by this share.
 APART = 0.1
 
 
@@ -67,7 +67,7 @@ def first_screen(
     for head, sentences in (
         ("Do not use", unfit),
         ("Best possible", [best_possible(result)]),
-        ("Resistances", dependence_sentences(result.tables) if result.tables else ()),
+        ("Resistances", dependence_sentences(result.tables.found) if result.tables else ()),
         ("Left out", left_out_sentences(result)),
         ("OCV test", ocv_test_sentences(result, is_short=True)),
         ("Search", search_sentences(result)),
@@ -122,7 +122,7 @@ def _errors_table(result: "Result") -> Whole:
         heads.append("left out")
     rows: list[list[str]] = []
     if not candidates:
-        # A result of an earlier version.
+        # The result is of an earlier version.
         rows.append([result.answer, *map(_millivolt, own), ""])
     for candidate, held_v in zip(candidates, held, strict=True):
         errors_v = [candidate.identification.rmse_v, *candidate.validation_v, held_v]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..plots.pictures import Illustration
     from ..search.evaluate import Evaluation
 
-# Of long lists, so many; the dataset has all.
+# The longest list shown; the dataset has all.
 MAX_TOLD = 50
 
 

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from ..uncertainty import Band, Estimate, Examination
     from ..uncertainty.profiles import Profile
 
-# Errors that agree this closely, relative, are told to be the same.
+# Errors within this share of each other are called the same.
 ALIKE = 0.01
 NO_SEEDS = (
     "No seeds were run: the answer is the lowest point of a grid over the time constants, refined. "

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..results import Result
     from ..search.evaluate import Evaluation
 
-# The second {} says what is drawn.
+# The first {} is the record, the second says how many samples are drawn.
 LIVE_WORDS = (
     "Measured and simulated voltage on {}, the errors (of one circuit, dashed: plus and minus the "
     "RMSE) and the current, on a common time axis. {} Drag to zoom, double-click to reset; the "
@@ -133,7 +133,7 @@ def comparison_illustrations(
         ]
     for model, optimum in (optima or {}).items():
         of_model = [row for row in result.rows if row.model == model]
-        # The rows of other models are there without an answer, so that all keep their looks.
+        # Rows of other models are kept, empty, so that every row keeps its color and marker.
         answers = {row.name: [] for row in result.rows if row.seeds}
         for row in of_model:
             if row.seeds:

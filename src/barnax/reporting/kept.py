@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ..over_soc import TableFit
     from ..over_soc.kept import Kept
 
-# Errors of more records are told by the least and the largest.
+# With more records than this, only the smallest and largest error are shown.
 MOST_NAMED = 8
 
 

@@ -34,7 +34,7 @@ WORDS = {
     "step": "steps",
 }
 TREND_HEADS = ("low", "high", "trend", "trend low", "trend high")
-# Kinds of faults that begin at an age.
+# Kinds of faults that begin at some age.
 BEGINNING = ("knee", "step")
 UNTOLD = {
     "capacity [A.h]": "capacity needs an OCV of before (`ocv` or `cell` in the manifest), and "

@@ -10,7 +10,7 @@ from .words import NOTHING, counted, figures, fixed, joined, millivolt
 if TYPE_CHECKING:
     from ..pack import Pack
 
-# With more cells than this, the screen shows those that stand out.
+# With more cells than this, the screen shows only those that stand out.
 MOST_SHOWN = 24
 SCALES = {
     "R0 [Ohm]": ("R0 [mOhm]", 1e3),

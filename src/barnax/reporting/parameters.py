@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 # A parameter's name, and the SOC that it is at.
 Key = tuple[str, float | None]
-# Where tables are compared.
+# States of charge at which tables are compared.
 COMPARED_SOC = (0.1, 0.3, 0.5, 0.7, 0.9)
-# An interval over more than this factor would hide a doubling.
+# An interval that spans more than this factor could hide a doubling.
 TOO_WIDE = 2.0
 
 
@@ -133,7 +133,7 @@ def _tabulated(fit: "TableFit") -> Iterator[Known]:
     for name in fit.tables.tables:
         known = [node for node in fit.of_table(name) if node.low is not None]
         if name == OCV_CORRECTION or not known:
-            # A correction is of an OCV, which is another result's no more.
+            # A correction belongs to one result's OCV; another result has another.
             continue
         soc = np.array([node.soc for node in known], float)
         for at in COMPARED_SOC:

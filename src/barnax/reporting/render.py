@@ -14,10 +14,10 @@ from markupsafe import Markup, escape
 from ..plots.pictures import Illustration, Kind, encode
 from .document import Bullets, Document, Listing, Paragraph, Picture, Table
 
-# Special wherever they stand: a bracket only where a link could follow, an underscore only at
-# the edge of a word, for units and names of files are full of them.
+# Markdown's special characters. Brackets count only where a link could follow, and underscores
+# only at the edge of a word: units and file names are full of them.
 SPECIAL = re.compile(r"[\\`*<|~$]|\](?=[(\[:])|(?<![^\W_])_|_(?![^\W_])")
-# What begins a list, a heading, a quotation or a rule at the start of a line.
+# The start of a line that would make a list, heading, quotation or rule.
 LEADING = re.compile(r"^(\d*)(>|[-+.)=#](?=[\s=#>-]|$))")
 FENCE = "```"
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
@@ -85,10 +85,10 @@ KINDS = {
     "table": Table,
     "picture": Picture,
 }
-# Of what is drawn as a picture inside a vector figure.
+# Resolution of the parts of a vector figure that are drawn as pictures.
 PAPER_DPI = 600
 SUFFIXES = {"image/png": ".png", "image/svg+xml": ".svg"}
-# Letters that cannot be seen, or that turn the text around: file names may hold them.
+# Invisible letters, and those that reverse the text: file names may hold them.
 UNSEEN = {"Cc", "Cf", "Cs"}
 
 
@@ -210,5 +210,5 @@ def _seen(value: Any) -> Any:
         else letter
         for letter in value
     )
-    # What is safe already, and so a string of another class, stays so.
+    # Keeps the class, since `Markup` is safe already.
     return type(value)(cleaned)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from ..plots.pictures import Illustration
     from ..replay import ScenarioPart, SocReplay
 
-# The columns of a replay's table.
+# Columns of a replay's table.
 HEADS = (
     *("errors in % SOC", "within 3 %", "RMS", "above 10 %", "max", "band", "in band"),
     "counting",
@@ -21,9 +21,9 @@ FILTERS = {
     "ekf": "extended Kalman filter",
     "ukf": "unscented Kalman filter",
 }
-# A band of 95 % that holds less often than this is said to be wrong.
+# A 95 % band that holds less often than this is called overconfident.
 TRUSTED_BAND = 0.9
-# A flat OCV at fewer samples than this is not worth a line.
+# A flat OCV at a smaller share of samples is not worth a line.
 FLAT_SHARE = 0.05
 
 

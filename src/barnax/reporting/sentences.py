@@ -31,18 +31,18 @@ if TYPE_CHECKING:
     from ..global_optimum import GlobalOptimum
     from ..result_parts import GlobalPart
 
-# A claim may not say more than was proved.
+# Rounded up, since a claim may not say more than was proved.
 ROUNDED_UP = Context(prec=2, rounding=ROUND_CEILING)
-# Another optimum so little above the best one is nearly as good.
+# Another optimum within this share of the best one is nearly as good.
 HARDLY_ABOVE = 0.01
 # A band is worth a sentence where its share of the squared error is this many times its samples'.
 NOTABLE = 2.0
 NOTABLE_SHARE = 0.2
-# A smaller share of the error than this is no gain.
+# A smaller relative gain is not worth telling.
 WORTH_TELLING = 0.01
 NUMBERS = ("no", "one", "two", "three", "four")
 ORDINALS = ("", "first", "second", "third", "fourth")
-# What a drift over the whole record may come from.
+# Possible causes of a drift over the whole record.
 DRIFT = (
     "Such a drift often means a wrong `capacity` or `initial_soc`, or a part of the SOC range that "
     "`score_soc` can leave out"

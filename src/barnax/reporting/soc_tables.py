@@ -87,7 +87,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
             f"all temperatures, leaves {constant}."
         )
         yield f"Best possible: {best_of(part, result.model)}"
-        yield from (f"Resistances: {text}" for text in dependence_sentences(part))
+        yield from (f"Resistances: {text}" for text in dependence_sentences(part.found))
         costs = over.objective_v / over.separate_v - 1 if over.separate_v else 0.0
         yield (
             "The time constants are the same at every temperature; separate ones would lower the "
@@ -110,7 +110,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         "were searched."
     )
     yield f"Best possible: {best_of(part, result.model)}"
-    yield from (f"Resistances: {text}" for text in dependence_sentences(part))
+    yield from (f"Resistances: {text}" for text in dependence_sentences(part.found))
     unseen, held = unseen_errors(result), held_out_errors(result)
     names = result.constant.model, result.model
     if pays := pay_sentence(unseen, held, *names, held_out_words(fit)):
@@ -233,7 +233,7 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
     visited = _visited(fit)
     middle = min(visited, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
     are_several = any(node.record_low is not None for node in fit.intervals)
-    # Of a record that was not identified on, the interval may be wide of the truth.
+    # The intervals of one record may miss what another record would show.
     kind = "another record" if are_several else "this record" if records == 1 else "these records"
     heads = ["", f"at {100 * nodes[middle]:g} % SOC", kind, "over SOC", "", "", ""]
     known = {}
@@ -252,7 +252,7 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
         here = known.get((name, nodes[middle]), "")
         ranges = between(name, min(seen), max(seen))
         row = [_name(name), *_under_one_unit(with_unit(name, values[middle]), here, ranges)]
-        # The time constant of a pair beside its resistance.
+        # A pair's time constant stands beside its resistance.
         tau = names_beside(name).tau
         if tau in constants:
             value = with_unit(tau, constants[tau])
@@ -275,7 +275,7 @@ def _middle_by_temperature(
     part: "TablesPart", over: "OverTemperature"
 ) -> tuple[list[str], list[tuple[str, ...]]]:
     nodes = part.fits[0].tables.nodes
-    # The node that samples of every temperature visit, else of any.
+    # The node nearest to the middle that every temperature visits; else any node.
     everywhere = set.intersection(*(set(_visited(fit)) for fit in part.fits))
     places = sorted(everywhere) or range(len(nodes))
     middle = min(places, key=lambda place: abs(nodes[place] - MIDDLE_SOC))

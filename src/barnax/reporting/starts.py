@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 CAME_FROM = {1: "charged", -1: "discharged"}
 ENDS = {1: "full", -1: "empty"}
-# Sources of a start's SOC that are told in another line, or need no telling.
+# Sources of a start's SOC that another line tells, or that need no line.
 TOLD = ("given", "rested voltage", "own full charge", "own span", "registered")
-# More records are counted, not named.
+# With more records than this, they are counted, not named.
 MAX_NAMES = 2
 
 
@@ -30,7 +30,7 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
         "own span": "full where it is fullest",
         "given": "starting as given",
     }
-    # The others start by their rest on the OCV of this one.
+    # The other records start by their rested voltage on this one's OCV.
     name, start = next(
         (part.name, starts[source])
         for part in parts

@@ -8,17 +8,17 @@ from ..cell.model import NEAR_DEGC
 from .words import degrees, duration, figures, joined, millivolt
 
 if TYPE_CHECKING:
-    from ..over_soc import OverTemperature, TableFit
+    from ..over_soc import OverTemperature, TableFit, TableFits
     from ..result_parts import TablesPart
     from ..results import Result
 
-# Resistances that fall by less than this share at the average current do not follow it.
+# A smaller relative fall of resistances at the average current counts as none.
 NEXT_TO_NOTHING = 0.01
 
 
-def dependence_sentences(part: "TablesPart") -> Iterator[str]:
+def dependence_sentences(found: "TableFits") -> Iterator[str]:
     """The dependences of tables' resistances, with intervals; nothing where that is SOC alone."""
-    for degc, fit in part.found.by_degc:
+    for degc, fit in found.by_degc:
         yield from _sentences(fit, "" if degc is None else f"at {degrees(degc)}, ")
 
 

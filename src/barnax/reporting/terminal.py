@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..plan import Plan
     from ..replay import SocReplay
 
-# Lines below the heads, and one column between the columns.
+# Tables with a line below the heads and one space between columns.
 LINED: dict[str, Any] = {
     "box": box.SIMPLE_HEAD,
     "padding": (0, 1, 0, 0),
@@ -31,14 +31,14 @@ LINED: dict[str, Any] = {
     "header_style": "cyan",
 }
 BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
-# Options with their values, and what holds them together where lines are broken.
+# Options with their values, and the character that keeps them on one line.
 ONE_OPTION = r"--[a-z][\w-]*(?: (?!--)(?:'[^']*'|[^\s']+))?"
 OPTIONS = re.compile(f"{ONE_OPTION}(?: {ONE_OPTION})*")
 GLUE = "\ue000"
-# A longer word, such as the name of a file, may go on in the next line.
+# Longer words, such as file names, may be broken.
 LONGEST_WORD = 24
 
-# Of what is shown outside a terminal.
+# Width of text that is shown outside a terminal.
 TEXT_WIDTH = 110
 
 
@@ -197,7 +197,7 @@ def terminal_table(table: Table) -> RenderableType:
     heads = []
     for column in table.columns:
         is_number = column.role == "number"
-        # Narrow, so that names stay whole beside seven figures in 80 columns.
+        # Narrow heads, so that names fit beside seven numbers in 80 columns.
         name = column.name.replace("-", "-\n").replace(" ", "\n") if is_number else column.name
         heads.append(plain(f"{name}\n[{column.unit}]" if column.unit else name))
     rows = tuple(
@@ -208,7 +208,7 @@ def terminal_table(table: Table) -> RenderableType:
         for place, row in enumerate(table.rows)
     )
     are_numbers = tuple(column.role == "number" for column in table.columns)
-    # "R0, 95 %" is of "R0".
+    # "R0, 95 %" stays beside "R0".
     pairs = enumerate(pairwise(table.columns), 1)
     joined = {place for place, (one, other) in pairs if other.name.startswith(f"{one.name},")}
     shown = Whole(tuple(heads), rows, are_numbers, LINED, frozenset(joined))

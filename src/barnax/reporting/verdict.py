@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from ..cell import CellModel
     from ..results import Result
 
-# A smaller gap is told as none.
+# A smaller gap is shown as 0 %.
 LEAST_GAP = 1e-4
 MUCH = 0.5
-# Held-out errors so many times those of the fit, and so large, say that more data are needed.
+# More data are needed where held-out errors exceed this multiple of the fit's, and this size.
 LOST, LOST_V = 2.0, 0.01
-# A table of which fewer nodes than that have a standard error under this share is worth a test.
+# A table needs a test where less than `FEW` of its nodes have a relative error under `WIDE`.
 WIDE, FEW = 0.5, 1 / 3
 
 
@@ -181,7 +181,7 @@ def next_step(result: "Result") -> Next:
             options = option(suggestion)
             names = [part.name for part in result.of_role("identification")]
             if "initial_soc" in options and len(names) == 1:
-                # A start is one record's; the others keep theirs.
+                # The start of this record only; the others keep theirs.
                 options["initial_soc"] = f"{names[0]}={options['initial_soc']}"
             return Next(f"lower the RMSE to {millivolt(suggestion.rmse_v)}", options)
     names = [part.name for part in result.of_role("validation")]

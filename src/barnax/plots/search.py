@@ -1,7 +1,6 @@
 """The fall of every seed's best error, or loss, and the landscape that was searched.
 
-The landscape is the error over both time constants: it shows how many basins there are, and who
-ended where.
+The landscape is the error over both time constants: its basins, and where each seed ended.
 """
 
 from collections.abc import Mapping, Sequence

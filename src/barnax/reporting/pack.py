@@ -1,6 +1,7 @@
 """A pack in words and tables: its cells, the odd ones and the weakest."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 from ..files import csv_text
 from ..pack import FEWEST
@@ -62,16 +63,18 @@ def _table(pack: "Pack") -> Table:
         rows = [row for row in rows if row["odd"] or row["weakest"]]
         caption = f"Those that stand out of {len(pack.fit.cells)} cells; cells.csv has all."
     heads = ["cell", *(head for head, _ in SCALES.values()), "RMSE [mV]", "stands out"]
-    told = []
-    for row in rows:
-        line = [row["cell"]]
+
+    def line(row: Mapping[str, Any]) -> Iterator[str]:
+        yield row["cell"]
         for name, (_, scale) in SCALES.items():
             known = (row[name], row[f"{name} low"], row[f"{name} high"])
             value, low, high = (fixed(None if own is None else scale * own, 2) for own in known)
-            line.append(NOTHING if row[name] is None else f"{value} ({low} to {high})")
+            yield NOTHING if row[name] is None else f"{value} ({low} to {high})"
+        yield figures(1e3 * row["RMSE [V]"])
         out = (row["odd"].replace(" [Ohm]", ""), "weakest" if row["weakest"] else "")
-        told.append([*line, figures(1e3 * row["RMSE [V]"]), "; ".join(filter(None, out))])
-    return rows_table(caption, heads, told, ["cell", "stands out"])
+        yield "; ".join(filter(None, out))
+
+    return rows_table(caption, heads, map(line, rows), ["cell", "stands out"])
 
 
 def cells_csv(pack: "Pack") -> str:

@@ -35,7 +35,7 @@ from .words import (
 )
 
 if TYPE_CHECKING:
-    from ..over_soc import LeftOut, NodeInterval, OverTemperature, TableFit
+    from ..over_soc import CrossValidation, LeftOut, NodeInterval, OverTemperature, TableFit
     from ..result_parts import TablesPart
     from ..results import Result
 

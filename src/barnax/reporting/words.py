@@ -6,7 +6,8 @@ from typing import TypeVar
 from ..errors import counted as counted
 
 NOTHING = "–"
-Key, Item = TypeVar("Key"), TypeVar("Item")
+Key = TypeVar("Key")
+Item = TypeVar("Item")
 
 
 def joined(items: Sequence[str], last: str = "and") -> str:

@@ -20,7 +20,7 @@ from .temperatures import (
     temperature_ocv_sentences,
 )
 from .terminal import Whole, bare_table, headed_line, indented
-from .words import between, degrees, duration, figures, symbol, with_unit
+from .words import aligned_millivolt, between, degrees, duration, figures, symbol, with_unit
 
 if TYPE_CHECKING:
     from ..result_parts import InputPart, MetricsPart, TablesPart
@@ -123,14 +123,14 @@ def _errors_table(result: "Result") -> Whole:
     rows: list[list[str]] = []
     if not candidates:
         # The result is of an earlier version.
-        rows.append([result.answer, *map(_millivolt, own), ""])
+        rows.append([result.answer, *map(aligned_millivolt, own), ""])
     for candidate, held_v in zip(candidates, held, strict=True):
         errors_v = [candidate.identification.rmse_v, *candidate.validation_v, held_v]
         mark = "<- answer" if candidate.is_answer and len(candidates) > 1 else ""
-        rows.append([candidate.name, *map(_millivolt, errors_v[: len(heads) - 1]), mark])
+        rows.append([candidate.name, *map(aligned_millivolt, errors_v[: len(heads) - 1]), mark])
         if candidate.is_answer and any(map(is_apart, above, own)):
             errors_v = [*above, candidate.held_out and candidate.held_out.above_v]
-            row = map(_millivolt, errors_v[: len(heads) - 1])
+            row = map(aligned_millivolt, errors_v[: len(heads) - 1])
             rows.append(["  above 10 % SOC", *row, ""])
     are_numbers = [False, *(True for _ in heads[1:]), False]
     return bare_table([*heads, ""], rows, are_numbers)
@@ -160,7 +160,7 @@ def _errors_over_temperature(result: "Result") -> Whole:
     left = [_left_out_v(result.tables, parts.get(part.record)) for _, part in rows]
     if any(value is not None for value in left):
         columns["left out"] = left
-    told = (map(_millivolt, row) for row in zip(*columns.values(), strict=True))
+    told = (map(aligned_millivolt, row) for row in zip(*columns.values(), strict=True))
     return bare_table(
         [result.model, *columns], ([role, *row] for (role, _), row in zip(rows, told, strict=True))
     )
@@ -217,14 +217,6 @@ def _interval(name: str, estimates: "dict[str, Estimate]", bounds: dict[str, str
     if estimate.low is None or estimate.high is None:
         return "not determined"
     return between(name, estimate.low, estimate.high)
-
-
-def _millivolt(value_v: float | None) -> str:
-    """Three figures, zeros too, so that errors line up; nothing where there is none."""
-    if value_v is None:
-        return ""
-    value_mv = 1e3 * value_v
-    return f"{value_mv:.0f} mV" if value_mv >= 999.5 else f"{value_mv:#.3g}".rstrip(".") + " mV"
 
 
 def _short(name: str, longest: int) -> str:

@@ -12,7 +12,7 @@ from ..files import csv_text
 from ..plots.cell import rate_label
 from ..pulses import STANDARD_S, Pulse, levels
 from .document import Bullets, Picture, Section, Table, make_table
-from .words import NOTHING, counted, duration, fixed, joined
+from .words import NOTHING, aligned, counted, duration, fixed, joined
 
 if TYPE_CHECKING:
     from ..over_soc import TableFit
@@ -137,10 +137,9 @@ def _unit(result: "Result") -> str:
 
 
 def _shown(value_ohm: float | None, unit: str) -> str:
-    """Three figures, zeros too, so that a column lines up."""
     if value_ohm is None:
         return NOTHING
-    return f"{value_ohm if unit == 'Ohm' else 1e3 * value_ohm:#.3g}".rstrip(".")
+    return aligned(value_ohm if unit == "Ohm" else 1e3 * value_ohm)
 
 
 def pulses_csv(pulses: Sequence[Pulse]) -> bytes:

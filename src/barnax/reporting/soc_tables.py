@@ -22,6 +22,7 @@ from .sentences import better_than
 from .temperatures import dependence_sentences, expectation, numbers_of
 from .words import (
     NOTHING,
+    aligned_millivolt,
     between,
     capitalized,
     degrees,
@@ -285,11 +286,9 @@ def _middle_by_temperature(
     for fit, left in zip(part.fits, over.left_out, strict=True):
         held = fit.cross_validation
         values = [with_unit(name, fit.tables.tables[name][middle]) for name in names]
-        errors = [
-            "" if error is None else f"{1e3 * error.rmse_v:#.3g} mV"
-            for error in (left.own, held and held.tables, left.errors)
-        ]
-        rows.append((degrees(left.temperature_degc), *values, *errors))
+        errors = (left.own, held and held.tables, left.errors)
+        told = [aligned_millivolt(error and error.rmse_v) for error in errors]
+        rows.append((degrees(left.temperature_degc), *values, *told))
     for name, value in part.fits[0].tables.constants.items():
         if name in numbers_of(part.fits[0]):
             continue

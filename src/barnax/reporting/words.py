@@ -63,6 +63,23 @@ def millivolt(value_v: float) -> str:
     return f"{shown} mV"
 
 
+def aligned(value: float) -> str:
+    """Three figures, zeros too, so that a column lines up.
+
+    >>> aligned(0.5), aligned(100.0)
+    ('0.500', '100')
+    """
+    return f"{value:#.3g}".rstrip(".")
+
+
+def aligned_millivolt(value_v: float | None) -> str:
+    """A voltage of three figures in a column; empty where there is none."""
+    if value_v is None:
+        return ""
+    value_mv = 1e3 * value_v
+    return f"{value_mv:.0f} mV" if value_mv >= 999.5 else f"{aligned(value_mv)} mV"
+
+
 def millivolts_cell(value_v: float | None) -> str:
     """A voltage under a head in mV, a dash where there is none."""
     return fixed(None if value_v is None else 1e3 * value_v, 3)

@@ -123,10 +123,6 @@ class SimulationInput(AbstractEvaluator):
     intervals: Intervals
     hysteresis: HysteresisInput | None = None
 
-    def map_clocks(self, change: Callable[[Intervals], Intervals]) -> "SimulationInput":
-        """The same with every clock changed."""
-        return eqx.tree_at(_clocks, self, [change(clock) for clock in _clocks(self)])
-
     def map_samples(self, change: Callable[[Array], Any]) -> "SimulationInput":
         """The same with every array that has one entry a sample changed."""
         return eqx.tree_at(_sampled, self, replace_fn=change)

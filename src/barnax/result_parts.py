@@ -226,7 +226,7 @@ class PlannedFile(Part):
 
 
 class AssessmentPart(Part):
-    """The data's hold on the answer: intervals, what is not determined, and residuals.
+    """Intervals of the answer, what the data do not determine, and residuals.
 
     Attributes:
         uncertainty: Intervals of all parameters.

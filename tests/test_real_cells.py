@@ -23,11 +23,11 @@ PROFILE = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
 CAPACITY_AH = 2.0
 TAU_S = (0.5, 10_000.0)
 # The certified lowest RMSE in mV, and that on US06 of the circuit which has it. An independent
-# SciPy fit from fourteen starts found the first two rows.
+# SciPy fit from fourteen starts found the first two rows, NumPy alone has the errors of the third.
 ACCEPTED_MV = {
     "so-rc": ("26.7819", "29.580"),
     "iso-rc": ("27.4293", "30.174"),
-    "esc": ("26.684", "29.67"),
+    "esc": ("26.632", "29.65"),
 }
 
 
@@ -76,6 +76,13 @@ class OwnCell:
             curve(np.clip(soc, curve.x[0], curve.x[-1])) for curve in (self.charge, self.discharge)
         ]
         return np.mean(branches, axis=0) + direction * (hats(soc) @ self.nodes_v) / 2
+
+    def gap_v(self, soc):
+        """That of the branches, where `iso-rc` has that of segments."""
+        charge_v, discharge_v = (
+            curve(np.clip(soc, curve.x[0], curve.x[-1])) for curve in (self.charge, self.discharge)
+        )
+        return np.maximum(charge_v - discharge_v, 0.0)
 
 
 def hats(soc):
@@ -134,12 +141,26 @@ class OwnRecord:
         direction = np.where(moved[last] == 0, 1.0, moved[last])
         source_v = cell.source_v(soc, direction if circuit == "iso-rc" else np.zeros_like(soc))
         self.base_v = source_v - voltage_v[kept]
+        self.passed, self.toward = np.abs(np.diff(soc, prepend=soc[0])), moved
+        self.gap_v = cell.gap_v(soc)
+
+    def turned_v(self, gamma):
+        """The hysteresis voltage of `esc`: on the charge branch when full, then toward that of the
+        current, by the charge that passes."""
+        state, found = 1.0, np.empty_like(self.passed)
+        for at, (passed, toward) in enumerate(zip(self.passed, self.toward, strict=True)):
+            if toward:
+                state = toward + (state - toward) * np.exp(-gamma * passed)
+            found[at] = state
+        return found * self.gap_v / 2
 
     def drop_v(self, *circuit):
         return drop_v(banded_response, self.time_s, self.current_a, circuit, "backward")
 
-    def rmse_v(self, *circuit):
-        return np.sqrt(np.mean((self.base_v - self.drop_v(*circuit))[self.is_scored] ** 2))
+    def rmse_v(self, *circuit, gamma=None):
+        turned_v = 0.0 if gamma is None else self.turned_v(gamma)
+        error_v = self.base_v + turned_v - self.drop_v(*circuit)
+        return np.sqrt(np.mean(error_v[self.is_scored] ** 2))
 
 
 @pytest.mark.parametrize("circuit", ACCEPTED_MV)
@@ -186,6 +207,16 @@ def test_scipy_alone_finds_the_same_on_the_raw_files(samsung, own_cell, real_dat
     us06 = OwnRecord(folder / "us06_25degC_80soc_SP20-2.parquet", own_cell, circuit)
     us06_v, accepted_mv = us06.rmse_v(r0, (r1, r2), (tau1, tau2)), ACCEPTED_MV[circuit][1]
     assert as_printed(us06_v, accepted_mv) == accepted_mv
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_numpy_alone_has_the_errors_of_a_hysteresis_that_moves(samsung, own_cell, real_data, place):
+    refinement, _ = samsung[1]["esc"]
+    name = ("dst_25degC_80soc_SP20-2", "us06_25degC_80soc_SP20-2")[place]
+    own = OwnRecord(real_data / SAMSUNG / f"{name}.parquet", own_cell, "esc")
+    found, accepted_mv = refinement.parameters, ACCEPTED_MV["esc"][place]
+    own_v = own.rmse_v(found.r0, found.r, found.tau_s, gamma=found.gamma)
+    assert as_printed(own_v, accepted_mv) == accepted_mv
 
 
 @pytest.mark.parametrize("circuit", ["iso-rc", pytest.param("so-rc", marks=pytest.mark.slow)])

@@ -120,7 +120,7 @@ def test_a_fit_that_follows_much_of_every_burst_knows_its_noise_as_well_as_it_sc
     step = np.where(here < 60.0, np.sign(np.sin(here / 5)), 0.0)
     own = np.stack([step, np.ones(len(here)), here / 900.0 - 0.5], axis=1)
     columns = orthonormal(np.kron(np.eye(8), own))
-    slots = Slots.of(time_s, most=1440)
+    slots = Slots.of(time_s, max_slots=1440)
     lag = np.abs(time_s[:, None] - time_s)
     covariance = 0.3 * np.eye(len(time_s)) + np.exp(-lag / 20.0) + np.exp(-lag / 2e3)
     rng = np.random.default_rng(9)

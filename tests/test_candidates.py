@@ -85,6 +85,7 @@ def test_what_is_stored_says_the_same(result, tmp_path):
     assert len(stored.parameters["R0 [Ohm]"]) == len(stored.parameters["SOC"])
 
 
+@pytest.mark.slow
 def test_a_record_of_little_soc_gets_no_tables():
     result = barnax.identify(window=Window(score_to_s=1500.0), trust="none", **QUICK)
     (tables,) = [each for each in result.candidates if each.over]
@@ -124,6 +125,7 @@ def evaluate_voltage(prepared, truth):
     return evaluate(replace(prepared, record=ramp), truth).simulated_v
 
 
+@pytest.mark.slow
 def test_a_circuit_that_the_data_contradict_is_told_with_the_command(moving_cell, moving_record):
     record, window = moving_record
     asked = {"cell": moving_cell, "window": window, "seeds": 0}

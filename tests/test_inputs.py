@@ -191,6 +191,7 @@ def test_forty_samples_are_too_few_and_that_is_said(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_fast_record_too_short_for_three_pairs_is_identified_with_two(tmp_path):
     frame = pl.read_parquet(BUNDLED.validation)[:60]
     frame.with_columns(pl.col("Test Time / s") / 10).write_csv(tmp_path / "short.csv")

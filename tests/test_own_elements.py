@@ -46,7 +46,10 @@ def made_problem(cell, circuit, answer, noise_v=0.0):
     return make_problem(record, cell, circuit, window=Window(initial_soc=0.8))
 
 
-CASES = [("1rc+diffusion", series, 5e-4), (OWN, two, 1e-6)]
+CASES = [
+    pytest.param("1rc+diffusion", series, 5e-4, marks=pytest.mark.slow),
+    (OWN, two, 1e-6),
+]
 
 
 @pytest.fixture(autouse=True)

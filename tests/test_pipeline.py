@@ -83,6 +83,7 @@ def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch
     assert "not known" in result._repr_html_()
 
 
+@pytest.mark.slow
 def test_bounds_of_almost_nothing_are_searched_by_the_scan_and_lose_nothing():
     bounds = {"tau1 [s]": (1e-6, 1e9), "R1 [Ohm]": (1e-9, 0.2)}
     result = barnax.identify(window=SHORT, bounds=bounds, **(SMALL | {"trust": "basic"}))
@@ -312,6 +313,7 @@ def test_score_soc_leaves_out_what_it_says():
     assert 0.9 <= low < 0.91 < high
 
 
+@pytest.mark.slow
 def test_a_fast_record_without_an_ocv_test_shows_its_third_pair(monkeypatch):
     monkeypatch.setattr(known_cell, "R_OHM", (0.01, 0.02, 0.03))
     monkeypatch.setattr(known_cell, "TAU_S", (1.5, 12.0, 100.0))

@@ -122,6 +122,7 @@ def test_the_stored_cell_gives_the_curves_back(document, bundled_cell):
         np.testing.assert_array_equal(getattr(stored, branch)(soc), expected)
 
 
+@pytest.mark.slow
 def test_an_export_starts_where_the_simulation_does(bundled_cell):
     # From 5,000 s on the cell comes from a discharge, whatever was before the record.
     window = Window(start_time_s=5000.0, score_to_s=5900.0, initial_soc=0.7)
@@ -170,6 +171,7 @@ def test_a_seed_that_failed_at_first_or_altogether_is_stored(result):
     assert read.to_json() == made.to_json()
 
 
+@pytest.mark.slow
 def test_a_circuit_worse_than_a_constant_is_warned_of(result):
     assert "answer.worse-than-constant" not in {each.code for each in result.warnings}
     wrong = barnax.identify(**(OPTIONS | {"fix": {"R0 [Ohm]": 2.0}, "bounds": None}))

@@ -71,6 +71,7 @@ def test_before_a_scenario_starts_there_is_no_estimate_and_nothing_is_scored():
     assert late.in_band == pytest.approx(np.mean(held))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("degc", "rms"),
     [(0, 0.015), pytest.param(25, 0.008, marks=pytest.mark.slow),

@@ -78,6 +78,7 @@ def test_a_load_in_time_with_a_slow_log_flows_until_the_next_row():
     assert (record.hold.value, record.hold.strength) == ("forward", "assumed")
 
 
+@pytest.mark.slow
 def test_r0_of_means_with_5_mv_steps_is_right_where_each_flows_half_before_and_half_after():
     result = barnax.identify(
         log(3, "means", step_v=0.005), seeds=0, capacity=2.5, trust="none", advise=False

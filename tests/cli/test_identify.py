@@ -174,6 +174,7 @@ def test_a_name_that_no_terminal_should_see_is_stored_and_shown_harmlessly(run, 
         (outcome.out + outcome.err).encode()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 def test_a_full_stdout_is_one_message_and_the_folder_is_written(tmp_path):
     words = [sys.executable, "-m", "barnax", "identify", *BUDGET, "--trust", "none"]

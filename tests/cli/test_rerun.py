@@ -36,6 +36,7 @@ def repeats(finished, monkeypatch):
     return words
 
 
+@pytest.mark.slow
 def test_the_same_machine_gives_the_same_bytes(run, finished):
     outcome = run("rerun", finished.folder / "result.json")
     assert (outcome.status, outcome.out) == (0, "The result is the same, byte for byte.\n")

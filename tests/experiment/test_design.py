@@ -124,6 +124,7 @@ def test_a_design_keeps_its_time_and_its_limits(designed):
     assert predicted.soc.max() <= 1
 
 
+@pytest.mark.slow
 def test_rates_over_soc_hold_for_pieces_that_leave_their_stretch():
     taken = [
         Block("charge", (300.0, 60.0), (-1.0, 0.0)),
@@ -162,6 +163,7 @@ def test_the_same_key_gives_the_same_design(designed):
     assert other != barnax.candidate_blocks(jax.random.key(0))
 
 
+@pytest.mark.slow
 def test_a_wish_that_is_easy_takes_less_time_than_is_given():
     found = barnax.design(capacity=2.0, max_hours=2.5, want={"R0": 0.05}, blocks=BLOCKS, **LIMITS)
     assert found.is_reached

@@ -49,6 +49,7 @@ def test_a_record_by_the_second_takes_the_same_charge(prepared):
     assert seconds.counted.all()
 
 
+@pytest.mark.slow
 def test_noise_is_told_from_what_a_circuit_leaves_out(prepared, believed):
     rng = np.random.default_rng(3)
     count = len(prepared.soc)

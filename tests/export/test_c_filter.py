@@ -74,7 +74,12 @@ def in_python(result, prepared, direction):
 
 @pytest.mark.parametrize(
     ("circuit", "with_tables"),
-    [*((name, False) for name in PAIRS_OF), ("so-rc", True), ("esc", True)],
+    [
+        *(pytest.param(name, False, marks=pytest.mark.slow) for name in PAIRS_OF if name != "esc"),
+        ("esc", False),
+        ("so-rc", True),
+        ("esc", True),
+    ],
 )
 def test_it_is_the_filter_in_python(tmp_path, circuit, with_tables):
     make = make_table_result if with_tables else make_result

@@ -169,8 +169,14 @@ class Plain:
         return np.array(found)
 
 
-@pytest.mark.parametrize("circuit", ["so-rc", "iso-rc", "esc"])
-@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.parametrize(
+    ("kind", "circuit"),
+    [
+        *(("ekf", name) for name in ("so-rc", "iso-rc", "esc")),
+        *(pytest.param("ukf", name, marks=pytest.mark.slow) for name in ("so-rc", "iso-rc")),
+        ("ukf", "esc"),
+    ],
+)
 def test_a_filter_is_a_plain_loop_in_numpy(circuit, kind):
     cell = make_cell()
     drive = drive_of(*profile(), np.random.default_rng(1).normal(3.75, 0.05, SAMPLES))

@@ -69,6 +69,7 @@ def test_a_fleet_in_a_store_is_that_of_a_folder(small_fleet, bucket, tmp_path):
     assert again["R0 [Ohm]"] == there["R0 [Ohm]"]
 
 
+@pytest.mark.slow
 def test_the_command_reads_and_writes_a_store(small_fleet, bucket, tmp_path):
     manifest = tmp_path / "m.csv"
     manifest.write_text(f"id,records\na,{bucket / 'none.csv'}\n")

@@ -108,6 +108,7 @@ def test_an_even_clock_leaves_the_hold_open(pchip_cell):
     assert with_better_hold(problem) is problem
 
 
+@pytest.mark.slow
 def test_intervals_span_both_holds_where_they_differ_and_a_warning_says_so(pchip_cell):
     table = simulated(pchip_cell, 10.0 * np.arange(700), "backward")
     given = {"cell": pchip_cell, "model": "so-rc", "seeds": 0, "window": WINDOW}
@@ -166,6 +167,7 @@ def test_an_interval_of_r0_reaches_up_to_what_comes_a_sample_late(pchip_cell):
     assert 0.05 < r0.high < 1.05 * (0.05 + passed)
 
 
+@pytest.mark.slow
 def test_tables_move_under_the_other_hold_by_the_closed_form_of_their_own_pairs(pchip_cell):
     tables = {
         hold: barnax.identify(

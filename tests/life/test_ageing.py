@@ -69,6 +69,7 @@ def test_what_no_record_tells_is_not_determined():
     assert len(life_frame(life)) == 4 * 45
 
 
+@pytest.mark.slow
 def test_equivalent_full_cycles_count_what_passed():
     passed = dataset().with_columns((pl.int_range(pl.len()) % 5 * 100.0).alias("ah_since_new"))
     assert life_of(passed, throughput="ah_since_new").cycles["C1"] == 100.0

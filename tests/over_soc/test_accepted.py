@@ -85,6 +85,7 @@ def test_a_record_left_out_is_predicted_as_a_fit_to_the_others_does(measured):
         assert in_mv([errors]) == pytest.approx(in_mv([scanned]), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_interval_of_another_record_holds_what_a_fourth_one_shows(measured):
     settings, holds, own_holds = TableSettings(fixed=GIVEN, max_boxes=0), [], []
     for left, record in enumerate(measured):

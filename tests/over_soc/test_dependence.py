@@ -146,6 +146,7 @@ def test_without_such_a_cell_nothing_is_followed():
         assert identified(records).tables.fit.tables.dependence is None
 
 
+@pytest.mark.slow
 def test_none_is_asked_for_and_taken(warming):
     assert identified(warming, resistances_follow="none").tables.fit.tables.dependence is None
 
@@ -160,6 +161,7 @@ def test_heat_of_its_own_is_found_from_several_records():
     assert known.heating_tau_s == pytest.approx(1500.0, rel=0.4)
 
 
+@pytest.mark.slow
 def test_a_current_of_butler_and_volmer_is_found():
     records = [made(seed, driven=by_current(0.8))[0] for seed in range(2)]
     known = identified(records).tables.fit.tables.dependence

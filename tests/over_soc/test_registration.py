@@ -62,6 +62,7 @@ def test_starts_and_capacities_are_found_up_to_the_axis(records, registered):
         assert each.as_told.initial_soc == 1.0
 
 
+@pytest.mark.slow
 def test_registered_records_agree_where_those_as_told_do_not(records, registered):
     kept = identified(records, keep_starts=True)
     assert [each.window.registration for each in kept.inputs] == [None] * 3
@@ -161,6 +162,7 @@ def prepared_with(record, capacity_ah):
     return prepare_record(record, cell, "so-rc", Window(initial_soc=1.0))
 
 
+@pytest.mark.slow
 def test_charge_that_an_ocv_test_and_a_record_do_not_share_is_found_by_its_rests(emptied):
     record, capacity_ah = emptied
     told = prepared_with(record, 1.03 * capacity_ah)
@@ -179,6 +181,7 @@ def test_charge_that_an_ocv_test_and_a_record_do_not_share_is_found_by_its_rests
     assert register_alone(right, TableSettings()) is right
 
 
+@pytest.mark.slow
 def test_what_an_ocv_test_tells_of_the_capacity_counts_for_records_to_validate_on(emptied):
     """Two testers count 3 % apart, and both drives are of one of them."""
     record, capacity_ah = emptied
@@ -205,6 +208,7 @@ def test_what_an_ocv_test_tells_of_the_capacity_counts_for_records_to_validate_o
     assert "others" not in " ".join(registered_sentences(given))
 
 
+@pytest.mark.slow
 def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(real_data):
     """As told they are 48 mV off, 110 to 360 of that below 5 % SOC."""
     folder = real_data / "plett-a123-26650"
@@ -230,7 +234,7 @@ def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(rea
     assert max(each.rmse_v for each in together) < 5e-3
 
 
-@pytest.mark.parametrize("offset_a", [-0.02, 0.0, 0.02])
+@pytest.mark.parametrize("offset_a", [pytest.param(-0.02, marks=pytest.mark.slow), 0.0, 0.02])
 def test_records_of_different_rates_tell_an_offset_of_their_current(offset_a):
     fast, slow = made(0, 0.98, 2.4, 1e-3)[0], made(1, 0.98, 4.8, 1e-3, scale=0.5)[0]
     records = [replace(each, current_a=each.current_a + offset_a) for each in (fast, slow)]

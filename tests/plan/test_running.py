@@ -98,6 +98,7 @@ def test_a_run_whose_roles_are_given_has_its_plan_too(folder, tmp_path):
     assert written[0] == written[1]
 
 
+@pytest.mark.slow
 def test_a_plan_is_taken_back_edited_or_not(folder, by_hand, tmp_path):
     printed = run_command("identify", folder, "--plan", "--score-to", "1500")
     assert printed.status == 0

@@ -136,6 +136,7 @@ def test_an_interval_spans_another_possible_value_by_its_own_relative_width(whit
     assert uncertainty.spanning([])["R0 [Ohm]"] == own
 
 
+@pytest.mark.slow
 def test_a_rest_before_the_first_load_says_nothing(bundled_cell):
     """Intervals with it are those without."""
     rng = np.random.default_rng(0)

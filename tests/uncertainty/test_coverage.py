@@ -20,6 +20,7 @@ def benchmark(monkeypatch):
     return importlib.import_module("benchmarks.coverage.simulated")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("circuit", [0, 1])
 def test_intervals_hold_the_truth_under_correlated_noise_where_plain_ones_do_not(
     benchmark, short_problem, circuit

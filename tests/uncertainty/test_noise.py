@@ -94,6 +94,7 @@ def test_the_degrees_of_freedom_tell_how_much_the_fitted_variance_scatters(simul
     np.testing.assert_allclose(np.median(freedom, axis=0) * scatter / 2, 1.0, atol=0.5)
 
 
+@pytest.mark.slow
 def test_bursts_of_samples_have_the_degrees_of_freedom_that_their_variances_scatter_by():
     """As in a pulse test: 40 samples a second apart, then one a minute."""
     burst, rest = np.arange(40.0), np.arange(60.0, 600.0, 60.0)
@@ -185,6 +186,7 @@ def test_records_on_one_clock_are_not_joined_by_their_noise():
         np.testing.assert_allclose(spread, columns.T @ dense @ columns, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_empty_time_between_records_adds_no_degrees_of_freedom():
     rng = np.random.default_rng(6)
     noise_v = np.concatenate(

@@ -69,6 +69,7 @@ def test_a_third_pair_is_found_where_there_is_one(short_problem):
     assert found["dynamic hysteresis"].circuit == "esc"
 
 
+@pytest.mark.slow
 def test_tables_are_suggested_of_the_fitted_elements(short_problem):
     elements = ("rc", "diffusion")
     start = CircuitParameters.of_tau(0.05, (0.02, 0.03), (10.0, 120.0), elements=elements)

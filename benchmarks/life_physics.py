@@ -1,12 +1,27 @@
-"""Cells that age by a physical model, for `benchmarks.life`: PyBaMM's SPMe with a growing SEI and
-loss of active material. What ages them is made faster, so that years pass in some tens of cycles.
+"""Ageing of cells that are no circuits: `python -m benchmarks.life_physics [CELLS]`.
+
+PyBaMM's SPMe with a growing SEI and loss of active material, both made faster, so that years pass
+in some tens of cycles. Writes benchmarks/results/life_physics.md.
 """
 
+import sys
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+import barnax
+from barnax.fleet.rows import ageing_row
+from barnax.model.prepared import prepare_record
+from benchmarks.pages import as_markdown, provenance, publish
+
+RESULTS = Path(__file__).parent / "results" / "life_physics.md"
+# Within so much of the truth, as `benchmarks.life` counts it.
+WITHIN = {"capacity [A.h]": 0.01, "R0 [Ohm]": 0.02}
+CELLS, FRESH_SEEDS = 12, (90_001, 90_002, 90_003)
 
 VALUES, NOMINAL_AH, FULL_V, EMPTY_V = "OKane2022", 5.0, 4.2, 2.5
 STEP_S, SAMPLES, NOISE_V = 5.0, 2000, 1e-3
@@ -135,3 +150,80 @@ def ageing(number: int) -> Iterator[Aged]:
         if block:
             cell.cycled(CYCLES)
         yield cell.checked(100 * number + block)
+
+
+def record_of(drive: dict[str, np.ndarray], name: str) -> barnax.Record:
+    """A drive as a file's record."""
+    options = {"current_sign": "charge-positive", "current_hold": "forward"}
+    return barnax.record_from_frame(drive, name=name, **options)
+
+
+def fresh_cell() -> tuple[Any, float]:
+    """What drives of a new cell tell of it, and its capacity."""
+    cell = PhysicalCell()
+    drives = [cell.checked(seed, depth=0.97) for seed in FRESH_SEEDS]
+    capacity_ah = drives[0].capacity_ah
+    found = barnax.identify(
+        [record_of(aged.drive, f"fresh{place}") for place, aged in enumerate(drives)],
+        seeds=0,
+        trust="none",
+        window=barnax.Window(initial_soc=1.0, capacity_ah=capacity_ah),
+    )
+    return found.cell, capacity_ah
+
+
+def rows_of(number: int, cell: Any, capacity_ah: float) -> Iterator[dict[str, tuple[float, ...]]]:
+    """Of every age of a cell: estimate, both ends of its interval and truth, by quantity."""
+    window = barnax.Window(initial_soc=1.0, capacity_ah=capacity_ah)
+    for place, aged in enumerate(ageing(number)):
+        record = record_of(aged.drive, f"{number}-{place}")
+        row = ageing_row([prepare_record(record, cell, "so-rc", window)])
+        truths = {"capacity [A.h]": aged.capacity_ah, "R0 [Ohm]": aged.r0_ohm}
+        yield {
+            name: (row[f"aged {name}"], row[f"aged {name} low"], row[f"aged {name} high"], truth)
+            for name, truth in truths.items()
+            if row[f"aged {name}"] is not None
+        }
+
+
+def main() -> None:
+    """Measure, print the page and write it."""
+    cells = int(sys.argv[1]) if len(sys.argv) > 1 else CELLS
+    began, rows = time.perf_counter(), []
+    cell, capacity_ah = fresh_cell()
+    for number in range(cells):
+        rows += rows_of(number, cell, capacity_ah)
+        print(f"{number + 1} of {cells}", file=sys.stderr)
+    names = "quantity", "told", "off, median", "in 95 %", "within", "intervals hold"
+    table = [f"| {' | '.join(names)} |", "|---" * len(names) + "|"]
+    for name, near in WITHIN.items():
+        value, low, high, truth = np.array([row[name] for row in rows if name in row]).T
+        off, told = value / truth - 1, len(value) / len(rows)
+        held = np.mean((low <= truth) & (truth <= high))
+        table.append(
+            f"| {name} | {100 * told:.0f} % | {100 * np.median(off):+.2f} % "
+            f"| {100 * np.quantile(np.abs(off), 0.95):.2f} % "
+            f"| {100 * np.mean(np.abs(off) <= near):.0f} % within {100 * near:g} % "
+            f"| {100 * held:.0f} % |"
+        )
+    fades = [row["capacity [A.h]"][3] / capacity_ah for row in rows if "capacity [A.h]" in row]
+    lines = [
+        "# Ageing of cells that are no circuits",
+        "",
+        as_markdown(provenance(f"python -m benchmarks.life_physics {cells}", 0)),
+        "",
+        f"{cells} cells of {VALUES}, each at {BLOCKS} ages and with one drive of "
+        f"{SAMPLES * STEP_S / 3600:.1f} h at each, from full. SEI, and with it loss of the "
+        "negative electrode, of the positive one, or of both; capacities fall to "
+        f"{100 * min(fades):.0f} %. No OCV test: three drives of a new cell told the OCV. The "
+        "truth of a capacity is a discharge at C/20, that of R0 the step of the voltage at half "
+        "charge. "
+        f"It took {time.perf_counter() - began:.0f} s.",
+        "",
+        *table,
+    ]
+    publish(RESULTS, "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -177,8 +177,8 @@ def _as_counted(
         return replace(
             cell,
             capacity_ah=share * cell.capacity_ah,
-            capacity_origin=f"by which {' and '.join(names)} agrees with the OCV test; that has "
-            f"{cell.capacity_ah:.4f} Ah",
+            capacity_origin="by which the records identified on agree with the OCV test, which "
+            f"has {cell.capacity_ah:.4f} Ah",
             elsewhere=tuple(map(counted, cell.elsewhere)),
         )
 

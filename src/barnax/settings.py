@@ -108,8 +108,8 @@ class Reading:
         ocv_current_sign: Sign of current in the OCV tests.
         validate_current_sign: Sign of current in the validation records.
         current_hold: When a sample's current flows: until the next sample (forward), since the
-            previous one (backward), half of both (centered: means, or a load that changes between
-            samples), or auto (decided from the data).
+            previous one (backward), about half of both (centered: means, or a load that changes
+            between samples), or auto (decided from the data).
         voltage_lag: Seconds by which the voltage is older than the current of its row, negative
             where it is newer; by default found from the data, 0 takes them as logged.
         columns: Columns that are not recognized: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME,

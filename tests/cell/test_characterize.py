@@ -58,6 +58,11 @@ def test_between_branches_lies_what_was_measured_unless_they_are_polynomials():
     assert cell.hysteresis_v(soc)[12] < 0.6 * cell.branch_gap_v(soc)[12]
     fitted = characterize(tests, capacity_ah=2.0, ocv_fit="polynomial")
     np.testing.assert_array_equal(fitted.branch_gap_v(soc), fitted.hysteresis_v(soc))
+    # So between two temperatures.
+    both = replace(
+        fitted, temperature_degc=0.0, elsewhere=(replace(fitted, temperature_degc=25.0),)
+    )
+    np.testing.assert_allclose(both.at(12.5).branch_gap_v(soc), fitted.hysteresis_v(soc), atol=1e-9)
 
 
 def test_two_files_in_any_order_give_the_same_as_one():

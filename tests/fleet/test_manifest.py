@@ -2,6 +2,7 @@
 
 import gzip
 import os
+import zlib
 
 import polars as pl
 import pytest
@@ -170,4 +171,17 @@ def test_a_manifest_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch, s
     else:
         pl.DataFrame({"id": pl.repeat(1, 100_000, eager=True)}).write_parquet(path)
     with pytest.raises(InputError, match=r"bytes need more than the limit of 0\.001 GB"):
+        read_manifest(path)
+
+
+def test_a_manifest_that_is_packed_twice_or_has_too_many_rows_is_refused(tmp_path, monkeypatch):
+    text = b"id,records\n" + b"a,b.csv\n" * 1000
+    path = tmp_path / "m.csv"
+    for packed in (gzip.compress(gzip.compress(text)), zlib.compress(text)):
+        path.write_bytes(packed)
+        with pytest.raises(InputError, match=r"m\.csv: cannot be read"):
+            read_manifest(path)
+    monkeypatch.setattr(room, "LARGEST_FILE", 100_000)
+    path.write_bytes(text)
+    with pytest.raises(InputError, match="need more than the limit"):
         read_manifest(path)

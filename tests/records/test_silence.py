@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 from barnax import InputError
 from barnax.checks import check_file
 from barnax.records import read_record, record_from_frame
+from barnax.records.record import in_means
 from helpers.known_cell import R0_OHM, R_OHM, TAU_S, ocv_v
 from helpers.problems import drive_a
 
@@ -21,7 +22,8 @@ def drive(rests=60, resting_s=(5, 900), seed=0):
     # Every load is one, so that only rests have no current.
     current_a = np.where(np.abs(current_a) < 0.05, 0.3, current_a)
     current_a *= 0.9 * 3600 * CAPACITY_AH / np.sum(current_a)
-    places = np.sort(draw.choice(np.arange(100, LOADED - 100), rests, replace=False))
+    # A rest ends with another load: gaps between rows of one current are of a steady one.
+    places = np.sort(draw.choice(np.arange(100, LOADED - 100, 20), rests, replace=False))
     parts = [
         part
         for load in np.split(current_a, places)
@@ -99,3 +101,34 @@ def test_a_current_that_is_empty_under_load_is_refused(tmp_path):
     rows.with_columns(pl.when(~is_empty).then(pl.col("Current [A]"))).write_csv(path)
     with pytest.raises(InputError, match="nothing stands under 'Current"):
         read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("load_a", "gap_s", "gaps"), [(0.3, 600, 20), (0.1, 3600, 8), (1.0, 600, 9)]
+)
+def test_gaps_of_a_logger_that_writes_changes_alone_are_no_rests(load_a, gap_s, gaps):
+    """Bursts, and between them a steady load of which nothing is written."""
+    burst_a = np.where((np.arange(120) // 20) % 2 == 0, 2.0, load_a)
+    burst_a[[0, -1]] = load_a
+    current_a = np.tile(np.append(burst_a, np.full(gap_s, load_a)), gaps)
+    is_written = np.tile(np.append(np.ones(120, bool), np.zeros(gap_s, bool)), gaps)
+    voltage_v = 4.0 - 0.33 * np.append(0.0, np.cumsum(current_a[:-1])) / 3600 - 0.03 * current_a
+    voltage_v += 3e-4 * np.random.default_rng(0).standard_normal(len(voltage_v))
+    rows = table(np.arange(len(current_a), dtype=float), current_a, voltage_v)
+    record = record_from_frame({name: column[is_written] for name, column in rows.items()})
+    assert record.flowing is None
+
+
+def test_in_means_a_rest_that_is_not_written_stays_one():
+    time_s, current_a, voltage_v = drive(4, (600, 3000))
+    is_written = current_a != 0
+    record = record_from_frame(
+        table(time_s[is_written], current_a[is_written], voltage_v[is_written])
+    )
+    means = in_means(record, 10.0)
+    assert means.discharged_ah[-1] == pytest.approx(
+        np.interp(means.time_s[-1], record.time_s, record.discharged_ah), abs=2e-3
+    )
+    rests = means.interval_s > 500
+    assert np.count_nonzero(rests) == 4
+    assert np.max(np.abs(means.interval_current_a[rests])) < 0.1

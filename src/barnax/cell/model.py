@@ -170,7 +170,12 @@ class CellModel(Brief):
 def _between(cold: CellModel, warm: CellModel, share: float) -> CellModel:
     """The cell at a temperature that lies this share of the way from one to another."""
 
-    def mixed(first: Curve, second: Curve) -> InterpolatedCurve:
+    def mixed(first: Curve, second: Curve) -> Curve:
+        if isinstance(first, PolynomialCurve) and isinstance(second, PolynomialCurve):
+            pairs = zip(first.coefficients, second.coefficients, strict=True)
+            return replace(
+                first, coefficients=tuple((1 - share) * one + share * other for one, other in pairs)
+            )
         ends = min(first.soc[0], second.soc[0]), max(first.soc[-1], second.soc[-1])
         soc = np.unique([*first.soc, *second.soc, *np.linspace(*ends, MIXED_POINTS)])
         # Points closer than rounding would give a step, not a curve.

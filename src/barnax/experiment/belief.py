@@ -79,10 +79,11 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
     Raises `InputError` where its answer has elements that are no RC pairs, or nothing that follows
     the temperature that is asked for.
     """
-    told, earlier = (
-        result.tables and result.tables.fit.intervals,
-        _records_of(result, temperature_degc),
-    )
+    told, untold = result.tables and result.tables.fit.intervals, ""
+    try:
+        earlier = _records_of(result, temperature_degc)
+    except InputError as problem:
+        earlier, untold = [], str(problem)
     if temperature_degc is not None:
         over = result.tables and result.tables.over_temperature
         if result.tables is None or over is None:
@@ -102,7 +103,8 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
         )
     if result.tables is not None:
         fit = replace(result.tables.fit, intervals=told or ())
-        return believed_of_fit(fit, result.tables.settings, cell, rmse_v, earlier)
+        known = believed_of_fit(fit, result.tables.settings, cell, rmse_v, earlier)
+        return replace(known, untold=untold)
     circuit = result.constant.parameters
     r0_ohm, *r_ohm = np.repeat(circuit.ohm, len(NODES), axis=1)
     believed = Believed(
@@ -112,16 +114,15 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
         error=typical_error(rmse_v),
         settings=with_own_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
         ocv_reach_v=LEAST_OCV_V,
+        untold=untold,
     )
     return _counting(believed, earlier)
 
 
 def _records_of(result: "Result", temperature_degc: float | None) -> list[Evaluation]:
-    """The records that a result is of, at that temperature; none where they are not found."""
-    try:
-        run = result.run
-    except InputError:
-        return []
+    """The records that a result is of, at that temperature. Raises `InputError` where they are not
+    found."""
+    run = result.run
     found = run.identification if run.tables is None else run.tables.identification
     return [
         evaluated

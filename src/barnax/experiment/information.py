@@ -91,6 +91,7 @@ class Believed:
         earlier: Records that will be identified with the test's.
         known: Half the 95 % intervals that they left, relative or in V.
         ocv_reach_v: How far the OCV may be from the cell's.
+        untold: Why the earlier records do not count.
     """
 
     cell: CellModel
@@ -101,6 +102,7 @@ class Believed:
     earlier: Sequence[Seconds] = ()
     known: Mapping[Name, float] = field(default_factory=dict)
     ocv_reach_v: float = 0.0
+    untold: str = ""
 
     @cached_property
     def usual(self) -> "Believed":
@@ -195,9 +197,6 @@ class Information:
         return Information(
             self.samples + other.samples, self.normal + other.normal, self.noise + other.noise
         )
-
-    def scaled(self, by: float) -> "Information":
-        return Information(round(by * self.samples), by * self.normal, by * self.noise)
 
     @property
     def of_unknowns(self) -> Normal:

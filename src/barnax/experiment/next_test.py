@@ -167,6 +167,7 @@ def design(
         initial_soc=HIGH_SOC,
         finds_ocv=believed.settings.ocv_nodes is not None,
         earlier=tuple(record.name for record in believed.earlier),
+        untold=believed.untold,
         error=believed.error,
         key=key,
     )

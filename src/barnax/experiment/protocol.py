@@ -136,7 +136,7 @@ def voltage_along(
     for tau_s, drop in zip(tables.tau_s, drops[1:], strict=True):
         kept = np.exp(-INTERVAL_S / tau_s)
         total = total + lfilter([0.0, 1 - kept], [1.0, -kept], drop)
-    half_gap_v = believed.cell.hysteresis_v(along) / 2 if worst else 0.0
+    half_gap_v = believed.cell.branch_gap_v(along) / 2 if worst else 0.0
     ocv_v = believed.ocv_v(along) + worst * (believed.ocv_reach_v + half_gap_v)
     return ocv_v - total, along
 

@@ -74,6 +74,7 @@ class Design(Document):
         initial_soc: State of charge at its start.
         finds_ocv: Whether the OCV is found by the test too.
         earlier: The records that count, and are to be identified with the test's.
+        untold: Why those of the result do not count.
         error: The error that a fit is taken to leave.
         key: Random key.
     """
@@ -93,6 +94,7 @@ class Design(Document):
     earlier: tuple[str, ...]
     error: Error
     key: int
+    untold: str = ""
 
     what: ClassVar[str] = "barnax design"
     remedy: ClassVar[str] = "give the folder or the design.json that barnax design wrote"

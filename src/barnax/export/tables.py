@@ -205,7 +205,7 @@ def _hysteresis(
         return after_charge_v - after_discharge_v
 
     if circuit.has_rate:
-        return linear_table(cell.branch_gap_v, _bends(cell))
+        return linear_table(lambda soc: 2 * circuit.hysteresis_amplitude(cell, soc), _bends(cell))
     if np.allclose(between_v(EVERYWHERE), cell.hysteresis_v(EVERYWHERE), rtol=0, atol=TOLERANCE_V):
         return segment_table(cell.hysteresis)
     return linear_table(between_v, _bends(cell))

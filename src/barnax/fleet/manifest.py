@@ -5,6 +5,7 @@ A manifest is a table with one row a cell or a test of it, with globs, defaults 
 
 import glob
 import hashlib
+import io
 import json
 import os
 import pickle
@@ -23,10 +24,14 @@ from ..errors import LONGEST_NAME, InputError, cut, listed, toml_reason
 from ..files import is_address, located
 from ..records.readers import unzipped
 from ..records.readers.binary import PARQUET
+from ..records.readers.room import require_room
 from ..settings import WINDOW_OPTIONS, CellSettings, Reading
 
 if TYPE_CHECKING:
     from ..model.problem import Problem
+
+# What a row of a manifest takes in memory, and every value in it.
+ROW_BYTES, VALUE_BYTES = 200, 100
 
 # Values of columns and options, by name.
 Options = Mapping[str, Any]
@@ -215,15 +220,18 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
                 )
             return rows, defaults
         if suffix in (".parquet", ".pq"):
-            table = PARQUET.read(path.read_bytes(), str(path), {})
-            return pl.DataFrame(table.columns).to_dicts(), {}
+            content = path.read_bytes()
+            frame = pl.DataFrame(PARQUET.read(content, str(path), {}).columns)
+            return _as_rows(frame, content, path), {}
+        content = path.read_bytes()
         frame = pl.read_csv(
-            unzipped(path.read_bytes(), str(path)),
+            # As text: Polars would unpack what is packed twice, without a limit.
+            io.StringIO(unzipped(content, str(path)).decode("utf-8")),
             infer_schema_length=None,
             schema_overrides={"id": pl.String},
             try_parse_dates=True,
         )
-        return frame.to_dicts(), {}
+        return _as_rows(frame, content, path), {}
     except (OSError, ValueError, pl.exceptions.PolarsError) as problem:
         if isinstance(problem, InputError):
             raise
@@ -232,6 +240,12 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             f"{path}: cannot be read ({reason}); give a table in CSV, Parquet or TOML with a row "
             "for each cell"
         ) from problem
+
+
+def _as_rows(frame: pl.DataFrame, content: bytes, path: Path) -> list[dict[str, Any]]:
+    """The rows of a table, if there is room for them."""
+    require_room(frame.height * (ROW_BYTES + VALUE_BYTES * frame.width), content, str(path))
+    return frame.to_dicts()
 
 
 def _renamed(row: Mapping[str, Any]) -> dict[str, Any]:

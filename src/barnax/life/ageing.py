@@ -220,7 +220,7 @@ def _series(
     """The estimates of a quantity. Where it is told beside an OCV, that is a little wrong, and so
     are all estimates beside it."""
     shape = len(known), max(map(len, known.values()))
-    ocvs = sorted({ocv for rows in known.values() for ocv in rows[OCV]})
+    ocvs = sorted({ocv or "" for rows in known.values() for ocv in rows[OCV]})
     sizes = {size for rows in known.values() for size in rows[f"aged {quantity} by OCV"].list.len()}
     is_few, width = len(ocvs) <= MOST_OCVS, max(sizes)
     series = Series(

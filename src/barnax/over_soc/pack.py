@@ -66,6 +66,8 @@ class PackCell:
         values: By name: R0 and the sum of all resistances, averaged over the visited nodes from 10
             to 90 % SOC; how much fuller than the mean it starts, and its capacity over the mean's,
             where its OCV tells them; and its voltage under 1C at the lowest visited SOC above 10 %.
+            With time constants in common these are, to first order, at those of the cell's own,
+            where `tables` are at the pack's.
     """
 
     name: str

@@ -208,8 +208,17 @@ def in_means(record: Record, interval_s: float) -> Record:
         cycle=begun(record.cycle),
         state=begun(record.state),
     )
-    skipped_ah = np.diff(mean(record.discharged_ah)) - found.moved_ah
-    return replace(found, skipped_ah=skipped_ah)
+    moved_ah = np.diff(mean(record.discharged_ah))
+    if record.flowing is not None:
+        # Where the logger wrote nothing at rest, a mean's current does not flow through that.
+        group = np.cumsum(is_first) - 1
+        silent = group[:-1][record.flowing < 1]
+        silent = silent[silent < len(moved_ah)]
+        flowing, held_ah = np.ones(len(moved_ah)), found.moved_ah[silent]
+        shares = np.divide(moved_ah[silent], held_ah, np.ones(len(silent)), where=held_ah != 0)
+        flowing[silent] = np.clip(shares, 0.0, 1.0)
+        found = replace(found, flowing=flowing)
+    return replace(found, skipped_ah=moved_ah - found.moved_ah)
 
 
 # Long enough for a robust spread, short against a rest.

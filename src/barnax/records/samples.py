@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from .columns import dialect_of
 from .counters import Counters
 from .dialects import Dialect
-from .record import Record
+from .record import EARLIER_SHARE, Record
 from .table import Lines
 
 # A current step changes by more than this share of the largest current; a current that stands
@@ -131,7 +131,7 @@ class Samples(Lines):
     def held_ah(self, hold: str) -> Float[np.ndarray, "intervals"]:
         """The charge of each interval by a hold of the current."""
         if hold == "centered":
-            return (self.begun_ah + self.ended_ah) / 2
+            return EARLIER_SHARE * self.begun_ah + (1 - EARLIER_SHARE) * self.ended_ah
         return self.begun_ah if hold == "forward" else self.ended_ah
 
     @cached_property

@@ -28,6 +28,9 @@ _LATELY_S, _RELAXING, _USUAL_DROP = 60.0, 0.5, 0.01
 # E is known within so much and this share of R times what the current differs by, and what a load
 # lets it fall by within this share; its slope is that of so many rows before a gap.
 _WITHIN_V, _WITHIN_SHARE, _FALL_SHARE, _ROWS = 2e-3, 0.1, 0.4, 2000
+# Loads on either side of a gap are one where they differ by less than this share; where so many
+# are, gaps do not tell of each other.
+_STEADY, _STEADY_SHARE = 0.05, 0.5
 # In logarithms of likelihood: one gap tells no more of all than this, and all have to tell as much.
 _MOST = 4.0
 # Of the steps where a current ends or begins to be written, so many must be those of a load.
@@ -75,6 +78,9 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
 
     usual_a = 3600 * out_ah[-1] / clock_s[-1]
     told = likelihood(0.0) - np.maximum(likelihood(held_a[gaps]), likelihood(usual_a))
+    # A logger that writes changes alone has gaps between rows of one current, under a steady load.
+    is_steady = np.abs(np.diff(current_a)[gaps]) < _STEADY * np.abs(current_a[gaps])
+    is_silent &= np.mean(is_steady) < _STEADY_SHARE
     # Of a logger that writes rests, a gap is one that tells it alone, such as a clock that was set.
     all_tell = is_silent and np.sum(np.clip(told, -_MOST, _MOST)) >= _MOST
     rests = gaps[told > -_MOST] if all_tell else gaps[told >= _MOST]

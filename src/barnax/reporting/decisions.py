@@ -30,7 +30,7 @@ FIRMNESS = {
     "assumed": "assumed: ",
 }
 FLOWS = {"forward": "until the next sample", "backward": "since the previous sample"}
-FLOWS["centered"] = "for half of the intervals on either side of it"
+FLOWS["centered"] = "for about half of the intervals on either side of it"
 HASH_LETTERS = 16
 # A curve this close to its points passes through them.
 THROUGH_V = 1e-6
@@ -181,9 +181,11 @@ def ocv_sentences(cell: CellModel) -> Iterator[str]:
             "are too wide to tell how much."
         )
     if cell.hysteresis.points:
+        is_fitted = isinstance(cell.charge, PolynomialCurve)
+        taken = "" if is_fitted else "; esc and takacs take that as it was measured"
         yield (
             f"The hysteresis voltage is five {cell.hysteresis.kind} segments over the state of "
-            "charge, fitted to the difference between the branches."
+            f"charge, fitted to the difference between the branches{taken}."
         )
     else:
         yield "Only one branch was measured, so the hysteresis voltage is taken as zero."

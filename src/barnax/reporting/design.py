@@ -125,7 +125,9 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     )
     yield "Before it", _before(design)
     if design.earlier:
-        yield "Counted", f"{joined(design.earlier)}; identify it with what the test records."
+        yield "Counted", f"{joined(design.earlier)}; identify them with the test's record."
+    elif design.untold:
+        yield "Counted", f"nothing of the result's records: {design.untold}."
     longest_s = max(time_s for time_s, _ in design.error.noise)
     yield (
         "Assumed",

@@ -326,8 +326,8 @@ def report(rows: Any, taken_s: float) -> str:
             "",
             "Resistances are at 50 % SOC and the fleet's median temperature, estimates by the "
             "fleet's own coefficient. R is the sum of all. Shares within are of 1 % for capacity, "
-            "2 % for R0. Errors of the OCV of the new cell are in every row alike, and "
-            "no interval of a trend has them in it: those hold less often than they say.",
+            "2 % for R0. Errors of the OCV of the new cell are in every row alike, and trends "
+            "count them so.",
             "",
             "## Planted faults",
             "",

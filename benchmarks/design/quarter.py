@@ -33,6 +33,13 @@ LONG = 0.6
 SCORED = Window(initial_soc=1.0, start_after_step=3, score_steps=(7, 8))
 
 
+def without(whole: Information, own: Information) -> Information:
+    """What the rest tells where a piece is left out."""
+    return Information(
+        whole.samples - own.samples, whole.normal - own.normal, whole.noise - own.noise
+    )
+
+
 def measured(folder: Path) -> dict[str, tuple[CellModel, dict[str, PreparedRecord]]]:
     """Cells by name, with their drive cycles at 25 degC."""
     lg, calce = folder / "lg-hg2-18650", folder / "calce-inr18650-20r"
@@ -92,10 +99,10 @@ def picked(believed: Believed, prepared: PreparedRecord) -> tuple[np.ndarray, tu
     while len(pieces) > count:
         left_v = {}
         for number, own in pieces.items():
-            others = whole + own.scaled(-1)
+            others = without(whole, own)
             left_v[number] = others.left_on(believed, others.inverse(believed), drive)
         least = min(left_v, key=left_v.__getitem__)
-        whole = whole + pieces.pop(least).scaled(-1)
+        whole = without(whole, pieces.pop(least))
     chosen = np.array([*pieces])
     told = information_of(believed, columns * np.isin(piece, chosen)[:, None])
     return chosen, widths_of(believed, replace(told, samples=len(pieces) * PIECE_S))

@@ -204,8 +204,9 @@ def _hysteresis(
         after_charge_v, after_discharge_v = _sources_v(circuit, cell, soc)
         return after_charge_v - after_discharge_v
 
-    if circuit.has_rate:
-        return linear_table(lambda soc: 2 * circuit.hysteresis_amplitude(cell, soc), _bends(cell))
+    amplitude_v = circuit.hysteresis_amplitude
+    if amplitude_v is not None:
+        return linear_table(lambda soc: 2 * amplitude_v(cell, soc), _bends(cell))
     if np.allclose(between_v(EVERYWHERE), cell.hysteresis_v(EVERYWHERE), rtol=0, atol=TOLERANCE_V):
         return segment_table(cell.hysteresis)
     return linear_table(between_v, _bends(cell))

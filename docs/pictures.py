@@ -184,7 +184,7 @@ def draw_life() -> Figure:
             rate = 0.25 if cell == 5 else 0.1
             row = {"id": f"{cell}-{years}", "error": None, "specimen": f"A{cell}"}
             row |= {"age_years": years, "capacity [A.h]": 2.0, "temperature [degC]": 25.0}
-            row |= {"record throughput [A.h]": 4.0}
+            row |= {"record throughput [A.h]": 4.0, "aged beside OCV": "new"}
             for name, new, change, sd in (
                 ("capacity [A.h]", 2.0, -0.3 * rate, 0.003),
                 ("R0 [Ohm]", 0.03, rate, 0.006),
@@ -196,6 +196,7 @@ def draw_life() -> Figure:
                 half = 2 * sd * (new or 1.0)
                 row[f"aged {name}"] = value
                 row |= {f"aged {name} low": value - half, f"aged {name} high": value + half}
+                row[f"aged {name} by OCV"] = [1e-4 * half]
             rows.append(row)
     return plot_fleet_life(life_of(pl.DataFrame(rows, infer_schema_length=None), age="age_years"))
 

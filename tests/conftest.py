@@ -37,6 +37,8 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
         os.environ["XLA_FLAGS"] = QUICK_FLAGS
+        # Workers share the cores: threads of their own would only take turns.
+        os.environ["NPROC"] = "1"
     # What takes long on a busy machine is no error.
     hypothesis.settings.register_profile("barnax", deadline=None)
     hypothesis.settings.load_profile("barnax")

@@ -29,8 +29,14 @@ BLOCKS = [
     for number, block in enumerate(re.findall(r"^```python\n(.*?)^```", page, re.M | re.S))
     for each in [f"{name}-{number}"]
 ]
-# The searches of the pages, as small as they can be and still run.
+# The runs and searches of the pages, as small as they can be and still do the same.
+QUICK = 'model="so-rc", over="soc", max_boxes=0, resistances_follow="none", trust="none"'
 SMALLER = {
+    "identify()": f"identify({QUICK}, seeds=0, advise=False)",
+    'seeds=2, iterations=5, trust="none"': f"{QUICK}, seeds=0, advise=False",
+    "validate=barnax": f"{QUICK}, seeds=0, advise=False, validate=barnax",
+    "max_hours=1.6": "max_hours=1.6, starts=1",
+    "head(4000)": "head(1500)",
     "seeds=30": "seeds=2",
     "iterations=500": "iterations=5",
     "ibmo()": "ibmo(iterations=5)",

@@ -121,7 +121,7 @@ def identify_pack(job: PackJob) -> Pack:
     >>> import numpy as np
     >>> import polars as pl
     >>> from barnax import bundled_file, identify_pack
-    >>> table = pl.read_parquet(bundled_file("identification")).head(4000)
+    >>> table = pl.read_parquet(bundled_file("identification")).head(1500)
     >>> cells = {f"V{k}": pl.col("Voltage / V") + 1e-3 * k for k in range(1, 4)}
     >>> pack = identify_pack(
     ...     table.with_columns(**cells).drop("Voltage / V"),

@@ -69,9 +69,9 @@ def identify(job: Job) -> Result:
     Raises `InputError` if an input cannot be used, naming file, row, value and remedy.
 
     >>> import barnax
-    >>> result = barnax.identify(seeds=2, iterations=5, trust="none")
+    >>> result = barnax.identify(model="so-rc", seeds=0, trust="none", advise=False)
     >>> result
-    Result(model='so-rc', over='soc', rmse_v=0.0070419...)
+    Result(model='so-rc', rmse_v=0.023392...
     """
     found = plan_of(job)
     if found is None:

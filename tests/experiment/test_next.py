@@ -17,17 +17,24 @@ BLOCKS = [
 
 @pytest.fixture(scope="module")
 def result():
-    return barnax.identify(seeds=0, trust="none", advise=False)
+    options = {"max_boxes": 0, "folds": 0, "resistances_follow": "none"}
+    return barnax.identify(
+        over="soc", model="so-rc", seeds=0, trust="none", advise=False, **options
+    )
 
 
-def test_what_a_result_determines_counts(result):
-    design = barnax.design(result, max_hours=1.5, blocks=BLOCKS)
+@pytest.fixture(scope="module")
+def design(result):
+    return barnax.design(result, max_hours=1.5, blocks=BLOCKS, starts=1)
+
+
+def test_what_a_result_determines_counts(design):
     assert not design.finds_ocv
     assert design.earlier == ("identification.parquet",)
     assert design.steps[0] == Step("rest", 300.0, 0.0)
-    for each in design.of_table("R1"):
-        assert each.before is not None
-        assert each.after < 1.1 * each.alone
+    for width in design.of_table("R1"):
+        assert width.before is not None
+        assert width.after < 1.1 * width.alone
     assert design.of_table("drive")[0].after < design.of_table("drive")[0].alone
 
 
@@ -44,8 +51,7 @@ def test_a_table_left_open_is_answered_with_a_test(result):
     assert "R2" in step.advice
 
 
-def test_promised_and_reached_stand_beside_each_other(result):
-    design = barnax.design(result, max_hours=1.5, blocks=BLOCKS)
+def test_promised_and_reached_stand_beside_each_other(design, result):
     table = promised_table(design, result.tables.fit)
     assert [row[0] for row in table.rows] == ["R0", "R1", "R2"]
     assert all(float(row[3]) > 0 for row in table.rows)

@@ -27,7 +27,7 @@ ERRORS = ErrorModel(
     soc=(0.2, 0.8), scale=(1.5, 0.7), bias_v=(6e-3, 2e-3), white_s=1.2, axis_sd=4e-3,
 )  # fmt: skip
 REST_A, SLOW, SLOW_SD = 0.02, ("offset", "capacity"), (0.02, 0.05)
-SAMPLES = 400
+SAMPLES, OF_A_LOOP = 400, 120
 
 
 def profile(samples=SAMPLES, seed=0, currents_a=(3.0, 1.0, 0.0, -1.5)):
@@ -179,7 +179,8 @@ class Plain:
 )
 def test_a_filter_is_a_plain_loop_in_numpy(circuit, kind):
     cell = make_cell()
-    drive = drive_of(*profile(), np.random.default_rng(1).normal(3.75, 0.05, SAMPLES))
+    voltage_v = np.random.default_rng(1).normal(3.75, 0.05, OF_A_LOOP)
+    drive = drive_of(*profile(OF_A_LOOP), voltage_v)
     found, plain = both(cell, circuit, kind, drive)
     for index, name in enumerate(("soc", "soc_sd")):
         assert np.abs(getattr(found, name) - plain[:, index]).max() < 1e-10
@@ -323,24 +324,27 @@ def test_a_gaussian_sum_is_the_mixture_that_bayes_gives():
     spread = parts.covariance[:, 0, 0] + (parts.mean[:, 0] - 0.6) ** 2
     assert weights @ spread == pytest.approx(0.01, rel=0.05)
 
-    def unrolled(drawn):
+    @jax.jit
+    def along(drawn):
         """The last SOC and all voltages, of a start and of what walks add."""
-        state, slow, voltages_v = drawn[0], jnp.zeros(0), []
-        for place in range(samples):
-            sample = jax.tree.map(lambda each, place=place: each[place], drive)
-            state = model.advance(state, slow, sample) + drawn[1 + place]
-            voltages_v.append(model.voltage(state, slow, sample))
-        return jnp.stack([state[0], *voltages_v])
+
+        def step(state, sample_and_walk):
+            sample, walk = sample_and_walk
+            state = model.advance(state, jnp.zeros(0), sample) + walk
+            return state, model.voltage(state, jnp.zeros(0), sample)
+
+        state, voltages_v = jax.lax.scan(step, drawn[0], (drive, drawn[1:]))
+        return jnp.append(state[0], voltages_v)
 
     none = jnp.zeros((1 + samples, model.states))
-    slopes = np.asarray(jax.jacfwd(unrolled)(none)).reshape(1 + samples, -1)
+    slopes = np.asarray(jax.jacfwd(along)(none)).reshape(1 + samples, -1)
     walks_v2 = jax.vmap(lambda each: model.walk(each)[0])(drive)
     of_parts = []
     for mean, covariance in zip(parts.mean, parts.covariance, strict=True):
         drawn_v2 = jnp.concatenate([jnp.diag(covariance)[None], walks_v2]).ravel()
         both_v2 = slopes * np.asarray(drawn_v2) @ slopes.T
         both_v2[1:, 1:] += (2e-3) ** 2 * np.eye(samples)
-        expected = np.asarray(unrolled(none.at[0].set(mean)))
+        expected = np.asarray(along(none.at[0].set(mean)))
         gain = np.linalg.solve(both_v2[1:, 1:], both_v2[1:, 0])
         missed_v = np.asarray(drive.voltage_v) - expected[1:]
         evidence = multivariate_normal(cov=both_v2[1:, 1:]).logpdf(missed_v)

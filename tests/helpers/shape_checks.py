@@ -1,4 +1,4 @@
-"""Arrays are checked against their annotations while tests run: dtype, and axes of one name."""
+"""Arrays checked against their annotations, as `.ci/floors` does: dtype, and axes of one name."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

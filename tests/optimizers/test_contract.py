@@ -87,10 +87,7 @@ def test_the_same_key_gives_the_same_bits(name):
 # It takes a program of its own; all optimizers batch in one way, so the others are slow tests.
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(each, marks=[] if each in ("ibmo", "pso") else [pytest.mark.slow])
-        for each in OPTIMIZERS
-    ],
+    [pytest.param(name, marks=[] if name == "pso" else [pytest.mark.slow]) for name in OPTIMIZERS],
 )
 def test_a_search_gives_the_same_bits_alone_and_beside_others(name):
     together = three_searches(name, run=as_users_search)

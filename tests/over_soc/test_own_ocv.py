@@ -154,7 +154,8 @@ def with_a_test(record, wrong):
     test = {"SOC": soc, "OCV [V]": ocv_v(1 - (1 - wrong) * (1 - soc))}
     window = Window(initial_soc=1.0, capacity_ah=2.0)
     given = {"model": "so-rc", "over": "soc", "capacity": 2.0, "window": window, "advise": False}
-    return barnax.identify([record], ocv=test, seeds=0, trust="none", max_boxes=0, **given)
+    given |= {"max_boxes": 0, "resistances_follow": "none"}
+    return barnax.identify([record], ocv=test, seeds=0, trust="none", **given)
 
 
 def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, tmp_path):
@@ -179,7 +180,14 @@ def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, t
 
 def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     result = barnax.identify(
-        BUNDLED.record, validate=BUNDLED.validation, seeds=2, iterations=20, trust="none"
+        BUNDLED.record,
+        validate=BUNDLED.validation,
+        model="so-rc",
+        over="soc",
+        seeds=0,
+        trust="none",
+        max_boxes=0,
+        resistances_follow="none",
     )
     assert result.tables is not None
     assert result.metrics.identification.rmse_v < 6.5e-3

@@ -17,7 +17,7 @@ from cli.conftest import BUDGET, run_command
 from helpers.results import make_table_result
 
 SMALL = {"model": "so-rc", "seeds": 3, "population": 8, "iterations": 5, "trust": "none"}
-WORDS = ("--model", "so-rc", *BUDGET[2:])
+WORDS = ("--model", "so-rc", "--trust", "none", *BUDGET[2:])
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,10 @@ def test_python_takes_a_folder(folder, by_hand):
     assert found.metrics == by_hand.metrics
 
 
-def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(folder, by_hand, tmp_path):
+def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(
+    folder, by_hand, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("barnax.cli.identify.result_files", lambda *_: {})
     outcome = run_command("identify", folder, *WORDS, "--out", tmp_path / "out")
     assert outcome.status == 0
     assert "identification.parquet (drive cycle)" in outcome.out
@@ -54,7 +57,7 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(folder, by_h
     assert stored.parameters == by_hand.parameters
     assert stored.command[1:3] == ("identify", "identification.parquet")
     assert str(folder) not in " ".join(stored.command)
-    assert {each.name: each.role for each in stored.plan} == {
+    assert {file.name: file.role for file in stored.plan} == {
         "identification.parquet": "identification",
         "validation.parquet": "identification",
         "ocv_discharge.parquet": "OCV test",
@@ -63,13 +66,18 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(folder, by_h
     (table,) = plan_blocks(stored)
     assert table.rows[0][:3] == ("identification.parquet", "identification", "drive cycle")
     assert "752 current steps" in table.rows[0][3]
-    outcome = run_command("rerun", tmp_path / "out", "--data", folder)
-    assert "byte for byte" in outcome.out
     # The plan that the run stored does the same, wherever it is run.
     outcome = run_command("identify", tmp_path / "out" / "plan.toml", "--out", tmp_path / "again")
     assert outcome.status == 0
-    written = [(tmp_path / each / "result.json").read_bytes() for each in ("out", "again")]
+    written = [(tmp_path / place / "result.json").read_bytes() for place in ("out", "again")]
     assert written[0] == written[1]
+
+
+@pytest.mark.slow
+def test_a_run_on_a_folder_is_repeated(folder, tmp_path):
+    run_command("identify", folder, *WORDS, "--out", tmp_path / "out")
+    outcome = run_command("rerun", tmp_path / "out", "--data", folder)
+    assert "byte for byte" in outcome.out
 
 
 @pytest.mark.slow
@@ -107,7 +115,7 @@ def test_a_plan_is_taken_back_edited_or_not(folder, by_hand, tmp_path):
     path.write_text(printed.out)
     assert barnax.identify(path, **SMALL).parameters == by_hand.parameters
     path.write_text('ocv_fit = "polynomial"\n' + printed.out)
-    outcome = run_command("identify", path, *WORDS[:2], *WORDS[4:], "--out", tmp_path / "out")
+    outcome = run_command("identify", path, *WORDS[:4], *WORDS[6:], "--out", tmp_path / "out")
     assert outcome.status == 0
     stored = Result.from_json(tmp_path / "out" / "result.json")
     assert stored.parameters != by_hand.parameters

@@ -109,7 +109,8 @@ def test_a_block_that_fails_is_not_passed_over(cores, monkeypatch):
         run_blocks(run, [[0], [1]], [1, 1], None)
 
 
-def test_an_interruption_leaves_the_waiting_blocks_unstarted():
+def test_an_interruption_leaves_the_waiting_blocks_unstarted(monkeypatch):
+    monkeypatch.setenv("NPROC", "2")
     started = []
 
     def run(block):

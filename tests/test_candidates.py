@@ -14,6 +14,7 @@ from barnax.bundled import BUNDLED
 from barnax.candidates import WEIGHED, best_of, is_alike, is_better
 from barnax.cell import CircuitParameters
 from barnax.cli.session import as_flags
+from barnax.job import Job
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import SocErrors
@@ -142,15 +143,12 @@ def test_a_circuit_that_the_data_contradict_is_told_with_the_command(moving_cell
 
 
 def test_the_set_up_of_the_paper_is_one_word():
-    few = {**QUICK, "trust": "none", "advise": False, "window": Window(score_to_s=1500.0)}
-    paper = barnax.identify(setup="li2023", **few)
-    by_hand = barnax.identify(model="iso-rc", ocv_fit="polynomial", **few)
-    assert paper.parameters == by_hand.parameters
-    assert paper.model == "iso-rc"
-    over = barnax.identify(setup="li2023", model="so-rc", **few)
-    assert over.model == "so-rc"
+    paper = Job(setup="li2023")
+    assert (paper.model, paper.ocv_fit) == ("iso-rc", "polynomial")
+    over = Job(setup="li2023", model="so-rc", ocv_fit="interpolated")
+    assert (over.model, over.ocv_fit) == ("so-rc", "interpolated")
     with pytest.raises(barnax.InputError, match="`setup` 'li2024' is not known"):
-        barnax.identify(setup="li2024", **few)
+        barnax.identify(setup="li2024")
 
 
 @pytest.mark.slow

@@ -38,7 +38,8 @@ def few():
 
 @pytest.fixture(scope="module")
 def many():
-    return barnax.identify(window=SHORT, setup="li2023", seeds=6, population=20, iterations=60)
+    more = {"seeds": 6, "population": 20, "iterations": 60}
+    return barnax.identify(window=SHORT, **(SMALL | more))
 
 
 def test_nothing_behind_a_result_is_shown_by_pages(few):

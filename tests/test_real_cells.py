@@ -187,7 +187,7 @@ def test_the_samsung_cell_has_the_accepted_circuit(samsung):
     assert 1e3 * np.sqrt(np.mean(evaluation.error_v[above] ** 2)) == pytest.approx(10.3, abs=0.05)
 
 
-@pytest.mark.parametrize("circuit", ["so-rc", "iso-rc"])
+@pytest.mark.parametrize("circuit", ["so-rc", pytest.param("iso-rc", marks=pytest.mark.slow)])
 def test_scipy_alone_finds_the_same_on_the_raw_files(samsung, own_cell, real_data, circuit):
     refinement, _ = samsung[1][circuit]
     folder = real_data / SAMSUNG

@@ -23,7 +23,7 @@ SCENARIOS = (Scenario("right start"), Scenario("lost", offset_c=1e300))
 
 @pytest.fixture(scope="module")
 def result():
-    return identify(window=Window(score_to_s=1500.5), model="so-rc", seeds=2, iterations=5)
+    return identify(window=Window(score_to_s=1500.5), model="so-rc", seeds=0, advise=False)
 
 
 @pytest.fixture(scope="module")

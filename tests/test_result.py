@@ -33,6 +33,7 @@ OPTIONS = {
     "population": 8,
     "iterations": 4,
     "key": 3,
+    "trust": "none",
 }
 
 

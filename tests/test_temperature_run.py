@@ -51,6 +51,8 @@ def result() -> Result:
         max_boxes=0,
         folds=0,
         trust="none",
+        advise=False,
+        resistances_follow="none",
         **FEW,
     )
 

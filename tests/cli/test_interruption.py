@@ -48,8 +48,10 @@ def stopped(folder, moment, *words, number="SIGINT"):
     return subprocess.run(run, cwd=folder, capture_output=True, text=True, start_new_session=True)
 
 
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize(
+    ("moment", "number"),
+    [*((moment, "SIGINT") for moment in MOMENTS), ("records are read", "SIGTERM")],
+)
 def test_an_interruption_is_one_line_and_writes_nothing(tmp_path, moment, number):
     done = stopped(tmp_path, MOMENTS[moment], "identify", *BUDGET, number=number)
     assert (done.returncode, done.stderr, contents(tmp_path)) == (130, EARLIER, {})

@@ -115,6 +115,9 @@ def _match(index: int, name: str, plain: str, quantity: Quantity) -> tuple[int, 
 
     An alias such as "programmdauer=ms" has that unit where the name states none.
     """
+    # Most names are of none, and a file may have thousands of lines that could be its names.
+    if not plain.startswith(quantity.beginnings):
+        return None
     for rank, spelling in enumerate(quantity.aliases):
         alias, _, stated = spelling.partition("=")
         if plain == alias:

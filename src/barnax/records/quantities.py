@@ -37,6 +37,11 @@ class Quantity:
     def aliases(self) -> tuple[str, ...]:
         return tuple(filter(None, self.spelled.split("|")))
 
+    @cached_property
+    def beginnings(self) -> tuple[str, ...]:
+        """One of these begins every name of a column that could hold the quantity."""
+        return tuple(alias.partition("=")[0] for alias in self.aliases)
+
     @property
     def base_unit(self) -> Unit:
         return next(iter(self.units.values()))

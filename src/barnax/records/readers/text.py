@@ -28,8 +28,7 @@ from .room import NUMBER_BYTES, require_room
 Schema = Mapping[str, type[pl.DataType]]
 
 _DELIMITERS = ",;\t|"
-# Cells in columns of blanks, as printed for the eye.
-_BLANK = " "
+_BLANK = " "  # Cells in columns, as printed for the eye.
 # The longest preambles known are a protocol of some hundred lines, or in one line of 13,000
 # letters; the widest headers have some 3,000 characters.
 _PREAMBLE_LINES, _LONGEST_HEADER = 2000, 20_000
@@ -170,7 +169,9 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
     """
     fallback, most = None, 1
     for above, line in enumerate(lines):
-        if len(line) > _LONGEST_HEADER or not line.strip():
+        # Rows of numbers name nothing, unless names are given, which may be numbers too.
+        is_of_numbers = fallback is not None and not given and not any(map(str.isalpha, line))
+        if is_of_numbers or len(line) > _LONGEST_HEADER or not line.strip():
             continue
         delimiter, header = _names(line, given)
         if len(header) == 1 or delimiter not in line:

@@ -90,28 +90,58 @@ def test_a_dataset_without_ageing_or_column_is_refused():
         life_of(dataset(date="soon"))
 
 
-def test_a_record_of_an_aged_cell_tells_capacity_resistances_and_shift():
+OWN_AH, SHIFT_V, OWN_R0, PAIRS = 1.7, 0.006, 0.04, (0.012, 0.02)
+
+
+@pytest.fixture(scope="module")
+def cell():
     tests = [barnax.read_record(barnax.bundled_file(n)) for n in ("ocv_charge", "ocv_discharge")]
-    cell = barnax.characterize(tests)
-    rng = np.random.default_rng(7)
-    own_ah, shift_v, r0, pairs, samples = 1.7, 0.006, 0.04, (0.012, 0.02), 1200
+    return barnax.characterize(tests)
+
+
+def told_of(cell, bent_v=0.0, to_empty=False):
+    """What a drive from full tells of an aged cell, whose OCV is lower toward empty by so much, and
+    which goes on to empty and rests there."""
+    rng, samples = np.random.default_rng(7), 1200
     current_a = np.repeat(rng.gamma(0.8, 1.0, samples), rng.integers(2, 30, samples))[:samples]
-    current_a *= 0.75 * own_ah * 3600 / (5 * current_a.sum())
-    soc = 1 - 5 * np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / own_ah
-    voltage_v = cell.average_ocv_v(soc) + shift_v - r0 * current_a
-    for each, tau_s in zip(pairs, (20.0, 160.0), strict=True):
+    current_a *= 0.75 * OWN_AH * 3600 / (5 * current_a.sum())
+    if to_empty:
+        emptying = np.full(round(0.245 * OWN_AH * 3600 / (5 * 0.3)), 0.3)
+        current_a = np.concatenate([current_a, emptying, np.zeros(700)])
+    soc = 1 - 5 * np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / OWN_AH
+    voltage_v = cell.average_ocv_v(soc) + SHIFT_V - bent_v * (1 - soc) - OWN_R0 * current_a
+    for own, tau_s in zip(PAIRS, (20.0, 160.0), strict=True):
         kept = np.exp(-5 / tau_s)
-        drive = np.append(0.0, (each * current_a)[:-1])
+        drive = np.append(0.0, (own * current_a)[:-1])
         voltage_v = voltage_v - lfilter([1 - kept], [1, -kept], drive)
-    voltage_v = voltage_v + 5e-4 * rng.standard_normal(samples)
+    voltage_v = voltage_v + 5e-4 * rng.standard_normal(len(soc))
+    columns = {"Time [s]": 5.0 * np.arange(len(soc)), "Current [A]": -current_a}
     record = barnax.record_from_frame(
-        {"Time [s]": 5.0 * np.arange(samples), "Current [A]": -current_a, "Voltage [V]": voltage_v},
+        columns | {"Voltage [V]": voltage_v},
         name="aged", current_sign="charge-positive", current_hold="forward",
     )  # fmt: skip
     window = barnax.Window(initial_soc=1.0, capacity_ah=2.0)
-    found = measure_ageing([prepare_record(record, cell, "so-rc", window)], TableSettings())
-    truth = {CAPACITY: own_ah, SHIFT: shift_v, R0: r0, R: r0 + sum(pairs)}
-    assert found[CAPACITY].value == pytest.approx(own_ah, rel=0.01)
-    assert found[R0].value == pytest.approx(r0, rel=0.02)
+    return measure_ageing([prepare_record(record, cell, "so-rc", window)], TableSettings())
+
+
+def test_a_record_of_an_aged_cell_tells_capacity_resistances_and_shift(cell):
+    found = told_of(cell)
+    truth = {CAPACITY: OWN_AH, SHIFT: SHIFT_V, R0: OWN_R0, R: OWN_R0 + sum(PAIRS)}
+    assert found[CAPACITY].value == pytest.approx(OWN_AH, rel=0.01)
+    assert found[R0].value == pytest.approx(OWN_R0, rel=0.02)
     for name, value in truth.items():
         assert found[name].low <= value <= found[name].high
+
+
+def test_an_ocv_of_another_shape_is_within_the_interval_of_a_capacity(cell):
+    found = told_of(cell, bent_v=0.03)
+    if CAPACITY in found:
+        assert found[CAPACITY].low <= OWN_AH <= found[CAPACITY].high
+    assert found[R0].value == pytest.approx(OWN_R0, rel=0.02)
+
+
+def test_a_rest_near_empty_tells_the_capacity_of_an_ocv_of_another_shape(cell):
+    capacity = told_of(cell, bent_v=0.03, to_empty=True)[CAPACITY]
+    assert capacity.value == pytest.approx(OWN_AH, rel=0.01)
+    assert capacity.low <= OWN_AH <= capacity.high
+    assert capacity.high - capacity.low < 0.03 * OWN_AH

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +13,15 @@ from .objective import Solution, TableObjective
 
 # Columns of the voltage by the nuisances of all records, at the scored samples of one.
 Nuisances = Callable[[TableObjective, Solution, int], Float[np.ndarray, "samples nuisances"]]
+
+
+class Measured(NamedTuple):
+    """Single voltages: what each nuisance adds to them, how far they are above those of the
+    nuisances now, and their standard deviations."""
+
+    columns: Float[np.ndarray, "voltages nuisances"]
+    error_v: Float[np.ndarray, "voltages"]
+    sd_v: Float[np.ndarray, "voltages"]
 
 
 @dataclass(frozen=True)
@@ -49,10 +59,11 @@ def estimate(
     now: Float[np.ndarray, "nuisances"],
     prior: Float[np.ndarray, "nuisances"],
     wanted: Float[np.ndarray, "wanted values"] | None = None,
+    beside: Measured | None = None,
 ) -> Estimated:
     """The nuisances of records that are prepared with those that are `now`, together with all
-    tables; `prior` are standard deviations of what was told, and `wanted` weights of the tables'
-    values in sums.
+    tables; `prior` are standard deviations of what was told, `wanted` weights of the tables'
+    values in sums, and `beside` what else tells of the nuisances.
 
     The noise is correlated, so that H^-1 (J' G J + P S P) H^-1 is the covariance, with S the prior
     and P its weight in the least squares, the noise's own strength over S.
@@ -66,9 +77,13 @@ def estimate(
     normal, slopes = with_penalty(lighter, products, of_tables), slopes[:, 0]
     weight = float(np.mean(np.diag(noise.spread_v2))) / objective.reduced.scored
     own = slice(len(normal) - now.size, len(normal))
-    pull = weight / prior**2
-    normal[own, own] += np.diag(pull)
-    slopes[own] += pull * now
+    known = np.diag(1 / prior), now / prior
+    if beside is not None:
+        by_sd = beside.columns / beside.sd_v[:, None], -beside.error_v / beside.sd_v
+        known = np.vstack([known[0], by_sd[0]]), np.append(known[1], by_sd[1])
+    pull = weight * known[0].T
+    normal[own, own] += pull @ known[0]
+    slopes[own] += pull @ known[1]
     moved = np.linalg.lstsq(normal, np.column_stack([slopes, to_noise.T]))[0]
     wanted = np.empty((0, len(values))) if wanted is None else wanted
     told = np.eye(len(normal))[own]
@@ -76,8 +91,8 @@ def estimate(
     back = picked @ np.linalg.lstsq(normal, told.T)[0]
     by_noise = picked @ moved[:, 1:]
     variance = np.einsum("ij,jk,ik->i", by_noise, noise.spread_v2, by_noise)
-    by_prior = back * pull * prior
-    variance += np.sum(by_prior**2, axis=1)
+    by_known = back @ pull
+    variance += np.sum(by_known**2, axis=1)
     errors, found = np.sqrt(variance), np.append(now, wanted @ values) - picked @ moved[:, 0]
     return Estimated(
         found[: now.size],
@@ -85,7 +100,7 @@ def estimate(
         -moved[count : count + axes, 0],
         found[now.size :],
         errors[now.size :],
-        by_prior,
+        by_known[:, : now.size],
     )
 
 

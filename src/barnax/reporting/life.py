@@ -38,7 +38,7 @@ TREND_HEADS = ("low", "high", "trend", "trend low", "trend high")
 BEGINNING = ("knee", "step")
 UNTOLD = {
     "capacity [A.h]": "capacity needs an OCV of before (`ocv` or `cell` in the manifest), and "
-    "records that move over enough of it: their interval is to be within 5 %",
+    "records that rest near empty, or move over much of it: their interval is to be within 5 %",
     "R0 [Ohm]": "R0 needs steps of the current around 50 % SOC; a charge at constant current alone "
     "has none, and is refused",
     "R [Ohm]": "total R needs an OCV of before, and loads of several minutes around 50 % SOC",
@@ -208,6 +208,8 @@ def _method(life: "Life") -> list[str]:
         "variances of the largest restricted likelihood; intervals are of 95 %.",
         "A trend goes from the first to the last record that tells the quantity, never beyond.",
         "Cells that are flagged do not count for the fleet's shape and variances.",
+        "R0 is that at the records' own currents, of which charge transfer takes less the larger "
+        "they are: compare ages under like loads.",
     ]
     if life.reference_degc is not None:
         lines.append(

@@ -309,7 +309,7 @@ def main() -> None:
         "with it loss of the negative electrode, of the positive one, or of both; capacities fall "
         f"to {100 * min(fades):.0f} %. No OCV test: three records of a new cell told the OCV, one "
         "of which goes to empty. The truth of a capacity is a discharge at C/20. It took "
-        f"{time.perf_counter() - began:.0f} s{' of simulations that were kept' * bool(folder)}.",
+        f"{time.perf_counter() - began:.0f} s{', with simulations that were kept' * bool(folder)}.",
         "",
         f"| {' | '.join(names)} |",
         "|---" * len(names) + "|",

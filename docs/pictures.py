@@ -185,6 +185,7 @@ def draw_life() -> Figure:
             row = {"id": f"{cell}-{years}", "error": None, "specimen": f"A{cell}"}
             row |= {"age_years": years, "capacity [A.h]": 2.0, "temperature [degC]": 25.0}
             row |= {"record throughput [A.h]": 4.0, "aged beside OCV": "new"}
+            row |= {"aged capacity to empty": True}
             for name, new, change, sd in (
                 ("capacity [A.h]", 2.0, -0.3 * rate, 0.003),
                 ("R0 [Ohm]", 0.03, rate, 0.006),

@@ -26,7 +26,8 @@ def dataset(cells=9, ages=5, **columns):
             row = {"id": f"{cell}-{place}", "error": None, "specimen": f"C{cell}",
                    "date": f"20{20 + place // 2}-{1 + 6 * (place % 2):02d}-01",
                    "capacity [A.h]": 2.0, "temperature [degC]": 25.0,
-                   "record throughput [A.h]": 4.0, "aged beside OCV": "new"}  # fmt: skip
+                   "record throughput [A.h]": 4.0, "aged beside OCV": "new",
+                   "aged capacity to empty": place > 0}  # fmt: skip
             for name in QUANTITIES:
                 value = 0.03 * (1 + 0.1 * years) * np.exp(0.005 * rng.standard_normal())
                 row |= {f"aged {name}": value, f"aged {name} low": 0.99 * value,
@@ -75,6 +76,14 @@ def test_equivalent_full_cycles_count_what_passed():
     assert life_of(passed, throughput="ah_since_new").cycles["C1"] == 100.0
     known = life_of(passed)
     assert (known.cycles["C1"], known.cycles_known) == (5.0, False)
+
+
+def test_capacities_without_a_rest_near_empty_assume_the_shape_of_the_ocv():
+    assert any(
+        "in 9 rows; an electrode may lose" in line for line in life_lines(life_of(dataset()))
+    )
+    told = dataset().with_columns(pl.lit(True).alias("aged capacity to empty"))
+    assert not any(line.startswith("Assumed") for line in life_lines(life_of(told)))
 
 
 def test_few_cells_are_not_judged():

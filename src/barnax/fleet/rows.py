@@ -24,7 +24,7 @@ from ..model.prepared import PreparedRecord
 from ..model.window import Window
 from ..notices import Notice
 from ..over_soc import TableFit, TableSettings
-from ..over_soc.ageing import AGED, OCV_NODES, measure_ageing
+from ..over_soc.ageing import AGED, CAPACITY, OCV_NODES, measure_ageing, shows_empty
 from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
 from ..pack import Pack, identify_pack
 from ..pipeline import bounded_tables, identify, identify_problem
@@ -173,6 +173,7 @@ def ageing_row(records: Sequence[PreparedRecord], *, is_own: bool = False) -> di
         told = measure_ageing(
             records, TableSettings(), is_own=is_own and records[0].cell.is_of_records
         )
+    row["aged capacity to empty"] = shows_empty(records) if CAPACITY in told else None
     for name in AGED:
         value = told.get(name)
         row[f"aged {name}"] = value and value.value

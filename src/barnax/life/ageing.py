@@ -27,6 +27,7 @@ FEWEST, LEAST_K = 8, 2.0
 # Errors of so many OCVs are told apart over the whole fleet; those of more within each cell.
 MOST_OCVS = 8
 OCV = "aged beside OCV"
+TO_EMPTY = "aged capacity to empty"
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,8 @@ class Fault:
 class Life:
     """A fleet over its ages, which are counted in `unit` from the first. `judged` has the models,
     by quantity. `cycles` are equivalent full cycles of each cell at its last record, as far as
-    `cycles_known`; otherwise those within the records alone."""
+    `cycles_known`; otherwise those within the records alone. Of so many rows whose capacity is told
+    no rest near empty tells it, `without_empty`."""
 
     unit: str
     first_age: float
@@ -80,6 +82,7 @@ class Life:
     cycles_known: bool
     failed: tuple[tuple[str, str], ...]
     rows: int
+    without_empty: int
 
     def of(self, quantity: str, cell: str | None = None) -> list[Trend]:
         """Trends of a quantity, of all cells or one."""
@@ -159,6 +162,7 @@ def life_of(
         tuple(sorted(faults, key=lambda fault: -abs(fault.deviations))), judged, reference_degc,
         {name: ah / (2 * nominal_ah[name]) for name, ah in passed.items()}, column is not None,
         tuple(zip(bad[names], bad["error"], strict=True)), len(rows),
+        int((~good[TO_EMPTY].cast(pl.Boolean)).sum() or 0),
     )  # fmt: skip
 
 

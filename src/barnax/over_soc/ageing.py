@@ -54,11 +54,12 @@ SLOPE_SOC = 0.1
 OCV_SD_V, OCV_NODES = 1.5e-3, np.linspace(0.0, 1.0, 21)
 HELD_SD = 1e-7
 # The usual standard deviation of a change of its shape over all of the SOC, which counts as much
-# as one step that a record tells: cells in PyBaMM that lost 2 to 16 % of their capacity have 10 to
-# 35 mV. What looks like another capacity shows in no step, so that without it too little is found.
+# as one step that a record tells: cells in PyBaMM that lost 1 to 17 % of their capacity have 5 to
+# 48 mV. What looks like another capacity shows in no step, so that without it too little is found.
 SHAPE_SD_V = 0.025
-# Below this SOC circuits do not follow: only rests count. A rest's slope is over so much SOC.
-EMPTY_SOC, REST_SLOPE_SOC = 0.05, 0.01
+# Below the first SOC circuits do not follow, and only rests count; below the second these tell the
+# capacity. A rest's slope is over so much SOC.
+EMPTY_SOC, NEAR_EMPTY_SOC, REST_SLOPE_SOC = 0.05, 0.15, 0.01
 # Shares of the capacity that are tried first, with time constants in s for which any do.
 SHARES, TRIED_S = (1.05, 0.98, 0.9, 0.82, 0.74, 0.66), (10.0, 100.0)
 # The descent's end, and its largest step in a share or in V.
@@ -206,27 +207,39 @@ def _slope(
     return slope_of(prepared, inside, step_soc)
 
 
+def shows_empty(prepared_records: Sequence[PreparedRecord]) -> bool:
+    """True where one of the records rests so near empty that this tells its capacity, however the
+    OCV above has changed."""
+    rests = (rest for prepared in prepared_records for rest in _steep_rests(prepared))
+    return any(rested < NEAR_EMPTY_SOC for _, rested, _ in rests)
+
+
+def _steep_rests(prepared: PreparedRecord) -> Iterator[tuple[int, float, float]]:
+    """The last sample of every long rest where the OCV is so steep that it tells the SOC within
+    `FULL_SD`, that SOC, and the slope."""
+    resting = np.abs(prepared.current_a) < prepared.rest_current_a
+    for first, last in zip(*runs(resting), strict=True):
+        if prepared.time_s[last] - prepared.time_s[first] < MINIMUM_REST_S - CLOCK_SLACK_S:
+            continue
+        with suppress(InputError):
+            rested = prepared.cell.soc_from_rest_voltage(float(prepared.voltage_v[last]))
+            slope = float(_slope(prepared, np.array([rested]), REST_SLOPE_SOC)[0])
+            if slope * FULL_SD >= REST_SD_V:
+                yield int(last), rested, slope
+
+
 def _rests(objective: TableObjective, now: Nuisance) -> Measured | None:
-    """The ends of long rests where the OCV is so steep that they tell the SOC within `FULL_SD`,
-    which what is called empty differs by too; None where there are none."""
+    """The voltages of steep rests, None where there are none. All is as at the SOC that the voltage
+    tells: a wrong capacity may have led to where the OCV is flat."""
     count, rests = len(objective.prepared_records), []
     for place, prepared in enumerate(objective.prepared_records):
-        resting = np.abs(prepared.current_a) < prepared.rest_current_a
-        for first, last in zip(*runs(resting), strict=True):
-            if prepared.time_s[last] - prepared.time_s[first] < MINIMUM_REST_S - CLOCK_SLACK_S:
-                continue
-            with suppress(InputError):
-                rested = prepared.cell.soc_from_rest_voltage(float(prepared.voltage_v[last]))
-                at, soc = np.array([rested]), float(prepared.soc[last])
-                # There, for a wrong capacity may have led to where the OCV is flat.
-                slope = float(_slope(prepared, at, REST_SLOPE_SOC)[0])
-                if slope * FULL_SD < REST_SD_V:
-                    continue
-                of_ocv = _ocv_columns(prepared, at)[0]
-                columns = np.zeros(count + 1)
-                columns[[place, count]] = slope, slope * (prepared.start.soc - soc)
-                error_v = slope * (rested - soc) - of_ocv @ now[count + 1 :]
-                rests.append(([*columns, *of_ocv], error_v, np.hypot(REST_SD_V, FULL_SD * slope)))
+        for last, rested, slope in _steep_rests(prepared):
+            soc, of_ocv = float(prepared.soc[last]), _ocv_columns(prepared, np.array([rested]))[0]
+            columns = np.zeros(count + 1)
+            columns[[place, count]] = slope, slope * (prepared.start.soc - soc)
+            error_v = slope * (rested - soc) - of_ocv @ now[count + 1 :]
+            # What is called empty differs as what is called full does.
+            rests.append(([*columns, *of_ocv], error_v, np.hypot(REST_SD_V, FULL_SD * slope)))
     return Measured(*map(np.array, zip(*rests, strict=True))) if rests else None
 
 

@@ -58,6 +58,7 @@ def life_lines(life: "Life") -> list[str]:
         f"{counted(len(life.cells), 'cell')}, {counted(life.rows, 'row')}, "
         f"{counted(round(life.exposure), 'cell year')}.",
         *told,
+        *_assumed(life),
         _judging_sentence(life),
         *(f"  {fault_sentence(life, fault)}" for fault in life.faults[:10]),
         *([f"  {len(life.faults) - 10} more on the page"] if len(life.faults) > 10 else []),
@@ -162,6 +163,16 @@ def _told_sentence(life: "Life", quantity: str) -> str:
     return f"{quantity_name(quantity)}: {words}{rest}."
 
 
+def _assumed(life: "Life") -> list[str]:
+    if not life.without_empty:
+        return []
+    return [
+        "Assumed: the OCV keeps its shape within some tens of mV where no rest near empty tells "
+        f"the capacity, in {counted(life.without_empty, 'row')}; an electrode may lose material "
+        "without a trace in the OCV above, and such a loss of capacity is missed."
+    ]
+
+
 def _judging_sentence(life: "Life") -> str:
     if not any(np.isfinite(judged.threshold) for _, judged in life.judged.values()):
         return "No cell is judged: that takes at least 8 cells with 3 ages each."
@@ -204,6 +215,7 @@ def _untold(life: "Life") -> tuple[Block, ...]:
 
 def _method(life: "Life") -> list[str]:
     lines = [
+        *_assumed(life),
         "Trends are smoothing splines over age: the fleet's shape, and what is a cell's own, with "
         "variances of the largest restricted likelihood; intervals are of 95 %.",
         "A trend goes from the first to the last record that tells the quantity, never beyond.",

@@ -2,7 +2,7 @@
 
 import datetime
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,8 @@ CYCLES_A_YEAR = 365.0
 FEWEST, LEAST_K = 8, 2.0
 # Errors of so many OCVs are told apart over the whole fleet; those of more within each cell.
 MOST_OCVS = 8
+# Errors in common that add less than this share of the largest are left out.
+LEAST_ERROR = 0.02
 OCV = "aged beside OCV"
 TO_EMPTY = "aged capacity to empty"
 
@@ -252,7 +254,16 @@ def _series(
         (series.of_fleet if is_few else series.of_cell)[here] = apart if is_few else by_ocv
         if reference_degc is not None and quantity in (R0, R):
             series.covariate[here] = (rows["temperature [degC]"].to_numpy() - reference_degc) / 10
-    return series
+    return replace(series, of_fleet=_condensed(series.of_fleet))
+
+
+def _condensed(errors: Float[np.ndarray, "cells n errors"]) -> Float[np.ndarray, "cells n few"]:
+    """Fewer errors that add the same to all estimates, without those that add hardly anything."""
+    if not errors.size:
+        return errors
+    turned, sizes, _ = np.linalg.svd(errors.reshape(-1, errors.shape[2]), full_matrices=False)
+    kept = sizes > LEAST_ERROR * sizes[0]
+    return (turned * sizes)[:, kept].reshape(*errors.shape[:2], -1)
 
 
 def _faults(

@@ -14,16 +14,13 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from typer.main import get_command
 
 import barnax
 from barnax.bundled import BUNDLED_NAMES, HPPC_NAMES, LFP_NAMES
-from barnax.cli.app import app
 
 REPOSITORY = Path(__file__).parents[1]
 SOURCE = REPOSITORY / "src"
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 HEAVY = {"jax", "jaxlib", "matplotlib", "polars", "scipy", "equinox", "optimistix"}
 
 
@@ -209,18 +206,3 @@ def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_
     assert {f"barnax/export/templates/{name}.jinja" for name in exports} <= names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert not any(name.startswith(("tests", "benchmarks")) for name in names)
-
-
-def test_the_readme_names_only_options_that_exist():
-    blocks = "\n".join(re.findall(r"^```sh\n(.*?)^```", README, re.MULTILINE | re.DOTALL))
-    commands = re.findall(r"^barnax (\w+) ((?:.*\\\n)*.*)$", blocks, re.MULTILINE)
-    assert {"identify", "hppc", "soc", "export", "fleet"} <= {name for name, _ in commands}
-    for name, words in commands:
-        known = get_command(app).commands[name].params
-        options = {option for parameter in known for option in parameter.opts}
-        assert set(re.findall(r"(?<!\S)--[a-z-]+", words)) <= options
-
-
-def test_the_readme_shows_the_python_interface():
-    blocks = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
-    assert any("barnax.identify(" in block for block in blocks)

@@ -90,8 +90,8 @@ def test_the_panels_at_the_edge_name_what_runs_along_them(figures, name):
 def test_figures_can_be_written_without_a_warning(figures, name):
     figures[name].savefig(file := io.BytesIO(), format="png")
     assert len(file.getvalue()) > 1000
-    for kind in ("pdf", "svg"):
-        assert len(encode(figures[name], kind)) > 1000
+    # Commands write SVG wherever they draw.
+    assert len(encode(figures[name], "pdf")) > 1000
 
 
 def test_drawing_leaves_pyplot_and_the_global_style_as_they_were(settings, figures):

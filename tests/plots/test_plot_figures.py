@@ -14,13 +14,14 @@ from matplotlib.figure import Figure
 from barnax import bundled_file, characterize, plots, read_record
 from barnax.global_optimum import Landscape
 from barnax.plots.pictures import encode
+from barnax.results import Result
 from helpers.comparisons import make_comparison, make_failure, make_row
+from helpers.golden import RESULT
 from helpers.results import (
     make_evaluation,
     make_record,
     make_refinement,
     make_search,
-    result_of,
 )
 
 
@@ -124,13 +125,13 @@ def test_the_style_of_the_session_does_not_show():
         (plots.plot_compared_parameters, "comparison"),
     ],
 )
-def test_what_is_stored_is_drawn_from_its_file_too(plot, what, refinement, tmp_path):
+def test_what_is_stored_is_drawn_from_its_file_too(plot, what, tmp_path):
     compared = make_comparison([make_row("lm so-rc", 20.0), make_failure("ls so-rc", "No.")])
-    stored = result_of(refinement) if what == "result" else compared
+    stored = Result.from_json(RESULT) if what == "result" else compared
     path = tmp_path / "stored.json"
     path.write_text(stored.to_json())
     drawn = [
-        [each.get_xydata().tolist() for axes in plot(source).axes for each in axes.get_lines()]
+        [one.get_xydata().tolist() for axes in plot(source).axes for one in axes.get_lines()]
         for source in (stored, path, str(path))
     ]
     assert drawn[0] == drawn[1] == drawn[2]

@@ -36,7 +36,6 @@ SMALLER = {
     "identify()": f"identify({QUICK}, seeds=0, advise=False)",
     'seeds=2, iterations=5, trust="none"': f"{QUICK}, seeds=0, advise=False",
     "validate=barnax": f"{QUICK}, seeds=0, advise=False, validate=barnax",
-    "max_hours=1.6": "max_hours=1.6, starts=1",
     "head(4000)": "head(1500)",
     "seeds=30": "seeds=2",
     "iterations=500": "iterations=5",

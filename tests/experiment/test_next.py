@@ -25,7 +25,7 @@ def result():
 
 @pytest.fixture(scope="module")
 def design(result):
-    return barnax.design(result, max_hours=1.5, blocks=BLOCKS, starts=1)
+    return barnax.design(result, max_hours=1.5, blocks=BLOCKS)
 
 
 def test_what_a_result_determines_counts(design):

@@ -122,6 +122,7 @@ def design(
         rates_c[1] if max_charge is None else max_charge,
         max_warming,
     )
+    wishes, wanted = wishes_of(believed, None if want == "hppc" else want)
     random_key = jax.random.key(key)
     blocks = candidate_blocks(random_key, drive_levels()) if blocks is None else blocks
     capacity_ah = believed.cell.capacity_ah
@@ -139,8 +140,8 @@ def design(
         Reference(name=name, hours=_hours(steps), widths=_widths(believed, steps, normal, COARSE_S))
         for name, steps in usual.items()
     )
-    wanted = _medians(believed, references[0].widths) if want == "hppc" else want
-    wishes, wanted = wishes_of(believed, wanted)
+    if want == "hppc":
+        wishes, wanted = wishes_of(believed, _medians(believed, references[0].widths))
     drive = OnDrive(wanted[DRIVE], normal) if DRIVE in wanted else None
     choice = Choice(
         believed, limits, tuple(blocks), wishes, criterion, HIGH_SOC, LOW_SOC, drive,

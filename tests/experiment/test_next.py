@@ -1,10 +1,12 @@
 """From a result to its next test, and from the test's record to what was promised."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 import barnax
+from barnax.cli.design import Cell, next_after
 from barnax.experiment import Step
 from barnax.reporting.design import promised_table
 from barnax.reporting.verdict import next_step
@@ -36,6 +38,17 @@ def test_what_a_result_determines_counts(design):
         assert width.before is not None
         assert width.after < 1.1 * width.alone
     assert design.of_table("drive")[0].after < design.of_table("drive")[0].alone
+
+
+def test_the_next_command_names_files_that_are_there(design, result, tmp_path):
+    (tmp_path / "result.json").write_text(result.to_json())
+    *_, command = next_after(design, result, Cell(result=tmp_path, capacity=2.1), tmp_path)
+    words = str(command).split()
+    files = [Path(word) for word in words if word.endswith(".parquet")]
+    used = [part.name for part in result.inputs if part.role != "validation"]
+    assert [path.name for path in files] == used
+    assert all(path.is_file() for path in files)
+    assert words[-4:] == ["--capacity", "2.1", "--design", str(tmp_path)]
 
 
 def test_a_table_left_open_is_answered_with_a_test(result):

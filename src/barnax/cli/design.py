@@ -3,14 +3,16 @@
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from ..errors import InputError
 from .options import argument, group, option
 from .output import Output
-from .session import as_flags, use_compilation_cache
+from .session import as_flags, use_compilation_cache, without_options
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from ..experiment import Design
     from ..results import Result
 
@@ -127,21 +129,42 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
         session.show(
             ["", parts_line([f"{folder}/{names[0]}", *names[1:], f"{session.elapsed_s:.1f} s"])]
         )
-        session.show(_next(found, known, folder))
+        session.show(next_after(found, known, cell, folder))
 
 
-def _next(found: "Design", known: "Result | None", folder: Path) -> list[Any]:
-    """The step after the test: to identify its record, with all that counted."""
+def next_after(
+    found: "Design", known: "Result | None", cell: Cell, folder: Path
+) -> "list[RenderableType]":
+    """The step after the test: to identify its record, with the files and options of what counted."""
     from ..reporting.terminal import next_lines
 
     soc = f"{found.initial_soc:g}"
-    words = ["barnax", "identify", *found.earlier, "RECORD"]
-    words += ["--initial-soc", f"RECORD={soc}" if found.earlier else soc]
-    tests = [] if known is None else known.of_role("OCV test")
-    words += [word for part in tests for word in ("--ocv", part.name)]
-    words += [] if tests else ["--capacity", f"{found.capacity_ah:g}"]
+    words = ["barnax", "identify"]
+    if known is not None and cell.result is not None and found.earlier:
+        words = ["barnax", *_files_of(known, cell.result)]
+        words[2:2] = ["RECORD"]
+        words += ["--initial-soc", f"RECORD={soc}"]
+    else:
+        words += ["RECORD", "--initial-soc", soc]
+    if cell.capacity is not None:
+        words = [*without_options(words, {"--capacity": 2}), "--capacity", f"{cell.capacity:g}"]
     command = shlex.join([*words, "--design", str(folder)])
     return [*next_lines("run it, and identify the record", command)]
+
+
+def _files_of(known: "Result", place: Path) -> list[str]:
+    """The stored identification with its files where they lie; the files alone where it was no
+    `barnax identify` that names them."""
+    from ..bundled import BUNDLED
+    from ..reopening import PART
+    from .results import with_files
+
+    command = list(known.command[1:])
+    if command[:1] != ["identify"] or not {PART.sub("", part.name) for part in known.inputs} & {*command}:
+        command = ["identify", *(part.name for part in known.of_role("identification"))]
+        command += [word for part in known.of_role("ocv") for word in ("--ocv", part.name)]
+    folder = place if place.is_dir() else place.parent
+    return with_files(command, known, [Path(), folder, folder.parent, BUNDLED.record.parent])
 
 
 def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] | None:

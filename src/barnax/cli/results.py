@@ -5,7 +5,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -283,7 +283,12 @@ def rerun(of: Rerun) -> None:
     session, result = Session(is_quiet=of.quiet), of.result
     stored = load(result)
     place = result if result.is_dir() else result.parent
-    command = _with_files(result, stored, [*(of.data or []), Path(), place, place.parent])
+    if len(stored.command) < 2 or stored.command[1] not in ("identify", "hppc"):
+        raise InputError(
+            f"{result}: has no stored command (it was made from Python); repeat it in Python"
+        )
+    folders = [*(of.data or []), Path(), place, place.parent]
+    command = with_files(stored.command[1:], stored, folders)
     with session.watch("Repeating"), tempfile.TemporaryDirectory() as folder:
         repeated = _run(command, Path(folder, "repeated"))
     # The roles that a plan chose are given now.
@@ -301,18 +306,19 @@ def rerun(of: Rerun) -> None:
     raise typer.Exit(FINDINGS)
 
 
-def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str]:
-    """The stored command with every file's name replaced by where it lies."""
-    if len(stored.command) < 2 or stored.command[1] not in ("identify", "hppc"):
-        raise InputError(
-            f"{result}: has no stored command (it was made from Python); repeat it in Python"
-        )
+def with_files(
+    command: Sequence[str], stored: "Result", folders: Sequence[Path]
+) -> list[str]:
+    """The words of a command with every file's name replaced by where it lies.
+
+    Raises `InputError` for an input that is in none of the folders, or another there.
+    """
     from ..records import find_file
     from ..reopening import PART
 
     hashes = {PART.sub("", part.name): part.sha256 for part in stored.inputs}
     words = []
-    for before, word in itertools.pairwise(stored.command):
+    for before, word in itertools.pairwise(["", *command]):
         option, equals, name = word.partition("=") if word.startswith("--") else ("", "", word)
         if (option if equals else before) == "--bounds":
             name = str(find_file(name, "", folders))

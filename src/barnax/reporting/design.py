@@ -121,7 +121,7 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     yield "Voltage", f"{text}.{ends}"
     yield (
         "Warming",
-        f"by about {predicted.warming_k:.2g} K in moving air, as cells usually do.",
+        f"about {predicted.warming_k:.2g} K in moving air, for a cell of usual shape.",
     )
     yield "Before it", _before(design)
     if design.earlier:
@@ -131,8 +131,8 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     longest_s = max(time_s for time_s, _ in design.error.noise)
     yield (
         "Assumed",
-        f"a fit leaves {millivolt(design.error.rmse_v)}, correlated over up to {longest_s:.3g} s; "
-        f"of what circuits usually leave out, {percent(design.error.left_out)}.",
+        f"a fit is off by {millivolt(design.error.rmse_v)} RMS, correlated over up to {longest_s:.3g} s; "
+        f"effects outside the circuit are {percent(design.error.left_out)} of their usual size.",
     )
 
 

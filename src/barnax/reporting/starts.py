@@ -86,7 +86,7 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
         whose = f"{parts[0].name} starts" if is_one else f"{len(parts)} records start"
         is_for_all = not any(registration.origin.told.capacity_ah for registration in own)
         is_for_all &= len(parts) == len(stored.of_role("identification"))
-        others = ", and others are counted over that too" if is_for_all else ""
+        others = ", and the other records use that capacity too" if is_for_all else ""
         yield (
             f"{whose} at {extent(soc, 100)} % SOC and {'has' if is_one else 'have'} "
             f"{extent(capacity_ah)} Ah in place of {extent(told_soc, 100)} % and {extent(told_ah)} "

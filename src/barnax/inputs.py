@@ -269,8 +269,15 @@ def input_warnings(
 
 
 def windows_by_name(window: Window | Mapping[str, Window] | None) -> dict[str, Window]:
-    """The windows by the names of records, the common one under none."""
-    return dict(window) if isinstance(window, Mapping) else {"": window or Window()}
+    """The windows by the names of records, the common one under none.
+
+    Raises `InputError` for what is no window.
+    """
+    found = dict(window) if isinstance(window, Mapping) else {"": window or Window()}
+    for own in found.values():
+        if not isinstance(own, Window):
+            raise InputError(f"`window` {own!r} is no window; give barnax.Window(initial_soc=...)")
+    return found
 
 
 def window_of(window: Window | Mapping[str, Window] | None, name: str) -> Window:

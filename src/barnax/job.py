@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar, get_type_hints
 
-from .cell import CIRCUITS, CellModel
+from .cell import CellModel, get_circuit
 from .display import brief
 from .errors import InputError
 from .inputs import Given, Watch, unwatched
@@ -171,7 +171,10 @@ PLANNED = (*(field.name for kind in _GROUPS for field in fields(kind)), "capacit
 
 def require_choice(name: str, value: Any) -> None:
     """Raise `InputError` where an option has few values, and this is none of them."""
-    known = {"model": CIRCUITS, "method": OPTIMIZERS}.get(name) or choices_in(OPTIONS.get(name))
+    if name == "model" and value is not None:
+        get_circuit(value)
+        return
+    known = OPTIMIZERS if name == "method" else choices_in(OPTIONS.get(name))
     if value is not None and known and value not in known:
         raise InputError(f"`{name}` {value!r} is not known; there are {', '.join(known)}")
 

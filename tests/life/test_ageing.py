@@ -2,6 +2,8 @@
 
 import json
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -12,6 +14,7 @@ from barnax.errors import InputError
 from barnax.life import QUANTITIES, life_of
 from barnax.model.prepared import prepare_record
 from barnax.over_soc import TableSettings
+from barnax.fleet.rows import ageing_row, another_capacity
 from barnax.over_soc.ageing import CAPACITY, R0, SHIFT, R, measure_ageing
 from barnax.reporting.life import life_frame, life_json, life_lines
 
@@ -108,8 +111,8 @@ def cell():
     return barnax.characterize(tests)
 
 
-def told_of(cell, bent_v=0.0, to_empty=False):
-    """What a drive from full tells of an aged cell, whose OCV is lower toward empty by so much, and
+def aged(cell, bent_v=0.0, to_empty=False):
+    """A drive from full of an aged cell, whose OCV is lower toward empty by so much, and
     which goes on to empty and rests there."""
     rng, samples = np.random.default_rng(7), 1200
     current_a = np.repeat(rng.gamma(0.8, 1.0, samples), rng.integers(2, 30, samples))[:samples]
@@ -130,7 +133,20 @@ def told_of(cell, bent_v=0.0, to_empty=False):
         name="aged", current_sign="charge-positive", current_hold="forward",
     )  # fmt: skip
     window = barnax.Window(initial_soc=1.0, capacity_ah=2.0)
-    return measure_ageing([prepare_record(record, cell, "so-rc", window)], TableSettings())
+    return prepare_record(record, cell, "so-rc", window)
+
+
+def told_of(cell, bent_v=0.0, to_empty=False):
+    """What such a drive tells."""
+    return measure_ageing([aged(cell, bent_v, to_empty)], TableSettings())
+
+
+def test_a_row_with_another_capacity_than_its_record_shows_says_so(cell):
+    prepared = aged(cell)
+    (told,) = another_capacity(ageing_row([prepared]), prepared)
+    assert told.code == "ageing.other-capacity"
+    right = replace(prepared, capacity_ah=OWN_AH)
+    assert not [*another_capacity(ageing_row([right]), right)]
 
 
 def test_a_record_of_an_aged_cell_tells_capacity_resistances_and_shift(cell):

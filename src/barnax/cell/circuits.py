@@ -225,7 +225,7 @@ def get_circuit(name: str) -> Circuit:
     if name not in CIRCUITS:
         beside = ", ".join(f"+{element}" for element in ELEMENTS if element != RC.name)
         raise InputError(
-            f"no circuit is called {name!r}; there are {', '.join(CIRCUITS)}, each also with "
-            f"{beside}"
+            f"`model` {name!r} is not known; there are {', '.join(CIRCUITS)} (so-rc has two RC "
+            f"pairs), each also with {beside}"
         )
     return CIRCUITS[name]

@@ -83,12 +83,15 @@ class Traits:
             return "a slow sweep does not show what follows a step of current"
         if self.steep_v:
             return (
-                f"the cell stands at a steep end: {self.span_ah:.3g} Ah move its voltage by "
-                f"{self.steep_v:.2g} V"
+                f"the cell is at the steep end of its OCV: {self.span_ah:.3g} Ah move its voltage "
+                f"by {self.steep_v:.2g} V"
             )
         if capacity_ah is not None and self.span_ah < LEAST_SHARE * capacity_ah:
             share = 100 * self.span_ah / capacity_ah
-            return f"it moves {self.span_ah:.3g} Ah, {share:.2g} % of the capacity"
+            return (
+                f"it moves {self.span_ah:.3g} Ah, {share:.2g} % of the capacity of "
+                f"{capacity_ah:.4g} Ah"
+            )
         steps = counted(self.steps, "current step")
         if self.steps < fewest:
             return f"{steps} sampled finely enough; {fewest} are wanted"

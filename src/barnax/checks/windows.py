@@ -87,7 +87,7 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     reason = f"{profile}; {whole.reason}"
     if _is_fine_throughout(given):
         # What comes before the profile is simulated anyhow, and tells as much.
-        return replace(whole, reason=f"{reason}; all of it is sampled alike")
+        return replace(whole, reason=f"{reason}; its sampling is uniform")
     return replace(whole, reason=reason, score_steps=own, is_settled=is_settled)
 
 

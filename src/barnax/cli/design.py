@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ..errors import InputError
-from .options import argument, group, option
+from .options import DATA, argument, group, option
 from .output import Output
 from .session import as_flags, use_compilation_cache, without_options
 
@@ -30,6 +30,7 @@ class Cell:
         "Without it, --capacity and --chemistry are what is known.",
         None,
     )
+    data: list[Path] | None = DATA
     capacity: float | None = option(CELL, "AH", "Capacity (default: the result's).")
     chemistry: str = option(CELL, "nmc|lfp", "What is believed of a cell without a result.", "nmc")
 
@@ -104,7 +105,7 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
                     f"{', '.join(block.name for block in usual)}"
                 )
     with session.watch("Designing"):
-        known = None if cell.result is None else Result.load(cell.result)
+        known = None if cell.result is None else Result.load(cell.result, data=cell.data or ())
         found = designed(
             known, capacity=cell.capacity, chemistry=cell.chemistry,
             max_hours=test.max_hours, want=_wanted(test.want), blocks=blocks, key=test.key,
@@ -141,7 +142,7 @@ def next_after(
     soc = f"{found.initial_soc:g}"
     words = ["barnax", "identify"]
     if known is not None and cell.result is not None and found.earlier:
-        words = ["barnax", *_files_of(known, cell.result)]
+        words = ["barnax", *_files_of(known, cell, cell.result)]
         words[2:2] = ["RECORD"]
         words += ["--initial-soc", f"RECORD={soc}"]
     else:
@@ -152,7 +153,7 @@ def next_after(
     return [*next_lines("run it, and identify the record", command)]
 
 
-def _files_of(known: "Result", place: Path) -> list[str]:
+def _files_of(known: "Result", cell: Cell, place: Path) -> list[str]:
     """The stored identification with its files where they lie; the files alone where it was no
     `barnax identify` that names them."""
     from ..bundled import BUNDLED
@@ -160,11 +161,14 @@ def _files_of(known: "Result", place: Path) -> list[str]:
     from .results import with_files
 
     command = list(known.command[1:])
-    if command[:1] != ["identify"] or not {PART.sub("", part.name) for part in known.inputs} & {*command}:
+    if command[:1] != ["identify"] or not {PART.sub("", part.name) for part in known.inputs} & {
+        *command
+    }:
         command = ["identify", *(part.name for part in known.of_role("identification"))]
         command += [word for part in known.of_role("ocv") for word in ("--ocv", part.name)]
     folder = place if place.is_dir() else place.parent
-    return with_files(command, known, [Path(), folder, folder.parent, BUNDLED.record.parent])
+    places = [*(cell.data or []), Path(), folder, folder.parent, BUNDLED.record.parent]
+    return with_files(command, known, places)
 
 
 def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] | None:

@@ -41,7 +41,9 @@ SCHEMA_VERSION = 1
 class Checked:
     """The files to check, and what is printed of them."""
 
-    files: list[Path] = argument("FILE", "Files from a cycler; - is standard input.")
+    files: list[Path] = argument(
+        "FILE", "Files from a cycler, or folders of them; - is standard input."
+    )
     capacity: float | None = option(
         INPUT, "AH", "Capacity of the cell, to check the ampere-hours against."
     )
@@ -63,6 +65,7 @@ def check(what: Checked) -> None:
     session = Session(is_quiet=what.quiet or what.as_json)
     with session.watch("Loading"):
         from ..checks import check_file
+        from ..plan.looking import files_of
         from ..records import read_source
         from ..reporting.checks import check_document, count_sentence, finding_line
         from ..reporting.terminal import to_terminal
@@ -73,7 +76,7 @@ def check(what: Checked) -> None:
         raise InputError(f"`rest_current` {what.rest_current} A must be positive")
     found, unreadable = [], []
     listed: list[dict[str, Any]] = []
-    for file in what.files:
+    for file in files_of(what.files):
         try:
             with session.watch(f"Looking at {file.name}"):
                 source = read_source(file, **what.read)
@@ -126,6 +129,7 @@ def convert(what: Converted) -> None:
     session, file = Session(is_quiet=what.quiet), what.file
     with session.watch("Loading"):
         from ..checks import check_file
+        from ..plan.looking import files_of
         from ..records import read_record, read_source
         from ..records.bdf import bdf_files
 

@@ -294,5 +294,5 @@ def _what_is_there(cells: "list[FleetCell]", carried: tuple[str, ...]) -> str:
     from ..reporting.words import counted
 
     records = sum(len(cell.records) for cell in cells)
-    text = f"{counted(len(cells), 'cell')}, {counted(records, 'record')}"
+    text = f"{counted(len(cells), 'row')}, {counted(records, 'record')}"
     return f"{text}; copied to the dataset: {', '.join(carried)}" if carried else text

@@ -199,6 +199,11 @@ PAPER = flag(
     "Also write figures/paper: every figure as PDF and SVG, one journal column wide (89 mm, 7 pt).",
 )
 STORED = argument("RESULT", "The folder that identify wrote, or its result.json.")
+DATA = option(
+    INPUT,
+    "FOLDER",
+    "Folder of the measured files (default: here and beside the result); repeatable.",
+)
 # How a record is read.
 HOW_READ = ("current_sign", "current_hold", "voltage_lag", "columns", "series")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from .options import FORCE, INPUT, LIVE, OUTPUT, argument, group, option
+from .options import DATA, FORCE, LIVE, OUTPUT, argument, group, option
 from .output import RESULTS, add_file, require_free_file
 from .session import Session, as_flags, use_compilation_cache
 
@@ -27,11 +27,7 @@ class Stored:
         "comparison.json or soc.json.",
     )
     out: Path | None = option(OUTPUT, "FILE", "The page (default: report.html beside the result).")
-    data: list[Path] | None = option(
-        INPUT,
-        "FOLDER",
-        "Folder of the measured files (default: here and beside the result); repeatable.",
-    )
+    data: list[Path] | None = DATA
     live: bool = LIVE
     force: bool = FORCE
 

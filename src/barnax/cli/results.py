@@ -16,6 +16,7 @@ import typer
 from ..errors import InputError
 from ..settings import Reading
 from .options import (
+    DATA,
     FILTER,
     FORCE,
     HOW_READ,
@@ -267,11 +268,7 @@ class Rerun:
     """A stored result, and where its files are."""
 
     result: Path = STORED
-    data: list[Path] | None = typer.Option(
-        None,
-        metavar="FOLDER",
-        help="Folder of the measured files (default: here and beside the result); repeatable.",
-    )
+    data: list[Path] | None = DATA
     quiet: bool = QUIET
 
 
@@ -306,9 +303,7 @@ def rerun(of: Rerun) -> None:
     raise typer.Exit(FINDINGS)
 
 
-def with_files(
-    command: Sequence[str], stored: "Result", folders: Sequence[Path]
-) -> list[str]:
+def with_files(command: Sequence[str], stored: "Result", folders: Sequence[Path]) -> list[str]:
     """The words of a command with every file's name replaced by where it lies.
 
     Raises `InputError` for an input that is in none of the folders, or another there.

@@ -22,7 +22,7 @@ from ..inputs import file_names, input_warnings, source_of
 from ..job import Job
 from ..model.prepared import PreparedRecord
 from ..model.window import Window
-from ..notices import Notice
+from ..notices import Notice, notice
 from ..over_soc import TableFit, TableSettings
 from ..over_soc.ageing import AGED, CAPACITY, OCV_NODES, measure_ageing, shows_empty
 from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
@@ -43,6 +43,8 @@ OWN = ("keep_results", "keep_factors", "pack_cells", "ageing")
 CELLS_KEPT = 16
 # Where tables stand in a row.
 MIDDLE_SOC = 0.5
+# A capacity that is so far off shows in the slower resistances.
+OTHER_CAPACITY = 0.01
 
 
 def identify_rows(
@@ -72,6 +74,9 @@ def identify_rows(
             used = [evaluation.prepared for evaluation in result.run.identification]
             if settings.get("ageing"):
                 row |= ageing_row(used, is_own=not cell.ocv and cell.cell is None)
+                for warning in another_capacity(row, used[0]):
+                    row["warnings"] = [*row["warnings"], str(warning)]
+                    row["warning codes"] = [*row["warning codes"], warning.code]
             if out is not None and settings.get("keep_results"):
                 keep_result(out, cell.id, result.to_json())
             if out is not None and (kind := settings.get("keep_factors")):
@@ -181,6 +186,17 @@ def ageing_row(records: Sequence[PreparedRecord], *, is_own: bool = False) -> di
         row[f"aged {name} high"] = value and value.high
         row[f"aged {name} by OCV"] = value and [*value.by_ocv]
     return row
+
+
+def another_capacity(row: Mapping[str, Any], used: PreparedRecord) -> Iterator[Notice]:
+    """That a record shows another capacity than that of its circuit, by more than is of account."""
+    low_ah, high_ah = (row[f"aged {CAPACITY} {side}"] for side in ("low", "high"))
+    if low_ah is None or high_ah is None:
+        return
+    nearest_ah = min(max(used.capacity_ah, low_ah), high_ah)
+    if abs(nearest_ah / used.capacity_ah - 1) > OTHER_CAPACITY:
+        told = {"low_ah": low_ah, "high_ah": high_ah, "used_ah": used.capacity_ah}
+        yield notice("ageing.other-capacity", used.record.name, **told)
 
 
 def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:

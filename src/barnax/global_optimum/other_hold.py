@@ -95,12 +95,14 @@ def with_better_hold(problem: Problem) -> Problem:
 
     What tells the holds apart is the OCV, whose slope differs along the record, and an uneven
     clock. Where these say little the problem is as it was, and so it is with a dynamic hysteresis,
-    which can turn within a sample and then follows one hold only.
+    which can turn within a sample and then follows one hold only. An OCV that was identified with
+    the record follows the hold that was assumed, and tells nothing.
     """
     if get_circuit(problem.circuit).has_rate:
         return problem
     reason = "the voltage follows it far better than the other"
-    if not any(_can_tell(prepared) for prepared in problem.prepared_records):
+    is_own = problem.cell.is_of_records
+    if not any(_can_tell(prepared, is_own) for prepared in problem.prepared_records):
         return problem
     turned = _turned(problem, lambda hold, value: Decision(value, "weak", reason))
     if turned is None:
@@ -136,11 +138,12 @@ def with_better_hold(problem: Problem) -> Problem:
     return problem.keeping_computed(prepared_records=decided)
 
 
-def _can_tell(prepared: PreparedRecord) -> bool:
+def _can_tell(prepared: PreparedRecord, is_own_ocv: bool) -> bool:
     """True where the voltage may tell the hold: one that lags speaks for one of them."""
     interval_s, usual_s = prepared.record.interval_s, prepared.median_interval_s
     is_even = np.quantile(np.abs(interval_s - usual_s), 0.99) <= EVEN * usual_s
-    return usual_s > SHORT_S or not is_even or late_answers_ohm(prepared.record) is not None
+    has_slope = usual_s > SHORT_S and not is_own_ocv
+    return has_slope or not is_even or late_answers_ohm(prepared.record) is not None
 
 
 def _log_ratios(own_v: np.ndarray, other_v: np.ndarray) -> np.ndarray:

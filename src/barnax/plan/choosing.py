@@ -29,13 +29,10 @@ from .ocv import (
 _AS_WIDE = 0.9
 # A record that moves so many times the capacity is of another cell, or in another unit.
 _ANOTHER = 1.5
-MAKE_OCV = (
-    "measure one: from full, pulses of 5 to 10 % of the capacity with rests of at least 30 min "
-    "(better 2 h) down to empty, and back up; or a discharge and a charge at C/20"
-)
+NO_RECORD = "no record can be identified on, for the reason beside each file; "
 MAKE_RECORD = (
-    "there is no record to identify on: measure a drive cycle, or pulses after rests (HPPC), "
-    "sampled about every second under load, over most of the state of charge"
+    "measure a drive cycle, or pulses after rests (HPPC), sampled about every second under load, "
+    "over most of the state of charge"
 )
 # A file to simulate, and its window; and the files of each temperature with their OCV test.
 Runnable = tuple[CandidateFile, Window]
@@ -91,6 +88,10 @@ def plan(
     if len(refused) == len(looked):
         raise InputError("\n".join(refused))
     first, last = len(given), len(given) + len(tests)
+    # Of a folder some files may be anything; those whose role is given are meant.
+    for file in looked[first:]:
+        if file.refusal:
+            raise InputError(file.refusal)
     with watch("Planning", 0):
         free = [part for file in looked[:first] for part in split(file)]
         files = [*free, *looked[first:]]
@@ -148,7 +149,9 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         _leave_others(draft, choice, [])
         names = " and ".join(test.name for test in choice.tests)
         unfit = f"no record can be identified on with {names}, for the reasons beside each"
-        return Plan("identify", draft.parts(), missing=unfit if dynamic else MAKE_RECORD)
+        return Plan(
+            "identify", draft.parts(), missing=unfit if dynamic else NO_RECORD + MAKE_RECORD
+        )
     record, window = runs[0]
     is_own = is_pulsed and choice.tests == (record,)
     why = f"{ocv_reason([record])}; " if is_own else ""
@@ -214,9 +217,12 @@ def _without_test(draft: Draft, group: Sequence[CandidateFile]) -> list[Runnable
 def _without_record(draft: Draft, free: Sequence[CandidateFile]) -> Plan:
     """A plan that has nothing to identify on, nor an OCV test."""
     for file in free:
-        draft.take(file, "not used", why_useless(file, None))
-    missing = f"{MAKE_RECORD}; nor is there an OCV test: {MAKE_OCV}"
-    return Plan("identify", draft.parts(), missing=missing)
+        draft.take(file, "not used", why_useless(file, draft.given_ah))
+    is_too_large = any(
+        file.missing_for(draft.given_ah) and not file.missing_for(None) for file in free
+    )
+    remedy = "check `capacity`" if is_too_large else MAKE_RECORD
+    return Plan("identify", draft.parts(), missing=NO_RECORD + remedy)
 
 
 def _runnable(

@@ -214,6 +214,8 @@ def _looked_at(path: Path, source: Source, chosen: Window) -> CandidateFile:
         return replace(file, refusal=str(problem))
     file = replace(file, check=check)
     error = next((one for one in check.findings if one.severity == "error"), None)
+    if error is None and check.traits is None:
+        error = next(iter(check.findings), None)
     if error is not None:
         return replace(file, refusal=str(error.about(source.name)))
     too_little = "" if check.traits else f"{source.name}: holds too few samples that can be read"

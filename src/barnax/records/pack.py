@@ -113,10 +113,14 @@ def _voltages(source: Source, pattern: str | None) -> dict[str, Float[np.ndarray
             alike.setdefault(re.sub(r"\d+", "#", normal(name)), {})[name] = values_v
     sets = [own for own in alike.values() if len(own) >= FEWEST]
     if len(sets) != 1:
-        found = "; ".join(listed(own) for own in sets) or "none"
+        found = " or ".join(listed(own) for own in sets)
+        problem = (
+            f"the cell voltages may be {found}" if sets else "no columns of cell voltages found"
+        )
+        whole = "" if sets else "; for the voltage of a whole pack use `series` in `identify`"
         raise InputError(
-            f"{source.name}: its columns of cell voltages are not plain (found: {found}); name "
-            f"them with `cells`, such as 'V*'; there are {listed(header)}"
+            f"{source.name}: {problem}; name them with `cells`, such as 'V*'{whole}; its columns "
+            f"are {listed(header)}"
         )
     (kind,) = (key for key, own in alike.items() if own is sets[0])
     names = [n for n in header if n not in taken and re.sub(r"\d+", "#", normal(n)) == kind]

@@ -25,7 +25,7 @@ STDIN, STDIN_NAME = Path("-"), "standard input"
 # The names under which a shell passes another command's output.
 _PIPES, _PIPE_NAME = (Path("/dev/fd"), Path("/proc/self/fd")), "piped file"
 _CONTENT = {
-    b"PK\x03\x04": ("an OOXML workbook", (".xlsx", ".xlsm", ".ndax", ".zip")),
+    b"PK\x03\x04": ("a zip archive or an OOXML workbook", (".xlsx", ".xlsm", ".ndax", ".zip")),
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("a workbook of the kind before OOXML", (".xls",)),
     b"PAR1": ("a Parquet table", (".parquet", ".pq")),
 }

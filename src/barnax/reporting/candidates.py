@@ -61,7 +61,7 @@ def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str
     )
     cells[""] = lambda candidate: "the answer" if candidate.is_answer else ""
     return make_table(
-        "RMSE in mV, in brackets that above 10 % SOC, of the circuits that were weighed.",
+        "RMSE in mV, in brackets that above 10 % SOC, of the circuits that were compared.",
         ranked(candidates),
         cells,
         ["circuit", "left out [mV]", "identification [mV]", "proved: better by at most", ""],

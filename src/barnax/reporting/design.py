@@ -104,6 +104,8 @@ def pieces_table(design: "Design") -> Table:
 
 def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     predicted, limits = design.predicted, design.limits
+    if design.untold:
+        yield "Not counted", f"the result's own records: {design.untold}."
     if not design.is_reached:
         yield "Not reached", "this is the best test in the hours and at the currents allowed."
         untold = [
@@ -125,13 +127,11 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     )
     yield "Before it", _before(design)
     if design.earlier:
-        yield "Counted", f"{joined(design.earlier)}; identify them with the test's record."
-    elif design.untold:
-        yield "Counted", f"nothing of the result's records: {design.untold}."
+        yield "Counted", f"{joined(design.earlier)}, together with which the test is identified."
     longest_s = max(time_s for time_s, _ in design.error.noise)
     yield (
         "Assumed",
-        f"a fit is off by {millivolt(design.error.rmse_v)} RMS, correlated over up to {longest_s:.3g} s; "
+        f"a fit is off by {millivolt(design.error.rmse_v)} RMS, correlated for up to {duration(longest_s)}; "
         f"effects outside the circuit are {percent(design.error.left_out)} of their usual size.",
     )
 
@@ -224,7 +224,7 @@ def procedure(design: "Design") -> str:
     limits = design.limits
     lines = [
         f"Test of a cell of {design.capacity_ah:g} Ah, {design.hours:.2f} h",
-        f"End the test below {limits.low_v:g} V and above {limits.high_v:g} V. Log every second.",
+        f"Stop the test below {limits.low_v:g} V or above {limits.high_v:g} V. Log every second.",
         f"Before: {_before(design)}",
         "",
     ]
@@ -240,7 +240,8 @@ def procedure(design: "Design") -> str:
             what = f"{rows}, or steps {row} to {row + len(steps) - 1} of steps.csv"
         if name == EMPTYING:
             what = f"discharge {steps[0].current_a:.4g} A until {limits.low_v:g} V, then go on"
-        lines.append(f"{number:3d}  {name}: {what}")
+        own = "" if what.startswith(name) else f"{name}: "
+        lines.append(f"{number:3d}  {own}{what}")
         second, row = second + seconds, row + len(steps)
     return "\n".join(lines) + "\n"
 

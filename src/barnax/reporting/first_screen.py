@@ -63,7 +63,7 @@ def first_screen(
         and (part.registered_v or 0.0) < (1 - APART) * part.rmse_v
     ]
     over = None if result.tables is None else result.tables.over_temperature
-    beyond = [] if over is None else [f"where none was measured, {expectation(over)}"]
+    beyond = [] if over is None else [f"at others, {expectation(over)}"]
     for head, sentences in (
         ("Do not use", unfit),
         ("Best possible", [best_possible(result)]),

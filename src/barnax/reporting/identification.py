@@ -94,7 +94,7 @@ def identification_document(
     about = _cell_and_record(result)
     if summary_only:
         return Document(title, about, (answer, verdict, errors))
-    beside = "The constant circuit beside the tables"
+    beside = "The best constant circuit, for comparison"
     own = result.constant
     box = box_sentences({own.model: (own.bounds, own.fixed)})
     validated = [part.name for part in validation]

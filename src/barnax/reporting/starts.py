@@ -26,9 +26,9 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
         return
     parts = stored.of_role("identification")
     starts = {
-        "own full charge": "full after the full charge in it",
-        "own span": "full where it is fullest",
-        "given": "starting as given",
+        "own full charge": "from 100 % after the full charge in it",
+        "own span": "from 100 % at its highest charge",
+        "given": "from the initial SOC of its window",
     }
     # The other records start by their rested voltage on this one's OCV.
     name, start = next(
@@ -161,7 +161,7 @@ def known_words(start: "Start") -> dict[str, str]:
         "counters": "from the tester's counters, which began at full or empty; the voltage agrees",
         "rest elsewhere": f"{rested} at {row}, and the ampere-hours since",
         "own full charge": "counted in ampere-hours from the full charge in the record",
-        "own span": "its fullest sample being full",
+        "own span": "100 % being its highest charge",
     }
 
 

@@ -97,11 +97,11 @@ def expectation(over: "OverTemperature") -> str:
     told = [f"{millivolt(worst[True])} between the measured ones"] if True in worst else []
     told.append(f"{millivolt(worst[False])} beyond")
     text = (
-        f"the error was at most {joined(told)} where each temperature was left out in turn; on "
+        f"each temperature left out in turn, the error at it was at most {joined(told)}; on "
         "another record it may be more."
     )
     if len(over.left_out) == 2:
-        text += " Between them it may be less; a third temperature would show it."
+        text += " A third temperature would show the error between them."
     return text
 
 

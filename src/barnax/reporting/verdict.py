@@ -64,11 +64,11 @@ def search_sentences(result: "Result") -> Iterator[str]:
     if optimum is None or search is None:
         return
     seeds = len(search.seeds)
-    whose = f"best {constant.model}" if result.tables is not None else "the optimum"
-    median = "" if seeds == 1 else "median "
+    whose = f"the best {constant.model}" if result.tables is not None else "the optimum"
+    median = "" if seeds == 1 else "a median "
     yield (
-        f"{counted(seeds, f'{search.method} seed')}: {median}{_above(optimum.median_gap)} above "
-        f"{whose}, {optimum.seeds_there} refined to it."
+        f"{optimum.seeds_there} of {counted(seeds, f'{search.method} seed')} refined to {whose}, "
+        f"from {median}{_above(optimum.median_gap)} above it."
     )
 
 
@@ -194,9 +194,9 @@ def _more_data(result: "Result") -> str:
     fitted_v = result.metrics.identification.rmse_v
     if held is None or held[1].rmse_v < max(LOST * fitted_v, LOST_V):
         return ""
-    use = "identify on more records together, loaded at every SOC"
+    use = "measure another record that loads the cell at every SOC, and identify on both"
     if result.pulses:
-        what = "a record loaded at every SOC, such as a drive cycle"
+        what = "a record that loads the cell at every SOC, such as a drive cycle"
         use = f"identify on {what}, with this test as `ocv`"
     left, fitted = millivolt(held[1].rmse_v), millivolt(fitted_v)
     crossed = result.tables and result.tables.fit.cross_validation

@@ -55,10 +55,11 @@ def test_a_file_that_is_no_table_gives_status_2_and_the_others_are_told(run, fau
     assert (alone.status, alone.out) == (2, "1 file could not be read, so nothing was checked.\n")
 
 
-def test_several_unreadable_files_are_a_line_each(refuse, unreadable):
-    message = refuse("check", unreadable, "nowhere.csv", ".", "-q")
+def test_several_unreadable_files_are_a_line_each(refuse, unreadable, tmp_path):
+    (tmp_path / "empty").mkdir()
+    message = refuse("check", unreadable, "nowhere.csv", tmp_path / "empty", "-q")
     assert [line.partition(": ")[0] for line in message.splitlines()] == [
-        "error", "nowhere.csv", "."
+        "error", "nowhere.csv", str(tmp_path / "empty")
     ]  # fmt: skip
 
 
@@ -110,10 +111,10 @@ def test_the_rest_current_that_it_proposes_is_taken_and_settles_what_was_noted(r
     table = pl.read_parquet(BUNDLED.record)[:6000]
     table = table.with_columns(pl.col("Current / A") + noise_a)
     table.write_csv(tmp_path / "noisy.csv")
-    words = " ".join(run("check", tmp_path / "noisy.csv").out.split())
-    (counted_ma,) = map(float, re.findall(r"below ([\d.]+) mA counts", words))
-    (proposed,) = re.findall(r"--rest-current ([\d.]+)", words)
+    words = run("check", tmp_path / "noisy.csv", "--json").out
+    (counted_ma,) = map(float, re.findall(r"below ([\d.]+) mA, rather", words))
+    (proposed,) = re.findall(r"`rest_current=([\d.]+)`", words)
     assert float(proposed) == pytest.approx(1e-3 * counted_ma, rel=1e-9)
     again = run("check", tmp_path / "noisy.csv", "--rest-current", proposed)
-    assert "noisy at rest" not in again.out
+    assert "rather than C/100" not in again.out
     assert "must be positive" in run("check", BUNDLED.record, "--rest-current", "0").err

@@ -1,7 +1,6 @@
 """A dataset of known ageing: units of age, what is not determined, and what a record tells."""
 
 import json
-
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +10,10 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax.errors import InputError
+from barnax.fleet.rows import ageing_row, another_capacity
 from barnax.life import QUANTITIES, life_of
 from barnax.model.prepared import prepare_record
 from barnax.over_soc import TableSettings
-from barnax.fleet.rows import ageing_row, another_capacity
 from barnax.over_soc.ageing import CAPACITY, R0, SHIFT, R, measure_ageing
 from barnax.reporting.life import life_frame, life_json, life_lines
 

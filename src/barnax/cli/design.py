@@ -136,7 +136,7 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
 def next_after(
     found: "Design", known: "Result | None", cell: Cell, folder: Path
 ) -> "list[RenderableType]":
-    """The step after the test: to identify its record, with the files and options of what counted."""
+    """The step after the test: to identify its record, with what counted and its options."""
     from ..reporting.terminal import next_lines
 
     soc = f"{found.initial_soc:g}"
@@ -161,9 +161,8 @@ def _files_of(known: "Result", cell: Cell, place: Path) -> list[str]:
     from .results import with_files
 
     command = list(known.command[1:])
-    if command[:1] != ["identify"] or not {PART.sub("", part.name) for part in known.inputs} & {
-        *command
-    }:
+    names = {PART.sub("", part.name) for part in known.inputs}
+    if command[:1] != ["identify"] or names.isdisjoint(command):
         command = ["identify", *(part.name for part in known.of_role("identification"))]
         command += [word for part in known.of_role("ocv") for word in ("--ocv", part.name)]
     folder = place if place.is_dir() else place.parent

@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -76,7 +77,15 @@ def check(what: Checked) -> None:
         raise InputError(f"`rest_current` {what.rest_current} A must be positive")
     found, unreadable = [], []
     listed: list[dict[str, Any]] = []
-    for file in files_of(what.files):
+
+    def files() -> Iterator[Path]:
+        for given in what.files:
+            try:
+                yield from files_of([given])
+            except InputError as problem:
+                unreadable.append(str(problem))
+
+    for file in files():
         try:
             with session.watch(f"Looking at {file.name}"):
                 source = read_source(file, **what.read)
@@ -129,7 +138,6 @@ def convert(what: Converted) -> None:
     session, file = Session(is_quiet=what.quiet), what.file
     with session.watch("Loading"):
         from ..checks import check_file
-        from ..plan.looking import files_of
         from ..records import read_record, read_source
         from ..records.bdf import bdf_files
 

@@ -131,7 +131,8 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     longest_s = max(time_s for time_s, _ in design.error.noise)
     yield (
         "Assumed",
-        f"a fit is off by {millivolt(design.error.rmse_v)} RMS, correlated for up to {duration(longest_s)}; "
+        f"a fit is off by {millivolt(design.error.rmse_v)} RMS, correlated for up to "
+        f"{duration(longest_s)}; "
         f"effects outside the circuit are {percent(design.error.left_out)} of their usual size.",
     )
 

@@ -18,7 +18,11 @@ from barnax.reporting.replay import soc_lines
 from barnax.reporting.terminal import soc_screen
 from helpers.results import make_record, make_result, make_table_result
 
-SCENARIOS = (Scenario("right start"), Scenario("lost", offset_c=1e300))
+SCENARIOS = (
+    Scenario("right start"),
+    Scenario("lost", offset_c=1e300),
+    Scenario("start 20 % too low", soc_error=-0.2),
+)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +69,7 @@ def test_a_filter_that_leaves_all_bounds_is_drawn(replay, soc):
     estimate = traces.estimate._replace(soc=np.full_like(traces.estimate.soc, soc))
     far = replay.model_copy()
     far._traces = replace(traces, estimate=estimate)
-    assert plot_soc_replay(far).axes[1].get_ylim()[1] <= 100
+    assert all(axes.get_ylim()[1] <= 100 for axes in plot_soc_replay(far).axes[1:])
 
 
 def test_a_band_that_is_wrong_is_said_before_anything_is_estimated(replay):
@@ -95,7 +99,17 @@ def test_a_replay_is_stored_and_read_back(replay, tmp_path):
     assert again.to_json() == replay.to_json()
     with pytest.raises(InputError, match="replay the record again"):
         plot_soc_replay(again)
-    assert len(plot_soc_replay(replay).axes) == 2
+    assert len(plot_soc_replay(replay).axes) == 1 + len(replay.scenarios)
+
+
+def test_a_wrong_start_is_seen_counted_and_the_filter_s_errors_fit_their_panel(replay):
+    counted, *errors = plot_soc_replay(replay).axes
+    low = next(x for x in counted.get_lines() if x.get_label() == "counting, start 20 % too low")
+    counter = next(x for x in counted.get_lines() if x.get_label() == "ampere-hour counter")
+    assert low.get_ydata()[0] == pytest.approx(counter.get_ydata()[0] - 20, abs=0.5)
+    for axes, part in zip(errors, replay.scenarios, strict=True):
+        assert axes.get_title(loc="left").startswith(part.name)
+        assert part.max is None or axes.get_ylim()[1] > 100 * part.max
 
 
 def test_without_tables_the_cell_is_that_of_the_records_temperature():

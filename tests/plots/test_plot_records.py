@@ -197,7 +197,7 @@ def test_few_samples_far_off_do_not_flatten_the_rest_and_are_counted():
     error_v[-3:] = -0.6
     over_time, over_soc = plot_error(make_evaluation(make_record(1000), error_v=error_v)).axes
     assert over_time.get_ylim()[0] > -100
-    assert over_soc.get_title("right") == "outside: 3 of 1000 scored samples, up to −600 mV"
+    assert over_soc.get_title("right") == "off scale: 3 of 1000 samples, up to −600 mV"
     inside = plot_error(make_evaluation(make_record(1000))).axes[1]
     assert inside.get_title("right") == ""
 
@@ -227,7 +227,7 @@ def test_every_row_s_errors_have_a_strip_on_one_scale():
 def test_a_row_that_is_far_off_does_not_set_the_scale_and_is_said_to_be_cut():
     axes = plot_error(make_rows(2e-3, 500e-3)).axes
     assert axes[0].get_ylim()[1] < 20
-    assert "outside:" in axes[3].texts[0].get_text()
+    assert "off the scale:" in axes[3].texts[0].get_text()
     assert not axes[1].texts
 
 

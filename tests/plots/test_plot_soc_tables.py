@@ -9,9 +9,11 @@ from barnax.over_soc import OverTemperature, TableFits
 from barnax.plots import (
     plot_error_map,
     plot_over_temperature,
+    plot_summary,
     plot_tables,
     plot_tables_by_temperature,
 )
+from barnax.plots.soc_tables import drawn_tables, scale_of
 from helpers.results import CIRCUIT, NODES, TABLE_OHM, line, make_evaluation, make_fit, make_record
 
 
@@ -52,7 +54,30 @@ def test_resistances_are_drawn_from_zero_and_what_is_beyond_is_said():
     axes = plot_tables(replace(fit, tables=steep)).axes[0]
     assert axes.get_ylim()[0] == 0.0
     assert axes.get_ylim()[1] < 80
-    assert axes.get_title(loc="right") == "2 nodes off the scale"
+    assert axes.get_title(loc="right") == "off scale: 2 extrapolated nodes"
+
+
+def test_a_node_that_is_not_determined_sets_no_scale_and_is_said_to_be_off_it():
+    fit = make_fit()
+    steep = fit.tables.with_tables({"R0 [Ohm]": (*TABLE_OHM[0][:2], 0.3, *TABLE_OHM[0][3:])})
+    intervals = [
+        replace(own, high=2.0) if (own.name, own.soc) == ("R0 [Ohm]", NODES[2]) else own
+        for own in fit.intervals
+    ]
+    far = replace(fit, tables=steep, intervals=tuple(intervals))
+    axes = plot_tables(far).axes[0]
+    assert 1e3 * max(TABLE_OHM[0][3:]) < axes.get_ylim()[1] < 100
+    assert "1 node at 300 mOhm" in axes.get_title(loc="right").replace("\n", " ")
+    summary = plot_summary(make_evaluation(make_record(400)), far).axes[2]
+    assert summary.get_ylim()[1] < 150
+    assert summary.get_title(loc="left") == "off scale: 1 node at 300 mOhm"
+    # Determined, it is shown.
+    known = [
+        replace(own, low=0.25, high=0.35) if (own.name, own.soc) == ("R0 [Ohm]", NODES[2]) else own
+        for own in fit.intervals
+    ]
+    table = drawn_tables(replace(far, intervals=tuple(known)))["R0 [Ohm]"]
+    assert scale_of([table])[1] > 300
 
 
 def test_a_cell_of_the_map_is_the_rmse_of_its_samples():
@@ -100,11 +125,18 @@ def test_each_temperature_is_a_line_through_its_visited_nodes(found):
 
 def test_between_temperatures_stands_what_is_interpolated(found):
     figure = plot_over_temperature(found)
-    assert [axes.get_ylabel() for axes in figure.axes] == ["R0 [mOhm]", "R1 [mOhm]", "R2 [mOhm]"]
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "R0 [mOhm]\n(log scale)",
+        # A zero has no logarithm.
+        "R1 [mOhm]",
+        "R2 [mOhm]\n(log scale)",
+    ]
     place = int(np.argmin(np.abs(np.array(NODES) - 0.5)))
-    course = line(figure.axes[0], f"SOC {100 * NODES[place]:g} %")
     ends = 1e3 * TABLE_OHM[0][place] * np.array([2.0, 0.5])
-    assert course.get_ydata()[[0, -1]] == pytest.approx(ends)
+    courses = [own for own in figure.axes[0].get_lines() if len(own.get_xdata()) > len(DEGC)]
+    (course,) = (own for own in courses if own.get_ydata()[0] == pytest.approx(ends[0]))
+    assert course.get_ydata()[-1] == pytest.approx(ends[-1])
+    assert course.get_linestyle() == "--"
     # A quarter of the way in 1/T from 0 to 20 degC is a quarter of the way in log R.
     kelvin = 1 / (0.75 / 273.15 + 0.25 / 293.15)
     there = np.interp(kelvin - 273.15, course.get_xdata(), course.get_ydata())

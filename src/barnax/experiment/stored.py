@@ -22,7 +22,8 @@ DRIVE = "drive"
 
 
 class Predicted(Part):
-    """The test as it is believed to go, at both ends of every step.
+    """The test as it is believed to go: both ends of every step, and where the voltage bends
+    between them.
 
     Attributes:
         time_s: Time.

@@ -54,19 +54,21 @@ def cell_of(source: "CellModel | Result | str | Path") -> CellModel:
 CURVE_SAMPLES = 1001
 # More points than this (a slow sweep has them) would hide the curve under full-size markers.
 FEW_POINTS = 50
-SMALLEST_RANGE_MV = 1.0
+# What curves through their points leave is rounding.
+ROUNDING_MV = 1e-3
 
 
 @illustration(
     "Open-circuit voltage: the measured points, the curve of each branch and their average. "
-    "Below, the error of each curve at its points.",
+    "Below, unless the curves pass through their points, the error of each curve at its points.",
     "Open-circuit voltage over the state of charge, with residuals of the fit",
     is_dense=False,
 )
 def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     """OCV points and curves over SOC; below, what each curve leaves at its own points, in mV.
 
-    A branch that was not measured is not drawn, and then there is no average either.
+    Curves through their points leave nothing, and have no panel for it. A branch that was not
+    measured is not drawn, and then there is no average either.
 
     Args:
         cell: A cell from `characterize`, a result, or the path of a `result.json`.
@@ -77,14 +79,22 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     ['Open-circuit voltage [V]', 'Residual [mV]\\n(point − curve)']
     """
     cell = cell_of(cell)
-    figure = make_figure()
-    ocv, residual = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
-    residual.axhline(0.0, color=BLACK, linewidth=0.6)
     branches: list[tuple[str, AbstractCurve, tuple[OcvPoint, ...], str, str, str]] = [
         ("charge", cell.charge, cell.charge_points, VERMILLION, "^", "--"),
         ("discharge", cell.discharge, cell.discharge_points, BLUE, "v", "-"),
     ]
     measured = [branch for branch in branches if branch[2]]
+    errors_mv = {
+        name: 1e3 * np.array([point.voltage_v - float(curve(point.soc)) for point in points])
+        for name, curve, points, *_ in measured
+    }
+    leaves = any(np.abs(own_mv).max() > ROUNDING_MV for own_mv in errors_mv.values())
+    figure = make_figure()
+    panels = figure.subplots(1 + leaves, 1, sharex=True, squeeze=False,
+                             height_ratios=[2.2, 1.0][: 1 + leaves])[:, 0]  # fmt: skip
+    ocv = panels[0]
+    for residual in panels[1:]:
+        residual.axhline(0.0, color=BLACK, linewidth=0.6)
     for name, curve, points, color, marker, line_style in measured:
         point_soc = np.array([point.soc for point in points])
         point_v = np.array([point.voltage_v for point in points])
@@ -93,18 +103,16 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
         symbol = {"color": color, "markerfacecolor": "white", "markeredgewidth": 0.9}
         ocv.plot(soc, curve(soc), color=color, linestyle=line_style, label=f"{name} curve")
         draw_points(ocv, point_soc, point_v, marker, size, **symbol, label=f"{name} points")
-        missed_mv = 1e3 * (point_v - curve(point_soc))
-        draw_points(residual, point_soc, missed_mv, marker, size, **symbol)
+        for residual in panels[1:]:
+            draw_points(residual, point_soc, errors_mv[name], marker, size, **symbol)
     if len(measured) == 2:
         soc = np.linspace(*cell.soc_range, CURVE_SAMPLES)
         ocv.plot(soc, cell.average_ocv_v(soc), color=BLACK, linestyle="-.", label="average")
     ocv.set_ylabel("Open-circuit voltage [V]")
-    residual.set_ylabel("Residual [mV]\n(point − curve)")
-    residual.set_xlabel(SOC_LABEL)
-    low, high = residual.get_ylim()
-    # Curves through their points leave rounding errors, which must not look like a finding.
-    residual.set_ylim(min(low, -SMALLEST_RANGE_MV), max(high, SMALLEST_RANGE_MV))
-    return finish(figure, ocv, residual)
+    for residual in panels[1:]:
+        residual.set_ylabel("Residual [mV]\n(point − curve)")
+    panels[-1].set_xlabel(SOC_LABEL)
+    return finish(figure, *panels)
 
 
 SAME_MV = 0.1

@@ -1,6 +1,5 @@
 """Errors: of voltage over time and over SOC, of one circuit or many, and of the SOC of a filter."""
 
-import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
@@ -44,7 +43,7 @@ from .voltage import (
 )
 
 if TYPE_CHECKING:
-    from ..replay import SocReplay
+    from ..replay import ScenarioPart, SocReplay
     from ..search.evaluate import Evaluation
 
 
@@ -140,14 +139,14 @@ def outside_note(scored_mv: Samples, low: float, high: float) -> str:
     """The number of scored samples outside the limits, and how far; empty where there are none.
 
     >>> outside_note(np.array([1.0, 2.0, -60.0]), -5.0, 5.0)
-    'outside: 1 of 3 scored samples, up to −60 mV'
+    'off scale: 1 of 3 samples, up to −60 mV'
     """
     outside = (scored_mv < low) | (scored_mv > high)
     if not outside.any():
         return ""
     farthest = scored_mv[np.argmax(np.abs(scored_mv))]
     return (
-        f"outside: {np.count_nonzero(outside)} of {len(scored_mv)} scored samples, "
+        f"off scale: {np.count_nonzero(outside)} of {len(scored_mv)} samples, "
         f"up to {farthest:.0f} mV".replace("-", "−")
     )
 
@@ -206,7 +205,7 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
         else:
             colors, labels = (looks[label].color, BLACK), ("_scored", "_not scored", "± RMSE")
             _name_strip(over_time, f"{label}: RMSE {rmse}")
-            _name_strip(over_soc, outside.replace(" scored", ""))
+            _name_strip(over_soc, outside)
         draw_errors(over_time, over_soc, row, colors, labels, limits)
     panels[-1, 0].set_xlabel(choose_time_unit(prepared.time_s).label)
     panels[-1, 1].set_xlabel(SOC_LABEL)
@@ -231,24 +230,29 @@ def _name_strip(axes: Axes, text: str) -> None:
 
 
 SCENARIO_COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY_BLUE)
-REPLAY_IN = 5.6
-# Larger errors are of a filter that is still finding the start.
-WIDEST_PERCENT = 8.0
-TITLE_LETTERS = 80
+REPLAY_IN, SCENARIO_IN = 2.4, 0.85
+# The least that errors of SOC are drawn over.
+LEAST_PERCENT = 1.0
+# Counts that are nearer to the counter are not drawn beside it.
+SAME_SOC = 1e-3
+# Room for wrong counts beside the counter, in percent.
+BESIDE = 25.0
 BAND_SD = 2.0
 
 
 @illustration(
-    "State of charge of {}: counted, and estimated by the filter in every scenario. Below, the "
-    "errors of the filter.",
-    "State of charge over time by counting and by the filter, with its errors",
+    "State of charge of {}: the ampere-hour counter, and counting alone with what a scenario has "
+    "wrong. Below, the error of the filter in each scenario.",
+    "State of charge over time, counted right and wrong, and the errors of the filter",
     is_main=True,
 )
 def plot_soc_replay(replay: "SocReplay") -> Figure:
-    """SOC by the counter and by the filter in every scenario, and the filter's errors.
+    """SOC by the counter and by counting with what each scenario has wrong, and a panel with the
+    filter's errors in each.
 
-    The shaded band is two standard deviations of the first scenario's filter about zero; dashed
-    lines are the errors of plain counting. Raises `InputError` for a replay read from a file.
+    The shaded bands are two standard deviations of the filter about zero. The scale is that of
+    errors from when they are within 3 %, and of the bands after ten minutes. Raises `InputError`
+    for a replay read from a file.
 
     Args:
         replay: A replay that was not read from a file.
@@ -256,46 +260,46 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
     traces = replay.traces
     unit = choose_time_unit(traces.time_s)
     time = traces.time_s / unit.seconds
-    figure = make_figure(height_in=REPLAY_IN)
-    over_time, errors = figure.subplots(2, sharex=True, height_ratios=(2, 3))
-    draw_line(over_time, time, 100 * traces.truth, color=BLACK, label="ampere-hour counter")
-    held = replay.scenarios[0].in_band
-    told = "95 % band" if held is None else f"95 % band ({100 * held:.0f} % in it)"
-    band = 100 * BAND_SD * np.nan_to_num(traces.estimate.soc_sd[0])
-    errors.fill_between(time, -band, band, color=SHADE, linewidth=0, label=told)
-    errors.axhline(0.0, color=BLACK, linewidth=0.6)
-    for place, (part, color) in enumerate(zip(replay.scenarios, SCENARIO_COLORS, strict=False)):
-        soc = 100 * np.asarray(traces.estimate.soc[place])
-        # The first line is wide, so that it shows behind others that agree with it.
-        style = {"color": color, "label": part.name, "linewidth": 2.6 if place == 0 else 1.0}
-        draw_line(over_time, time, soc, **style)
-        draw_line(errors, time, soc - 100 * traces.truth, **style)
-        counted = 100 * (traces.counted[place] - traces.truth)
-        errors.plot(time[::100], counted[::100], color=color, linestyle="--", linewidth=0.7)
-    errors.plot([], [], color=GREY, linestyle="--", label="counting alone")
-    # The scale grows with the first scenario's error, so that a lost SOC is seen.
-    first = 100 * np.abs(np.asarray(traces.estimate.soc[0]) - traces.truth)
-    widest = max(WIDEST_PERCENT, min(1.1 * first.max(where=np.isfinite(first), initial=0), 100))
-    errors.set_ylim(-widest, widest)
-    errors.set_title(textwrap.fill(_beyond(replay, widest), TITLE_LETTERS), loc="right")
-    over_time.set_ylabel("State of charge [%]")
-    errors.set_ylabel("Error of SOC [%]\n(filter − counter)")
-    errors.set_xlabel(unit.label)
+    count = len(replay.scenarios)
+    figure = make_figure(height_in=REPLAY_IN + SCENARIO_IN * count)
+    counted, *errors = figure.subplots(1 + count, sharex=True, height_ratios=(2.2, *[1.0] * count))
+    draw_line(counted, time, 100 * traces.truth, color=BLACK, label="ampere-hour counter")
     kind = "Gaussian sum" if replay.settings.kind == "sum" else replay.settings.kind.upper()
-    title(over_time, f"{replay.record}: {replay.model}, {kind}")
-    return finish(figure, over_time, errors, columns=3)
+    title(counted, f"{replay.record}: {replay.model}, {kind}")
+    widest = _widest_percent(replay)
+    for place, (axes, part) in enumerate(zip(errors, replay.scenarios, strict=True)):
+        color = SCENARIO_COLORS[place % len(SCENARIO_COLORS)]
+        band = 100 * BAND_SD * np.nan_to_num(traces.estimate.soc_sd[place])
+        axes.fill_between(
+            time, -band, band, color=SHADE, linewidth=0, label="95 % band of the filter"
+        )
+        axes.axhline(0.0, color=BLACK, linewidth=0.6)
+        off = 100 * (np.asarray(traces.estimate.soc[place]) - traces.truth)
+        draw_line(axes, time, off, color=color)
+        axes.set_ylim(-widest, widest)
+        title(axes, f"{part.name}: {_course(part)}")
+        # Counting from the right start is the counter itself.
+        if np.nanmax(np.abs(traces.counted[place] - traces.truth)) > SAME_SOC:
+            style = {"color": color, "linestyle": "--", "label": f"counting, {part.name}"}
+            draw_line(counted, time, 100 * traces.counted[place], **style)
+    counted.set_ylim(100 * traces.truth.min() - BESIDE, min(100 * traces.truth.max() + BESIDE, 105))
+    counted.set_ylabel("State of charge [%]")
+    errors[count // 2].set_ylabel("Error of SOC [%]\n(filter − counter)")
+    errors[-1].set_xlabel(unit.label)
+    return finish(figure, counted, *errors, columns=2)
 
 
-def _beyond(replay: "SocReplay", widest: float) -> str:
-    """The lines that leave the scale of the errors, and how far; empty where none does."""
-    traces, far = replay.traces, []
-    for way, soc in (("filter", traces.estimate.soc), ("counting", traces.counted)):
-        # NaN before a scenario starts.
-        off = np.abs(np.asarray(soc) - traces.truth)
-        most = 100 * off.max(axis=1, where=~np.isnan(off), initial=0.0)
-        far += [
-            f"{part.name} ({way}, {error:.2g} %)"
-            for part, error in zip(replay.scenarios, most, strict=True)
-            if error > widest
-        ]
-    return f"beyond the scale: {'; '.join(far)}" if far else ""
+def _widest_percent(replay: "SocReplay") -> float:
+    """The error of SOC up to which all scenarios are drawn."""
+    reached = [share for part in replay.scenarios for share in (part.max, part.widest) if share]
+    return min(max([LEAST_PERCENT, *(110 * share for share in reached)]), 100.0)
+
+
+def _course(part: "ScenarioPart") -> str:
+    """The errors of a scenario in words."""
+    if part.diverged_s is not None:
+        return "returns no numbers"
+    if part.converged_s is None or part.max is None:
+        return "never within 3 % for ten minutes"
+    after = f"after {part.converged_s:.0f} s " if part.converged_s else ""
+    return f"{after}off by at most {100 * part.max:.2g} %"

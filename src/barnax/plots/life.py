@@ -7,10 +7,21 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .pictures import illustration
-from .style import BLACK, BLUE, GREY, SKY_BLUE, VERMILLION, finish, make_figure
+from .style import (
+    BLACK,
+    BLUE,
+    GREY,
+    ROW_COLORS,
+    VERMILLION,
+    RowLook,
+    finish,
+    make_figure,
+    row_looks,
+)
 
 if TYPE_CHECKING:
     from ..life import Life
+    from ..life.ageing import Trend
 
 # Labels of the axes, and the factors to their units.
 LABELS = {
@@ -22,29 +33,52 @@ LABELS = {
 AGES = {"A.h": "Throughput [A.h]", "cycle": "Age [cycles]"}
 # The most cells drawn of a large fleet, beside those that are odd.
 MOST_DRAWN = 500
+# So few cells are drawn by name, with what their records tell, a little apart.
+MOST_NAMED = len(ROW_COLORS)
+APART = 0.008
+MARGIN = 0.03
 
 
 @illustration(
-    "Smooth trends of {}; colored: cells that depart from the fleet in that quantity.",
+    "Smooth trends of {}. Few cells have names, and the 95 % intervals of their records (bars) and "
+    "trends (bands). Of many, those that depart from the fleet in that quantity are red, and a "
+    "black bar is the median 95 % interval of the trends.",
     "Capacity, resistances and OCV shift of every cell over its age",
     is_main=True,
 )
 def plot_fleet_life(life: "Life") -> Figure:
-    """The smooth trends of all cells, and in color those that are flagged.
+    """The smooth trends of all cells, and in color those that are flagged; few cells by name, with
+    what each record tells.
 
     Args:
         life: A fleet's ageing.
     """
     figure, panels = _panels(life)
+    looks = row_looks(life.cells)
+    is_named = len(life.cells) <= MOST_NAMED
     for axes, (quantity, (_, scale)) in zip(panels, LABELS.items(), strict=True):
         odd = {fault.cell for fault in life.faults if fault.quantity == quantity}
         drawn = life.of(quantity)
-        for trend in [*drawn[:MOST_DRAWN], *(one for one in drawn if one.cell in odd)]:
+        told = [trend for trend in drawn if trend.estimates]
+        for place, trend in enumerate(told if is_named else []):
+            apart = APART * life.span * (place - (len(told) - 1) / 2)
+            _draw_estimates(axes, life, trend, looks[trend.cell], apart, trend.cell)
+        for trend in (
+            [] if is_named else [*drawn[:MOST_DRAWN], *(t for t in drawn if t.cell in odd)]
+        ):
             is_odd = trend.cell in odd
             style = {"color": VERMILLION, "zorder": 3} if is_odd else {"color": GREY, "alpha": 0.5}
             axes.plot(trend.age, scale * trend.smooth[:, 0], linewidth=0.8, **style)
+        if told and not is_named:
+            value, low, high = scale * np.nanmedian(
+                np.concatenate([t.smooth for t in told]), axis=0
+            )
+            ends = [[value - low], [high - value]]
+            at = life.span * (1 + MARGIN / 2)
+            bar = {"color": BLACK, "capsize": 2.0, "label": "median 95 % interval"}
+            axes.errorbar([at], [value], ends, **bar)
         _say_where_empty(axes, drawn)
-    return finish(figure, *panels, columns=2)
+    return finish(figure, *panels, columns=MOST_NAMED)
 
 
 @illustration(
@@ -61,19 +95,11 @@ def plot_cell_life(life: "Life", cell: str) -> Figure:
         cell: The name of the cell.
     """
     figure, panels = _panels(life)
-    for axes, (quantity, (_, scale)) in zip(panels, LABELS.items(), strict=True):
+    for axes, quantity in zip(panels, LABELS, strict=True):
         found = life.of(quantity, cell)
         for trend in found:
-            if not trend.estimates:
-                continue
-            value, low, high = scale * trend.measured.T
-            reach = np.stack([value - low, high - value])
-            dots = {"fmt": "o", "markersize": 3.0, "linewidth": 0.8, "color": BLACK}
-            axes.errorbar(trend.age, value, reach, **dots)
-            age, smooth = life.along(trend)
-            value, low, high = scale * smooth.T
-            axes.fill_between(age, low, high, color=SKY_BLUE, alpha=0.45, linewidth=0.0)
-            axes.plot(age, value, color=BLUE)
+            if trend.estimates:
+                _draw_estimates(axes, life, trend, RowLook(BLUE, "-", "o"))
         for fault in life.faults:
             if (fault.cell, fault.quantity) == (cell, quantity) and fault.kind in ("knee", "step"):
                 axes.axvline(fault.age, color=VERMILLION, linewidth=0.8, linestyle="--")
@@ -81,12 +107,27 @@ def plot_cell_life(life: "Life", cell: str) -> Figure:
     return finish(figure, *panels, columns=2)
 
 
+def _draw_estimates(
+    axes: Axes, life: "Life", trend: "Trend", look: RowLook, apart: float = 0.0, label: str = ""
+) -> None:
+    """What the records tell of a quantity, and its trend, both with their intervals."""
+    _, scale = LABELS[trend.quantity]
+    value, low, high = scale * trend.measured.T
+    reach = np.stack([value - low, high - value])
+    dots = {"fmt": look.marker, "markersize": 3.0, "elinewidth": 0.8, "color": look.color}
+    axes.errorbar(trend.age + apart, value, reach, **dots)
+    age, smooth = life.along(trend)
+    value, low, high = scale * smooth.T
+    axes.fill_between(age, low, high, color=look.color, alpha=0.12, linewidth=0.0)
+    axes.plot(age, value, color=look.color, linestyle=look.line, label=label)
+
+
 def _panels(life: "Life") -> tuple[Figure, list[Axes]]:
     figure = make_figure(height_in=4.8)
     panels = [*figure.subplots(2, 2, sharex=True).ravel()]
     for axes, (label, _) in zip(panels, LABELS.values(), strict=True):
         axes.set_ylabel(label)
-        axes.margins(x=0.03)
+        axes.margins(x=MARGIN)
     for axes in panels[2:]:
         axes.set_xlabel(AGES.get(life.unit, f"Age [{life.unit}s]"))
     return figure, panels

@@ -1,6 +1,7 @@
 """The cells of a pack side by side, each value with its interval."""
 
-from collections.abc import Collection
+import re
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,12 +54,31 @@ def plot_pack(fit: "PackFit", odd: Collection[tuple[str, str]] = (), weakest: st
                 ring = {"markersize": 8.0, "markerfacecolor": "none", "color": BLACK}
                 axes.plot(place, scale * value.value, "o", **ring)
         axes.set_ylabel(label)
+        axes.margins(y=0.2)
     step = -(-len(fit.cells) // 24)
     places = np.arange(1, len(fit.cells) + 1, step)
-    names = [fit.cells[place - 1].name for place in places]
+    names = numbers_of([cell.name for cell in fit.cells])[::step]
     is_long = max(map(len, names)) > 4
     panels[-1].set_xticks(places, names, rotation=90 if is_long else 0)
     panels[-1].set_xlim(0.5, len(fit.cells) + 0.5)
     panels[-1].set_xlabel("Cell")
     title(panels[0], "95 % intervals; dashed: the median; ring: the weakest cell")
     return finish(figure, *panels)
+
+
+def numbers_of(names: Sequence[str]) -> list[str]:
+    """What tells the names apart, where the words around their numbers are the same.
+
+    >>> numbers_of(["Cell 9 voltage [V]", "Cell 10 voltage [V]"])
+    ['9', '10']
+    >>> numbers_of(["A1", "B1"])
+    ['A1', 'B1']
+    """
+    numbers = [re.search(r"\d(.*\d)?", name) for name in names]
+    around = {
+        found and (name[: found.start()], name[found.end() :])
+        for name, found in zip(names, numbers, strict=True)
+    }
+    if None in numbers or len(around) > 1:
+        return [*names]
+    return [found[0] for found in numbers if found]

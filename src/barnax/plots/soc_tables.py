@@ -1,8 +1,9 @@
 """Tables over SOC, and temperature, with their intervals; and errors by SOC and current."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib
 import numpy as np
@@ -13,6 +14,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from ..cell.elements import names_beside
+from ..errors import counted
 from .pictures import illustration
 from .style import (
     BLUE,
@@ -40,8 +42,12 @@ if TYPE_CHECKING:
 
 PANELS_ACROSS: Final = 2
 PANEL_IN: Final = 1.9
-# Intervals beyond this many times the largest value do not set the scale.
+# What sets no scale may extend it to this many times the largest value that does.
 WIDEST: Final = 1.6
+# Resistances over this many times the median set no scale.
+FAR: Final = 8.0
+# What is off a scale stands beside a time constant, in lines of so many letters.
+LETTERS: Final = 34
 
 Values = Float[np.ndarray, "nodes"]
 
@@ -59,15 +65,55 @@ class DrawnTable:
     high: Values
 
     @property
-    def scale(self) -> tuple[float, float]:
-        """A scale for what samples visit, from zero for resistances."""
-        shown = self.values[self.is_visited] if self.is_visited.any() else self.values
-        most, least = float(shown.max()), float(shown.min())
-        span = WIDEST * max(np.abs([most, least]).max(), 1e-3)
-        top = max(most, float(np.nanmax(np.clip(self.high, None, span), initial=most)))
-        bottom = min(least, float(np.nanmin(np.clip(self.low, -span, None), initial=least)))
-        margin = 0.08 * (top - min(bottom, 0.0 if self.is_resistance else bottom) or 1.0)
-        return 0.0 if self.is_resistance else bottom - margin, top + margin
+    def seen(self) -> "DrawnTable":
+        """The table at the nodes that samples visit."""
+        rows = ("nodes", "is_visited", "values", "low", "high")
+        return replace(self, **{row: getattr(self, row)[self.is_visited] for row in rows})
+
+
+def scale_of(tables: Sequence[DrawnTable]) -> tuple[float, float]:
+    """One scale for tables at the nodes that samples visit, from zero for resistances: of those
+    that the data determine, with an interval narrower than the value, and that are not far above
+    the others."""
+    seen = [table.seen if table.is_visited.any() else table for table in tables]
+    values, low, high = (_rows(seen, name) for name in ("values", "low", "high"))
+    is_resistance = tables[0].is_resistance
+    sets = high - low <= values if is_resistance else np.full(len(values), True)
+    sets = sets if sets.any() else ~sets
+    if is_resistance:
+        sets &= values <= FAR * np.median(values[sets])
+    span = WIDEST * max(np.abs(values[sets]).max(), 1e-3)
+    ends = np.clip(np.concatenate([low[sets], high[sets]]), -span, span)
+    reached = np.concatenate([ends, values[np.abs(values) <= span]])
+    bottom, top = float(np.nanmin(reached)), float(np.nanmax(reached))
+    if is_resistance:
+        return 0.0, 1.08 * top or 1.0
+    margin = 0.08 * (top - bottom or 1.0)
+    return bottom - margin, top + margin
+
+
+def off_the_scale(
+    tables: Sequence[DrawnTable], limits: tuple[float, float], constant: float | None = None
+) -> str:
+    """The nodes outside the limits, how many of them are extrapolated, and the constant circuit's
+    value; empty where none is."""
+    bottom, top = limits
+    values, is_visited = _rows(tables, "values"), _rows(tables, "is_visited")
+    is_outside = (values < bottom) | (values > top)
+    seen, others = values[is_outside & is_visited], values[is_outside & ~is_visited]
+    unit, told = "mOhm" if tables[0].is_resistance else "mV", []
+    if len(seen):
+        at = "at" if len(seen) == 1 else "up to"
+        told.append(f"{counted(len(seen), 'node')} {at} {max(seen, key=abs):.3g} {unit}")
+    if len(others):
+        told.append(counted(len(others), "extrapolated node"))
+    if constant is not None and not bottom <= constant <= top:
+        told.append(f"constant circuit at {constant:.3g} {unit}")
+    return f"off scale: {', '.join(told)}" if told else ""
+
+
+def _rows(tables: Sequence[DrawnTable], name: str) -> np.ndarray:
+    return np.concatenate([getattr(table, name) for table in tables])
 
 
 def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
@@ -121,18 +167,22 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
     >>> [axes.get_ylabel() for axes in plot_tables(fit).axes]
     ['R0 [mOhm]', 'R1 [mOhm]']
     """
-    tables = drawn_tables(fit).values()
+    tables, ohm = drawn_tables(fit).values(), {} if constant is None else constant.named_ohm
     across = min(1 if is_column() else PANELS_ACROSS, len(tables))
     figure, panels = make_panels(len(tables), across, row_in=PANEL_IN, around_in=0.6, sharex=True)
     for axes, table in zip(panels, tables, strict=True):
         axes.set_ylabel(table.label)
-        _draw_table(axes, table)
         resistance = table.label.replace("[mOhm]", "[Ohm]")
         tau = names_beside(resistance).tau
-        value = None if constant is None else constant.named_ohm.get(resistance)
+        value = 1e3 * ohm[resistance] if resistance in ohm else None
+        _draw_table(axes, table)
         if value is not None:
             label = "constant circuit"
-            axes.axhline(1e3 * value, color=GREY, linewidth=1.4, zorder=1, label=label)
+            axes.axhline(value, color=GREY, linewidth=1.4, zorder=1, label=label)
+        limits = scale_of([table])
+        axes.set_ylim(limits)
+        outside = off_the_scale([table], limits, value)
+        axes.set_title(textwrap.fill(outside, LETTERS), loc="right", fontsize=letters_pt(8))
         if tau in fit.tables.constants:
             title(axes, f"{tau.partition(' ')[0]} = {fit.tables.constants[tau]:.3g} s")
     name_below(panels, across, SOC_LABEL)
@@ -157,12 +207,6 @@ def _draw_table(axes: Axes, table: DrawnTable) -> None:
     axes.plot(nodes[open_ended], values[open_ended], **crossed, label="not determined")
     hollow = {**OPEN, "markeredgecolor": BLUE}
     axes.plot(nodes[~visited], values[~visited], label="node without samples", **style, **hollow)
-    bottom, top = table.scale
-    axes.set_ylim(bottom, top)
-    outside = int(np.count_nonzero((values > top) | (values < bottom)))
-    if outside:
-        named = "1 node" if outside == 1 else f"{outside} nodes"
-        axes.set_title(f"{named} off the scale", loc="right", fontsize=letters_pt(8))
 
 
 SOC_EDGES: Final = np.linspace(0.0, 1.0, 21)
@@ -246,6 +290,11 @@ SOC: Final = (0.1, 0.3, 0.5, 0.7, 0.9)
 COLORS: Final = "plasma"
 # The end of the colors is too light for a line.
 LIGHTEST: Final = 0.85
+# Marks of one temperature stand apart by this share of the range.
+APART: Final = 0.012
+BETWEEN: Final[dict[str, Any]] = {"linewidth": 0.8, "linestyle": (0, (5, 3))}
+# Intervals extend a logarithmic scale up to this factor.
+WIDEST_LOG: Final = 3.0
 # Temperatures at which the interpolation is drawn.
 POINTS: Final = 101
 
@@ -265,26 +314,22 @@ def plot_tables_by_temperature(found: "TableFits") -> Figure:
     degc, fits = _degc(found), [drawn_tables(fit) for fit in found.fits]
     figure, panels = _panels(len(fits[0]))
     for axes, name in zip(panels, fits[0], strict=True):
-        tables = [fit[name] for fit in fits]
+        tables = [fit[name].seen for fit in fits]
         for temperature, table, color in zip(degc, tables, _colors(len(degc)), strict=True):
-            seen, label = table.is_visited, f"{temperature:.3g} degC"
             line = {"color": color, "marker": "o", "markersize": 3, "linewidth": 1.2}
-            axes.plot(table.nodes[seen], table.values[seen], **line, label=label)
-            band = table.nodes[seen], table.low[seen], table.high[seen]
-            axes.fill_between(*band, color=color, alpha=0.18, linewidth=0.0)
+            axes.plot(table.nodes, table.values, **line, label=f"{temperature:.3g} degC")
+            band = {"color": color, "alpha": 0.18, "linewidth": 0.0}
+            axes.fill_between(table.nodes, table.low, table.high, **band)
         axes.set_ylabel(tables[0].label)
-        # The scale is that of the values; a band may reach beyond it.
-        values = np.concatenate([table.values[table.is_visited] for table in tables])
-        margin = 0.12 * (np.ptp(values) or 1.0)
-        low = 0.0 if tables[0].is_resistance else values.min() - margin
-        axes.set_ylim(low, values.max() + margin)
+        axes.set_ylim(scale_of(tables))
     name_below(panels, PANELS_ACROSS, SOC_LABEL)
     return finish(figure, *panels, columns=5)
 
 
 @illustration(
-    "Resistances over temperature at several states of charge. Markers with 95 % intervals: "
-    "measured temperatures; lines: the interpolation between them.",
+    "Resistances over temperature at several states of charge, on a logarithmic scale. Markers "
+    "with 95 % intervals: measured temperatures, drawn a little apart; dashed: the interpolation "
+    "between them.",
     "Resistances over temperature, one line per state of charge",
     is_dense=False,
     is_main=True,
@@ -292,7 +337,8 @@ def plot_tables_by_temperature(found: "TableFits") -> Figure:
 def plot_over_temperature(found: "TableFits") -> Figure:
     """Every resistance over temperature, a line a state of charge.
 
-    Marks with intervals are the measured temperatures, lines what is interpolated between them.
+    Marks with intervals are the measured temperatures, drawn a little apart so that none hides
+    another; dashed lines are what is interpolated between them.
 
     Args:
         found: Tables of several temperatures.
@@ -306,23 +352,28 @@ def plot_over_temperature(found: "TableFits") -> Figure:
     figure, panels = _panels(len(names))
     for axes, name in zip(panels, names, strict=True):
         values = 1e3 * np.array([[tables[name][place] for place in places] for tables in courses])
-        for place, course, color in zip(places, values.T, _colors(len(places)), strict=True):
-            label = f"SOC {100 * nodes[place]:g} %"
-            axes.plot(fine, course, color=color, linewidth=1.2, label=label)
-            for temperature, fit in zip(degc, fits, strict=True):
-                table = fit[name]
-                low, high = max(table.low[place], 0.0), table.high[place]
-                axes.plot([temperature] * 2, [low, high], color=color)
-                value = table.values[place]
-                axes.plot(temperature, value, color=color, marker="o", markersize=3.6)
-        axes.set_ylabel(fits[0][name].label)
+        is_log, label = values.min() > 0, fits[0][name].label
+        for number, (place, color) in enumerate(zip(places, _colors(len(places)), strict=True)):
+            axes.plot(fine, values[:, number], color=color, **BETWEEN)
+            value, low, high = np.array(
+                [[rows[place] for rows in (fit[name].values, fit[name].low, fit[name].high)]
+                 for fit in fits]
+            ).T  # fmt: skip
+            apart = APART * (fine[-1] - fine[0]) * (number - (len(places) - 1) / 2)
+            axes.errorbar(
+                np.array(degc) + apart, value, np.maximum([value - low, high - value], 0.0),
+                fmt="o", color=color, markersize=3.6, label=f"SOC {100 * nodes[place]:g} %",
+            )  # fmt: skip
+        axes.plot([], [], color=GREY, **BETWEEN, label="interpolated")
         axes.margins(x=0.05)
-        if values.min() > 0:
+        axes.set_ylabel(f"{label}\n(log scale)" if is_log else label)
+        if is_log:
             axes.set_yscale("log")
-            axes.set_ylim(values.min() / 1.5, values.max() * 1.5)
+            low, high = axes.get_ylim()
+            axes.set_ylim(max(low, values.min() / WIDEST_LOG), min(high, values.max() * WIDEST_LOG))
             label_plainly(axes.yaxis)
     name_below(panels, PANELS_ACROSS, "Temperature [degC]")
-    return finish(figure, *panels, columns=5)
+    return finish(figure, *panels, columns=3)
 
 
 def _degc(found: "TableFits") -> tuple[float, ...]:

@@ -270,6 +270,7 @@ def _letters() -> frozenset[int]:
 
 
 SHORT = 10.0
+FEW_DECADES = 100.0
 MIDDLE = 300.0
 LONG = 1e4
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -282,10 +283,12 @@ def label_plainly(axis: Axis) -> None:
     characters: setting them as formulas takes as long as the rest of a figure's text.
     """
     low, high = sorted(axis.get_view_interval())
-    within = (1, 3) if high / low < MIDDLE else (1,)
+    within = (1, 2, 5) if high / low < FEW_DECADES else (1, 3) if high / low < MIDDLE else (1,)
     is_short = high / low < SHORT
     label = _power_of_ten if high / low > LONG else _plain
-    axis.set_major_locator(MaxNLocator(5) if is_short else LogLocator(subs=within))
+    axis.set_major_locator(
+        MaxNLocator(5, steps=[1, 2, 5, 10]) if is_short else LogLocator(subs=within)
+    )
     axis.set_major_formatter(FuncFormatter(label))
     axis.set_minor_locator(NullLocator())
 

@@ -8,8 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..cell.elements import names_beside
+from .error import outside_note, scored_limits
 from .pictures import illustration
-from .soc_tables import DrawnTable, drawn_tables
+from .soc_tables import DrawnTable, drawn_tables, off_the_scale, scale_of
 from .style import (
     ALONE,
     BLACK,
@@ -37,10 +38,8 @@ if TYPE_CHECKING:
     from ..uncertainty.covariance import Estimate
 
 COLORS: Final = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
-# Intervals may extend the scale up to this many times the largest value.
-WIDEST: Final = 1.5
-# The error's axis shows this share of the samples; a title tells the largest error beyond.
-SHOWN: Final = 0.995
+# Room for the legend above the resistances.
+ROOM: Final = 1.3
 
 
 @illustration(
@@ -101,11 +100,9 @@ def _draw_error(axes: Axes, evaluation: "Evaluation", time: np.ndarray) -> None:
     scored = error_mv[evaluation.prepared.scored]
     draw_line(axes, time, error_mv, color=BLACK, linewidth=0.5)
     axes.axhline(0.0, color=BLACK, linewidth=0.5)
-    reach = float(np.quantile(np.abs(scored), SHOWN))
-    axes.set_ylim(-1.15 * reach, 1.15 * reach)
-    beyond = float(np.abs(scored).max())
-    if beyond > 1.15 * reach:
-        title(axes, f"up to {beyond:.3g} mV")
+    limits = scored_limits(scored)
+    axes.set_ylim(limits)
+    title(axes, outside_note(scored, *limits))
     axes.set_ylabel("Error [mV]")
 
 
@@ -118,7 +115,6 @@ def _draw_resistances(
     from ..cell import CircuitParameters
 
     resistances: list[DrawnTable] = []
-    tops: list[float] = []
     lines: list[Line2D] = []
     if isinstance(found, CircuitParameters):
         soc = evaluation.prepared.soc[evaluation.prepared.scored]
@@ -130,17 +126,14 @@ def _draw_resistances(
             resistances.append(DrawnTable(name, True, ends, np.full(2, True), *rows))
         tau_s = found.named_tau_s
     else:
-        resistances = [table for table in drawn_tables(found).values() if table.is_resistance]
+        resistances = [table.seen for table in drawn_tables(found).values() if table.is_resistance]
         style = {"marker": "o", "markersize": 3.0}
         tau_s = {n: s for n, s in found.tables.constants.items() if n.startswith("tau")}
     for table, color in zip(resistances, COLORS, strict=False):
-        at = table.is_visited
-        tops.append(float(table.values[at].max()))
-        low, high = table.low[at], table.high[at]
-        known = np.isfinite(low) & np.isfinite(high)
+        known = np.isfinite(table.low) & np.isfinite(table.high)
         band = {"where": known, "color": color, "alpha": 0.2, "linewidth": 0.0}
-        axes.fill_between(table.nodes[at], low, high, **band)
-        lines += axes.plot(table.nodes[at], table.values[at], color=color, **style)
+        axes.fill_between(table.nodes, table.low, table.high, **band)
+        lines += axes.plot(table.nodes, table.values, color=color, **style)
     names = [names_beside(name).resistance.partition(" ")[0] for name in tau_s]
     each_tau = zip(names, tau_s.values(), strict=True)
     told = (
@@ -148,8 +141,9 @@ def _draw_resistances(
         for name, seconds in each_tau
     )
     labels = ["R0", *(f"{name}, tau {seconds} s" for name, seconds in told)]
-    axes.legend(lines, labels, loc="upper center")
-    axes.set_ylim(0.0, WIDEST * max(tops))
+    axes.legend(lines, labels, loc="upper center", title="shaded: 95 % intervals")
+    top = ROOM * scale_of(resistances)[1]
+    axes.set_ylim(0.0, top)
     axes.set_xlabel(SOC_LABEL)
     axes.set_ylabel("Resistance [mOhm]")
-    title(axes, "shaded: 95 % intervals")
+    title(axes, off_the_scale(resistances, (0.0, top)))

@@ -115,13 +115,25 @@ def test_a_design_keeps_its_time_and_its_limits(designed):
     current_a = [step.current_a for step in designed.steps]
     assert max(current_a) <= 2 * 2.0 + 1e-6
     assert min(current_a) >= -2 * 1.0 - 1e-6
-    loaded = [step.block != "to empty" for step in designed.steps if step.block != "last rest"]
-    counted = 2 * sum(loaded)
+    ending = ("to empty", "last rest")
+    loaded_s = sum(step.duration_s for step in designed.steps if step.block not in ending)
+    counted = int(np.searchsorted(predicted.time_s, loaded_s)) + 1
     assert predicted.low_v[:counted].min() >= limits.low_v
     charging = predicted.current_a[:counted] < 0
     assert predicted.high_v[:counted][charging].max() <= limits.high_v
     assert predicted.soc.min() >= -1e-3
     assert predicted.soc.max() <= 1
+
+
+def test_lines_between_what_is_stored_of_a_prediction_are_its_voltage(designed, believed):
+    predicted = designed.predicted
+    current_a = sampled(designed.steps)
+    voltage_v, _ = voltage_along(believed, current_a, designed.initial_soc)
+    ends = np.cumsum([round(step.duration_s) for step in designed.steps])
+    inside = np.setdiff1d(np.arange(1, len(voltage_v)), [*ends, *(ends - 1)])
+    drawn_v = np.interp(inside, predicted.time_s, predicted.voltage_v)
+    np.testing.assert_allclose(drawn_v, voltage_v[inside], atol=4e-3)
+    assert len(predicted.time_s) < 6 * len(designed.steps)
 
 
 @pytest.mark.slow

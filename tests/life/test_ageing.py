@@ -15,6 +15,7 @@ from barnax.life import QUANTITIES, life_of
 from barnax.model.prepared import prepare_record
 from barnax.over_soc import TableSettings
 from barnax.over_soc.ageing import CAPACITY, R0, SHIFT, R, measure_ageing
+from barnax.plots import plot_fleet_life
 from barnax.reporting.life import life_frame, life_json, life_lines
 
 
@@ -90,6 +91,17 @@ def test_capacities_without_a_rest_near_empty_assume_the_shape_of_the_ocv():
 
 def test_few_cells_are_not_judged():
     assert any("No cell is judged" in line for line in life_lines(life_of(dataset(cells=3))))
+
+
+def test_few_cells_are_drawn_by_name_with_what_their_records_tell():
+    few, many = (plot_fleet_life(life_of(dataset(cells=cells))) for cells in (3, 9))
+    names = [text.get_text() for text in few.legends[0].get_texts()]
+    assert names == ["C0", "C1", "C2"]
+    assert [text.get_text() for text in many.legends[0].get_texts()] == ["median 95 % interval"]
+    # Intervals of 1 % of 0.03 Ohm are in the scale.
+    low, high = few.axes[1].get_ylim()
+    assert low < 0.992 * 30
+    assert high > 1.008 * 30 * 1.2
 
 
 def test_a_dataset_without_ageing_or_column_is_refused():

@@ -378,7 +378,7 @@ def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits
     return predicted, limits
 
 
-def _bends(voltages_v: Float[np.ndarray, "rows samples"], start: int, last: int) -> list[int]:
+def _bends(voltages_v: np.ndarray, start: int, last: int) -> list[int]:
     """The first and the last sample, and those between with which straight lines are within
     `DRAWN_V` of the voltages (Douglas and Peucker 1973, but along the voltage)."""
     lines_v = np.linspace(voltages_v[:, start], voltages_v[:, last], last - start + 1, axis=1)

@@ -84,9 +84,12 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
         ("discharge", cell.discharge, cell.discharge_points, BLUE, "v", "-"),
     ]
     measured = [branch for branch in branches if branch[2]]
+    drawn = {
+        name: np.array([(point.soc, point.voltage_v) for point in points]).T
+        for name, _, points, *_ in measured
+    }
     errors_mv = {
-        name: 1e3 * np.array([point.voltage_v - float(curve(point.soc)) for point in points])
-        for name, curve, points, *_ in measured
+        name: 1e3 * (drawn[name][1] - curve(drawn[name][0])) for name, curve, *_ in measured
     }
     leaves = any(np.abs(own_mv).max() > ROUNDING_MV for own_mv in errors_mv.values())
     figure = make_figure()
@@ -96,8 +99,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     for residual in panels[1:]:
         residual.axhline(0.0, color=BLACK, linewidth=0.6)
     for name, curve, points, color, marker, line_style in measured:
-        point_soc = np.array([point.soc for point in points])
-        point_v = np.array([point.voltage_v for point in points])
+        point_soc, point_v = drawn[name]
         soc = np.linspace(curve.soc[0], curve.soc[-1], CURVE_SAMPLES)
         size = 4.5 if len(points) <= FEW_POINTS else 1.8
         symbol = {"color": color, "markerfacecolor": "white", "markeredgewidth": 0.9}

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from .pictures import illustration
@@ -12,8 +13,8 @@ if TYPE_CHECKING:
 
 
 @illustration(
-    "The test for {} as predicted: current (discharge > 0), voltage, also at the largest "
-    "resistances allowed for, with an OCV that is off either way, and state of charge.",
+    "The test for {} as predicted: current (discharge > 0), voltage with its range up "
+    "to the largest resistances allowed for and an OCV that is off either way, state of charge.",
     "Current, voltage and state of charge over time",
     is_main=True,
 )
@@ -31,8 +32,10 @@ def plot_design(design: "Design") -> Figure:
     current.plot(hours, found.current_a, color=BLACK, linewidth=0.6)
     current.set_ylabel("Current [A]\n(discharge > 0)")
     band = {"color": SKY_BLUE, "alpha": 0.45, "linewidth": 0.0}
-    label = "at the largest resistances"
-    voltage.fill_between(hours, found.low_v, found.high_v, **band, label=label)
+    low_v = np.minimum(found.low_v, found.voltage_v)
+    high_v = np.maximum(found.high_v, found.voltage_v)
+    label = "up to the largest resistances"
+    voltage.fill_between(hours, low_v, high_v, **band, label=label)
     voltage.plot(hours, found.voltage_v, color=BLUE, linewidth=0.6, label="predicted")
     for limit_v in (limits.low_v, limits.high_v):
         voltage.axhline(limit_v, color=VERMILLION, linewidth=0.8, linestyle="--", label="limits")

@@ -227,7 +227,7 @@ def test_every_row_s_errors_have_a_strip_on_one_scale():
 def test_a_row_that_is_far_off_does_not_set_the_scale_and_is_said_to_be_cut():
     axes = plot_error(make_rows(2e-3, 500e-3)).axes
     assert axes[0].get_ylim()[1] < 20
-    assert "off the scale:" in axes[3].texts[0].get_text()
+    assert "off scale:" in axes[3].texts[0].get_text()
     assert not axes[1].texts
 
 

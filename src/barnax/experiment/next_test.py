@@ -24,6 +24,7 @@ from .protocol import (
     LOW_SOC,
     Limits,
     Step,
+    bends,
     drive_levels,
     drive_steps,
     hppc_steps,
@@ -53,8 +54,6 @@ ROUNDED = 1.001
 LEAST_BEYOND = 0.01
 # By how much more than a square law currents are lowered where they warm too much.
 LESS_WARM = 0.95
-# Drawn voltages are within this of the predicted ones.
-DRAWN_V = 3e-3
 DEFAULT_C = (1.0, 0.5)
 
 
@@ -357,7 +356,7 @@ def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits
         limits = replace(limits, share=limits.share * share)
     voltages_v = np.stack([voltage_v, low_v, high_v])
     starts = np.append(0, ends[:-1])
-    of_steps = [_bends(voltages_v, *span) for span in zip(starts, ends - 1, strict=True)]
+    of_steps = [bends(voltages_v, *span) for span in zip(starts, ends - 1, strict=True)]
     at = np.concatenate(of_steps)
     # A step's last value is held until the next step, so that jumps are drawn upright.
     is_last = np.cumsum([len(own) for own in of_steps]) - 1
@@ -376,17 +375,6 @@ def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits
         warming_k=warming_of(believed, current_a, voltage_v, soc),
     )
     return predicted, limits
-
-
-def _bends(voltages_v: np.ndarray, start: int, last: int) -> list[int]:
-    """The first and the last sample, and those between with which straight lines are within
-    `DRAWN_V` of the voltages (Douglas and Peucker 1973, but along the voltage)."""
-    lines_v = np.linspace(voltages_v[:, start], voltages_v[:, last], last - start + 1, axis=1)
-    off_v = np.abs(voltages_v[:, start : last + 1] - lines_v).max(axis=0)
-    bend = start + int(off_v.argmax())
-    if off_v.max() <= DRAWN_V:
-        return [start, last]
-    return [*_bends(voltages_v, start, bend), *_bends(voltages_v, bend, last)[1:]]
 
 
 def _widths(

@@ -14,6 +14,8 @@ from ..records import read_record
 from .information import Believed
 
 INTERVAL_S = 1.0
+# Drawn voltages are within this of the predicted ones.
+DRAWN_V = 3e-3
 # A test starts full, and ends so low.
 HIGH_SOC, LOW_SOC = 1.0, 0.05
 # Usual tests last long, and are looked at in so many seconds.
@@ -139,6 +141,17 @@ def voltage_along(
     half_gap_v = believed.cell.branch_gap_v(along) / 2 if worst else 0.0
     ocv_v = believed.ocv_v(along) + worst * (believed.ocv_reach_v + half_gap_v)
     return ocv_v - total, along
+
+
+def bends(voltages_v: np.ndarray, start: int, last: int) -> list[int]:
+    """The first and the last sample, and those between with which straight lines are within
+    `DRAWN_V` of the voltages (Douglas and Peucker 1973, but along the voltage)."""
+    lines_v = np.linspace(voltages_v[:, start], voltages_v[:, last], last - start + 1, axis=1)
+    off_v = np.abs(voltages_v[:, start : last + 1] - lines_v).max(axis=0)
+    bend = start + int(off_v.argmax())
+    if off_v.max() <= DRAWN_V:
+        return [start, last]
+    return [*bends(voltages_v, start, bend), *bends(voltages_v, bend, last)[1:]]
 
 
 def warming_of(

@@ -72,6 +72,20 @@ def test_a_filter_that_leaves_all_bounds_is_drawn(replay, soc):
     assert all(axes.get_ylim()[1] <= 100 for axes in plot_soc_replay(far).axes[1:])
 
 
+def test_a_lost_filter_has_a_scale_of_its_own(replay):
+    right, *others = replay.scenarios
+    away = replay.model_copy(
+        update={"scenarios": (right, *others[:-1], others[-1].model_copy(update={"rms": None}))}
+    )
+    estimate = replay.traces.estimate
+    soc = np.array(estimate.soc)
+    soc[-1] = replay.traces.truth + 0.4
+    away._traces = replace(replay.traces, estimate=estimate._replace(soc=soc))
+    _, first, *_, lost = plot_soc_replay(away).axes
+    assert first.get_ylim()[1] < 20
+    assert lost.get_ylim()[1] == pytest.approx(44)
+
+
 def test_a_band_that_is_wrong_is_said_before_anything_is_estimated(replay):
     assert "Overconfident" not in dict(soc_lines(replay))
     part = replay.scenarios[0].model_copy(update={"in_band": 0.131})

@@ -98,6 +98,8 @@ def test_few_cells_are_drawn_by_name_with_what_their_records_tell():
     names = [text.get_text() for text in few.legends[0].get_texts()]
     assert names == ["C0", "C1", "C2"]
     assert [text.get_text() for text in many.legends[0].get_texts()] == ["median 95 % interval"]
+    (bar,) = many.axes[1].containers
+    assert many.axes[1].get_xlim()[0] < 0 < 731 < bar[0].get_xdata()[0] < many.axes[1].get_xlim()[1]
     # Intervals of 1 % of 0.03 Ohm are in the scale.
     low, high = few.axes[1].get_ylim()
     assert low < 0.992 * 30

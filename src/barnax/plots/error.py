@@ -251,8 +251,8 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
     filter's errors in each.
 
     The shaded bands are two standard deviations of the filter about zero. The scale is that of
-    errors from when they are within 3 %, and of the bands after ten minutes. Raises `InputError`
-    for a replay read from a file.
+    errors from when they are within 3 %, and of the bands after ten minutes; a filter that is
+    lost has its own. Raises `InputError` for a replay read from a file.
 
     Args:
         replay: A replay that was not read from a file.
@@ -276,7 +276,9 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
         axes.axhline(0.0, color=BLACK, linewidth=0.6)
         off = 100 * (np.asarray(traces.estimate.soc[place]) - traces.truth)
         draw_line(axes, time, off, color=color)
-        axes.set_ylim(-widest, widest)
+        lost = np.max(np.abs(off), where=np.isfinite(off), initial=0.0) if part.is_lost else 0.0
+        reach = max(widest, min(1.1 * float(lost), 100.0))
+        axes.set_ylim(-reach, reach)
         title(axes, f"{part.name}: {_course(part)}")
         # Counting from the right start is the counter itself.
         if np.nanmax(np.abs(traces.counted[place] - traces.truth)) > SAME_SOC:
@@ -290,8 +292,9 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
 
 
 def _widest_percent(replay: "SocReplay") -> float:
-    """The error of SOC up to which all scenarios are drawn."""
-    reached = [share for part in replay.scenarios for share in (part.max, part.widest) if share]
+    """The error of SOC up to which all scenarios are drawn in which the filter is not lost."""
+    near = [part for part in replay.scenarios if not part.is_lost]
+    reached = [share for part in near for share in (part.max, part.widest) if share]
     return min(max([LEAST_PERCENT, *(110 * share for share in reached)]), 100.0)
 
 

@@ -60,23 +60,19 @@ def plot_fleet_life(life: "Life") -> Figure:
         odd = {fault.cell for fault in life.faults if fault.quantity == quantity}
         drawn = life.of(quantity)
         told = [trend for trend in drawn if trend.estimates]
-        for place, trend in enumerate(told if is_named else []):
-            apart = APART * life.span * (place - (len(told) - 1) / 2)
-            _draw_estimates(axes, life, trend, looks[trend.cell], apart, trend.cell)
-        for trend in (
-            [] if is_named else [*drawn[:MOST_DRAWN], *(t for t in drawn if t.cell in odd)]
-        ):
-            is_odd = trend.cell in odd
-            style = {"color": VERMILLION, "zorder": 3} if is_odd else {"color": GREY, "alpha": 0.5}
-            axes.plot(trend.age, scale * trend.smooth[:, 0], linewidth=0.8, **style)
-        if told and not is_named:
-            value, low, high = scale * np.nanmedian(
-                np.concatenate([t.smooth for t in told]), axis=0
-            )
-            ends = [[value - low], [high - value]]
-            at = life.span * (1 + MARGIN / 2)
-            bar = {"color": BLACK, "capsize": 2.0, "label": "median 95 % interval"}
-            axes.errorbar([at], [value], ends, **bar)
+        if is_named:
+            for place, trend in enumerate(told):
+                apart = APART * life.span * (place - (len(told) - 1) / 2)
+                _draw_estimates(axes, life, trend, looks[trend.cell], apart, trend.cell)
+        else:
+            for trend in [*drawn[:MOST_DRAWN], *(one for one in drawn if one.cell in odd)]:
+                is_odd = trend.cell in odd
+                style = (
+                    {"color": VERMILLION, "zorder": 3} if is_odd else {"color": GREY, "alpha": 0.5}
+                )
+                axes.plot(trend.age, scale * trend.smooth[:, 0], linewidth=0.8, **style)
+            _draw_median(axes, scale * np.concatenate([trend.smooth for trend in drawn]),
+                         life.first_age + life.span * (1 + MARGIN / 2))  # fmt: skip
         _say_where_empty(axes, drawn)
     return finish(figure, *panels, columns=MOST_NAMED)
 
@@ -120,6 +116,15 @@ def _draw_estimates(
     value, low, high = scale * smooth.T
     axes.fill_between(age, low, high, color=look.color, alpha=0.12, linewidth=0.0)
     axes.plot(age, value, color=look.color, linestyle=look.line, label=label)
+
+
+def _draw_median(axes: Axes, smooth: np.ndarray, age: float) -> None:
+    """The median trend and its median interval as a bar, where any trend is known."""
+    known = smooth[np.isfinite(smooth).all(axis=1)]
+    if len(known):
+        value, low, high = np.median(known, axis=0)
+        bar = {"color": BLACK, "capsize": 2.0, "label": "median 95 % interval"}
+        axes.errorbar([age], [value], [[value - low], [high - value]], **bar)
 
 
 def _panels(life: "Life") -> tuple[Figure, list[Axes]]:

@@ -12,12 +12,27 @@ from ..cell import CircuitParameters
 from ..cell.elements import RC, get_element
 from ..cell.parameters import RATE
 from ..model.axes import Axis
-from ..model.box_least_squares import Columns
+from ..model.box_least_squares import Columns, Sides, least_in_box, with_free_values
+from ..model.descent import LogScales, Solved
 from ..model.layout import Spans
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from ..model.search_space import Bounds, Range
 from .remainders import remainders
+
+# By how much a logarithm is moved to see how a bound in F moves that of a resistance.
+MOVED = 1e-4
+# What makes equations of columns that are equal definite, relative.
+SHARED = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantSolution(Solved):
+    """The best resistances at some scales: R0, R1, ... with their columns, and the errors left."""
+
+    ohm: Float[np.ndarray, "resistances"]
+    columns: Float[np.ndarray, "rows resistances"]
+    error: Float[np.ndarray, "rows"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +100,55 @@ class ConstantObjective:
         once = np.ones((len(log_scales) - pairs, log_scales.shape[1]))
         low, high = (np.concatenate([end, once]) for end in ends)
         return low, high
+
+    def solve(
+        self, log_scales: LogScales, sides: Sides | None = None, exact: bool = False
+    ) -> ConstantSolution:
+        """The best resistances at some scales; `exact` takes the orthogonal factorization's
+        digits."""
+        pairs = self.bounds.pairs
+        answers = [
+            axis.columns_at(scale)[:, 0] for axis, scale in zip(self.axes, log_scales, strict=True)
+        ]
+        columns = np.stack([self.current, *answers[:pairs]], axis=1)
+        base = sum(answers[pairs:], self.base)
+        low, high = self._box(log_scales)
+        normal = columns.T @ columns
+        # Two pairs with one time constant share their resistance.
+        normal[np.diag_indices(len(normal))] *= 1 + SHARED
+        ohm, sides = least_in_box(normal, columns.T @ base, low, high, sides)
+        if exact:
+            ohm = np.clip(with_free_values(columns, base, ohm, sides == 0), low, high)
+        error = base + columns @ ohm
+        return ConstantSolution(log_scales, sides, float(error @ error), ohm, columns, error)
+
+    def slope(self, found: ConstantSolution) -> Float[np.ndarray, "axes"]:
+        """The derivative of the least J by the scales: that at fixed resistances, and where one is
+        at a bound in F, what that bound moves."""
+        weights = [*found.ohm[1:], 1.0]
+        slopes = []
+        pull = np.where(found.sides, found.error @ found.columns, 0.0)
+        for place, (axis, scale) in enumerate(zip(self.axes, found.log_scales, strict=True)):
+            own = weights[min(place, self.bounds.pairs)] * axis.slopes_at(scale)[:, 0]
+            slope = float(found.error @ own)
+            if place < self.bounds.pairs and found.sides[place + 1]:
+                ends = []
+                for moved in (MOVED, -MOVED):
+                    at = list(found.log_scales)
+                    at[place] += moved
+                    low, high = self._box(at)
+                    ends.append((low if found.sides[place + 1] < 0 else high)[place + 1])
+                slope += pull[place + 1] * (ends[0] - ends[1]) / (2 * MOVED)
+            slopes.append(2 * slope)
+        return np.array(slopes)
+
+    def _box(
+        self, log_scales: Sequence[float]
+    ) -> tuple[Float[np.ndarray, "resistances"], Float[np.ndarray, "resistances"]]:
+        """Least and greatest R0, R1, ... at some scales."""
+        tau_s = np.exp(np.array(log_scales[: self.bounds.pairs]))[:, None]
+        low, high = self.bounds.resistance_box(tau_s)
+        return low[:, 0], high[:, 0]
 
     def circuit(
         self, log_scales: Float[np.ndarray, "axes"], coefficients: Float[np.ndarray, "unknowns"]

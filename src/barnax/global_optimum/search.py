@@ -15,19 +15,17 @@ from ..display import Brief
 from ..errors import InputError
 from ..execution import SEEDS_PER_BLOCK, in_float64
 from ..model.box_least_squares import errors_of, least_in_boxes, normal_equations
+from ..model.descent import polish
 from ..model.grid import GridSizes, minima_of, points_in_order
 from ..model.prepared import both_directions, prepare_record
-from ..model.problem import Problem
+from ..model.problem import Problem, rmse_by_scan
 from ..search.refine import (
-    FINAL_ROUNDS,
-    FINAL_TOLERANCE,
-    SEED_TOLERANCE,
     AtBound,
-    Descent,
     Optimum,
     RefinedSeed,
     at_bound,
     distinct_optima,
+    largest_change,
 )
 from .certificate import CERTIFIED_GAP, certify
 from .objective import ConstantObjective
@@ -197,35 +195,41 @@ def find_global_optimum(
         objective = ConstantObjective.of(problem)
         landscape = landscape_of(objective)
         starts = landscape.minima(FACTOR)[:MAX_MINIMA]
-        ends = _polish(problem, [landscape.circuit(point) for point in starts])
+        ends = _polish(problem, objective, [landscape.circuit(point) for point in starts])
         vars(problem)["minima"] = objective, landscape, ends
     objective, landscape, ends = vars(problem)["minima"]
     proof = None
     if prove:
         ends = [*ends]
 
-        def polish(met: CircuitParameters) -> RefinedSeed:
+        def descend(met: CircuitParameters) -> RefinedSeed:
             # The grid can miss a basin; a proof cannot.
-            ends.extend(_polish(problem, [met]))
+            ends.extend(_polish(problem, objective, [met]))
             return min(ends, key=_rmse_v)
 
-        proof = certify(objective, min(ends, key=_rmse_v), polish, max_boxes)
+        proof = certify(objective, min(ends, key=_rmse_v), descend, max_boxes)
     optima = distinct_optima(ends)
     optima = tuple(optimum for optimum in optima if optimum.rmse_v <= FACTOR * optima[0].rmse_v)
     bounded = at_bound(problem.log_coordinates, optima[0].parameters)
     return GlobalOptimum(optima, bounded, proof, landscape)
 
 
-def _polish(problem: Problem, circuits: list[CircuitParameters]) -> list[RefinedSeed]:
-    """Levenberg-Marquardt from grid points."""
-    descent = Descent(problem)
-    ends = descent(circuits, SEED_TOLERANCE, by_scan=False)
-    for _ in range(FINAL_ROUNDS):
-        starts = [end.parameters for end in ends]
-        ends = descent(starts, FINAL_TOLERANCE, holds_bounds=True)
-        if min(ends, key=_rmse_v).has_converged:
-            break
-    return ends
+def _polish(
+    problem: Problem, objective: ConstantObjective, circuits: list[CircuitParameters]
+) -> list[RefinedSeed]:
+    """The ends of descents from circuits, with the errors of the scan."""
+    ends = []
+    with one_blas_thread():
+        for circuit in circuits:
+            rate = () if circuit.gamma is None else (circuit.gamma,)
+            log_scales = tuple(np.log([*circuit.tau_s, *rate]).tolist())
+            met = polish(objective, objective.solve(log_scales))
+            exact = objective.solve(met.log_scales, met.sides, exact=True)
+            ends.append(objective.circuit(np.array(exact.log_scales), exact.ohm))
+    return [
+        RefinedSeed(float(rmse_v), end, largest_change(circuit, end), has_converged=True)
+        for rmse_v, circuit, end in zip(rmse_by_scan(problem, ends), circuits, ends, strict=True)
+    ]
 
 
 # What a circuit resists after so long a constant current; slower pairs imitate the OCV.

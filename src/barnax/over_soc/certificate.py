@@ -31,9 +31,10 @@ from ..global_optimum.proof import Boxes, Proof, first_boxes, prove
 from ..global_optimum.remainders import beyond_parabola, lowest_of_parabola, remainders
 from ..model.axes import Axis
 from ..model.box_least_squares import least_in_box
+from ..model.descent import polish
 from ..model.search_space import Range
 from .objective import Solution, TableObjective
-from .search import Found, Searchable, polish
+from .search import Found, Searchable
 
 # Width of the first boxes in the logarithm of a time constant: few wider ones have a bound.
 FIRST_WIDTH = 0.4

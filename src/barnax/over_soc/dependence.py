@@ -18,13 +18,14 @@ from ..cell.dependence import BETA, KAPPA, ONSET, Usual, arrhenius_beta, heat_of
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.box_least_squares import least_in_box
+from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord
 from ..model.reference import errors_along
 from .cross_validation import SocErrors, held_out_errors
 from .intervals import linearized, with_penalty
 from .objective import Solution, TableObjective
 from .problem import held_at, reduced_objective
-from .search import LogScales, find_best
+from .search import find_best
 from .settings import TableSettings
 
 # Temperatures that move by less than this tell nothing of what follows them.

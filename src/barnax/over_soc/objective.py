@@ -23,10 +23,10 @@ from ..model.box_least_squares import (
     least_squares_in_box,
     normal_equations,
 )
+from ..model.descent import LogScales, Solved
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced
 from ..model.search_space import Range
-from .search import LogScales, Solved
 from .settings import OCV, TableSettings
 
 # Of the voltage step at a current step, R0 is at least this share: what a sampling interval lets

@@ -19,6 +19,7 @@ from scipy.special import stdtrit
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
 from ..execution import in_float64
+from ..model.descent import polish
 from ..model.prepared import PreparedRecord
 from ..model.reduced import together
 from ..uncertainty.covariance import CONFIDENCE
@@ -26,7 +27,6 @@ from .intervals import LIGHT, UNSEEN, linearized, noises_behind, unsmoothed, wit
 from .level import level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
-from .search import polish
 from .settings import TableSettings
 
 # Where resistances are averaged: near the ends few samples tell them.

@@ -24,6 +24,7 @@ from ..blas import one_blas_thread
 from ..cell import Dependence
 from ..errors import InputError
 from ..execution import in_float64
+from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord
 from ..notices import Notice, notice
 from ..records.record import in_means, runs
@@ -35,7 +36,7 @@ from .dependence import adjusted, with_dependence
 from .nuisances import estimate, of_starts
 from .objective import Solution, TableObjective
 from .problem import held_at, reduced_objective
-from .search import LogScales, find_best
+from .search import find_best
 from .settings import TableSettings
 
 # Standard deviations of what is told: of a start at a full charge, of the voltage at a rest, of the

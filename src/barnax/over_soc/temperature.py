@@ -19,6 +19,7 @@ from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
 from ..global_optimum.proof import Proof
 from ..model.axes import Axis
+from ..model.descent import LogScales, Solved, polish
 from ..model.prepared import PreparedRecord
 from ..notices import notice
 from ..search.evaluate import Evaluation, evaluate
@@ -29,7 +30,7 @@ from .dependence import with_dependence
 from .fit import TableFit, fit_of, pooled_errors
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
-from .search import LogScales, Solved, find_best, polish
+from .search import find_best
 from .settings import TableSettings
 
 

@@ -4,6 +4,7 @@ import gc
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
@@ -11,7 +12,7 @@ import jax
 import pytest
 
 from barnax.bundled import BUNDLED
-from barnax.cell import CIRCUITS, CellModel, characterize
+from barnax.cell import CIRCUITS, CellModel, characterize, elements
 from barnax.model.problem import Problem, make_problem
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
@@ -24,9 +25,14 @@ REPOSITORY = Path(__file__).parents[1]
 
 
 @pytest.fixture(autouse=True)
-def known_circuits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A circuit that a test or a page makes is known there only."""
+def known_circuits(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A circuit or an element that a test or a page makes is known there only."""
     monkeypatch.setattr(CIRCUITS, "_known", dict(CIRCUITS))
+    known = vars(elements)["_ELEMENTS"]
+    before = dict(known)
+    yield
+    known.clear()
+    known.update(before)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -276,7 +276,7 @@ def windows_by_name(window: Window | Mapping[str, Window] | None) -> dict[str, W
     found = dict(window) if isinstance(window, Mapping) else {"": window or Window()}
     for own in found.values():
         if not isinstance(own, Window):
-            raise InputError(f"`window` {own!r} is no window; give barnax.Window(initial_soc=...)")
+            raise InputError(f"window {own!r} is none; give barnax.Window(initial_soc=...)")
     return found
 
 

@@ -76,7 +76,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     >>> from barnax import bundled_file, characterize, read_record
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
     >>> [axes.get_ylabel() for axes in plot_ocv(characterize(tests)).axes]
-    ['Open-circuit voltage [V]', 'Residual [mV]\\n(point − curve)']
+    ['Open-circuit voltage [V]']
     """
     cell = cell_of(cell)
     branches: list[tuple[str, AbstractCurve, tuple[OcvPoint, ...], str, str, str]] = [

@@ -117,7 +117,7 @@ def _voltages(source: Source, pattern: str | None) -> dict[str, Float[np.ndarray
         problem = (
             f"the cell voltages may be {found}" if sets else "no columns of cell voltages found"
         )
-        whole = "" if sets else "; for the voltage of a whole pack use `series` in `identify`"
+        whole = "" if sets else "; for the voltage of a whole pack, identify with `series`"
         raise InputError(
             f"{source.name}: {problem}; name them with `cells`, such as 'V*'{whole}; its columns "
             f"are {listed(header)}"

@@ -26,9 +26,9 @@ def site(tmp_path_factory):
     pytest.importorskip("sphinx", reason="the site needs the extra docs")
     folder = tmp_path_factory.mktemp("site")
     # What was kept of earlier runs may be of other code.
-    build = ["-q", "-W", "--keep-going", "-D", "nb_execution_mode=force", str(FOLDER), str(folder)]
+    build = ["-q", "-W", "--keep-going", "-j", "auto", "-D", "nb_execution_mode=force"]
     done = subprocess.run(
-        [sys.executable, "-m", "sphinx", *build],
+        [sys.executable, "-m", "sphinx", *build, str(FOLDER), str(folder)],
         capture_output=True,
         text=True,
         timeout=900,

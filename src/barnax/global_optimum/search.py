@@ -13,7 +13,7 @@ from ..cell import CircuitParameters, without_drop
 from ..cell.model import NEAR_DEGC
 from ..display import Brief
 from ..errors import InputError
-from ..execution import SEEDS_PER_BLOCK, in_float64
+from ..execution import in_float64
 from ..model.box_least_squares import errors_of, least_in_boxes, normal_equations
 from ..model.descent import polish
 from ..model.grid import GridSizes, minima_of, points_in_order
@@ -39,7 +39,7 @@ CHUNK = 8192
 # Local minima of the grid up to this many times its lowest error are polished, but never more of
 # them than this.
 FACTOR = 1.5
-MAX_MINIMA = 4 * SEEDS_PER_BLOCK
+MAX_MINIMA = 32
 # Boxes of a proof: two pairs need hundreds, three and gamma thousands, four tens of thousands.
 MAX_BOXES = 50_000
 

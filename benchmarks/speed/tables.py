@@ -19,10 +19,11 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax.cell.tables import hats
+from barnax.model.descent import LogScales
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc.objective import TableObjective
 from barnax.over_soc.problem import reduced_objective
-from barnax.over_soc.search import LogScales, find_best
+from barnax.over_soc.search import find_best
 from barnax.over_soc.settings import TableSettings
 from benchmarks.pages import as_markdown, provenance, publish
 

@@ -43,6 +43,11 @@ PART = re.compile(r"#\d+$")
 By = Callable[[PreparedRecord], Evaluation]
 
 
+def file_of(name: str) -> str:
+    """The name of the file that a record, or a part of one, was read from."""
+    return PART.sub("", name)
+
+
 @dataclass(frozen=True)
 class Inputs:
     """The inputs of a stored result: in folders, or given by their names."""
@@ -55,7 +60,7 @@ class Inputs:
         """A record as it was identified on. Raises `InputError` where it is not there any more."""
         given = self.given.get(part.name)
         if given is None:
-            given = find_file(PART.sub("", part.name), part.sha256, self.folders)
+            given = find_file(file_of(part.name), part.sha256, self.folders)
         decided: dict[str, Any] = {
             "current_sign": part.sign.value if part.sign else "auto",
             "current_hold": part.hold.value if part.hold else "auto",

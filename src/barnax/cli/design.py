@@ -137,6 +137,7 @@ def next_after(
     found: "Design", known: "Result | None", cell: Cell, folder: Path
 ) -> "list[RenderableType]":
     """The step after the test: to identify its record, with what counted and its options."""
+    from ..reopening import file_of
     from ..reporting.terminal import next_lines
 
     soc = f"{found.initial_soc:g}"
@@ -147,6 +148,10 @@ def next_after(
         words += ["--initial-soc", f"RECORD={soc}"]
     else:
         words += ["RECORD", "--initial-soc", soc]
+        tests = [] if known is None else known.of_role("ocv")
+        names = dict.fromkeys(file_of(part.name) for part in tests)
+        words += [word for name in names for word in ("--ocv", name)]
+        words += [] if tests else ["--capacity", f"{found.capacity_ah:g}"]
     if cell.capacity is not None:
         words = [*without_options(words, {"--capacity": 2}), "--capacity", f"{cell.capacity:g}"]
     command = shlex.join([*words, "--design", str(folder)])
@@ -157,17 +162,25 @@ def _files_of(known: "Result", cell: Cell, place: Path) -> list[str]:
     """The stored identification with its files where they lie; the files alone where it was no
     `barnax identify` that names them."""
     from ..bundled import BUNDLED
-    from ..reopening import PART
+    from ..reopening import file_of
     from .results import with_files
 
     command = list(known.command[1:])
-    names = {PART.sub("", part.name) for part in known.inputs}
-    if command[:1] != ["identify"] or names.isdisjoint(command):
-        command = ["identify", *(part.name for part in known.of_role("identification"))]
-        command += [word for part in known.of_role("ocv") for word in ("--ocv", part.name)]
+    if command[:1] != ["identify"] or {file_of(own.name) for own in known.inputs}.isdisjoint(
+        command
+    ):
+        own, tests = (
+            dict.fromkeys(file_of(part.name) for part in known.of_role(role))
+            for role in ("identification", "ocv")
+        )
+        command = ["identify", *own, *(word for name in tests for word in ("--ocv", name))]
     folder = place if place.is_dir() else place.parent
     places = [*(cell.data or []), Path(), folder, folder.parent, BUNDLED.record.parent]
-    return with_files(command, known, places)
+    try:
+        return with_files(command, known, places)
+    except InputError:
+        # What the design did not need, such as a record to validate on, may be elsewhere.
+        return command
 
 
 def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] | None:

@@ -309,9 +309,9 @@ def with_files(command: Sequence[str], stored: "Result", folders: Sequence[Path]
     Raises `InputError` for an input that is in none of the folders, or another there.
     """
     from ..records import find_file
-    from ..reopening import PART
+    from ..reopening import file_of
 
-    hashes = {PART.sub("", part.name): part.sha256 for part in stored.inputs}
+    hashes = {file_of(part.name): part.sha256 for part in stored.inputs}
     words = []
     for before, word in itertools.pairwise(["", *command]):
         option, equals, name = word.partition("=") if word.startswith("--") else ("", "", word)

@@ -149,7 +149,7 @@ def bends(voltages_v: np.ndarray, start: int, last: int) -> list[int]:
     lines_v = np.linspace(voltages_v[:, start], voltages_v[:, last], last - start + 1, axis=1)
     off_v = np.abs(voltages_v[:, start : last + 1] - lines_v).max(axis=0)
     bend = start + int(off_v.argmax())
-    if off_v.max() <= DRAWN_V:
+    if not off_v.max() > DRAWN_V:
         return [start, last]
     return [*bends(voltages_v, start, bend), *bends(voltages_v, bend, last)[1:]]
 

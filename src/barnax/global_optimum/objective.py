@@ -22,6 +22,8 @@ from .remainders import remainders
 
 # By how much a logarithm is moved to see how a bound in F moves that of a resistance.
 MOVED = 1e-4
+# A slope by the logarithm of a scale is of no account below this share of J.
+FLAT = 1e-5
 # What makes equations of columns that are equal definite, relative.
 SHARED = 1e-12
 
@@ -141,6 +143,15 @@ class ConstantObjective:
                 slope += pull[place + 1] * (ends[0] - ends[1]) / (2 * MOVED)
             slopes.append(2 * slope)
         return np.array(slopes)
+
+    def is_flat(self, found: ConstantSolution) -> bool:
+        """True at the end of a descent: no slope of account but into an end of an axis."""
+        slopes = self.slope(found)
+        into = [
+            (scale <= axis.low and slope > 0) or (scale >= axis.high and slope < 0)
+            for axis, scale, slope in zip(self.axes, found.log_scales, slopes, strict=True)
+        ]
+        return bool(np.all(into | (np.abs(slopes) <= FLAT * found.objective_v2)))
 
     def _box(
         self, log_scales: Sequence[float]

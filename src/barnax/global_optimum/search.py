@@ -218,7 +218,7 @@ def _polish(
     problem: Problem, objective: ConstantObjective, circuits: list[CircuitParameters]
 ) -> list[RefinedSeed]:
     """The ends of descents from circuits, with the errors of the scan."""
-    ends = []
+    ends, are_flat = [], []
     with one_blas_thread():
         for circuit in circuits:
             rate = () if circuit.gamma is None else (circuit.gamma,)
@@ -226,9 +226,12 @@ def _polish(
             met = polish(objective, objective.solve(log_scales))
             exact = objective.solve(met.log_scales, met.sides, exact=True)
             ends.append(objective.circuit(np.array(exact.log_scales), exact.ohm))
+            are_flat.append(objective.is_flat(exact))
     return [
-        RefinedSeed(float(rmse_v), end, largest_change(circuit, end), has_converged=True)
-        for rmse_v, circuit, end in zip(rmse_by_scan(problem, ends), circuits, ends, strict=True)
+        RefinedSeed(float(rmse_v), end, largest_change(circuit, end), is_flat)
+        for rmse_v, circuit, end, is_flat in zip(
+            rmse_by_scan(problem, ends), circuits, ends, are_flat, strict=True
+        )
     ]
 
 

@@ -154,6 +154,10 @@ def life_of(
             judged[quantity] = found
             faults += _faults(quantity, *found, first, span)
         trends += _trends(own, quantity, found, first, span)
+    without_empty = len(good)
+    if TO_EMPTY in good.columns:
+        # Null where no capacity is told.
+        without_empty = int((~good[TO_EMPTY].cast(pl.Boolean)).sum() or 0)
     column = throughput or (ages if unit == "A.h" else None)
     passed = {
         name: float(rows[column][-1] if column else rows["record throughput [A.h]"].sum())
@@ -164,7 +168,7 @@ def life_of(
         tuple(sorted(faults, key=lambda fault: -abs(fault.deviations))), judged, reference_degc,
         {name: ah / (2 * nominal_ah[name]) for name, ah in passed.items()}, column is not None,
         tuple(zip(bad[names], bad["error"], strict=True)), len(rows),
-        int((~good[TO_EMPTY].cast(pl.Boolean)).sum() or 0),
+        without_empty,
     )  # fmt: skip
 
 

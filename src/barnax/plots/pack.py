@@ -71,14 +71,20 @@ def numbers_of(names: Sequence[str]) -> list[str]:
 
     >>> numbers_of(["Cell 9 voltage [V]", "Cell 10 voltage [V]"])
     ['9', '10']
-    >>> numbers_of(["A1", "B1"])
-    ['A1', 'B1']
+    >>> numbers_of(["A1", "B1"]), numbers_of(["Cell 1 (2023)", "Cell 2 (2023)"])
+    (['A1', 'B1'], ['1', '2'])
     """
-    numbers = [re.search(r"\d(.*\d)?", name) for name in names]
-    around = {
-        found and (name[: found.start()], name[found.end() :])
-        for name, found in zip(names, numbers, strict=True)
-    }
-    if None in numbers or len(around) > 1:
+    if len({re.sub(r"\d+", "#", name) for name in names}) > 1:
         return [*names]
-    return [found[0] for found in numbers if found]
+    numbers = [list(re.finditer(r"\d+", name)) for name in names]
+    apart = [
+        place
+        for place, own in enumerate(zip(*numbers, strict=True))
+        if len({n[0] for n in own}) > 1
+    ]
+    if not apart:
+        return [*names]
+    return [
+        name[own[apart[0]].start() : own[apart[-1]].end()]
+        for name, own in zip(names, numbers, strict=True)
+    ]

@@ -9,6 +9,15 @@ from helpers.reference import drop_v, filtered_response, make_record
 
 R0_OHM, R_OHM, TAU_S = 0.05, (0.02, 0.03), (12.0, 150.0)
 SAMPLES = 6000
+# Tables of two pairs as fast as they are fitted.
+SMALL = {
+    "model": "so-rc",
+    "over": "soc",
+    "seeds": 0,
+    "trust": "none",
+    "advise": False,
+    "max_boxes": 0,
+}
 
 
 def ocv_v(soc):

@@ -24,17 +24,9 @@ from barnax.model.window import Window
 from barnax.over_soc import TableSettings
 from barnax.over_soc.intervals import intervals_of
 from barnax.over_soc.problem import reduced_objective
-from helpers.known_cell import R0_OHM, TAU_S, made, ocv_v
+from helpers.known_cell import R0_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.reference import make_record
 
-SMALL = {
-    "model": "so-rc",
-    "over": "soc",
-    "seeds": 0,
-    "trust": "none",
-    "advise": False,
-    "max_boxes": 0,
-}
 BETA, REFERENCE_DEGC = 0.06, 10.0
 
 

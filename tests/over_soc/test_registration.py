@@ -19,20 +19,12 @@ from barnax.over_soc import (
 )
 from barnax.records import read_record
 from barnax.reporting.starts import registered_sentences
-from helpers.known_cell import R0_OHM, R_OHM, TAU_S, made
+from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made
 from helpers.problems import drive_a
 from helpers.reference import drop_v, filtered_response, make_record
 
 TRUE_SOC, TRUE_AH = np.array([1.0, 0.994, 0.988]), np.array([2.0, 2.004, 1.996])
-SMALL = {
-    "model": "so-rc",
-    "over": "soc",
-    "seeds": 0,
-    "trust": "none",
-    "advise": False,
-    "max_boxes": 0,
-    "resistances_follow": "none",
-}
+ALONE = {**SMALL, "resistances_follow": "none"}
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +38,7 @@ def records():
 
 def identified(records, **options):
     window = Window(initial_soc=1.0, capacity_ah=2.0)
-    return barnax.identify(records, window=window, **SMALL, **options)
+    return barnax.identify(records, window=window, **ALONE, **options)
 
 
 @pytest.fixture(scope="module")
@@ -200,7 +192,7 @@ def test_what_an_ocv_test_tells_of_the_capacity_counts_for_records_to_validate_o
         flat_v(1 - hours / 40),
         name="ocv.csv",
     )
-    options = {**SMALL, "folds": 0, "window": Window(initial_soc=1.0)}
+    options = {**ALONE, "folds": 0, "window": Window(initial_soc=1.0)}
     other = replace(record, name="other.csv", voltage_v=record.voltage_v + 1e-5)
     found = barnax.identify([record], ocv=[sweep], validate=[other], **options)
     assert found.cell.capacity_ah == pytest.approx(capacity_ah, rel=3e-3)
@@ -251,7 +243,7 @@ def test_records_of_different_rates_tell_an_offset_of_their_current(offset_a):
         each.name: Window(initial_soc=0.98 + moved, capacity_ah=2.0)
         for each, moved in zip(records, (0.003, -0.002), strict=True)
     }
-    found = barnax.identify(records, window=windows, folds=0, **SMALL)
+    found = barnax.identify(records, window=windows, folds=0, **ALONE)
     told = [each for each in found.warnings if each.code == "answer.current-offset"]
     assert len(told) == (offset_a != 0)
     for each in told:

@@ -151,7 +151,7 @@ def test_rows_out_of_order_are_sorted_by_what_counts_them(tmp_path, seed):
 def test_the_newest_row_first_is_turned_around(tmp_path):
     record = read(tmp_path, FRAME.reverse())
     require_the_record(record)
-    assert "the newest row stands first" in " ".join(told(record))
+    assert "the newest row comes first" in " ".join(told(record))
 
 
 @pytest.mark.parametrize("filled", [None, 0.0])

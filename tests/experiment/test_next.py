@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 import barnax
 from barnax.cli.design import Cell, next_after
@@ -49,6 +50,22 @@ def test_the_next_command_names_files_that_are_there(design, result, tmp_path):
     assert [path.name for path in files] == used
     assert all(path.is_file() for path in files)
     assert words[-4:] == ["--capacity", "2.1", "--design", str(tmp_path)]
+
+
+def test_the_next_command_tells_of_a_file_that_is_elsewhere(design, result, tmp_path):
+    moved = tuple(
+        part.model_copy(update={"name": "away.csv"}) if part.role == "identification" else part
+        for part in result.inputs
+    )
+    known = result.model_copy(update={"inputs": moved})
+    advice, command = next_after(design, known, Cell(result=tmp_path), tmp_path)
+    console = Console(width=200)
+    with console.capture() as shown:
+        console.print(advice)
+    assert "write the path of away.csv, not found here" in shown.get()
+    tests = [word for word in str(command).split() if "ocv" in Path(word).name]
+    assert len(tests) == 2
+    assert all(Path(word).is_file() for word in tests)
 
 
 def test_a_table_left_open_is_answered_with_a_test(result):

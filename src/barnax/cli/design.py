@@ -139,11 +139,13 @@ def next_after(
     """The step after the test: to identify its record, with what counted and its options."""
     from ..reopening import file_of
     from ..reporting.terminal import next_lines
+    from ..reporting.words import joined
 
-    soc = f"{found.initial_soc:g}"
+    soc, missing = f"{found.initial_soc:g}", []
     words = ["barnax", "identify"]
     if known is not None and cell.result is not None and found.earlier:
-        words = ["barnax", *_files_of(known, cell, cell.result)]
+        own, missing = _files_of(known, cell, cell.result)
+        words = ["barnax", *own]
         words[2:2] = ["RECORD"]
         words += ["--initial-soc", f"RECORD={soc}"]
     else:
@@ -155,12 +157,15 @@ def next_after(
     if cell.capacity is not None:
         words = [*without_options(words, {"--capacity": 2}), "--capacity", f"{cell.capacity:g}"]
     command = shlex.join([*words, "--design", str(folder)])
-    return [*next_lines("run it, and identify the record", command)]
+    advice = "run it, and identify the record"
+    if missing:
+        advice += f"; write the path of {joined(missing)}, not found here"
+    return [*next_lines(advice, command)]
 
 
-def _files_of(known: "Result", cell: Cell, place: Path) -> list[str]:
-    """The stored identification with its files where they lie; the files alone where it was no
-    `barnax identify` that names them."""
+def _files_of(known: "Result", cell: Cell, place: Path) -> tuple[list[str], list[str]]:
+    """The stored identification with its files where they lie, and the files that were not found;
+    the files alone where it was no `barnax identify` that names them."""
     from ..bundled import BUNDLED
     from ..reopening import file_of
     from .results import with_files
@@ -176,11 +181,10 @@ def _files_of(known: "Result", cell: Cell, place: Path) -> list[str]:
         command = ["identify", *own, *(word for name in tests for word in ("--ocv", name))]
     folder = place if place.is_dir() else place.parent
     places = [*(cell.data or []), Path(), folder, folder.parent, BUNDLED.record.parent]
-    try:
-        return with_files(command, known, places)
-    except InputError:
-        # What the design did not need, such as a record to validate on, may be elsewhere.
-        return command
+    missing: list[str] = []
+    # What the design did not need, such as a record to validate on, may be elsewhere.
+    words = with_files(command, known, places, missing)
+    return words, missing
 
 
 def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] | None:

@@ -303,10 +303,16 @@ def rerun(of: Rerun) -> None:
     raise typer.Exit(FINDINGS)
 
 
-def with_files(command: Sequence[str], stored: "Result", folders: Sequence[Path]) -> list[str]:
+def with_files(
+    command: Sequence[str],
+    stored: "Result",
+    folders: Sequence[Path],
+    missing: list[str] | None = None,
+) -> list[str]:
     """The words of a command with every file's name replaced by where it lies.
 
-    Raises `InputError` for an input that is in none of the folders, or another there.
+    An input that is in none of the folders, or another there, stays as it is and joins `missing`;
+    without that it raises `InputError`.
     """
     from ..records import find_file
     from ..reopening import file_of
@@ -315,10 +321,14 @@ def with_files(command: Sequence[str], stored: "Result", folders: Sequence[Path]
     words = []
     for before, word in itertools.pairwise(["", *command]):
         option, equals, name = word.partition("=") if word.startswith("--") else ("", "", word)
-        if (option if equals else before) == "--bounds":
-            name = str(find_file(name, "", folders))
-        elif name in hashes:
-            name = str(find_file(name, hashes[name], folders))
+        is_bounds = (option if equals else before) == "--bounds"
+        if is_bounds or name in hashes:
+            try:
+                name = str(find_file(name, "" if is_bounds else hashes[name], folders))
+            except InputError:
+                if missing is None:
+                    raise
+                missing.append(name)
         words.append(f"{option}{equals}{name}")
     return words
 

@@ -235,7 +235,7 @@ REPLAY_IN, SCENARIO_IN = 2.4, 0.85
 LEAST_PERCENT = 1.0
 # Counts that are nearer to the counter are not drawn beside it.
 SAME_SOC = 1e-3
-# Room for wrong counts beside the counter, in percent.
+# The least room for wrong counts beside the counter, in percent.
 BESIDE = 25.0
 BAND_SD = 2.0
 
@@ -284,7 +284,10 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
         if np.nanmax(np.abs(traces.counted[place] - traces.truth)) > SAME_SOC:
             style = {"color": color, "linestyle": "--", "label": f"counting, {part.name}"}
             draw_line(counted, time, 100 * traces.counted[place], **style)
-    counted.set_ylim(100 * traces.truth.min() - BESIDE, min(100 * traces.truth.max() + BESIDE, 105))
+    low, high = 100 * traces.truth.min(), 100 * traces.truth.max()
+    starts_off = np.abs(np.asarray(traces.counted)[:, 0] - traces.truth[0])
+    beside = max(BESIDE, 105 * float(np.nanmax(starts_off, initial=0.0)))
+    counted.set_ylim(low - beside, min(high + beside, max(105.0, 100 * traces.truth[0] + beside)))
     counted.set_ylabel("State of charge [%]")
     errors[count // 2].set_ylabel("Error of SOC [%]\n(filter − counter)")
     errors[-1].set_xlabel(unit.label)

@@ -63,7 +63,7 @@ def test_the_next_command_tells_of_a_file_that_is_elsewhere(design, result, tmp_
     with console.capture() as shown:
         console.print(advice)
     assert "write the path of away.csv, not found here" in shown.get()
-    tests = [word for word in str(command).split() if "ocv" in Path(word).name]
+    tests = [word for word in str(command).split() if Path(word).name.startswith("ocv_")]
     assert len(tests) == 2
     assert all(Path(word).is_file() for word in tests)
 

@@ -225,7 +225,7 @@ def test_a_record_of_a_larger_cell_is_called_so(tmp_path):
     frame.write_csv(tmp_path / "larger.csv")
     told = refusal(tmp_path / "larger.csv")
     assert told.startswith("larger.csv: it looks like a record of another cell: ")
-    assert "check that the OCV test is of this cell" in told
+    assert "check that the OCV is of this cell" in told
 
 
 def test_data_frames_and_records_of_one_name_are_numbered():

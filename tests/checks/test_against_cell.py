@@ -60,11 +60,14 @@ def test_measured_records_follow_the_ocv_test_of_their_cell(real_data):
         ("calce-inr18650-20r", "ocv-incremental_25*", "*_25degC_?0soc*"),
         ("plett-a123-26650", "ocv-s[13]*", "dyn-s1*"),
         ("nissan-leaf-lmo-33ah", "hppc*", "hppc*"),
+        # A drive in the cold leaves the OCV by far more than its steps show.
+        ("lg-hg2-18650", "c20_0degC*", "us06_0degC*"),
+        ("lg-hg2-18650", "c20_minus10degC*", "us06_minus10degC*"),
     ):
         records = [read_record(path) for path in (real_data / folder).glob(tests)]
         cell = characterize(records, ocv_fit="interpolated")
         for path in (real_data / folder).glob(drives):
-            assert said(read_record(path), cell) == []
+            assert not [text for text in said(read_record(path), cell) if "another cell" in text]
 
 
 def test_an_ocv_test_of_another_chemistry_is_found(real_data, bundled_record):

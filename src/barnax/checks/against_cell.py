@@ -22,6 +22,8 @@ _LEFT, _FAR_V = 0.2, 0.25
 _MOST = 0.75
 # The number of samples that are compared, preferably those of a small current.
 _SAMPLES, _SMALL_HOURS = 400, 5.0
+# A load that lasts so long leaves the OCV by up to so many times the resistance of its steps.
+_SLOW_S, _SLOW_TIMES = 120.0, (0.0, 1.0, 2.0, 3.0, 4.0)
 _STARTS = 61
 # The parameters of a cell change noticeably over this many degrees.
 _DEGREES = 5.0
@@ -33,7 +35,7 @@ _AS_FAST, _ALIKE = 2.0, 1.5
 
 def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[float], float]:
     """The voltage's distance from the cell's OCV at its best start, for a factor on the charge."""
-    source_v, passed = _source(record, capacity_ah)
+    source_v, passed, slow_v = _source(record, capacity_ah)
     soc = np.linspace(*cell.soc_range, 501)
     ocv_v = (cell.charge(soc) + cell.discharge(soc)) / 2
 
@@ -44,15 +46,19 @@ def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[flo
             return np.inf
         starts = 1 + BEYOND_SOC - room * np.linspace(0, 1, _STARTS)
         modeled_v = np.interp(starts[:, None] - moved, soc, ocv_v)
-        return float(np.quantile(np.abs(source_v - modeled_v), _MOST, axis=1).min())
+        return min(
+            float(np.quantile(np.abs(source_v + times * slow_v - modeled_v), _MOST, axis=1).min())
+            for times in _SLOW_TIMES
+        )
 
     return apart_v
 
 
 def _source(
     record: Record, capacity_ah: float
-) -> tuple[Float[np.ndarray, "chosen"], Float[np.ndarray, "chosen"]]:
-    """The voltage without R I, and the charge taken out as a share of the capacity."""
+) -> tuple[Float[np.ndarray, "chosen"], Float[np.ndarray, "chosen"], Float[np.ndarray, "chosen"]]:
+    """The voltage without R I, the charge taken out as a share of the capacity, and R times the
+    mean current of the two minutes before."""
     resistance_ohm = record_resistance_ohm(record)
     small_a = capacity_ah / _SMALL_HOURS
     at = np.flatnonzero(np.abs(record.current_a) < small_a)
@@ -64,7 +70,10 @@ def _source(
     wanted = np.linspace(passed[order[0]], passed[order[-1]], _SAMPLES)
     chosen = order[np.minimum(np.searchsorted(passed[order], wanted), len(order) - 1)]
     source_v = record.voltage_v[chosen] + resistance_ohm * record.current_a[chosen]
-    return source_v, passed[chosen]
+    time_s, discharged_ah = record.time_s, record.discharged_ah
+    earlier_ah = np.interp(time_s[chosen] - _SLOW_S, time_s, discharged_ah)
+    slow_a = (discharged_ah[chosen] - earlier_ah) * 3600 / _SLOW_S
+    return source_v, passed[chosen], resistance_ohm * slow_a
 
 
 def compare_with_cell(

@@ -190,6 +190,8 @@ def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str
     left = worth = ""
     if own.held_out is not None and held is not None:
         left = f", {millivolt(own.held_out.rmse_v)} left out"
+        if own.held_out.above_v is not None:
+            left += f" ({millivolt(own.held_out.above_v)} above 10 % SOC)"
         if own.held_out.is_worth(held[1]):
             worth = "; that predicts better: try without `ocv`"
     if is_short:

@@ -17,6 +17,8 @@ ENDS = {1: "full", -1: "empty"}
 TOLD = ("given", "rested voltage", "own full charge", "own span", "registered")
 # With more records than this, they are counted, not named.
 MAX_NAMES = 2
+# Starts and capacities of records that are adjusted by less, as shares, change no answer.
+HARDLY_MOVED = 1e-3
 
 
 def own_ocv_sentences(stored: "Result") -> Iterator[str]:
@@ -100,13 +102,12 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
     ]
     if not joint:
         return
-    soc, capacity = (
-        f"{100 * min(own):+.2f} to {100 * max(own):+.2f} %" for own in zip(*joint, strict=True)
-    )
-    yield (
-        f"starts by {soc} SOC and capacities by {capacity}, so that the records agree; "
-        "`keep_starts` leaves them as given."
-    )
+    soc, share = (max(map(abs, own)) for own in zip(*joint, strict=True))
+    if max(soc, share) > HARDLY_MOVED:
+        yield (
+            f"starts by up to {100 * soc:.1f} % SOC and capacities by up to {100 * share:.1f} %, "
+            "so that the records agree; `keep_starts` leaves them as given."
+        )
 
 
 def moved_start_sentence(found: "MetricsPart") -> str:

@@ -31,6 +31,7 @@ LAYERS = (
     ("storing", "simulation", "result_filter", "scenarios"),
     ("reopening", "replay", "experiment"),
     ("export", "plan", "weighing", "life"),
+    ("answering",),
     ("comparison",),
     ("pipeline", "plots"),
     ("pack",),

@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 import barnax
-from barnax import weighing
+from barnax import answering
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.model.window import Window
@@ -76,7 +76,7 @@ def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch
     def too_wide(*_, **__):
         raise InputError("the box is too wide")
 
-    monkeypatch.setattr(weighing, "find_global_optimum", too_wide)
+    monkeypatch.setattr(answering, "find_global_optimum", too_wide)
     result = barnax.identify(window=SHORT, **SMALL)
     assert result.constant.global_optimum is None
     assert result.constant.source == "seeds"
@@ -167,7 +167,7 @@ def test_the_same_samples_in_other_bytes_are_refused_and_told_of_a_stored_result
     ],
 )
 def test_what_cannot_be_used_is_refused_before_the_search(monkeypatch, options, told):
-    monkeypatch.setattr(weighing, "search_seeds", None)
+    monkeypatch.setattr(answering, "search_seeds", None)
     with pytest.raises(ValueError, match=told):
         barnax.identify(**options)
 
@@ -182,7 +182,7 @@ def test_a_failed_assessment_costs_only_itself(few, monkeypatch, failure):
     def fails(*_, **__):
         raise failure
 
-    monkeypatch.setattr(weighing, "assess", fails)
+    monkeypatch.setattr(answering, "assess", fails)
     result = barnax.identify(window=SHORT, **(SMALL | {"trust": "full"}))
     assert result.parameters == few.parameters
     assert result.constant.assessment is None
@@ -196,7 +196,7 @@ def test_a_failure_beside_the_search_is_not_swallowed(monkeypatch, name):
     def fails(*_, **__):
         raise RuntimeError("beside the search")
 
-    monkeypatch.setattr(weighing, name, fails)
+    monkeypatch.setattr(answering, name, fails)
     with pytest.raises(RuntimeError, match="beside the search"):
         barnax.identify(window=SHORT, **(SMALL | {"trust": "basic"}))
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+from .answering import search_and_assess
 from .bundled import BUNDLED
 from .candidates import CONTRADICTED, THREE_PAIRS, WEIGHED, is_better, is_fast, tabulated_circuit
 from .cell import CellModel, get_circuit
@@ -52,7 +53,7 @@ from .run import Run
 from .settings import OVER_TEMPERATURE, Settings, Trust
 from .storing import make_result
 from .table_run import table_warnings
-from .weighing import Weighing, search_and_assess, weigh
+from .weighing import Weighing, weigh
 
 
 @takes_options(Job)

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import ConfigDict
 
+from ..answering import search_and_assess
 from ..baselines import METHODS, Budget
 from ..candidates import Candidate
 from ..cell import CellModel, OcvTable
@@ -24,7 +25,7 @@ from ..schema import Count, Document, Loss, Parameters, Part, Told, Volts, key_o
 from ..search.refine import AtBound
 from ..settings import Settings, TableOptions
 from ..storing import all_versions, input_part, metrics_part, record_part
-from ..weighing import search_and_assess, weigh
+from ..weighing import weigh
 from .run import PAPER_ROWS, Comparison, Difference, Row, compare
 from .statistics import BandError
 

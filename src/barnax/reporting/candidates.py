@@ -195,8 +195,7 @@ def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str
         if own.held_out.is_worth(held[1]):
             worth = "; that predicts better: try without `ocv`"
     if is_short:
-        apart = f"OCVs {1e3 * own.median_v:.2g} mV apart"
-        yield f"without it {millivolt(own.own_v)}{left}; {apart}{worth}."
+        yield f"without it {millivolt(own.own_v)}{left}{worth}."
         return
     yield (
         f"with an OCV of the records' own in its place {millivolt(own.own_v)}{left}; they are "

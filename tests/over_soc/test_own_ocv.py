@@ -90,6 +90,13 @@ def test_capacity_only_names_the_axis(known):
     assert one_v == pytest.approx(own.cell.average_ocv_v(1 - charge_ah / 2.0), abs=4e-3)
 
 
+@pytest.mark.parametrize(("hours", "is_part"), [(2.5, False), (0.4, True)])
+def test_a_span_that_ends_far_from_empty_is_no_capacity_and_says_so(hours, is_part):
+    record, _ = made(hours=hours)
+    own = fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK)
+    assert ("so the cell holds more" in own.cell.capacity_origin) is is_part
+
+
 def test_a_full_charge_in_the_record_is_where_soc_is_one():
     record, _ = made(charge=True, start=1.0)
     first = float(record.time_s[1300])

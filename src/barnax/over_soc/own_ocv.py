@@ -48,6 +48,8 @@ COMPARED_SOC = np.linspace(0.1, 0.9, 81)
 AxisSource = Literal["given", "own full charge", "own span", "rest elsewhere"]
 # A start so far outside 0 to 1 is rounding.
 NEARLY_SOC = 0.02
+# No usual cell that is loaded is empty above this.
+NEVER_EMPTY_V = 3.6
 
 
 @dataclass(frozen=True)
@@ -345,7 +347,11 @@ def _capacity(
             f"{records[0].name}: its current moves no charge, so nothing tells the OCV; give a "
             "record that goes over much of the state of charge"
         )
-    return span_ah, f"the charge that {widest.name} spans"
+    lowest_v = float(widest.voltage_v.min())
+    more = ""
+    if lowest_v > NEVER_EMPTY_V:
+        more = f"; it never falls below {lowest_v:.2f} V, so the cell holds more"
+    return span_ah, f"the charge that {widest.name} spans{more}"
 
 
 def _require_on_axis(record: Record, window: Window, initial_soc: float, capacity_ah: float):

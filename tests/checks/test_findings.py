@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from scipy.signal import lfilter
 
 from barnax.bundled import BUNDLED_NAMES
 from barnax.checks import CHECKS
@@ -85,6 +86,11 @@ def coarse_log():
 def late_voltage():
     voltage_v = array(DRIVE, VOLTAGE)
     return changed(DRIVE, VOLTAGE, (voltage_v + np.append(voltage_v[0], voltage_v[:-1])) / 2)
+
+
+def smoothed_current():
+    smooth_a = lfilter([0.3], [1, -0.7], array(DRIVE, CURRENT))
+    return changed(DRIVE, CURRENT, smooth_a)
 
 
 def fast_load():
@@ -272,6 +278,7 @@ FAULTS = {
     "a coarse log at rest": (frame("ocv_charge"), {}),
     "a coarse log under load": (coarse_log(), {}),
     "a voltage half a sample late": (late_voltage(), {"late voltage": "warning"}),
+    "a current that was filtered": (smoothed_current(), {"smoothed current": "warning"}),
     "a load faster than the log": (fast_load(), {"fast load": "warning"}),
     "a rebuilt clock": (rebuilt_clock(), {}),
     "a steady clock": (DRIVE.with_columns(pl.Series(STEP, LINES // 2000)), {}),
@@ -378,6 +385,11 @@ def test_a_clipped_current_is_found_at_both_ends(tmp_path, name):
     findings = checked(tmp_path, table).findings
     clipped = [finding.what for finding in findings if finding.check == "clipped current"]
     assert [re.findall(r"-?[\d.]+ A", what)[0] for what in clipped] == ["-1.5 A", "1.5 A"]
+
+
+def test_a_current_that_is_clipped_at_unlike_ends_is_found(tmp_path):
+    table = changed(DRIVE, CURRENT, np.clip(array(DRIVE, CURRENT), -2.755, 1.378))
+    assert counting(checked(tmp_path, table))["clipped current"] == "error"
 
 
 @pytest.mark.parametrize("noise_a", [0.0, 0.01])

@@ -261,11 +261,11 @@ def find_clipped_current(given: CheckInput) -> Iterator[Notice]:
     is_alike = last - first + 1 >= _ALIKE
     in_run = np.repeat(is_alike, last - first + 1)
     is_loaded = np.abs(current_a) > _LOADED * given.samples.peak_a
-    for limit_a in (current_a.max(), current_a.min()):
+    # Both ends of the range may be clipped, at values of their own.
+    limits_a = current_a.max(), current_a.min()
+    elsewhere = is_loaded & ~np.isin(current_a, limits_a)
+    for limit_a in limits_a:
         at_limit = is_alike & (current_a[first] == limit_a)
-        elsewhere = is_loaded & (current_a != limit_a)
-        # Both ends of the range may be clipped.
-        elsewhere &= current_a != -limit_a
         if abs(limit_a) <= _LOADED * given.samples.peak_a or at_limit.sum() < _FEWEST_PLACES:
             continue
         if elsewhere.sum() < _FEWEST_ELSEWHERE or in_run[elsewhere].mean() > _ELSEWHERE:

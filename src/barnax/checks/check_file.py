@@ -30,6 +30,7 @@ CHECKS: Mapping[str, Check] = {
     "breaks": sampling.find_breaks,
     "coarse intervals": sampling.find_coarse_intervals,
     "late voltage": sampling.find_late_voltage,
+    "smoothed current": sampling.find_smoothed_current,
     "fast load": sampling.find_fast_load,
     "rebuilt clock": sampling.find_rebuilt_clock,
     "rests": charge.find_rests,

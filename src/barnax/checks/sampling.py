@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Float
 
 from ..notices import Notice, notice
 from ..records import Record
@@ -30,6 +31,9 @@ _ANSWERS, _FEWEST_STEPS, _STEP_SHARE = 5, 50, 0.05
 # A pair answers in the sample after a step at most so often what it does in the next one, unless it
 # is over within two samples. More than this share of the whole, at so many deviations, is late.
 _LASTING, _LATE_SHARE, _LATE_SURE = 2.0, 0.03, 4.0
+# No pair takes back so large a share of the first answer in the next sample.
+_BACK_SHARE = 0.1
+Answers = Float[np.ndarray, "answers"]
 
 # Codes for a current that changes faster than it is sampled, by the kind of its rows.
 _FAST_LOAD = {
@@ -149,13 +153,12 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Notice]:
     yield given.at(int(np.argmax(is_coarse)) + 1, "coarse-intervals.load", **told)
 
 
-def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
-    """The answers of the voltage to a step of the current at once, one sample later and after that.
+def _answers_ohm(record: Record) -> tuple[Answers, Float[np.ndarray, "answers answers"]] | None:
+    """The answers of the voltage to a step of the current in the samples from it on, with their
+    covariance; None where too few steps are on an even clock.
 
-    None where nothing is late. The answers of the samples from a step on are least squares on the
-    differences between samples: R0 and what follows at once in the first, in the others what the RC
-    pairs add, which falls off with their time constants. A second answer far above what the third
-    leaves it is late.
+    They are least squares on the differences between samples: R0 and what follows at once in the
+    first, in the others what the RC pairs add, which falls off with their time constants.
     """
     interval_s, moved_a = record.interval_s, np.diff(record.current_a)
     usual_s = float(np.median(interval_s))
@@ -176,15 +179,41 @@ def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
         return None
     inverse = np.linalg.inv(design.T @ design)
     answers = -inverse @ (design.T @ moved_v)
+    error_v = moved_v + design @ answers
+    variance_v2 = float(error_v @ error_v) / (len(moved_v) - len(answers))
+    return answers[:_ANSWERS], variance_v2 * inverse[:_ANSWERS, :_ANSWERS]
+
+
+def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
+    """The answers of the voltage to a step of the current at once, one sample later and after that.
+
+    None where nothing is late: a second answer is that is far above what the third leaves it.
+    """
+    known = _answers_ohm(record)
+    if known is None:
+        return None
+    answers, covariance = known
     late = np.zeros(len(answers))
     late[1:3] = 1, -_LASTING
-    error_v = moved_v + design @ answers
-    variance = float(error_v @ error_v) / (len(moved_v) - len(answers)) * (late @ inverse @ late)
     ohm, whole = float(late @ answers), float(answers[0] + answers[1])
-    if not ohm > max(_LATE_SHARE * whole, _LATE_SURE * np.sqrt(variance)) or answers[0] <= 0:
+    error_ohm = np.sqrt(late @ covariance @ late)
+    if not ohm > max(_LATE_SHARE * whole, _LATE_SURE * error_ohm) or answers[0] <= 0:
         return None
     first, second, third = answers[:3].tolist()
     return first, second, third
+
+
+def find_smoothed_current(given: CheckInput) -> Iterator[Notice]:
+    """A voltage that takes back part of its answer to a step in the next sample, which no cell's
+    does: the current was averaged or filtered before it was written down."""
+    known = _answers_ohm(given.record)
+    if known is None:
+        return
+    (first_ohm, second_ohm, *_), covariance = known
+    least_ohm = max(_BACK_SHARE * first_ohm, _LATE_SURE * np.sqrt(covariance[1, 1]))
+    if first_ohm > 0 and -second_ohm > least_ohm and find_lag(given.record) is None:
+        told = {"first_ohm": first_ohm, "back_ohm": -second_ohm}
+        yield notice("smoothed-current.back", **told, interval_s=np.median(given.record.interval_s))
 
 
 def find_late_voltage(given: CheckInput) -> Iterator[Notice]:

@@ -24,7 +24,14 @@ from ..model.prepared import PreparedRecord
 from ..model.window import Window
 from ..notices import Notice, notice
 from ..over_soc import TableFit, TableSettings
-from ..over_soc.ageing import AGED, CAPACITY, OCV_NODES, measure_ageing, shows_empty
+from ..over_soc.ageing import (
+    AGED,
+    CAPACITY,
+    OCV_NODES,
+    SHAPES_V,
+    measure_ageing,
+    shows_both_ends,
+)
 from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
 from ..pack import Pack, identify_pack
 from ..pipeline import bounded_tables, identify, identify_problem
@@ -178,13 +185,19 @@ def ageing_row(records: Sequence[PreparedRecord], *, is_own: bool = False) -> di
         told = measure_ageing(
             records, TableSettings(), is_own=is_own and records[0].cell.is_of_records
         )
-    row["aged capacity to empty"] = shows_empty(records) if CAPACITY in told else None
+    row["aged capacity to empty"] = shows_both_ends(records) if CAPACITY in told else None
+    row["aged log evidence by shape"] = None
     for name in AGED:
         value = told.get(name)
-        row[f"aged {name}"] = value and value.value
-        row[f"aged {name} low"] = value and value.low
-        row[f"aged {name} high"] = value and value.high
+        is_told = value is not None and value.is_determined
+        for end in ("value", "low", "high"):
+            column = f"aged {name}" + f" {end}" * (end != "value")
+            row[column] = getattr(value, end) if is_told else None
         row[f"aged {name} by OCV"] = value and [*value.by_ocv]
+        row[f"aged {name} by shape"] = None
+        if value is not None and len(value.by_shape) == len(SHAPES_V):
+            row["aged log evidence by shape"] = [*value.log_evidence]
+            row[f"aged {name} by shape"] = [*itertools.chain(*value.by_shape)]
     return row
 
 

@@ -13,6 +13,7 @@ from scipy.special import ndtri
 from ..errors import InputError, listed
 from ..over_soc.ageing import CAPACITY, R0, SHIFT, R
 from ..uncertainty.covariance import CONFIDENCE
+from .shapes import with_pooled_shapes
 from .trends import Judged, Series, judge
 
 QUANTITIES = (CAPACITY, R0, R, SHIFT)
@@ -135,6 +136,7 @@ def life_of(
     if not len(good):
         raise InputError("no row of the dataset was identified; see the column error")
     cells = tuple(good[names].unique().sort())
+    good = with_pooled_shapes(good, names, QUANTITIES)
     own = {name: good.filter(pl.col(names) == name) for name in cells}
     first, last = float(good["_age"].min()), float(good["_age"].max())  # pyright: ignore
     span = last - first or 1.0
@@ -154,10 +156,10 @@ def life_of(
             judged[quantity] = found
             faults += _faults(quantity, *found, first, span)
         trends += _trends(own, quantity, found, first, span)
-    without_empty = len(good)
-    if TO_EMPTY in good.columns:
-        # Null where no capacity is told.
-        without_empty = int((~good[TO_EMPTY].cast(pl.Boolean)).sum() or 0)
+    told = good.filter(pl.col(f"aged {CAPACITY}").is_not_null())
+    without_empty = len(told)
+    if TO_EMPTY in told.columns:
+        without_empty -= int(told[TO_EMPTY].cast(pl.Boolean).sum() or 0)
     column = throughput or (ages if unit == "A.h" else None)
     passed = {
         name: float(rows[column][-1] if column else rows["record throughput [A.h]"].sum())

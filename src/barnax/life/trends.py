@@ -133,7 +133,9 @@ class Fit:
                 here = np.multiply.outer(
                     *(shape.at(age if cell is not None else age[place]) for age in (one, other))
                 )
-                own = (FREE * shape.size) ** 2 * here
+                # What departs from the fleet bends as no good cell does.
+                bent = wiener(*((one, other) if cell is not None else (one[place], other[place])))
+                own = shape.size**2 * (FREE**2 * here + bent)
                 if cell is None:
                     found[place] += own
                 else:

@@ -9,21 +9,22 @@ estimated together with all tables (`nuisances`), with the errors that U may hav
 on s0 and d, and hardly one on C. A capacity with too wide an interval is not determined.
 
 An ageing cell's OCV changes its shape by g, for its electrodes lose lithium and material unequally.
-Charges end at one voltage, so that g is zero where the cell is full; below, it is a random walk,
-whose standard deviation is found with the rest. Where nothing shows the empty end, a change of
+Charges end at one voltage, so that g is zero where the cell is full; below, it is a random walk.
+Estimates are averages over sizes of it, by how probable these make the record; `life.shapes` knows
+the sizes better, from all records of a cell. Where nothing shows the empty end, a change of
 shape is mistaken for a change of capacity: of a capacity that fell by 6.6 % in PyBaMM, the OCV of
-before, stretched over the upper 70 %, sees half. A rest near empty, where the OCV is steep, does
-tell the capacity.
+before, stretched over the upper 70 %, sees half. A record from full to a rest near empty, where the
+OCV is steep, does tell the capacity.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtri
+from scipy.special import ndtri, softmax
 
 from ..blas import one_blas_thread
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S
@@ -37,7 +38,7 @@ from ..uncertainty.covariance import CONFIDENCE
 from .nuisances import Estimated, Measured, estimate, of_starts
 from .objective import Solution, TableObjective
 from .problem import box_of, held_at, reduced_objective
-from .registration import FULL_SD, REST_SD_V, slope_of, told_within
+from .registration import FROM_VOLTAGE, FULL_SD, REST_SD_V, slope_of, told_within
 from .search import find_best
 from .settings import TableSettings
 
@@ -45,21 +46,24 @@ Nuisance = Float[np.ndarray, "nuisances"]
 CIRCUIT = "so-rc"
 CAPACITY, SHIFT, R0, R = "capacity [A.h]", "OCV shift [V]", "R0 [Ohm]", "R [Ohm]"
 AGED = (CAPACITY, "start SOC", SHIFT, R0, R)
-# Standard deviations of what is believed of a shift of the OCV, and of the logarithm of a capacity.
-SHIFT_SD_V, CAPACITY_SD = 0.02, 1.0
+# Standard deviations of what is believed of a shift of the OCV, of the logarithm of a capacity, and
+# of a start of which nothing is.
+SHIFT_SD_V, CAPACITY_SD, UNTOLD_SD = 0.02, 1.0, 1.0
 # An OCV identified from records ripples between its nodes, which no cell's does. Slopes over so
 # wide a step of SOC leave that out: it would tell start and capacity from a shift, wrongly.
 SLOPE_SOC = 0.1
 # Standard deviations of the OCV of before at its nodes, and of what is held.
 OCV_SD_V, OCV_NODES = 1.5e-3, np.linspace(0.0, 1.0, 21)
 HELD_SD = 1e-7
-# The usual standard deviation of a change of its shape over all of the SOC, which counts as much
-# as one step that a record tells: cells in PyBaMM that lost 1 to 17 % of their capacity have 5 to
-# 48 mV. What looks like another capacity shows in no step, so that without it too little is found.
-SHAPE_SD_V = 0.025
+# Standard deviations that a change of its shape over all of the SOC may have, and their odds: as if
+# one step of the walk were known, at the usual size. Cells in PyBaMM that lost 1 to 17 % of their
+# capacity have 5 to 48 mV. What looks like another capacity shows in no step, so that without it
+# too little is found.
+SHAPES_V, USUAL_SHAPE_V = np.geomspace(2e-3, 64e-3, 6), 0.025
+SHAPE_ODDS = np.exp(-((USUAL_SHAPE_V / SHAPES_V) ** 2) / 2) / SHAPES_V
 # Below the first SOC circuits do not follow, and only rests count; below the second these tell the
-# capacity. A rest's slope is over so much SOC.
-EMPTY_SOC, NEAR_EMPTY_SOC, REST_SLOPE_SOC = 0.05, 0.15, 0.01
+# capacity, in a record that was above the third. A rest's slope is over so much SOC.
+EMPTY_SOC, NEAR_EMPTY_SOC, NEAR_FULL_SOC, REST_SLOPE_SOC = 0.05, 0.15, 0.95, 0.01
 # Shares of the capacity that are tried first, with time constants in s for which any do.
 SHARES, TRIED_S = (1.05, 0.98, 0.9, 0.82, 0.74, 0.66), (10.0, 100.0)
 # The descent's end, and its largest step in a share or in V.
@@ -68,16 +72,29 @@ SETTLED, LARGEST_STEP, ROUNDS = 1e-4, 0.1, 8
 DETERMINED = {CAPACITY: 0.05, R0: 0.25, R: 0.5}
 
 
+_REACH = float(ndtri((1 + CONFIDENCE) / 2))
+
+
 @dataclass(frozen=True)
 class Aged:
     """One aged quantity with its 95 % interval. `by_ocv` is how far the value is
     off where the OCV of before is, by one standard deviation at one of its nodes: what all records
-    that are told beside one OCV have in common."""
+    that are told beside one OCV have in common. `by_shape` has value and standard error under
+    every one of `SHAPES_V`, `log_evidence` how probable these make the records."""
 
     value: float
     low: float
     high: float
     by_ocv: tuple[float, ...]
+    by_shape: tuple[tuple[float, float], ...]
+    log_evidence: tuple[float, ...]
+    is_determined: bool
+
+
+def is_determined(name: str, value: Any, error: Any) -> Any:
+    """True where an interval is narrow enough for its quantity."""
+    is_narrow = name not in DETERMINED or _REACH * error < DETERMINED[name] * value
+    return (error > 0) & is_narrow
 
 
 @in_float64
@@ -97,9 +114,11 @@ def measure_ageing(
         is_own: Whether the OCV was identified from these very records, of which it then tells R0
             alone, on the capacity that was told.
 
-    What the records do not determine is left out: all of it where no capacity fits them.
+    What the records do not determine says so, for others may help to; all of it is left out where
+    no capacity fits them.
     """
     records = [prepared.as_told for prepared in prepared_records]
+    starts_sd = [*map(_start_sd, records)]
     records = [_moved(prepared, prepared.start.soc, prepared.capacity_ah) for prepared in records]
     plain = replace(
         settings, folds=0, max_boxes=0, resistances_follow="none", half_hysteresis=False
@@ -110,71 +129,99 @@ def measure_ageing(
     told, count = np.array([prepared.start.soc for prepared in records]), len(records)
     # What was called full when the OCV was identified.
     axis_sd = FULL_SD if records[0].cell.is_of_records else HELD_SD
-    of_shape = np.full(len(OCV_NODES) - 1, SHAPE_SD_V / np.sqrt(len(OCV_NODES) - 1))
-    shape = slice(-len(of_shape), None)
-    own = [CAPACITY_SD, SHIFT_SD_V, axis_sd, *[OCV_SD_V] * len(OCV_NODES), *of_shape]
-    prior = np.array([*map(_start_sd, records), *own])
-    prior = np.full_like(prior, HELD_SD) if is_own else prior
+    steps = len(OCV_NODES) - 1
+    known = [*starts_sd, CAPACITY_SD, SHIFT_SD_V, axis_sd, *[OCV_SD_V] * len(OCV_NODES)]
+    priors = [np.array([*known, *[shape_v / np.sqrt(steps)] * steps]) for shape_v in SHAPES_V]
+    priors = [np.full_like(priors[0], HELD_SD)] if is_own else priors
 
-    def objective_at(now: Nuisance, box: Mapping[str, Range]) -> TableObjective:
+    def moved_to(now: Nuisance) -> list[PreparedRecord]:
         share, ocv_v = float(np.exp(now[count])), now[count + 1 :]
-        return reduced_objective(
-            [
-                _moved(prepared, start, share * prepared.capacity_ah, ocv_v)
-                for prepared, start in zip(records, (told + now[:count]).tolist(), strict=True)
-            ],
-            plain,
-            box,
-        )
+        return [
+            _moved(prepared, start, share * prepared.capacity_ah, ocv_v)
+            for prepared, start in zip(records, (told + now[:count]).tolist(), strict=True)
+        ]
 
     with one_blas_thread():
         shares = (1.0,) if is_own else SHARES
-        now = _first_guess(objective_at, ranges, shares, prior, count)
+        guesses = [
+            np.where(np.arange(len(priors[0])) == count, np.log(share), 0.0) for share in shares
+        ]
+        now = _best_guess(guesses, moved_to, plain, ranges)
         if now is None:
             return {}
-        objective = objective_at(now, ranges)
+        objective = reduced_objective(moved_to(now), plain, ranges)
         best = find_best(objective)
-        weights, found = _weights_at(objective, soc), None
+        weights, under, found = _weights_at(objective, soc), [], None
         for _ in range(ROUNDS):
             rests = None if is_own else _rests(objective, now)
-            found = estimate(objective, best, _columns, now, prior, weights, rests)
+            under = estimate(objective, best, _columns, now, priors, weights, rests)
+            found = _averaged(under)
             step = np.clip(found.values - now, -LARGEST_STEP, LARGEST_STEP)
             now = now + step
-            if not is_own:
-                # Of the largest likelihood (MacKay 1992): so much of each step is told.
-                told_parts = np.maximum(1 - (found.errors[shape] / prior[shape]) ** 2, 0.0)
-                squares_v2 = np.sum(found.values[shape] ** 2) + of_shape[0] ** 2
-                prior[shape] = np.sqrt(squares_v2 / (np.sum(told_parts) + 1))
             if np.max(np.abs(step)) < SETTLED:
                 break
             lows, highs = np.log(np.array([*ranges.values()])).T
             scales = np.clip(np.array(best.log_scales) + found.moved_scales, lows, highs)
             try:
-                objective = objective_at(now, held_at(objective, scales.tolist()))
+                held = held_at(objective, scales.tolist())
+                objective = reduced_objective(moved_to(now), plain, held)
             except InputError:
                 return {}
             best = objective.solve(tuple(scales.tolist()), exact=True)
     assert found is not None, "there is a round"
     is_visited = bool(np.any(objective.visited @ weights[0, : objective.nodes]))
-    every = dict(_told(found, records, told, is_visited))
+    every = dict(_told(found, under, records, told, is_visited))
     return {name: every[name] for name in (R0,) if name in every} if is_own else every
 
 
-def _first_guess(
-    objective_at: Any, ranges: Mapping[str, Range], shares: Sequence[float], like: Nuisance, at: int
+def _averaged(under: Sequence[Estimated]) -> Estimated:
+    """The estimates under changes of the OCV's shape of all sizes, by their probabilities."""
+    evidence = np.array([own.log_evidence for own in under])
+    shares = softmax(evidence + np.log(SHAPE_ODDS[: len(under)]))
+    stacked = {
+        name: np.stack([getattr(own, name) for own in under])
+        for name in ("values", "errors", "moved_scales", "sums", "sum_errors", "by_prior")
+    }
+    mean = {name: np.tensordot(shares, values, 1) for name, values in stacked.items()}
+    for name, errors in (("values", "errors"), ("sums", "sum_errors")):
+        off = stacked[name] - mean[name]
+        mean[errors] = np.sqrt(shares @ (stacked[errors] ** 2 + off**2))
+    return Estimated(**mean, log_evidence=float(evidence @ shares))
+
+
+def _best_guess(
+    guesses: Sequence[Nuisance],
+    moved_to: Callable[[Nuisance], list[PreparedRecord]],
+    settings: TableSettings,
+    ranges: Mapping[str, Range],
 ) -> Nuisance | None:
-    """The share of the capacity that fits best where all else is as told; None where none does."""
+    """The one that fits best, on the samples that all of them score; None where none fits."""
+    moved = []
+    for guess in guesses:
+        with suppress(InputError):
+            moved.append((guess, moved_to(guess)))
+    if not moved:
+        return None
+    # A window in SOC ends elsewhere with another capacity.
+    ends = [
+        min(len(own.scored) for own in same)
+        for same in zip(*(own for _, own in moved), strict=True)
+    ]
+    masks = [
+        [own.scored[:end] for own, end in zip(records, ends, strict=True)] for _, records in moved
+    ]
+    scored = [np.all(same, axis=0) for same in zip(*masks, strict=True)]
     tried = {name: (tau_s, tau_s) for name, tau_s in zip(ranges, TRIED_S, strict=True)}
-    costs: dict[float, Nuisance] = {}
-    for share in shares:
-        now = np.zeros_like(like)
-        now[at] = np.log(share)
-        try:
-            objective = objective_at(now, tried)
-        except InputError:
-            continue
-        costs[objective.solve(tuple(np.log(TRIED_S).tolist())).objective_v2] = now
-    return costs[min(costs)] if costs else None
+
+    def cost_v2(records: Sequence[PreparedRecord]) -> float:
+        alike = [
+            replace(own, scored=np.append(here, np.zeros(len(own.scored) - len(here), bool)))
+            for own, here in zip(records, scored, strict=True)
+        ]
+        objective = reduced_objective(alike, settings, tried)
+        return objective.solve(tuple(np.log(TRIED_S).tolist())).objective_v2
+
+    return min(moved, key=lambda guess: cost_v2(guess[1]))[0]
 
 
 def _moved(
@@ -207,16 +254,19 @@ def _slope(
     return slope_of(prepared, inside, step_soc)
 
 
-def shows_empty(prepared_records: Sequence[PreparedRecord]) -> bool:
-    """True where one of the records rests so near empty that this tells its capacity, however the
-    OCV above has changed."""
-    rests = (rest for prepared in prepared_records for rest in _steep_rests(prepared))
-    return any(rested < NEAR_EMPTY_SOC for _, rested, _ in rests)
+def shows_both_ends(prepared_records: Sequence[PreparedRecord]) -> bool:
+    """True where one of the records is full, and rests so near empty that this tells its capacity,
+    however the OCV between has changed."""
+    return any(
+        np.max(prepared.soc) > NEAR_FULL_SOC
+        and any(rested < NEAR_EMPTY_SOC for _, _, rested, _ in _steep_rests(prepared))
+        for prepared in prepared_records
+    )
 
 
-def _steep_rests(prepared: PreparedRecord) -> Iterator[tuple[int, float, float]]:
-    """The last sample of every long rest where the OCV is so steep that it tells the SOC within
-    `FULL_SD`, that SOC, and the slope."""
+def _steep_rests(prepared: PreparedRecord) -> Iterator[tuple[int, int, float, float]]:
+    """The first and the last sample of every long rest where the OCV is so steep that it tells the
+    SOC within `FULL_SD`, that SOC, and the slope."""
     resting = np.abs(prepared.current_a) < prepared.rest_current_a
     for first, last in zip(*runs(resting), strict=True):
         if prepared.time_s[last] - prepared.time_s[first] < MINIMUM_REST_S - CLOCK_SLACK_S:
@@ -225,26 +275,38 @@ def _steep_rests(prepared: PreparedRecord) -> Iterator[tuple[int, float, float]]
             rested = prepared.cell.soc_from_rest_voltage(float(prepared.voltage_v[last]))
             slope = float(_slope(prepared, np.array([rested]), REST_SLOPE_SOC)[0])
             if slope * FULL_SD >= REST_SD_V:
-                yield int(last), rested, slope
+                yield int(first), int(last), rested, slope
 
 
 def _rests(objective: TableObjective, now: Nuisance) -> Measured | None:
     """The voltages of steep rests, None where there are none. All is as at the SOC that the voltage
     tells: a wrong capacity may have led to where the OCV is flat."""
-    count, rests = len(objective.prepared_records), []
+    count, columns, errors_v, slopes = len(objective.prepared_records), [], [], []
     for place, prepared in enumerate(objective.prepared_records):
-        for last, rested, slope in _steep_rests(prepared):
+        for _, last, rested, slope in _steep_rests(prepared):
             soc, of_ocv = float(prepared.soc[last]), _ocv_columns(prepared, np.array([rested]))[0]
-            columns = np.zeros(count + 1)
-            columns[[place, count]] = slope, slope * (prepared.start.soc - soc)
-            error_v = slope * (rested - soc) - of_ocv @ now[count + 1 :]
-            # What is called empty differs as what is called full does.
-            rests.append(([*columns, *of_ocv], error_v, np.hypot(REST_SD_V, FULL_SD * slope)))
-    return Measured(*map(np.array, zip(*rests, strict=True))) if rests else None
+            own = np.zeros(count + 1)
+            own[[place, count]] = slope, slope * (prepared.start.soc - soc)
+            columns.append([*own, *of_ocv])
+            errors_v.append(slope * (rested - soc) - of_ocv @ now[count + 1 :])
+            slopes.append((slope, 0.0) if rested < 0.5 else (0.0, slope))
+    if not columns:
+        return None
+    # What is called empty differs as what is called full does, and all rests near it differ alike.
+    common = FULL_SD * np.array(slopes)
+    root = np.linalg.cholesky(common @ common.T + REST_SD_V**2 * np.eye(len(columns)))
+    return Measured(np.linalg.solve(root, np.array(columns)), np.linalg.solve(root, errors_v))
 
 
 def _start_sd(prepared: PreparedRecord) -> float:
-    """The standard deviation of a start; one that a voltage told moves with a shift of the OCV."""
+    """The standard deviation of a start. One that a voltage told moves with a shift of the OCV; one
+    that a steep rest told is told by that rest, with all others."""
+    first, row = prepared.first, prepared.start.row
+    if prepared.start.soc_source in FROM_VOLTAGE and any(
+        prepared.record.row[first + begun] <= row <= prepared.record.row[first + last]
+        for begun, last, _, _ in _steep_rests(prepared)
+    ):
+        return UNTOLD_SD
     return told_within(prepared, SHIFT_SD_V)[0]
 
 
@@ -267,25 +329,43 @@ def _weights_at(objective: TableObjective, soc: float) -> Float[np.ndarray, "two
 
 
 def _told(
-    found: Estimated, records: Sequence[PreparedRecord], told: Nuisance, is_visited: bool
+    found: Estimated,
+    under: Sequence[Estimated],
+    records: Sequence[PreparedRecord],
+    told: Nuisance,
+    is_visited: bool,
 ) -> Iterator[tuple[str, Aged]]:
-    """The quantities that are determined, with intervals."""
-    reach = float(ndtri((1 + CONFIDENCE) / 2))
-    count = len(records)
-    by_ocv = found.by_prior[:, count + 2 :]
+    """The quantities with intervals."""
+    count, nominal_ah = len(records), records[0].capacity_ah
+    # The axis of the OCV of before and its errors: changes of its shape are this age's own.
+    common = slice(count + 2, count + 3 + len(OCV_NODES))
+    places = {"start SOC": 0, CAPACITY: count, SHIFT: count + 1} | (
+        {R0: -2, R: -1} if is_visited else {}
+    )
+    for name, place in places.items():
+        at_zero = told[0] if name == "start SOC" else 0.0
 
-    def around(place: int, value: float, error: float) -> Aged:
-        own = tuple(by_ocv[place].tolist())
-        return Aged(value, value - reach * error, value + reach * error, own)
+        def numbers(
+            of: Estimated, name: str = name, place: int = place, at_zero: float = at_zero
+        ) -> tuple[float, float]:
+            value = float(at_zero + np.append(of.values, of.sums)[place])
+            error = float(np.append(of.errors, of.sum_errors)[place])
+            if name == CAPACITY:
+                value = nominal_ah * float(np.exp(value))
+                error *= value
+            return value, error
 
-    yield "start SOC", around(0, float(told[0] + found.values[0]), float(found.errors[0]))
-    if reach * found.errors[count] < DETERMINED[CAPACITY]:
-        share = around(count, float(found.values[count]), float(found.errors[count]))
-        ends = np.array([share.value, share.low, share.high])
-        value, low, high = (records[0].capacity_ah * np.exp(ends)).tolist()
-        yield CAPACITY, Aged(value, low, high, tuple(value * own for own in share.by_ocv))
-    yield SHIFT, around(count + 1, *(float(e[count + 1]) for e in (found.values, found.errors)))
-    sums = zip((R0, R), found.sums.tolist(), found.sum_errors.tolist(), strict=True)
-    for place, (name, value, error) in enumerate(sums, len(found.values)):
-        if is_visited and 0 < reach * error < DETERMINED[name] * value:
-            yield name, around(place, value, error)
+        value, error = numbers(found)
+        unit = value if name == CAPACITY else 1.0
+        yield (
+            name,
+            Aged(
+                value,
+                value - _REACH * error,
+                value + _REACH * error,
+                tuple((unit * found.by_prior[place, common]).tolist()),
+                tuple(map(numbers, under)),
+                tuple(own.log_evidence for own in under),
+                bool(is_determined(name, value, error)),
+            ),
+        )

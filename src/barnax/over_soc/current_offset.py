@@ -116,7 +116,7 @@ def shared_offset(
             return None
         best = objective.solve(tuple(log_scales.tolist()))
         before = np.append(now.shifts.ravel(), now.offset_a)
-        found = estimate(objective, best, _of_starts_and_offset, before, sds)
+        found = estimate(objective, best, _of_starts_and_offset, before, [sds])[0]
         log_scales = np.clip(log_scales + found.moved_scales, lowest, highest)
         shifts = found.values[:-1].reshape(prior.shape)
         # The axis is the one on which what was told is right on the average.

@@ -1,6 +1,6 @@
 """Nuisances of the records of one cell, estimated together with its tables under priors."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from .intervals import Rows, linearized, noises_behind, unsmoothed, with_penalty
+from .intervals import UNSEEN, Rows, linearized, noises_behind, unsmoothed, with_penalty
 from .objective import Solution, TableObjective
 
 # Columns of the voltage by the nuisances of all records, at the scored samples of one.
@@ -16,12 +16,11 @@ Nuisances = Callable[[TableObjective, Solution, int], Float[np.ndarray, "samples
 
 
 class Measured(NamedTuple):
-    """Single voltages: what each nuisance adds to them, how far they are above those of the
-    nuisances now, and their standard deviations."""
+    """Single voltages, so combined that they have independent errors of one: what each nuisance
+    adds to them, and how far they are above those of the nuisances now."""
 
     columns: Float[np.ndarray, "voltages nuisances"]
-    error_v: Float[np.ndarray, "voltages"]
-    sd_v: Float[np.ndarray, "voltages"]
+    error: Float[np.ndarray, "voltages"]
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,8 @@ class Estimated:
     """Nuisances relative to what was told, with standard errors, and the shifts of the searched
     scales' logarithms with them. `sums` are the wanted sums of the tables' values. `by_prior` is
     how far each nuisance and sum moves with what was told of each nuisance, by one standard
-    deviation.
+    deviation. `log_evidence` is the logarithm of the probability of the records with these
+    standard deviations, but for a constant of the records.
     """
 
     values: Float[np.ndarray, "nuisances"]
@@ -38,6 +38,7 @@ class Estimated:
     sums: Float[np.ndarray, "wanted"]
     sum_errors: Float[np.ndarray, "wanted"]
     by_prior: Float[np.ndarray, "estimates nuisances"]
+    log_evidence: float
 
 
 def of_starts(
@@ -57,13 +58,13 @@ def estimate(
     best: Solution,
     nuisances: Nuisances,
     now: Float[np.ndarray, "nuisances"],
-    prior: Float[np.ndarray, "nuisances"],
+    priors: Sequence[Float[np.ndarray, "nuisances"]],
     wanted: Float[np.ndarray, "wanted values"] | None = None,
     beside: Measured | None = None,
-) -> Estimated:
+) -> list[Estimated]:
     """The nuisances of records that are prepared with those that are `now`, together with all
-    tables; `prior` are standard deviations of what was told, `wanted` weights of the tables'
-    values in sums, and `beside` what else tells of the nuisances.
+    tables, under every one of `priors`, standard deviations of what was told; `wanted` are weights
+    of the tables' values in sums, and `beside` is what else tells of the nuisances.
 
     The noise is correlated, so that H^-1 (J' G J + P S P) H^-1 is the covariance, with S the prior
     and P its weight in the least squares, the noise's own strength over S.
@@ -76,32 +77,40 @@ def estimate(
     (noise,), to_noise, products, slopes = noises_behind(lighter, values[:, None], ways, rows)
     normal, slopes = with_penalty(lighter, products, of_tables), slopes[:, 0]
     weight = float(np.mean(np.diag(noise.spread_v2))) / objective.reduced.scored
-    own = slice(len(normal) - now.size, len(normal))
-    known = np.diag(1 / prior), now / prior
-    if beside is not None:
-        by_sd = beside.columns / beside.sd_v[:, None], -beside.error_v / beside.sd_v
-        known = np.vstack([known[0], by_sd[0]]), np.append(known[1], by_sd[1])
-    pull = weight * known[0].T
-    normal[own, own] += pull @ known[0]
-    slopes[own] += pull @ known[1]
-    moved = np.linalg.lstsq(normal, np.column_stack([slopes, to_noise.T]))[0]
     wanted = np.empty((0, len(values))) if wanted is None else wanted
+    own = slice(len(normal) - now.size, len(normal))
     told = np.eye(len(normal))[own]
     picked = np.vstack([told, wanted @ ways[: len(values)]])
-    back = picked @ np.linalg.lstsq(normal, told.T)[0]
-    by_noise = picked @ moved[:, 1:]
-    variance = np.einsum("ij,jk,ik->i", by_noise, noise.spread_v2, by_noise)
-    by_known = back @ pull
-    variance += np.sum(by_known**2, axis=1)
-    errors, found = np.sqrt(variance), np.append(now, wanted @ values) - picked @ moved[:, 0]
-    return Estimated(
-        found[: now.size],
-        errors[: now.size],
-        -moved[count : count + axes, 0],
-        found[now.size :],
-        errors[now.size :],
-        by_known[:, : now.size],
-    )
+
+    def under(prior: Float[np.ndarray, "nuisances"]) -> Estimated:
+        known = np.diag(1 / prior), now / prior
+        if beside is not None:
+            known = np.vstack([known[0], beside.columns]), np.append(known[1], -beside.error)
+        pull, pushed, stiff = weight * known[0].T, slopes.copy(), normal.copy()
+        stiff[own, own] += pull @ known[0]
+        pushed[own] += pull @ known[1]
+        moved = np.linalg.lstsq(stiff, np.column_stack([pushed, to_noise.T]))[0]
+        back = picked @ np.linalg.lstsq(stiff, told.T)[0]
+        by_noise = picked @ moved[:, 1:]
+        variance = np.einsum("ij,jk,ik->i", by_noise, noise.spread_v2, by_noise)
+        by_known = back @ pull
+        variance += np.sum(by_known**2, axis=1)
+        errors, found = np.sqrt(variance), np.append(now, wanted @ values) - picked @ moved[:, 0]
+        lengths = np.sqrt(np.maximum(np.diag(stiff), np.finfo(float).tiny))
+        roots = np.linalg.eigvalsh(stiff / np.outer(lengths, lengths))
+        volume = np.sum(np.log(np.maximum(roots, UNSEEN**2))) + 2 * np.sum(np.log(lengths))
+        misfit = known[1] @ known[1] - pushed @ moved[:, 0] / weight
+        return Estimated(
+            found[: now.size],
+            errors[: now.size],
+            -moved[count : count + axes, 0],
+            found[now.size :],
+            errors[now.size :],
+            by_known[:, : now.size],
+            float(-(misfit + volume) / 2 - np.sum(np.log(prior))),
+        )
+
+    return [under(prior) for prior in priors]
 
 
 def _with_nuisances(

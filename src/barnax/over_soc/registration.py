@@ -86,7 +86,7 @@ def register(
                 objective = reduced_objective(found, plain, held_at(objective, best.log_scales))
                 best = objective.solve(best.log_scales)
                 dependence = adjusted(objective, best)
-            estimated = estimate(objective, best, _of_starts, shifts.ravel(), prior.ravel())
+            estimated = estimate(objective, best, _of_starts, shifts.ravel(), [prior.ravel()])[0]
             moved, errors = (
                 numbers.reshape(shifts.shape) for numbers in (estimated.values, estimated.errors)
             )
@@ -188,7 +188,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         if before is not None and after is not None and not after.is_no_worse(before):
             return prepared
         prior = furthest / FURTHEST
-        errors = estimate(*fitted(found, at, plain), _of_starts, np.zeros(2), prior).errors
+        errors = estimate(*fitted(found, at, plain), _of_starts, np.zeros(2), [prior])[0].errors
     found = moved(best.x, *errors.tolist()) or found
     assert found.window.registration is not None, "moved so"
     own = replace(found.window.registration, by="OCV test")

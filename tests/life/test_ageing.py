@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -13,8 +14,18 @@ from barnax.errors import InputError
 from barnax.fleet.rows import ageing_row, another_capacity
 from barnax.life import QUANTITIES, life_of
 from barnax.model.prepared import prepare_record
-from barnax.over_soc import TableSettings
-from barnax.over_soc.ageing import CAPACITY, R0, SHIFT, R, measure_ageing
+from barnax.over_soc import TableSettings, ageing
+from barnax.over_soc.ageing import (
+    CAPACITY,
+    OCV_NODES,
+    R0,
+    SHIFT,
+    R,
+    _rests,
+    measure_ageing,
+    shows_both_ends,
+)
+from barnax.over_soc.registration import FULL_SD
 from barnax.plots import plot_fleet_life
 from barnax.reporting.life import life_frame, life_json, life_lines
 
@@ -124,17 +135,23 @@ def cell():
     return barnax.characterize(tests)
 
 
-def aged(cell, bent_v=0.0, to_empty=False):
-    """A drive from full of an aged cell, whose OCV is lower toward empty by so much, and
-    which goes on to empty and rests there."""
+def aged(
+    cell, bent_v=0.0, to_empty=False, begun=1.0, rests=1, opening_s=0, shift_v=SHIFT_V, sag_v=0.0
+):
+    """A drive from full, or another SOC, of an aged cell, whose OCV is lower toward empty by so
+    much, and which goes on to empty and rests there so many times, and whose voltage sags near
+    empty. It starts as is given, or after an opening rest, whose voltage tells."""
     rng, samples = np.random.default_rng(7), 1200
     current_a = np.repeat(rng.gamma(0.8, 1.0, samples), rng.integers(2, 30, samples))[:samples]
-    current_a *= 0.75 * OWN_AH * 3600 / (5 * current_a.sum())
+    current_a *= 0.75 * begun * OWN_AH * 3600 / (5 * current_a.sum())
     if to_empty:
-        emptying = np.full(round(0.245 * OWN_AH * 3600 / (5 * 0.3)), 0.3)
-        current_a = np.concatenate([current_a, emptying, np.zeros(700)])
-    soc = 1 - 5 * np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / OWN_AH
-    voltage_v = cell.average_ocv_v(soc) + SHIFT_V - bent_v * (1 - soc) - OWN_R0 * current_a
+        emptying = np.full(round(0.245 * begun * OWN_AH * 3600 / (5 * 0.3)), 0.3)
+        resting = np.tile(np.append(np.zeros(700 // rests + 200), [0.05] * 4), rests)
+        current_a = np.concatenate([current_a, emptying, resting])
+    current_a = np.append(np.zeros(opening_s // 5), current_a)
+    soc = begun - 5 * np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / OWN_AH
+    voltage_v = cell.average_ocv_v(soc) + shift_v - bent_v * (1 - soc) - OWN_R0 * current_a
+    voltage_v = voltage_v - sag_v * np.maximum(1 - soc / 0.12, 0.0) * (current_a > 0)
     for own, tau_s in zip(PAIRS, (20.0, 160.0), strict=True):
         kept = np.exp(-5 / tau_s)
         drive = np.append(0.0, (own * current_a)[:-1])
@@ -145,13 +162,14 @@ def aged(cell, bent_v=0.0, to_empty=False):
         columns | {"Voltage [V]": voltage_v},
         name="aged", current_sign="charge-positive", current_hold="forward",
     )  # fmt: skip
-    window = barnax.Window(initial_soc=1.0, capacity_ah=2.0)
+    window = barnax.Window(initial_soc=None if opening_s else begun, capacity_ah=2.0)
     return prepare_record(record, cell, "so-rc", window)
 
 
-def told_of(cell, bent_v=0.0, to_empty=False):
+def told_of(cell, **how):
     """What such a drive tells."""
-    return measure_ageing([aged(cell, bent_v, to_empty)], TableSettings())
+    found = measure_ageing([aged(cell, **how)], TableSettings())
+    return {name: own for name, own in found.items() if own.is_determined}
 
 
 def test_a_row_with_another_capacity_than_its_record_shows_says_so(cell):
@@ -175,6 +193,9 @@ def test_an_ocv_of_another_shape_is_within_the_interval_of_a_capacity(cell):
     found = told_of(cell, bent_v=0.03)
     if CAPACITY in found:
         assert found[CAPACITY].low <= OWN_AH <= found[CAPACITY].high
+        # A change of shape is this cell's at this age: no other record shares that error.
+        variance = ((found[CAPACITY].high - found[CAPACITY].low) / (2 * 1.96)) ** 2
+        assert np.sum(np.square(found[CAPACITY].by_ocv)) < 0.25 * variance
     assert found[R0].value == pytest.approx(OWN_R0, rel=0.02)
 
 
@@ -183,3 +204,37 @@ def test_a_rest_near_empty_tells_the_capacity_of_an_ocv_of_another_shape(cell):
     assert capacity.value == pytest.approx(OWN_AH, rel=0.01)
     assert capacity.low <= OWN_AH <= capacity.high
     assert capacity.high - capacity.low < 0.03 * OWN_AH
+
+
+def test_both_ends_are_shown_by_a_record_from_full_to_a_rest_near_empty(cell):
+    assert shows_both_ends([aged(cell, to_empty=True)])
+    assert not shows_both_ends([aged(cell, to_empty=True, begun=0.6)])
+    assert not shows_both_ends([aged(cell)])
+
+
+def test_however_often_a_cell_rests_near_empty_what_is_called_empty_differs(cell):
+    records = [aged(cell, to_empty=True, rests=4)]
+    now = np.zeros(len(records) + 3 + 2 * len(OCV_NODES) - 1)
+    told = _rests(SimpleNamespace(prepared_records=records), now)
+    assert len(told.columns) == 4
+    assert 1 / np.linalg.norm(told.columns[:, 0]) > FULL_SD
+
+
+def test_the_voltage_that_told_a_start_moves_with_a_shift_of_the_ocv(cell):
+    found = told_of(cell, begun=0.98, opening_s=4000, shift_v=0.025)
+    for name, value in {"start SOC": 0.98, SHIFT: 0.025}.items():
+        assert found[name].low <= value <= found[name].high
+
+
+def test_capacities_are_tried_on_the_same_samples(cell, monkeypatch):
+    counts, reduced = [], ageing.reduced_objective
+
+    def counted(records, *rest):
+        counts.append(sum(np.count_nonzero(prepared.scored) for prepared in records))
+        return reduced(records, *rest)
+
+    monkeypatch.setattr(ageing, "reduced_objective", counted)
+    assert told_of(cell, to_empty=True)
+    # Four capacities do not empty the cell far beyond its OCV.
+    assert len(set(counts[:4])) == 1
+    assert counts[4] > counts[0]

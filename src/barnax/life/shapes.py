@@ -43,19 +43,11 @@ def with_pooled_shapes(rows: pl.DataFrame, names: str, quantities: tuple[str, ..
         mean = np.sum(shares[here] * values, axis=1)
         off = values - mean[:, None]
         error = np.sqrt(np.sum(shares[here] * (errors**2 + off**2), axis=1))
-        wanted = is_determined(quantity, mean, error)
-        places = np.flatnonzero(is_known)[here]
-        for end, value in (
-            ("", mean),
-            (" low", mean - reach * error),
-            (" high", mean + reach * error),
-        ):
-            column = rows[f"aged {quantity}{end}"].cast(pl.Float64).to_list()
-            for place, number, is_told in zip(
-                places.tolist(), value.tolist(), wanted.tolist(), strict=True
-            ):
-                column[place] = number if is_told else None
-            columns[f"aged {quantity}{end}"] = pl.Series(column, dtype=pl.Float64)
+        mean[~is_determined(quantity, mean, error)] = np.nan
+        for end, sign in (("", 0.0), (" low", -1.0), (" high", 1.0)):
+            column = rows[f"aged {quantity}{end}"].cast(pl.Float64).to_numpy(writable=True)
+            column[np.flatnonzero(is_known)[here]] = mean + sign * reach * error
+            columns[f"aged {quantity}{end}"] = pl.Series(column, nan_to_null=True)
     return rows.with_columns(**columns)
 
 
@@ -67,11 +59,13 @@ def pooled_shares(
     own = log_softmax(log_evidence, axis=1)
     of_cell = np.zeros((cells.max() + 1, len(usual)))
     np.add.at(of_cell, cells, own)
-    odds = np.zeros(len(usual))
+    odds, of_cells = np.zeros(len(usual)), np.zeros_like(of_cell)
     for _ in range(ROUNDS):
-        expected = np.sum(softmax(odds + of_cell, axis=1), axis=0) + np.exp(usual)
+        of_cells = softmax(odds + of_cell, axis=1)
+        expected = np.sum(of_cells, axis=0) + np.exp(usual)
         odds = np.log(expected / np.sum(expected))
-    by_others = log_softmax(odds + of_cell[cells] - own, axis=1)
-    return softmax(
-        np.logaddexp(np.log1p(-ANOTHER) + by_others, np.log(ANOTHER) + usual) + own, axis=1
-    )
+    # Those of a cell are from the others, and those of a row too.
+    others = np.maximum(np.sum(of_cells, axis=0) - of_cells, 0.0) + np.exp(usual)
+    by_others = log_softmax((np.log(others) + of_cell)[cells] - own, axis=1)
+    mixed = np.logaddexp(np.log1p(-ANOTHER) + by_others, np.log(ANOTHER) + usual)
+    return softmax(mixed + own, axis=1)

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -215,7 +214,8 @@ def test_both_ends_are_shown_by_a_record_from_full_to_a_rest_near_empty(cell):
 def test_however_often_a_cell_rests_near_empty_what_is_called_empty_differs(cell):
     records = [aged(cell, to_empty=True, rests=4)]
     now = np.zeros(len(records) + 3 + 2 * len(OCV_NODES) - 1)
-    told = _rests(SimpleNamespace(prepared_records=records), now)
+    told = _rests(records, now)
+    assert told is not None
     assert len(told.columns) == 4
     assert 1 / np.linalg.norm(told.columns[:, 0]) > FULL_SD
 

@@ -128,7 +128,6 @@ def test_a_planted_knee_is_found_and_its_trend_follows_it(planted):
     assert np.mean(np.abs(value - truth[0]) < 3 * error) >= 0.9
 
 
-@pytest.mark.slow
 def test_intervals_of_an_odd_cell_hold_although_it_bends_as_no_other():
     held = []
     for seed in range(4):
@@ -143,6 +142,7 @@ def test_intervals_of_an_odd_cell_hold_although_it_bends_as_no_other():
     assert np.mean(held) >= 0.85
 
 
+@pytest.mark.slow
 def test_a_fleet_without_faults_is_flagged_as_often_as_is_said():
     expected, fleets = 0.5, 16
     flagged = 0

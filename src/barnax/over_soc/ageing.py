@@ -153,7 +153,7 @@ def measure_ageing(
         best = find_best(objective)
         weights, under, found = _weights_at(objective, soc), [], None
         for _ in range(ROUNDS):
-            rests = None if is_own else _rests(objective, now)
+            rests = None if is_own else _rests(objective.prepared_records, now)
             under = estimate(objective, best, _columns, now, priors, weights, rests)
             found = _averaged(under)
             step = np.clip(found.values - now, -LARGEST_STEP, LARGEST_STEP)
@@ -278,11 +278,11 @@ def _steep_rests(prepared: PreparedRecord) -> Iterator[tuple[int, int, float, fl
                 yield int(first), int(last), rested, slope
 
 
-def _rests(objective: TableObjective, now: Nuisance) -> Measured | None:
+def _rests(prepared_records: Sequence[PreparedRecord], now: Nuisance) -> Measured | None:
     """The voltages of steep rests, None where there are none. All is as at the SOC that the voltage
     tells: a wrong capacity may have led to where the OCV is flat."""
-    count, columns, errors_v, slopes = len(objective.prepared_records), [], [], []
-    for place, prepared in enumerate(objective.prepared_records):
+    count, columns, errors_v, slopes = len(prepared_records), [], [], []
+    for place, prepared in enumerate(prepared_records):
         for _, last, rested, slope in _steep_rests(prepared):
             soc, of_ocv = float(prepared.soc[last]), _ocv_columns(prepared, np.array([rested]))[0]
             own = np.zeros(count + 1)

@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 import barnax
 from barnax.fleet.rows import ageing_row
+from barnax.life.shapes import with_pooled_shapes
 from barnax.model.prepared import prepare_record
 from benchmarks.pages import as_markdown, provenance, publish
 
@@ -252,28 +254,24 @@ def fresh_cell(ages: list[Aged]) -> Any:
     return found.cell
 
 
-def rows_of(
-    ages: list[Aged], kind: str, cell: Any
-) -> Iterator[dict[str, tuple[float | None, ...]]]:
-    """Of a cell at every age: estimate, both ends of its interval and truth, by quantity."""
+def rows_of(number: int, ages: list[Aged], kind: str, cell: Any) -> Iterator[dict[str, Any]]:
+    """The rows of a cell at every age, with what is true."""
     window = barnax.Window(initial_soc=1.0, capacity_ah=cell.capacity_ah)
     for place, aged in enumerate(ages):
         record = record_of(aged.drives[kind], f"drive{place}")
         row = ageing_row([prepare_record(record, cell, "so-rc", window)])
-        truths = {CAPACITY: aged.capacity_ah, R0: aged.drives[kind].r0_ohm}
-        yield {
-            name: (row[f"aged {name}"], row[f"aged {name} low"], row[f"aged {name} high"], truth)
-            for name, truth in truths.items()
-        }
+        truths = {f"true {CAPACITY}": aged.capacity_ah, f"true {R0}": aged.drives[kind].r0_ohm}
+        yield {"specimen": str(number), **truths, **row}
 
 
-def line_of(name: str, kind: str, rows: list[dict[str, tuple[float | None, ...]]]) -> str:
+def line_of(name: str, kind: str, rows: Any) -> str:
     """How good one quantity is."""
-    known = [row[name] for row in rows if row[name][0] is not None]
+    ends = [f"aged {name}", f"aged {name} low", f"aged {name} high", f"true {name}"]
+    known = rows.filter(rows[ends[0]].is_not_null()).select(ends).to_numpy().astype(float)
     share = f"| {name}, {kind} | {len(known)} of {len(rows)} "
-    if not known:
+    if not len(known):
         return share + "| | | | |"
-    value, low, high, truth = np.array(known, float).T
+    value, low, high, truth = known.T
     off, near = value / truth - 1, WITHIN[name]
     return (
         f"{share}| {100 * np.median(off):+.2f} % | {100 * np.quantile(np.abs(off), 0.95):.2f} % "
@@ -288,14 +286,18 @@ def main() -> None:
     cells = int(sys.argv[1]) if len(sys.argv) > 1 else CELLS
     folder = Path(sys.argv[2]) if len(sys.argv) > 2 else None
     began, fades = time.perf_counter(), []
+    rows: dict[str, Any] = {PARTLY: [], TO_EMPTY: []}
     new = kept(folder, "fresh", fresh)
-    cell, rows = fresh_cell(new), {PARTLY: [], TO_EMPTY: []}
+    cell = fresh_cell(new)
     for number in range(cells):
         ages = kept(folder, str(number), lambda number=number: ageing(number))
         fades += [aged.capacity_ah / cell.capacity_ah for aged in ages]
         for kind, own in rows.items():
-            own += rows_of(ages, kind, cell)
+            own += rows_of(number, ages, kind, cell)
         print(f"{number + 1} of {cells}", file=sys.stderr)
+    frames = {kind: pl.DataFrame(own, infer_schema_length=None) for kind, own in rows.items()}
+    for kind, own in [*frames.items()]:
+        frames[f"{kind}, in a life"] = with_pooled_shapes(own, "specimen", tuple(WITHIN))
     names = "quantity, record", "told", "off, median", "in 95 %", "near", "intervals hold"
     pulses = [f"{1e3 * ohm:.1f} mOhm to {size}" for size, ohm in new[0].pulses_ohm.items()]
     lines = [
@@ -313,11 +315,12 @@ def main() -> None:
         "",
         f"| {' | '.join(names)} |",
         "|---" * len(names) + "|",
-        *(line_of(name, kind, rows[kind]) for name in WITHIN for kind in rows),
+        *(line_of(name, kind, own) for name in WITHIN for kind, own in frames.items()),
         "",
         "Electrodes that lose lithium and material change the shape of the OCV, and over 60 to 75 "
         "% of the charge that cannot be told from a change of capacity: hardly any is told. A rest "
-        "near empty tells it.",
+        "near empty tells it. In a life, as `barnax life` has it, the records of all cells tell "
+        "how much the shape changes, and so how wide intervals are.",
         "",
         "R0 of such a cell depends on the current, by the charge transfer that is in it: the new "
         f"cell's at half charge is {', '.join(pulses)}. So the truth is that of the record's own "

@@ -69,7 +69,7 @@ class Life:
     """A fleet over its ages, which are counted in `unit` from the first. `judged` has the models,
     by quantity. `cycles` are equivalent full cycles of each cell at its last record, as far as
     `cycles_known`; otherwise those within the records alone. Of so many rows whose capacity is told
-    no rest near empty tells it, `without_empty`."""
+    no record from full to a rest near empty tells it, `without_empty`."""
 
     unit: str
     first_age: float

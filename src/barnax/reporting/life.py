@@ -38,7 +38,8 @@ TREND_HEADS = ("low", "high", "trend", "trend low", "trend high")
 BEGINNING = ("knee", "step")
 UNTOLD = {
     "capacity [A.h]": "capacity needs an OCV of before (`ocv` or `cell` in the manifest), and "
-    "records that rest near empty, or move over much of it: their interval is to be within 5 %",
+    "records from full to a rest near empty, or over much of the charge: their interval is to be "
+    "within 5 %",
     "R0 [Ohm]": "R0 needs steps of the current around 50 % SOC; a charge at constant current alone "
     "has none, and is refused",
     "R [Ohm]": "total R needs an OCV of before, and loads of several minutes around 50 % SOC",
@@ -167,8 +168,9 @@ def _assumed(life: "Life") -> list[str]:
     if not life.without_empty:
         return []
     return [
-        "Assumed: the OCV keeps its shape within some tens of mV where no rest near empty tells "
-        f"the capacity, in {counted(life.without_empty, 'row')}; an electrode may lose material "
+        "Assumed: toward empty the OCV changes its shape as it does above, where no record from "
+        "full to a rest near empty tells the capacity, in "
+        f"{counted(life.without_empty, 'row')}; an electrode may lose material "
         "without a trace in the OCV above, and such a loss of capacity is missed."
     ]
 

@@ -31,6 +31,8 @@ Kind = Literal["sum", "ekf", "ukf"]
 Form = Literal["joint", "dual"]
 Vector = Float[Array, "states"]
 Matrix = Float[Array, "states states"]
+# The variance that an interval adds to every state and to every slow parameter.
+Walk = tuple[Vector, Float[Array, "slow"]]
 KAPPA = 1.0
 # Filters of a Gaussian sum, over so many standard deviations of the start to either side, each
 # with this share of the distance between two as its own deviation. Five are enough for a sloping
@@ -75,18 +77,22 @@ def run_filter(
     """
     mean, variance = start
     slow = jnp.zeros_like(model.slow_sd)
+    if not any(name.startswith("tau") for name in model.slow):
+        drive = drive._replace(gains=jax.vmap(model.gains, (None, 0))(slow, drive))
+    walks = jax.vmap(model.walk)(drive)
     if form == "dual" and model.slow:
         beliefs = (Gaussian(mean, jnp.diag(variance)), Gaussian(slow, jnp.diag(model.slow_sd**2)))
         sensitivity = jnp.zeros((len(mean), len(slow)))
         step = _dual_step(model, kind, adapting)
-        rows = lax.scan(step, (beliefs, sensitivity, jnp.ones_like(mean[0])), drive)[1]
+        carry = beliefs, sensitivity, jnp.ones_like(mean[0])
+        rows = lax.scan(step, carry, (drive, walks))[1]
     else:
         parts = _parts(
             jnp.concatenate([mean, slow]),
             jnp.concatenate([variance, model.slow_sd**2]),
             PARTS if kind == "sum" else 1,
         )
-        rows = lax.scan(_joint_step(model, kind), parts, drive)[1]
+        rows = lax.scan(_joint_step(model, kind), parts, (drive, walks))[1]
     return _estimate(model, rows)
 
 
@@ -126,9 +132,9 @@ def _joint_step(model: FilterModel, kind: Kind):
     count = model.states
     is_unscented = kind == "ukf"
 
-    def step(carry: Parts, drive: Drive) -> tuple[Parts, Vector]:
-        parts, log_weights, weights = carry
-        walk = jnp.concatenate(model.walk(drive))
+    def step(carry: Parts, given: tuple[Drive, Walk]) -> tuple[Parts, Vector]:
+        (parts, log_weights, weights), (drive, walks) = carry, given
+        walk = jnp.concatenate(walks)
 
         def predict(belief: Gaussian, near: Scalar) -> Gaussian:
             if not is_unscented:
@@ -193,10 +199,10 @@ def _dual_step(model: FilterModel, kind: Kind, adapting: float):
     capacity.
     """
 
-    def step(carry, drive: Drive):
+    def step(carry, given: tuple[Drive, Walk]):
         (belief, slow), sensitivity, scale = carry
+        drive, (state_walk, slow_walk) = given
         before = belief.mean
-        state_walk, slow_walk = model.walk(drive)
         slow = slow._replace(covariance=slow.covariance + jnp.diag(slow_walk))
 
         def advance(state):

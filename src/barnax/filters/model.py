@@ -55,7 +55,8 @@ class Drive(NamedTuple):
     `held_a` is the current that flowed since the sample before, discharge positive, `turning_a` the
     same where it turns a hysteresis, else zero. `direction` is that of the last current, or where
     between the branches a hysteresis stands that remembers its turns: it follows from the charge
-    counted since, so it is known without a state. The first interval is zero seconds long.
+    counted since, so it is known without a state. The first interval is zero seconds long. `gains`
+    are those of `FilterModel.gains`, where they are computed for all samples at once.
     """
 
     interval_s: Float[Array, "*samples"]
@@ -65,6 +66,7 @@ class Drive(NamedTuple):
     direction: Float[Array, "*samples"]
     voltage_v: Float[Array, "*samples"]
     pairs_a: Float[Array, "*samples"] | None = None
+    gains: Float[Array, "*samples relaxing"] | None = None
 
     @classmethod
     def of(cls, prepared: PreparedRecord) -> "Drive":
@@ -170,6 +172,8 @@ class FilterModel(eqx.Module):
     def gains(self, slow: Float[Array, "slow"], drive: Drive) -> Float[Array, "relaxing"]:
         """The share of their way to rest that all but SOC go in an interval: pairs, hysteresis,
         errors, bias."""
+        if drive.gains is not None:
+            return drive.gains
         interval_s = drive.interval_s
         pairs_s = self.tau_s * self.factors("tau", slow)
         along = [interval_s / pairs_s]

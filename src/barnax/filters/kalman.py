@@ -270,10 +270,10 @@ def _correct(
     belief: Gaussian, with_state: Vector, innovation_v: Scalar, variance_v2: Scalar
 ) -> Gaussian:
     """The belief after a measurement; equal factors keep the covariance symmetric."""
-    gain = with_state / variance_v2
+    told = with_state / jnp.sqrt(variance_v2)
     return Gaussian(
-        belief.mean + gain * innovation_v,
-        belief.covariance - with_state[:, None] * with_state[None, :] / variance_v2,
+        belief.mean + with_state * (innovation_v / variance_v2),
+        belief.covariance - told[:, None] * told[None, :],
     )
 
 
@@ -290,13 +290,15 @@ def _predict_extended(
     kept = jnp.concatenate([_kept(model, slow, drive), jnp.ones_like(slow)])
     mean = jnp.concatenate([model.advance(state, slow, drive, near), slow])
     moved = kept[:, None] * belief.covariance
-    if len(slow):
-        by_slow = jax.jacfwd(model.advance, 1)(state, slow, drive, near)
-        by_slow = jnp.concatenate([by_slow, jnp.zeros((len(slow), len(slow)))])
-        moved = moved + jnp.sum(by_slow[:, :, None] * belief.covariance[count:], axis=1)
-        aside = jnp.sum(moved[:, None, count:] * by_slow, axis=2)
-        return Gaussian(mean, moved * kept + aside + jnp.diag(walk))
-    return Gaussian(mean, moved * kept + jnp.diag(walk))
+    by_slow = jax.jacfwd(model.advance, 1)(state, slow, drive, near).T if len(slow) else slow
+    columns = [jnp.append(column, jnp.zeros_like(slow)) for column in by_slow]
+    # Products are added one by one: a sum over two of them would be a loop of its own.
+    for column, row in zip(columns, belief.covariance[count:], strict=True):
+        moved = moved + column[:, None] * row
+    covariance = moved * kept + jnp.diag(walk)
+    for column, own in zip(columns, moved.T[count:], strict=True):
+        covariance = covariance + own[:, None] * column
+    return Gaussian(mean, covariance)
 
 
 def _observe_extended(voltage_v: Scalar, slope: Vector, belief: Gaussian) -> Observation:

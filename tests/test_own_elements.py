@@ -46,6 +46,7 @@ def made_problem(cell, circuit, answer, noise_v=0.0):
     return make_problem(record, cell, circuit, window=Window(initial_soc=0.8))
 
 
+# A circuit, its closed form's answer, and how near the mixture is to that.
 CASES = [
     pytest.param("1rc+diffusion", series, 5e-4, marks=pytest.mark.slow),
     (OWN, two, 1e-6),

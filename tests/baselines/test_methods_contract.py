@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.baselines import METHODS, Budget, MethodFailure
+from barnax.baselines import BESIDE_OPTIMIZERS, METHODS, Budget, MethodFailure
 from barnax.baselines.method import generator_of, random_circuits
 from barnax.optimizers import OPTIMIZERS
 from barnax.search.evaluate import evaluate
@@ -16,6 +16,10 @@ BUDGET = Budget(population=8, iterations=60, seeds=3, key=7)
 # of one and of two evaluations a candidate.
 NAMES = [name for name in METHODS if name not in OPTIMIZERS.keys() - {"bmo", "igwo"}]
 BOXED = ("varpro", "lm", "pso-lm", "de")
+
+
+def test_no_optimizer_takes_the_name_of_another_method():
+    assert len(METHODS) == len(OPTIMIZERS) + len(BESIDE_OPTIMIZERS)
 
 
 @pytest.fixture(scope="module", params=NAMES)

@@ -1,5 +1,7 @@
 """Elements and circuits of them, against the closed forms of diffusion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,16 @@ def test_the_impedance_of_diffusion_is_the_finite_warburgs():
 def test_what_is_no_mixture_is_refused_by_the_elements_name(shares, ratios, message):
     with pytest.raises(InputError, match=f"the element[s of]* odd.*{message}|odd.*{message}"):
         Element("odd", "O", "odd", shares, ratios)
+
+
+def test_a_slow_pair_of_next_to_nothing_does_not_bound_the_time_constant(short_problem):
+    wide = Element("wide", "W", "wide", (0.004, 0.496, 0.496, 0.004), (256.0, 4.0, 0.25, 0.004))
+    assert wide.slowest_ratio == 4.0
+    assert DIFFUSION.slowest_ratio == DIFFUSION.ratios[0]
+    circuit = make_circuit("tests/wide", "rc", wide)
+    bounds = replace(short_problem.bounds, elements=circuit.elements)
+    low_s, high_s = short_problem.bounds.tau_limits_s
+    assert bounds.limits_s(1) == (low_s / 4, high_s / 4)
 
 
 def test_another_element_of_the_same_name_or_symbol_is_refused():

@@ -7,6 +7,7 @@ import io
 from dataclasses import replace
 
 import pytest
+from matplotlib.figure import Figure
 from rich.console import Console
 
 import barnax
@@ -14,7 +15,7 @@ from barnax.cell import CircuitParameters, SegmentedHysteresis
 from barnax.cli.session import as_flags
 from barnax.model.window import Window
 from barnax.notices import notice
-from barnax.plots.pictures import record_roles
+from barnax.plots.pictures import Illustration, record_roles
 from barnax.records import Decision
 from barnax.reporting.decisions import (
     box_sentences,
@@ -82,6 +83,20 @@ def changed(result: Result, **inputs) -> Result:
     """The result with other fields in its first input."""
     first, *rest = result.inputs
     return result.model_copy(update={"inputs": (first.model_copy(update=inputs), *rest)})
+
+
+def test_a_figure_without_a_section_of_its_own_is_in_the_report_too(joint):
+    drawn = identification_illustrations(joint)
+    own = Illustration("new", Figure, "", "")
+    for illustrations, others in ((drawn, set()), ([*drawn, own], {"new"})):
+        document = identification_document(joint, illustrations)
+        more = {
+            block.name
+            for section in document.sections
+            for block in section.blocks
+            if section.title == "More figures" and isinstance(block, Picture)
+        }
+        assert more == others
 
 
 def test_a_stored_result_s_report_is_the_golden_one():

@@ -13,10 +13,8 @@ from .separable import N4SID, VARPRO
 __all__ = ["METHODS", "Answer", "Budget", "Method", "MethodFailure", "Trajectory"]
 
 # A new method is a `Method` in a file of this package and one name here.
+BESIDE_OPTIMIZERS = (LS, RLS, WRLS, RLS_EKF, DUAL_UKF, N4SID, VARPRO, LM, PSO_LM, DE)
 METHODS: Mapping[str, Method] = MappingProxyType(
-    {
-        method.name: method
-        for method in (LS, RLS, WRLS, RLS_EKF, DUAL_UKF, N4SID, VARPRO, LM, PSO_LM, DE)
-    }
+    {method.name: method for method in BESIDE_OPTIMIZERS}
     | {name: population_method(name) for name in OPTIMIZERS}
 )

@@ -6,15 +6,20 @@ at tau is the mixture of the answers at ratio x tau, and keeps every bound of a 
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
+
 from ..errors import InputError
 
 # So near one the shares of a mixture must add up to.
 ROUNDING = 1e-6
+# RC pairs that together are less of R than this may be slower than any record.
+HARDLY_ANY = 0.1
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,12 @@ class Element:
             second >= first for first, second in zip(self.ratios, self.ratios[1:], strict=False)
         ):
             raise InputError(f"the ratios of the element {self.name} must fall, from slow to fast")
+
+    @property
+    def slowest_ratio(self) -> float:
+        """The ratio of the slowest RC pair that is a tenth of R with the slower ones: what a record
+        must be long enough for."""
+        return self.ratios[int(np.argmax(np.cumsum(self.shares) >= HARDLY_ANY))]
 
     def names(self, number: int) -> "ElementNames":
         """The names of its parameters; `number` counts the RC pairs before and with it."""
@@ -114,7 +125,8 @@ def add_element(element: Element) -> Element:
         if known != element and (known.name == element.name or known.symbol == element.symbol):
             raise InputError(
                 f"there is another element called {known.name} with the symbol {known.symbol!r}; "
-                "choose another name and symbol"
+                "choose another name and symbol, or begin a new session if this is the same one "
+                "with other numbers"
             )
     return _ELEMENTS.setdefault(element.name, element)
 
@@ -129,13 +141,22 @@ def get_element(name: str) -> Element:
     return _ELEMENTS[name]
 
 
+def suffix_of(name: str) -> str:
+    """What the names of an element's parameters end in.
+
+    >>> [suffix_of(name) for name in ("R0 [Ohm]", "C1 [F]", "tau_D [s]")]
+    ['0', '1', '_D']
+    """
+    return re.sub("^(R|C|tau)", "", name.partition(" [")[0])
+
+
 def element_of(name: str) -> Element:
     """The element that has a parameter of that name. Raises `InputError` where none has.
 
     >>> element_of("tau2 [s]").name, element_of("tau_D [s]").name
     ('rc', 'diffusion')
     """
-    symbol = name.partition(" [")[0].lstrip("RCtau").removeprefix("_")
+    symbol = suffix_of(name).removeprefix("_")
     for element in _ELEMENTS.values():
         if element.symbol == symbol or (not element.symbol and symbol.isdecimal()):
             return element
@@ -148,7 +169,7 @@ def names_beside(name: str) -> ElementNames:
     >>> names_beside("C1 [F]").tau, names_beside("tau_D [s]").resistance
     ('tau1 [s]', 'R_D [Ohm]')
     """
-    of = name.partition(" [")[0].lstrip("RCtau")
+    of = suffix_of(name)
     return ElementNames(f"R{of} [Ohm]", f"tau{of} [s]", f"C{of} [F]" if of.isdecimal() else None)
 
 

@@ -21,6 +21,7 @@ from .elements import (
     names_of,
     require_order,
     rungs_of,
+    suffix_of,
 )
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def elements_in(names: Iterable[str]) -> tuple[str, ...]:
     >>> elements_in(["R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "R_D [Ohm]", "tau_D [s]"])
     ('rc', 'diffusion')
     """
-    symbols = dict.fromkeys(name.partition(" [")[0].lstrip("RCtau") for name in names)
+    symbols = dict.fromkeys(map(suffix_of, names))
     known = {str(number): number for number in range(1, MAX_PAIRS + 1)}
     pairs = max((known.get(symbol, 0) for symbol in symbols), default=0)
     others = {f"_{element.symbol}": element.name for element in ELEMENTS.values() if element.symbol}

@@ -78,9 +78,9 @@ class Bounds:
         return (OHMIC, *(element.resistance for element in self.element_names))
 
     def limits_s(self, place: int) -> Range:
-        """Time constants of an element whose slowest RC pair the record can show."""
+        """Time constants of an element whose slowest RC pairs the record can show."""
         low, high = self.tau_limits_s
-        slowest = get_element(self.elements[place]).ratios[0]
+        slowest = get_element(self.elements[place]).slowest_ratio
         return low / slowest, high / slowest
 
     @property

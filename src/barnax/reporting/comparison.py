@@ -23,6 +23,7 @@ from .document import (
     Table,
     circuits_table,
     make_table,
+    more_figures,
     pairs_table,
     rows_table,
 )
@@ -75,6 +76,7 @@ def comparison_document(
             (Bullets(decisions), pairs_table("The methods.", "method", "source", sources)),
         ),
         *results,
+        *more_figures(pictures),
         reproduction_section(result),
     ]
     names = [part.name for part in result.inputs if part.role == "identification"]

@@ -219,20 +219,32 @@ def picture(illustration: "Illustration") -> Picture:
 
 
 class Pictures:
-    """The pictures of a report by their figures' names, to be put where they belong."""
+    """The pictures of a report by their figures' names, each to be put where it belongs."""
 
     def __init__(self, illustrations: "Iterable[Illustration]"):
         self._pictures = {
             illustration.name: picture(illustration) for illustration in illustrations
         }
+        self._placed: set[str] = set()
 
     def of(self, *names: str) -> tuple[Picture, ...]:
         """Those of the named pictures that there are, in this order."""
+        self._placed.update(names)
         return tuple(self._pictures[name] for name in names if name in self._pictures)
 
     def starting(self, beginning: str) -> tuple[Picture, ...]:
         """The pictures whose names begin so, in the order given."""
-        return tuple(found for name, found in self._pictures.items() if name.startswith(beginning))
+        return self.of(*(name for name in self._pictures if name.startswith(beginning)))
+
+    def others(self) -> tuple[Picture, ...]:
+        """Those that no section has asked for."""
+        return self.of(*(name for name in self._pictures if name not in self._placed))
+
+
+def more_figures(pictures: Pictures) -> list[Section]:
+    """The figures that have no section of their own."""
+    others = pictures.others()
+    return [Section("More figures", others)] if others else []
 
 
 def _renamed(value: Any, named: Callable[[str], str]) -> Any:

@@ -27,6 +27,7 @@ from .document import (
     Table,
     circuits_table,
     make_table,
+    more_figures,
     rows_table,
 )
 from .pulses import pulses_section
@@ -126,6 +127,7 @@ def identification_document(
             "Search",
             (*_search_blocks(result), *pictures.of("convergence"), *pictures.starting("landscape")),
         ),
+        *more_figures(pictures),
         reproduction_section(result),
     )
     return Document(title, about, sections)

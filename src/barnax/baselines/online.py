@@ -172,7 +172,7 @@ def dual_filter(problem: Problem) -> Answer:
     return averaged(problem, path, gamma=middle.gamma)
 
 
-_dual = jax.jit(partial(run_filter, kind="ukf", form="dual", adapting=1 - FORGETTING))
+_dual = jax.jit(partial(run_filter, kind="dual", adapting=1 - FORGETTING))
 
 RLS_EKF = deterministic(
     "rls-ekf",

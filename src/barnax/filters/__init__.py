@@ -1,7 +1,7 @@
 """Kalman filters on an identified circuit: what a battery manager would know of its cell."""
 
 from .innovations import Innovations, examine_innovations, mean_bounds
-from .kalman import Form, Kind, run_filter
+from .kalman import Kind, run_filter
 from .model import Drive, ErrorModel, Estimate, FilterModel, make_model
 
 __all__ = [
@@ -9,7 +9,6 @@ __all__ = [
     "ErrorModel",
     "Estimate",
     "FilterModel",
-    "Form",
     "Innovations",
     "Kind",
     "examine_innovations",

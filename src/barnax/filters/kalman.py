@@ -6,8 +6,8 @@ makes the voltages. Where the OCV is flat, many of them stay probable, and their
 the SOC is not known; one filter alone takes the first slope it meets for that of all SOC and is
 soon sure of a wrong one.
 
-Parameters are known, joint (further states of the one filter) or dual (a filter of their own
-beside that of the states). All of it is written for one cell; callers vmap it over cells or
+Parameters are known, joint (further states of the one filter) or dual (an unscented filter of their
+own beside that of the states). All of it is written for one cell; callers vmap it over cells or
 tunings. `cuthbert` (0.1.1) has extended and unscented filters as scans, but takes Numba and LLVM
 along, has no dual form, and wants the model as log densities; what a filter of one measured voltage
 needs is shorter than its use would be.
@@ -28,7 +28,6 @@ from jaxtyping import Array, Float, Scalar
 from .model import Drive, Estimate, FilterModel
 
 Kind = Literal["sum", "ekf", "ukf"]
-Form = Literal["joint", "dual"]
 Vector = Float[Array, "states"]
 Matrix = Float[Array, "states states"]
 # The variance that an interval adds to every state and to every slow parameter.
@@ -65,27 +64,23 @@ def run_filter(
     model: FilterModel,
     start: tuple[Vector, Vector],
     drive: Drive,
-    kind: Kind = "sum",
-    form: Form = "joint",
+    kind: Kind | Literal["dual"] = "sum",
     adapting: float = 0.0,
 ) -> Estimate:
     """A filter's estimates along a record, from a state and its variances (`FilterModel.start`).
 
-    The dual form is of the extended and the unscented filter. There the measurement noise may
-    adapt: `adapting` is the share of it that a sample renews, from its residual (Mohamed and
-    Schwarz, J. Geodesy 73 (1999) 193).
+    Of the dual one the measurement noise may adapt: `adapting` is the share of it that a sample
+    renews, from its residual (Mohamed and Schwarz, J. Geodesy 73 (1999) 193).
     """
     mean, variance = start
     slow = jnp.zeros_like(model.slow_sd)
     if not any(name.startswith("tau") for name in model.slow):
         drive = drive._replace(gains=jax.vmap(model.gains, (None, 0))(slow, drive))
     walks = jax.vmap(model.walk)(drive)
-    if form == "dual" and model.slow:
-        beliefs = (Gaussian(mean, jnp.diag(variance)), Gaussian(slow, jnp.diag(model.slow_sd**2)))
-        sensitivity = jnp.zeros((len(mean), len(slow)))
-        step = _dual_step(model, kind, adapting)
-        carry = beliefs, sensitivity, jnp.ones_like(mean[0])
-        rows = lax.scan(step, carry, (drive, walks))[1]
+    if kind == "dual":
+        beliefs = Gaussian(mean, jnp.diag(variance)), Gaussian(slow, jnp.diag(model.slow_sd**2))
+        carry = *beliefs, jnp.ones_like(mean[0])
+        rows = lax.scan(_dual_step(model, adapting), carry, (drive, walks))[1]
     else:
         parts = _parts(
             jnp.concatenate([mean, slow]),
@@ -190,60 +185,36 @@ def _moments(
     return middle, jnp.sum(weights * (variance + (mean - middle) ** 2), axis=0)
 
 
-def _dual_step(model: FilterModel, kind: Kind, adapting: float):
-    """One sample of two filters, each taking the other's mean for known.
+def _dual_step(model: FilterModel, adapting: float):
+    """One sample of two unscented filters, each taking the other's mean for known.
 
-    The innovation's variance is that of the state filter for both. The extended parameter filter
-    follows how the state's estimate depends on the parameters (Plett 2004, part 3); the unscented
-    one looks one interval ahead, and so hardly sees what moves SOC over hours: an offset, a
-    capacity.
+    The innovation's variance is that of the state filter for both. That of the parameters looks one
+    interval ahead, and so hardly sees what moves SOC over hours: an offset, a capacity.
     """
 
     def step(carry, given: tuple[Drive, Walk]):
-        (belief, slow), sensitivity, scale = carry
-        drive, (state_walk, slow_walk) = given
+        (belief, slow, scale), (drive, (state_walk, slow_walk)) = carry, given
         before = belief.mean
         slow = slow._replace(covariance=slow.covariance + jnp.diag(slow_walk))
 
-        def advance(state):
-            return model.advance(state, slow.mean, drive, before[0])
+        def advance(state, other):
+            return model.advance(state, other, drive, before[0])
 
-        if kind == "ekf":
-            kept = _kept(model, slow.mean, drive)
-            moved = kept[:, None] * belief.covariance * kept
-            belief = Gaussian(advance(before), moved + jnp.diag(state_walk))
-        else:
-            belief = _predict_unscented(advance, belief, state_walk)
+        belief = _predict_unscented(lambda state: advance(state, slow.mean), belief, state_walk)
         near = belief.mean[0]
 
-        def voltage(state):
-            return model.voltage(state, slow.mean, drive, near)
+        def voltage(state, other):
+            return model.voltage(state, other, drive, near)
 
-        if kind == "ekf":
-            slope = model.slopes(belief.mean, slow.mean, drive, near)
-            total, slope = slope[model.states :], slope[: model.states]
-            observed = _observe_extended(voltage(belief.mean), slope, belief)
-            by_slow = jax.jacfwd(model.advance, 1)(before, slow.mean, drive, before[0])
-            sensitivity = by_slow + _kept(model, slow.mean, drive)[:, None] * sensitivity
-            total = total + slope @ sensitivity
-            covaried = slow.covariance @ total
-            slow_observed = Observation(observed.voltage_v, total @ covaried, covaried)
-        else:
-            observed = _observe_unscented(voltage, belief)
-            total = jnp.zeros_like(slow.mean)
-            slow_observed = _observe_unscented(
-                lambda other: model.voltage(
-                    model.advance(before, other, drive, before[0]), other, drive, near
-                ),
-                slow,
-            )
+        observed = _observe_unscented(lambda state: voltage(state, slow.mean), belief)
+        slow_observed = _observe_unscented(
+            lambda other: voltage(advance(before, other), other), slow
+        )
         innovation_v = drive.voltage_v - observed.voltage_v
         fitted_v2 = model.noise_v2(near, drive.interval_s)
         noise_v2 = scale * fitted_v2
         variance_v2 = observed.variance_v2 + noise_v2
-        gain = observed.with_state / variance_v2
         belief = _correct(belief, observed.with_state, innovation_v, variance_v2)
-        sensitivity = sensitivity - jnp.outer(gain, total)
         slow = _correct(
             slow,
             slow_observed.with_state,
@@ -257,11 +228,10 @@ def _dual_step(model: FilterModel, kind: Kind, adapting: float):
                 *(jnp.diag(slow.covariance), variance_v2[None]),
             ]
         )
-        if adapting:
-            residual_v = drive.voltage_v - voltage(belief.mean)
-            left_v2 = observed.variance_v2 * noise_v2 / variance_v2
-            scale = scale + adapting * ((residual_v**2 + left_v2) / fitted_v2 - scale)
-        return ((belief, slow), sensitivity, scale), row
+        residual_v = drive.voltage_v - voltage(belief.mean, slow.mean)
+        left_v2 = observed.variance_v2 * noise_v2 / variance_v2
+        scale = scale + adapting * ((residual_v**2 + left_v2) / fitted_v2 - scale)
+        return (belief, slow, scale), row
 
     return step
 
@@ -277,17 +247,13 @@ def _correct(
     )
 
 
-def _kept(model: FilterModel, slow: Float[Array, "slow"], drive: Drive) -> Vector:
-    """The share of every state's deviation left after an interval: only `slow` moves others."""
-    return jnp.concatenate([jnp.ones(1), 1 - model.gains(slow, drive)])
-
-
 def _predict_extended(
     model: FilterModel, belief: Gaussian, drive: Drive, near: Scalar, walk: Vector
 ) -> Gaussian:
     count = model.states
     state, slow = belief.mean[:count], belief.mean[count:]
-    kept = jnp.concatenate([_kept(model, slow, drive), jnp.ones_like(slow)])
+    # The share of every state's deviation left after an interval: only `slow` moves others.
+    kept = jnp.concatenate([jnp.ones(1), 1 - model.gains(slow, drive), jnp.ones_like(slow)])
     mean = jnp.concatenate([model.advance(state, slow, drive, near), slow])
     moved = kept[:, None] * belief.covariance
     by_slow = jax.jacfwd(model.advance, 1)(state, slow, drive, near).T if len(slow) else slow

@@ -26,7 +26,7 @@ RESULTS = Path(__file__).parent / "results" / "both_directions.md"
 CIRCUITS = ("so-rc", "esc", "esc+diffusion")
 CHARGE = Window(initial_soc=0.0, initial_direction=-1, score_steps=(11,), score_soc=(0.03, 0.95))
 SETTINGS = barnax.TableSettings(max_boxes=0, resistances_follow="none")
-# Beside `esc`, whose rate is 20 where only the drive is known: the mean of hystereses of two rates,
+# Beside `esc`: the mean of hystereses of two rates,
 # of plays (in SOC), and resistances that are so many times as large while charging.
 RATES, PLAYS, RATIOS = ((5, 100), (20, 200)), ((0.02,), (0.05,), (0.1,), (0.05, 0.2)), (0.8, 1.25)
 FITTED = "fitted on the drive: drive | left out | charge | fitted on both: drive | charge |"

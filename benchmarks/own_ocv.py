@@ -82,7 +82,7 @@ def shown(result: barnax.Result, seconds: float) -> list[str]:
 
     parts = result.metrics.validation
     own, above, moved = (
-        ", ".join(f"{1e3 * (error_v or 0.0):.1f}" for error_v in errors_v)
+        ", ".join("-" if error_v is None else f"{1e3 * error_v:.1f}" for error_v in errors_v)
         for errors_v in (
             [part.rmse_v for part in parts],
             [part.rmse_above_10_soc_v for part in parts],

@@ -44,6 +44,9 @@ class _Searched:
         optima: The best circuit of each, None where its box is too wide to look.
         held_out: Its errors on held-out blocks, None where nothing was held out.
         fits: The tables, each with the problem whose records they are fitted to.
+        search: What the seeds found, None without seeds.
+        refinement: Where Levenberg-Marquardt took them.
+        other_hold: The answer if a sample's current flowed on its other side.
         late_ohm: R0 if the voltage that lags its current were as late as its steps show.
         more_ohm: R0 if the circuit had one more pair.
     """

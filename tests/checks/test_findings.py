@@ -93,6 +93,16 @@ def smoothed_current():
     return changed(DRIVE, CURRENT, smooth_a)
 
 
+def pulses_and_charges():
+    """Pulses of one current, and charges at another that is then held at a voltage."""
+    pulse = np.repeat([0.0, 2.0], [60, 30])
+    taper = np.concatenate([np.full(300, -1.0), -np.exp(-np.arange(1, 400) / 150)])
+    charge = np.concatenate([taper, np.repeat([0.0, 2.0, 0.0], [120, 60, 60])])
+    current_a = np.concatenate([np.tile(pulse, 20), np.zeros(300), np.tile(charge, 3)])
+    table = {TIME: 1.0 * np.arange(len(current_a)), CURRENT: -current_a}
+    return pl.DataFrame({**table, VOLTAGE: simulated_cell(current_a)})
+
+
 def fast_load():
     """The cell under a load that changes every second, logged every ten."""
     current_a = np.random.default_rng(0).uniform(-1, 2, 6000)
@@ -278,6 +288,7 @@ FAULTS = {
     "a coarse log at rest": (frame("ocv_charge"), {}),
     "a coarse log under load": (coarse_log(), {}),
     "a voltage half a sample late": (late_voltage(), {"late voltage": "warning"}),
+    "pulses and charges at set currents": (pulses_and_charges(), {}),
     "a current that was filtered": (smoothed_current(), {"smoothed current": "warning"}),
     "a load faster than the log": (fast_load(), {"fast load": "warning"}),
     "a rebuilt clock": (rebuilt_clock(), {}),

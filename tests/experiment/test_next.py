@@ -62,7 +62,7 @@ def test_the_next_command_tells_of_a_file_that_is_elsewhere(design, result, tmp_
     console = Console(width=200)
     with console.capture() as shown:
         console.print(advice)
-    assert "write the path of away.csv, not found here" in shown.get()
+    assert "write the path of away.csv: no file of that name" in shown.get()
     tests = [word for word in str(command).split() if Path(word).name.startswith("ocv_")]
     assert len(tests) == 2
     assert all(Path(word).is_file() for word in tests)

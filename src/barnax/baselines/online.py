@@ -137,7 +137,7 @@ def drive_time(drive: Drive, place: int) -> str:
 def dual_filter(problem: Problem) -> Answer:
     """Two unscented Kalman filters, of the states and of the circuit, whose noise adapts.
 
-    In the manner of Peng et al. (2021), by `barnax.filters`: the dual form of the unscented filter,
+    In the manner of Peng et al. (2021), by `barnax.filters`: two unscented filters side by side,
     the measurement noise following the residuals with the memory of `rls`. What the paper leaves
     open is taken so: it starts in the middle of the box (`middle_of`) at the counter's SOC, and
     parameters are logarithms, so that each sample has a circuit. The filter of the parameters looks

@@ -18,7 +18,7 @@ from ..errors import InputError
 
 # So near one the shares of a mixture must add up to.
 ROUNDING = 1e-6
-# RC pairs that together are less of R than this may be slower than any record.
+# Slow RC pairs that add up to a smaller share of R need not show in a record.
 HARDLY_ANY = 0.1
 
 
@@ -68,9 +68,9 @@ class Element:
 
     @property
     def slowest_ratio(self) -> float:
-        """The ratio of the slowest RC pair that is a tenth of R with the slower ones: what a record
-        must be long enough for."""
-        return self.ratios[int(np.argmax(np.cumsum(self.shares) >= HARDLY_ANY))]
+        """The ratio of the pair at which the slow ones add up to a tenth of R; a record must be
+        long enough to show it."""
+        return self.ratios[int(np.argmax(np.cumsum(self.shares) >= HARDLY_ANY - ROUNDING))]
 
     def names(self, number: int) -> "ElementNames":
         """The names of its parameters; `number` counts the RC pairs before and with it."""

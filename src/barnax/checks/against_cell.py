@@ -22,7 +22,7 @@ _LEFT, _FAR_V = 0.2, 0.25
 _MOST = 0.75
 # The number of samples that are compared, preferably those of a small current.
 _SAMPLES, _SMALL_HOURS = 400, 5.0
-# A load that lasts so long leaves the OCV by up to so many times the resistance of its steps.
+# A load that lasts so long leaves the OCV by so many more times the resistance of its steps.
 _SLOW_S, _SLOW_TIMES = 120.0, (0.0, 1.0, 2.0, 3.0, 4.0)
 _STARTS = 61
 # The parameters of a cell change noticeably over this many degrees.
@@ -34,7 +34,8 @@ _AS_FAST, _ALIKE = 2.0, 1.5
 
 
 def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[float], float]:
-    """The voltage's distance from the cell's OCV at its best start, for a factor on the charge."""
+    """The voltage's distance from the cell's OCV, for a factor on the charge, at the best start and
+    with as much of a slow answer to the load as brings it nearest."""
     source_v, passed, slow_v = _source(record, capacity_ah)
     soc = np.linspace(*cell.soc_range, 501)
     ocv_v = (cell.charge(soc) + cell.discharge(soc)) / 2

@@ -261,12 +261,19 @@ def find_clipped_current(given: CheckInput) -> Iterator[Notice]:
     is_alike = last - first + 1 >= _ALIKE
     in_run = np.repeat(is_alike, last - first + 1)
     is_loaded = np.abs(current_a) > _LOADED * given.samples.peak_a
-    # Both ends of the range may be clipped, at values of their own.
-    limits_a = current_a.max(), current_a.min()
+    # Both ends of the range may be clipped, at values of their own; but in a direction that has one
+    # value alone, a pulse is set to it.
+    limits_a = [
+        limit_a
+        for limit_a in (current_a.max(), current_a.min())
+        if abs(limit_a) > _LOADED * given.samples.peak_a
+        and np.sum(is_loaded & (current_a * limit_a > 0) & (current_a != limit_a))
+        >= _FEWEST_ELSEWHERE
+    ]
     elsewhere = is_loaded & ~np.isin(current_a, limits_a)
     for limit_a in limits_a:
         at_limit = is_alike & (current_a[first] == limit_a)
-        if abs(limit_a) <= _LOADED * given.samples.peak_a or at_limit.sum() < _FEWEST_PLACES:
+        if at_limit.sum() < _FEWEST_PLACES:
             continue
         if elsewhere.sum() < _FEWEST_ELSEWHERE or in_run[elsewhere].mean() > _ELSEWHERE:
             continue

@@ -187,7 +187,7 @@ def _answers_ohm(record: Record) -> tuple[Answers, Float[np.ndarray, "answers an
 def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
     """The answers of the voltage to a step of the current at once, one sample later and after that.
 
-    None where nothing is late: a second answer is that is far above what the third leaves it.
+    None where nothing is late. A second answer far above what the third leaves it is late.
     """
     known = _answers_ohm(record)
     if known is None:

@@ -159,7 +159,8 @@ def next_after(
     command = shlex.join([*words, "--design", str(folder)])
     advice = "run it, and identify the record"
     if missing:
-        advice += f"; write the path of {joined(missing)}, not found here"
+        names = joined(list(dict.fromkeys(missing)))
+        advice += f"; write the path of {names}: no file of that name and content was found"
     return [*next_lines(advice, command)]
 
 

@@ -77,7 +77,7 @@ def run_filter(
     if not any(name.startswith("tau") for name in model.slow):
         drive = drive._replace(gains=jax.vmap(model.gains, (None, 0))(slow, drive))
     walks = jax.vmap(model.walk)(drive)
-    if kind == "dual":
+    if kind == "dual" and model.slow:
         beliefs = Gaussian(mean, jnp.diag(variance)), Gaussian(slow, jnp.diag(model.slow_sd**2))
         carry = *beliefs, jnp.ones_like(mean[0])
         rows = lax.scan(_dual_step(model, adapting), carry, (drive, walks))[1]
@@ -188,7 +188,7 @@ def _moments(
 def _dual_step(model: FilterModel, adapting: float):
     """One sample of two unscented filters, each taking the other's mean for known.
 
-    The innovation's variance is that of the state filter for both. That of the parameters looks one
+    The innovation's variance is that of the state filter for both. The parameter filter looks one
     interval ahead, and so hardly sees what moves SOC over hours: an offset, a capacity.
     """
 
@@ -256,8 +256,10 @@ def _predict_extended(
     kept = jnp.concatenate([jnp.ones(1), 1 - model.gains(slow, drive), jnp.ones_like(slow)])
     mean = jnp.concatenate([model.advance(state, slow, drive, near), slow])
     moved = kept[:, None] * belief.covariance
-    by_slow = jax.jacfwd(model.advance, 1)(state, slow, drive, near).T if len(slow) else slow
-    columns = [jnp.append(column, jnp.zeros_like(slow)) for column in by_slow]
+    columns = []
+    if len(slow):
+        by_slow = jax.jacfwd(model.advance, 1)(state, slow, drive, near).T
+        columns = [jnp.append(column, jnp.zeros_like(slow)) for column in by_slow]
     # Products are added one by one: a sum over two of them would be a loop of its own.
     for column, row in zip(columns, belief.covariance[count:], strict=True):
         moved = moved + column[:, None] * row

@@ -78,7 +78,7 @@ class Bounds:
         return (OHMIC, *(element.resistance for element in self.element_names))
 
     def limits_s(self, place: int) -> Range:
-        """Time constants of an element whose slowest RC pairs the record can show."""
+        """Time constants of an element whose slowest RC pair that counts the record can show."""
         low, high = self.tau_limits_s
         slowest = get_element(self.elements[place]).slowest_ratio
         return low / slowest, high / slowest

@@ -48,7 +48,7 @@ COMPARED_SOC = np.linspace(0.1, 0.9, 81)
 AxisSource = Literal["given", "own full charge", "own span", "rest elsewhere"]
 # A start so far outside 0 to 1 is rounding.
 NEARLY_SOC = 0.02
-# No usual cell that is loaded is empty above this.
+# A usual cell under load is never empty above this.
 NEVER_EMPTY_V = 3.6
 
 

@@ -103,7 +103,7 @@ def box_of(prepared_records: Sequence[Any], settings: TableSettings) -> dict[str
     fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), dense_s / 2), slowest_s)
     box, known = {}, {OHMIC, RATE}
     for names, element in zip(names_of(circuit.elements), circuit.elements, strict=True):
-        # The box is of the slowest RC pairs in it.
+        # The box is of the slowest RC pair that counts.
         ratio = get_element(element).slowest_ratio
         box[names.tau] = ranges.get(names.tau, (fastest_s / ratio, slowest_s / ratio))
         known |= {names.tau, names.resistance}

@@ -105,7 +105,7 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
     soc, share = (max(map(abs, own)) for own in zip(*joint, strict=True))
     if max(soc, share) > HARDLY_MOVED:
         yield (
-            f"starts by up to {100 * soc:.1f} % SOC and capacities by up to {100 * share:.1f} %, "
+            f"starts by up to {100 * soc:.2g} % SOC and capacities by up to {100 * share:.2g} %, "
             "so that the records agree; `keep_starts` leaves them as given."
         )
 

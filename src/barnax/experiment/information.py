@@ -18,7 +18,7 @@ Products add up over pieces of a test, as far as the error of one is not correla
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -233,20 +233,31 @@ class Information:
         return float(np.trace(drive[count:, count:]) + np.sum(followed * left))
 
 
+def soc_along(
+    believed: Believed, current_a: Float[np.ndarray, "samples"], soc: float, interval_s: float = 1.0
+) -> Float[np.ndarray, "samples"]:
+    """The state of charge along a current that is held from sample to sample."""
+    passed = np.append(0.0, np.cumsum(current_a[:-1])) * interval_s / 3600
+    return soc - passed / believed.cell.capacity_ah
+
+
+def lagged(
+    flow: Float[np.ndarray, "*rows samples"], tau_s: float, interval_s: float = 1.0
+) -> Float[np.ndarray, "*rows samples"]:
+    """What flows through the resistor of an RC pair."""
+    kept = math.exp(-interval_s / tau_s)
+    return np.asarray(lfilter([0.0, 1 - kept], [1.0, -kept], flow))
+
+
 def columns_along(
     believed: Believed, current_a: Float[np.ndarray, "samples"], soc: float, interval_s: float = 1.0
 ) -> tuple[Columns, Float[np.ndarray, "samples"]]:
     """The derivatives of the error by every unknown and by what the circuit leaves out, for a
     current that is held from sample to sample out of a rest, and the state of charge at each."""
-    passed = np.append(0.0, np.cumsum(current_a[:-1])) * interval_s / 3600
-    along = soc - passed / believed.cell.capacity_ah
+    along = soc_along(believed, current_a, soc, interval_s)
     tables, settings = believed.tables, believed.settings
     tau_s = np.array(tables.tau_s)
-
-    def after(flow: np.ndarray, tau_s: float) -> np.ndarray:
-        kept = math.exp(-interval_s / tau_s)
-        return np.asarray(lfilter([0.0, 1 - kept], [1.0, -kept], flow))
-
+    after = partial(lagged, interval_s=interval_s)
     flows = hats(along, settings.nodes).T * current_a
     r_ohm = [tables.at(name, along) for name in tables.resistances[1:]]
     rows = [flows, *(after(flows, own_s) for own_s in tau_s)]

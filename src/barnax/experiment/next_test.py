@@ -1,7 +1,6 @@
 """`barnax.design`: the next test of a cell, and what it is predicted to tell."""
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +33,16 @@ from .protocol import (
     warming_of,
 )
 from .search import Choice, Criterion, Found, OnDrive, Pattern, Wish, worst_first
-from .stored import DRIVE, WANTED_SOC, Design, Predicted, Reference
+from .stored import (
+    DRIVE,
+    WANTED_SOC,
+    Design,
+    Predicted,
+    Reference,
+    is_wanted,
+    short,
+    wanted_of,
+)
 
 WANTED = {"R0": 0.02, "R1": 0.2, "R2": 0.3, "OCV": 15e-3}
 # Of the RMSE that a fit leaves, what is wanted on a drive cycle.
@@ -160,9 +168,9 @@ def design(
         temperature_degc=temperature,
         wanted=wanted,
         is_reached=all(
-            width.after <= REACHED * wanted[name]
-            for width in widths
-            if (name := _short(width.name)) in wanted and (name == DRIVE or _is_wanted(width.soc))
+            width.after <= REACHED * half
+            for name, half in wanted.items()
+            for width in wanted_of(name, widths)
         ),
         hours=_hours(steps),
         steps=tuple(steps),
@@ -210,18 +218,9 @@ def _hours(steps: Sequence[Step]) -> float:
     return sum(step.duration_s for step in steps) / 3600
 
 
-def _short(name: str) -> str:
-    """The name of a table in a wish."""
-    return re.split(r"[ \[]", name)[0]
-
-
-def _is_wanted(soc: float | None) -> bool:
-    return soc is not None and WANTED_SOC[0] <= soc <= WANTED_SOC[1]
-
-
 def _names(believed: Believed) -> list[str]:
     """The names that can be wished."""
-    names = dict.fromkeys(map(_short, believed.tables_of_names))
+    names = dict.fromkeys(map(short, believed.tables_of_names))
     if believed.settings.ocv_nodes is None:
         names.pop("OCV")
     return [*names, DRIVE]
@@ -240,24 +239,18 @@ def wishes_of(
     usual = {**WANTED, DRIVE: WANTED_ON_DRIVE * believed.error.rmse_v}
     wanted = {name: usual.get(name, 0.1) for name in names} if want is None else dict(want)
     return [
-        Wish(place, wanted[_short(name)])
+        Wish(place, wanted[short(name)])
         for place, (name, soc) in enumerate(believed.names)
-        if _is_wanted(soc) and _short(name) in wanted
+        if is_wanted(soc) and short(name) in wanted
     ], wanted
 
 
 def _medians(believed: Believed, widths: Sequence[Width]) -> dict[str, float]:
     """The median width of every table where it is wanted, and the error on a drive cycle."""
     return {
-        name: float(np.median(halves))
+        name: float(np.median([width.after for width in own]))
         for name in _names(believed)
-        if (
-            halves := [
-                width.after
-                for width in widths
-                if _short(width.name) == name and (name == DRIVE or _is_wanted(width.soc))
-            ]
-        )
+        if (own := wanted_of(name, widths))
     }
 
 

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from ..bundled import bundled_file
 from ..errors import InputError
 from ..records import read_record
-from .information import Believed
+from .information import Believed, lagged, soc_along
 
 INTERVAL_S = 1.0
 # Drawn voltages are within this of the predicted ones.
@@ -128,16 +128,11 @@ def voltage_along(
 ) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]:
     """The voltage and the state of charge that are believed to follow out of a rest; with `worst`
     the lowest (-1) or highest (+1) where every resistance is as large as it may be."""
-    passed = np.append(0.0, np.cumsum(current_a[:-1])) * INTERVAL_S / 3600
-    along = soc - passed / believed.cell.capacity_ah
-    tables = believed.tables
+    along, tables = soc_along(believed, current_a, soc), believed.tables
     factor = np.interp(along, tables.nodes, believed.worst) if worst else np.ones(len(along))
     names = [name for name in tables.tables if name.startswith("R")]
-    drops = [tables.at(name, along) * factor * current_a for name in names]
-    total = drops[0]
-    for tau_s, drop in zip(tables.tau_s, drops[1:], strict=True):
-        kept = np.exp(-INTERVAL_S / tau_s)
-        total = total + lfilter([0.0, 1 - kept], [1.0, -kept], drop)
+    first, *drops = [tables.at(name, along) * factor * current_a for name in names]
+    total = sum(map(lagged, drops, tables.tau_s), first)
     half_gap_v = believed.cell.branch_gap_v(along) / 2 if worst else 0.0
     ocv_v = believed.ocv_v(along) + worst * (believed.ocv_reach_v + half_gap_v)
     return ocv_v - total, along

@@ -10,14 +10,14 @@ test, transients and slow errors and all: block by block, rests would look worth
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from .blocks import Block
-from .information import HALF_95, Believed, Information, Normal, columns_along, information_of
+from .information import HALF_95, Believed, Normal, columns_along, information_of
 from .protocol import Limits, Step, move, sampled
 
 # Widths over wished ones to a number: what a design lowers.
@@ -147,13 +147,18 @@ class Choice:
     drive: OnDrive | None = None
     last: tuple[Step, ...] = ()
 
+    @cached_property
+    def _allowed(self) -> Callable[[float, float], tuple[float, float]]:
+        """`Limits.allowed`, of stretches that come again and again."""
+        return cache(partial(self.limits.allowed, self.believed))
+
     def steps(self, pattern: Pattern, hours: float) -> list[Step] | None:
         """The whole test; None where it takes longer, or blocks too much charge."""
         capacity_ah = self.believed.cell.capacity_ah
         ends = np.linspace(self.high_soc, self.low_soc, pattern.stretches + 1).tolist()
         stretches, taken_ah = [], 0.0
         for high, low, blocks in zip(ends, ends[1:], pattern.dealt(), strict=False):
-            discharge_a, charge_a = self.limits.allowed(self.believed, high, low)
+            discharge_a, charge_a = self._allowed(high, low)
             steps = [
                 Step(self.blocks[block].name, *pair)
                 for block in blocks
@@ -188,11 +193,7 @@ class Choice:
         interval_s = min(max(fastest_s, FINEST_S), COARSEST_S)
         current_a = sampled(steps, interval_s)
         columns, _ = columns_along(self.believed, current_a, self.high_soc, interval_s)
-        return self.ratios_of(information_of(self.believed, columns, interval_s))
-
-    def ratios_of(self, found: Information) -> Float[np.ndarray, "wishes"]:
-        """The same of what samples tell."""
-        whole = found + self.believed.told_before
+        whole = information_of(self.believed, columns, interval_s) + self.believed.told_before
         inverse = whole.inverse(self.believed)
         places = [wish.place for wish in self.wishes]
         variance = np.diag(whole.covariance(self.believed, inverse))[places]

@@ -21,6 +21,28 @@ WANTED_SOC = (0.1, 0.9)
 DRIVE = "drive"
 
 
+def short(name: str) -> str:
+    """The name of a table in a wish.
+
+    >>> short("R0 [Ohm]"), short("OCV correction [V]")
+    ('R0', 'OCV')
+    """
+    return name.split()[0]
+
+
+def is_wanted(soc: float | None) -> bool:
+    return soc is not None and WANTED_SOC[0] <= soc <= WANTED_SOC[1]
+
+
+def wanted_of(name: str, widths: Sequence[Width]) -> tuple[Width, ...]:
+    """The widths of a table where it is wanted."""
+    return tuple(
+        width
+        for width in widths
+        if short(width.name) == name and (name == DRIVE or is_wanted(width.soc))
+    )
+
+
 class Predicted(Part):
     """The test as it is believed to go: both ends of every step, and where the voltage bends
     between them.
@@ -108,13 +130,7 @@ class Design(Document):
 
     def of_table(self, name: str, widths: Sequence[Width] | None = None) -> tuple[Width, ...]:
         """The widths of a table, such as "R0", where it is wanted."""
-        low, high = WANTED_SOC
-        return tuple(
-            width
-            for width in (self.widths if widths is None else widths)
-            if width.name.startswith(f"{name} [") or width.name.startswith(f"{name} correction")
-            if name == DRIVE or (width.soc is not None and low <= width.soc <= high)
-        )
+        return wanted_of(name, self.widths if widths is None else widths)
 
     @property
     def pieces(self) -> list[tuple[str, list[Step]]]:

@@ -140,7 +140,8 @@ def physics_line(name: str, kind: str, chemistry: str) -> str:
     ]
     loaded = sampled([step for step in design.steps if not step.block.startswith(LAST)])
     lowest_v = test.voltage_v[: len(loaded) - 1].min()
-    found.append(max(low_v - lowest_v, test.voltage_v[test.current_a < 0].max() - high_v, 0.0))
+    highest_v = test.voltage_v[test.current_a < 0].max(initial=high_v)
+    found.append(max(low_v - lowest_v, highest_v - high_v, 0.0))
     cells = " | ".join(f"{1e3 * error_v:.2f}" for error_v in found)
     print(name, kind, cells, file=sys.stderr, flush=True)
     return f"| {name}, {kind}, {cell.capacity_ah:.2f} Ah | {design.hours:.2f} | {cells} |"

@@ -317,8 +317,7 @@ def report(rows: Any, taken_s: float) -> str:
             "80 % of the charge, at 18 to 32 degC. All records went through the measurement of "
             f"`barnax fleet --ageing`, with the OCV that {FRESH} drives of one fresh cell told: "
             f"no OCV test. A fleet is the healthy cells and one cell of every fault; there are "
-            f"{len(lives)} of them. Measuring took {taken_s:.0f} s of both cores, which other work "
-            "shared.",
+            f"{len(lives)} of them. Measuring took {taken_s:.0f} s of both cores.",
             "",
             f"| {' | '.join(heads)} |",
             "|---" * len(heads) + "|",

@@ -261,7 +261,7 @@ def rows_of(number: int, ages: list[Aged], kind: str, cell: Any) -> Iterator[dic
         record = record_of(aged.drives[kind], f"drive{place}")
         row = ageing_row([prepare_record(record, cell, "so-rc", window)])
         truths = {f"true {CAPACITY}": aged.capacity_ah, f"true {R0}": aged.drives[kind].r0_ohm}
-        yield {"specimen": str(number), **truths, **row}
+        yield {"specimen": str(number), "age": place, **truths, **row}
 
 
 def line_of(name: str, kind: str, rows: Any) -> str:
@@ -297,7 +297,7 @@ def main() -> None:
         print(f"{number + 1} of {cells}", file=sys.stderr)
     frames = {kind: pl.DataFrame(own, infer_schema_length=None) for kind, own in rows.items()}
     for kind, own in [*frames.items()]:
-        frames[f"{kind}, in a life"] = with_pooled_shapes(own, "specimen", tuple(WITHIN))
+        frames[f"{kind}, in a life"] = with_pooled_shapes(own, "specimen", "age", tuple(WITHIN))
     names = "quantity, record", "told", "off, median", "in 95 %", "near", "intervals hold"
     pulses = [f"{1e3 * ohm:.1f} mOhm to {size}" for size, ohm in new[0].pulses_ohm.items()]
     lines = [

@@ -134,12 +134,9 @@ def cell():
     return barnax.characterize(tests)
 
 
-def aged(
-    cell, bent_v=0.0, to_empty=False, begun=1.0, rests=1, opening_s=0, shift_v=SHIFT_V, sag_v=0.0
-):
+def aged(cell, bent_v=0.0, to_empty=False, begun=1.0, rests=1, opening_s=0, shift_v=SHIFT_V):
     """A drive from full, or another SOC, of an aged cell, whose OCV is lower toward empty by so
-    much, and which goes on to empty and rests there so many times, and whose voltage sags near
-    empty. It starts as is given, or after an opening rest, whose voltage tells."""
+    much, and which goes on to empty and rests there so many times. It starts as is given, or after an opening rest, whose voltage tells."""
     rng, samples = np.random.default_rng(7), 1200
     current_a = np.repeat(rng.gamma(0.8, 1.0, samples), rng.integers(2, 30, samples))[:samples]
     current_a *= 0.75 * begun * OWN_AH * 3600 / (5 * current_a.sum())
@@ -150,7 +147,6 @@ def aged(
     current_a = np.append(np.zeros(opening_s // 5), current_a)
     soc = begun - 5 * np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / OWN_AH
     voltage_v = cell.average_ocv_v(soc) + shift_v - bent_v * (1 - soc) - OWN_R0 * current_a
-    voltage_v = voltage_v - sag_v * np.maximum(1 - soc / 0.12, 0.0) * (current_a > 0)
     for own, tau_s in zip(PAIRS, (20.0, 160.0), strict=True):
         kept = np.exp(-5 / tau_s)
         drive = np.append(0.0, (own * current_a)[:-1])
@@ -189,12 +185,12 @@ def test_a_record_of_an_aged_cell_tells_capacity_resistances_and_shift(cell):
 
 
 def test_an_ocv_of_another_shape_is_within_the_interval_of_a_capacity(cell):
-    found = told_of(cell, bent_v=0.03)
-    if CAPACITY in found:
-        assert found[CAPACITY].low <= OWN_AH <= found[CAPACITY].high
-        # A change of shape is this cell's at this age: no other record shares that error.
-        variance = ((found[CAPACITY].high - found[CAPACITY].low) / (2 * 1.96)) ** 2
-        assert np.sum(np.square(found[CAPACITY].by_ocv)) < 0.25 * variance
+    found = measure_ageing([aged(cell, bent_v=0.03)], TableSettings())
+    assert found[CAPACITY].low <= OWN_AH <= found[CAPACITY].high
+    # A change of shape is this cell's at this age: no other record shares that error.
+    variance = ((found[CAPACITY].high - found[CAPACITY].low) / (2 * 1.96)) ** 2
+    assert np.sum(np.square(found[CAPACITY].by_ocv)) < 0.25 * variance
+    assert found[R0].is_determined
     assert found[R0].value == pytest.approx(OWN_R0, rel=0.02)
 
 
@@ -206,9 +202,39 @@ def test_a_rest_near_empty_tells_the_capacity_of_an_ocv_of_another_shape(cell):
 
 
 def test_both_ends_are_shown_by_a_record_from_full_to_a_rest_near_empty(cell):
-    assert shows_both_ends([aged(cell, to_empty=True)])
-    assert not shows_both_ends([aged(cell, to_empty=True, begun=0.6)])
-    assert not shows_both_ends([aged(cell)])
+    assert shows_both_ends([aged(cell, to_empty=True)], OWN_AH)
+    assert not shows_both_ends([aged(cell, to_empty=True, begun=0.6)], OWN_AH)
+    assert not shows_both_ends([aged(cell)], OWN_AH)
+
+
+def test_a_charge_from_a_rest_near_empty_is_full_by_the_capacity_that_it_shows(cell):
+    for reached, is_full in ((0.98, True), (0.9, False)):
+        charge_a = np.full(round((reached - 0.01) * OWN_AH * 3600 / (5 * 0.4)), -0.4)
+        current_a = np.concatenate([np.zeros(800), charge_a, np.zeros(100)])
+        soc = 0.01 - 5 * np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / OWN_AH
+        columns = {"Time [s]": 5.0 * np.arange(len(soc)), "Current [A]": -current_a,
+                   "Voltage [V]": cell.average_ocv_v(soc) - 0.06 * current_a}  # fmt: skip
+        record = barnax.record_from_frame(
+            columns, name="charge", current_sign="charge-positive", current_hold="forward"
+        )
+        window = barnax.Window(initial_soc=0.01, capacity_ah=2.0)
+        prepared = prepare_record(record, cell, "so-rc", window)
+        assert np.max(prepared.soc) < 0.9
+        assert shows_both_ends([prepared], OWN_AH) == is_full
+
+
+@pytest.mark.parametrize("how", [{}, {"bent_v": 0.03}, {"bent_v": 0.03, "to_empty": True}])
+def test_a_descent_goes_on_until_a_step_is_small_beside_the_errors(cell, how, monkeypatch):
+    counts, averaged = [], ageing._averaged
+    monkeypatch.setattr(ageing, "_averaged", lambda of: counts.append(1) or averaged(of))
+    ended = told_of(cell, **how)
+    assert len(counts) < ageing.ROUNDS
+    # As many rounds again move nothing by what its interval would show.
+    monkeypatch.setattr(ageing, "SETTLED", 0.0)
+    for name, further in told_of(cell, **how).items():
+        if further.is_determined:
+            reach = (further.high - further.low) / 2
+            assert abs(further.value - ended[name].value) < 0.15 * reach
 
 
 def test_however_often_a_cell_rests_near_empty_what_is_called_empty_differs(cell):

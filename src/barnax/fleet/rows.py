@@ -185,7 +185,9 @@ def ageing_row(records: Sequence[PreparedRecord], *, is_own: bool = False) -> di
         told = measure_ageing(
             records, TableSettings(), is_own=is_own and records[0].cell.is_of_records
         )
-    row["aged capacity to empty"] = shows_both_ends(records) if CAPACITY in told else None
+    row["aged capacity to empty"] = None
+    if CAPACITY in told:
+        row["aged capacity to empty"] = shows_both_ends(records, told[CAPACITY].value)
     row["aged log evidence by shape"] = None
     for name in AGED:
         value = told.get(name)

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 from jaxtyping import Float
-from scipy.special import ndtri
 
 from ..errors import InputError, listed
 from ..over_soc.ageing import CAPACITY, R0, SHIFT, R
-from ..uncertainty.covariance import CONFIDENCE
+from ..over_soc.registration import REACH
 from .shapes import with_pooled_shapes
 from .trends import Judged, Series, judge
 
@@ -136,7 +135,7 @@ def life_of(
     if not len(good):
         raise InputError("no row of the dataset was identified; see the column error")
     cells = tuple(good[names].unique().sort())
-    good = with_pooled_shapes(good, names, QUANTITIES)
+    good = with_pooled_shapes(good, names, "_age", QUANTITIES)
     own = {name: good.filter(pl.col(names) == name) for name in cells}
     first, last = float(good["_age"].min()), float(good["_age"].max())  # pyright: ignore
     span = last - first or 1.0
@@ -253,7 +252,7 @@ def _series(
             by_ocv = by_ocv / measured[:, :1]
         series.age[here], series.known[here] = (rows["_age"].to_numpy() - first) / span, True
         series.value[here] = numbers[:, 0]
-        variance = ((numbers[:, 2] - numbers[:, 1]) / (2 * _REACH)) ** 2
+        variance = ((numbers[:, 2] - numbers[:, 1]) / (2 * REACH)) ** 2
         series.variance[here] = np.maximum(variance - np.sum(by_ocv**2, axis=1), 0.0)
         beside = rows[OCV].to_numpy()[:, None] == np.array(ocvs)
         apart = (beside[:, :, None] * by_ocv[:, None, :]).reshape(len(rows), -1)
@@ -302,7 +301,7 @@ def _trends(
 
 def _smooth(judged: Judged, place: int, age: np.ndarray, quantity: str) -> np.ndarray:
     value, error = judged.fit.trend(place, age)
-    found = np.stack([value, value - _REACH * error, value + _REACH * error], axis=1)
+    found = np.stack([value, value - REACH * error, value + REACH * error], axis=1)
     return found if quantity == SHIFT else np.exp(found)
 
 
@@ -315,6 +314,3 @@ def _measured(rows: pl.DataFrame, quantity: str) -> np.ndarray:
 
 def _as_fitted(numbers: np.ndarray, quantity: str) -> np.ndarray:
     return numbers if quantity == SHIFT else np.log(numbers)
-
-
-_REACH = float(ndtri((1 + CONFIDENCE) / 2))

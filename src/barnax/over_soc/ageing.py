@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtri, softmax
+from scipy.special import logsumexp, softmax
 
 from ..blas import one_blas_thread
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S
@@ -34,11 +34,10 @@ from ..execution import in_float64
 from ..model.prepared import FEWEST_SAMPLES, PreparedRecord
 from ..model.search_space import Range
 from ..records.record import runs
-from ..uncertainty.covariance import CONFIDENCE
 from .nuisances import Estimated, Measured, estimate, of_starts
 from .objective import Solution, TableObjective
 from .problem import box_of, held_at, reduced_objective
-from .registration import FROM_VOLTAGE, FULL_SD, REST_SD_V, slope_of, told_within
+from .registration import FROM_VOLTAGE, FULL_SD, REACH, REST_SD_V, slope_of, told_within
 from .search import find_best
 from .settings import TableSettings
 
@@ -61,39 +60,38 @@ HELD_SD = 1e-7
 # too little is found.
 SHAPES_V, USUAL_SHAPE_V = np.geomspace(2e-3, 64e-3, 6), 0.025
 SHAPE_ODDS = np.exp(-((USUAL_SHAPE_V / SHAPES_V) ** 2) / 2) / SHAPES_V
+SHAPE_ODDS /= np.sum(SHAPE_ODDS)
 # Below the first SOC circuits do not follow, and only rests count; below the second these tell the
 # capacity, in a record that was above the third. A rest's slope is over so much SOC.
 EMPTY_SOC, NEAR_EMPTY_SOC, NEAR_FULL_SOC, REST_SLOPE_SOC = 0.05, 0.15, 0.95, 0.01
 # Shares of the capacity that are tried first, with time constants in s for which any do.
 SHARES, TRIED_S = (1.05, 0.98, 0.9, 0.82, 0.74, 0.66), (10.0, 100.0)
-# The descent's end, and its largest step in a share or in V.
-SETTLED, LARGEST_STEP, ROUNDS = 1e-4, 0.1, 8
+# A descent ends with a step of less than this share of every standard error. What is left of it is
+# some times that. Its largest step is in a share or in V.
+SETTLED, LARGEST_STEP, ROUNDS = 0.05, 0.1, 16
 # An interval that reaches further than this share of the value to either side determines nothing.
 DETERMINED = {CAPACITY: 0.05, R0: 0.25, R: 0.5}
-
-
-_REACH = float(ndtri((1 + CONFIDENCE) / 2))
 
 
 @dataclass(frozen=True)
 class Aged:
     """One aged quantity with its 95 % interval. `by_ocv` is how far the value is
     off where the OCV of before is, by one standard deviation at one of its nodes: what all records
-    that are told beside one OCV have in common. `by_shape` has value and standard error under
-    every one of `SHAPES_V`, `log_evidence` how probable these make the records."""
+    that are told beside one OCV have in common. `by_shape` has value, standard error and `by_ocv`
+    under every one of `SHAPES_V`, `log_evidence` how probable these make the records."""
 
     value: float
     low: float
     high: float
     by_ocv: tuple[float, ...]
-    by_shape: tuple[tuple[float, float], ...]
+    by_shape: tuple[tuple[float, ...], ...]
     log_evidence: tuple[float, ...]
     is_determined: bool
 
 
 def is_determined(name: str, value: Any, error: Any) -> Any:
     """True where an interval is narrow enough for its quantity."""
-    is_narrow = name not in DETERMINED or _REACH * error < DETERMINED[name] * value
+    is_narrow = name not in DETERMINED or REACH * error < DETERMINED[name] * value
     return (error > 0) & is_narrow
 
 
@@ -158,7 +156,7 @@ def measure_ageing(
             found = _averaged(under)
             step = np.clip(found.values - now, -LARGEST_STEP, LARGEST_STEP)
             now = now + step
-            if np.max(np.abs(step)) < SETTLED:
+            if np.all(np.abs(step) < SETTLED * found.errors + HELD_SD):
                 break
             lows, highs = np.log(np.array([*ranges.values()])).T
             scales = np.clip(np.array(best.log_scales) + found.moved_scales, lows, highs)
@@ -177,7 +175,8 @@ def measure_ageing(
 def _averaged(under: Sequence[Estimated]) -> Estimated:
     """The estimates under changes of the OCV's shape of all sizes, by their probabilities."""
     evidence = np.array([own.log_evidence for own in under])
-    shares = softmax(evidence + np.log(SHAPE_ODDS[: len(under)]))
+    evidence += np.log(SHAPE_ODDS[: len(under)])
+    shares = softmax(evidence)
     stacked = {
         name: np.stack([getattr(own, name) for own in under])
         for name in ("values", "errors", "moved_scales", "sums", "sum_errors", "by_prior")
@@ -186,7 +185,7 @@ def _averaged(under: Sequence[Estimated]) -> Estimated:
     for name, errors in (("values", "errors"), ("sums", "sum_errors")):
         off = stacked[name] - mean[name]
         mean[errors] = np.sqrt(shares @ (stacked[errors] ** 2 + off**2))
-    return Estimated(**mean, log_evidence=float(evidence @ shares))
+    return Estimated(**mean, log_evidence=float(logsumexp(evidence)))
 
 
 def _best_guess(
@@ -254,13 +253,15 @@ def _slope(
     return slope_of(prepared, inside, step_soc)
 
 
-def shows_both_ends(prepared_records: Sequence[PreparedRecord]) -> bool:
-    """True where one of the records is full, and rests so near empty that this tells its capacity,
-    however the OCV between has changed."""
+def shows_both_ends(prepared_records: Sequence[PreparedRecord], capacity_ah: float) -> bool:
+    """True where one of the records is full, with the capacity that was found, and rests so near
+    empty that this tells it, however the OCV between has changed."""
     return any(
-        np.max(prepared.soc) > NEAR_FULL_SOC
-        and any(rested < NEAR_EMPTY_SOC for _, _, rested, _ in _steep_rests(prepared))
+        rested < NEAR_EMPTY_SOC
+        and rested + np.max(prepared.soc - prepared.soc[last]) * prepared.capacity_ah / capacity_ah
+        > NEAR_FULL_SOC
         for prepared in prepared_records
+        for _, last, rested, _ in _steep_rests(prepared)
     )
 
 
@@ -337,35 +338,36 @@ def _told(
 ) -> Iterator[tuple[str, Aged]]:
     """The quantities with intervals."""
     count, nominal_ah = len(records), records[0].capacity_ah
-    # The axis of the OCV of before and its errors: changes of its shape are this age's own.
-    common = slice(count + 2, count + 3 + len(OCV_NODES))
     places = {"start SOC": 0, CAPACITY: count, SHIFT: count + 1} | (
         {R0: -2, R: -1} if is_visited else {}
     )
     for name, place in places.items():
         at_zero = told[0] if name == "start SOC" else 0.0
-
-        def numbers(
-            of: Estimated, name: str = name, place: int = place, at_zero: float = at_zero
-        ) -> tuple[float, float]:
-            value = float(at_zero + np.append(of.values, of.sums)[place])
-            error = float(np.append(of.errors, of.sum_errors)[place])
-            if name == CAPACITY:
-                value = nominal_ah * float(np.exp(value))
-                error *= value
-            return value, error
-
-        value, error = numbers(found)
-        unit = value if name == CAPACITY else 1.0
+        value, error, *by_ocv = _numbers(found, name, place, at_zero, nominal_ah)
         yield (
             name,
             Aged(
                 value,
-                value - _REACH * error,
-                value + _REACH * error,
-                tuple((unit * found.by_prior[place, common]).tolist()),
-                tuple(map(numbers, under)),
+                value - REACH * error,
+                value + REACH * error,
+                tuple(by_ocv),
+                tuple(_numbers(own, name, place, at_zero, nominal_ah) for own in under),
                 tuple(own.log_evidence for own in under),
                 bool(is_determined(name, value, error)),
             ),
         )
+
+
+def _numbers(
+    of: Estimated, name: str, place: int, at_zero: float, nominal_ah: float
+) -> tuple[float, ...]:
+    """Value, standard error, and how far the value is off with the OCV of before."""
+    # Its axis and its errors: changes of its shape are this age's own.
+    steps = len(OCV_NODES) - 1
+    by_ocv = of.by_prior[place, -steps - len(OCV_NODES) - 1 : -steps]
+    value = at_zero + np.append(of.values, of.sums)[place]
+    numbers = np.append(np.append(of.errors, of.sum_errors)[place], by_ocv)
+    if name == CAPACITY:
+        value = nominal_ah * np.exp(value)
+        numbers = numbers * value
+    return (float(value), *numbers.tolist())

@@ -45,6 +45,8 @@ FULL_SD, REST_SD_V, MAX_SD, CAPACITY_SD = 0.004, 0.005, 0.05, 0.002
 FROM_VOLTAGE = ("rested voltage", "rest elsewhere")
 # The OCV's slope is a difference over so much SOC.
 STEP_SOC = 1e-3
+# Standard errors from a value to either end of its interval.
+REACH = float(ndtri((1 + CONFIDENCE) / 2))
 # One record alone: the shortest rest and the least distance of its end from the OCV; the standard
 # deviation of counted charge as a share of the capacity; the reach of the descent in standard
 # deviations, its first steps in start and share, and its evaluations.
@@ -274,9 +276,8 @@ def _moved(
     follows: Dependence | None = None,
 ) -> PreparedRecord:
     """The record with its start and capacity moved."""
-    factor = float(ndtri((1 + CONFIDENCE) / 2))
     own, own_ah = soc + soc_shift, capacity_ah * (1 + share)
-    reach, reach_ah = factor * soc_error, capacity_ah * factor * share_error
+    reach, reach_ah = REACH * soc_error, capacity_ah * REACH * share_error
     known = Registration(
         told=prepared.window,
         told_soc=soc,

@@ -136,7 +136,8 @@ def cell():
 
 def aged(cell, bent_v=0.0, to_empty=False, begun=1.0, rests=1, opening_s=0, shift_v=SHIFT_V):
     """A drive from full, or another SOC, of an aged cell, whose OCV is lower toward empty by so
-    much, and which goes on to empty and rests there so many times. It starts as is given, or after an opening rest, whose voltage tells."""
+    much, and which goes on to empty and rests there so many times. It starts as is given, or after
+    an opening rest, whose voltage tells."""
     rng, samples = np.random.default_rng(7), 1200
     current_a = np.repeat(rng.gamma(0.8, 1.0, samples), rng.integers(2, 30, samples))[:samples]
     current_a *= 0.75 * begun * OWN_AH * 3600 / (5 * current_a.sum())

@@ -11,7 +11,8 @@ draws: a row r has the probabilities
 
 pi those among the others, each of which has one vote, by its row nearest in age. They are from the
 largest likelihood, with the usual odds as one cell more (Dempster, Laird and Rubin 1977). One cell
-in twenty may be like none of the others, with the usual odds.
+in five may be like none of the others, with the usual odds: a few that change among many that do
+not are found late otherwise.
 """
 
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from ..over_soc.ageing import SHAPE_ODDS, is_determined
 from ..over_soc.registration import REACH
 
 EVIDENCE = "aged log evidence by shape"
-ANOTHER, ROUNDS = 0.05, 200
+ANOTHER, ROUNDS = 0.2, 200
 # Ages of a fleet are told apart in so many parts of its span, and a cell without a row within this
 # share of the span has no vote.
 PARTS, NEAR = 10, 0.25

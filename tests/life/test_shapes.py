@@ -41,10 +41,11 @@ def told(rows):
 
 
 def test_cells_that_keep_their_shape_tell_together_what_one_record_does_not():
-    _, low, high = told(rows_of([0.0] * 8))
-    _, alone_low, alone_high = told(rows_of([0.0])[:1])
-    assert np.median(high - low) / 2 < 0.005 * 2.0
-    assert not alone_high[0] - alone_low[0] < 5 * np.median(high - low)
+    for seed in range(6):
+        _, low, high = told(rows_of([0.0] * 8, seed))
+        _, alone_low, alone_high = told(rows_of([0.0], seed)[:1])
+        assert np.median(high - low) / 2 < 0.005 * 2.0
+        assert not alone_high[0] - alone_low[0] < 3 * np.median(high - low)
 
 
 def test_the_last_ages_of_one_growing_walk_a_cell_are_within_their_intervals():

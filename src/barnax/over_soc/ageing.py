@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import logsumexp, softmax
+from scipy.special import softmax
 
 from ..blas import one_blas_thread
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S
@@ -185,7 +185,7 @@ def _averaged(under: Sequence[Estimated]) -> Estimated:
     for name, errors in (("values", "errors"), ("sums", "sum_errors")):
         off = stacked[name] - mean[name]
         mean[errors] = np.sqrt(shares @ (stacked[errors] ** 2 + off**2))
-    return Estimated(**mean, log_evidence=float(logsumexp(evidence)))
+    return Estimated(**mean, log_evidence=float(np.logaddexp.reduce(evidence)))
 
 
 def _best_guess(

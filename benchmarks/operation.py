@@ -145,7 +145,7 @@ def identified(cell: Cell, records: Iterable[barnax.Record]) -> Outcome:
     result = barnax.identify([*records], window=window, seeds=0, trust="none", advise=False)
     seconds = time.perf_counter() - began
     soc, capacity_ah = cell.starts
-    # The axis is the one on which what was told is right on the average.
+    # SOC is scaled so that what was told is right on average.
     scale = capacity_ah.mean() / NOMINAL_AH
     held: dict[str, tuple[int, int]] = {}
 

@@ -88,6 +88,12 @@ def late_voltage():
     return changed(DRIVE, VOLTAGE, (voltage_v + np.append(voltage_v[0], voltage_v[:-1])) / 2)
 
 
+def smoothed_voltage():
+    voltage_v = array(DRIVE, VOLTAGE)
+    smooth_v = voltage_v[0] + lfilter([0.4], [1, -0.6], voltage_v - voltage_v[0])
+    return changed(DRIVE, VOLTAGE, smooth_v)
+
+
 def smoothed_current():
     smooth_a = lfilter([0.3], [1, -0.7], array(DRIVE, CURRENT))
     return changed(DRIVE, CURRENT, smooth_a)
@@ -289,6 +295,7 @@ FAULTS = {
     "a coarse log under load": (coarse_log(), {}),
     "a voltage half a sample late": (late_voltage(), {"late voltage": "warning"}),
     "pulses and charges at set currents": (pulses_and_charges(), {}),
+    "a voltage that was filtered": (smoothed_voltage(), {"late voltage": "warning"}),
     "a current that was filtered": (smoothed_current(), {"smoothed current": "warning"}),
     "a load faster than the log": (fast_load(), {"fast load": "warning"}),
     "a rebuilt clock": (rebuilt_clock(), {}),

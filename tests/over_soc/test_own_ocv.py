@@ -11,6 +11,9 @@ from barnax.errors import InputError
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import TableSettings, errors_on, fit_with_ocv
+from barnax.over_soc.current_offset import offset_effect
+from barnax.over_soc.dependence import searched
+from barnax.over_soc.level import level_cell
 from barnax.over_soc.settings import OCV
 from barnax.records import read_record
 from barnax.settings import NODES
@@ -90,9 +93,10 @@ def test_capacity_only_names_the_axis(known):
     assert one_v == pytest.approx(own.cell.average_ocv_v(1 - charge_ah / 2.0), abs=4e-3)
 
 
-@pytest.mark.parametrize(("hours", "is_part"), [(2.5, False), (0.4, True)])
-def test_a_span_that_ends_far_from_empty_is_no_capacity_and_says_so(hours, is_part):
-    record, _ = made(hours=hours)
+@pytest.mark.parametrize(("lower_v", "is_part"), [(0.5, False), (0.0, True)])
+def test_a_span_that_ends_far_from_empty_is_no_capacity_and_says_so(lower_v, is_part):
+    record, _ = made(hours=1.0)
+    record = replace(record, voltage_v=record.voltage_v - lower_v)
     own = fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK)
     assert ("so the cell holds more" in own.cell.capacity_origin) is is_part
 
@@ -205,6 +209,15 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     assert again.cell_model.is_of_records
     simulated = again.simulate({"Time [s]": [0.0, 1.0, 2.0], "Current [A]": [0.0, 2.0, 2.0]})
     assert simulated["Voltage [V]"][0] > simulated["Voltage [V]"][1]
+
+
+def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):
+    record, _, _ = known
+    window = Window(initial_soc=1.0, capacity_ah=2.0)
+    prepared = prepare_record(record, level_cell(2.0, 3.7), "so-rc", window)
+    objective, best = searched([prepared], QUICK)
+    assert offset_effect(objective, best) is not None
+    assert offset_effect(objective, replace(best, values=0 * best.values)) is None
 
 
 def test_what_an_offset_of_the_current_would_do_is_what_it_does():

@@ -6,7 +6,7 @@ with J the columns of `over_soc` and H = J'J + N P, P their smoothing. S is what
 leaves on measured cells: parts with exponentially decaying correlation. Against white noise alone,
 a rest of an hour would look worth as much as a pulse.
 
-On a drive cycle, most of the error is none of noise. A cell is more than its circuit: it relaxes
+On a drive cycle, most of the error is not noise. A cell is more than its circuit: it relaxes
 with other time constants too, and its resistances fall with the current. What such columns F would
 add is followed by the tables, wrongly where the drive differs from the test: of a deviation F w the
 fit leaves (F - J H^-1 J_t' F_t) w on the drive. Its square, over w of independent size one, is what

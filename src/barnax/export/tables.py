@@ -270,8 +270,8 @@ def _caveats(
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in known.numbers.items())
         at = "" if known.reference_degc is None else f", at {known.reference_degc:.3g} degC"
         told.append(
-            f"Resistances stand as at the reference{at}: what they follow beside SOC is left out "
-            f"({numbers})."
+            f"Resistances are those of the reference{at}; what they follow beside SOC is not "
+            f"exported ({numbers})."
         )
     if not over:
         return tuple(told)

@@ -119,7 +119,7 @@ def shared_offset(
         found = estimate(objective, best, _of_starts_and_offset, before, [sds])[0]
         log_scales = np.clip(log_scales + found.moved_scales, lowest, highest)
         shifts = found.values[:-1].reshape(prior.shape)
-        # The axis is the one on which what was told is right on the average.
+        # SOC is scaled so that what was told is right on average.
         shifts = shifts - np.average(shifts, axis=0, weights=prior**-2.0)
         offset_a, error_a = float(found.values[-1]), float(found.errors[-1])
         is_settled = abs(offset_a - now.offset_a) < SETTLED * error_a
@@ -138,7 +138,8 @@ def shared_offset(
 
 def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | None:
     """The effect of an offset of `DOUBTED_PER_H` on tables that were fitted to one record with its
-    own OCV, at their time constants; None where it would leave the axis of SOC with it."""
+    own OCV, at their time constants; None where it would leave the axis of SOC with it, or no
+    resistance is more than zero."""
     (prepared,) = objective.prepared_records
     offset_a = DOUBTED_PER_H * prepared.capacity_ah
     # SOC goes as far as without it, so that the same states are compared.
@@ -152,12 +153,14 @@ def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | N
     except InputError:
         return None
 
-    def moves(tables: slice) -> float:
+    moved_shares = []
+    for tables in (slice(1), slice(1 + objective.pairs)):
         before, after = (np.sum(solution.values[tables], axis=0) for solution in (best, other))
         known = objective.visited & (before > 0)
-        return float(np.median(np.abs(after / np.where(known, before, 1.0) - 1)[known]))
-
-    return OffsetEffect(offset_a, moves(slice(1)), moves(slice(1 + objective.pairs)))
+        if not known.any():
+            return None
+        moved_shares.append(float(np.median(np.abs(after[known] / before[known] - 1))))
+    return OffsetEffect(offset_a, *moved_shares)
 
 
 def _of_starts_and_offset(

@@ -49,7 +49,7 @@ AxisSource = Literal["given", "own full charge", "own span", "rest elsewhere"]
 # A start so far outside 0 to 1 is rounding.
 NEARLY_SOC = 0.02
 # A usual cell under load is never empty above this.
-NEVER_EMPTY_V = 3.6
+NEVER_EMPTY_V = 3.4
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def register(
             moved, errors = (
                 numbers.reshape(shifts.shape) for numbers in (estimated.values, estimated.errors)
             )
-            # The axis is the one on which what was told is right on the average.
+            # SOC is scaled so that what was told is right on average.
             moved = moved - np.average(moved, axis=0, weights=prior**-2.0)
             is_settled = np.max(np.abs(moved - shifts)) < SETTLED
             shifts = moved

@@ -210,7 +210,7 @@ def _is_whole(interval_s: float) -> bool:
 
 
 def _bulk(bulk_s: float) -> str:
-    return f"in seconds the cell's resistance could move its charge in {bulk_s:.3g} s"
+    return f"in seconds the resistance would be so low that all charge could pass in {bulk_s:.3g} s"
 
 
 # Charge against the given capacity, in favor of a factor of a thousand either way.

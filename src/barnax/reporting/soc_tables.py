@@ -151,7 +151,7 @@ def best_tables(fit: "TableFit", model: str) -> str:
         return f"{GRID}, not proved."
     if fit.tables.dependence is not None:
         return (
-            f"{GRID}; what the resistances follow was searched from one start, and with that it is "
+            f"{GRID}; what the resistances follow was found from one start, and given that it is "
             f"proved that {gap}"
         )
     return f"{GRID}; the proof stopped after {fit.boxes:,} boxes: {gap}"

@@ -87,7 +87,8 @@ def run_filter(
             jnp.concatenate([variance, model.slow_sd**2]),
             PARTS if kind == "sum" else 1,
         )
-        rows = lax.scan(_joint_step(model, kind), parts, (drive, walks))[1]
+        step = _joint_step(model, "ukf" if kind == "dual" else kind)
+        rows = lax.scan(step, parts, (drive, walks))[1]
     return _estimate(model, rows)
 
 

@@ -220,7 +220,7 @@ def find_smoothed_current(given: CheckInput) -> Iterator[Notice]:
 
 
 def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
-    """A voltage that shows part of a step of the current only in the next sample."""
+    """A voltage that shows part of a step of the current only in the next samples."""
     if given.voltage_lag_s is not None:
         return
     lag = find_lag(given.record)
@@ -233,19 +233,9 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
         else:
             yield notice("late-voltage.leads", **told)
         return
-    known = _answers_ohm(given.record)
-    if known is None:
-        return
     answers_ohm = late_answers_ohm(given.record)
     if answers_ohm is None:
-        first_ohm, second_ohm, third_ohm, _, last_ohm = known[0]
-        least_ohm = _LATE_SURE * np.sqrt(np.max(np.diag(known[1])))
-        # A steep OCV adds the same to every answer.
-        is_slow = second_ohm - last_ohm > max(_SLOW_SHARE * first_ohm, least_ohm)
-        is_rising = last_ohm > first_ohm + max(_SLOW_SHARE * first_ohm, least_ohm)
-        if first_ohm > 0 and (is_slow or is_rising):
-            told = {"first_ohm": first_ohm, "second_ohm": second_ohm, "third_ohm": third_ohm}
-            yield notice("late-voltage.smoothed", **told, interval_s=usual_s)
+        yield from _smoothed_voltage(given.record, usual_s)
         return
     first_ohm, second_ohm, third_ohm = answers_ohm
     late_ohm = second_ohm - _LASTING * third_ohm
@@ -257,6 +247,20 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
         interval_s=usual_s,
         missing_share=late_ohm / (first_ohm + late_ohm),
     )
+
+
+def _smoothed_voltage(record: Record, interval_s: float) -> Iterator[Notice]:
+    """A voltage that answers a step over several samples, as one that was filtered does."""
+    known = _answers_ohm(record)
+    if known is None:
+        return
+    (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = known
+    least_ohm = max(_SLOW_SHARE * first_ohm, _LATE_SURE * np.sqrt(np.max(np.diag(covariance))))
+    # A steep OCV adds the same to every answer.
+    is_slow, is_rising = second_ohm - last_ohm > least_ohm, last_ohm - first_ohm > least_ohm
+    if first_ohm > 0 and (is_slow or is_rising):
+        told = {"first_ohm": first_ohm, "second_ohm": second_ohm, "third_ohm": third_ohm}
+        yield notice("late-voltage.smoothed", **told, interval_s=interval_s)
 
 
 def find_fast_load(given: CheckInput) -> Iterator[Notice]:

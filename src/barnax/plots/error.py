@@ -285,9 +285,11 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
             style = {"color": color, "linestyle": "--", "label": f"counting, {part.name}"}
             draw_line(counted, time, 100 * traces.counted[place], **style)
     low, high = 100 * traces.truth.min(), 100 * traces.truth.max()
-    starts_off = np.abs(np.asarray(traces.counted)[:, 0] - traces.truth[0])
-    beside = max(BESIDE, 105 * float(np.nanmax(starts_off, initial=0.0)))
-    counted.set_ylim(low - beside, min(high + beside, max(105.0, 100 * traces.truth[0] + beside)))
+    starts = np.asarray(traces.counted)[:, 0]
+    beside = max(BESIDE, 105 * float(np.nanmax(np.abs(starts - traces.truth[0]), initial=0.0)))
+    # Above full, only a start that is drawn there needs room.
+    full = max(105.0, 100 * float(np.nanmax(starts, initial=0.0)) + 5)
+    counted.set_ylim(low - beside, min(high + beside, full))
     counted.set_ylabel("State of charge [%]")
     errors[count // 2].set_ylabel("Error of SOC [%]\n(filter − counter)")
     errors[-1].set_xlabel(unit.label)

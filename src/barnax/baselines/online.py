@@ -48,7 +48,7 @@ def middle_of(problem: Problem) -> tuple[CircuitParameters, dict[str, float]]:
     spans = np.log(np.concatenate([high / low, tau_high / tau_low])) / 4
     sd = {name: min(float(span), LARGEST_SD) for name, span in zip(names, spans, strict=True)}
     circuit = CircuitParameters.of_tau(r0, r, tau_s, gamma)
-    return circuit, {name: each for name, each in sd.items() if each > 0}
+    return circuit, {name: spread for name, spread in sd.items() if spread > 0}
 
 
 @in_float64
@@ -114,7 +114,7 @@ def _track_with_filter(
         recent = slice(k - pairs, k + 1)
         drops = [np.diff(drops_v[recent], order)[0] for order in range(pairs + 1)]
         currents = [np.diff(drive.current_a[recent], order)[0] for order in range(pairs + 1)]
-        regressor = np.array([-each for each in drops[-2::-1]] + currents[::-1]) / scale
+        regressor = np.array([-drop for drop in drops[-2::-1]] + currents[::-1]) / scale
         variance = variance / FORGETTING
         weighed = variance @ regressor
         share = weighed / (1 + regressor @ weighed)
@@ -122,7 +122,7 @@ def _track_with_filter(
         variance = variance - np.outer(share, weighed)
         variance = (variance + variance.T) / 2
         rows.append(circuit_values(coefficients / scale, samples, pairs))
-        if all(np.all(np.isfinite(each) & (each > 0)) for each in rows[-1]):
+        if all(np.all(np.isfinite(values) & (values > 0)) for values in rows[-1]):
             r0, r, tau_s = rows[-1]
     r0s, rs, taus_s = zip(*rows, strict=True)
     return np.array(r0s), np.array(rs), np.array(taus_s)
@@ -166,9 +166,9 @@ def dual_filter(problem: Problem) -> Answer:
     if problem.bounds.interchangeable_pairs:
         # They may change places on their way.
         order = np.argsort(tau_s, axis=1)
-        r, tau_s = (np.take_along_axis(each, order, axis=1) for each in (r, tau_s))
+        r, tau_s = (np.take_along_axis(values, order, axis=1) for values in (r, tau_s))
     values = prepared.time_s, middle.r0 * factor.get("R0", held), r, tau_s
-    path = Trajectory(*(each[prepared.scored] for each in values))
+    path = Trajectory(*(value[prepared.scored] for value in values))
     return averaged(problem, path, gamma=middle.gamma)
 
 

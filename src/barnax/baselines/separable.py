@@ -256,8 +256,8 @@ def state_matrix(
     windows = np.lib.stride_tricks.sliding_window_view
     use = np.flatnonzero(is_row) - (2 * rows - 1)
     current, drop = (
-        windows(each / max(float(np.std(each)), np.finfo(float).tiny), 2 * rows)[use]
-        for each in (current_a, drop_v)
+        windows(signal / max(float(np.std(signal)), np.finfo(float).tiny), 2 * rows)[use]
+        for signal in (current_a, drop_v)
     )
     past = np.hstack([current[:, :rows], drop[:, :rows]])
     factor = triangular_factor(np.hstack([current[:, rows:], past, drop[:, rows:]])).T

@@ -176,7 +176,7 @@ def names_beside(name: str) -> ElementNames:
 def names_of(elements: Sequence[str]) -> tuple[ElementNames, ...]:
     """The names of the parameters of elements, in their order.
 
-    >>> [each.tau for each in names_of(("rc", "rc", "diffusion"))]
+    >>> [names.tau for names in names_of(("rc", "rc", "diffusion"))]
     ['tau1 [s]', 'tau2 [s]', 'tau_D [s]']
     """
     return tuple(get_element(name).names(number) for number, name in enumerate(elements, 1))

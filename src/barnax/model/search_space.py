@@ -4,6 +4,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -68,11 +69,11 @@ class Bounds:
         """Number of elements, RC pairs mostly."""
         return len(self.elements)
 
-    @property
+    @cached_property
     def element_names(self) -> tuple[ElementNames, ...]:
         return names_of(self.elements)
 
-    @property
+    @cached_property
     def resistances(self) -> tuple[str, ...]:
         """Their names, R0 first."""
         return (OHMIC, *(element.resistance for element in self.element_names))

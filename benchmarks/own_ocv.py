@@ -15,8 +15,8 @@ import numpy as np
 
 import barnax
 from barnax.cell import CellModel, characterize
+from barnax.cell.parameters import OCV
 from barnax.over_soc import SocErrors
-from barnax.over_soc.settings import OCV
 from benchmarks.pages import as_markdown, provenance, save_page
 
 RESULTS = Path(__file__).parent / "results" / "own_ocv.md"

@@ -1,5 +1,6 @@
 """Tables with an OCV of the records' own, against accepted numbers and a known truth."""
 
+import csv
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
+from barnax.cell.parameters import OCV
 from barnax.errors import InputError
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
@@ -14,8 +16,8 @@ from barnax.over_soc import TableSettings, errors_on, fit_with_ocv
 from barnax.over_soc.current_offset import offset_effect
 from barnax.over_soc.dependence import searched
 from barnax.over_soc.level import level_cell
-from barnax.over_soc.settings import OCV
 from barnax.records import read_record
+from barnax.reporting.pulses import fit_csv
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, TAU_S, made, ocv_v
 from helpers.reference import make_record
@@ -209,6 +211,17 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     assert again.cell_model.is_of_records
     simulated = again.simulate({"Time [s]": [0.0, 1.0, 2.0], "Current [A]": [0.0, 2.0, 2.0]})
     assert simulated["Voltage [V]"][0] > simulated["Voltage [V]"][1]
+    # The OCV is an answer too, with its intervals: the circuit's, at every node.
+    rows = csv.DictReader(fit_csv(again.tables.fit).decode().splitlines())
+    rows = [row for row in rows if row["table"] == OCV]
+    assert len(rows) > len(again.tables.fit.tables.nodes)
+    for row in rows:
+        ocv_v = again.cell_model.average_ocv_v(np.array([float(row["SOC"])]))[0]
+        assert float(row["value"]) == pytest.approx(ocv_v, abs=1e-9)
+    frame = again.to_frame().drop_nulls("OCV low [V]")
+    assert len(frame) > 10
+    assert all(frame["OCV low [V]"] < frame["OCV [V]"])
+    assert all(frame["OCV [V]"] < frame["OCV high [V]"])
 
 
 def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 MAX_PAIRS = 4
 OHMIC, RATE = "R0 [Ohm]", "gamma"
 OCV_CORRECTION = "OCV correction [V]"
+# An OCV that stands in place of a measured one, with nodes of its own.
+OCV = "OCV [V]"
 HALF_HYSTERESIS = "half hysteresis [V]"
 
 Table = tuple[float, ...]

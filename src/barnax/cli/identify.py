@@ -127,7 +127,8 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         from ..job import Job
         from ..over_soc.kept import fit_kept
         from ..pipeline import bounded_tables
-        from ..reporting.kept import kept_csv, kept_document
+        from ..reporting.kept import kept_document
+        from ..reporting.pulses import fit_csv
         from ..reporting.terminal import to_terminal
 
     job = Job(**options.given([]), watch=session.watch)
@@ -149,7 +150,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
     if folder := options.output.out:
         if (place := folder / "tables.csv").exists() and not options.output.force:
             raise InputError(f"{place}: is there already; give `out` another folder")
-        write_whole(place, kept_csv(fit))
+        write_whole(place, fit_csv(fit))
         session.show(["", str(place)])
     session.warn(fit.warnings)
 

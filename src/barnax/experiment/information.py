@@ -26,10 +26,10 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.signal import lfilter
 
 from ..cell import CellModel, CircuitParameters
-from ..cell.parameters import OCV_CORRECTION, OHMIC
+from ..cell.parameters import OCV, OCV_CORRECTION, OHMIC
 from ..cell.tables import hats
 from ..over_soc.intervals import LIGHT, STEP, sag_of
-from ..over_soc.settings import OCV, TableSettings
+from ..over_soc.settings import TableSettings
 
 # Half a 95 % interval in standard errors.
 HALF_95 = 1.96

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from ..blas import one_blas_thread
 from ..cell import get_circuit
+from ..cell.parameters import OCV
 from ..cell.soc_axis import is_above
 from ..errors import InputError
 from ..execution import in_float64
@@ -30,7 +31,7 @@ from .level import OCV_NODES, level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of
 from .search import find_best
-from .settings import OCV, TableSettings
+from .settings import TableSettings
 
 # Bound on the error of a pair's answer between the grid's ends, relative to the largest current.
 TOLERANCE = 1e-7

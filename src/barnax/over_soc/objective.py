@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 from ..cell import CircuitParameters, Dependence
 from ..cell.circuits import get_circuit
 from ..cell.elements import alike, names_of
-from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION, OHMIC, RATE
+from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC, RATE
 from ..model.axes import Axis, axes_of
 from ..model.box_least_squares import (
     Sides,
@@ -27,7 +27,7 @@ from ..model.descent import LogScales, Solved
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced
 from ..model.search_space import Range
-from .settings import OCV, TableSettings
+from .settings import TableSettings
 
 # Of the voltage step at a current step, R0 is at least this share: what a sampling interval lets
 # the fastest pair add is less, even of a minute. Only where nothing else tells R0 is it that low.

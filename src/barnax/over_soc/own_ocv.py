@@ -18,6 +18,7 @@ from ..blas import one_blas_thread
 from ..cell import CellModel, OcvPoint, OcvTable, characterize
 from ..cell.characterize import over_temperatures
 from ..cell.model import group_near
+from ..cell.parameters import OCV
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
@@ -37,7 +38,7 @@ from .level import level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
 from .registration import MEANS_S, register
-from .settings import OCV, TableSettings
+from .settings import TableSettings
 from .temperature import TableFits, fit_temperatures, group_by_temperature
 
 # Between two nodes the OCV is a straight line: so many points of it make a curve of that.

@@ -14,8 +14,6 @@ from ..settings import TableOptions
 FASTEST_TAU_S, SLOWEST_TAU_S = 2.0, 1000.0
 # With an OCV correction a slower pair than this share of the record imitates a wrong capacity.
 SLOWEST_SHARE = 0.1
-# An OCV that stands in place of a measured one, with nodes of its own.
-OCV = "OCV [V]"
 # What can be bounded or fixed; which of these a circuit has is known when it is fitted.
 TABULATED = re.compile(r"R(\d|_\w+) \[Ohm\]|tau(\d|_\w+) \[s\]|gamma")
 

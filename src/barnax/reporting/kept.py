@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from .document import Document, Paragraph, Section
-from .pulses import fit_csv
 from .soc_tables import nodes_table
 from .words import counted, millivolt, symbol, with_unit
 
@@ -37,10 +36,3 @@ def kept_document(kept: "Sequence[Kept]", fit: "TableFit") -> Document:
         told.append("No intervals: they are of the spread of three records or more.")
     blocks = (*map(Paragraph, told), nodes_table(fit))
     return Document("Kept records", "", (Section("Kept records", blocks),))
-
-
-def kept_csv(fit: "TableFit") -> bytes:
-    """Every node of every table, an OCV of the records' own too."""
-    from ..over_soc.settings import OCV
-
-    return fit_csv(fit, OCV)

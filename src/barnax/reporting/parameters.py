@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..cell.parameters import OCV_CORRECTION
+from ..cell.parameters import OCV, OCV_CORRECTION
 from ..errors import InputError
 from ..results import Result
 from .document import Bullets, Document, Section, Table, rows_table
@@ -111,11 +111,14 @@ def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
         what, bracket, unit = name.partition(" [")
         heads = [f"{what}{end}{bracket}{unit}" for end in ("", " low", " high")]
         told = dict(zip(heads, (value, low, high), strict=True))
-        if soc is not None:
+        if soc is None:
+            for row in rows.values():
+                row.update(told)
+        elif name != OCV:
             rows.setdefault(soc, {"SOC": soc, "is visited": bool(is_visited)}).update(told)
-            continue
-        for row in rows.values():
-            row.update(told)
+        elif soc in rows:
+            # Its own nodes are closer; all of them are in tables.csv.
+            rows[soc].update(told)
     return rows.values()
 
 

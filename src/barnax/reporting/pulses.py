@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC
+from ..cell.parameters import OCV
 from ..errors import escaped
 from ..files import csv_text
 from ..plots.cell import rate_label
@@ -167,15 +168,16 @@ def tables_csv(result: "Result") -> bytes:
     return csv_text(["temperature [degC]", *TABLE_HEADS], rows).encode()
 
 
-def fit_csv(fit: "TableFit", *more: str) -> bytes:
-    """The same of one fit, with the nodes of `more` that only intervals tell of."""
-    rows = [*table_rows(fit)]
-    rows += [(n.name, n.soc, n.value, n.low, n.high, 1) for n in fit.intervals if n.name in more]
-    return csv_text(TABLE_HEADS, rows).encode()
+def fit_csv(fit: "TableFit") -> bytes:
+    """The same of one fit."""
+    return csv_text(TABLE_HEADS, table_rows(fit)).encode()
 
 
 def table_rows(fit: "TableFit") -> Iterator[tuple[Any, ...]]:
-    """Every node of every table, and every constant: what stands under `TABLE_HEADS`."""
+    """Every node of every table, and every constant: what stands under `TABLE_HEADS`.
+
+    An OCV of the records' own, which has nodes of its own, is among them.
+    """
     known = {(node.name, node.soc): (node.low, node.high) for node in fit.intervals}
     unknown = (None, None)
     visited = fit.tables.visited or (True,) * len(fit.tables.nodes)
@@ -184,3 +186,5 @@ def table_rows(fit: "TableFit") -> Iterator[tuple[Any, ...]]:
             yield name, soc, value, *known.get((name, soc), unknown), int(is_visited)
     for name, value in fit.tables.constants.items():
         yield name, None, value, *known.get((name, None), unknown), 1
+    for node in fit.of_table(OCV):
+        yield node.name, node.soc, node.value, node.low, node.high, 1

@@ -128,6 +128,9 @@ def test_r0_has_a_floor_by_the_current_steps_where_samples_would_have_none(prepa
     free = replace(settings, bounds={"R0 [Ohm]": (0.0, 1.0)})
     bare = fit_tables([inverted], free).warnings
     assert [each.values["soc"] for each in bare if each.code == "tables.no-resistance"] == held
+    assert "tables.no-r0" not in {notice.code for notice in bare}
+    nowhere = replace(prepared, source_v=prepared.source_v - 0.4 * prepared.current_a)
+    assert "tables.no-r0" in {notice.code for notice in fit_tables([nowhere], free).warnings}
 
 
 @pytest.mark.parametrize("name", ["prepared", "with_hysteresis"])

@@ -15,10 +15,10 @@ from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
 R0 = 0.05
 
 
-def log(interval_s, lag, seed=0, samples=2000):
+def log(interval_s, lag, seed=0, samples=2000, least_a=-2.0):
     """A load that switches with the log, whose voltage is so many samples older."""
     rng = np.random.default_rng(seed)
-    levels = np.where(rng.random(samples) < 0.2, 0.0, rng.uniform(-2.0, 3.0, samples))
+    levels = np.where(rng.random(samples) < 0.2, 0.0, rng.uniform(least_a, 3.0, samples))
     current_a = np.repeat(levels, rng.integers(2, 12, samples))[:samples]
     current_a[:5] = 0.0
     place = np.arange(samples)
@@ -32,11 +32,44 @@ def log(interval_s, lag, seed=0, samples=2000):
 def test_a_lag_is_found_with_all_of_r0(interval_s, lag):
     found = find_lag(record_from_frame(log(interval_s, lag), voltage_lag=0.0))
     assert found is not None
-    assert found.share == pytest.approx(lag, abs=0.03)
-    assert found.seconds == pytest.approx(interval_s * found.share)
+    assert found.samples == pytest.approx(lag, abs=0.03)
+    assert found.seconds == pytest.approx(interval_s * found.samples)
     # What the pairs answer within a sample is a part of it.
-    whole = found.at_once_ohm + found.beside_ohm
-    assert R0 * 0.96 < whole < (R0 + 0.01 * interval_s / 8) * 1.03
+    assert R0 * 0.96 < found.ohm < (R0 + 0.01 * interval_s / 8) * 1.03
+
+
+@pytest.mark.parametrize("interval_s", [0.1, 1.0])
+@pytest.mark.parametrize("lag", [-5, -2, -1.4, 1, 1.25, 3, 4.7])
+def test_whole_samples_of_a_lag_are_found_too(interval_s, lag):
+    record = record_from_frame(log(interval_s, lag))
+    assert record.sign.value == "charge-positive"
+    assert record.voltage_lag_s == pytest.approx(interval_s * lag, abs=0.05 * interval_s)
+    found = find_lag(record_from_frame(log(interval_s, lag), voltage_lag=0.0))
+    assert found is not None
+    assert R0 * 0.96 < found.ohm < (R0 + 0.01 * interval_s / 8) * 1.03
+
+
+@pytest.mark.parametrize("rows", [1, 3, -2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_bundled_cell_is_the_same_with_a_voltage_of_another_row(rows, sign):
+    own = read_record(bundled_file("identification"))
+    late = pl.Series(VOLTAGE, own.voltage_v).shift(rows)
+    table = pl.DataFrame({TIME: own.time_s, CURRENT: -sign * own.current_a, VOLTAGE: late})
+    record = record_from_frame(table.drop_nulls())
+    assert record.sign.value == ("charge-positive" if sign == 1 else "discharge-positive")
+    assert record.voltage_lag_s == pytest.approx(rows, abs=0.05)
+    kept = range(9, own.samples - 9)
+    moved_a = np.interp(own.time_s[kept], record.time_s - rows, record.current_a)
+    assert np.abs(moved_a - own.current_a[kept]).mean() < 0.02
+
+
+@pytest.mark.parametrize("rows", [1, 3, -2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_plain_discharge_keeps_its_sign_whatever_row_its_voltage_is_in(rows, sign):
+    table = log(1.0, rows, least_a=0.0).with_columns(pl.col(CURRENT) * sign)
+    record = record_from_frame(table)
+    assert record.sign.value == ("charge-positive" if sign == 1 else "discharge-positive")
+    assert record.sign.strength == "strong"
 
 
 @pytest.mark.parametrize("interval_s", [0.1, 1.0])

@@ -139,3 +139,17 @@ def test_a_rest_of_pure_noise_is_never_strong_evidence(tmp_path):
         voltage = 3.7 + 2e-4 * rng.standard_normal(100) + 1e-5 * np.arange(100)
         path = written(tmp_path, 2e-3 * rng.standard_normal(100), voltage, "charge-positive")
         assert read_record(path).sign.strength != "strong"
+
+
+@pytest.mark.parametrize("sign", SIGNS)
+@pytest.mark.parametrize("late", [0, 1])
+def test_the_record_as_a_whole_tells_the_sign_where_rows_are_late_and_uneven(tmp_path, sign, late):
+    rng = np.random.default_rng(late)
+    # Spikes of one row: a voltage that is a row late rises at every step down that it is clear at.
+    current = np.where(rng.random(2000) < 0.1, 3.0, 0.5)
+    voltage = simulated_cell(current, capacity_ah=0.6, soc=0.95)
+    voltage = np.pad(voltage, (late, 0), "edge")[: len(current)]
+    path = written(tmp_path, current, voltage, sign)
+    uneven = pl.Series("Test Time / s", np.cumsum(rng.uniform(0.6, 1.4, len(current))))
+    pl.read_parquet(path).with_columns(uneven).write_parquet(path)
+    assert read_record(path).sign.value == sign

@@ -13,6 +13,7 @@ from ..cell.soc_axis import Sweep
 from ..errors import InputError
 from ..notices import Notice
 from ..records import Record, is_rested, rest_current_a
+from ..records.lag import Lag, find_lag
 from ..records.samples import Samples
 from ..records.table import found_at
 
@@ -32,6 +33,11 @@ class CheckInput:
     capacity_ah: float | None
     given_rest_a: float | None = None
     voltage_lag_s: float | None = None
+
+    @cached_property
+    def lag(self) -> Lag | None:
+        """The lag of the voltage; None where it shows none."""
+        return find_lag(self.record)
 
     @cached_property
     def span_ah(self) -> float:

@@ -7,7 +7,6 @@ from jaxtyping import Float
 
 from ..notices import Notice, notice
 from ..records import Record
-from ..records.lag import find_lag
 from ..records.record import equal_runs
 from ..records.silence import gaps_in
 from .check_input import CheckInput
@@ -36,6 +35,8 @@ _LASTING, _LATE_SHARE, _LATE_SURE = 2.0, 0.03, 4.0
 _SLOW_SHARE = 0.3
 # No pair takes back so large a share of the first answer in the next sample.
 _BACK_SHARE = 0.1
+# From this interval on, part of a sample may be a pair, or a load that changes between rows.
+_ALIKE_S = 0.5
 Answers = Float[np.ndarray, "answers"]
 
 # Codes for a current that changes faster than it is sampled, by the kind of its rows.
@@ -214,7 +215,7 @@ def find_smoothed_current(given: CheckInput) -> Iterator[Notice]:
         return
     (first_ohm, second_ohm, *_), covariance = known
     least_ohm = max(_BACK_SHARE * first_ohm, _LATE_SURE * np.sqrt(covariance[1, 1]))
-    if first_ohm > 0 and -second_ohm > least_ohm and find_lag(given.record) is None:
+    if first_ohm > 0 and -second_ohm > least_ohm and given.lag is None:
         told = {"first_ohm": first_ohm, "back_ohm": -second_ohm}
         yield notice("smoothed-current.back", **told, interval_s=np.median(given.record.interval_s))
 
@@ -223,13 +224,12 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     """A voltage that shows part of a step of the current only in the next samples."""
     if given.voltage_lag_s is not None:
         return
-    lag = find_lag(given.record)
-    usual_s = float(np.median(given.record.interval_s))
+    lag, usual_s = given.lag, float(np.median(given.record.interval_s))
     if lag is not None:
-        told = {"at_once_ohm": lag.at_once_ohm, "beside_ohm": lag.beside_ohm, "lag_s": lag.seconds}
-        told |= {"interval_s": usual_s, "apart_s": abs(lag.seconds)}
-        if lag.share > 0:
-            yield notice("late-voltage.lags", **told, missing_share=lag.share)
+        told = {"lag_s": lag.seconds, "interval_s": usual_s, "apart_s": abs(lag.seconds)}
+        told |= {"cause": "either" if abs(lag.samples) < 1 and usual_s >= _ALIKE_S else "lag"}
+        if lag.samples > 0:
+            yield notice("late-voltage.lags", **told, missing_share=min(lag.samples, 1.0))
         else:
             yield notice("late-voltage.leads", **told)
         return

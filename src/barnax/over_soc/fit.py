@@ -238,6 +238,8 @@ def _warnings(
     resistances_ohm, nodes = tables.ohm, np.array(tables.nodes)
     bare = nodes[objective.visited & (resistances_ohm.sum(axis=0) < LEAST_OHM)]
     found += [notice("tables.no-resistance", soc=soc) for soc in bare.tolist()]
+    if not np.any(resistances_ohm[0][objective.visited] >= LEAST_OHM):
+        found.append(notice("tables.no-r0"))
     floor_ohm = objective.least_r0_ohm
     held = nodes[objective.visited & (resistances_ohm[0] <= floor_ohm)]
     if floor_ohm and len(held):

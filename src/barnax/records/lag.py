@@ -1,20 +1,21 @@
-"""A voltage that is older or newer than the current of its row, by part of a sample.
+"""A voltage that is older or newer than the current of its row, by some samples or part of one.
 
-Where a load changes on a clock of its own, a voltage that is taken d earlier than the current shows
-a share of every step only in the next sample, one that is taken later shows it a sample before the
-current does. With differences D between samples,
+Where the voltage is n samples older than the current, and where a load changes on a clock of its
+own by a part of one more, a step shows in two samples next to each other. With differences D
+between samples,
 
-    D v_k = - sum over j = -1, 0, 1 of b_j D i_(k-j) - slow
+    D v_(k+n) = - sum over j = -1, 0, 1 of b_j D i_(k-j) - slow
 
-and R0 = sum of b_j, d = (b_1 - b_-1) / R0 in samples. What is slow are pairs with time constants
-from three samples on and the OCV. A pair faster than a sample looks alike, and R0 then holds it.
+for the n that leaves the least, R0 = sum of b_j and the lag is n + (b_1 - b_-1) / R0 in samples.
+What is slow are pairs with time constants from three samples on and the OCV. A pair faster than a
+sample looks like a part of one, and R0 then holds it.
 """
 
 import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.signal import lfilter
 
 from ..errors import InputError
@@ -22,77 +23,123 @@ from .record import Record
 
 # Time constants in samples that stand for the pairs, and how many samples are looked at.
 _SLOW, _NEAR = (3.0, 10.0, 30.0, 100.0, 300.0), 3
+# Up to so many whole samples are tried. Of those that are the nearest to the lag another than none
+# leaves less than this share of what none does, or where that is not the nearest, of all.
+_FAR, _NEAREST, _LEFT = 5, 0.6, 0.9
 # The least lag in samples, and in standard errors over so many parts of the record.
 _LEAST, _SURE, _PARTS = 0.1, 4.0, 24
 # On its other side a step shows less than this share of what it shows beside itself.
 _OTHER_SIDE = 0.25
+# The whole samples of a lag are found by so many places.
+_ENOUGH = 10_000
 # In slower logs a pair that is over within a sample is likelier than a lag.
 _SLOWEST_S = 1.5
 # So many intervals beside steps of this share of the largest current are needed, of an even clock.
 _FEWEST, _STEP_SHARE, _EVEN = 200, 0.05, 0.1
 
 
+Intervals = Float[np.ndarray, "intervals"]
+Rows = Float[np.ndarray, "samples"]
+Table = Float[np.ndarray, "places changes"]
+
+
 @dataclass(frozen=True)
 class Lag:
-    """The age of a voltage beside its row's current, and what it shows of R0 at each sample.
+    """The age of a voltage beside its row's current.
 
     Attributes:
         seconds: The lag; negative where the voltage is newer.
-        share: The same in samples.
-        at_once_ohm: What a step of the current shows in its own sample.
-        beside_ohm: What it shows in the next one, or where the voltage is newer in the one before.
+        samples: The same in samples.
+        ohm: What the voltage shows of a step of the current, at once but for the lag.
     """
 
     seconds: float
-    share: float
-    at_once_ohm: float
-    beside_ohm: float
+    samples: float
+    ohm: float
 
 
 def find_lag(record: Record) -> Lag | None:
     """The lag of a record's voltage, None where it shows none for certain."""
-    interval_s, step_a = record.interval_s, np.diff(record.current_a)
-    usual_s = float(np.median(interval_s))
-    if usual_s > _SLOWEST_S or len(step_a) < _FEWEST + 2 * _NEAR:
+    usual_s = float(np.median(record.interval_s))
+    known = _changes(record.interval_s, record.current_a, _NEAR)
+    if usual_s > _SLOWEST_S or known is None or not np.ptp(record.voltage_v):
         return None
-    near = np.lib.stride_tricks.sliding_window_view
-    is_even = np.all(np.abs(near(interval_s, 2 * _NEAR + 1) - usual_s) < _EVEN * usual_s, axis=1)
-    least_a = _STEP_SHARE * float(np.max(np.abs(record.current_a)))
-    is_beside = np.any(np.abs(near(step_a, 2 * _NEAR + 1)) > least_a, axis=1)
-    places = np.flatnonzero(is_even & is_beside) + _NEAR
+    places, changes, scale = known
+    whole = whole_lag(record.interval_s, record.current_a, record.voltage_v)
+    table = np.column_stack([changes, -np.diff(record.voltage_v)[places + whole]])
+    edges = np.linspace(0, len(table), _PARTS + 1).astype(int)
+    parts = np.array([table[a:b].T @ table[a:b] for a, b in itertools.pairwise(edges)])
+    products = parts.sum(axis=0)
+    ohm, _ = _answers(products, scale)
+    first, at_once, last = ohm
+    of_parts = np.array([_answers(products - part, scale)[0] for part in parts])
+    samples, error = whole + _share(ohm), np.sqrt((_PARTS - 1) * np.var(_share(of_parts.T)))
+    beside, other = (last, first) if samples > whole else (first, last)
+    # Beside whole samples there may be no part of one.
+    least_ohm = max(_OTHER_SIDE * beside, _LEAST * at_once if whole else 0.0)
+    is_sure = max(_LEAST, _SURE * error) < abs(samples) < 1 + abs(whole) and ohm.sum() > 0
+    if not is_sure or abs(other) > least_ohm:
+        return None
+    return Lag(float(samples * usual_s), float(samples), float(ohm.sum()))
+
+
+def whole_lag(interval_s: Intervals, current_a: Rows, voltage_v: Rows) -> int:
+    """The whole samples by which a voltage is older than a current, whose sign may be either."""
+    # The steps are within reach of all that is tried.
+    known = _changes(interval_s, current_a, _NEAR + _FAR, _ENOUGH)
+    if known is None:
+        return 0
+    places, changes, scale = known
+    moved_v, tried = np.diff(voltage_v), range(-_FAR, _FAR + 1)
+    table = np.column_stack([changes, *(-moved_v[places + late] for late in tried)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ohm, left = _answers(table.T @ table, scale)
+        left = np.where(np.abs(_share(ohm)) < _NEAREST, left, 1.0)
+    best = int(np.argmin(left))
+    return tried[best] if left[best] < _LEFT * left[_FAR] else 0
+
+
+def _changes(
+    interval_s: Intervals, current_a: Rows, near: int, most: int | None = None
+) -> tuple[Int[np.ndarray, "places"], Table, Float[np.ndarray, "changes"]] | None:
+    """Intervals so near to steps of the current, at most so many, D i and what is slow there as
+    columns of one scale, and that scale; None where too few are on an even clock."""
+    usual_s, step_a = float(np.median(interval_s)), np.diff(current_a)
+    if len(step_a) < _FEWEST + 2 * _FAR:
+        return None
+    is_step = np.abs(step_a) > _STEP_SHARE * float(np.max(np.abs(current_a)))
+    is_uneven = np.abs(interval_s - usual_s) >= _EVEN * usual_s
+    window = np.ones(2 * near + 1)
+    steps, uneven = (np.convolve(flags, window, "valid") for flags in (is_step, is_uneven))
+    places = np.flatnonzero((steps > 0.5) & (uneven < 0.5)) + near
+    places = places[(places >= _FAR) & (places < len(step_a) - _FAR)][:most]
     if len(places) < _FEWEST:
         return None
+    current_a = current_a[: places[-1] + 2]
     columns = [step_a[places - late] for late in (-1, 0, 1)]
     for samples in _SLOW:
         kept = np.exp(-1 / samples)
-        answer = lfilter([0.0, 1 - kept], [1.0, -kept], record.current_a - record.current_a[0])
+        answer = lfilter([0.0, 1 - kept], [1.0, -kept], current_a - current_a[0])
         columns.append(np.diff(answer)[places])
-    columns += [record.current_a[places], np.ones(len(places))]
-    columns.append(-np.diff(record.voltage_v)[places])
-    table = np.column_stack(columns)
-    table /= np.maximum(np.sqrt(np.mean(table**2, axis=0)), np.finfo(float).tiny)
-    edges = np.linspace(0, len(table), _PARTS + 1).astype(int)
-    parts = np.array([table[a:b].T @ table[a:b] for a, b in itertools.pairwise(edges)])
-    whole = parts.sum(axis=0)
-    scale = np.sqrt(np.mean(np.square(columns), axis=1))
-    if not np.all(scale > 0):
-        return None
-    ohm = _answers(whole) * scale[-1] / scale[:3]
-    total = float(ohm.sum())
-    ends = np.array([_answers(whole - part) / scale[:3] for part in parts])
-    shares = (ends[:, 2] - ends[:, 0]) / ends.sum(axis=1)
-    error = np.sqrt((_PARTS - 1) * np.var(shares))
-    share = float((ohm[2] - ohm[0]) / total)
-    beside, other = (ohm[2], ohm[0]) if share > 0 else (ohm[0], ohm[2])
-    is_sure = max(_LEAST, _SURE * error) < abs(share) < 1 and total > 0
-    if not is_sure or abs(other) > _OTHER_SIDE * beside:
-        return None
-    return Lag(share * usual_s, share, float(ohm[1]), float(beside))
+    table = np.column_stack([*columns, current_a[places], np.ones(len(places))])
+    scale = np.sqrt(np.mean(table**2, axis=0))
+    return (places, table / scale, scale) if np.all(scale > 0) else None
 
 
-def _answers(products: Float[np.ndarray, "columns columns"]) -> Float[np.ndarray, "3"]:
-    """Answers to steps of the current one sample before, at once and one sample after."""
-    return np.linalg.lstsq(products[:-1, :-1], products[:-1, -1], rcond=1e-12)[0][:3]
+def _share(ohm: Float[np.ndarray, "3 ..."]) -> Float[np.ndarray, "..."]:
+    """The part of a sample by which answers are late."""
+    return (ohm[2] - ohm[0]) / ohm.sum(axis=0)
+
+
+def _answers(
+    products: Float[np.ndarray, "columns columns"], scale: Float[np.ndarray, "changes"]
+) -> tuple[Float[np.ndarray, "3 moves"], Float[np.ndarray, "moves"]]:
+    """Answers b_j of the voltage's moves, the last columns, and the share of squares left."""
+    count = len(scale)
+    table, moves = products[:count, :count], products[:count, count:]
+    found = np.linalg.lstsq(table, moves, rcond=1e-12)[0]
+    left = 1 - np.sum(found * moves, axis=0) / np.diag(products)[count:]
+    return (found[:3] / scale[:3, None]).squeeze(), left
 
 
 def aligned(record: Record, lag_s: float | None) -> Record:

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 from .columns import dialect_of
 from .counters import Counters
 from .dialects import Dialect
+from .lag import whole_lag
 from .record import EARLIER_SHARE, Record
 from .table import Lines
 
@@ -94,6 +95,14 @@ class Samples(Lines):
         return np.diff(self.voltage_v)
 
     @cached_property
+    def answer_v(self) -> Float[np.ndarray, "intervals"]:
+        """What the voltage shows of the current's step in each interval, be it some rows late."""
+        late = whole_lag(self.intervals_s, self.current_a, self.voltage_v)
+        rows = np.arange(len(self.step_v)) + late
+        is_there = (rows >= 0) & (rows < len(rows))
+        return np.where(is_there, self.step_v[rows % len(rows)], 0.0)
+
+    @cached_property
     def peak_a(self) -> float:
         return float(max(self.current_a.max(), -self.current_a.min()))
 
@@ -116,7 +125,7 @@ class Samples(Lines):
     @cached_property
     def resistance_ohm(self) -> float:
         """The resistance at the current's steps; zero where they do not tell it."""
-        return step_resistance_ohm(self.step_a[self.steps], self.step_v[self.steps])
+        return step_resistance_ohm(self.step_a[self.steps], self.answer_v[self.steps])
 
     @cached_property
     def begun_ah(self) -> Float[np.ndarray, "intervals"]:
@@ -191,8 +200,8 @@ class Samples(Lines):
 
         The time is zero where the current's steps do not tell R.
         """
-        steps = self.steps[self.step_v[self.steps] != 0]
-        step_a, step_v = self.step_a[steps], self.step_v[steps]
+        steps = self.steps[self.answer_v[self.steps] != 0]
+        step_a, step_v = self.step_a[steps], self.answer_v[steps]
         resistance_ohm = step_resistance_ohm(step_a, step_v)
         rising = np.sign(np.sum(step_a * step_v))
         source_v = few(self.voltage_v) - rising * resistance_ohm * few(self.current_a)

@@ -4,6 +4,7 @@ Column names promise a sign and break the promise (A123 files with Battery Data 
 discharge-positive), so they count only where the data say nothing.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,6 +17,8 @@ from .dialects import CHARGE, DISCHARGE, PLAIN, Sign
 from .record import Decision, equal_runs, runs
 from .samples import Samples, some, voltage_noise_v
 from .table import found_at
+
+SIGNS: Mapping[int, Sign] = {1: CHARGE, -1: DISCHARGE}
 
 
 @dataclass(frozen=True)
@@ -60,8 +63,8 @@ def decide_sign(
 def _from_data(samples: Samples) -> Decision | None:
     """The sign that the evidence favors, or None where there is none.
 
-    Where the looks weigh the same on either side, the first decides: the voltage is physics, the
-    counters are names.
+    The record as a whole, of which no row is late, is asked where the looks leave doubt, or are
+    against it.
     """
     looks = (
         _at_current_steps(samples),
@@ -70,32 +73,45 @@ def _from_data(samples: Samples) -> Decision | None:
         _of_states(samples),
     )
     evidence = [look for look in looks if look is not None]
+    found, whole = _weighed(evidence), _over_the_record(samples)
+    if whole is None or (found and found.strength == "strong" and found.value == SIGNS[whole.vote]):
+        return found
+    return _weighed([whole, *evidence], whole.vote if whole.is_strong else 0)
+
+
+def _weighed(evidence: Sequence[Evidence], vote: int = 0) -> Decision | None:
+    """The sign of that vote, or where it is zero of most of the evidence.
+
+    Where it weighs the same on either side, the first decides: the voltage is physics, the counters
+    are names.
+    """
     if not evidence:
         return None
     total = sum(look.weight for look in evidence)
-    vote = int(np.sign(total)) or evidence[0].vote
+    vote = vote or int(np.sign(total)) or evidence[0].vote
     against = [look for look in evidence if look.vote == -vote]
-    is_strong = abs(total) >= 2 and not any(look.is_strong for look in against)
+    is_strong = vote * total >= 2 and not any(look.is_strong for look in against)
     reason = "; ".join(look.words for look in evidence if look.vote == vote)
     if against:
         reason += "; against it: " + "; ".join(look.words for look in against)
-    return Decision(CHARGE if vote > 0 else DISCHARGE, "strong" if is_strong else "weak", reason)
+    return Decision(SIGNS[vote], "strong" if is_strong else "weak", reason)
 
 
 def _doubts(samples: Samples, sign: Decision) -> list[Notice]:
     """A sign that is doubtful, or another than the columns' names mean."""
-    at, _ = step_votes(samples)
-    start = int(at[0]) + 1 if len(at) else 0
     promised = samples.dialect.sign
     told = {"sign": sign.value, "reason": sign.reason}
     if sign.strength in ("weak", "assumed"):
-        return [found_at(samples, start, "sign.doubtful", strength=sign.strength, **told)]
-    if samples.dialect != PLAIN and sign.value != promised:
-        names = {"dialect": samples.dialect.name, "promised": promised}
-        return [found_at(samples, start, "sign.unusual", **names, **told)]
-    if sign.value == DISCHARGE and samples.dialect == PLAIN:
-        return [found_at(samples, start, "sign.discharge-positive", **told)]
-    return []
+        code, told = "sign.doubtful", told | {"strength": sign.strength}
+    elif samples.dialect != PLAIN and sign.value != promised:
+        code = "sign.unusual"
+        told |= {"dialect": samples.dialect.name, "promised": promised}
+    elif sign.value == DISCHARGE and samples.dialect == PLAIN:
+        code = "sign.discharge-positive"
+    else:
+        return []
+    at, _ = step_votes(samples)
+    return [found_at(samples, int(at[0]) + 1 if len(at) else 0, code, **told)]
 
 
 # A current of one sign, but for its noise. Of signed currents hardly any step contradicts the
@@ -137,15 +153,16 @@ def examine_direction(samples: Samples) -> tuple[Samples, list[Notice]]:
 def step_votes(samples: Samples) -> tuple[Int[np.ndarray, "steps"], Float[np.ndarray, "steps"]]:
     """The clear current steps, and for each +1 where the file's current raises the voltage."""
     at = samples.steps
-    at = at[np.abs(samples.step_v[at]) > 6 * samples.noise_v]
-    return at, np.sign(samples.step_a[at] * samples.step_v[at])
+    at = at[np.abs(samples.answer_v[at]) > 6 * samples.noise_v]
+    return at, np.sign(samples.step_a[at] * samples.answer_v[at])
 
 
 def _at_current_steps(samples: Samples) -> Evidence | None:
-    """A cell's resistance lifts its voltage when the charging current steps up."""
-    noise_v = voltage_noise_v(some(samples.step_v)[~some(samples.is_step)])
+    """A cell's resistance lifts its voltage when the charging current steps up, or a few rows
+    later where the voltage is late."""
+    noise_v = voltage_noise_v(some(samples.answer_v)[~some(samples.is_step)])
     at = samples.steps
-    step_v = samples.step_v[at]
+    step_v = samples.answer_v[at]
     product = samples.step_a[at] * step_v
     vote, share, count = clear = _agreement(product[np.abs(step_v) > 6 * noise_v])
     # If few of the steps are clear, the current may be noise, and the clear ones chance.
@@ -169,6 +186,40 @@ def _agreement(product: Float[np.ndarray, "steps"]) -> tuple[int, float, int]:
         return 0, 0.0, 0
     vote = 1 if product.sum() > 0 else -1
     return vote, float(np.mean(product * vote > 0)), len(product)
+
+
+# Up to so many parts of the record, each of so many samples, are compared where there are so many.
+# The charge that passes is that of the largest current for so many hours; it moves the voltage so
+# far, and explains it so far; the second is strong.
+_PARTS, _PART, _FEWEST_PARTS = 100, 20, 10
+_PASSED_H, _MOVED_V, _EXPLAINS = 0.05, 0.1, (0.8, 0.9)
+
+
+def _over_the_record(samples: Samples) -> Evidence | None:
+    """Charge that goes in lifts the voltage at the same current, however late it is logged."""
+    count = min(_PARTS, len(samples) // _PART)
+    charge_ah = np.cumsum((samples.begun_ah + samples.ended_ah) / 2)
+    if count < _FEWEST_PARTS or np.ptp(charge_ah) < _PASSED_H * samples.peak_a:
+        return None
+    edges = np.linspace(0, len(charge_ah), count + 1).astype(int)[:-1]
+    lengths = np.diff(edges, append=len(charge_ah))
+    current_a, own_v, charge_ah = (
+        np.add.reduceat(values[-len(charge_ah) :], edges) / lengths
+        for values in (samples.current_a, samples.voltage_v, charge_ah)
+    )
+    table = np.column_stack([current_a, np.ones(count)])
+    own = np.column_stack([own_v, charge_ah])
+    rest_v, rest_ah = (own - table @ np.linalg.lstsq(table, own)[0]).T
+    size = float(np.sqrt(np.sum(rest_v**2) * np.sum(rest_ah**2)))
+    if not size:
+        return None
+    cosine = float(rest_v @ rest_ah) / size
+    moved_v = np.ptp(charge_ah) * abs(rest_v @ rest_ah) / np.sum(rest_ah**2)
+    if abs(cosine) < _EXPLAINS[0] or moved_v < _MOVED_V:
+        return None
+    moves = "rises" if cosine > 0 else "falls"
+    words = f"over the whole record the voltage {moves} by {moved_v:.2g} V with the charge"
+    return Evidence(1 if cosine > 0 else -1, abs(cosine) > _EXPLAINS[1], words)
 
 
 def _under_sustained_current(samples: Samples) -> Evidence | None:

@@ -17,6 +17,8 @@ from barnax.over_soc.pack import fit_pack
 from barnax.pack import identify_pack
 from barnax.records import record_from_frame, source_from_frame
 from barnax.records.pack import read_pack
+from barnax.reporting.pack import pack_document
+from barnax.reporting.render import to_markdown
 from helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, ocv_v, simulated
 
 SAMPLES = 4500
@@ -155,6 +157,24 @@ def test_a_cell_without_a_number_is_left_out_by_name(voltages):
     assert set(found.left_out) == {"V4", "V5"}
     assert "row 19" in found.left_out["V4"]
     assert len(found.cells) == found.beside_v.shape[1] == 10
+
+
+@pytest.mark.parametrize("names", [("Zeit [s]", "Strom [A]"), ("Time [s]", "Pack current [A]")])
+def test_a_pack_has_the_names_of_a_record_and_one_is_told_where_a_cell_is_wanted(voltages, names):
+    table = frame(*voltages).rename(dict(zip(("Time [s]", "Current [A]"), names, strict=True)))
+    assert len(read_pack(source_from_frame(table, "pack")).cells) == 12
+    with pytest.raises(InputError, match=r"'V1', 'V2', .* pack's cells; give it to barnax pack"):
+        record_from_frame(table)
+
+
+def test_what_is_found_in_the_record_of_a_pack_is_told_with_what_is_assumed(voltages):
+    table = frame(*voltages).with_columns(pl.col("^V.*$").shift(2)).drop_nulls()
+    options = {"capacity": 5.0, "window": Window(initial_soc=START), "max_boxes": 0}
+    late = identify_pack(table, **options)
+    assert "late-voltage.lags" in {notice.code for notice in late.result.warnings}
+    assert late.result.inputs[0].voltage_lag_s == pytest.approx(2.0, abs=0.05)
+    told = to_markdown(pack_document(late))
+    assert "Assumed: each sample's current flows until the next sample" in " ".join(told.split())
 
 
 def test_columns_that_are_not_plain_are_asked_for(voltages):

@@ -75,6 +75,20 @@ def test_resistances_are_those_of_the_closed_form(circuit, current_a, hold):
     assert pulse.rest_s == pytest.approx(600.0, abs=0.11)
 
 
+@pytest.mark.parametrize("share", [0.0, 0.7, 0.99])
+def test_a_first_voltage_from_within_the_edge_is_no_resistance_at_once(share):
+    record = record_of([(600, 0), (32, 3.0), (60, 0)], TWO_RC, noise_v=1e-4)
+    first = int(np.flatnonzero(record.current_a)[0])
+    voltage_v = record.voltage_v.copy()
+    voltage_v[first] += (1 - share) * (voltage_v[first - 1] - voltage_v[first])
+    (whole,), (pulse,) = (
+        pulses_of(replace(record, voltage_v=v)) for v in (record.voltage_v, voltage_v)
+    )
+    assert whole.resistance_ohm[0] == pytest.approx(0.05, rel=0.01)
+    assert (pulse.resistance_ohm[0] is None) == (share < 0.98)
+    assert pulse.resistance_ohm[1:] == whole.resistance_ohm[1:]
+
+
 def test_a_short_pulse_has_no_resistance_after_its_end():
     (pulse,) = pulses_of(record_of([(600, 0), (10, 2.0), (40, 0)]))
     known = [value is not None for value in pulse.resistance_ohm]

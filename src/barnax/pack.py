@@ -136,7 +136,7 @@ def identify_pack(job: PackJob) -> Pack:
     reading = job.part(Reading)
     read = read_pack(source_of(records[0], {}, reading), job.cells, **reading.options())
     chosen = {"seeds": 0, "trust": "none", "advise": False, "model": "so-rc", **job.chosen}
-    chosen |= {"records": [read.record], "over": "soc"}
+    chosen |= {"records": [read.source], "over": "soc"}
     of_cells = ("cells", "own_time_constants")
     result = identify(**{name: value for name, value in chosen.items() if name not in of_cells})
     if result.tables is None or result.run.tables is None:

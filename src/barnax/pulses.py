@@ -30,6 +30,9 @@ LEVEL_QUANTILE = 0.9
 # How near a sample must lie to a time for the voltage there to be known, in s and as a share, and
 # how late the first one may come.
 NEAR_S, NEAR_SHARE, AT_ONCE_S = 0.5, 0.2, 1.0
+# The second sample of a pulse adds at most so often what the third does, but for this share of all
+# and this voltage: where it adds more, the first was caught in the edge.
+LASTING, CAUGHT_SHARE, CAUGHT_V = 2.0, 0.03, 1e-3
 # Currents this near to each other are one rate.
 SAME_RATE = 0.1
 
@@ -42,9 +45,10 @@ class Pulse:
     `current_a` its level (discharge positive), `rest_s` how long the cell had rested. `is_limited`
     says that the tester met a limit and let the current go. `resistance_ohm` is the change of
     voltage over the change of current after each of `STANDARD_S`, None where the pulse was over or
-    not sampled; the first is that of the first sample under load, `delay_s` after the step, and a
-    pulse's last sample stands for up to 0.5 s after it. As the standards have it, it contains what
-    the OCV moves with the charge of the pulse.
+    not sampled; the first is that of the first sample under load, `delay_s` after the step, None
+    where the voltage there shows the step only in part, and a pulse's last sample stands for up to
+    0.5 s after it. As the standards have it, it contains what the OCV moves with the charge of the
+    pulse.
     """
 
     record: str
@@ -161,14 +165,17 @@ def _pulse(record: Record, soc: Float[np.ndarray, "samples"], load: _Load, rest:
         is_limited=stop < len(is_held),
         temperature_degc=None if degc is None else float(degc[rest.last]),
         delay_s=float(since_s[start]),
-        resistance_ohm=_resistances(since_s[held], drop_v[held] / change_a[held]),
+        resistance_ohm=_resistances(since_s[held], drop_v[held], change_a[held]),
     )
 
 
 def _resistances(
-    since_s: Float[np.ndarray, "samples"], ratio_ohm: Float[np.ndarray, "samples"]
+    since_s: Float[np.ndarray, "samples"],
+    drop_v: Float[np.ndarray, "samples"],
+    change_a: Float[np.ndarray, "samples"],
 ) -> tuple[float | None, ...]:
     """The ratio at each of `STANDARD_S`, linear between samples that lie near enough."""
+    ratio_ohm = drop_v / change_a
 
     def at(time_s: float) -> float | None:
         is_over = since_s[-1] < time_s - NEAR_S
@@ -177,8 +184,20 @@ def _resistances(
             return None
         return float(np.interp(time_s, since_s, ratio_ohm))
 
-    first = float(ratio_ohm[0]) if since_s[0] <= AT_ONCE_S else None
+    is_whole = since_s[0] <= AT_ONCE_S and not _is_in_edge(since_s, np.abs(drop_v))
+    first = float(ratio_ohm[0]) if is_whole else None
     return (first, *(at(time_s) for time_s in STANDARD_S[1:]))
+
+
+def _is_in_edge(
+    since_s: Float[np.ndarray, "samples"], drop_v: Float[np.ndarray, "samples"]
+) -> bool:
+    """True where the first voltage of a pulse shows its step only in part."""
+    interval_s = np.diff(since_s[:3])
+    if len(interval_s) < 2 or abs(interval_s[1] / interval_s[0] - 1) > NEAR_SHARE:
+        return False
+    second_v, third_v = np.diff(drop_v[:3])
+    return bool(second_v - LASTING * third_v > max(CAUGHT_SHARE * drop_v[1], CAUGHT_V))
 
 
 def first_pulse(record: Record) -> Pulse | None:

@@ -44,6 +44,15 @@ def test_findings_give_status_1_with_row_and_remedy(run, faulty):
     assert max(map(len, outcome.out.splitlines())) <= 80
 
 
+def test_a_file_is_checked_as_it_is_said_to_be(run, tmp_path):
+    table = pl.read_parquet(BUNDLED.record).head(3000)
+    table.with_columns(pl.lit(3.7).alias(VOLTAGE)).write_csv(tmp_path / "flat.csv")
+    doubted = run("check", tmp_path / "flat.csv", "-q")
+    assert "--current-sign charge-positive" in doubted.err
+    settled = run("check", tmp_path / "flat.csv", "-q", "--current-sign", "charge-positive")
+    assert "--current-sign" not in settled.err
+
+
 def test_a_file_that_is_no_table_gives_status_2_and_the_others_are_told(run, faulty, unreadable):
     outcome = run("check", unreadable, faulty, BUNDLED.record)
     assert outcome.status == 2

@@ -406,6 +406,11 @@ def test_rounding_at_the_ends_of_the_ocv_points_is_not_warned_about(bundled_cell
     assert course.warnings == ()
 
 
+def of_records(cell):
+    """The points of a cell as those of an OCV that was identified, of no row."""
+    return tuple(replace(point, row=0) for point in cell.discharge_points)
+
+
 @pytest.mark.parametrize(("capacity_ah", "shown"), [(None, "2"), (1.9, "1.9")])
 def test_samples_far_outside_the_ocv_points_are_refused_with_row_and_remedies(
     bundled_cell, capacity_ah, shown
@@ -419,6 +424,12 @@ def test_samples_far_outside_the_ocv_points_are_refused_with_row_and_remedies(
         rf" or `initial_soc` .* charge of -0.05\d at row {row}, .*`score_soc`, `score_st",
     ):
         prepared(bundled_cell, Window(initial_soc=0.01, capacity_ah=capacity_ah), voltage_v=2.7)
+    # Where the OCV is the identified records' own, they may have gone less far.
+    own = replace(bundled_cell, charge_points=(), discharge_points=of_records(bundled_cell))
+    with pytest.raises(
+        InputError, match=r"made.csv: it goes beyond the states of charge that were"
+    ):
+        prepared(own, Window(initial_soc=0.01, capacity_ah=capacity_ah), voltage_v=2.7)
     # What is not scored is let pass.
     unscored = Window(initial_soc=0.01, start_time_s=60.0, score_to_s=300.0)
     assert prepared(bundled_cell, unscored, voltage_v=2.8).scored.sum() == 25
@@ -431,6 +442,9 @@ def test_a_record_that_its_charge_empties_but_not_its_voltage_is_called_another_
     start = Window(initial_soc=0.5 - 0.49 * sign)
     with pytest.raises(InputError, match=rf"by it the cell is {end} before row \d+.*another cell"):
         prepared(bundled_cell, start, current_a=sign * CURRENT_A, voltage_v=3.6)
+    own = replace(bundled_cell, charge_points=(), discharge_points=of_records(bundled_cell))
+    with pytest.raises(InputError, match=r"give their `capacity` if 2 Ah is not the cell's"):
+        prepared(own, start, current_a=sign * CURRENT_A, voltage_v=3.6)
 
 
 def test_a_given_state_of_charge_is_taken(bundled_cell):

@@ -100,6 +100,7 @@ def compare_with_cell(
         return [notice("cell.capacity", capacity_ah=capacity_ah / factor, **told)]
     if own_v > _ELSEWHERE_V:
         # Charge that fits nowhere ends in an error sooner or later.
+        told["ocv"] = "records" if cell.is_of_records else None
         return [notice("cell.other", **told).rated("warning" if is_near else "error")]
     return []
 

@@ -227,7 +227,7 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     lag, usual_s = given.lag, float(np.median(given.record.interval_s))
     if lag is not None:
         told = {"lag_s": lag.seconds, "interval_s": usual_s, "apart_s": abs(lag.seconds)}
-        told |= {"cause": "either" if abs(lag.samples) < 1 and usual_s >= _ALIKE_S else "lag"}
+        told |= {"cause": "either" if abs(lag.samples) < 1 and usual_s >= _ALIKE_S else None}
         if lag.samples > 0:
             yield notice("late-voltage.lags", **told, missing_share=min(lag.samples, 1.0))
         else:

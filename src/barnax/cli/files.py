@@ -51,7 +51,7 @@ class Checked:
     rest_current: float | None = option(
         INPUT, "A", "The cell rests below this current (default: C/100, more where it is noisy)."
     )
-    read: Given = options_of(Reading(), INPUT, "columns", "series")
+    read: Given = options_of(Reading(), INPUT, *HOW_READ)
     as_json: bool = flag(OUTPUT, "--json", "Print the findings as JSON.")
     quiet: bool = flag(
         OUTPUT, "--quiet -q", "Print no tables and no notes; findings go to stderr, one per line."
@@ -75,6 +75,8 @@ def check(what: Checked) -> None:
         raise InputError(f"`capacity` {what.capacity} Ah must be positive")
     if what.rest_current is not None and not what.rest_current > 0:
         raise InputError(f"`rest_current` {what.rest_current} A must be positive")
+    how = Reading(**what.read)
+    chosen = {"capacity_ah": what.capacity, "rest_current_a": what.rest_current}
     found, unreadable = [], []
     listed: list[dict[str, Any]] = []
 
@@ -88,10 +90,8 @@ def check(what: Checked) -> None:
     for file in files():
         try:
             with session.watch(f"Looking at {file.name}"):
-                source = read_source(file, **what.read)
-                check = check_file(
-                    source, capacity_ah=what.capacity, rest_current_a=what.rest_current
-                )
+                source = read_source(file, columns=how.columns, series=how.series)
+                check = check_file(source, **chosen, **how.options())
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})

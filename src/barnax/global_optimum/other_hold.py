@@ -73,14 +73,15 @@ def hold_warning(
     problem: Problem, other: Hold, own_ohm: float, other_ohm: float, soc: float | None = None
 ) -> Notice:
     """The notice that the other hold would give an R0 outside the interval; of tables, at `soc`."""
-    names = [
-        prepared.record.name
+    records = [
+        prepared.record
         for prepared in problem.prepared_records
         if prepared.record.hold.strength == "assumed"
     ]
     return notice(
         "hold.undecided",
-        ", ".join(names),
+        ", ".join(record.name for record in records),
+        counters=None if any(record.charge_ah is None for record in records) else "there",
         parameter="constant" if soc is None else "tables",
         circuit=problem.circuit,
         soc=soc,

@@ -383,6 +383,7 @@ def _check_soc(
     if len(far):
         at = far[0]
         given = {"far_row": record.row[at], "capacity_ah": capacity_ah}
+        given |= {"ocv": "records" if cell.is_of_records else "test"}
         end, end_soc = ("empty", low) if soc[at] < low else ("full", high)
         end_v = float(cell.average_ocv_v(np.array([end_soc]))[0])
         source_v = record.voltage_v[at] + record_resistance_ohm(record) * record.current_a[at]

@@ -2,10 +2,11 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from ..errors import InputError, listed
 from ..notices import Notice, notice
@@ -22,7 +23,7 @@ from .columns import (
     normal,
     other_table,
 )
-from .quantities import QUANTITIES, Quantity, Unit
+from .quantities import CELL_RANGE_V, QUANTITIES, Quantity, Unit
 from .table import Table, impedance_rows
 
 Columns = Mapping[str, Column]
@@ -33,6 +34,8 @@ QUANTITY_OF = {quantity.name: quantity for quantity in QUANTITIES}
 NAMES = tuple(name for name in QUANTITY_OF if name not in ("date", "charge of the interval"))
 # Dates that stand still in a larger share of the intervals are printed too coarsely to be a clock.
 _COARSE_DATES = 0.05
+# A voltage without a unit that is so large is in mV; so many cells are a pack.
+_MILLIVOLTS, FEWEST_CELLS = 500.0, 2
 # The number of dates that are compared with the clock, over intervals that seconds resolve.
 _DATES, _LEAST_DATED_S = 50, 100.0
 
@@ -114,11 +117,20 @@ def examine_columns(
         # A column that another quantity has taken is no candidate.
         free = ["" if name in _headers(found) else name for name in table.header]
         guess = likely_column(quantity, free)
+        if guess is not None and quantity.name == "time" and is_clock(table.columns[guess.index]):
+            # A date has no unit, and a name of its own.
+            dates = QUANTITY_OF["date"]
+            guess = replace(guess, quantity=dates, is_unit_assumed=False)
         missing.append((quantity, guess, free))
         if guess is not None:
             found[quantity.name] = guess
     if missing:
         code, values = _missing(*missing[0]) if len(missing) == 1 else _all_missing(missing)
+        is_silent = all(quantity.name != "voltage" for quantity, _, _ in missing)
+        cells = () if is_silent else next(map(list, cell_voltages(table, given)), ())
+        # Two may be one cell's, measured twice.
+        if len(cells) > FEWEST_CELLS:
+            code, values = "columns.pack", {"cells": _quoted(cells), "first": cells[0]}
         if is_nameless:
             values["examples"] = ", ".join(_examples(quantity) for quantity, _, _ in missing)
             code = "columns.no-names"
@@ -126,6 +138,40 @@ def examine_columns(
         there = {**names, "columns": _quoted(list(table.header)), "count": len(missing)}
         findings.append(notice(code, "", table.names_row, **there, **values))
     return found, findings
+
+
+def cell_voltages(
+    table: Table, given: Mapping[str, str] = NOTHING
+) -> list[dict[str, Float[np.ndarray, "lines"]]]:
+    """The sets of columns that may be the voltages of a pack's cells, in V by name: numbered alike,
+    with at least two that are within what a cell has. `given` are the user's own names."""
+    taken = {
+        own.header for name, own in columns_of(table.header, given).items() if name != "voltage"
+    }
+    alike: dict[str, dict[str, np.ndarray]] = {}
+    for name in table.header:
+        if name not in taken and re.search(r"\d", name):
+            kind = re.sub(r"\d+", "#", normal(name))
+            alike.setdefault(kind, {})[name] = in_volts(table, name)
+
+    def is_cell(values_v: np.ndarray) -> bool:
+        known_v = values_v[np.isfinite(values_v)]
+        return bool(len(known_v) and CELL_RANGE_V[0] < np.median(known_v) < CELL_RANGE_V[1])
+
+    # A sensor that has failed is one of its kind.
+    return [own for own in alike.values() if sum(map(is_cell, own.values())) >= FEWEST_CELLS]
+
+
+def in_volts(table: Table, name: str) -> Float[np.ndarray, "lines"]:
+    """The voltages of a column, in V or mV by their size where its name has no unit."""
+    column = named_column(table.header, QUANTITY_OF["voltage"], name)
+    if column is None:
+        return np.full(len(table.row), np.nan)
+    values_v = numbers(table.columns[column.index], column)
+    known = values_v[np.isfinite(values_v)]
+    if column.is_unit_assumed and len(known) and np.median(np.abs(known)) > _MILLIVOLTS:
+        values_v = values_v / 1000
+    return values_v
 
 
 def _not_there(table: Table, found: Columns, given: Mapping[str, str]) -> Iterator[Notice]:
@@ -249,6 +295,7 @@ def _missing(
     names = f"{_examples(quantity)}, with its unit ({_symbols(quantity)})"
     if guess is not None:
         option = f"{quantity.name}={guess.header}" + (":UNIT" if guess.is_unit_assumed else "")
+        names = names if guess.quantity is quantity else f"'{guess.quantity.examples[-1]}'"
         return "columns.missing-likely", {"likely": guess.header, "option": option, "names": names}
     likely = likely_names(quantity, free)
     is_out = ["discharge" in name.lower() for name in likely]
@@ -286,7 +333,7 @@ def _symbols(quantity: Quantity) -> str:
     return ", ".join(dict.fromkeys(unit.symbol for unit in quantity.units.values()))
 
 
-def _quoted(names: list[str]) -> str:
+def _quoted(names: Sequence[str]) -> str:
     shown = [f"'{name[:40]}'" for name in names if name][:8]
     return ", ".join(shown) + (" ..." if len(names) > 8 else "") if shown else "no names"
 

@@ -305,12 +305,13 @@ DIALECTS: tuple[Dialect, ...] = (
     # What the words are in German, Chinese, Japanese and Korean, of no make.
     Dialect(
         "German",
-        marks=("zeit & strom & spannung", "datum & strom & spannung"),
+        # A pack has a voltage for each cell, under any name.
+        marks=("zeit & strom", "datum & strom"),
         names={
             "time": "zeit|uhrzeit",
-            "date": "datum",
+            "date": "datum/uhrzeit|datum uhrzeit|zeitstempel|datum",
             "current": "strom",
-            "voltage": "spannung",
+            "voltage": "spannung|zellspannung",
             "temperature": "temperatur",
             "state": "zustand|status|modus|betriebsart",
             "step": "schritt|schritt nr|schrittnummer",
@@ -319,7 +320,7 @@ DIALECTS: tuple[Dialect, ...] = (
     ),
     Dialect(
         "Chinese",
-        marks=("时间 & 电流 & 电压", "電流 & 電壓"),
+        marks=("时间 & 电流", "電流 & 電壓"),
         names={
             "time": "总时间|總時間|测试时间|測試時間|时间|時間",
             "current": "电流|電流",

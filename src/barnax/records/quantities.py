@@ -109,12 +109,13 @@ QUANTITIES: tuple[Quantity, ...] = (
         "date",
         _SECONDS,
         "date time|datetime|unix time|time stamp|timestamp|date and time|date",
-        ("Unix Time / s",),
+        ("Unix Time / s", "Date Time"),
     ),
     Quantity(
         "current",
         _AMPERES,
-        "cell current|channel current|current|current measured|cur|amps|we(1).current|i|ma=mA",
+        "cell current|channel current|current|pack current|battery current|current measured|"
+        "cur|amps|we(1).current|i|ma=mA",
         ("Current / A", "current_ampere"),
         ("strom", "courant", "corriente", "corrente", "电流"),
     ),

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..files import csv_text
 from ..pack import FEWEST
+from .decisions import guess_sentences
 from .document import Document, Paragraph, Section, Table, rows_table
 from .words import NOTHING, counted, figures, fixed, joined, millivolt
 
@@ -51,6 +52,7 @@ def pack_document(pack: "Pack") -> Document:
         f"{value.value:.3f} V ({value.low:.3f} to {value.high:.3f})."
     )
     told += [f"{name} is left out: {why}." for name, why in pack.left_out.items()]
+    told += [f"Assumed: {guess}" for guess in guess_sentences(pack.result)]
     return Document("Pack", "", (Section("Pack", (*map(Paragraph, told), _table(pack))),))
 
 

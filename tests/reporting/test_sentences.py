@@ -233,7 +233,7 @@ def test_tables_are_compared_with_the_constant_circuit_that_is_named():
     missed = SimpleNamespace(constant=held.constant, tables=SocErrors(0.0245, None), by_record=())
     lost = replace(fit, cross_validation=missed)
     lost = found.model_copy(update={"tables": found.tables.model_copy(update={"fits": (lost,)})})
-    assert "blocks left out of the fit are predicted to 24.50 mV, fitted ones to 4.90 mV" in (
+    assert "the error on blocks left out is 24.50 mV, on what was fitted 4.90 mV" in (
         next_step(lost).advice
     )
 

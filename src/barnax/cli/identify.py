@@ -281,7 +281,7 @@ def _next(result: "Result", folder: Path | None) -> tuple[str, str]:
     step = next_step(result)
     advice = as_flags(step.advice)
     if step.exports and folder is not None:
-        return advice, shlex.join(["barnax", "export", str(folder), "--to", "pybamm"])
+        return advice, shlex.join(["barnax", "export", str(folder), "--to", step.exports])
     if step.designs and folder is not None:
         return advice, shlex.join(["barnax", "design", str(folder)])
     if not step.options and not step.without:

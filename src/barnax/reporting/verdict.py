@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..candidates import WEIGHED
+from ..cell.circuits import Circuit, get_circuit
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
 from ..cell.soc_axis import ABOVE_SOC
@@ -28,8 +29,9 @@ if TYPE_CHECKING:
 # A smaller gap is shown as 0 %.
 LEAST_GAP = 1e-4
 MUCH = 0.5
-# More data are needed where held-out errors exceed this multiple of the fit's, and this size.
-LOST, LOST_V = 2.0, 0.01
+# What was not used is predicted badly where its error exceeds this multiple of the fit's, and this
+# size; and as well as can be where it is under that: no table left open matters then.
+LOST, LOST_V, FOUND_V = 2.0, 0.01, 0.002
 # A table needs a test where less than `FEW` of its nodes have a relative error under `WIDE`.
 WIDE, FEW = 0.5, 1 / 3
 
@@ -64,11 +66,11 @@ def search_sentences(result: "Result") -> Iterator[str]:
     if optimum is None or search is None:
         return
     seeds = len(search.seeds)
-    whose = f"the best {constant.model}" if result.tables is not None else "the optimum"
+    whose = f"best {constant.model}" if result.tables is not None else "the optimum"
     median = "" if seeds == 1 else "median "
     yield (
         f"{counted(seeds, f'{search.method} seed')}: {median}{_above(optimum.median_gap)} above "
-        f"{whose}; refined, {optimum.seeds_there} reach it."
+        f"{whose}, {optimum.seeds_there} refined to it."
     )
 
 
@@ -126,18 +128,31 @@ def _no_circuit(result: "Result") -> str:
 
 @dataclass(frozen=True)
 class Next:
-    """The next step: options to run again with or without, an export of this result, or a test
-    designed from it."""
+    """The next step: options to run again with or without, an export of this result to a format,
+    or a test designed from it."""
 
     advice: str
     options: Mapping[str, str] = field(default_factory=dict)
     without: tuple[str, ...] = ()
-    exports: bool = False
+    exports: str = ""
     designs: bool = False
 
 
 def next_step(result: "Result") -> Next:
-    """The most useful next step."""
+    """The most useful next step.
+
+    First what is plainly amiss: an OCV that misses its points, a circuit that cannot be the cell's,
+    records at other temperatures that are left over. Then the error on what was not used decides
+    (`Unseen`):
+
+    - over `LOST` times the error on what was fitted, and over `LOST_V`: more data;
+    - known of no other record: validate on one;
+    - larger than that of the constant circuit: the constant circuit;
+    - over `FOUND_V`, and a resistance is left open at most nodes: a test that tells it;
+    - else the circuit serves: export it to a format that holds all of it.
+
+    For a constant circuit there is more to try in place of the last two.
+    """
     missed_v = _missed_by_the_polynomial_v(result.cell)
     if missed_v > MISS_TOLERANCE_V:
         missed = millivolt(missed_v)
@@ -150,7 +165,8 @@ def next_step(result: "Result") -> Next:
         where = joined([f"{degc:.3g}" for degc in others])
         what = f"for tables over temperature too, with the records at {where} degC"
         return Next(what, {"over": OVER_TEMPERATURE})
-    if told := _more_data(result):
+    unseen = Unseen.of(result)
+    if unseen and (told := _more_data(result, unseen)):
         return Next(told, designs=True)
     crossed = result.tables and result.tables.fit.cross_validation
     is_tried = bool(result.metrics.validation or (crossed and crossed.by_record))
@@ -160,10 +176,12 @@ def next_step(result: "Result") -> Next:
     if result.tables is not None and not pays:
         model = result.constant.model
         return Next(f"use the constant circuit, `model` {model}: tables are worse on other records")
-    if wide := _wide(result):
+    wide = _wide(result)
+    if wide and unseen and unseen.error_v > FOUND_V:
         return Next(f"measure what is missing: {wide}", designs=True)
     if result.tables is not None:
-        return Next("export the tables", exports=True)
+        what, to = _export(get_circuit(result.model))
+        return Next(f"export the tables, for example {what}", exports=to)
     if len(result.candidates) > 1 and not any(candidate.over for candidate in result.candidates):
         if result.model not in WEIGHED:
             return Next("try tables over SOC of this circuit too", {"over": "soc"})
@@ -188,20 +206,62 @@ def next_step(result: "Result") -> Next:
     return Next(f"compare circuits and methods with barnax compare; validated on {joined(names)}")
 
 
-def _more_data(result: "Result") -> str:
-    """Advice on more data where tables fail on the blocks left out; empty where they do not."""
-    held = held_out_errors(result)
-    fitted_v = result.metrics.identification.rmse_v
-    if held is None or held[1].rmse_v < max(LOST * fitted_v, LOST_V):
+class Unseen(NamedTuple):
+    """What was not used: the worst record to validate on, else what was left out of the fit.
+
+    `error_v` is its error from where it starts best, `fitted_v` that on what was fitted, both above
+    10 % SOC where that is known: no circuit follows a discharge to its end.
+    """
+
+    name: str
+    error_v: float
+    fitted_v: float
+
+    @classmethod
+    def of(cls, result: "Result") -> "Unseen | None":
+        """None where there is neither."""
+        own = result.metrics.identification
+        fitted_v = own.rmse_above_10_soc_v or own.rmse_v
+        errors_v = {
+            part.record: min(
+                part.rmse_above_10_soc_v or part.rmse_v, part.registered_v or part.rmse_v
+            )
+            for part in result.metrics.validation
+        }
+        if errors_v:
+            worst = max(errors_v, key=errors_v.__getitem__)
+            return cls(worst, errors_v[worst], fitted_v)
+        held = held_out_errors(result)
+        if held is None:
+            return None
+        crossed = result.tables and result.tables.fit.cross_validation
+        name = f"{'records' if crossed and crossed.by_record else 'blocks'} left out"
+        return cls(name, held[1].above_v or held[1].rmse_v, fitted_v)
+
+
+def _more_data(result: "Result", unseen: Unseen) -> str:
+    """Advice on more data where what was not used is predicted badly; empty where it is not."""
+    if unseen.error_v < max(LOST * unseen.fitted_v, LOST_V):
         return ""
-    use = "measure another record that loads the cell at every SOC, and identify on both"
+    use = "identify on another record too, one that loads the cell at every SOC"
     if result.pulses:
-        what = "a record that loads the cell at every SOC, such as a drive cycle"
-        use = f"identify on {what}, with this test as `ocv`"
-    left, fitted = millivolt(held[1].rmse_v), millivolt(fitted_v)
-    crossed = result.tables and result.tables.fit.cross_validation
-    what = "records" if crossed and crossed.by_record else "blocks"
-    return f"{use}: {what} left out of the fit are predicted to {left}, fitted ones to {fitted}"
+        use = (
+            "identify on a record that loads the cell at every SOC, such as a drive cycle, with "
+            "this test as `ocv`"
+        )
+    elif result.metrics.validation:
+        use = f"identify on {unseen.name} too, or on another test"
+    left, fitted = millivolt(unseen.error_v), millivolt(unseen.fitted_v)
+    above = result.metrics.identification.rmse_above_10_soc_v
+    where = "" if above is None else f"above {percent(ABOVE_SOC)} SOC "
+    return f"{use}: {where}the error on {unseen.name} is {left}, on what was fitted {fitted}"
+
+
+def _export(circuit: Circuit) -> tuple[str, str]:
+    """A format that holds all of a circuit, in words and as `export` calls it."""
+    if circuit.turning is not None:
+        return "as a filter in C", "c-filter"
+    return ("as CSV", "csv") if circuit.has_hysteresis else ("to PyBaMM", "pybamm")
 
 
 def _wide(result: "Result") -> str:

@@ -28,6 +28,7 @@ from .ocv_table import EITHER, OcvTable
 from .soc_axis import (
     CHARGE,
     DISCHARGE,
+    GIVEN,
     WORD,
     Capacity,
     OcvPoint,
@@ -95,7 +96,7 @@ def characterize(
         warnings.extend(scaled)
         _join(points, placed, tables)
     elif capacity_ah is not None:
-        capacity = Capacity(capacity_ah, "given", capacity_ah)
+        capacity = Capacity(capacity_ah, GIVEN, capacity_ah)
     else:
         raise notice("ocv-table.no-capacity", tables[0].name).error()
     warnings.extend(_kind_warnings(sweeps, points))

@@ -11,7 +11,7 @@ from ..display import Brief
 from ..errors import InputError
 from ..schema import Told
 from .curves import Curve, InterpolatedCurve, PolynomialCurve, SegmentedHysteresis
-from .soc_axis import OcvPoint
+from .soc_axis import GIVEN, OcvPoint
 
 INVERSION_POINTS = 4001
 REST_VOLTAGE_MARGIN_V = 50e-3
@@ -126,6 +126,11 @@ class CellModel(Brief):
     def is_of_records(self) -> bool:
         """True where its OCV was identified with the circuit, on records that are no OCV test."""
         return all(not point.row for point in self.charge_points + self.discharge_points)
+
+    @property
+    def has_spanned_capacity(self) -> bool:
+        """True where the capacity is only the charge that a record spans: it may be larger."""
+        return self.is_of_records and self.capacity_origin != GIVEN
 
     @property
     def has_sweep_drop(self) -> bool:

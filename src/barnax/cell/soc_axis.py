@@ -143,6 +143,10 @@ class OcvPoint:
     current_a: float = 0.0
 
 
+# The origin of a capacity that was told.
+GIVEN = "given"
+
+
 @dataclass(frozen=True)
 class Capacity:
     """The cell's capacity in Ah, and where it comes from, in words.
@@ -194,7 +198,7 @@ def decide_capacity(
     if abs(main.passed_ah / axis_ah - 1) > CAPACITY_WARNING:
         told = notice("ocv-test.other-capacity", main.source, capacity_ah=axis_ah, **passed)
         warnings += (told,)
-    return Capacity(given_ah or axis_ah, "given", axis_ah, warnings)
+    return Capacity(given_ah or axis_ah, GIVEN, axis_ah, warnings)
 
 
 def _require_possible(sweeps: Mapping[int, Sweep], axis_ah: float, spans: bool) -> None:

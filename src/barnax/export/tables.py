@@ -125,7 +125,11 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     return Tables(
         model=result.model,
         heading=_heading(result),
-        caveats=(*_ladders(circuit), *(_caveats(result, over_soc, kind) if over_soc else ())),
+        caveats=(
+            *_capacity(cell),
+            *_ladders(circuit),
+            *(_caveats(result, over_soc, kind) if over_soc else ()),
+        ),
         parameters=parameters,
         tau_s=constants.tau_s,
         gamma=constants.gamma,
@@ -140,6 +144,17 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         ocv=Table(soc, ocv_v[place]),
         ocv_v=ocv_v if degc else ocv_v[place],
         hysteresis=_hysteresis(circuit, cell, kind, over_soc[place] if over_soc else None),
+    )
+
+
+def _capacity(cell: CellModel) -> tuple[str, ...]:
+    """A caveat where nothing but the records tells the capacity."""
+    if not cell.has_spanned_capacity:
+        return ()
+    return (
+        f"The capacity, {cell.capacity_ah:.4g} Ah, is only {escaped(cell.capacity_origin)}: there "
+        "was no OCV test, and no `capacity` was given. If the cell holds more, every SOC is off: "
+        "identify again with `capacity`.",
     )
 
 

@@ -19,17 +19,17 @@ from ..cell import CellModel, OcvPoint, OcvTable, characterize
 from ..cell.characterize import over_temperatures
 from ..cell.model import group_near
 from ..cell.parameters import OCV
+from ..cell.soc_axis import GIVEN
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import OCV_MARGIN, PreparedRecord, prepare_record, soc_along
-from ..model.start import find_start
+from ..model.start import find_start, held_charges
 from ..model.temperature import temperature_of
 from ..model.window import Window, first_sample, scored_samples
 from ..notices import notice
 from ..records import Record, rest_current_a
-from ..records.record import in_means
-from ..records.segments import FULL_CHARGE, held_charges
+from ..records.record import FULL_CHARGE, in_means
 from .certificate import certify
 from .cross_validation import held_out_errors
 from .current_offset import offset_effect
@@ -341,7 +341,7 @@ def _capacity(
         )
     given_ah = next(iter(own), None) or given_ah
     if given_ah is not None:
-        return given_ah, "given"
+        return given_ah, GIVEN
     widest = max(records, key=_span_ah)
     span_ah = _span_ah(widest)
     if not span_ah > 0:

@@ -5,7 +5,8 @@ searched again, and what they leave of each record has to be what they left then
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -22,6 +23,7 @@ from .model.window import Window
 from .notices import notice
 from .optimizers import OPTIMIZERS, make_optimizer
 from .over_soc import rest_warnings
+from .plan import plan_from_toml
 from .records import Record, find_file, read_record
 from .records.fingerprint import Content, read_fingerprint
 from .result_parts import InputPart, MetricsBlock, MetricsPart
@@ -93,14 +95,23 @@ def loaded(
 ) -> Result:
     """`Result.load`: a stored result that knows where its records are looked for."""
     path = Path(path)
-    place = path if path.is_dir() else path.parent
     result = kind.from_json(path / "result.json" if path.is_dir() else path)
     given = data if isinstance(data, Mapping) else {}
     folders = [data] if isinstance(data, str | Path) else () if given else data
-    places = (*map(Path, folders), Path(), place, place.parent, BUNDLED.record.parent)
     reading = Reading(columns=columns, series=series)
-    result._inputs = Inputs(tuple(dict.fromkeys(places)), given, reading)
+    result._inputs = Inputs(folders_of(path, map(Path, folders)), given, reading)
     return result
+
+
+def folders_of(path: Path, data: Iterable[Path] = ()) -> tuple[Path, ...]:
+    """The folders in which a stored result's files are looked for: `data`, the working folder, its
+    own, the one above that, and those of the files in the plan beside it."""
+    place, planned = path if path.is_dir() else path.parent, ()
+    # Another's plan names folders as it likes: what is found there has to have the stored digest.
+    with suppress(InputError):
+        planned = plan_from_toml(place / "plan.toml").parts
+    beside = (Path(), place, place.parent, *(part.path.parent for part in planned))
+    return tuple(dict.fromkeys((*data, *beside, BUNDLED.record.parent)))
 
 
 def reopened(result: Result, inputs: Inputs) -> Run:

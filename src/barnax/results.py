@@ -132,8 +132,8 @@ class Result(Document):
     ) -> Self:
         """A stored result that draws every figure again, from the records that it is of.
 
-        They are read when they are first needed, from `data`, the working folder, the result's and
-        the one above it, by name; the content has to be the same.
+        They are read when they are first needed, from `data`, the working folder, the result's, the
+        one above it, or where its `plan.toml` says; by name, and the content has to be the same.
 
         Args:
             path: The folder that identify wrote, or its `result.json`.

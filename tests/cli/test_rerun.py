@@ -63,25 +63,46 @@ def test_other_versions_with_the_same_error_agree(run, altered):
     assert "agrees to" in outcome.out
 
 
-def test_files_are_found_by_name_and_known_by_content(run, altered, tmp_path, repeats):
-    name, files = BUNDLED.record.name, tmp_path / "files"
+@pytest.fixture
+def moved(altered, tmp_path):
+    """A result of a file in a folder of its own, that folder, and the words of its command."""
+    files = tmp_path / "files"
     files.mkdir()
-    shutil.copy(BUNDLED.record, files)
-    (tmp_path / "box.toml").write_text("")
-    words = ["barnax", "identify", name, f"--initial-soc={name}=1", "--bounds=box.toml"]
-    result = altered(lambda document: document.update(command=words))
+    shutil.copy(BUNDLED.record, files / "own.parquet")
+    words = ["identify", "own.parquet", "--initial-soc=own.parquet=1"]
+
+    def change(document):
+        document["command"] = ["barnax", *words]
+        document["inputs"][0]["name"] = "own.parquet"
+
+    return altered(change), files, words
+
+
+def test_files_are_found_by_name_and_known_by_content(run, moved, repeats):
+    result, files, words = moved
     outcome = run("rerun", result)
     assert outcome.status == 2
     assert "not found in" in outcome.err
     assert "give its folder with --data" in outcome.err
     run("rerun", result, "--data", files)
-    assert repeats == [
-        ["identify", str(files / name), f"--initial-soc={name}=1", "--bounds=box.toml"]
-    ]
-    shutil.copy(BUNDLED.validation, files / name)
+    assert repeats == [[words[0], str(files / words[1]), *words[2:]]]
+    shutil.copy(BUNDLED.validation, files / words[1])
     outcome = run("rerun", result, "--data", files)
     assert outcome.status == 2
     assert "SHA-256 differs" in outcome.err
+
+
+def test_files_are_found_where_the_plan_beside_a_result_says(run, moved, repeats):
+    result, files, words = moved
+    plan = f'[[files]]\nfile = "{(files / words[1]).as_posix()}"\nrole = "identification"\n'
+    (result.parent / "plan.toml").write_text(plan)
+    run("rerun", result)
+    assert repeats == [[words[0], str(files / words[1]), *words[2:]]]
+    # Another's plan may name what it likes: only the record itself is taken.
+    shutil.copy(BUNDLED.validation, files / words[1])
+    assert "SHA-256 differs" in run("rerun", result).err
+    (result.parent / "plan.toml").write_text("files = 3")
+    assert "not found in" in run("rerun", result).err
 
 
 @pytest.mark.parametrize("command", [[], ["barnax"]])

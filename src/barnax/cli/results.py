@@ -277,15 +277,15 @@ def rerun(of: Rerun) -> None:
 
     Exit status: 0 if it is, bit for bit or to 1e-9 of the RMSE; 1 if not.
     """
+    from ..reopening import folders_of
+
     session, result = Session(is_quiet=of.quiet), of.result
     stored = load(result)
-    place = result if result.is_dir() else result.parent
     if len(stored.command) < 2 or stored.command[1] not in ("identify", "hppc"):
         raise InputError(
             f"{result}: has no stored command (it was made from Python); repeat it in Python"
         )
-    folders = [*(of.data or []), Path(), place, place.parent]
-    command = with_files(stored.command[1:], stored, folders)
+    command = with_files(stored.command[1:], stored, folders_of(result, of.data or ()))
     with session.watch("Repeating"), tempfile.TemporaryDirectory() as folder:
         repeated = _run(command, Path(folder, "repeated"))
     # The roles that a plan chose are given now.

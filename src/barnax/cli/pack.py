@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from ..errors import InputError
 from .options import INPUT, Files, RecordOptions, Tables, argument, flag, group, option
 from .output import Output
 from .session import as_flags, use_compilation_cache
@@ -34,6 +35,8 @@ def pack(
     Writes cells.csv, a fleet's dataset of them, a figure, and the mean cell's
     result.json.
     """
+    if files.validate:
+        raise InputError("`validate` does nothing for a pack, whose record is the only one")
     inputs = [on.record, *(files.ocv or ())]
     session, folder = output.begun(FOLDER, inputs)
     with session.watch("Loading JAX"):

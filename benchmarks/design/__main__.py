@@ -3,8 +3,9 @@
 Virtual cells with known truth, half of them of NMC, half of LFP with its moving hysteresis: random
 tables that bend over SOC, an error correlated over seconds and minutes, and a capacity. Then
 PyBaMM's SPMe and DFN as truths that are no circuits, where it is installed, and measured records
-of which the design picks a quarter without seeing the voltage, where their folder is given. What
-is finished is kept in FILE, and not done again. Writes benchmarks/results/design.md.
+of which the design picks a quarter without seeing the voltage, or which are identified together,
+where their folder is given. What is finished is kept in FILE, and not done again. Writes
+benchmarks/results/design.md.
 """
 
 import argparse
@@ -17,7 +18,7 @@ from benchmarks.pages import as_markdown, provenance, publish
 from benchmarks.real_cells.cases import data_folder
 
 from .physics import PHYSICS, physics_line, physics_lines
-from .quarter import quarter_lines
+from .quarter import quarter_lines, together_lines
 from .virtual import SEED, virtual_lines, virtual_row
 
 RESULTS = Path(__file__).parents[1] / "results" / "design.md"
@@ -56,7 +57,8 @@ def main() -> None:
     if find_spec("pybamm"):
         lines += physics_lines([kept(" ".join(own[:2]), physics_line, *own) for own in PHYSICS])
     folder = data_folder(given.folder)
-    lines += [] if folder is None else kept("quarter", quarter_lines, folder)
+    if folder is not None:
+        lines += kept("quarter", quarter_lines, folder) + kept("together", together_lines, folder)
     publish(RESULTS, "\n".join(lines) + "\n")
 
 

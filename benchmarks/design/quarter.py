@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import combinations, permutations
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from barnax.experiment.information import (
 )
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc import TableFit, errors_on, fit_tables
+from barnax.over_soc.registration import register
 from barnax.records import read_record
 from barnax.reporting.design import reached_half
 from barnax.search.evaluate import evaluate
@@ -125,7 +126,7 @@ def reached_over_promised(
         float(
             np.median(
                 [
-                    reached / width.alone
+                    reached / width.after
                     for width in promised
                     if width.name == f"{table} [Ohm]"
                     and width.soc is not None
@@ -138,11 +139,15 @@ def reached_over_promised(
     ]
 
 
-def believed_by(cell: CellModel, prepared: PreparedRecord, fit: TableFit) -> Believed:
+def believed_by(cell: CellModel, records: Sequence[PreparedRecord], fit: TableFit) -> Believed:
+    """The belief that the fit of some records leaves, which count for the next."""
+    seen = [evaluate(prepared, fit.tables) for prepared in records]
+    return believed_of_fit(fit, SETTINGS, cell, fit.errors[0].rmse_v, seen)
+
+
+def alone_by(cell: CellModel, prepared: PreparedRecord, fit: TableFit) -> Believed:
     """The belief that a record's fit leaves, of which none counts for the next."""
-    seen = evaluate(prepared, fit.tables)
-    believed = believed_of_fit(fit, SETTINGS, cell, fit.errors[0].rmse_v, [seen])
-    return replace(believed, earlier=())
+    return replace(believed_by(cell, [prepared], fit), earlier=())
 
 
 def errors_mv(fit: TableFit, records: Sequence[PreparedRecord]) -> tuple[float, float]:
@@ -175,7 +180,7 @@ def pairs_of(
 ) -> Iterator[Pair]:
     """Every long record after every other."""
     long = [name for name, own in records.items() if np.ptp(own.soc[own.scored]) > LONG]
-    beliefs = {name: believed_by(cell, records[name], fits[name]) for name in long}
+    beliefs = {name: alone_by(cell, records[name], fits[name]) for name in long}
     for known, name in permutations(long, 2):
         prepared, believed = records[name], beliefs[known]
         piece = ((prepared.time_s - prepared.time_s[0]) // PIECE_S).astype(int)
@@ -186,7 +191,7 @@ def pairs_of(
             for what, pieces in parts.items()
         }
         found = {what: fit_tables([part], SETTINGS) for what, part in only.items()}
-        own = believed_by(cell, only[PICKED], found[PICKED])
+        own = alone_by(cell, only[PICKED], found[PICKED])
         parts[WHOLE], found[WHOLE] = scored, fits[name]
         promises = {
             f"{PICKED}: by the known record": (PICKED, believed),
@@ -260,5 +265,47 @@ def quarter_lines(folder: Path) -> list[str]:
         f"Of {len(pairs)} pairs, the error is up to a tenth larger than the whole record's in "
         f"{whole:.0f} %, above 10 % SOC in {above:.0f} % (every fourth piece: {every:.0f} and "
         f"{every_above:.0f} %).",
+        "",
+    ]
+
+
+def together_lines(folder: Path) -> list[str]:
+    """The section of measured records that are identified together."""
+    rows: list[tuple[str, str, str, list[float]]] = []
+    for cell_name, (cell, records) in measured(folder).items():
+        fits = {own: fit_tables([prepared], SETTINGS) for own, prepared in records.items()}
+        beliefs = {own: believed_by(cell, [records[own]], fits[own]) for own in records}
+        for names in combinations(records, 2):
+            both = register([records[own] for own in names], SETTINGS)
+            fit = fit_tables(both, SETTINGS)
+            error = believed_by(cell, both, fit).error
+            for known, name in (names, names[::-1]):
+                believed, prepared = beliefs[known], records[name]
+                _, piece = columns_of(believed, prepared)
+                pieces = np.unique(piece[piece >= 0])
+                ratios = reached_over_promised(believed, prepared, pieces, fit)
+                grown = error.rmse_v / believed.error.rmse_v
+                rows.append((cell_name, known, name, [*ratios, grown]))
+                print(rows[-1], file=sys.stderr, flush=True)
+    columns = np.array([values for *_, values in rows])
+    medians = " | ".join(f"{median:.2f}" for median in np.median(columns, axis=0))
+    ends = zip(columns.min(axis=0), columns.max(axis=0), strict=True)
+    spans = " | ".join(f"{low:.2f} to {high:.2f}" for low, high in ends)
+    return [
+        "## Two measured records together",
+        "",
+        "From one record of a cell, tables and error are known; another's current is given, and "
+        "what both will tell together is promised. Then both are identified, their starts and "
+        "capacities registered. Half the intervals reached over promised, and the error that both "
+        "leave over that of the one known.",
+        "",
+        "| cell | known | new | R0 | R1 | R2 | error |",
+        "|---|---|---|---|---|---|---|",
+        *(
+            f"| {' | '.join(names)} | {' | '.join(f'{value:.2f}' for value in values)} |"
+            for *names, values in rows
+        ),
+        f"| median of {len(rows)} | | | {medians} |",
+        f"| lowest to highest | | | {spans} |",
         "",
     ]

@@ -30,8 +30,13 @@ def believed(prepared):
     return replace(known, settings=barnax.TableSettings())
 
 
-def left(prepared, error_v):
-    """A fit that leaves such an error."""
+def left(prepared, believed, error_v):
+    """What a fit of tables leaves of an error."""
+    seconds = by_second(prepared)
+    columns, _ = columns_along(believed, seconds.current_a, seconds.soc)
+    tables = columns[:, : len(believed.names)]
+    error_v = error_v.copy()
+    error_v[:-1] -= tables @ np.linalg.lstsq(tables, error_v[:-1], rcond=1e-6)[0]
     simulated_v = prepared.voltage_v - error_v
     return Evaluation(prepared, simulated_v, measure(prepared.voltage_v, simulated_v))
 
@@ -60,7 +65,7 @@ def test_noise_is_told_from_what_a_circuit_leaves_out(prepared, believed):
     for size in (0.0, 0.4, 0.8):
         more_v = np.append(left_out @ rng.normal(size=left_out.shape[1]), 0.0) * size
         noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 2e-3)
-        found[size] = error_of(believed, left(prepared, noise_v + more_v[:count]))
+        found[size] = error_of(believed, [left(prepared, believed, noise_v + more_v[:count])])
     assert found[0.0].left_out < 0.15
     assert found[0.0].rest_v == pytest.approx(found[0.0].rmse_v, rel=0.05)
     for size in (0.4, 0.8):
@@ -72,10 +77,20 @@ def test_planted_noise_is_found(prepared, believed):
     rng = np.random.default_rng(4)
     count = len(prepared.soc)
     noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 3e-3)
-    error = error_of(believed, left(prepared, noise_v))
+    error = error_of(believed, [left(prepared, believed, noise_v)])
     fast, slow = (
         np.sqrt(sum(sd_v**2 for time_s, sd_v in error.noise if (time_s < 45) == is_fast))
         for is_fast in (True, False)
     )
     assert fast == pytest.approx(2e-3, rel=0.25)
     assert slow == pytest.approx(3e-3, rel=0.35)
+
+
+def test_records_have_the_noise_of_both(prepared, believed):
+    rng = np.random.default_rng(5)
+    count = len(prepared.soc)
+    both = [left(prepared, believed, correlated(rng, count, 60, sd_v)) for sd_v in (1e-3, 4e-3)]
+    found = error_of(believed, both)
+    expected_v = np.sqrt((1e-6 + 16e-6) / 2)
+    assert np.sqrt(sum(sd_v**2 for _, sd_v in found.noise)) == pytest.approx(expected_v, rel=0.2)
+    assert error_of(believed, both[:1]).rmse_v < 0.5 * found.rmse_v

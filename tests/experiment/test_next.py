@@ -8,8 +8,10 @@ from rich.console import Console
 
 import barnax
 from barnax.cli.design import Cell, next_after
+from barnax.cli.session import as_flags
 from barnax.experiment import Step
-from barnax.reporting.design import promised_table
+from barnax.experiment.belief import believed_of
+from barnax.reporting.design import planned_lines, promised_table
 from barnax.reporting.verdict import next_step
 
 BLOCKS = [
@@ -76,12 +78,62 @@ def test_a_table_left_open_is_answered_with_a_test(result):
     )
     part = result.tables.model_copy(update={"fits": (replace(fit, intervals=opened),)})
     assert not next_step(result).designs
-    step = next_step(result.model_copy(update={"tables": part}))
+    opened_result = result.model_copy(update={"tables": part})
+    step = next_step(opened_result)
     assert step.designs
     assert "R2" in step.advice
+    # What predicts another record as well as that needs no R2 told better.
+    assert next_step(validated(opened_result, 1e-3)).exports == "pybamm"
 
 
-def test_promised_and_reached_stand_beside_each_other(design, result):
-    table = promised_table(design, result.tables.fit)
+def validated(result, rmse_v):
+    """The result with such an error on its record to validate on, all of it above 10 % SOC."""
+    (own,) = result.metrics.validation
+    errors = {"rmse_v": rmse_v, "rmse_above_10_soc_v": rmse_v, "registered_v": None}
+    other = own.model_copy(update=errors)
+    metrics = result.metrics.model_copy(update={"validation": (other,)})
+    return result.model_copy(update={"metrics": metrics})
+
+
+@pytest.mark.parametrize(("times", "designs"), [(1.9, False), (2.1, True)])
+def test_a_record_that_is_predicted_badly_is_answered_with_more_data(result, times, designs):
+    step = next_step(validated(result, times * result.metrics.identification.rmse_above_10_soc_v))
+    assert step.designs is designs
+    assert step.advice.startswith("identify on validation.parquet too") is designs
+
+
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_promised_and_reached_stand_beside_each_other(design, result, is_alone):
+    table = promised_table(design, result.tables.fit, is_alone)
     assert [row[0] for row in table.rows] == ["R0", "R1", "R2"]
     assert all(float(row[3]) > 0 for row in table.rows)
+    # What records of a measured cell disagree by is said of several alone.
+    assert ("disagree" in table.caption) is not is_alone
+    assert ("with identification.parquet" in table.caption) is not is_alone
+
+
+def test_records_that_are_not_found_are_told_before_the_search(result, tmp_path):
+    away = tuple(part.model_copy(update={"name": "away.csv"}) for part in result.inputs)
+    (tmp_path / "result.json").write_text(result.model_copy(update={"inputs": away}).to_json())
+    believed = believed_of(tmp_path, None, "nmc")
+    console = Console(width=80)
+    with console.capture() as shown:
+        for line in planned_lines(believed, as_flags):
+            console.print(line)
+    text = "".join(shown.get().split())
+    assert "Plannedfor:2Ah(measured" in text
+    # However long a path is, it is shown whole.
+    assert f"{tmp_path}," in text
+    assert "giveitsfolderwith--data" in text
+
+
+def test_a_capacity_that_only_a_record_tells_is_told_with_what_to_do():
+    believed = believed_of(None, 2.0, "nmc")
+    cell = believed.cell
+    own = tuple(replace(point, row=0) for point in cell.charge_points)
+    for origin, is_told in (("given", False), ("the charge that a.csv spans", True)):
+        spanned = replace(cell, charge_points=own, discharge_points=own, capacity_origin=origin)
+        console = Console(width=200)
+        with console.capture() as shown:
+            console.print(*planned_lines(replace(believed, cell=spanned), as_flags))
+        assert ("identify again with --capacity" in shown.get()) is is_told

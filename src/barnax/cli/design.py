@@ -88,8 +88,9 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
 
         from ..experiment import candidate_blocks
         from ..experiment import design as designed
+        from ..experiment.belief import believed_of
         from ..experiment.protocol import drive_levels
-        from ..reporting.design import design_files, design_screen
+        from ..reporting.design import design_files, design_screen, planned_lines
         from ..reporting.terminal import parts_line
         from ..results import Result
 
@@ -104,12 +105,14 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
                     f"`blocks` {beginning!r}: no piece is called so; there are "
                     f"{', '.join(block.name for block in usual)}"
                 )
-    with session.watch("Designing"):
+    with session.watch("Looking at the records"):
         known = None if cell.result is None else Result.load(cell.result, data=cell.data or ())
+        believed = believed_of(known, cell.capacity, cell.chemistry, kept.temperature)
+    session.show(planned_lines(believed, as_flags))
+    with session.watch("Designing"):
         found = designed(
-            known, capacity=cell.capacity, chemistry=cell.chemistry,
-            max_hours=test.max_hours, want=_wanted(test.want), blocks=blocks, key=test.key,
-            low_voltage=kept.low_voltage, high_voltage=kept.high_voltage,
+            believed, max_hours=test.max_hours, want=_wanted(test.want), blocks=blocks,
+            key=test.key, low_voltage=kept.low_voltage, high_voltage=kept.high_voltage,
             max_discharge=_rate("max_discharge", kept.max_discharge),
             max_charge=_rate("max_charge", kept.max_charge), max_warming=kept.max_warming,
             temperature=kept.temperature,
@@ -121,9 +124,7 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
 
         return {**design_files(found), "figures/design.png": encode(plot_design(found))}
 
-    session.show(
-        [as_flags(line) if isinstance(line, str) else line for line in design_screen(found)]
-    )
+    session.show(design_screen(found))
     folder, _ = output.deliver(session, folder, "design.json", found.to_json(), files)
     if folder is not None:
         names = ["steps.csv", "profile.csv", "experiment_pybamm.py", "procedure.txt", "figures"]
@@ -167,8 +168,7 @@ def next_after(
 def _files_of(known: "Result", cell: Cell, place: Path) -> tuple[list[str], list[str]]:
     """The stored identification with its files where they lie, and the files that were not found;
     the files alone where it was no `barnax identify` that names them."""
-    from ..bundled import BUNDLED
-    from ..reopening import file_of
+    from ..reopening import file_of, folders_of
     from .results import with_files
 
     command = list(known.command[1:])
@@ -180,11 +180,9 @@ def _files_of(known: "Result", cell: Cell, place: Path) -> tuple[list[str], list
             for role in ("identification", "ocv")
         )
         command = ["identify", *own, *(word for name in tests for word in ("--ocv", name))]
-    folder = place if place.is_dir() else place.parent
-    places = [*(cell.data or []), Path(), folder, folder.parent, BUNDLED.record.parent]
     missing: list[str] = []
     # What the design did not need, such as a record to validate on, may be elsewhere.
-    words = with_files(command, known, places, missing)
+    words = with_files(command, known, folders_of(place, cell.data or ()), missing)
     return words, missing
 
 

@@ -3,7 +3,8 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, get_args
+from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -12,19 +13,18 @@ from ..bundled import bundled_file
 from ..cell import CellModel, CircuitParameters, characterize, get_circuit
 from ..cell.elements import RC
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
+from ..cell.soc_axis import GIVEN
 from ..cell.tables import LEAST_OHM
 from ..errors import InputError
 from ..over_soc import TableFit
 from ..over_soc.level import with_own_ocv
 from ..over_soc.settings import TableSettings
 from ..records import read_record
+from ..results import Result
 from ..search.evaluate import Evaluation
 from ..settings import NODES
 from .earlier import by_second, error_of
 from .information import Believed, Error
-
-if TYPE_CHECKING:
-    from ..results import Result
 
 Chemistry = Literal["nmc", "lfp"]
 # Lowest and highest voltage of a cell.
@@ -45,6 +45,32 @@ REST = 0.6
 LEAST_WORST, LEAST_OCV_V = 1.15, 5e-3
 
 
+def believed_of(
+    known: Result | Believed | str | Path | None,
+    capacity_ah: float | None,
+    chemistry: str,
+    temperature_degc: float | None = None,
+) -> Believed:
+    """The belief about a cell of a result, of the folder of one, or of capacity and chemistry.
+
+    Raises `InputError` for what is no capacity, where nothing tells it, and as those below do.
+    """
+    if capacity_ah is not None and not 0 < capacity_ah < math.inf:
+        raise InputError(f"`capacity` {capacity_ah:g} Ah must be positive and finite")
+    if known is None:
+        if capacity_ah is None:
+            raise InputError("a test needs a `capacity` in Ah, or the result of earlier records")
+        return believed_of_chemistry(chemistry, capacity_ah)
+    if isinstance(known, str | Path):
+        known = Result.load(known)
+    if isinstance(known, Result):
+        known = believed_of_result(known, temperature_degc)
+    if capacity_ah is None:
+        return known
+    cell = replace(known.cell, capacity_ah=capacity_ah, capacity_origin=GIVEN)
+    return replace(known, cell=cell)
+
+
 def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
     """A typical cell, of which no record exists: the test has to find its OCV too.
 
@@ -55,7 +81,9 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
         raise InputError(f"`chemistry` {chemistry!r} is not known; there are {known}")
     prefix = "" if chemistry == "nmc" else "lfp_"
     tests = [read_record(bundled_file(f"{prefix}ocv_{way}")) for way in ("charge", "discharge")]
-    cell = replace(characterize(tests, ocv_fit="interpolated"), capacity_ah=capacity_ah)
+    cell = replace(
+        characterize(tests, ocv_fit="interpolated"), capacity_ah=capacity_ah, capacity_origin=GIVEN
+    )
     nodes = np.array(NODES)
     rise = np.exp(-np.maximum(nodes, 0.0) / EMPTY_SOC)
     r0, *r = (
@@ -72,7 +100,7 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
     )
 
 
-def believed_of_result(result: "Result", temperature_degc: float | None = None) -> Believed:
+def believed_of_result(result: Result, temperature_degc: float | None = None) -> Believed:
     """The cell of a result, with what its records tell at that temperature: nothing of intervals
     where none was measured.
 
@@ -80,6 +108,7 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
     the temperature that is asked for.
     """
     told, untold = result.tables and result.tables.fit.intervals, ""
+    peaks_a = [part.peak_current_a or 0.0 for part in result.of_role("identification")]
     try:
         earlier = _records_of(result, temperature_degc)
     except InputError as problem:
@@ -103,23 +132,25 @@ def believed_of_result(result: "Result", temperature_degc: float | None = None) 
         )
     if result.tables is not None:
         fit = replace(result.tables.fit, intervals=told or ())
-        known = believed_of_fit(fit, result.tables.settings, cell, rmse_v, earlier)
-        return replace(known, untold=untold)
-    circuit = result.constant.parameters
-    r0_ohm, *r_ohm = np.repeat(circuit.ohm, len(NODES), axis=1)
-    believed = Believed(
-        cell=cell,
-        tables=CircuitParameters.over_soc(NODES, circuit.tau_s, r0_ohm, r_ohm),
-        worst=np.full(len(NODES), UNKNOWN),
-        error=typical_error(rmse_v),
-        settings=with_own_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
-        ocv_reach_v=LEAST_OCV_V,
-        untold=untold,
-    )
-    return _counting(believed, earlier)
+        believed = believed_of_fit(fit, result.tables.settings, cell, rmse_v, earlier)
+    else:
+        circuit = result.constant.parameters
+        r0_ohm, *r_ohm = np.repeat(circuit.ohm, len(NODES), axis=1)
+        constants = Believed(
+            cell=cell,
+            tables=CircuitParameters.over_soc(NODES, circuit.tau_s, r0_ohm, r_ohm),
+            worst=np.full(len(NODES), UNKNOWN),
+            error=typical_error(rmse_v),
+            settings=with_own_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
+            ocv_reach_v=LEAST_OCV_V,
+        )
+        believed = _counting(constants, earlier)
+    largest_c = max(peaks_a, default=0.0) / cell.capacity_ah
+    rates_c = (largest_c, largest_c / 2) if largest_c else believed.rates_c
+    return replace(believed, rates_c=rates_c, untold=untold)
 
 
-def _records_of(result: "Result", temperature_degc: float | None) -> list[Evaluation]:
+def _records_of(result: Result, temperature_degc: float | None) -> list[Evaluation]:
     """The records that a result is of, at that temperature. Raises `InputError` where they are not
     found."""
     run = result.run
@@ -171,13 +202,11 @@ def believed_of_fit(
 
 
 def _counting(believed: Believed, earlier: Sequence[Evaluation]) -> Believed:
-    """The same with records that will be identified with the test's, and the error that the longest
-    of them shows."""
+    """The same with records that are identified with the test's, and the error that they show."""
     if not earlier:
         return believed
-    longest = max(earlier, key=lambda evaluated: float(np.ptp(evaluated.prepared.time_s)))
     seconds = [by_second(evaluated.prepared) for evaluated in earlier]
-    return replace(believed, earlier=seconds, error=error_of(believed, longest))
+    return replace(believed, earlier=seconds, error=error_of(believed, earlier))
 
 
 def _positive(row: tuple[float, ...]) -> tuple[float, ...]:

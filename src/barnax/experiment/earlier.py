@@ -7,6 +7,7 @@ so too, of an expected size; what is more tells how large that is which the circ
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -31,25 +32,34 @@ def _second(prepared: PreparedRecord) -> np.ndarray:
     return np.floor(prepared.time_s - prepared.time_s[0] + 1e-6).astype(int)
 
 
-def error_of(believed: Believed, found: Evaluation) -> Error:
-    """The error of a fit with these tables as its residuals on a record show it."""
-    seconds, scored = by_second(found.prepared), found.prepared.scored
-    second, count = _second(found.prepared)[scored], len(seconds.counted)
-    sums_v, samples = (
-        np.bincount(second, weights, count)[:count][seconds.counted]
-        for weights in (found.error_v[scored], np.ones(len(second)))
-    )
-    columns, _ = columns_along(believed.usual, seconds.current_a, seconds.soc)
-    columns = columns[seconds.counted]
+def error_of(believed: Believed, earlier: Sequence[Evaluation]) -> Error:
+    """The error of a fit with these tables as its residuals on its records show it."""
+    errors, stacked, times, clock_s = [], [], [], 0.0
+    longest_s = max(evaluated.prepared.scored_duration_s for evaluated in earlier)
+    for evaluated in earlier:
+        seconds, scored = by_second(evaluated.prepared), evaluated.prepared.scored
+        second, count = _second(evaluated.prepared)[scored], len(seconds.counted)
+        sums_v, samples = (
+            np.bincount(second, weights, count)[:count][seconds.counted]
+            for weights in (evaluated.error_v[scored], np.ones(len(second)))
+        )
+        errors.append(sums_v / samples)
+        columns, _ = columns_along(believed.usual, seconds.current_a, seconds.soc)
+        stacked.append(columns[seconds.counted])
+        # No lag within a record is one between records.
+        at = np.flatnonzero(seconds.counted)
+        times.append(clock_s + at - at[0])
+        clock_s = times[-1][-1] + longest_s + 2
+    columns, time_s = np.concatenate(stacked), np.concatenate(times)
+    slots = Slots.of(time_s, longest_s, MAX_SLOTS)
     followed, left_out = np.split(columns, [len(believed.names)], axis=1)
     basis = _basis(followed)
-    error_v = _without(sums_v / samples, basis)
-    left_out = _without(left_out, basis)
+    # What bounds and smoothing kept a fit from following is left too.
+    error_v, left_out = np.concatenate(errors), _without(left_out, basis)
     explaining = _basis(left_out)
-    time_s = np.flatnonzero(seconds.counted).astype(float)
-    noise = _noise(error_v, basis, time_s)
+    noise = _noise(error_v, basis, time_s, slots)
     both = np.concatenate([basis, explaining], axis=1)
-    of_rest = _noise(_without(error_v, explaining), both, time_s).spread_v2
+    of_rest = _noise(_without(error_v, explaining), both, time_s, slots).spread_v2
     expected_v2 = float(np.trace(of_rest[basis.shape[1] :, basis.shape[1] :]))
     explained_v2 = max(float(np.sum((explaining.T @ error_v) ** 2)) - expected_v2, 0.0)
     rmse_v = math.sqrt(float(np.mean(error_v**2)))
@@ -75,10 +85,12 @@ def _without(values: np.ndarray, basis: Columns) -> np.ndarray:
 
 
 def _noise(
-    error_v: Float[np.ndarray, "samples"], basis: Columns, time_s: Float[np.ndarray, "samples"]
+    error_v: Float[np.ndarray, "samples"],
+    basis: Columns,
+    time_s: Float[np.ndarray, "samples"],
+    slots: Slots,
 ) -> Noise:
     """The noise that is behind such errors of a fit."""
-    slots = Slots.of(time_s, None, MAX_SLOTS)
     (noise,) = fit_gathered(
         slots,
         counts=slots.gathered(time_s, np.ones(len(time_s))),

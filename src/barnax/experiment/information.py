@@ -91,6 +91,7 @@ class Believed:
         earlier: Records that will be identified with the test's.
         known: Half the 95 % intervals that they left, relative or in V.
         ocv_reach_v: How far the OCV may be from the cell's.
+        rates_c: The largest discharge and charge that are usual for it, in 1/h of the capacity.
         untold: Why the earlier records do not count.
     """
 
@@ -102,6 +103,7 @@ class Believed:
     earlier: Sequence[Seconds] = ()
     known: Mapping[Name, float] = field(default_factory=dict)
     ocv_reach_v: float = 0.0
+    rates_c: tuple[float, float] = (1.0, 0.5)
     untold: str = ""
 
     @cached_property

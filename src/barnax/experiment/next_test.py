@@ -13,7 +13,7 @@ from jaxtyping import Array
 from ..blas import one_blas_thread
 from ..errors import InputError
 from ..results import Result
-from .belief import WINDOW_V, believed_of_chemistry, believed_of_result
+from .belief import WINDOW_V, believed_of
 from .blocks import Block, candidate_blocks
 from .information import Believed, Normal, Width, columns_along, information_of, widths_of
 from .protocol import (
@@ -44,6 +44,7 @@ from .stored import (
     wanted_of,
 )
 
+# Of further resistances what is wanted of R2.
 WANTED = {"R0": 0.02, "R1": 0.2, "R2": 0.3, "OCV": 15e-3}
 # Of the RMSE that a fit leaves, what is wanted on a drive cycle.
 WANTED_ON_DRIVE = 1.5
@@ -62,7 +63,6 @@ ROUNDED = 1.001
 LEAST_BEYOND = 0.01
 # By how much more than a square law currents are lowered where they warm too much.
 LESS_WARM = 0.95
-DEFAULT_C = (1.0, 0.5)
 
 
 def design(
@@ -125,12 +125,13 @@ def design(
         raise InputError(
             "a test needs something to `want`, some `blocks`, and one start of its search"
         )
-    believed, window_v, rates_c = _believed(result, capacity, chemistry, temperature)
+    believed = believed_of(result, capacity, chemistry, temperature)
+    window_v = WINDOW_V["lfp" if believed.cell.has_flat_ocv else "nmc"]
     limits = Limits(
         window_v[0] if low_voltage is None else low_voltage,
         window_v[1] if high_voltage is None else high_voltage,
-        rates_c[0] if max_discharge is None else max_discharge,
-        rates_c[1] if max_charge is None else max_charge,
+        believed.rates_c[0] if max_discharge is None else max_discharge,
+        believed.rates_c[1] if max_charge is None else max_charge,
         max_warming,
     )
     wishes, wanted = wishes_of(believed, None if want == "hppc" else want)
@@ -186,34 +187,6 @@ def design(
     )
 
 
-def _believed(
-    result: Result | Believed | str | Path | None,
-    capacity: float | None,
-    chemistry: str,
-    temperature: float | None,
-) -> tuple[Believed, tuple[float, float], tuple[float, float]]:
-    """The belief about the cell, its usual voltages, and the usual rates."""
-    if capacity is not None and not 0 < capacity < math.inf:
-        raise InputError(f"`capacity` {capacity:g} Ah must be positive and finite")
-    if result is None:
-        if capacity is None:
-            raise InputError("a test needs a `capacity` in Ah, or the result of earlier records")
-        return believed_of_chemistry(chemistry, capacity), WINDOW_V[chemistry], DEFAULT_C
-    if isinstance(result, str | Path):
-        result = Result.load(result)
-    rates_c = DEFAULT_C
-    if isinstance(result, Believed):
-        believed = result
-    else:
-        believed = believed_of_result(result, temperature)
-        peaks_a = [part.peak_current_a or 0.0 for part in result.of_role("identification")]
-        largest_c = max(peaks_a, default=0.0) / believed.cell.capacity_ah or DEFAULT_C[0]
-        rates_c = largest_c, largest_c / 2
-    if capacity is not None:
-        believed = replace(believed, cell=replace(believed.cell, capacity_ah=capacity))
-    return believed, WINDOW_V["lfp" if believed.cell.has_flat_ocv else "nmc"], rates_c
-
-
 def _hours(steps: Sequence[Step]) -> float:
     return sum(step.duration_s for step in steps) / 3600
 
@@ -237,7 +210,7 @@ def wishes_of(
         if not 0 < half < 1:
             raise InputError(f"`want` {name}={half:g} must be above 0, and under 1 (100 % or 1 V)")
     usual = {**WANTED, DRIVE: WANTED_ON_DRIVE * believed.error.rmse_v}
-    wanted = {name: usual.get(name, 0.1) for name in names} if want is None else dict(want)
+    wanted = {name: usual.get(name, WANTED["R2"]) for name in names} if want is None else dict(want)
     return [
         Wish(place, wanted[short(name)])
         for place, (name, soc) in enumerate(believed.names)

@@ -234,7 +234,7 @@ def headed_line(head: str, text: str, width: int = 15, style: str = "") -> Rende
     """A head and its text, which goes on below itself."""
     grid = Shown.grid(padding=(0, 1, 0, 0))
     grid.add_column(width=width, no_wrap=True)
-    grid.add_column()
+    grid.add_column(overflow="fold")
     label = head if head in ("-", "") else f"{head}:"
     grid.add_row(Text(label, style="bold"), plain(text, style=style))
     return grid

@@ -8,7 +8,8 @@ from jaxtyping import Bool, Float, Int
 from ..errors import InputError, counted
 from ..notices import Notice, notice
 from ..records import rest_current_a as usual_rest_current_a
-from ..records.record import Record, is_rested, rest_blocks, runs
+from ..records.record import Record
+from ..records.segments import is_rested, rest_blocks, runs
 from .soc_axis import CHARGE, DISCHARGE, WORD, Sweep, SweepPoint
 
 MINIMUM_REST_S = 1800.0

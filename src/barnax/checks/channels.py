@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float, Int
 
 from ..notices import Notice, Severity
 from ..records.dialects import CHARGE, DISCHARGE
-from ..records.record import equal_runs
 from ..records.samples import Samples
+from ..records.segments import equal_runs
 from ..records.sign import step_votes
 from ..records.table import found_at
 from .check_input import CheckInput

@@ -8,8 +8,8 @@ import numpy as np
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, CLOSURE, DISCHARGE
 from ..notices import Notice
 from ..records.counters import gain_ah
-from ..records.record import runs
 from ..records.samples import STEADY_SHARE
+from ..records.segments import runs
 from .check_input import CheckInput
 
 # As shares of all the charge that went in and out. Testers integrate between the samples that

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from ..notices import Notice, notice
 from ..records import Record
-from ..records.record import equal_runs
+from ..records.segments import equal_runs
 from ..records.silence import gaps_in
 from .check_input import CheckInput
 from .roles import FINE_S

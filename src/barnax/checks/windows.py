@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
-from ..records.record import FULL_CHARGE, equal_runs, runs
+from ..records.segments import FULL_CHARGE, equal_runs, runs
 from .check_input import CheckInput
 
 # A rest of this length settles the cell.

@@ -12,14 +12,14 @@ from ..cell.soc_axis import BEYOND_SOC
 from ..errors import InputError
 from ..notices import Notice, notice
 from ..records import Record, is_rested
-from ..records.record import FULL_CHARGE, rest_blocks, runs
 from ..records.samples import record_resistance_ohm
+from ..records.segments import held_charges, rest_blocks, runs
 from ..settings import SocSource
 from .window import Window
 
-# A charge that ends full (`FullCharge`) does so below C/10; a discharge ends empty after so long,
-# at up to C/1.8, for many tests make it at C/2. The voltage without R I is within 2 % of the end.
-_FULL_HOURS, _EMPTY_HOURS, _AT_AN_END = 10.0, 1.8, 0.02
+# A discharge ends empty after so long, at up to C/1.8, for many tests make it at C/2. The voltage
+# without R I is within 2 % of an end.
+_EMPTY_HOURS, _AT_AN_END = 1.8, 0.02
 _EMPTYING_S = 300.0
 # A current so small leaves the voltage nearly that of rest.
 _SMALL_HOURS = 20.0
@@ -96,25 +96,6 @@ def _full_ends(
     for last in held_charges(record, capacity_ah, rest_a):
         if record.voltage_v[last] + ohm * record.current_a[last] >= full_v:
             yield KnownSoc(1.0, "full end", last)
-
-
-def held_charges(record: Record, capacity_ah: float, rest_a: float) -> Iterator[int]:
-    """The last samples of charges that end as a charge to full does: at a voltage that is held
-    while the current tapers."""
-    for first, last in zip(*runs(record.current_a < -rest_a), strict=True):
-        current_a, voltage_v = (
-            values[first : last + 1] for values in (record.current_a, record.voltage_v)
-        )
-        moving = np.flatnonzero(np.abs(voltage_v - voltage_v[-1]) > FULL_CHARGE.held_v)
-        held = int(moving[-1]) + 1 if len(moving) else 0
-        is_long = record.time_s[last] - record.time_s[first] >= FULL_CHARGE.least_s
-        held_s = record.time_s[last] - record.time_s[first + held]
-        end_a = -float(current_a[-1])
-        is_tapered = FULL_CHARGE.has_tapered(float(current_a[held]), end_a)
-        is_slow = end_a <= capacity_ah / _FULL_HOURS
-        is_held = held_s >= FULL_CHARGE.least_held_s
-        if is_long and is_held and is_tapered and is_slow:
-            yield int(last)
 
 
 def _empty_ends(

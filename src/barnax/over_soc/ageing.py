@@ -33,7 +33,7 @@ from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import FEWEST_SAMPLES, PreparedRecord
 from ..model.search_space import Range
-from ..records.record import runs
+from ..records.segments import runs
 from .nuisances import Estimated, Measured, estimate, of_starts
 from .objective import Solution, TableObjective
 from .problem import box_of, held_at, reduced_objective

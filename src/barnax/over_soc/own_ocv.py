@@ -24,12 +24,13 @@ from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import OCV_MARGIN, PreparedRecord, prepare_record, soc_along
-from ..model.start import find_start, held_charges
+from ..model.start import find_start
 from ..model.temperature import temperature_of
 from ..model.window import Window, first_sample, scored_samples
 from ..notices import notice
 from ..records import Record, rest_current_a
-from ..records.record import FULL_CHARGE, in_means
+from ..records.record import in_means
+from ..records.segments import FULL_CHARGE, held_charges
 from .certificate import certify
 from .cross_validation import held_out_errors
 from .current_offset import offset_effect

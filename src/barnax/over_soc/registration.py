@@ -27,7 +27,8 @@ from ..execution import in_float64
 from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord
 from ..notices import Notice, notice
-from ..records.record import in_means, runs
+from ..records.record import in_means
+from ..records.segments import runs
 from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
 from .cross_validation import WORTHWHILE, held_out_errors

@@ -22,7 +22,7 @@ from ..inputs import Watch, file_names, source_of, window_of
 from ..model.window import Window
 from ..records import Record, Source, read_record, rest_current_a
 from ..records.columns import is_ocv_table
-from ..records.record import FULL_CHARGE
+from ..records.segments import FULL_CHARGE
 from ..settings import Reading
 from .document import merged
 

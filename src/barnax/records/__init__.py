@@ -1,15 +1,8 @@
 """Measured data in, checked records out."""
 
 from .read import read_record, record_from_frame
-from .record import (
-    Decision,
-    Hold,
-    Record,
-    current_direction,
-    is_rested,
-    rest_blocks,
-    rest_current_a,
-)
+from .record import Decision, Hold, Record
+from .segments import current_direction, is_rested, rest_blocks, rest_current_a
 from .source import Source, find_file, read_source, source_from_frame
 
 __all__ = [

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ..display import Brief
 from ..notices import Notice
@@ -24,33 +24,6 @@ _NAMED_DEGC = re.compile(
     r"[ _]?(?:degC|deg_?C|°C)(?![a-zA-Z])",
     re.IGNORECASE,
 )
-
-
-@dataclass(frozen=True)
-class FullCharge:
-    """The marks of a charge that ends full: a voltage that is held while the current tapers.
-
-    Attributes:
-        least_s: It lasts so long; what a brake gives back is shorter.
-        held_v: The held voltage stays within this.
-        least_held_s: For so long; an LFP cell is full within minutes of holding its voltage.
-        tapered: The current falls below this share.
-        near_v: The last voltage is so near the record's highest.
-        held_near_v: So near is a held voltage, which brakes of a cold cell exceed.
-    """
-
-    least_s: float = 300.0
-    held_v: float = 0.01
-    least_held_s: float = 60.0
-    tapered: float = 0.5
-    near_v: float = 0.02
-    held_near_v: float = 0.06
-
-    def has_tapered(self, first_a: float, last_a: float) -> bool:
-        return abs(last_a) < self.tapered * abs(first_a)
-
-
-FULL_CHARGE = FullCharge()
 
 
 @dataclass(frozen=True)
@@ -153,22 +126,6 @@ class Record(Brief):
         return moved_ah if self.skipped_ah is None else moved_ah + self.skipped_ah
 
 
-def runs(
-    holds: Bool[np.ndarray, "places"],
-) -> tuple[Int[np.ndarray, "runs"], Int[np.ndarray, "runs"]]:
-    """First and last place of each unbroken run where `holds` is true, in order."""
-    edges = np.flatnonzero(np.diff(holds, prepend=False, append=False))
-    return edges[::2], edges[1::2] - 1
-
-
-def equal_runs(
-    values: Float[np.ndarray, "places"] | Int[np.ndarray, "places"],
-) -> tuple[Int[np.ndarray, "runs"], Int[np.ndarray, "runs"]]:
-    """First and last place of each run of equal values."""
-    changes = np.flatnonzero(np.diff(values) != 0)
-    return np.append(0, changes + 1), np.append(changes, len(values) - 1)
-
-
 def in_means(record: Record, interval_s: float) -> Record:
     """The record in means over intervals, with all its charge; itself where it is no faster.
 
@@ -219,91 +176,6 @@ def in_means(record: Record, interval_s: float) -> Record:
         flowing[silent] = np.clip(shares, 0.0, 1.0)
         found = replace(found, flowing=flowing)
     return replace(found, skipped_ah=moved_ah - found.moved_ah)
-
-
-# Long enough for a robust spread, short against a rest.
-_WINDOW_SAMPLES = 32
-
-
-def rest_current_a(record: Record, capacity_ah: float) -> float:
-    """The current below which a cell counts as resting, in A.
-
-    C/100, and never under five times the current's noise at rest: a tester's offset is not a
-    direction.
-
-    >>> from barnax.bundled import bundled_file
-    >>> from barnax.records import read_record
-    >>> record = read_record(bundled_file("ocv_discharge"))
-    >>> rest_current_a(record, capacity_ah=2.0)
-    0.02
-    """
-    return max(capacity_ah / 100, 5 * _noise_at_rest_a(record, capacity_ah))
-
-
-def _noise_at_rest_a(record: Record, capacity_ah: float) -> float:
-    """The median robust noise of short windows of small, steady current; zero without such.
-
-    The windows lie below C/20 throughout and below C/50 in the median. Differences of neighbors
-    over sqrt(2) give the noise of white noise and little of a drift or a slow dither.
-    """
-    windows = record.samples // _WINDOW_SAMPLES
-    current = record.current_a[: windows * _WINDOW_SAMPLES].reshape(windows, _WINDOW_SAMPLES)
-    is_small = (np.abs(current) < capacity_ah / 20).all(axis=1)
-    current = current[is_small]
-    steps = np.diff(current, axis=1)
-    noise_a = 1.4826 * np.median(np.abs(steps), axis=1) / np.sqrt(2)
-    # Half against half: the means of white noise hardly differ, those of a swing do.
-    half = _WINDOW_SAMPLES // 2
-    drift_a = np.abs(current[:, :half].mean(axis=1) - current[:, half:].mean(axis=1))
-    is_low = np.abs(np.median(current, axis=1)) < capacity_ah / 50
-    is_steady = is_low & (drift_a <= 3 * noise_a * np.sqrt(2 / half))
-    return float(np.median(noise_a[is_steady])) if is_steady.any() else 0.0
-
-
-def is_rested(record: Record, threshold_a: float) -> Bool[np.ndarray, "samples"]:
-    """True where the current's magnitude is below `threshold_a`.
-
-    >>> from barnax.bundled import bundled_file
-    >>> from barnax.records import read_record
-    >>> record = read_record(bundled_file("ocv_discharge"))
-    >>> bool(is_rested(record, threshold_a=0.02)[0])
-    True
-    """
-    return np.abs(record.current_a) < threshold_a
-
-
-def current_direction(
-    record: Record, threshold_a: float, initial: int = 1
-) -> Float[np.ndarray, "samples"]:
-    """The last direction of the current: +1 charging, -1 discharging (Sig of Eq. 5).
-
-    Below `threshold_a` the last direction goes on; before the first one it is `initial`, +1 for
-    a cell that comes from a charge.
-
-    >>> from barnax.bundled import bundled_file
-    >>> from barnax.records import read_record
-    >>> record = read_record(bundled_file("ocv_discharge"))
-    >>> direction = current_direction(record, threshold_a=0.02)
-    >>> float(direction[0]), float(direction[-1])
-    (1.0, -1.0)
-    """
-    moving = ~is_rested(record, threshold_a) & (record.current_a != 0)
-    last_moving = np.maximum.accumulate(np.where(moving, np.arange(record.samples), -1))
-    direction = -np.sign(record.current_a[last_moving])
-    return np.where(last_moving >= 0, direction, float(initial))
-
-
-def rest_blocks(record: Record, threshold_a: float) -> list[tuple[int, int]]:
-    """First and last sample of each unbroken rest, in order.
-
-    >>> from barnax.bundled import bundled_file
-    >>> from barnax.records import read_record
-    >>> record = read_record(bundled_file("ocv_discharge"))
-    >>> len(rest_blocks(record, threshold_a=0.02))
-    22
-    """
-    first, last = runs(is_rested(record, threshold_a))
-    return list(zip(first.tolist(), last.tolist(), strict=True))
 
 
 def degc_in_name(name: str) -> float | None:

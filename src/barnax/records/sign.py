@@ -14,8 +14,9 @@ from jaxtyping import Float, Int
 from ..errors import counted
 from ..notices import Notice, notice
 from .dialects import CHARGE, DISCHARGE, PLAIN, Sign
-from .record import Decision, equal_runs, runs
+from .record import Decision
 from .samples import Samples, some, voltage_noise_v
+from .segments import equal_runs, runs
 from .table import found_at
 
 SIGNS: Mapping[int, Sign] = {1: CHARGE, -1: DISCHARGE}

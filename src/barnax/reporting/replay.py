@@ -92,9 +92,9 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         low, high = (f"{100 * soc:.0f}" for soc in replay.flat_soc)
         widest = max(scenario.widest or 0.0 for scenario in replay.scenarios)
         yield (
-            "Flat OCV",
-            f"between {low} and {high} % SOC a voltage does not tell SOC to 5 %: the filter counts "
-            f"there, with a band of up to {100 * widest:.0f} %",
+            "Uncertain OCV",
+            f"between {low} and {high} % SOC the circuit's errors of voltage are worth over 5 %: "
+            f"the filter counts there, with a band of up to {100 * widest:.0f} %",
         )
     for name in replay.untried:
         yield "Not tried", f"{name}: the record's SOC leaves no room for it"

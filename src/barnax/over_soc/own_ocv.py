@@ -350,8 +350,7 @@ def _capacity(
             f"{records[0].name}: its current moves no charge, so nothing tells the OCV; give a "
             "record that goes over much of the state of charge"
         )
-    lowest_v = float(widest.voltage_v.min())
-    more = ""
+    lowest_v, more = float(widest.voltage_v.min()), ""
     if lowest_v > NEVER_EMPTY_V:
         more = f"; it never falls below {lowest_v:.2f} V, so the cell holds more"
     return span_ah, f"the charge that {widest.name} spans{more}"

@@ -27,6 +27,8 @@ _COARSE_S, _FINE_SHARE = 30.0, 0.1
 # The answers to a step are looked at in so many samples, of so many places where the current moves
 # by more than this share of the largest.
 _ANSWERS, _FEWEST_STEPS, _STEP_SHARE = 5, 50, 0.05
+# The answers to so many steps tell as much as those to all.
+_ENOUGH_STEPS = 50_000
 # A pair answers in the sample after a step at most so often what it does in the next one, unless it
 # is over within two samples. More than this share of the whole, at so many deviations, is late.
 _LASTING, _LATE_SHARE, _LATE_SURE = 2.0, 0.03, 4.0
@@ -38,6 +40,7 @@ _BACK_SHARE = 0.1
 # From this interval on, part of a sample may be a pair, or a load that changes between rows.
 _ALIKE_S = 0.5
 Answers = Float[np.ndarray, "answers"]
+Known = tuple[Answers, Float[np.ndarray, "answers answers"]]
 
 # Codes for a current that changes faster than it is sampled, by the kind of its rows.
 _FAST_LOAD = {
@@ -157,7 +160,7 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Notice]:
     yield given.at(int(np.argmax(is_coarse)) + 1, "coarse-intervals.load", **told)
 
 
-def _answers_ohm(record: Record) -> tuple[Answers, Float[np.ndarray, "answers answers"]] | None:
+def _answers_ohm(record: Record) -> Known | None:
     """The answers of the voltage to a step of the current in the samples from it on, with their
     covariance; None where too few steps are on an even clock.
 
@@ -165,20 +168,20 @@ def _answers_ohm(record: Record) -> tuple[Answers, Float[np.ndarray, "answers an
     first, in the others what the RC pairs add, which falls off with their time constants.
     """
     interval_s, moved_a = record.interval_s, np.diff(record.current_a)
-    usual_s = float(np.median(interval_s))
-    near = np.lib.stride_tricks.sliding_window_view
-    if len(moved_a) < _ANSWERS + _FEWEST_STEPS:
-        return None
-    is_even = np.all(np.abs(near(interval_s, _ANSWERS) - usual_s) < 0.1 * usual_s, axis=1)
-    steps_a = near(moved_a, _ANSWERS)[:, ::-1]
     least_a = _STEP_SHARE * float(np.max(np.abs(record.current_a)))
-    is_used = is_even & (np.max(np.abs(steps_a), axis=1) > least_a)
-    if is_used.sum() < _FEWEST_STEPS:
+    steps = np.flatnonzero(np.abs(moved_a) > least_a)[:_ENOUGH_STEPS]
+    places = np.unique(steps[:, None] + np.arange(_ANSWERS))
+    places = places[(places >= _ANSWERS - 1) & (places < len(moved_a))]
+    window = places[:, None] - np.arange(_ANSWERS)
+    usual_s = float(np.median(interval_s))
+    is_even = np.all(np.abs(interval_s[window] - usual_s) < 0.1 * usual_s, axis=1)
+    places, window = places[is_even], window[is_even]
+    if len(places) < _FEWEST_STEPS:
         return None
     # The current before the steps and a constant stand for all that is slow.
-    before_a = record.current_a[: len(steps_a)]
-    design = np.column_stack([steps_a, before_a, np.ones(len(steps_a))])[is_used]
-    moved_v = np.diff(record.voltage_v)[_ANSWERS - 1 :][is_used]
+    before_a = record.current_a[window[:, -1]]
+    design = np.column_stack([moved_a[window], before_a, np.ones(len(places))])
+    moved_v = np.diff(record.voltage_v)[places]
     if np.linalg.matrix_rank(design) < design.shape[1]:
         return None
     inverse = np.linalg.inv(design.T @ design)
@@ -193,7 +196,10 @@ def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
 
     None where nothing is late. A second answer far above what the third leaves it is late.
     """
-    known = _answers_ohm(record)
+    return _late(_answers_ohm(record))
+
+
+def _late(known: Known | None) -> tuple[float, float, float] | None:
     if known is None:
         return None
     answers, covariance = known
@@ -233,9 +239,10 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
         else:
             yield notice("late-voltage.leads", **told)
         return
-    answers_ohm = late_answers_ohm(given.record)
+    known = _answers_ohm(given.record)
+    answers_ohm = _late(known)
     if answers_ohm is None:
-        yield from _smoothed_voltage(given.record, usual_s)
+        yield from _smoothed_voltage(known, usual_s)
         return
     first_ohm, second_ohm, third_ohm = answers_ohm
     late_ohm = second_ohm - _LASTING * third_ohm
@@ -249,9 +256,8 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     )
 
 
-def _smoothed_voltage(record: Record, interval_s: float) -> Iterator[Notice]:
+def _smoothed_voltage(known: Known | None, interval_s: float) -> Iterator[Notice]:
     """A voltage that answers a step over several samples, as one that was filtered does."""
-    known = _answers_ohm(record)
     if known is None:
         return
     (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = known

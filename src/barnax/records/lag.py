@@ -30,8 +30,8 @@ _FAR, _NEAREST, _LEFT = 5, 0.6, 0.9
 _LEAST, _SURE, _PARTS = 0.1, 4.0, 24
 # On its other side a step shows less than this share of what it shows beside itself.
 _OTHER_SIDE = 0.25
-# The whole samples of a lag are found by so many places.
-_ENOUGH = 10_000
+# The whole samples of a lag are found by so many places, the parts of one by so many.
+_ENOUGH, _MANY = 10_000, 100_000
 # In slower logs a pair that is over within a sample is likelier than a lag.
 _SLOWEST_S = 1.5
 # So many intervals beside steps of this share of the largest current are needed, of an even clock.
@@ -61,7 +61,7 @@ class Lag:
 def find_lag(record: Record) -> Lag | None:
     """The lag of a record's voltage, None where it shows none for certain."""
     usual_s = float(np.median(record.interval_s))
-    known = _changes(record.interval_s, record.current_a, _NEAR)
+    known = _changes(record.interval_s, record.current_a, _NEAR, _MANY)
     if usual_s > _SLOWEST_S or known is None or not np.ptp(record.voltage_v):
         return None
     places, changes, scale = known
@@ -100,7 +100,7 @@ def whole_lag(interval_s: Intervals, current_a: Rows, voltage_v: Rows) -> int:
 
 
 def _changes(
-    interval_s: Intervals, current_a: Rows, near: int, most: int | None = None
+    interval_s: Intervals, current_a: Rows, near: int, most: int
 ) -> tuple[Int[np.ndarray, "places"], Table, Float[np.ndarray, "changes"]] | None:
     """Intervals so near to steps of the current, at most so many, D i and what is slow there as
     columns of one scale, and that scale; None where too few are on an even clock."""
@@ -108,7 +108,10 @@ def _changes(
     if len(step_a) < _FEWEST + 2 * _FAR:
         return None
     is_step = np.abs(step_a) > _STEP_SHARE * float(np.max(np.abs(current_a)))
-    is_uneven = np.abs(interval_s - usual_s) >= _EVEN * usual_s
+    # The first steps are enough, and a long record has more.
+    end = int(np.append(0, np.flatnonzero(is_step)[:most])[-1]) + near + _FAR + 2
+    is_step = is_step[:end]
+    is_uneven = np.abs(interval_s[:end] - usual_s) >= _EVEN * usual_s
     window = np.ones(2 * near + 1)
     steps, uneven = (np.convolve(flags, window, "valid") for flags in (is_step, is_uneven))
     places = np.flatnonzero((steps > 0.5) & (uneven < 0.5)) + near

@@ -10,7 +10,7 @@ import barnax
 from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step
-from barnax.experiment.belief import believed_of
+from barnax.experiment.belief import believed_of, window_of
 from barnax.reporting.design import planned_lines, promised_table
 from barnax.reporting.verdict import next_step
 
@@ -137,3 +137,8 @@ def test_a_capacity_that_only_a_record_tells_is_told_with_what_to_do():
         with console.capture() as shown:
             console.print(*planned_lines(replace(believed, cell=spanned), as_flags))
         assert ("identify again with --capacity" in shown.get()) is is_told
+
+
+@pytest.mark.parametrize(("chemistry", "window_v"), [("nmc", (2.5, 4.2)), ("lfp", (2.0, 3.65))])
+def test_a_cell_s_usual_voltages_are_those_of_its_chemistry(chemistry, window_v):
+    assert window_of(believed_of(None, 2.0, chemistry).cell) == window_v

@@ -27,8 +27,9 @@ from .earlier import by_second, error_of
 from .information import Believed, Error
 
 Chemistry = Literal["nmc", "lfp"]
-# Lowest and highest voltage of a cell.
-WINDOW_V = {"nmc": (2.5, 4.2), "lfp": (2.0, 3.65)}
+# Lowest and highest voltage of a cell of layered oxide, and of one whose OCV when full is under the
+# last.
+WINDOW_V, LFP_WINDOW_V, LFP_FULL_V = (2.5, 4.2), (2.0, 3.65), 3.8
 # Resistances of a typical cell of 1 Ah half full, R0, R1 and R2, and how much more they are empty.
 TYPICAL_OHM, EMPTY, EMPTY_SOC = (0.10, 0.03, 0.05), (0.3, 1.0, 1.0), 0.08
 TYPICAL_TAU_S = (12.0, 120.0)
@@ -69,6 +70,12 @@ def believed_of(
         return known
     cell = replace(known.cell, capacity_ah=capacity_ah, capacity_origin=GIVEN)
     return replace(known, cell=cell)
+
+
+def window_of(cell: CellModel) -> tuple[float, float]:
+    """The lowest and the highest voltage that are usual for a cell with such an OCV."""
+    full_v = float(cell.average_ocv_v(np.array([1.0]))[0])
+    return LFP_WINDOW_V if full_v < LFP_FULL_V else WINDOW_V
 
 
 def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:

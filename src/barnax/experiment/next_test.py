@@ -13,7 +13,7 @@ from jaxtyping import Array
 from ..blas import one_blas_thread
 from ..errors import InputError
 from ..results import Result
-from .belief import WINDOW_V, believed_of
+from .belief import believed_of, window_of
 from .blocks import Block, candidate_blocks
 from .information import Believed, Normal, Width, columns_along, information_of, widths_of
 from .protocol import (
@@ -126,7 +126,7 @@ def design(
             "a test needs something to `want`, some `blocks`, and one start of its search"
         )
     believed = believed_of(result, capacity, chemistry, temperature)
-    window_v = WINDOW_V["lfp" if believed.cell.has_flat_ocv else "nmc"]
+    window_v = window_of(believed.cell)
     limits = Limits(
         window_v[0] if low_voltage is None else low_voltage,
         window_v[1] if high_voltage is None else high_voltage,

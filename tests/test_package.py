@@ -91,7 +91,7 @@ changed = [name for name, value in jax.config.values.items() if before.get(name)
 from jax._src import xla_bridge
 told = {"changed": changed, "has devices": xla_bridge.backends_are_initialized(), "kinds": []}
 names = list(barnax.__all__)
-for order in range(2):
+for order in range(1):
     # JAX stays loaded, so that each order costs barnax's own import only.
     for module in [name for name in sys.modules if name.split(".")[0] == "barnax"]:
         del sys.modules[module]

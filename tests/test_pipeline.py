@@ -97,12 +97,10 @@ def frame_of(path, library):
     table = pl.read_parquet(path)
     if library == "polars":
         return table
-    if library == "mapping":
-        return {name: table[name].to_numpy() for name in table.columns}
     return pytest.importorskip("pandas").DataFrame(table.to_dict(as_series=False))
 
 
-@pytest.mark.parametrize("library", ["polars", "pandas", "mapping"])
+@pytest.mark.parametrize("library", ["polars", "pandas"])
 def test_data_frames_give_what_their_files_give(few, library):
     result = barnax.identify(
         frame_of(BUNDLED.record, library),

@@ -83,7 +83,7 @@ def wanted_rows(seeds: int, size: int = SEEDS_PER_BLOCK) -> list[int]:
     return [min(size, seeds - first) for first in range(0, seeds, size)]
 
 
-class _AtOnce(Executor):
+class AtOnce(Executor):
     """Work done as soon as it is given, in the thread that gives it."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
@@ -98,7 +98,7 @@ class _AtOnce(Executor):
 def threads(count: int) -> Executor:
     """So many threads; none in a process with one core to itself, as a fleet's worker is, which
     `NPROC` says to XLA too: there they would only take turns."""
-    return _AtOnce() if os.environ.get("NPROC") == "1" else ThreadPoolExecutor(count)
+    return AtOnce() if os.environ.get("NPROC") == "1" else ThreadPoolExecutor(count)
 
 
 def run_blocks(

@@ -47,7 +47,6 @@ class Inputs:
     validation: list[Record]
     cell: CellModel
     warnings: tuple[Notice, ...]
-    is_without_test: bool = False
 
     @property
     def names(self) -> set[str]:
@@ -119,7 +118,7 @@ def read_inputs(
         elif cell is None:
             cell = _characterized(ocv_records, window, over_temperature, options | fits.of_curves)
     warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window, reading)
-    return Inputs(dynamic, ocv_records, further, cell, tuple(warnings), is_without_test)
+    return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
 
 
 def _characterized(

@@ -351,9 +351,15 @@ def test_every_check_has_a_name_of_its_own():
     assert len(set(CHECKS.values())) == len(CHECKS)
 
 
-@pytest.mark.parametrize("name", BUNDLED_NAMES)
-@pytest.mark.parametrize(("column", "height"), [(VOLTAGE, 0.5), (VOLTAGE, -0.4), (CURRENT, 8.0)])
-@pytest.mark.parametrize("width", [1, 2, 3])
+# Every kind of spike on every record; of widths, each on each record.
+@pytest.mark.parametrize(
+    ("name", "column", "height", "width"),
+    [
+        (name, *spike, 1 + (place + number) % 3)
+        for place, name in enumerate(BUNDLED_NAMES)
+        for number, spike in enumerate([(VOLTAGE, 0.5), (VOLTAGE, -0.4), (CURRENT, 8.0)])
+    ],
+)
 def test_a_spike_is_found_at_its_row(tmp_path, name, column, height, width):
     table = frame(name)
     line = 3001 if name != "ocv_charge" else 4001

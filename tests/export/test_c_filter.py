@@ -4,7 +4,7 @@ import subprocess
 from dataclasses import replace
 from types import SimpleNamespace
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import pytest
 
@@ -67,9 +67,9 @@ def in_python(result, prepared, direction):
     prepared = replace(prepared, direction=np.where(before_load, direction, prepared.direction))
     model, drive = model_of(result, ("offset", "capacity")), Drive.of(prepared)
     start = model.start(0.7, 0.1, float(direction), 1.0 if direction == 0 else 0.0)
-    found = run_filter(model, start, drive)
+    found = jax.jit(run_filter)(model, start, drive)
     columns = (found.soc, found.soc_sd, found.innovation_v, found.innovation_sd_v)
-    return np.asarray(jnp.stack(columns, axis=1)), drive
+    return np.stack(columns, axis=1), drive
 
 
 @pytest.mark.parametrize(

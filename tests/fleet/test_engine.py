@@ -1,7 +1,7 @@
 """The engine: what stops it, what it skips, and that a row has its bits wherever it is made."""
 
 import threading
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from pathlib import Path
@@ -14,6 +14,7 @@ from polars.testing import assert_frame_equal
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.errors import InputError
+from barnax.execution import AtOnce
 from barnax.fleet import FleetCell, cell_of, identify_fleet, read_manifest
 from barnax.fleet.dataset import read_rows
 from barnax.fleet.rows import identify_rows
@@ -32,18 +33,6 @@ ROW = {
     "warnings": [],
     "warning codes": [],
 }
-
-
-class Inline(Executor):
-    """Runs what is submitted at once, here."""
-
-    def submit(self, fn, /, *args, **kwargs):
-        future = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
 
 
 @pytest.fixture
@@ -75,15 +64,15 @@ def cells_of(names):
 
 
 def test_a_finished_cell_is_skipped_and_a_changed_one_computed_again(tmp_path, computed):
-    first = identify_fleet(cells_of("abc"), tmp_path, executor=Inline())
+    first = identify_fleet(cells_of("abc"), tmp_path, executor=AtOnce())
     assert (first.finished, first.skipped, computed) == (3, 0, ["a", "b", "c"])
     changed = [*cells_of("ab"), {"id": "c", "records": "nowhere.csv", "age": 2}]
-    second = identify_fleet(changed, tmp_path, executor=Inline())
+    second = identify_fleet(changed, tmp_path, executor=AtOnce())
     assert (second.finished, second.skipped, computed[3:]) == (1, 2, ["c"])
     rows = read_rows(tmp_path)
     assert rows["id"].to_list() == ["a", "b", "c"]
     assert rows["age"].to_list() == [1, 1, 2]
-    again = identify_fleet(changed, tmp_path, executor=Inline(), settings={"trust": "none"})
+    again = identify_fleet(changed, tmp_path, executor=AtOnce(), settings={"trust": "none"})
     assert again.finished == 3
 
 
@@ -101,7 +90,7 @@ def test_retry_repeats_what_failed_and_nothing_else(tmp_path, monkeypatch, is_in
         if is_interrupted and state.finished:
             raise Stop
 
-    one_each = {"executor": Inline(), "shard": shard, "batch": 1}
+    one_each = {"executor": AtOnce(), "shard": shard, "batch": 1}
     with suppress(Stop):
         identify_fleet(cells_of("abc"), tmp_path, report=stop, **one_each)
     assert computed == ["a", "b", "c"]
@@ -113,7 +102,7 @@ def test_retry_repeats_what_failed_and_nothing_else(tmp_path, monkeypatch, is_in
 
 def test_a_folder_may_be_called_like_a_pattern(tmp_path, computed):
     for names in ("ab", "abc"):
-        state = identify_fleet(cells_of(names), tmp_path / "[A1] *", executor=Inline())
+        state = identify_fleet(cells_of(names), tmp_path / "[A1] *", executor=AtOnce())
     assert (state.finished, state.skipped, computed) == (1, 2, ["a", "b", "c"])
 
 
@@ -125,16 +114,16 @@ def test_settings_that_come_back_have_their_own_rows(tmp_path, computed):
     for trust in ("none", "basic"):
         with pytest.raises(Stop):
             identify_fleet(
-                cells_of("a"), tmp_path, executor=Inline(), settings={"trust": trust}, report=stop
+                cells_of("a"), tmp_path, executor=AtOnce(), settings={"trust": trust}, report=stop
             )
-    options = {"executor": Inline(), "settings": {"trust": "none"}}
+    options = {"executor": AtOnce(), "settings": {"trust": "none"}}
     assert identify_fleet(cells_of("a"), tmp_path, **options).finished == 1
     assert identify_fleet(cells_of("a"), tmp_path, **options).skipped == 1
 
 
 def test_rows_of_other_cells_stay(tmp_path, computed):
-    identify_fleet(cells_of("ab"), tmp_path, executor=Inline())
-    identify_fleet(cells_of("c"), tmp_path, executor=Inline())
+    identify_fleet(cells_of("ab"), tmp_path, executor=AtOnce())
+    identify_fleet(cells_of("c"), tmp_path, executor=AtOnce())
     assert read_rows(tmp_path)["id"].to_list() == ["a", "b", "c"]
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["cells.parquet"]
 
@@ -151,7 +140,7 @@ def test_an_iterable_is_read_no_further_than_its_batches(tmp_path, computed):
     identify_fleet(
         cells(),
         tmp_path,
-        executor=Inline(),
+        executor=AtOnce(),
         workers=1,
         batch=1,
         report=lambda state: reports.append((state.finished, len(taken))),
@@ -163,10 +152,10 @@ def test_an_iterable_is_read_no_further_than_its_batches(tmp_path, computed):
 
 def test_shards_write_files_of_their_own_that_the_whole_takes_in(tmp_path, computed):
     for number in (1, 2):
-        identify_fleet(cells_of("abcdef"), tmp_path, executor=Inline(), shard=(number, 2))
+        identify_fleet(cells_of("abcdef"), tmp_path, executor=AtOnce(), shard=(number, 2))
     assert len(list(tmp_path.glob("cells-*-of-00002.parquet"))) == 2
     assert sorted(computed) == list("abcdef")
-    whole = identify_fleet(cells_of("abcdef"), tmp_path, executor=Inline())
+    whole = identify_fleet(cells_of("abcdef"), tmp_path, executor=AtOnce())
     assert (whole.finished, whole.skipped) == (0, 6)
     assert [path.name for path in tmp_path.glob("*.parquet")] == ["cells.parquet"]
     assert pl.read_parquet(tmp_path / "cells.parquet")["id"].to_list() == list("abcdef")
@@ -177,12 +166,12 @@ def test_shards_run_beside_each_other(tmp_path, computed):
     with ThreadPoolExecutor(4) as pool:
         running = [
             pool.submit(
-                identify_fleet, cells_of(names), tmp_path, executor=Inline(), shard=(n, 4), batch=1
+                identify_fleet, cells_of(names), tmp_path, executor=AtOnce(), shard=(n, 4), batch=1
             )
             for n in (1, 2, 3, 4)
         ]
     assert sum(each.result().finished for each in running) == len(names)
-    assert identify_fleet(cells_of(names), tmp_path, executor=Inline()).skipped == len(names)
+    assert identify_fleet(cells_of(names), tmp_path, executor=AtOnce()).skipped == len(names)
 
 
 def test_two_commands_cannot_write_to_one_folder(tmp_path, monkeypatch):
@@ -190,29 +179,29 @@ def test_two_commands_cannot_write_to_one_folder(tmp_path, monkeypatch):
 
     def begin_another(name):
         with pytest.raises(InputError, match="another command is writing there") as problem:
-            identify_fleet(cells_of("z"), tmp_path, executor=Inline())
+            identify_fleet(cells_of("z"), tmp_path, executor=AtOnce())
         refused.append(problem)
 
     made_rows(monkeypatch, begin_another)
-    assert identify_fleet(cells_of("a"), tmp_path, executor=Inline()).finished == 1
+    assert identify_fleet(cells_of("a"), tmp_path, executor=AtOnce()).finished == 1
     assert len(refused) == 1
 
 
 def test_an_id_that_stands_twice_is_refused(tmp_path, computed):
     with pytest.raises(InputError, match="the id 'a' occurs twice"):
-        identify_fleet(cells_of("aba"), tmp_path, executor=Inline())
+        identify_fleet(cells_of("aba"), tmp_path, executor=AtOnce())
 
 
 def test_an_unknown_method_is_refused_before_any_cell(tmp_path, computed):
     with pytest.raises(InputError, match="`method` 'magic' is not known; there are"):
-        identify_fleet(cells_of("a"), tmp_path, executor=Inline(), settings={"method": "magic"})
+        identify_fleet(cells_of("a"), tmp_path, executor=AtOnce(), settings={"method": "magic"})
     assert computed == []
 
 
 def test_a_mapping_may_leave_columns_empty(tmp_path, computed):
     empty = {"capacity": None, "ocv": None, "circuit": None, "age": None}
     cells = [*cells_of("a"), cells_of("b")[0] | empty]
-    assert identify_fleet(cells, tmp_path, executor=Inline()).finished == 2
+    assert identify_fleet(cells, tmp_path, executor=AtOnce()).finished == 2
     assert read_rows(tmp_path)["age"].to_list() == [1, None]
 
 
@@ -240,7 +229,7 @@ class Deadly(Exception):
     """Ends the worker."""
 
 
-class Fragile(Inline):
+class Fragile(AtOnce):
     """Breaks for good, as a pool of processes does, where the cell `deadly` is computed."""
 
     is_broken = False
@@ -297,14 +286,14 @@ def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch)
     with pytest.raises(InputError, match="the executor is broken"):
         identify_fleet(cells, tmp_path, executor=Limited(), batch=1)
     dies.append(False)
-    state = identify_fleet(cells, tmp_path, executor=Inline(), batch=1)
+    state = identify_fleet(cells, tmp_path, executor=AtOnce(), batch=1)
     assert (state.finished, state.skipped, computed) == (2, 1, ["a", "deadly", "b"])
 
 
 def test_a_pool_that_breaks_while_nothing_runs_is_replaced(tmp_path, computed, monkeypatch):
     broken = Fragile()
     broken.is_broken = True
-    pools = iter([broken, Inline()])
+    pools = iter([broken, AtOnce()])
     use_pools(monkeypatch, lambda: next(pools))
     assert identify_fleet(cells_of("ab"), tmp_path).finished == 2
 
@@ -328,7 +317,7 @@ def alone(small_fleet, tmp_path_factory):
     """The rows of the small fleet, made one by one in this process."""
     out = tmp_path_factory.mktemp("alone")
     cells, _ = read_manifest(small_fleet / "manifest.csv")
-    state = identify_fleet(cells, out, executor=Inline(), batch=1)
+    state = identify_fleet(cells, out, executor=AtOnce(), batch=1)
     assert (state.finished, state.failed) == (6, 2)
     return read_rows(out)
 
@@ -379,7 +368,7 @@ def test_a_problem_in_memory_has_a_row_too(small_fleet, alone, tmp_path):
     problem = make_problem(
         record, cell, "1rc", window=Window(initial_soc=0.8), objective="compressed"
     )
-    identify_fleet([{"id": "here", "problem": problem, "age": 3}], tmp_path, executor=Inline())
+    identify_fleet([{"id": "here", "problem": problem, "age": 3}], tmp_path, executor=AtOnce())
     (row,) = read_rows(tmp_path).to_dicts()
     assert (row["error"], row["age"]) == (None, 3)
     expected = alone.filter(pl.col("id") == "cell 0").to_dicts()[0]

@@ -14,12 +14,12 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from barnax.execution import AtOnce
 from barnax.files import changed_ns
 from barnax.fleet import identify_fleet, read_manifest
 from barnax.fleet.dataset import FACTORS, opened, read_rows
 
 from .conftest import comparable
-from .test_engine import Inline
 
 pytestmark = [
     pytest.mark.slow,
@@ -47,7 +47,7 @@ def many(small_fleet):
 def alone(many, tmp_path_factory):
     out = tmp_path_factory.mktemp("alone")
     settings = {"keep_factors": KEPT}
-    identify_fleet(read_manifest(many)[0], out, executor=Inline(), batch=1, settings=settings)
+    identify_fleet(read_manifest(many)[0], out, executor=AtOnce(), batch=1, settings=settings)
     return comparable(read_rows(out)), factors_in(out)
 
 

@@ -10,6 +10,7 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from barnax.errors import InputError
+from barnax.execution import AtOnce
 from barnax.files import fetched, located
 from barnax.fleet import identify_fleet, read_manifest
 from barnax.fleet.dataset import FACTORS, marked_place, marking, opened, read_rows, writing
@@ -17,7 +18,6 @@ from barnax.fleet.regroup import regrouped
 from barnax.fleet.rows import identify_rows
 
 from .conftest import comparable
-from .test_engine import Inline
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
@@ -50,9 +50,9 @@ def test_a_fleet_in_a_store_is_that_of_a_folder(small_fleet, bucket, tmp_path):
     local, _ = read_manifest(small_fleet / "manifest.csv")
     kept = {"keep_factors": "constants"}
     for out, given in zip(outs, (cells, [local[0], local[-1]]), strict=True):
-        state = identify_fleet(given, out, executor=Inline(), settings=kept)
+        state = identify_fleet(given, out, executor=AtOnce(), settings=kept)
         assert (state.finished, state.failed) == (2, 1)
-    assert identify_fleet(cells, outs[0], executor=Inline(), settings=kept).skipped == 2
+    assert identify_fleet(cells, outs[0], executor=AtOnce(), settings=kept).skipped == 2
     stored = comparable(read_rows(bucket / "out"))
     assert_frame_equal(
         stored, comparable(read_rows(tmp_path)), check_exact=True, check_column_order=False

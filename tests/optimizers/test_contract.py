@@ -160,30 +160,38 @@ def test_the_sphere_about_the_origin_is_solved(name):
     assert jnp.max(three_searches(name, center=0.0).stats["best_loss"]) < SOLVED_TO[name]
 
 
-def test_no_precision_is_lost_and_nothing_is_promoted(name):
+def test_single_precision_stays_single(name):
     solution = searched(name)
     assert solution.value.dtype == solution.stats["history"].dtype == jnp.float32
+
+
+# What all share holds double precision too; what is an algorithm's own does in the test below.
+def test_a_search_in_double_precision_is_double_throughout():
     with jax.enable_x64(True):
-        solution = jax.eval_shape(lambda: three_searches(name, dtype=jnp.float64, run=searches))
+        solution = jax.eval_shape(lambda: three_searches("bmo", dtype=jnp.float64, run=searches))
     assert solution.value.dtype == solution.stats["history"].dtype == jnp.float64
 
 
-@pytest.mark.parametrize("population", [4, 31])
-def test_any_population_of_four_or_more_keeps_its_size(name, population):
+@pytest.mark.parametrize(("population", "dtype"), [(4, jnp.float32), (31, jnp.float64)])
+def test_any_population_of_four_or_more_keeps_its_size_and_precision(name, population, dtype):
     optimizer = make_optimizer(name, population, 3)
 
     def a_generation(key):
-        box = Box(jnp.zeros(1), jnp.ones(1))
-        start = optimizer.start(key, box, box.lower.dtype)
+        box = Box(jnp.zeros(1, dtype), jnp.ones(1, dtype))
+        start = optimizer.start(key, box, dtype)
         swarm = optimizer.prepare(Swarm(start, start[:, 0]), box)
         drawn = optimizer.draw(key, jnp.array(1), box)
         positions, memory = optimizer.propose(drawn, swarm, jnp.array(1), box)
         offspring = Swarm(positions, positions[:, 0], memory)
         return swarm, optimizer.survive(swarm, offspring, jnp.array(1))
 
-    before, after = jax.eval_shape(a_generation, jr.key(0))
+    with jax.enable_x64(dtype is jnp.float64), jax.numpy_dtype_promotion("strict"):
+        before, after = jax.eval_shape(a_generation, jr.key(0))
     assert before.positions.shape == (population, 1)
-    assert jax.tree.map(jnp.shape, before) == jax.tree.map(jnp.shape, after)
+    assert before.positions.dtype == dtype
+    assert jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), before) == jax.tree.map(
+        lambda leaf: (leaf.shape, leaf.dtype), after
+    )
 
 
 def test_a_keyed_objective_sees_a_fresh_key_at_every_evaluation():

@@ -9,6 +9,7 @@ from scipy.io import savemat
 from barnax.cell import read_ocv_test
 from barnax.errors import InputError
 from barnax.records import read_record
+from barnax.records.readers import matlab
 from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, told
 
 FRAME = pulse_frame(300)
@@ -114,8 +115,15 @@ WRITERS = {
     "v7.3": matlab_73,
 }
 by_writer = pytest.mark.parametrize("writer", WRITERS)
-# Compression is undone by SciPy, whatever is inside; every reading is a process of its own.
+# Compression is undone by SciPy, whatever is inside.
 by_format = pytest.mark.parametrize("writer", ["v5", "v7.3"])
+
+
+@pytest.fixture
+def untried(monkeypatch):
+    """Without the trial in a process of its own, which takes half a second: test_room.py and the
+    tests of good and of damaged files have it."""
+    monkeypatch.setattr(matlab, "require_trial", lambda *_: None)
 
 
 def read(folder, content, **options):
@@ -141,6 +149,7 @@ def test_a_structure_of_columns_is_a_record(tmp_path, writer, name):
     assert any(note in each for each in told(record)) == (name == "Plett")
 
 
+@pytest.mark.usefixtures("untried")
 @by_format
 def test_the_cycles_of_nasa_are_joined_by_their_dates(tmp_path, writer):
     record = read(tmp_path, WRITERS[writer](nasa()))
@@ -150,6 +159,7 @@ def test_the_cycles_of_nasa_are_joined_by_their_dates(tmp_path, writer):
     assert "2 cycles of 'B0005.cycle' joined" in " ".join(told(record))
 
 
+@pytest.mark.usefixtures("untried")
 @by_format
 def test_a_structure_is_chosen_by_where_its_columns_stand(tmp_path, writer):
     tree = {"cellA": script(), "cellB": script(voltage=VOLTS - 0.1)}
@@ -165,6 +175,7 @@ def test_a_structure_is_chosen_by_where_its_columns_stand(tmp_path, writer):
     )
 
 
+@pytest.mark.usefixtures("untried")
 @by_format
 @pytest.mark.parametrize(
     ("tree", "held"),
@@ -183,12 +194,14 @@ def test_what_is_no_record_is_refused_by_what_it_holds(tmp_path, writer, tree, h
     assert held in said or writer == "v7.3"
 
 
+@pytest.mark.usefixtures("untried")
 def test_a_table_of_ocv_is_one(tmp_path):
     soc = np.linspace(0, 1, 20)
     (tmp_path / "ocv.mat").write_bytes(matlab_5({"model": {"SOC": soc, "OCV": 3 + soc}}))
     assert len(read_ocv_test(tmp_path / "ocv.mat").branches[0]) == 20
 
 
+@pytest.mark.usefixtures("untried")
 def test_dates_in_days_are_told(tmp_path):
     tree = {"Time": 738_000 + TIMES / 86_400, "Current": AMPS, "Voltage": VOLTS}
     assert "MATLAB's dates; rename the column" in refusal(tmp_path, matlab_5(tree))
@@ -203,6 +216,7 @@ def test_a_damaged_file_is_refused(tmp_path, writer, share):
     assert "damaged or cut short" in refusal(tmp_path, content[: int(share * len(content))])
 
 
+@pytest.mark.usefixtures("untried")
 def test_a_file_that_reaches_into_others_is_refused_or_read_without_them(tmp_path):
     h5py = pytest.importorskip("h5py")
     (tmp_path / "secret").write_bytes(b"12345678" * 300)
@@ -221,6 +235,7 @@ def test_a_file_that_reaches_into_others_is_refused_or_read_without_them(tmp_pat
     assert "without a structure" in refusal(tmp_path, content.getvalue())
 
 
+@pytest.mark.usefixtures("untried")
 def test_what_refers_to_itself_ends(tmp_path):
     h5py = pytest.importorskip("h5py")
     content = io.BytesIO()

@@ -86,7 +86,8 @@ def changed(result: Result, **inputs) -> Result:
 
 
 def test_a_figure_without_a_section_of_its_own_is_in_the_report_too(joint):
-    drawn = identification_illustrations(joint)
+    # Where they stand, not what is drawn.
+    drawn = [replace(each, draw=Figure) for each in identification_illustrations(joint)]
     own = Illustration("new", Figure, "", "")
     for illustrations, others in ((drawn, set()), ([*drawn, own], {"new"})):
         document = identification_document(joint, illustrations)

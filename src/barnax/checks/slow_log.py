@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import lfilter
 
 from ..records import Record
+from ..records.lag import lagged
 from ..records.samples import changes_through_values_between
 
 # Time constants of pairs in rows, and SOC nodes of R0 and of the OCV.
@@ -54,7 +54,7 @@ def _left_v(record: Record) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray
     columns = [np.diff(current_a) * hat for hat in _hats(between, 0.0, _R0_NODES)]
     for rows in _TAUS:
         kept = np.exp(-1 / rows)
-        answer = np.diff(lfilter([0.0, 1 - kept], [1.0, -kept], current_a))
+        answer = np.diff(lagged(current_a, kept))
         columns += [answer, answer * between] if rows < _TAUS[2] else [answer]
     columns += [np.diff(hat) for hat in _hats(soc, 0.1, _OCV_NODES)[1:]]
     columns += [current_a[1:], current_a[:-1], np.ones(len(between))]

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import chdtrc
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 LAGS = 20
 CONFIDENCE = 0.95
@@ -53,7 +52,7 @@ def examine_innovations(normalised: Float[np.ndarray, "samples"]) -> Innovations
     return Innovations(
         samples=count,
         first_lag=float(correlation[0]),
-        bound=float(np.sqrt(chi2.ppf(CONFIDENCE, 1) / count)),
+        bound=float(np.sqrt(chdtri(1, 1 - CONFIDENCE) / count)),
         lags=len(lags),
         p_value=float(chdtrc(len(lags), statistic)),
         mean_square=float(np.mean(normalised**2)),
@@ -61,8 +60,8 @@ def examine_innovations(normalised: Float[np.ndarray, "samples"]) -> Innovations
     )
 
 
-def mean_bounds(count: int, degrees: int = 1) -> tuple[float, float]:
-    """The 95 % interval of the mean of so many chi-square values of so many degrees of freedom.
+def mean_bounds(count: int) -> tuple[float, float]:
+    """The 95 % interval of the mean of so many chi-square values of one degree of freedom.
 
     Bar-Shalom, Li and Kirubarajan (2001), section 5.4: the test of estimation errors over
     Monte-Carlo runs, and of innovations over time.
@@ -70,5 +69,6 @@ def mean_bounds(count: int, degrees: int = 1) -> tuple[float, float]:
     >>> [round(bound, 2) for bound in mean_bounds(100)]
     [0.74, 1.3]
     """
-    low, high = chi2.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], degrees * count) / count
+    above = np.array([(1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2])
+    low, high = chdtri(count, above) / count
     return float(low), float(high)

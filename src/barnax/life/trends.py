@@ -298,16 +298,16 @@ def judge(series: Series, expected: float, rng: np.random.Generator) -> Judged:
         expected: How many cells of a fleet without faults may be flagged, on the average.
         rng: Draws such fleets.
     """
-    everyone, model = np.ones(len(series.age), bool), fit(series)
-    judged = Judged(model, (), np.inf)
+    everyone, of_all = np.ones(len(series.age), bool), fit(series)
+    judged = Judged(of_all, (), np.inf)
     # Many faults hide each other in variances that they make large.
     odds = [
         max((abs(shape.deviations) for shape in shapes), default=0.0)
-        for shapes, _ in map(model.scores, range(len(everyone)))
+        for shapes, _ in map(of_all.scores, range(len(everyone)))
     ]
     good = np.array(odds) <= np.quantile(odds, KEPT) if expected > 0 else everyone
     for _ in range(ROUNDS):
-        model = Fit(series, fit(series.only(good)).spread, good)
+        model = of_all if good.all() else Fit(series, fit(series.only(good)).spread, good)
         found = [model.scores(cell) for cell in range(len(good))]
         threshold = _threshold(
             [correlation for _, correlation in found], int(good.sum()), expected, rng

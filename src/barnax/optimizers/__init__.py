@@ -98,7 +98,7 @@ def evaluations_per_iteration(optimizer: AbstractPopulationMinimiser) -> int:
     return shapes.shape[0]
 
 
-def summarize_optimizers(population: int = 30) -> list[OptimizerSummary]:
+def summarize_optimizers() -> list[OptimizerSummary]:
     """Every registered optimizer with its source and what an iteration costs.
 
     >>> summarize_optimizers()[9].evaluations_per_iteration
@@ -108,7 +108,7 @@ def summarize_optimizers(population: int = 30) -> list[OptimizerSummary]:
         OptimizerSummary(
             name,
             (inspect.getdoc(make) or "").split("\n")[0].rstrip("."),
-            evaluations_per_iteration(make(population=population)),
+            evaluations_per_iteration(make()),
         )
         for name, make in OPTIMIZERS.items()
     ]

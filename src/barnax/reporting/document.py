@@ -76,7 +76,6 @@ def make_table(
     items: Iterable[Item],
     cells: Cells[Item],
     text: Collection[str] = (),
-    best: Iterable[tuple[int, int]] = (),
 ) -> Table:
     """A row for each item: under every head of `cells` what its function says of the item.
 
@@ -87,7 +86,7 @@ def make_table(
     ('m2', (('2', '4'), ('3', '9')))
     """
     rows = ([cell(item) for cell in cells.values()] for item in items)
-    return rows_table(caption, cells, rows, text, best)
+    return rows_table(caption, cells, rows, text)
 
 
 def rows_table(

@@ -3,13 +3,14 @@
 import numpy as np
 import polars as pl
 import pytest
+from scipy.signal import lfilter
 
 import barnax
 from barnax.bundled import bundled_file
 from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import read_record, record_from_frame, source_from_frame
-from barnax.records.lag import find_lag
+from barnax.records.lag import find_lag, lagged
 from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
 
 R0 = 0.05
@@ -25,6 +26,14 @@ def log(interval_s, lag, seed=0, samples=2000, least_a=-2.0):
     volts = simulated_cell(current_a, interval_s, r0=R0)
     volts = np.interp(place - lag, place, volts) + 5e-4 * rng.standard_normal(samples)
     return pl.DataFrame({TIME: interval_s * place, CURRENT: -current_a, VOLTAGE: volts})
+
+
+@pytest.mark.parametrize("kept", [0.3, 0.999])
+def test_a_first_order_lag_is_scipys_filter(kept):
+    values = np.random.default_rng(0).normal(size=1000)
+    np.testing.assert_array_equal(
+        lagged(values, kept), lfilter([0.0, 1 - kept], [1.0, -kept], values)
+    )
 
 
 @pytest.mark.parametrize("interval_s", [0.1, 1.0])

@@ -299,6 +299,7 @@ def judge(series: Series, expected: float, rng: np.random.Generator) -> Judged:
         rng: Draws such fleets.
     """
     everyone, of_all = np.ones(len(series.age), bool), fit(series)
+    model = of_all
     judged = Judged(of_all, (), np.inf)
     # Many faults hide each other in variances that they make large.
     odds = [

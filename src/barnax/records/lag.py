@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg.lapack import dtbtrs
+from scipy.linalg import get_lapack_funcs
 
 from ..errors import InputError
 from .record import Record
@@ -173,5 +173,6 @@ def lagged(values: Float[np.ndarray, "samples"], kept: float) -> Float[np.ndarra
 
     SciPy's `lfilter` is that too, but a quarter of what a command loads comes with it.
     """
-    bands = np.array([[1.0], [-kept]]).repeat(len(values), axis=1)
-    return dtbtrs(bands, np.append(0.0, (1 - kept) * values[:-1]), uplo="L")[0]
+    bands = np.tile([1.0, -kept], (len(values), 1)).T
+    (solve,) = get_lapack_funcs(("tbtrs",), (bands,))
+    return solve(bands, np.append(0.0, (1 - kept) * values[:-1]), uplo="L")[0]

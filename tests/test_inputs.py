@@ -16,6 +16,7 @@ from barnax.cli.session import command_line
 from barnax.errors import InputError
 from barnax.inputs import (
     file_names,
+    how_read,
     input_warnings,
     read_inputs,
     read_validation,
@@ -235,3 +236,38 @@ def test_data_frames_and_records_of_one_name_are_numbered():
     again = [replace(each, name="log") for each in found.records]
     found = read(again, ocv=list(BUNDLED.ocv))
     assert [each.name for each in found.records] == ["log", "log 2"]
+
+
+@pytest.mark.parametrize("given", ["a=0.25,b=-0.5", {"a": 0.25, "b": -0.5}])
+def test_a_lag_is_given_for_one_record_by_its_name(given):
+    frame = pl.read_parquet(BUNDLED.record)
+    sources = [
+        source_from_frame(part, name) for part, name in ((frame[:9000], "a"), (frame[9000:], "b"))
+    ]
+    reading = Reading(voltage_lag=given)
+    found = read_inputs(
+        sources, list(BUNDLED.ocv), (), reading, CellSettings(), capacity=None, window=None
+    )
+    assert [record.voltage_lag_s for record in found.records] == [0.25, -0.5]
+    assert {record.voltage_lag_s for record in found.ocv} == {0.0}
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("c=0.25", "no record is called 'c', for which options"),
+        ("late", "write it like 0.3, or FILE="),
+    ],
+)
+def test_a_lag_of_no_record_or_no_number_is_refused(given, told):
+    with pytest.raises(InputError, match=told):
+        read_inputs(
+            [BUNDLED.record], list(BUNDLED.ocv), (), Reading(voltage_lag=given), CellSettings(),
+            capacity=None, window=None,
+        )  # fmt: skip
+
+
+def test_one_lag_is_that_of_all_but_those_named():
+    reading = Reading(voltage_lag="0.1,a=0.2")
+    assert [how_read(reading, name)["voltage_lag"] for name in ("a", "b")] == [0.2, 0.1]
+    assert how_read(Reading(), "a")["voltage_lag"] is None

@@ -1,6 +1,6 @@
 """From files to checked records and the cell they show: each file is read once."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -100,7 +100,7 @@ def read_inputs(
         if is_record:
             return source
         read = read_ocv_test if role == "OCV test" else read_record
-        looked_at.append((role, source, read(source, **reading.options(role))))
+        looked_at.append((role, source, read(source, **how_read(reading, source.name, role))))
         return looked_at[-1][2]
 
     with watch("Reading records", 0):
@@ -110,6 +110,7 @@ def read_inputs(
         _require_different([*dynamic, *further])
         # A table has no samples of its own.
         _require_different([test for test in ocv_records if isinstance(test, Record)])
+    require_records(lags_of(reading), {source.name for _, source, _ in looked_at})
     is_without_test = not tests and cell is None
     with watch("Characterizing the cell", 0):
         options = {"capacity_ah": capacity, "rest_current_a": common.rest_current_a}
@@ -167,7 +168,7 @@ def _checked(
             source if is_test else _simulated(source, taken, own),
             capacity_ah=own_ah,
             rest_current_a=own.rest_current_a,
-            **reading.options(role),
+            **how_read(reading, source.name, role),
         )
         if not is_test:
             # That the OCV test is of another cell may be why the file seems at fault.
@@ -228,9 +229,30 @@ def read_validation(
     if isinstance(given, Record):
         return given, []
     source = source_of(given, {}, reading)
-    record = read_record(source, **reading.options("validation"))
+    record = read_record(source, **how_read(reading, source.name, "validation"))
     looked_at = [("validation", source, record)]
     return record, _checked(looked_at, cell, None, window, reading, identified)
+
+
+def how_read(reading: Reading, name: str, role: str = "identification") -> dict[str, Any]:
+    """Sign, hold and lag of a file of that name and role, as readers and checks take them."""
+    signs = {"OCV test": reading.ocv_current_sign, "validation": reading.validate_current_sign}
+    lags = lags_of(reading)
+    how = {"current_hold": reading.current_hold, "voltage_lag": lags.get(name, lags.get(""))}
+    return {"current_sign": signs.get(role, reading.current_sign), **how}
+
+
+def lags_of(reading: Reading) -> dict[str, float]:
+    """Lags of voltages by the name of the record, "" for all others."""
+    given = {} if reading.voltage_lag is None else reading.voltage_lag
+    if not isinstance(given, Mapping):
+        parts = (part.rpartition("=") for part in str(given).split(","))
+        given = {name.strip(): lag_s for name, _, lag_s in parts}
+    try:
+        return {name: float(lag_s) for name, lag_s in given.items()}
+    except ValueError as problem:
+        told = f"`voltage_lag` {reading.voltage_lag!r}: write it like 0.3, or FILE=0.3 for one"
+        raise InputError(f"{told} of the records") from problem
 
 
 def source_of(
@@ -285,17 +307,22 @@ def window_of(window: Window | Mapping[str, Window] | None, name: str) -> Window
     return known.get(name, known.get("")) or Window()
 
 
+def require_records(given: Iterable[str], names: Collection[str]) -> None:
+    """Raise `InputError` where something is given for a record that there is not."""
+    unknown = sorted({*given} - {*names, ""})
+    if unknown:
+        raise InputError(
+            f"no record is called {unknown[0]!r}, for which options are given; there are "
+            f"{', '.join(sorted(names))}"
+        )
+
+
 def windows_of(
     inputs: Inputs, window: Window | Mapping[str, Window] | None, capacity: float | None
 ) -> dict[str, Window]:
     """The window of every record. Raises `InputError` where one is for a record there is not."""
     known = windows_by_name(window)
-    unknown = sorted(known.keys() - inputs.names - {test.name for test in inputs.ocv} - {""})
-    if unknown:
-        raise InputError(
-            f"no record is called {unknown[0]!r}, for which options are given; there are "
-            f"{', '.join(sorted(inputs.names))}"
-        )
+    require_records(known, inputs.names | {test.name for test in inputs.ocv})
     chosen = {name: window_of(known, name) for name in inputs.names}
     return {
         name: own if own.capacity_ah is not None else replace(own, capacity_ah=capacity)

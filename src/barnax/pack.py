@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from .display import Brief
 from .errors import InputError
-from .inputs import listed, source_of
+from .inputs import how_read, listed, source_of
 from .job import Job, takes_options
 from .metrics import robust_deviations
 from .over_soc.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, fit_pack
@@ -134,7 +134,8 @@ def identify_pack(job: PackJob) -> Pack:
     if len(records) != 1:
         raise InputError(f"a pack is one file with all its cells, but {len(records)} were given")
     reading = job.part(Reading)
-    read = read_pack(source_of(records[0], {}, reading), job.cells, **reading.options())
+    source = source_of(records[0], {}, reading)
+    read = read_pack(source, job.cells, **how_read(reading, source.name))
     chosen = {"seeds": 0, "trust": "none", "advise": False, "model": "so-rc", **job.chosen}
     chosen |= {"records": [read.source], "over": "soc"}
     of_cells = ("cells", "own_time_constants")

@@ -111,7 +111,8 @@ class Reading:
             previous one (backward), about half of both (centered: means, or a load that changes
             between samples), or auto (decided from the data).
         voltage_lag: Seconds by which the voltage is older than the current of its row, negative
-            where it is newer; by default found from the data, 0 takes them as logged.
+            where it is newer; by default found from the data, 0 takes them as logged. Of several
+            records, FILE=S,FILE=S.
         columns: Columns that are not recognized: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME,
             with a unit if the name has none.
         series: Cells in series, for packs and modules: the voltage is divided by it.
@@ -121,15 +122,9 @@ class Reading:
     ocv_current_sign: AutoSign = "auto"
     validate_current_sign: AutoSign = "auto"
     current_hold: AutoHold = "auto"
-    voltage_lag: float | None = None
+    voltage_lag: float | str | Mapping[str, float] | None = None
     columns: Mapping[str, str] | str = ""
     series: int = 1
-
-    def options(self, role: str = "identification") -> dict[str, Any]:
-        """Sign, hold and lag of a file of that role, as readers and checks take them."""
-        signs = {"OCV test": self.ocv_current_sign, "validation": self.validate_current_sign}
-        how = {"current_hold": self.current_hold, "voltage_lag": self.voltage_lag}
-        return {"current_sign": signs.get(role, self.current_sign), **how}
 
 
 @dataclass(frozen=True, kw_only=True)

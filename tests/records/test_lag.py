@@ -127,6 +127,16 @@ def test_a_check_tells_the_lag_and_what_it_does():
     assert "as logged, R0 would be some 4" in told.what
 
 
+@pytest.mark.parametrize("rows", [1, 3, -2])
+def test_a_check_of_a_late_voltage_finds_nothing_else(rows):
+    own = read_record(bundled_file("identification"))
+    late = pl.Series(VOLTAGE, own.voltage_v).shift(rows)
+    table = pl.DataFrame({TIME: own.time_s, CURRENT: -own.current_a, VOLTAGE: late}).drop_nulls()
+    source = source_from_frame(table, "late")
+    assert {each.check for each in check_file(source).findings if each.counts} == {"late voltage"}
+    assert check_file(source, voltage_lag=float(rows)).is_clean
+
+
 @pytest.mark.slow
 def test_identify_finds_r0_of_a_lagging_voltage_with_a_proof_and_reopens(tmp_path):
     path = tmp_path / "drive.csv"

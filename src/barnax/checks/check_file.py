@@ -20,7 +20,7 @@ from ..records.sign import decide_sign
 from ..records.source import Source, read_source
 from ..schema import Json, notice_to_dict
 from . import channels, charge, sampling
-from .check_input import Check, CheckInput
+from .check_input import Check, CheckInput, in_its_rows
 from .roles import Role, Traits, find_fall, find_roles, roles_of_table, traits_of
 
 # The registry of checks on a record, in the order in which they are told.
@@ -181,9 +181,8 @@ def check_file(
             is_told = any(finding.check == "sign" for finding in examined.findings)
             findings += found if is_told else [*found, *doubts]
             record = make_record(source, samples, sign, decide_hold(samples, current_hold))
-            given = CheckInput(
-                source.cut(samples), record, capacity_ah, rest_current_a, voltage_lag
-            )
+            given = CheckInput(source.cut(samples), record, capacity_ah, rest_current_a)
+            given = in_its_rows(given, voltage_lag)
             for check in CHECKS.values():
                 findings += check(given)
             traits = traits_of(given)

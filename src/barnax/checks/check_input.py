@@ -1,7 +1,7 @@
 """The input of the checks: a record, mended so far as it could be."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -24,20 +24,16 @@ _FEWEST_READINGS, _MAX_STEPS = 20, 0.9
 class CheckInput:
     """A file's samples, in its own sign of current, and the record made of them.
 
-    Both have the same samples. `capacity_ah`, `given_rest_a`, the current below which the cell
-    rests, and `voltage_lag_s` are the user's.
+    Both have the same samples. `capacity_ah` and `given_rest_a`, the current below which the cell
+    rests, are the user's. `lag` is that of the voltage, None where it has none or one is given.
     """
 
     samples: Samples
     record: Record
     capacity_ah: float | None
     given_rest_a: float | None = None
-    voltage_lag_s: float | None = None
-
-    @cached_property
-    def lag(self) -> Lag | None:
-        """The lag of the voltage; None where it shows none."""
-        return find_lag(self.record)
+    lag: Lag | None = None
+    is_lag_given: bool = False
 
     @cached_property
     def span_ah(self) -> float:
@@ -117,6 +113,21 @@ class CheckInput:
     def at(self, place: int | Bool[np.ndarray, "samples"], code: str, /, **values: Any) -> Notice:
         """A notice of one sample, or the first of several."""
         return found_at(self.samples, place, code, **values)
+
+
+def in_its_rows(given: CheckInput, lag_s: float | None) -> CheckInput:
+    """The same with each voltage in the row of its current; a lag of None is looked for."""
+    record = given.record
+    lag = find_lag(record) if lag_s is None else None
+    known_s = lag.seconds if lag else lag_s or 0.0
+    rows = round(known_s / float(np.median(record.interval_s)))
+    given = replace(given, lag=lag, is_lag_given=lag_s is not None)
+    if not rows:
+        return given
+    at = np.clip(np.arange(record.samples) + rows, 0, record.samples - 1)
+    moved_v = record.voltage_v[at]
+    samples = given.samples.having(voltage=moved_v)
+    return replace(given, samples=samples, record=replace(record, voltage_v=moved_v))
 
 
 Check = Callable[[CheckInput], Iterable[Notice]]

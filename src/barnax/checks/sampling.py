@@ -228,7 +228,7 @@ def find_smoothed_current(given: CheckInput) -> Iterator[Notice]:
 
 def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     """A voltage that shows part of a step of the current only in the next samples."""
-    if given.voltage_lag_s is not None:
+    if given.is_lag_given:
         return
     lag, usual_s = given.lag, float(np.median(given.record.interval_s))
     if lag is not None:

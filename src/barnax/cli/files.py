@@ -66,6 +66,7 @@ def check(what: Checked) -> None:
     session = Session(is_quiet=what.quiet or what.as_json)
     with session.watch("Loading"):
         from ..checks import check_file
+        from ..inputs import how_read
         from ..plan.looking import files_of
         from ..records import read_source
         from ..reporting.checks import check_document, count_sentence, finding_line
@@ -91,7 +92,7 @@ def check(what: Checked) -> None:
         try:
             with session.watch(f"Looking at {file.name}"):
                 source = read_source(file, columns=how.columns, series=how.series)
-                check = check_file(source, **chosen, **how.options())
+                check = check_file(source, **chosen, **how_read(how, source.name))
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})
@@ -138,6 +139,7 @@ def convert(what: Converted) -> None:
     session, file = Session(is_quiet=what.quiet), what.file
     with session.watch("Loading"):
         from ..checks import check_file
+        from ..inputs import how_read
         from ..records import read_record, read_source
         from ..records.bdf import bdf_files
 
@@ -154,8 +156,8 @@ def convert(what: Converted) -> None:
         source = read_source(file, columns=how.columns, series=how.series)
         # A current that is moved to the voltage's moments is no longer the file's.
         how = replace(how, voltage_lag=how.voltage_lag or 0.0)
-        record = read_record(source, **how.options())
-        found = check_file(source, **how.options()).findings
+        record = read_record(source, **how_read(how, source.name))
+        found = check_file(source, **how_read(how, source.name)).findings
     for name, content in bdf_files(record, path.name).items():
         write_file(path.with_name(name), content)
     told = [finding.about(record.name) for finding in found if finding.counts]

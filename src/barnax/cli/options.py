@@ -71,7 +71,7 @@ METAVARS: dict[Any, str] = {
     **dict.fromkeys(("current_sign", "ocv_current_sign", "validate_current_sign"), "SIGN"),
     **{
         "current_hold": "HOLD",
-        "voltage_lag": "S",
+        "voltage_lag": "[FILE=]S",
         "ocv_fit": "FIT",
         "hysteresis_fit": "FIT",
         "nodes": "SOC,SOC,...",

@@ -65,6 +65,14 @@ class OnRecord:
         WINDOW, "--whole-record", "Use the whole record, ignoring the stored window."
     )
 
+    @property
+    def how(self) -> dict[str, Any]:
+        """The chosen ways to read the record."""
+        from ..inputs import lags_of
+
+        lags = lags_of(Reading(**self.read))
+        return {**self.read, "voltage_lag": lags.get(self.record.name, lags.get(""))}
+
     def window(self, stored: "Result") -> "Window":
         """The window in which the stored circuit meets the record.
 
@@ -164,7 +172,7 @@ def validate(on: OnRecord, output: Errors) -> None:
     stored = load(on.result)
     window = on.window(stored)
     with session.watch("Simulating"):
-        evaluation = stored.validate(on.record, window, **on.read)
+        evaluation = stored.validate(on.record, window, **on.how)
     metrics = metrics_part(evaluation)
     if output.as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
@@ -245,7 +253,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     names = tuple(name.strip() for name in chosen.estimate.split(",") if name.strip())
     settings = FilterSettings(chosen.filter, names, tables=chosen.tables)
     with session.watch("Replaying"):
-        replay = replay_soc(stored, on.record, window, settings, **on.read)
+        replay = replay_soc(stored, on.record, window, settings, **on.how)
     draw = partial(_soc_figures, replay, chosen.report, chosen.paper)
     folder, written = output.deliver(session, folder, "soc.json", replay.to_json(), draw)
     session.show(soc_screen(replay))

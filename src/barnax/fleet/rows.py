@@ -18,7 +18,7 @@ from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, reason_of
 from ..factors import factors_to_bytes, read_factors
 from ..files import fetched, is_address, is_factor_file
-from ..inputs import file_names, input_warnings, source_of
+from ..inputs import file_names, how_read, input_warnings, source_of
 from ..job import Job
 from ..model.prepared import PreparedRecord
 from ..model.window import Window
@@ -294,7 +294,7 @@ def _known_cell(
     tests, warnings, temperatures_degc = [], [], []
     for path, _ in ocv:
         source = source_of(_given(path, reading), {}, reading)
-        tests.append(read_ocv_test(source, **reading.options("OCV test")))
+        tests.append(read_ocv_test(source, **how_read(reading, source.name, "OCV test")))
         if isinstance(tests[-1], OcvTable):
             continue
         found = check_file(source, capacity_ah=capacity_ah)

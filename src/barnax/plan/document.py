@@ -184,6 +184,8 @@ _VALUES = ("numbers by name", TypeAdapter(dict[StrictStr, StrictFloat]))
 _RANGES = dict[StrictStr, tuple[StrictFloat, StrictFloat]]
 _BOUNDS = ("the name of a file, or pairs of numbers by name", TypeAdapter(StrictStr | _RANGES))
 _COLUMNS = ("text in quotes, or texts by name", TypeAdapter(StrictStr | dict[StrictStr, StrictStr]))
+_LAG = StrictFloat | StrictStr | dict[StrictStr, StrictFloat]
+_LAGS = ("a number, or numbers by name of record", TypeAdapter(_LAG))
 # By the type of an option; of all others it is a text.
 _BY_TYPE: Mapping[Any, tuple[str, TypeAdapter[Any]]] = {
     int: _WHOLE,
@@ -217,6 +219,7 @@ _OF_RUN: _Kinds = {
     "bounds": _BOUNDS,
     "fix": _VALUES,
     "columns": _COLUMNS,
+    "voltage_lag": _LAGS,
     **{name: _OF_RECORD[name] for name in _COMMON},
 }
 # What a file's table may hold.

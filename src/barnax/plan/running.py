@@ -14,7 +14,16 @@ import numpy as np
 from ..cell import CellModel, OcvPoint, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
-from ..inputs import Given, file_names, listed, numbered, source_of, window_of, windows_by_name
+from ..inputs import (
+    Given,
+    file_names,
+    how_read,
+    listed,
+    numbered,
+    source_of,
+    window_of,
+    windows_by_name,
+)
 from ..job import PLANNED, Job
 from ..model.prepared import OCV_MARGIN, soc_along
 from ..model.temperature import temperature_of
@@ -164,7 +173,7 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
     for file in given:
         is_record = isinstance(file, Record)
         source = numbered(file if is_record else source_of(file, names, reading), called)
-        record = source if is_record else read_record(source, **reading.options())
+        record = source if is_record else read_record(source, **how_read(reading, source.name))
         pulse = first_pulse(record)
         if pulse is None:
             raise InputError(

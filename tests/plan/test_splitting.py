@@ -12,14 +12,7 @@ from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.records import read_record
 from helpers.records import CURRENT, TIME, VOLTAGE
 
-SMALL = {
-    "model": "so-rc",
-    "advise": False,
-    "seeds": 2,
-    "population": 8,
-    "iterations": 5,
-    "trust": "none",
-}
+from .test_dialects import SMALL
 
 
 def charge_to_full():

@@ -171,3 +171,8 @@ def test_no_command_at_all_shows_the_help(run):
     outcome = run()
     assert outcome.status == 2
     assert "identify" in outcome.out + outcome.err
+
+
+def test_a_pack_has_nothing_to_validate_on(refuse):
+    words = refuse("pack", BUNDLED.record, "--validate", BUNDLED.validation)
+    assert "--validate does nothing for a pack" in words

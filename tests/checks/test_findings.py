@@ -371,6 +371,26 @@ def test_a_spike_is_found_at_its_row(tmp_path, name, column, height, width):
     assert f"({width} sample" in found(outcome, check).what
 
 
+@pytest.mark.parametrize("late", [3, -3, 5])
+@pytest.mark.parametrize("column", [VOLTAGE, CURRENT])
+def test_a_spike_beside_a_late_voltage_is_found_at_its_row(tmp_path, late, column):
+    table = DRIVE.with_columns(pl.col(VOLTAGE).shift(late)).drop_nulls()
+    height = 0.5 if column == VOLTAGE else 8.0
+    outcome = checked(tmp_path, changed(table, column, array(table, column)[3001] + height, 3001))
+    check = "voltage spikes" if column == VOLTAGE else "current spikes"
+    assert found(outcome, check).row == 3003
+
+
+@pytest.mark.parametrize("late", [3, -3])
+def test_a_late_voltage_that_stands_still_is_found_at_its_rows(tmp_path, late):
+    table = DRIVE.with_columns(pl.col(VOLTAGE).shift(late)).drop_nulls()
+    still = changed(table, VOLTAGE, array(table, VOLTAGE)[3000], np.arange(3000, 3400))
+    told = found(checked(tmp_path, still), "stuck voltage")
+    # The ends of a run may be of the moments beside it.
+    assert told.row == told.values["first_row"] == 3003
+    assert told.values["last_row"] == 3400
+
+
 def test_a_short_pulse_that_the_voltage_answers_is_no_spike(tmp_path):
     current_a = np.where(np.arange(3000) % 100 == 50, 4.0, 0.5 * (np.arange(3000) // 500 % 2))
     voltage_v = simulated_cell(current_a)

@@ -109,7 +109,7 @@ def _spike(
         values, unit = _channel(given, channel)
         at = int(np.argmax(spiked))
         told = {f"spike_{unit}": values[at], f"beside_{unit}": values[at - 1]}
-        yield given.at(at, code, samples=spiked.sum(), **told)
+        yield given.at(at, code, channel, samples=spiked.sum(), **told)
 
 
 def _spikes(
@@ -212,11 +212,12 @@ def _stuck(
     is_limit = bool(np.all((value == values.max()) | (value == values.min()))) and value[0] != 0
     worst = int(np.argmax(last - first))
     samples = int(np.sum(last - first + 1))
-    rows = given.record.row
+    rows = given.record.row[given.places(channel)]
     severity: Severity = "error" if samples > 0.01 * given.record.samples else "warning"
     return given.at(
         int(first[0]),
         codes[bool(is_limit)],
+        channel,
         samples=samples,
         places=len(first),
         first_row=rows[first[worst]],

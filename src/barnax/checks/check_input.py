@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..cell.ocv_points import find_sweeps
 from ..cell.soc_axis import Sweep
@@ -25,7 +25,8 @@ class CheckInput:
     """A file's samples, in its own sign of current, and the record made of them.
 
     Both have the same samples. `capacity_ah` and `given_rest_a`, the current below which the cell
-    rests, are the user's. `lag` is that of the voltage, None where it has none or one is given.
+    rests, are the user's. `lag` is that of the voltage, None where it has none or one is given. The
+    voltage of a sample stands `late_rows` further down in the file.
     """
 
     samples: Samples
@@ -34,6 +35,7 @@ class CheckInput:
     given_rest_a: float | None = None
     lag: Lag | None = None
     is_lag_given: bool = False
+    late_rows: int = 0
 
     @cached_property
     def span_ah(self) -> float:
@@ -110,9 +112,22 @@ class CheckInput:
             is_other = problem.code == "ocv-test.none"
             return problem.notice.values["reason"] if is_other else str(problem)
 
-    def at(self, place: int | Bool[np.ndarray, "samples"], code: str, /, **values: Any) -> Notice:
-        """A notice of one sample, or the first of several."""
-        return found_at(self.samples, place, code, **values)
+    def places(self, channel: str) -> Int[np.ndarray, "samples"]:
+        """Where the file has each sample's reading of a channel."""
+        late = self.late_rows if channel == "voltage" else 0
+        return np.clip(np.arange(self.record.samples) + late, 0, self.record.samples - 1)
+
+    def at(
+        self,
+        place: int | Bool[np.ndarray, "samples"],
+        code: str,
+        /,
+        channel: str = "current",
+        **values: Any,
+    ) -> Notice:
+        """A notice of one sample, or the first of several, in the row of its channel."""
+        place = int(np.argmax(place)) if isinstance(place, np.ndarray) else place
+        return found_at(self.samples, int(self.places(channel)[place]), code, **values)
 
 
 def in_its_rows(given: CheckInput, lag_s: float | None) -> CheckInput:
@@ -121,11 +136,10 @@ def in_its_rows(given: CheckInput, lag_s: float | None) -> CheckInput:
     lag = find_lag(record) if lag_s is None else None
     known_s = lag.seconds if lag else lag_s or 0.0
     rows = round(known_s / float(np.median(record.interval_s)))
-    given = replace(given, lag=lag, is_lag_given=lag_s is not None)
+    given = replace(given, lag=lag, is_lag_given=lag_s is not None, late_rows=rows)
     if not rows:
         return given
-    at = np.clip(np.arange(record.samples) + rows, 0, record.samples - 1)
-    moved_v = record.voltage_v[at]
+    moved_v = record.voltage_v[given.places("voltage")]
     samples = given.samples.having(voltage=moved_v)
     return replace(given, samples=samples, record=replace(record, voltage_v=moved_v))
 

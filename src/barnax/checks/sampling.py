@@ -143,7 +143,7 @@ def find_breaks(given: CheckInput) -> Iterator[Notice]:
         at = int(places[0]) + 1
         told = {"before_v": record.voltage_v[at - 1], "after_v": record.voltage_v[at]}
         told |= {"interval_s": record.interval_s[at - 1], "places": len(places)}
-        yield given.at(at, "breaks.voltage", **told)
+        yield given.at(at, "breaks.voltage", "voltage", **told)
 
 
 def find_coarse_intervals(given: CheckInput) -> Iterator[Notice]:

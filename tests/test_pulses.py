@@ -89,6 +89,35 @@ def test_a_first_voltage_from_within_the_edge_is_no_resistance_at_once(share):
     assert pulse.resistance_ohm[1:] == whole.resistance_ohm[1:]
 
 
+MANY = [(600, 0), *(load for a in np.linspace(20, 25, 30) for load in [(10, a), (60, 0)])]
+
+
+@pytest.mark.parametrize(("resolution_v", "noise_v"), [(1e-3, 0.0), (1e-4, 1e-3)])
+def test_a_resistance_at_once_is_not_lost_to_noise_or_to_steps_of_the_voltage(
+    resolution_v, noise_v
+):
+    # 30 to 38 mV at once, and a pair that adds 3 mV within 0.3 s.
+    record = record_of(MANY, (1.5e-3, ((1.5e-4, 0.1),)), noise_v=noise_v)
+    readings_v = resolution_v * np.round(record.voltage_v / resolution_v)
+    found = [pulse.resistance_ohm[0] for pulse in pulses_of(replace(record, voltage_v=readings_v))]
+    assert len(found) == 30
+    assert None not in found
+    assert np.mean(found) == pytest.approx(1.5e-3, rel=0.03)
+
+
+@pytest.mark.parametrize("tau_s", [0.05, 0.3, 0.8])
+def test_a_first_row_soon_after_the_step_shows_what_is_at_once(tau_s):
+    circuit = (0.02, ((8e-3, tau_s), (0.01, 20.0)))
+    fine = record_of([(400, 0), (30, 3.0), (30, 0)], circuit, "backward", interval_s=0.01)
+    step = int(np.flatnonzero(fine.current_a)[0])
+    # Rows every second of the rest, and of the pulse from its first 10 ms on.
+    rows = np.append(np.arange(99, step, 100), np.arange(step, fine.samples, 100))
+    names = ("time_s", "current_a", "voltage_v", "row")
+    (pulse,) = pulses_of(replace(fine, **{name: getattr(fine, name)[rows] for name in names}))
+    assert pulse.delay_s == pytest.approx(0.01)
+    assert pulse.resistance_ohm[0] == pytest.approx(closed_form(circuit, 0.01))
+
+
 def test_a_short_pulse_has_no_resistance_after_its_end():
     (pulse,) = pulses_of(record_of([(600, 0), (10, 2.0), (40, 0)]))
     known = [value is not None for value in pulse.resistance_ohm]

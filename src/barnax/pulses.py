@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .records import Record, is_rested, rest_current_a
+from .records.samples import STEADY_SHARE, voltage_noise_v
 
 if TYPE_CHECKING:
     from .model.prepared import PreparedRecord
@@ -30,9 +31,12 @@ LEVEL_QUANTILE = 0.9
 # How near a sample must lie to a time for the voltage there to be known, in s and as a share, and
 # how late the first one may come.
 NEAR_S, NEAR_SHARE, AT_ONCE_S = 0.5, 0.2, 1.0
-# The second sample of a pulse adds at most so often what the third does, but for this share of all
-# and this voltage: where it adds more, the first was caught in the edge.
-LASTING, CAUGHT_SHARE, CAUGHT_V = 2.0, 0.03, 1e-3
+# The second sample of a pulse adds at most so often what the third does, but for this share of all,
+# this voltage and so many times the noise: where it adds more, the first was caught in the edge.
+LASTING, CAUGHT_SHARE, CAUGHT_V, CAUGHT_NOISE = 2.0, 0.03, 1e-3, 8.0
+# A first sample that comes sooner after the rest, as a share of the next interval, shows R0 alone,
+# and what the second adds are fast pairs.
+SOON = 0.5
 # Currents this near to each other are one rate.
 SAME_RATE = 0.1
 
@@ -95,13 +99,16 @@ def find_pulses(
     found: list[Pulse] = []
     rest: _Load | None = None
     is_settled = False
+    step_a = np.abs(np.diff(record.current_a))
+    is_quiet = step_a < STEADY_SHARE * np.abs(record.current_a).max()
+    noise_v = voltage_noise_v(np.diff(record.voltage_v)[is_quiet])
     for load in _loads(record, threshold_a):
         if load.way == 0:
             rest, is_settled = load, is_settled or load.duration_s >= SETTLED_S
             continue
         is_brief = load.duration_s <= LONGEST_S and load.last - load.first + 1 >= FEWEST_SAMPLES
         if rest is not None and is_settled and is_brief:
-            found.append(_pulse(record, soc, load, rest))
+            found.append(_pulse(record, soc, load, rest, noise_v))
         else:
             is_settled = False
         rest = None
@@ -142,7 +149,13 @@ def _loads(record: Record, threshold_a: float) -> Iterator[_Load]:
         yield ramp
 
 
-def _pulse(record: Record, soc: Float[np.ndarray, "samples"], load: _Load, rest: _Load) -> Pulse:
+def _pulse(
+    record: Record,
+    soc: Float[np.ndarray, "samples"],
+    load: _Load,
+    rest: _Load,
+    noise_v: float,
+) -> Pulse:
     span = slice(load.first, load.last + 1)
     since_s = record.time_s[span] - load.begin_s
     change_a = record.current_a[span] - record.current_a[rest.last]
@@ -154,6 +167,12 @@ def _pulse(record: Record, soc: Float[np.ndarray, "samples"], load: _Load, rest:
     lost = np.flatnonzero(~is_held[start:])
     stop = start + int(lost[0]) if len(lost) else len(is_held)
     held = slice(start, stop)
+    before_s = record.time_s[load.first + start - 1] - load.begin_s
+    times_s = np.append(before_s, since_s[held][:3])
+    is_whole = since_s[start] <= AT_ONCE_S and not _is_in_edge(
+        np.diff(times_s), np.abs(drop_v[held][:3]), noise_v
+    )
+    ratio_ohm = drop_v[held] / change_a[held]
     degc = record.temperature_degc
     return Pulse(
         record=record.name,
@@ -165,39 +184,38 @@ def _pulse(record: Record, soc: Float[np.ndarray, "samples"], load: _Load, rest:
         is_limited=stop < len(is_held),
         temperature_degc=None if degc is None else float(degc[rest.last]),
         delay_s=float(since_s[start]),
-        resistance_ohm=_resistances(since_s[held], drop_v[held], change_a[held]),
+        resistance_ohm=(
+            float(ratio_ohm[0]) if is_whole else None,
+            *_lasting(since_s[held], ratio_ohm),
+        ),
     )
 
 
-def _resistances(
-    since_s: Float[np.ndarray, "samples"],
-    drop_v: Float[np.ndarray, "samples"],
-    change_a: Float[np.ndarray, "samples"],
-) -> tuple[float | None, ...]:
-    """The ratio at each of `STANDARD_S`, linear between samples that lie near enough."""
-    ratio_ohm = drop_v / change_a
-
-    def at(time_s: float) -> float | None:
+def _lasting(
+    since_s: Float[np.ndarray, "samples"], ratio_ohm: Float[np.ndarray, "samples"]
+) -> Iterator[float | None]:
+    """The ratio at `STANDARD_S` but the first, linear between samples that lie near enough."""
+    for time_s in STANDARD_S[1:]:
         is_over = since_s[-1] < time_s - NEAR_S
         nearest_s = float(np.abs(since_s - time_s).min())
-        if is_over or nearest_s > max(NEAR_S, NEAR_SHARE * time_s):
-            return None
-        return float(np.interp(time_s, since_s, ratio_ohm))
-
-    is_whole = since_s[0] <= AT_ONCE_S and not _is_in_edge(since_s, np.abs(drop_v))
-    first = float(ratio_ohm[0]) if is_whole else None
-    return (first, *(at(time_s) for time_s in STANDARD_S[1:]))
+        is_known = not is_over and nearest_s <= max(NEAR_S, NEAR_SHARE * time_s)
+        yield float(np.interp(time_s, since_s, ratio_ohm)) if is_known else None
 
 
 def _is_in_edge(
-    since_s: Float[np.ndarray, "samples"], drop_v: Float[np.ndarray, "samples"]
+    interval_s: Float[np.ndarray, "intervals"], drop_v: Float[np.ndarray, "samples"], noise_v: float
 ) -> bool:
-    """True where the first voltage of a pulse shows its step only in part."""
-    interval_s = np.diff(since_s[:3])
-    if len(interval_s) < 2 or abs(interval_s[1] / interval_s[0] - 1) > NEAR_SHARE:
+    """True where the first voltage of a pulse shows its step only in part.
+
+    The intervals are those before each of its first three samples.
+    """
+    if len(interval_s) < 3 or abs(interval_s[2] / interval_s[1] - 1) > NEAR_SHARE:
         return False
-    second_v, third_v = np.diff(drop_v[:3])
-    return bool(second_v - LASTING * third_v > max(CAUGHT_SHARE * drop_v[1], CAUGHT_V))
+    if interval_s[0] < SOON * interval_s[1]:
+        return False
+    second_v, third_v = np.diff(drop_v)
+    least_v = max(CAUGHT_SHARE * drop_v[1], CAUGHT_V, CAUGHT_NOISE * noise_v)
+    return bool(second_v - LASTING * max(third_v, 0.0) > least_v)
 
 
 def first_pulse(record: Record) -> Pulse | None:

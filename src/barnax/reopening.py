@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,8 @@ from .table_run import TableRun, no_temperature
 
 # Across machines and versions a stored circuit's error agrees this closely, relative.
 SAME_ERROR = 1e-6
+# A plan of thousands of files has fewer bytes.
+LARGEST_PLAN = 1_000_000
 # A fingerprint holds times to twelve digits.
 ROUNDED = 1e-11
 # What was read of a part of a file is named by the file and a number.
@@ -51,10 +53,47 @@ def file_of(name: str) -> str:
 
 
 @dataclass(frozen=True)
+class Places:
+    """The folders in which a stored result's files are looked for, and the plan that may name more.
+
+    Another's plan names folders as it likes: only what has a stored digest is taken from there.
+    """
+
+    folders: tuple[Path, ...]
+    plan: Path
+
+    @classmethod
+    def of(cls, path: Path, data: Iterable[Path] = ()) -> "Places":
+        """`data`, the working folder, the result's own, and the one above that."""
+        place = path if path.is_dir() else path.parent
+        folders = (*data, Path(), place, place.parent, BUNDLED.record.parent)
+        return cls(tuple(dict.fromkeys(folders)), place / "plan.toml")
+
+    def find(self, name: str, sha256: str) -> Path:
+        """The file of that name and content. Raises `InputError` where there is none."""
+        try:
+            return find_file(name, sha256, self.folders)
+        except InputError:
+            if not sha256 or not self._planned:
+                raise
+        return find_file(name, sha256, (*self.folders, *self._planned))
+
+    @cached_property
+    def _planned(self) -> tuple[Path, ...]:
+        """The folders of the files in the plan; none where it cannot be read."""
+        # A pipe would be waited for, and a device read without end.
+        if not self.plan.is_file() or self.plan.stat().st_size > LARGEST_PLAN:
+            return ()
+        with suppress(InputError, ValueError, RecursionError):
+            return tuple({part.path.parent: None for part in plan_from_toml(self.plan).parts})
+        return ()
+
+
+@dataclass(frozen=True)
 class Inputs:
     """The inputs of a stored result: in folders, or given by their names."""
 
-    folders: tuple[Path, ...]
+    places: Places
     given: Mapping[str, Given]
     reading: Reading
 
@@ -62,7 +101,7 @@ class Inputs:
         """A record as it was identified on. Raises `InputError` where it is not there any more."""
         given = self.given.get(part.name)
         if given is None:
-            given = find_file(file_of(part.name), part.sha256, self.folders)
+            given = self.places.find(file_of(part.name), part.sha256)
         decided: dict[str, Any] = {
             "current_sign": part.sign.value if part.sign else "auto",
             "current_hold": part.hold.value if part.hold else "auto",
@@ -99,19 +138,8 @@ def loaded(
     given = data if isinstance(data, Mapping) else {}
     folders = [data] if isinstance(data, str | Path) else () if given else data
     reading = Reading(columns=columns, series=series)
-    result._inputs = Inputs(folders_of(path, map(Path, folders)), given, reading)
+    result._inputs = Inputs(Places.of(path, map(Path, folders)), given, reading)
     return result
-
-
-def folders_of(path: Path, data: Iterable[Path] = ()) -> tuple[Path, ...]:
-    """The folders in which a stored result's files are looked for: `data`, the working folder, its
-    own, the one above that, and those of the files in the plan beside it."""
-    place, planned = path if path.is_dir() else path.parent, ()
-    # Another's plan names folders as it likes: what is found there has to have the stored digest.
-    with suppress(InputError):
-        planned = plan_from_toml(place / "plan.toml").parts
-    beside = (Path(), place, place.parent, *(part.path.parent for part in planned))
-    return tuple(dict.fromkeys((*data, *beside, BUNDLED.record.parent)))
 
 
 def reopened(result: Result, inputs: Inputs) -> Run:

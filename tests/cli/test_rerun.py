@@ -1,6 +1,7 @@
 """`barnax rerun` repeats a result from its own record of the command."""
 
 import json
+import os
 import shutil
 
 import pytest
@@ -69,7 +70,8 @@ def moved(altered, tmp_path):
     files = tmp_path / "files"
     files.mkdir()
     shutil.copy(BUNDLED.record, files / "own.parquet")
-    words = ["identify", "own.parquet", "--initial-soc=own.parquet=1"]
+    (tmp_path / "box.toml").write_text("")
+    words = ["identify", "own.parquet", "--initial-soc=own.parquet=1", "--bounds=box.toml"]
 
     def change(document):
         document["command"] = ["barnax", *words]
@@ -101,7 +103,26 @@ def test_files_are_found_where_the_plan_beside_a_result_says(run, moved, repeats
     # Another's plan may name what it likes: only the record itself is taken.
     shutil.copy(BUNDLED.validation, files / words[1])
     assert "SHA-256 differs" in run("rerun", result).err
-    (result.parent / "plan.toml").write_text("files = 3")
+    # And what it names is no file of bounds.
+    shutil.copy(BUNDLED.record, files / words[1])
+    shutil.move(result.parent / "box.toml", files)
+    outcome = run("rerun", result)
+    assert "box.toml: not found in" in outcome.err
+
+
+@pytest.mark.parametrize(
+    "plan", ["files = 3", "reasons = 3", "a = " + 3000 * "[", "a = " + "9" * 5000]
+)
+def test_a_plan_that_cannot_be_read_names_no_folders(run, moved, plan):
+    result, *_ = moved
+    (result.parent / "plan.toml").write_text(plan)
+    assert "not found in" in run("rerun", result).err
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_no_pipe_is_waited_for_as_a_plan(run, moved):
+    result, *_ = moved
+    os.mkfifo(result.parent / "plan.toml")
     assert "not found in" in run("rerun", result).err
 
 

@@ -3,10 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 import barnax
+from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step
@@ -121,7 +123,7 @@ def test_records_that_are_not_found_are_told_before_the_search(result, tmp_path)
         for line in planned_lines(believed, as_flags):
             console.print(line)
     text = "".join(shown.get().split())
-    assert "Plannedfor:2Ah(measured" in text
+    assert "Plannedfor:2Ah,measured" in text
     # However long a path is, it is shown whole.
     assert f"{tmp_path}," in text
     assert "giveitsfolderwith--data" in text
@@ -142,3 +144,21 @@ def test_a_capacity_that_only_a_record_tells_is_told_with_what_to_do():
 @pytest.mark.parametrize(("chemistry", "window_v"), [("nmc", (2.5, 4.2)), ("lfp", (2.0, 3.65))])
 def test_a_cell_s_usual_voltages_are_those_of_its_chemistry(chemistry, window_v):
     assert window_of(believed_of(None, 2.0, chemistry).cell) == window_v
+
+
+@pytest.mark.parametrize(
+    ("ends_v", "window_v"), [((3.5, 3.7), (2.5, 4.2)), ((3.2, 3.35), (2.5, 3.65))]
+)
+def test_of_an_ocv_that_no_full_cell_showed_the_narrower_voltages_are_taken(ends_v, window_v):
+    soc = np.linspace(0.1, 0.5, 9)
+    points = tuple(
+        OcvPoint(float(at), float(volts), "a.csv", row=0, rest_s=0.0)
+        for at, volts in zip(soc, np.linspace(*ends_v, len(soc)), strict=True)
+    )
+    table = OcvTable("a.csv", {0: points}, sha256="")
+    assert window_of(characterize([table], capacity_ah=2.0, ocv_fit="interpolated")) == window_v
+
+
+def test_another_capacity_leaves_the_largest_currents_of_the_records():
+    believed = replace(believed_of(None, 1.0, "nmc"), rates_c=(4.0, 2.0))
+    assert believed_of(believed, 2.0, "nmc").rates_c == (2.0, 1.0)

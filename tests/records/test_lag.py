@@ -35,6 +35,17 @@ def test_a_first_order_lag_is_scipys_filter(kept):
     np.testing.assert_allclose(lagged(values, kept), expected, rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.parametrize("half", [3, 5])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_half_a_period_of_a_simulated_load_is_no_lag(half, sign):
+    current_a = 2.0 * np.resize([1.0] * half + [-1.0] * half, 3000)
+    volts = simulated_cell(current_a, 1.0, r0=R0)
+    table = {TIME: np.arange(3000.0), CURRENT: sign * current_a, VOLTAGE: volts}
+    record = record_from_frame(table)
+    assert (record.sign.value == "discharge-positive") is (sign > 0)
+    assert not record.voltage_lag_s
+
+
 @pytest.mark.parametrize("interval_s", [0.1, 1.0])
 @pytest.mark.parametrize("lag", [-0.9, -0.6, -0.3, 0.3, 0.6, 0.9])
 def test_a_lag_is_found_with_all_of_r0(interval_s, lag):

@@ -255,7 +255,7 @@ def test_a_hold_that_moves_r0_of_the_tables_out_of_its_interval_is_said_of_them(
 ):
     monkeypatch.setattr(TableRun, "hold_shift_ohm", shift_ohm)
     run = TableRun(TableSettings(nodes=NODES), TableFits((make_fit(),)), [], [])
-    record = SimpleNamespace(name="a.csv", hold=Decision("forward", "assumed", ""))
+    record = SimpleNamespace(name="a.csv", hold=Decision("forward", "assumed", ""), charge_ah=None)
     prepared = [SimpleNamespace(record=record)]
     problem: Any = SimpleNamespace(circuit="so-rc", prepared_records=prepared)
     other: Any = SimpleNamespace(value="backward")

@@ -168,7 +168,7 @@ def next_after(
 def _files_of(known: "Result", cell: Cell, place: Path) -> tuple[list[str], list[str]]:
     """The stored identification with its files where they lie, and the files that were not found;
     the files alone where it was no `barnax identify` that names them."""
-    from ..reopening import file_of, folders_of
+    from ..reopening import Places, file_of
     from .results import with_files
 
     command = list(known.command[1:])
@@ -182,7 +182,7 @@ def _files_of(known: "Result", cell: Cell, place: Path) -> tuple[list[str], list
         command = ["identify", *own, *(word for name in tests for word in ("--ocv", name))]
     missing: list[str] = []
     # What the design did not need, such as a record to validate on, may be elsewhere.
-    words = with_files(command, known, folders_of(place, cell.data or ()), missing)
+    words = with_files(command, known, Places.of(place, cell.data or ()), missing)
     return words, missing
 
 

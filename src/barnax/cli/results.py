@@ -40,6 +40,7 @@ from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..model.window import Window
+    from ..reopening import Places
     from ..replay import SocReplay
     from ..reporting.document import Table
     from ..results import Result
@@ -285,7 +286,7 @@ def rerun(of: Rerun) -> None:
 
     Exit status: 0 if it is, bit for bit or to 1e-9 of the RMSE; 1 if not.
     """
-    from ..reopening import folders_of
+    from ..reopening import Places
 
     session, result = Session(is_quiet=of.quiet), of.result
     stored = load(result)
@@ -293,7 +294,7 @@ def rerun(of: Rerun) -> None:
         raise InputError(
             f"{result}: has no stored command (it was made from Python); repeat it in Python"
         )
-    command = with_files(stored.command[1:], stored, folders_of(result, of.data or ()))
+    command = with_files(stored.command[1:], stored, Places.of(result, of.data or ()))
     with session.watch("Repeating"), tempfile.TemporaryDirectory() as folder:
         repeated = _run(command, Path(folder, "repeated"))
     # The roles that a plan chose are given now.
@@ -314,15 +315,14 @@ def rerun(of: Rerun) -> None:
 def with_files(
     command: Sequence[str],
     stored: "Result",
-    folders: Sequence[Path],
+    places: "Places",
     missing: list[str] | None = None,
 ) -> list[str]:
     """The words of a command with every file's name replaced by where it lies.
 
-    An input that is in none of the folders, or another there, stays as it is and joins `missing`;
+    An input that is in none of the places, or another there, stays as it is and joins `missing`;
     without that it raises `InputError`.
     """
-    from ..records import find_file
     from ..reopening import file_of
 
     hashes = {file_of(part.name): part.sha256 for part in stored.inputs}
@@ -332,7 +332,7 @@ def with_files(
         is_bounds = (option if equals else before) == "--bounds"
         if is_bounds or name in hashes:
             try:
-                name = str(find_file(name, "" if is_bounds else hashes[name], folders))
+                name = str(places.find(name, "" if is_bounds else hashes[name]))
             except InputError:
                 if missing is None:
                     raise

@@ -29,7 +29,7 @@ from .information import Believed, Error
 Chemistry = Literal["nmc", "lfp"]
 # Lowest and highest voltage of a cell of layered oxide, and of one whose OCV when full is under the
 # last.
-WINDOW_V, LFP_WINDOW_V, LFP_FULL_V = (2.5, 4.2), (2.0, 3.65), 3.8
+WINDOW_V, LFP_WINDOW_V, LFP_FULL_V, NEARLY_FULL = (2.5, 4.2), (2.0, 3.65), 3.8, 0.97
 # Resistances of a typical cell of 1 Ah half full, R0, R1 and R2, and how much more they are empty.
 TYPICAL_OHM, EMPTY, EMPTY_SOC = (0.10, 0.03, 0.05), (0.3, 1.0, 1.0), 0.08
 TYPICAL_TAU_S = (12.0, 120.0)
@@ -69,13 +69,24 @@ def believed_of(
     if capacity_ah is None:
         return known
     cell = replace(known.cell, capacity_ah=capacity_ah, capacity_origin=GIVEN)
-    return replace(known, cell=cell)
+    # The largest currents are those of the records.
+    share = known.cell.capacity_ah / capacity_ah
+    return replace(known, cell=cell, rates_c=(share * known.rates_c[0], share * known.rates_c[1]))
 
 
 def window_of(cell: CellModel) -> tuple[float, float]:
-    """The lowest and the highest voltage that are usual for a cell with such an OCV."""
-    full_v = float(cell.average_ocv_v(np.array([1.0]))[0])
-    return LFP_WINDOW_V if full_v < LFP_FULL_V else WINDOW_V
+    """The lowest and the highest voltage that are usual for a cell with such an OCV.
+
+    An OCV that is not known of a full cell may be of either kind, unless it goes beyond one: then
+    the narrower limits are taken.
+    """
+    highest_soc = cell.soc_range[1]
+    highest_v = float(cell.average_ocv_v(np.array([highest_soc]))[0])
+    if highest_soc > NEARLY_FULL:
+        return LFP_WINDOW_V if highest_v < LFP_FULL_V else WINDOW_V
+    if highest_v > LFP_WINDOW_V[1]:
+        return WINDOW_V
+    return LFP_WINDOW_V if cell.has_flat_ocv else (WINDOW_V[0], LFP_WINDOW_V[1])
 
 
 def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:

@@ -153,8 +153,8 @@ def _capacity(cell: CellModel) -> tuple[str, ...]:
         return ()
     return (
         f"The capacity, {cell.capacity_ah:.4g} Ah, is only {escaped(cell.capacity_origin)}: there "
-        "was no OCV test, and no `capacity` was given. If the cell holds more, every SOC is off: "
-        "identify again with `capacity`.",
+        "was no OCV test, and no `capacity` was given. Where the cell holds more, every SOC is "
+        "off: identify again with `capacity`.",
     )
 
 

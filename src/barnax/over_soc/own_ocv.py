@@ -352,7 +352,7 @@ def _capacity(
         )
     lowest_v, more = float(widest.voltage_v.min()), ""
     if lowest_v > NEVER_EMPTY_V:
-        more = f"; it never falls below {lowest_v:.2f} V, so the cell holds more"
+        more = f" (never below {lowest_v:.2f} V, so the cell holds more)"
     return span_ah, f"the charge that {widest.name} spans{more}"
 
 

@@ -319,6 +319,8 @@ def plan_from_toml(path: str | Path) -> Plan:
     if command not in ("identify", "hppc"):
         raise InputError(f"{shown}: command {command!r} is not known; there are identify, hppc")
     reasons = content.pop("reasons", {})
+    if not isinstance(reasons, dict):
+        raise InputError(f"{shown}: reasons must be a table, [reasons]")
     options = _read(shown, content, _OF_RUN)
     common = {_FIELD_OF[name]: options.pop(name) for name in _COMMON if name in options}
     if isinstance(options.get("bounds"), str):

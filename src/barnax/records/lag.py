@@ -26,6 +26,8 @@ _SLOW, _NEAR = (3.0, 10.0, 30.0, 100.0, 300.0), 3
 # Up to so many whole samples are tried. Of those that are the nearest to the lag another than none
 # leaves less than this share of what none does, or where that is not the nearest, of all.
 _FAR, _NEAREST, _LEFT = 5, 0.6, 0.9
+# Where none leaves hardly anything, it is none: half a period late looks like the other sign.
+_NOTHING = 0.01
 # The least lag in samples, and in standard errors over so many parts of the record.
 _LEAST, _SURE, _PARTS = 0.1, 4.0, 24
 # On its other side a step shows less than this share of what it shows beside itself.
@@ -62,7 +64,7 @@ def find_lag(record: Record) -> Lag | None:
     """The lag of a record's voltage, None where it shows none for certain."""
     usual_s = float(np.median(record.interval_s))
     known = _changes(record.interval_s, record.current_a, _NEAR, _MANY)
-    if usual_s > _SLOWEST_S or known is None or not np.ptp(record.voltage_v):
+    if known is None or not np.ptp(record.voltage_v):
         return None
     places, changes, scale = known
     whole = whole_lag(record.interval_s, record.current_a, record.voltage_v)
@@ -96,7 +98,8 @@ def whole_lag(interval_s: Intervals, current_a: Rows, voltage_v: Rows) -> int:
         ohm, left = _answers(table.T @ table, scale)
         left = np.where(np.abs(_share(ohm)) < _NEAREST, left, 1.0)
     best = int(np.argmin(left))
-    return tried[best] if left[best] < _LEFT * left[_FAR] else 0
+    is_late = left[_FAR] > _NOTHING and left[best] < _LEFT * left[_FAR]
+    return tried[best] if is_late else 0
 
 
 def _changes(
@@ -105,7 +108,7 @@ def _changes(
     """Intervals so near to steps of the current, at most so many, D i and what is slow there as
     columns of one scale, and that scale; None where too few are on an even clock."""
     usual_s, step_a = float(np.median(interval_s)), np.diff(current_a)
-    if len(step_a) < _FEWEST + 2 * _FAR:
+    if usual_s > _SLOWEST_S or len(step_a) < _FEWEST + 2 * _FAR:
         return None
     is_step = np.abs(step_a) > _STEP_SHARE * float(np.max(np.abs(current_a)))
     # The first steps are enough, and a long record has more.

@@ -42,8 +42,8 @@ def planned_lines(
     `with_cli_options` turns the options named in texts into those of the reader's interface.
     """
     cell = believed.cell
-    more = "; if the cell holds more, identify again with `capacity`"
-    capacity = f"{cell.capacity_ah:.4g} Ah ({cell.capacity_origin})"
+    more = "; if that is not its capacity, identify again with `capacity`"
+    capacity = f"{cell.capacity_ah:.4g} Ah, {cell.capacity_origin}"
     told = {
         "Planned for": f"{capacity}{more if cell.has_spanned_capacity else ''}.",
         "Not counted": believed.untold and f"the result's own records: {believed.untold}.",

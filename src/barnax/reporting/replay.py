@@ -93,8 +93,8 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         widest = max(scenario.widest or 0.0 for scenario in replay.scenarios)
         yield (
             "Uncertain OCV",
-            f"from {low} to {high} % SOC the circuit's errors are worth over 5 % of charge; the "
-            f"filter counts there, with a band of up to {100 * widest:.0f} %",
+            f"from {low} to {high} % SOC the circuit's voltage errors amount to over 5 % SOC; the "
+            f"filter counts charge there, with a band of up to {100 * widest:.0f} %",
         )
     for name in replay.untried:
         yield "Not tried", f"{name}: the record's SOC leaves no room for it"

@@ -66,11 +66,11 @@ def search_sentences(result: "Result") -> Iterator[str]:
     if optimum is None or search is None:
         return
     seeds = len(search.seeds)
-    whose = f"the best {constant.model}" if result.tables is not None else "the optimum"
+    whose = f"best {constant.model}" if result.tables is not None else "the optimum"
     median = "" if seeds == 1 else "median "
     yield (
         f"{counted(seeds, f'{search.method} seed')}: {median}{_above(optimum.median_gap)} above "
-        f"{whose}; refined, {optimum.seeds_there} reach it."
+        f"{whose}; {optimum.seeds_there} descend to it."
     )
 
 

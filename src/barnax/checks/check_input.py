@@ -121,8 +121,8 @@ class CheckInput:
         self,
         place: int | Bool[np.ndarray, "samples"],
         code: str,
-        /,
         channel: str = "current",
+        /,
         **values: Any,
     ) -> Notice:
         """A notice of one sample, or the first of several, in the row of its channel."""

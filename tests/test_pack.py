@@ -167,6 +167,28 @@ def test_a_pack_has_the_names_of_a_record_and_one_is_told_where_a_cell_is_wanted
         record_from_frame(table)
 
 
+@pytest.mark.parametrize(
+    "other", ["Aux T {} (C)", "Aux_Temperature(C)_{}", "Flag{}", "Cell {} temp"]
+)
+def test_columns_of_something_else_are_no_cells_of_a_pack(voltages, other):
+    table = frame(voltages[0][:300, :1], voltages[1][:300], name="Klemme")
+    beside = table.with_columns(pl.lit(3.0 + 0.1 * k).alias(other.format(k)) for k in (1, 2, 3))
+    with pytest.raises(InputError, match="no column for the voltage") as told:
+        record_from_frame(beside)
+    assert told.value.code == "columns.missing"
+    with pytest.raises(InputError, match="no columns of cell voltages found"):
+        of(beside)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["V{}", "U_{}", "Cell_{:02}", "Zelle {}", "c{}_v", "Aux_Voltage_{}(V)", "M{} [mV]", "UZ{}"],
+)
+def test_cells_are_found_by_any_usual_name(voltages, name):
+    scale = 1000 if "mV" in name else 1
+    assert len(of(frame(scale * voltages[0][:300], voltages[1][:300], name=name)).cells) == 12
+
+
 def test_what_is_found_in_the_record_of_a_pack_is_told_with_what_is_assumed(voltages):
     table = frame(*voltages).with_columns(pl.col("^V.*$").shift(2)).drop_nulls()
     options = {"capacity": 5.0, "window": Window(initial_soc=START), "max_boxes": 0}

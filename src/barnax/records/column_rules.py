@@ -19,6 +19,7 @@ from .columns import (
     likely_column,
     likely_names,
     named_column,
+    names_cell_voltage,
     names_record,
     normal,
     other_table,
@@ -144,13 +145,13 @@ def cell_voltages(
     table: Table, given: Mapping[str, str] = NOTHING
 ) -> list[dict[str, Float[np.ndarray, "lines"]]]:
     """The sets of columns that may be the voltages of a pack's cells, in V by name: numbered alike,
-    with at least two that are within what a cell has. `given` are the user's own names."""
+    named so, with at least two within what a cell has. `given` are the user's own names."""
     taken = {
         own.header for name, own in columns_of(table.header, given).items() if name != "voltage"
     }
     alike: dict[str, dict[str, np.ndarray]] = {}
     for name in table.header:
-        if name not in taken and re.search(r"\d", name):
+        if name not in taken and re.search(r"\d", name) and names_cell_voltage(name):
             kind = re.sub(r"\d+", "#", normal(name))
             alike.setdefault(kind, {})[name] = in_volts(table, name)
 

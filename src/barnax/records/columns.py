@@ -29,6 +29,8 @@ _SELF_EXPLAINING = re.compile("seconds|m?amps|volts|m?amp-hr|chgah|disah|ma|mv")
 _COMPARED_NAMES = 1000
 # The quantities that tell the time, and the current.
 _CLOCKS, _CURRENTS = {"time", "step time", "date"}, {"current", "charge of the interval"}
+# What the voltages of cells are called in short.
+_CELLS = {"v", "u", "vc", "uc", "uz", "cv"}
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
@@ -156,6 +158,27 @@ def likely_column(quantity: Quantity, header: Sequence[str]) -> Column | None:
     if len(names) != 1:
         return None
     return _with_its_unit(list(header).index(names[0]), names[0], quantity)
+
+
+def names_cell_voltage(name: str) -> bool:
+    """True if a column of a pack is named like a voltage's or a cell's, and not something else's.
+
+    >>> [names_cell_voltage(name) for name in ("V1", "Cell_01 [mV]", "Aux T 1 (C)", "Cell 1 temp")]
+    [True, True, False, False]
+    """
+    plain = re.sub(r"\d+", "", normal(name))
+    (voltage,) = (quantity for quantity in QUANTITIES if quantity.name == "voltage")
+    units = [text.strip() for text in re.findall(r"[/\[(]([^/\[\]()]*)", plain)]
+    if any(units):
+        return any(unit_of(voltage, unit) for unit in units)
+    if any(word in plain for word in ("volt", *voltage.foreign)):
+        return True
+    others = (alias for quantity in QUANTITIES for alias in (*quantity.aliases, *quantity.foreign))
+    if any(word in plain for word in others if len(word) > 3 and word not in voltage.aliases):
+        return False
+    return bool(
+        re.search("cell|zell|celda|单体", plain) or _CELLS & set(re.split("[^a-z]+", plain))
+    )
 
 
 def _bare(header: Sequence[str]) -> set[str]:

@@ -128,7 +128,7 @@ def examine_columns(
     if missing:
         code, values = _missing(*missing[0]) if len(missing) == 1 else _all_missing(missing)
         is_silent = all(quantity.name != "voltage" for quantity, _, _ in missing)
-        cells = () if is_silent else next(map(list, cell_voltages(table, given)), ())
+        cells = [] if is_silent else next(map(list, cell_voltages(table, given)), [])
         # Two may be one cell's, measured twice.
         if len(cells) > FEWEST_CELLS:
             code, values = "columns.pack", {"cells": _quoted(cells), "first": cells[0]}

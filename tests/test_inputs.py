@@ -24,7 +24,7 @@ from barnax.inputs import (
 )
 from barnax.model.window import Window
 from barnax.pipeline import identify
-from barnax.records import source_from_frame
+from barnax.records import read_record, source_from_frame
 from barnax.settings import CellSettings, Reading, Settings
 from helpers.reference import make_record
 
@@ -238,7 +238,7 @@ def test_data_frames_and_records_of_one_name_are_numbered():
     assert [each.name for each in found.records] == ["log", "log 2"]
 
 
-@pytest.mark.parametrize("given", ["a=0.25,b=-0.5", {"a": 0.25, "b": -0.5}])
+@pytest.mark.parametrize("given", [["a=0.25", "b=-0.5"], {"a": 0.25, "b": -0.5}])
 def test_a_lag_is_given_for_one_record_by_its_name(given):
     frame = pl.read_parquet(BUNDLED.record)
     sources = [
@@ -256,7 +256,10 @@ def test_a_lag_is_given_for_one_record_by_its_name(given):
     ("given", "told"),
     [
         ("c=0.25", "no record is called 'c', for which options"),
+        (["0.1,c=0.25"], "no record is called '0.1,c'"),
         ("late", "write it like 0.3, or FILE="),
+        (["c=nan"], "'nan': write it like 0.3, or FILE="),
+        (float("inf"), "'inf': write it like 0.3, or FILE="),
     ],
 )
 def test_a_lag_of_no_record_or_no_number_is_refused(given, told):
@@ -267,7 +270,16 @@ def test_a_lag_of_no_record_or_no_number_is_refused(given, told):
         )  # fmt: skip
 
 
+def test_a_lag_of_records_that_were_read_before_is_refused():
+    record = read_record(BUNDLED.record)
+    with pytest.raises(InputError, match="for which options are given; no file is read"):
+        read_inputs(
+            [record], [read_record(test) for test in BUNDLED.ocv], (),
+            Reading(voltage_lag={record.name: 0.3}), CellSettings(), capacity=None, window=None,
+        )  # fmt: skip
+
+
 def test_one_lag_is_that_of_all_but_those_named():
-    reading = Reading(voltage_lag="0.1,a=0.2")
-    assert [how_read(reading, name)["voltage_lag"] for name in ("a", "b")] == [0.2, 0.1]
+    reading = Reading(voltage_lag=["0.1", "a=1,b=0.2"])
+    assert [how_read(reading, name)["voltage_lag"] for name in ("a=1,b", "b")] == [0.2, 0.1]
     assert how_read(Reading(), "a")["voltage_lag"] is None

@@ -1,5 +1,6 @@
 """From files to checked records and the cell they show: each file is read once."""
 
+import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
@@ -244,15 +245,23 @@ def how_read(reading: Reading, name: str, role: str = "identification") -> dict[
 
 def lags_of(reading: Reading) -> dict[str, float]:
     """Lags of voltages by the name of the record, "" for all others."""
-    given = {} if reading.voltage_lag is None else reading.voltage_lag
+    given = [] if reading.voltage_lag is None else reading.voltage_lag
     if not isinstance(given, Mapping):
-        parts = (part.rpartition("=") for part in str(given).split(","))
-        given = {name.strip(): lag_s for name, _, lag_s in parts}
-    try:
-        return {name: float(lag_s) for name, lag_s in given.items()}
-    except ValueError as problem:
-        told = f"`voltage_lag` {reading.voltage_lag!r}: write it like 0.3, or FILE=0.3 for one"
-        raise InputError(f"{told} of the records") from problem
+        # A file's name may hold commas and equality signs.
+        is_one = isinstance(given, str | float | int)
+        parts = (str(text).rpartition("=") for text in ([given] if is_one else given))
+        given = {name: lag_s for name, _, lag_s in parts}
+    lags = {}
+    for name, lag in given.items():
+        try:
+            lags[name] = float(lag)
+        except ValueError:
+            lags[name] = math.nan
+        if not math.isfinite(lags[name]):
+            raise InputError(
+                f"`voltage_lag` {str(lag)!r}: write it like 0.3, or FILE=0.3 for one of the records"
+            )
+    return lags
 
 
 def source_of(
@@ -311,9 +320,9 @@ def require_records(given: Iterable[str], names: Collection[str]) -> None:
     """Raise `InputError` where something is given for a record that there is not."""
     unknown = sorted({*given} - {*names, ""})
     if unknown:
+        there = f"there are {', '.join(sorted(names))}" if names else "no file is read"
         raise InputError(
-            f"no record is called {unknown[0]!r}, for which options are given; there are "
-            f"{', '.join(sorted(names))}"
+            f"no record is called {unknown[0]!r}, for which options are given; {there}"
         )
 
 

@@ -7,7 +7,7 @@ their help of the lines of `Args`. Nothing heavy is loaded here.
 import inspect
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args, get_origin
 
@@ -111,8 +111,8 @@ class Reading:
             previous one (backward), about half of both (centered: means, or a load that changes
             between samples), or auto (decided from the data).
         voltage_lag: Seconds by which the voltage is older than the current of its row, negative
-            where it is newer; by default found from the data, 0 takes them as logged. Of several
-            records, FILE=S,FILE=S.
+            where it is newer; by default found from the data, 0 takes them as logged. FILE=S is for
+            one record; repeatable.
         columns: Columns that are not recognized: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME,
             with a unit if the name has none.
         series: Cells in series, for packs and modules: the voltage is divided by it.
@@ -122,7 +122,7 @@ class Reading:
     ocv_current_sign: AutoSign = "auto"
     validate_current_sign: AutoSign = "auto"
     current_hold: AutoHold = "auto"
-    voltage_lag: float | str | Mapping[str, float] | None = None
+    voltage_lag: float | str | Sequence[str] | Mapping[str, float] | None = None
     columns: Mapping[str, str] | str = ""
     series: int = 1
 

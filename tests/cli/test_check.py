@@ -44,6 +44,22 @@ def test_findings_give_status_1_with_row_and_remedy(run, faulty):
     assert max(map(len, outcome.out.splitlines())) <= 80
 
 
+def test_a_lag_is_repeatable_and_one_of_no_file_or_no_number_is_refused(run, refuse, tmp_path):
+    table = pl.read_parquet(BUNDLED.record)
+    late = table.with_columns(pl.col(VOLTAGE).shift(3)).drop_nulls()
+    late.write_parquet(tmp_path / "a=1,b.parquet")
+    lags = ("--voltage-lag", "0", "--voltage-lag", "a=1,b.parquet=3")
+    assert run("check", BUNDLED.record, "a=1,b.parquet", "-q", *lags) == (0, "", "")
+    assert "3.01 s older" in run("check", "a=1,b.parquet", "-q").err
+    for lag, told in [
+        ("typo=0.3", "no record is called 'typo', for which options are given; there are"),
+        ("nan", "--voltage-lag 'nan': write it like 0.3"),
+        ("inf", "--voltage-lag 'inf': write it like 0.3"),
+    ]:
+        assert told in refuse("check", BUNDLED.record, "--voltage-lag", lag)
+    assert "give seconds by which" in refuse("check", BUNDLED.record, "-q", "--voltage-lag", "1e6")
+
+
 def test_a_file_is_checked_as_it_is_said_to_be(run, tmp_path):
     table = pl.read_parquet(BUNDLED.record).head(3000)
     table.with_columns(pl.lit(3.7).alias(VOLTAGE)).write_csv(tmp_path / "flat.csv")

@@ -20,6 +20,11 @@ def cycler_file(tmp_path, monkeypatch):
     return path
 
 
+def test_a_lag_of_another_file_is_refused(refuse, cycler_file):
+    told = refuse("convert", cycler_file, "--voltage-lag", "typo=0.3")
+    assert "no record is called 'typo', for which options are given; there are cell.062" in told
+
+
 def test_a_file_is_written_as_parquet_with_its_provenance(run, refuse, cycler_file, tmp_path):
     written = tmp_path / "cell.bdf.parquet"
     written.write_text("mine")

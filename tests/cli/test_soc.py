@@ -58,3 +58,5 @@ def test_columns_that_are_not_recognized_can_be_named(run, finished, tmp_path):
 def test_what_is_unknown_is_refused(refuse, finished):
     message = refuse("soc", finished.folder, BUNDLED.validation, "--estimate", "offset,R9")
     assert "--estimate 'R9' is not known; there are offset, capacity, R0" in message
+    message = refuse("soc", finished.folder, BUNDLED.validation, "--voltage-lag", "other.csv=1")
+    assert "no record is called 'other.csv', for which options are given" in message

@@ -129,6 +129,10 @@ def test_a_result_of_the_python_interface_validates_alike(stored):
             ("{stored}", BUNDLED.validation, "--initial-soc", "other.csv=1"),
             "an option is given for 'other.csv'; the record is validation.parquet",
         ),
+        (
+            ("{stored}", BUNDLED.validation, "--voltage-lag", "other.csv=1"),
+            "no record is called 'other.csv', for which options are given; there are validation",
+        ),
         (("{stored}",), "Missing argument"),
     ],
 )

@@ -123,8 +123,11 @@ def test_a_plan_is_taken_back_edited_or_not(folder, by_hand, tmp_path):
 
 
 def test_a_plan_written_and_read_is_the_same(folder, tmp_path):
+    lags = ["0.1", "validation.parquet=0.3"]
     found = plan(folder).changed(
-        {"validation.parquet": barnax.Window(start_time_s=10.5, score_steps=(7, 8))}, model="so-rc"
+        {"validation.parquet": barnax.Window(start_time_s=10.5, score_steps=(7, 8))},
+        model="so-rc",
+        voltage_lag=lags,
     )
     path = tmp_path / "plan.toml"
     path.write_text(plan_to_toml(found))

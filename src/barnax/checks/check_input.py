@@ -13,7 +13,7 @@ from ..cell.soc_axis import Sweep
 from ..errors import InputError
 from ..notices import Notice
 from ..records import Record, is_rested, rest_current_a
-from ..records.lag import Lag, find_lag
+from ..records.lag import Lag, find_lag, require_lag
 from ..records.samples import Samples
 from ..records.table import found_at
 
@@ -131,8 +131,12 @@ class CheckInput:
 
 
 def in_its_rows(given: CheckInput, lag_s: float | None) -> CheckInput:
-    """The same with each voltage in the row of its current; a lag of None is looked for."""
+    """The same with each voltage in the row of its current; a lag of None is looked for.
+
+    Raises `InputError` for a lag that is no number, or is longer than the record.
+    """
     record = given.record
+    require_lag(record, lag_s or 0.0)
     lag = find_lag(record) if lag_s is None else None
     known_s = lag.seconds if lag else lag_s or 0.0
     rows = round(known_s / float(np.median(record.interval_s)))

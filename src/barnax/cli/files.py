@@ -66,9 +66,10 @@ def check(what: Checked) -> None:
     session = Session(is_quiet=what.quiet or what.as_json)
     with session.watch("Loading"):
         from ..checks import check_file
-        from ..inputs import how_read
+        from ..inputs import how_read, lags_of, require_records
         from ..plan.looking import files_of
         from ..records import read_source
+        from ..records.source import name_of
         from ..reporting.checks import check_document, count_sentence, finding_line
         from ..reporting.terminal import to_terminal
 
@@ -81,14 +82,15 @@ def check(what: Checked) -> None:
     found, unreadable = [], []
     listed: list[dict[str, Any]] = []
 
-    def files() -> Iterator[Path]:
+    def files(unreadable: list[str]) -> Iterator[Path]:
         for given in what.files:
             try:
                 yield from files_of([given])
             except InputError as problem:
                 unreadable.append(str(problem))
 
-    for file in files():
+    require_records(lags_of(how), {name_of(path) for path in (*what.files, *files([]))})
+    for file in files(unreadable):
         try:
             with session.watch(f"Looking at {file.name}"):
                 source = read_source(file, columns=how.columns, series=how.series)
@@ -139,7 +141,7 @@ def convert(what: Converted) -> None:
     session, file = Session(is_quiet=what.quiet), what.file
     with session.watch("Loading"):
         from ..checks import check_file
-        from ..inputs import how_read
+        from ..inputs import how_read, lags_of, require_records
         from ..records import read_record, read_source
         from ..records.bdf import bdf_files
 
@@ -154,6 +156,7 @@ def convert(what: Converted) -> None:
     with session.watch(f"Reading {file.name}"):
         how = Reading(**what.read)
         source = read_source(file, columns=how.columns, series=how.series)
+        require_records(lags_of(how), {source.name})
         # A current that is moved to the voltage's moments is no longer the file's.
         how = replace(how, voltage_lag=how.voltage_lag or 0.0)
         record = read_record(source, **how_read(how, source.name))

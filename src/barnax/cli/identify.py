@@ -341,7 +341,10 @@ def _words(name: str, value: Any, of: str = "") -> list[str]:
         flags = FLAGS.get(name, f"{flag}/{flag.replace('--', '--no-')}").split("/")
         return flags[:1] if value else flags[1:]
     if isinstance(value, Mapping):
-        return [word for key, part in value.items() for word in (flag, f"{key}={part}")]
+        texts = (f"{key}={part}" if key else str(part) for key, part in value.items())
+        return [word for text in texts for word in (flag, text)]
+    if isinstance(value, list):
+        return [word for text in value for word in (flag, text)]
     if isinstance(value, tuple):
         value = ",".join(map(str, value))
     return [flag, f"{of}{value.name if isinstance(value, Path) else value}"]

@@ -2,11 +2,11 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
-from typing import Any, dataclass_transform, get_type_hints
+from typing import Any, dataclass_transform, get_args, get_type_hints
 
 import typer
 from typer.models import ParameterInfo
@@ -104,8 +104,9 @@ def options_of(kind: Any, panel: str, *names: str) -> Any:
     for name in names or hints:
         hint, default, choices = hints[name], getattr(kind, name), choices_in(hints[name])
         if hint not in (int, float, float | None, str, str | None, bool) and not choices:
-            # Written in one word, and read where it is used.
-            hint, default = str, None
+            # Written in one word, or a word for each of several, and read where it is used.
+            hint = list[str] if Sequence[str] in get_args(hint) else str
+            hint, default = hint | None, None
         metavar = METAVARS.get(name) or METAVARS.get(hint) or "|".join(choices) or None
         flags = (FLAGS[name],) if name in FLAGS else ()
         more = {"autocompletion": COMPLETED.get(name), "rich_help_panel": panel}

@@ -69,9 +69,10 @@ class OnRecord:
     @property
     def how(self) -> dict[str, Any]:
         """The chosen ways to read the record."""
-        from ..inputs import lags_of
+        from ..inputs import lags_of, require_records
 
         lags = lags_of(Reading(**self.read))
+        require_records(lags, {self.record.name})
         return {**self.read, "voltage_lag": lags.get(self.record.name, lags.get(""))}
 
     def window(self, stored: "Result") -> "Window":

@@ -184,8 +184,8 @@ _VALUES = ("numbers by name", TypeAdapter(dict[StrictStr, StrictFloat]))
 _RANGES = dict[StrictStr, tuple[StrictFloat, StrictFloat]]
 _BOUNDS = ("the name of a file, or pairs of numbers by name", TypeAdapter(StrictStr | _RANGES))
 _COLUMNS = ("text in quotes, or texts by name", TypeAdapter(StrictStr | dict[StrictStr, StrictStr]))
-_LAG = StrictFloat | StrictStr | dict[StrictStr, StrictFloat]
-_LAGS = ("a number, or numbers by name of record", TypeAdapter(_LAG))
+_LAG = StrictFloat | StrictStr | list[StrictStr] | dict[StrictStr, StrictFloat]
+_LAGS = ("a number, texts like FILE=0.3, or numbers by name of record", TypeAdapter(_LAG))
 # By the type of an option; of all others it is a text.
 _BY_TYPE: Mapping[Any, tuple[str, TypeAdapter[Any]]] = {
     int: _WHOLE,

@@ -158,16 +158,21 @@ def aligned(record: Record, lag_s: float | None) -> Record:
     if lag_s is None:
         found = find_lag(record)
         lag_s = 0.0 if found is None else found.seconds
+    require_lag(record, lag_s)
     if lag_s == 0.0:
         return record
     time_s = record.time_s
-    if not abs(lag_s) < time_s[-1] - time_s[0]:
+    moved_a = np.interp(time_s - lag_s, time_s, record.current_a)
+    return replace(record, current_a=moved_a, voltage_lag_s=lag_s)
+
+
+def require_lag(record: Record, lag_s: float) -> None:
+    """Raise `InputError` for a lag that is no number, or is longer than the record."""
+    if lag_s and not abs(lag_s) < record.time_s[-1] - record.time_s[0]:
         raise InputError(
             f"{record.name}: `voltage_lag` is {lag_s:g} s; give seconds by which the voltage is "
             "older than the current of its row, negative where it is newer, 0 for none"
         )
-    moved_a = np.interp(time_s - lag_s, time_s, record.current_a)
-    return replace(record, current_a=moved_a, voltage_lag_s=lag_s)
 
 
 def lagged(values: Float[np.ndarray, "samples"], kept: float) -> Float[np.ndarray, "samples"]:

@@ -82,6 +82,13 @@ class Source:
         return samples.keep((samples.time_s >= self.span_s[0]) & (samples.time_s <= self.span_s[1]))
 
 
+def name_of(path: Path) -> str:
+    """What the record in a file is called."""
+    if path == STDIN or path.parent in _PIPES:
+        return STDIN_NAME if path == STDIN else _PIPE_NAME
+    return printable(path.name)
+
+
 def read_source(
     path: str | Path,
     *,
@@ -101,9 +108,7 @@ def read_source(
             f"a {type(path).__name__} is no file; barnax.record_from_frame reads data frames"
         )
     path = Path(path)
-    name = printable(path.name)
-    if path == STDIN or path.parent in _PIPES:
-        name = STDIN_NAME if path == STDIN else _PIPE_NAME
+    name = name_of(path)
     content = _read_content(path) if content is None else content
     # The hash of a large file takes a tenth of the time, and lets another thread work.
     with ThreadPoolExecutor(1) as beside:

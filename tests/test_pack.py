@@ -168,7 +168,7 @@ def test_a_pack_has_the_names_of_a_record_and_one_is_told_where_a_cell_is_wanted
 
 
 @pytest.mark.parametrize(
-    "other", ["Aux T {} (C)", "Aux_Temperature(C)_{}", "Flag{}", "Cell {} temp"]
+    "other", ["Aux T {} (C)", "Aux_Temperature(C)_{}", "Flag{}", "Cell {} temp", "Cell {} [mOhm]"]
 )
 def test_columns_of_something_else_are_no_cells_of_a_pack(voltages, other):
     table = frame(voltages[0][:300, :1], voltages[1][:300], name="Klemme")

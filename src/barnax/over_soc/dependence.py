@@ -83,7 +83,7 @@ def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObj
     asked = settings.resistances_follow
     if asked == "none" or (asked == "auto" and not settings.folds):
         return objective, best
-    is_measured = all(prepared.measured_degc is not None for prepared in records)
+    is_measured = _spread_k(records) >= LEAST_SPREAD_K
     kinds = ["temperature", "current"] if is_measured else ["heating", "current"]
     kinds = kinds if is_measured or len(records) > 1 else []
     if asked != "auto":
@@ -194,22 +194,26 @@ def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> lis
                 Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=tau_s, reference_a2=mean_a2)
             )
         return found
-    known = [prepared.measured_degc for prepared in records]
-    spread_k = max((float(np.ptp(degc)) for degc in known if degc is not None), default=0.0)
     if is_asked:
-        for prepared, degc in zip(records, known, strict=True):
-            if degc is None:
+        for prepared in records:
+            if prepared.measured_degc is None:
                 raise InputError(
                     f"{prepared.record.name}: has no column of temperatures that resistances could "
                     "follow; name it 'Temperature [degC]', or use `resistances_follow` 'heating'"
                 )
-    if any(degc is None for degc in known) or not (is_asked or spread_k >= LEAST_SPREAD_K):
+    if not is_asked and _spread_k(records) < LEAST_SPREAD_K:
         return []
     # That of the tables too, where they are of several temperatures.
     middle_degc = float(
         np.mean([degc for prepared in records if (degc := prepared.temperature_degc) is not None])
     )
     return [Dependence(beta_per_k=arrhenius_beta(middle_degc), reference_degc=middle_degc)]
+
+
+def _spread_k(records: Sequence[PreparedRecord]) -> float:
+    """How far the measured temperature moves within a record at most; zero if one has none."""
+    known = [own.measured_degc for own in records if own.measured_degc is not None]
+    return max(float(np.ptp(degc)) for degc in known) if len(known) == len(records) else 0.0
 
 
 def _joined(known: Dependence | None, other: Dependence) -> Dependence:

@@ -24,7 +24,8 @@ class Dialect:
     `names` gives a quantity's own names, from the most to the least specific; for the others the
     usual ones hold. A unit, in any spelling, may stand behind a name in the file; where none does,
     "programmdauer=ms" says what it is. `sign` is what the make's currents mean as a rule, and
-    `logs_at_end` that a sample's current flowed before it.
+    `logs_at_end` that a sample's current flowed before it. Names of a language are no make's, and
+    promise no sign.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Dialect:
     names: Mapping[str, str] = field(default_factory=dict)
     sign: Sign = CHARGE
     logs_at_end: bool = False
+    is_make: bool = True
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -305,6 +307,7 @@ DIALECTS: tuple[Dialect, ...] = (
     # What the words are in German, Chinese, Japanese and Korean, of no make.
     Dialect(
         "German",
+        is_make=False,
         # A pack has a voltage for each cell, under any name.
         marks=("zeit & strom", "datum & strom"),
         names={
@@ -320,6 +323,7 @@ DIALECTS: tuple[Dialect, ...] = (
     ),
     Dialect(
         "Chinese",
+        is_make=False,
         marks=("时间 & 电流", "電流 & 電壓"),
         names={
             "time": "总时间|總時間|测试时间|測試時間|时间|時間",
@@ -331,6 +335,7 @@ DIALECTS: tuple[Dialect, ...] = (
     ),
     Dialect(
         "Japanese",
+        is_make=False,
         marks=("電流 & 電圧",),
         names={
             "time": "経過時間|総時間|試験時間|総経過時間|時間",
@@ -346,6 +351,7 @@ DIALECTS: tuple[Dialect, ...] = (
     ),
     Dialect(
         "Korean",
+        is_make=False,
         marks=("전류 & 전압",),
         names={
             "time": "총시간|시험시간|경과시간|시간",
@@ -362,7 +368,7 @@ DIALECTS: tuple[Dialect, ...] = (
     # Ivium and VersaStudio.
     Dialect("Ivium", marks=("time & i & e", "elapsed time & i & e"), names={"voltage": "u|v|e"}),
 )
-PLAIN = Dialect("plain")
+PLAIN = Dialect("plain", is_make=False)
 
 # Tables that are no record of one cell over time, by their names, and what to give instead.
 OTHER_TABLES: Mapping[str, str] = {

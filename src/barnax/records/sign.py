@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from ..errors import counted
 from ..notices import Notice, notice
-from .dialects import CHARGE, DISCHARGE, PLAIN, Sign
+from .dialects import CHARGE, DISCHARGE, Sign
 from .record import Decision
 from .samples import Samples, some, voltage_noise_v
 from .segments import equal_runs, runs
@@ -104,10 +104,10 @@ def _doubts(samples: Samples, sign: Decision) -> list[Notice]:
     told = {"sign": sign.value, "reason": sign.reason}
     if sign.strength in ("weak", "assumed"):
         code, told = "sign.doubtful", told | {"strength": sign.strength}
-    elif samples.dialect != PLAIN and sign.value != promised:
+    elif samples.dialect.is_make and sign.value != promised:
         code = "sign.unusual"
         told |= {"dialect": samples.dialect.name, "promised": promised}
-    elif sign.value == DISCHARGE and samples.dialect == PLAIN:
+    elif sign.value == DISCHARGE and not samples.dialect.is_make:
         code = "sign.discharge-positive"
     else:
         return []

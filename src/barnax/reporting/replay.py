@@ -45,7 +45,7 @@ def facts_of(replay: "SocReplay") -> tuple[str, str]:
     tables = " with tables over SOC" if replay.with_tables else ""
     return (
         f"{replay.record}   {duration(replay.duration_s)}   {replay.samples:,} samples   "
-        f"SOC {100 * high:.0f} to {100 * low + 0.0:.0f} %",
+        f"SOC between {100 * low + 0.0:.0f} and {100 * high:.0f} %",
         f"{replay.model}{tables}, {FILTERS[replay.settings.kind]}, {replay.states} states",
     )
 
@@ -93,8 +93,8 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         widest = max(scenario.widest or 0.0 for scenario in replay.scenarios)
         yield (
             "Uncertain OCV",
-            f"from {low} to {high} % SOC the circuit's voltage errors amount to over 5 % SOC; the "
-            f"filter counts charge there, with a band of up to {100 * widest:.0f} %",
+            f"from {low} to {high} % SOC the circuit's voltage errors are over 5 % SOC; the filter "
+            f"counts there, with a band of up to {100 * widest:.0f} %",
         )
     for name in replay.untried:
         yield "Not tried", f"{name}: the record's SOC leaves no room for it"

@@ -175,7 +175,7 @@ def test_columns_of_something_else_are_no_cells_of_a_pack(voltages, other):
     beside = table.with_columns(pl.lit(3.0 + 0.1 * k).alias(other.format(k)) for k in (1, 2, 3))
     with pytest.raises(InputError, match="no column for the voltage") as told:
         record_from_frame(beside)
-    assert told.value.code == "columns.missing"
+    assert told.value.code.startswith("columns.missing")
     with pytest.raises(InputError, match="no columns of cell voltages found"):
         of(beside)
 

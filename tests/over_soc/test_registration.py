@@ -19,7 +19,7 @@ from barnax.over_soc import (
 )
 from barnax.records import read_record
 from barnax.reporting.starts import registered_sentences
-from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made
+from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.problems import drive_a
 from helpers.reference import drop_v, filtered_response, make_record
 
@@ -44,6 +44,30 @@ def identified(records, **options):
 @pytest.fixture(scope="module")
 def registered(records):
     return identified(records)
+
+
+def test_a_charge_beside_a_drive_leaves_blocks_out_and_not_the_drive(records):
+    time_s = 4.0 * np.arange(3000)
+    current_a = np.where(time_s > 60, -0.55, 0.0)
+    soc = 0.05 + np.append(0.0, np.cumsum(-current_a[:-1] * 4.0)) / 7200
+
+    def response(time_s, current_a, tau, hold):
+        return filtered_response(4.0, current_a, tau, hold)
+
+    voltage_v = ocv_v(soc) - drop_v(response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
+    charge = make_record(time_s, current_a, voltage_v, name="charge.csv")
+    windows = {
+        records[0].name: Window(initial_soc=1.0, capacity_ah=2.0),
+        charge.name: Window(initial_soc=0.05, capacity_ah=2.0),
+    }
+    alone = {**ALONE, "keep_starts": True}
+    beside = barnax.identify([records[0], charge], window=windows, **alone)
+    held = beside.tables.fit.cross_validation
+    # No drive follows from a charge alone.
+    assert held.block_s is not None
+    assert held.by_record == ()
+    assert held.tables.rmse_v < 2e-3
+    assert len(identified(records[:2]).tables.fit.cross_validation.by_record) == 2
 
 
 def test_starts_and_capacities_are_found_up_to_the_axis(records, registered):

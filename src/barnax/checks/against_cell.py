@@ -11,6 +11,7 @@ from ..cell.soc_axis import BEYOND_SOC
 from ..notices import Notice, notice
 from ..records import Record
 from ..records.samples import record_resistance_ohm
+from ..records.segments import LEAST_REACH, reach_of_steps
 from .sampling import in_fahrenheit
 
 # A mistake of unit or range multiplies the charge by one of these; a wrong capacity by another.
@@ -135,11 +136,19 @@ def compare_temperatures(
     return found
 
 
+def _is_loaded(record: Record) -> bool:
+    charge_ah = record.discharged_ah
+    return reach_of_steps(record.current_a, charge_ah) > LEAST_REACH * np.ptp(charge_ah)
+
+
 def compare_resistances(records: Sequence[tuple[Record, float | None]]) -> list[Notice]:
     """A notice of each record whose current steps show another resistance than those of most do,
     at about the same temperature and logged about as fast. Of two, the first one says it."""
+    # Those of a charge are all at its ends, where the resistance is another.
     known = [
-        (ohm, record, degc) for record, degc in records if (ohm := record_resistance_ohm(record))
+        (ohm, record, degc)
+        for record, degc in records
+        if (ohm := record_resistance_ohm(record)) and _is_loaded(record)
     ]
     found: list[Notice] = []
     for own_ohm, record, degc in known:

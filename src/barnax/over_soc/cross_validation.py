@@ -12,6 +12,7 @@ from ..cell.soc_axis import is_above
 from ..model.box_least_squares import least_in_box
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Groups, Reduced
+from ..records.segments import LEAST_REACH, reach_of_steps
 from ..uncertainty.covariance import CONFIDENCE
 from .intervals import NodeInterval
 from .objective import Solution, TableObjective
@@ -71,12 +72,13 @@ class SocErrors:
 class CrossValidation:
     """Errors on samples that were held out of the fit, of the tables and of the constant circuit.
 
-    Of one record, each of the `folds` holds every `folds`-th block, the longest of them of
-    `block_s` seconds. Several records are left out whole, one after another: `block_s` is None, and
-    `by_record` has the tables' errors on each, from the start that is told of it, and `registered`
-    those from the start and capacity that it has among the others. Time constants are those of all
-    samples; what is linear is fitted in each fold anew. The constant circuit is the same one with
-    one value for every SOC and no OCV correction.
+    Of one record under load, with or without charges beside it, each of the `folds` holds every
+    `folds`-th block of each, the first one's of `block_s` seconds. Several under load are left out
+    whole, one after another: `block_s` is None, and `by_record` has the tables' errors on each,
+    from the start that is told of it, and `registered` those from the start and capacity that it
+    has among the others. Time constants are those of all samples; what is linear is fitted in each
+    fold anew. The constant circuit is the same one with one value for every SOC and no OCV
+    correction.
     """
 
     folds: int
@@ -95,7 +97,7 @@ def blocks_of(
 
     Two groups a fold: the samples below and above 10 % SOC. Several records are a fold each.
     """
-    are_several = len(prepared_records) > 1
+    are_several = are_left_out_whole(prepared_records)
 
     def group(here: slice, number: int) -> Int[np.ndarray, "samples"]:
         prepared = prepared_records[number]
@@ -115,6 +117,18 @@ def blocks_of(
     return groups, 2 * folds or 1
 
 
+def are_left_out_whole(prepared_records: Sequence[PreparedRecord]) -> bool:
+    """True where the others tell the circuit without any one of the records: no charge alone
+    does."""
+    return len(prepared_records) > 1 and sum(map(_is_loaded, prepared_records)) > 1
+
+
+def _is_loaded(prepared: PreparedRecord) -> bool:
+    """True where the current steps at many states of charge; a charge steps at its ends."""
+    scored = prepared.scored
+    return reach_of_steps(prepared.held_a[scored], prepared.soc[scored]) > LEAST_REACH
+
+
 def _block_s(prepared: PreparedRecord, settings: TableSettings) -> float:
     """The length of a record's blocks: shorter ones where it has room for few in a fold, which
     would each hold out a range of SOC that no other sample visits."""
@@ -130,7 +144,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
     settings, parts, told = objective.settings, objective.parts, objective.told or objective.parts
     if not _has_folds(objective):
         return None
-    records = objective.facts
+    by_record = len(objective.kept) > 1 or are_left_out_whole(objective.prepared_records)
     by_fold = constant = _held_out(objective, best, parts, told)
     registered = _held_out(objective, best, parts, parts) if objective.told else []
     if objective.tables > 1 + objective.pairs or objective.nodes > 1:
@@ -140,10 +154,10 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
         constant = _held_out(whole, find_best(whole), flat, flat_told)
     return CrossValidation(
         len(parts) // 2,
-        None if len(records) > 1 else _block_s(objective.prepared_records[0], settings),
+        None if by_record else _block_s(objective.prepared_records[0], settings),
         _together(by_fold),
         _together(constant),
-        tuple(map(_errors_of, by_fold)) if len(records) > 1 else (),
+        tuple(map(_errors_of, by_fold)) if by_record else (),
         tuple(map(_errors_of, registered)),
     )
 
@@ -238,7 +252,8 @@ def with_spread(
     shows.
     """
     records, parts = objective.facts, objective.parts
-    if len(records) < FEWEST_RECORDS or len(parts) != 2 * len(records):
+    by_record = objective.kept or are_left_out_whole(objective.prepared_records)
+    if len(records) < FEWEST_RECORDS or len(parts) != 2 * len(records) or not by_record:
         return tuple(intervals)
     columns, bases = _at(objective, best, parts)
     scored = np.array([part.scored for part in parts])

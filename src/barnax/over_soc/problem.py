@@ -17,7 +17,7 @@ from ..model.layout import layout_of
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Reduced, reduce_records, together
 from ..model.search_space import RATE_RANGE, Range
-from .cross_validation import blocks_of
+from .cross_validation import are_left_out_whole, blocks_of
 from .objective import TableObjective
 from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 
@@ -63,7 +63,7 @@ def reduced_objective(
     parts, told = reduced(own), []
     if (
         settings.folds
-        and len(prepared_records) > 1
+        and are_left_out_whole(prepared_records)
         and any(prepared.window.registration for prepared in prepared_records)
     ):
         told = reduced([seen(prepared.as_told) for prepared in prepared_records])

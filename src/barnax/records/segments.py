@@ -57,6 +57,27 @@ def equal_runs(
     return np.append(0, changes + 1), np.append(changes, len(values) - 1)
 
 
+# Steps of the current are changes by this share of the largest. Those of a load, but for as many at
+# either end, reach over this share of the charge.
+_STEP_SHARE, _ENDS, LEAST_REACH = 0.1, (0.05, 0.95), 0.05
+# Fewer steps are no load.
+_FEWEST_STEPS = 10
+
+
+def reach_of_steps(
+    current_a: Float[np.ndarray, "samples"], charge: Float[np.ndarray, "samples"]
+) -> float:
+    """The charge, or the SOC, over which most of the current's steps reach; zero of few steps, as
+    a charge at one current has them at its ends.
+
+    >>> round(reach_of_steps(np.resize([0.0, 1.0], 21), np.linspace(0.0, 1.0, 21)), 3)
+    0.855
+    """
+    step_a = np.abs(np.diff(current_a))
+    at = charge[1:][step_a > _STEP_SHARE * np.max(np.abs(current_a), initial=0.0)]
+    return float(np.ptp(np.quantile(at, _ENDS))) if len(at) >= _FEWEST_STEPS else 0.0
+
+
 def rest_current_a(record: Record, capacity_ah: float) -> float:
     """The current below which a cell counts as resting, in A.
 

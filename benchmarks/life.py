@@ -200,7 +200,7 @@ def measure(task: tuple[int, int, str]) -> dict[str, Any]:
     return {
         "id": record.name, "error": None, "specimen": cell.name, "fingerprint": "",
         "age_years": float(cell.ages[place]), "capacity [A.h]": NOMINAL_AH,
-        "temperature [degC]": prepared.temperature_degc, **ageing_row([prepared]),
+        "temperature [degC]": prepared.temperature_degc, **ageing_row([prepared])[0],
     }  # fmt: skip
 
 

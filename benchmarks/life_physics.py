@@ -259,7 +259,7 @@ def rows_of(number: int, ages: list[Aged], kind: str, cell: Any) -> Iterator[dic
     window = barnax.Window(initial_soc=1.0, capacity_ah=cell.capacity_ah)
     for place, aged in enumerate(ages):
         record = record_of(aged.drives[kind], f"drive{place}")
-        row = ageing_row([prepare_record(record, cell, "so-rc", window)])
+        row, _ = ageing_row([prepare_record(record, cell, "so-rc", window)])
         truths = {f"true {CAPACITY}": aged.capacity_ah, f"true {R0}": aged.drives[kind].r0_ohm}
         yield {"specimen": str(number), "age": place, **truths, **row}
 

@@ -47,7 +47,7 @@ def test_importing_barnax_loads_nothing_heavy():
     assert not loaded_by("import barnax, barnax.__main__; barnax.__version__; dir(barnax)") & HEAVY
 
 
-@pytest.mark.parametrize("words", [[], ["identify"]], ids=str)
+@pytest.mark.parametrize("words", [[], ["identify"], ["validate"], ["export"]], ids=str)
 def test_help_answers_without_jax(words):
     code = (
         f"import sys; sys.argv = ['barnax', *{words}, '--help']\n"

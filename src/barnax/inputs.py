@@ -331,7 +331,9 @@ def windows_of(
 ) -> dict[str, Window]:
     """The window of every record. Raises `InputError` where one is for a record there is not."""
     known = windows_by_name(window)
-    require_records(known, inputs.names | {test.name for test in inputs.ocv})
+    # Of an OCV test its temperature counts, and nothing else of a window.
+    tests = {test.name for test in inputs.ocv}
+    require_records(known.keys() - tests, inputs.names)
     chosen = {name: window_of(known, name) for name in inputs.names}
     return {
         name: own if own.capacity_ah is not None else replace(own, capacity_ah=capacity)

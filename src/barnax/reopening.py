@@ -24,7 +24,7 @@ from .notices import notice
 from .optimizers import OPTIMIZERS, make_optimizer
 from .over_soc import rest_warnings
 from .plan import plan_from_toml
-from .records import Record, find_file, read_record
+from .records import Record, find_file, folders_around, read_record
 from .records.fingerprint import Content, read_fingerprint
 from .result_parts import InputPart, MetricsBlock, MetricsPart
 from .results import Result
@@ -64,9 +64,9 @@ class Places:
 
     @classmethod
     def of(cls, path: Path, data: Iterable[Path] = ()) -> "Places":
-        """`data`, the working folder, the result's own, and the one above that."""
+        """`data`, the result's own folder, the one above that, and the working folder."""
         place = path if path.is_dir() else path.parent
-        folders = (*data, Path(), place, place.parent, BUNDLED.record.parent)
+        folders = (*data, *folders_around(place), BUNDLED.record.parent)
         return cls(tuple(dict.fromkeys(folders)), place / "plan.toml")
 
     def find(self, name: str, sha256: str) -> Path:

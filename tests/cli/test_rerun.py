@@ -87,7 +87,8 @@ def test_files_are_found_by_name_and_known_by_content(run, moved, repeats):
     assert "not found in" in outcome.err
     assert "give its folder with --data" in outcome.err
     run("rerun", result, "--data", files)
-    assert repeats == [[words[0], str(files / words[1]), *words[2:]]]
+    bounds = f"--bounds={files.parent / 'box.toml'}"
+    assert repeats == [[words[0], str(files / words[1]), words[2], bounds]]
     shutil.copy(BUNDLED.validation, files / words[1])
     outcome = run("rerun", result, "--data", files)
     assert outcome.status == 2
@@ -99,7 +100,8 @@ def test_files_are_found_where_the_plan_beside_a_result_says(run, moved, repeats
     plan = f'[[files]]\nfile = "{(files / words[1]).as_posix()}"\nrole = "identification"\n'
     (result.parent / "plan.toml").write_text(plan)
     run("rerun", result)
-    assert repeats == [[words[0], str(files / words[1]), *words[2:]]]
+    bounds = f"--bounds={files.parent / 'box.toml'}"
+    assert repeats == [[words[0], str(files / words[1]), words[2], bounds]]
     # Another's plan may name what it likes: only the record itself is taken.
     shutil.copy(BUNDLED.validation, files / words[1])
     assert "SHA-256 differs" in run("rerun", result).err

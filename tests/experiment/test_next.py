@@ -1,5 +1,6 @@
 """From a result to its next test, and from the test's record to what was promised."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +14,9 @@ from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step
 from barnax.experiment.belief import believed_of, window_of
-from barnax.reporting.design import planned_lines, promised_table
+from barnax.reporting.design import TOGETHER, planned_lines, promised_table
 from barnax.reporting.verdict import next_step
+from barnax.reporting.words import joined
 
 BLOCKS = [
     barnax.Block("pulse", (10.0, 40.0), (1.0, 0.0)),
@@ -102,6 +104,31 @@ def test_a_record_that_is_predicted_badly_is_answered_with_more_data(result, tim
     step = next_step(validated(result, times * result.metrics.identification.rmse_above_10_soc_v))
     assert step.designs is designs
     assert step.advice.startswith("identify on validation.parquet too") is designs
+
+
+def test_the_advice_says_of_which_samples_its_errors_are(result):
+    own = result.metrics.identification
+    other = validated(result, 0.05)
+    (part,) = other.metrics.validation
+    assert "above 10 % SOC the error on validation.parquet is 50.00 mV" in next_step(other).advice
+    moved = part.model_copy(update={"registered_v": 0.04})
+    metrics = other.metrics.model_copy(update={"validation": (moved,)})
+    advice = next_step(other.model_copy(update={"metrics": metrics})).advice
+    fitted = f"on what was fitted {1e3 * own.rmse_v:.3g}"
+    assert f"with its start moved, the error on validation.parquet is 40.00 mV, {fitted}" in advice
+
+
+def test_what_the_screen_says_of_records_together_was_measured():
+    root = Path(__file__).parents[2]
+    printed = (root / "benchmarks" / "results" / "design.md").read_text()
+    (medians,) = re.findall(r"\| median of 18 \| \| \| (.*?) \|\n", printed)
+    assert [f"{float(own):.1f}" for own in medians.split(" | ")[:3]] == [
+        f"{times:.1f}" for times in TOGETHER.values()
+    ]
+    guide = " ".join((root / "docs" / "design.md").read_text().split())
+    names, times = (joined([*own]) for own in (TOGETHER, map(str, TOGETHER.values())))
+    said = f"the intervals of {names} were {times} times as wide as promised"
+    assert f"in the median of 18 pairs of records of two measured cells, {said}" in guide
 
 
 @pytest.mark.parametrize("is_alone", [True, False])

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax.errors import InputError
-from barnax.fleet.rows import ageing_row, another_capacity
+from barnax.fleet.rows import ageing_row
 from barnax.life import QUANTITIES, life_of
 from barnax.model.prepared import prepare_record
 from barnax.over_soc import TableSettings, ageing
@@ -180,10 +180,15 @@ def told(cell):
 
 def test_a_row_with_another_capacity_than_its_record_shows_says_so(cell):
     prepared = aged(cell)
-    (told,) = another_capacity(ageing_row([prepared]), prepared)
+    _, (told,) = ageing_row([prepared])
     assert told.code == "ageing.other-capacity"
-    right = replace(prepared, capacity_ah=OWN_AH)
-    assert not [*another_capacity(ageing_row([right]), right)]
+    assert not ageing_row([replace(prepared, capacity_ah=OWN_AH)])[1]
+
+
+def test_a_row_whose_ageing_has_not_settled_says_so(cell, monkeypatch):
+    monkeypatch.setattr(ageing, "ROUNDS", 1)
+    _, warnings = ageing_row([aged(cell)])
+    assert "ageing.not-settled" in {warning.code for warning in warnings}
 
 
 def test_a_record_of_an_aged_cell_tells_capacity_resistances_and_shift(told):

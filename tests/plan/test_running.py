@@ -140,6 +140,28 @@ def test_a_plan_written_and_read_is_the_same(folder, tmp_path):
     assert read.of_role("identification")[1].window.initial_soc is None
 
 
+def test_what_a_plan_names_is_found_where_it_moved_with_the_plan(tmp_path):
+    old, new = tmp_path / "old", tmp_path / "new"
+    files = [old / "cold" / "drive.csv", old / "warm" / "drive.csv", old / "slow.csv"]
+    table = '[[files]]\nfile = "{}"\nrole = "identification"\n'
+    text = f'bounds = "{(old / "box.toml").as_posix()}"\n'
+    text += "".join(table.format(path.as_posix()) for path in files)
+    (new / "out").mkdir(parents=True)
+    for path in ("cold/drive.csv", "warm/drive.csv", "out/slow.csv", "box.toml"):
+        (new / path).parent.mkdir(exist_ok=True)
+        (new / path).touch()
+    (new / "out" / "plan.toml").write_text(text)
+    read = plan_from_toml(new / "out" / "plan.toml")
+    names = ("cold/drive.csv", "warm/drive.csv", "out/slow.csv")
+    assert [part.path for part in read.parts] == [new / name for name in names]
+    assert [part.name for part in read.parts] == [*names[:2], "slow.csv"]
+    assert read.options["bounds"] == new / "box.toml"
+    # What is where the plan says is taken from there.
+    files[0].parent.mkdir(parents=True)
+    files[0].touch()
+    assert plan_from_toml(new / "out" / "plan.toml").parts[0].path == files[0]
+
+
 def test_records_of_other_temperatures_are_the_next_step_towards_tables_over_it(by_hand):
     def planned(name, role, degc):
         kind, why = "drive cycle", "measured elsewhere"

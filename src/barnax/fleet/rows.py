@@ -29,6 +29,7 @@ from ..over_soc.ageing import (
     CAPACITY,
     OCV_NODES,
     SHAPES_V,
+    Aged,
     measure_ageing,
     shows_both_ends,
 )
@@ -75,15 +76,13 @@ def identify_rows(
                 result, warnings = pack.result, pack.result.warnings
             else:
                 result, warnings = identified(cell, settings)
-            row |= row_of(result, warnings)
+            used, aged = [evaluation.prepared for evaluation in result.run.identification], {}
+            if settings.get("ageing"):
+                aged, told = ageing_row(used, is_own=not cell.ocv and cell.cell is None)
+                warnings = (*warnings, *told)
+            row |= row_of(result, warnings) | aged
             if pack is not None:
                 of_pack += [{**own, **cell.carried} for own in pack_rows(pack, cell.id)]
-            used = [evaluation.prepared for evaluation in result.run.identification]
-            if settings.get("ageing"):
-                row |= ageing_row(used, is_own=not cell.ocv and cell.cell is None)
-                for warning in another_capacity(row, used[0]):
-                    row["warnings"] = [*row["warnings"], str(warning)]
-                    row["warning codes"] = [*row["warning codes"], warning.code]
             if out is not None and settings.get("keep_results"):
                 keep_result(out, cell.id, result.to_json())
             if out is not None and (kind := settings.get("keep_factors")):
@@ -168,9 +167,11 @@ def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
     return rows
 
 
-def ageing_row(records: Sequence[PreparedRecord], *, is_own: bool = False) -> dict[str, Any]:
-    """Values of a cell's ageing from its records at one age, under "aged" names; `is_own` where
-    no other records, and no OCV test, told its OCV."""
+def ageing_row(
+    records: Sequence[PreparedRecord], *, is_own: bool = False
+) -> tuple[dict[str, Any], list[Notice]]:
+    """Values of a cell's ageing from its records at one age, under "aged" names, and what is
+    doubtful of them; `is_own` where no other records, and no OCV test, told its OCV."""
     passed_as = sum(
         float(np.abs(prepared.record.interval_current_a) @ np.diff(prepared.record.time_s))
         for prepared in records
@@ -180,7 +181,7 @@ def ageing_row(records: Sequence[PreparedRecord], *, is_own: bool = False) -> di
         "record throughput [A.h]": passed_as / 3600,
         "aged beside OCV": hashlib.sha256(ocv_v.tobytes()).hexdigest()[:16],
     }
-    told = {}
+    told: Mapping[str, Aged] = {}
     with suppress(InputError):
         told = measure_ageing(
             records, TableSettings(), is_own=is_own and records[0].cell.is_of_records
@@ -200,18 +201,21 @@ def ageing_row(records: Sequence[PreparedRecord], *, is_own: bool = False) -> di
         if value is not None and len(value.by_shape) == len(SHAPES_V):
             row["aged log evidence by shape"] = [*value.log_evidence]
             row[f"aged {name} by shape"] = [*itertools.chain(*value.by_shape)]
-    return row
+    return row, [*_doubts(told, records[0])]
 
 
-def another_capacity(row: Mapping[str, Any], used: PreparedRecord) -> Iterator[Notice]:
-    """That a record shows another capacity than that of its circuit, by more than is of account."""
-    low_ah, high_ah = (row[f"aged {CAPACITY} {side}"] for side in ("low", "high"))
-    if low_ah is None or high_ah is None:
+def _doubts(told: Mapping[str, Aged], used: PreparedRecord) -> Iterator[Notice]:
+    """That values have not settled, and that a record shows another capacity than that of its
+    circuit, by more than is of account."""
+    if not all(value.is_settled for value in told.values()):
+        yield notice("ageing.not-settled", used.record.name)
+    found = told.get(CAPACITY)
+    if found is None or not found.is_determined:
         return
-    nearest_ah = min(max(used.capacity_ah, low_ah), high_ah)
+    nearest_ah = min(max(used.capacity_ah, found.low), found.high)
     if abs(nearest_ah / used.capacity_ah - 1) > OTHER_CAPACITY:
-        told = {"low_ah": low_ah, "high_ah": high_ah, "used_ah": used.capacity_ah}
-        yield notice("ageing.other-capacity", used.record.name, **told)
+        ends = {"low_ah": found.low, "high_ah": found.high, "used_ah": used.capacity_ah}
+        yield notice("ageing.other-capacity", used.record.name, **ends)
 
 
 def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -78,7 +78,8 @@ class Aged:
     """One aged quantity with its 95 % interval. `by_ocv` is how far the value is
     off where the OCV of before is, by one standard deviation at one of its nodes: what all records
     that are told beside one OCV have in common. `by_shape` has value, standard error and `by_ocv`
-    under every one of `SHAPES_V`, `log_evidence` how probable these make the records."""
+    under every one of `SHAPES_V`, `log_evidence` how probable these make the records.
+    `is_settled` is false where the values still moved when the rounds ended."""
 
     value: float
     low: float
@@ -87,6 +88,7 @@ class Aged:
     by_shape: tuple[tuple[float, ...], ...]
     log_evidence: tuple[float, ...]
     is_determined: bool
+    is_settled: bool
 
 
 def is_determined(name: str, value: Any, error: Any) -> Any:
@@ -149,14 +151,17 @@ def measure_ageing(
             return {}
         objective = reduced_objective(moved_to(now), plain, ranges)
         best = find_best(objective)
-        weights, under, found = _weights_at(objective, soc), [], None
+        weights, under, found, is_settled = _weights_at(objective, soc), [], None, False
         for _ in range(ROUNDS):
             rests = None if is_own else _rests(objective.prepared_records, now)
             under = estimate(objective, best, _columns, now, priors, weights, rests)
             found = _averaged(under)
             step = np.clip(found.values - now, -LARGEST_STEP, LARGEST_STEP)
             now = now + step
-            if np.all(np.abs(step) < SETTLED * found.errors + HELD_SD):
+            are_settled = np.abs(step) < SETTLED * found.errors + HELD_SD
+            # Steps of the OCV's shape, which nobody is told, go on longest.
+            is_settled = bool(np.all(are_settled[: count + 2]))
+            if np.all(are_settled):
                 break
             lows, highs = np.log(np.array([*ranges.values()])).T
             scales = np.clip(np.array(best.log_scales) + found.moved_scales, lows, highs)
@@ -168,7 +173,7 @@ def measure_ageing(
             best = objective.solve(tuple(scales.tolist()), exact=True)
     assert found is not None, "there is a round"
     is_visited = bool(np.any(objective.visited @ weights[0, : objective.nodes]))
-    every = dict(_told(found, under, records, told, is_visited))
+    every = dict(_told(found, under, records, told, is_visited, is_settled))
     return {name: every[name] for name in (R0,) if name in every} if is_own else every
 
 
@@ -335,6 +340,7 @@ def _told(
     records: Sequence[PreparedRecord],
     told: Nuisance,
     is_visited: bool,
+    is_settled: bool,
 ) -> Iterator[tuple[str, Aged]]:
     """The quantities with intervals."""
     count, nominal_ah = len(records), records[0].capacity_ah
@@ -354,6 +360,7 @@ def _told(
                 tuple(_numbers(own, name, place, at_zero, nominal_ah) for own in under),
                 tuple(own.log_evidence for own in under),
                 bool(is_determined(name, value, error)),
+                is_settled,
             ),
         )
 

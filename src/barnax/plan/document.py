@@ -15,7 +15,7 @@ from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
 from ..inputs import file_names, window_of, windows_by_name
 from ..job import OPTIONS, PLANNED, Job
-from ..records import Source
+from ..records import Source, folders_around
 from ..records.source import STDIN
 from ..result_parts import PlannedFile, Use
 from ..settings import WINDOW_OPTIONS, Window
@@ -301,7 +301,8 @@ def plan_from_toml(path: str | Path) -> Plan:
     """The plan in a TOML file.
 
     Args:
-        path: The file. The files that it names lie beside it, else where the command runs.
+        path: The file. The files that it names lie beside it or where the command runs; a file that
+            is not where it says is looked for by its name there and in the folder above the plan's.
 
     Raises `InputError` that names the file, the key and what it takes.
     """
@@ -324,14 +325,15 @@ def plan_from_toml(path: str | Path) -> Plan:
     options = _read(shown, content, _OF_RUN)
     common = {_FIELD_OF[name]: options.pop(name) for name in _COMMON if name in options}
     if isinstance(options.get("bounds"), str):
-        options["bounds"] = _beside(path.parent, options["bounds"])
+        bounds = Path(options["bounds"])
+        options["bounds"] = _found(bounds, bounds.name, path.parent)
     try:
         _, window = Job(**options), Window(**common)
     except InputError as problem:
         raise InputError(f"{shown}: {as_keys(str(problem))}") from problem
     if not isinstance(listed, list) or not all(isinstance(entry, dict) for entry in listed):
         raise InputError(f"{shown}: each file needs a line [[files]] above it")
-    parts = tuple(_part(shown, path.parent, entry, window) for entry in listed)
+    parts = tuple(_part(shown, entry, window) for entry in listed)
     role = "identification"
     if not any(part.role == role for part in parts):
         raise InputError(f"{shown}: no file has the role {role}; give one file that role")
@@ -339,15 +341,16 @@ def plan_from_toml(path: str | Path) -> Plan:
         **dict.fromkeys(options, GIVEN),
         **_read(shown, reasons, dict.fromkeys(options, _TEXT)),
     }
-    return Plan(command, _named(parts), options, reasons, window=window)
+    return Plan(command, _named(parts, path.parent), options, reasons, window=window)
 
 
-def _beside(folder: Path, file: str) -> Path:
-    """A file that a plan names: beside it, else where the command runs."""
-    return folder / file if os.path.isfile(folder / file) else Path(file)
+def _found(file: Path, name: str, place: Path) -> Path:
+    """A file that a plan in `place` names, where it lies."""
+    by_name = (folder / name for folder in folders_around(place))
+    return next(filter(os.path.isfile, (place / file, file, *by_name)), file)
 
 
-def _part(shown: str, folder: Path, table: Mapping[str, Any], common: Window) -> Part:
+def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
     given = _read(shown, table, _OF_FILE)
     missing = [key for key in ("file", "role") if key not in given]
     if missing:
@@ -365,16 +368,17 @@ def _part(shown: str, folder: Path, table: Mapping[str, Any], common: Window) ->
         window = Window(**{_FIELD_OF[option]: value for option, value in given.items()})
     except InputError as problem:
         raise InputError(f"{shown}: {file}: {as_keys(str(problem))}") from problem
-    part = Part(_beside(folder, file), name, role, window=window, span_s=span, **told)
+    part = Part(Path(file), name, role, window=window, span_s=span, **told)
     return replace(part, window=merged(common, window)) if part.is_simulated else part
 
 
-def _named(parts: tuple[Part, ...]) -> tuple[Part, ...]:
-    """The parts by the names that results will call their files."""
+def _named(parts: tuple[Part, ...], place: Path) -> tuple[Part, ...]:
+    """The parts where they lie, by the names that results will call their files."""
     names = file_names([part.path for part in parts if part.role != "not used"])
     return tuple(
-        part if part.name else replace(part, name=names.get(part.path, part.path.name))
+        replace(part, path=_found(part.path, name, place), name=part.name or name)
         for part in parts
+        for name in [names.get(part.path, part.path.name)]
     )
 
 

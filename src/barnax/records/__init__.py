@@ -3,7 +3,7 @@
 from .read import read_record, record_from_frame
 from .record import Decision, Hold, Record
 from .segments import current_direction, is_rested, rest_blocks, rest_current_a
-from .source import Source, find_file, read_source, source_from_frame
+from .source import Source, find_file, folders_around, read_source, source_from_frame
 
 __all__ = [
     "Decision",
@@ -12,6 +12,7 @@ __all__ = [
     "Source",
     "current_direction",
     "find_file",
+    "folders_around",
     "is_rested",
     "read_record",
     "read_source",

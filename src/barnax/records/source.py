@@ -119,6 +119,12 @@ def read_source(
     return _clean(Source(name, table, sha256, found, given, series=series))
 
 
+def folders_around(place: Path) -> tuple[Path, ...]:
+    """The folders in which a file is looked for that a plan or a result in `place` names: its data
+    may have moved with it."""
+    return tuple(dict.fromkeys((place, place.parent, Path())))
+
+
 def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path:
     """The file of that name in one of the folders, and of that content if its digest is given.
 

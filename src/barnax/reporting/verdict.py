@@ -149,7 +149,7 @@ def next_step(result: "Result") -> Next:
     - known of no other record: validate on one;
     - larger than that of the constant circuit: the constant circuit;
     - over `FOUND_V`, and a resistance is left open at most nodes: a test that tells it;
-    - else the circuit serves: export it to a format that holds all of it.
+    - else the circuit serves: export it to a format that holds its hysteresis.
 
     For a constant circuit there is more to try in place of the last two.
     """
@@ -181,7 +181,9 @@ def next_step(result: "Result") -> Next:
         return Next(f"measure what is missing: {wide}", designs=True)
     if result.tables is not None:
         what, to = _export(get_circuit(result.model))
-        return Next(f"export the tables, for example {what}", exports=to)
+        lost = any(fit.tables.dependence is not None for fit in result.tables.fits)
+        without = ", which has resistances over SOC alone" if lost else ""
+        return Next(f"export the tables, for example {what}{without}", exports=to)
     if len(result.candidates) > 1 and not any(candidate.over for candidate in result.candidates):
         if result.model not in WEIGHED:
             return Next("try tables over SOC of this circuit too", {"over": "soc"})
@@ -209,34 +211,42 @@ def next_step(result: "Result") -> Next:
 class Unseen(NamedTuple):
     """What was not used: the worst record to validate on, else what was left out of the fit.
 
-    `error_v` is its error from where it starts best, `fitted_v` that on what was fitted, both above
-    10 % SOC where that is known: no circuit follows a discharge to its end.
+    `error_v` is its error, `fitted_v` that on what was fitted: both above 10 % SOC, for no circuit
+    follows a discharge to its end, or both of all samples, with the start of the record moved to
+    where that is less or where the other is not known. `where` says which.
     """
 
-    name: str
     error_v: float
     fitted_v: float
+    name: str
+    where: str
 
     @classmethod
     def of(cls, result: "Result") -> "Unseen | None":
         """None where there is neither."""
         own = result.metrics.identification
-        fitted_v = own.rmse_above_10_soc_v or own.rmse_v
-        errors_v = {
-            part.record: min(
-                part.rmse_above_10_soc_v or part.rmse_v, part.registered_v or part.rmse_v
-            )
+
+        def least(name: str, above_v: float | None, all_v: float, how: str = "") -> Unseen:
+            found = cls(all_v, own.rmse_v, name, how)
+            if above_v is None or own.rmse_above_10_soc_v is None:
+                return found
+            where = f"above {percent(ABOVE_SOC)} SOC "
+            return min(cls(above_v, own.rmse_above_10_soc_v, name, where), found)
+
+        others = [
+            least(part.record, part.rmse_above_10_soc_v, moved_v or part.rmse_v, how)
             for part in result.metrics.validation
-        }
-        if errors_v:
-            worst = max(errors_v, key=errors_v.__getitem__)
-            return cls(worst, errors_v[worst], fitted_v)
+            for moved_v in [part.registered_v]
+            for how in ["with its start moved, " if moved_v and moved_v < part.rmse_v else ""]
+        ]
+        if others:
+            return max(others)
         held = held_out_errors(result)
         if held is None:
             return None
         crossed = result.tables and result.tables.fit.cross_validation
         name = f"{'records' if crossed and crossed.by_record else 'blocks'} left out"
-        return cls(name, held[1].above_v or held[1].rmse_v, fitted_v)
+        return least(name, held[1].above_v, held[1].rmse_v)
 
 
 def _more_data(result: "Result", unseen: Unseen) -> str:
@@ -252,13 +262,11 @@ def _more_data(result: "Result", unseen: Unseen) -> str:
     elif result.metrics.validation:
         use = f"identify on {unseen.name} too, or on another test"
     left, fitted = millivolt(unseen.error_v), millivolt(unseen.fitted_v)
-    above = result.metrics.identification.rmse_above_10_soc_v
-    where = "" if above is None else f"above {percent(ABOVE_SOC)} SOC "
-    return f"{use}: {where}the error on {unseen.name} is {left}, on what was fitted {fitted}"
+    return f"{use}: {unseen.where}the error on {unseen.name} is {left}, on what was fitted {fitted}"
 
 
 def _export(circuit: Circuit) -> tuple[str, str]:
-    """A format that holds all of a circuit, in words and as `export` calls it."""
+    """A format that holds a circuit's hysteresis, in words and as `export` calls it."""
     if circuit.turning is not None:
         return "as a filter in C", "c-filter"
     return ("as CSV", "csv") if circuit.has_hysteresis else ("to PyBaMM", "pybamm")

@@ -186,10 +186,9 @@ def ageing_row(
         told = measure_ageing(
             records, TableSettings(), is_own=is_own and records[0].cell.is_of_records
         )
-    row["aged capacity to empty"] = None
+    row |= dict.fromkeys(("aged capacity to empty", "aged log evidence by shape"))
     if CAPACITY in told:
         row["aged capacity to empty"] = shows_both_ends(records, told[CAPACITY].value)
-    row["aged log evidence by shape"] = None
     for name in AGED:
         value = told.get(name)
         is_told = value is not None and value.is_determined

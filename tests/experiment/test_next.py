@@ -14,7 +14,13 @@ from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step
 from barnax.experiment.belief import believed_of, window_of
-from barnax.reporting.design import TOGETHER, planned_lines, promised_table
+from barnax.reporting.design import (
+    TOGETHER,
+    design_screen,
+    pieces_table,
+    planned_lines,
+    promised_table,
+)
 from barnax.reporting.verdict import next_step
 from barnax.reporting.words import joined
 
@@ -166,6 +172,45 @@ def test_a_capacity_that_only_a_record_tells_is_told_with_what_to_do():
         with console.capture() as shown:
             console.print(*planned_lines(replace(believed, cell=spanned), as_flags))
         assert ("identify again with --capacity" in shown.get()) is is_told
+
+
+def screen_of(lines):
+    console = Console(width=1000)
+    with console.capture() as shown:
+        for line in lines:
+            console.print(line)
+    return shown.get()
+
+
+def test_currents_that_were_not_given_are_told(result):
+    from_records = screen_of(planned_lines(believed_of(result, None, "nmc"), as_flags))
+    (part,) = result.of_role("identification")
+    assert f"discharge up to {part.peak_current_a:.3g} A (the largest of the records)" in (
+        from_records
+    )
+    usual = believed_of(None, 2.0, "nmc")
+    one = screen_of(planned_lines(usual, as_flags, ["max_discharge"]))
+    assert "charge up to 1 A (C/2); set your own with --max-charge." in one
+    assert "discharge up to" not in one
+    both = screen_of(planned_lines(usual, as_flags, ["max_discharge", "max_charge"]))
+    assert "Currents" not in both
+
+
+def test_a_test_that_falls_short_says_where_and_why(design):
+    assert not design.is_reached
+    text = screen_of(design_screen(design, as_flags))
+    assert "Not reached:    R0, R1 and R2. This is the best test found of 1.5 h." in text
+    assert "a drive cycle of 5.5 h tells R0 and R1 better. Allow more --max-hours" in text
+    enough = dict.fromkeys(design.wanted, 10.0)
+    reached = design.model_copy(update={"wanted": enough, "is_reached": True})
+    assert "Not reached" not in screen_of(design_screen(reached, as_flags))
+
+
+def test_a_long_test_shows_its_begin_and_its_end(design):
+    rows = pieces_table(design).rows
+    left_out = len(design.pieces) - len(rows) + 1
+    assert (rows[8][1], left_out > 1) == (f"{left_out} more", True)
+    assert rows[-1][0].endswith(str(len(design.steps)))
 
 
 @pytest.mark.parametrize(("chemistry", "window_v"), [("nmc", (2.5, 4.2)), ("lfp", (2.0, 3.65))])

@@ -108,14 +108,15 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
     with session.watch("Looking at the records"):
         known = None if cell.result is None else Result.load(cell.result, data=cell.data or ())
         believed = believed_of(known, cell.capacity, cell.chemistry, kept.temperature)
-    session.show(planned_lines(believed, as_flags))
+    rates = {"max_discharge": kept.max_discharge, "max_charge": kept.max_charge}
+    chosen = [name for name, rate in rates.items() if rate is not None]
+    session.show(planned_lines(believed, as_flags, chosen))
     with session.watch("Designing"):
         found = designed(
             believed, max_hours=test.max_hours, want=_wanted(test.want), blocks=blocks,
             key=test.key, low_voltage=kept.low_voltage, high_voltage=kept.high_voltage,
-            max_discharge=_rate("max_discharge", kept.max_discharge),
-            max_charge=_rate("max_charge", kept.max_charge), max_warming=kept.max_warming,
-            temperature=kept.temperature,
+            **{name: _rate(name, rate) for name, rate in rates.items()},
+            max_warming=kept.max_warming, temperature=kept.temperature,
         )  # fmt: skip
 
     def files() -> dict[str, bytes]:
@@ -124,7 +125,7 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
 
         return {**design_files(found), "figures/design.png": encode(plot_design(found))}
 
-    session.show(design_screen(found))
+    session.show(design_screen(found, as_flags))
     folder, _ = output.deliver(session, folder, "design.json", found.to_json(), files)
     if folder is not None:
         names = ["steps.csv", "profile.csv", "experiment_pybamm.py", "procedure.txt", "figures"]
@@ -158,7 +159,7 @@ def next_after(
     if cell.capacity is not None:
         words = [*without_options(words, {"--capacity": 2}), "--capacity", f"{cell.capacity:g}"]
     command = shlex.join([*words, "--design", str(folder)])
-    advice = "run it, and identify the record"
+    advice = "run the test and identify its record"
     if missing:
         names = joined(list(dict.fromkeys(missing)))
         advice += f"; write the path of {names}: no file of that name and content was found"

@@ -45,19 +45,19 @@ EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
                 "barnax_simscape.mat", files.write_simscape,
             ),
             Exporter(
-                "c-header", "C header: constants and tables, hysteresis included",
+                "c-header", "C header: constants and tables",
                 "barnax_cell.h", files.write_c_header,
             ),
             Exporter(
-                "csv", "flat table: name, value, unit, hysteresis included",
+                "csv", "CSV: name, value, unit",
                 "barnax_parameters.csv", files.write_csv,
             ),
             Exporter(
-                "xlsx", "workbook: parameters, and OCV after charging and discharging",
+                "xlsx", "Excel workbook: parameters, and OCV after charging and discharging",
                 "barnax_parameters.xlsx", files.write_xlsx,
             ),
             Exporter(
-                "json", "JSON: constants and tables, hysteresis included",
+                "json", "JSON: constants and tables",
                 "barnax_cell.json", files.write_json,
             ),
             Exporter(

@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ..experiment.information import HALF_95
+from ..experiment.next_test import REACHED
 from ..experiment.protocol import sampled
 from ..experiment.stored import DRIVE
 from ..files import csv_text
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from ..over_soc import TableFit
     from ..results import Result
 
-EMPTYING = "to empty"
+EMPTYING, CURRENTS = "to empty", ("max_discharge", "max_charge")
 # A step below this current is a rest.
 REST_A = 1e-9
 # On measured cells, records that are identified together leave wider intervals than was promised:
@@ -32,20 +33,26 @@ TOGETHER = {"R0": 1.3, "R1": 1.1, "R2": 1.2}
 AGREES = 0.25
 # Pieces with more different steps are run from a profile.
 LONGEST_LINE = 8
+# Pieces on the screen, of a longer test: its first ones and its end.
+FIRST_PIECES, LAST_PIECES = 8, 2
 
 
 def planned_lines(
-    believed: "Believed", with_cli_options: Callable[[str], str] = str
+    believed: "Believed",
+    with_cli_options: Callable[[str], str] = str,
+    chosen: Sequence[str] = (),
 ) -> Iterator[RenderableType]:
-    """The assumptions that a test is planned on: the capacity, and records that do not count.
+    """The assumptions that a test is planned on: the capacity, the largest currents that are not
+    among the options `chosen`, and records that do not count.
 
     `with_cli_options` turns the options named in texts into those of the reader's interface.
     """
-    cell = believed.cell
+    cell, open_currents = believed.cell, [name for name in CURRENTS if name not in chosen]
     more = "; if that is not its capacity, identify again with `capacity`"
     capacity = f"{cell.capacity_ah:.4g} Ah, {cell.capacity_origin}"
     told = {
         "Planned for": f"{capacity}{more if cell.has_spanned_capacity else ''}.",
+        "Currents": open_currents and _usual_currents(believed, open_currents),
         "Not counted": believed.untold and f"the result's own records: {believed.untold}.",
     }
     yield Text()
@@ -54,7 +61,23 @@ def planned_lines(
             yield indented(headed_line(head, with_cli_options(text)))
 
 
-def design_screen(design: "Design") -> Iterator[RenderableType]:
+def _usual_currents(believed: "Believed", names: Sequence[str]) -> str:
+    """The largest of the currents that were not given, by the names of their options."""
+    is_usual = believed.rates_c == type(believed).rates_c
+    measured = ("the largest of the records", "half the largest of the records")
+    origins = ("1C", "C/2") if is_usual else measured
+    told = [
+        f"{name.removeprefix('max_')} up to {rate * believed.cell.capacity_ah:.3g} A ({origin})"
+        for name, rate, origin in zip(CURRENTS, believed.rates_c, origins, strict=True)
+        if name in names
+    ]
+    options = joined([f"`{name}`" for name in names])
+    return f"{', '.join(told)}; set your own with {options}."
+
+
+def design_screen(
+    design: "Design", with_cli_options: Callable[[str], str] = str
+) -> Iterator[RenderableType]:
     """The test's hours and predicted intervals, its pieces, and the steps to take before it."""
     yield Text()
     yield indented(_widths_table(design))
@@ -62,13 +85,13 @@ def design_screen(design: "Design") -> Iterator[RenderableType]:
     yield indented(terminal_table(pieces_table(design)))
     yield Text()
     for head, text in _sentences(design):
-        yield indented(headed_line(head, text))
+        yield indented(headed_line(head, with_cli_options(text)))
 
 
 def _widths_table(design: "Design"):
     """Half the 95 % interval of every table, before and after, beside usual tests."""
     heads = [
-        "half a 95 % interval",
+        "95 % interval (+/-)",
         "wanted",
         "before",
         "this test",
@@ -84,11 +107,14 @@ def _widths_table(design: "Design"):
         tests = [own, *(design.of_table(name, reference.widths) for reference in design.references)]
         middle = [_middle(name, [width.after for width in test]) for test in tests]
         widest = [_said(name, max(width.after for width in test)) for test in tests]
-        shown = "error on a drive" if name == DRIVE else name
-        rows.append([shown, _said(name, wanted), known, *middle])
+        rows.append([_shown(name), _said(name, wanted), known, *middle])
         if len(own) > 1:
             rows.append(["  widest", "", "", *widest])
     return bare_table(heads, rows)
+
+
+def _shown(name: str) -> str:
+    return "error on a drive cycle" if name == DRIVE else name
 
 
 def _middle(name: str, halves: Sequence[float]) -> str:
@@ -100,7 +126,7 @@ def _said(name: str, half: float) -> str:
 
 
 def pieces_table(design: "Design") -> Table:
-    """The test piece by piece."""
+    """The test piece by piece; of a long one, its begin and its end."""
     first, taken_ah, rows = 1, 0.0, []
     for name, steps in design.pieces:
         last = first + len(steps) - 1
@@ -117,8 +143,11 @@ def pieces_table(design: "Design") -> Table:
             ]
         )
         first = last + 1
+    more = len(rows) - FIRST_PIECES - LAST_PIECES
+    if more > 1:
+        rows[FIRST_PIECES:-LAST_PIECES] = [["...", f"{more} more", "", "", ""]]
     return rows_table(
-        "The test by pieces; every step of them is in steps.csv. Discharge current is positive.",
+        "Discharge current is positive. Every piece is in procedure.txt, every step in steps.csv.",
         ["steps", "piece", "duration", "current [A]", "SOC [%]"],
         rows,
         ["steps", "piece", "duration"],
@@ -128,49 +157,67 @@ def pieces_table(design: "Design") -> Table:
 def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     predicted, limits = design.predicted, design.limits
     if not design.is_reached:
-        yield "Not reached", "this is the best test in the hours and at the currents allowed."
-        untold = [
-            name
-            for name in design.wanted
-            if name.startswith("R") and np.median([x.after for x in design.of_table(name)]) > 1
-        ]
-        if untold:
-            yield "Too short", f"it would not determine {joined(untold)}; allow more hours."
+        yield "Not reached", _not_reached(design)
     expected = f"{predicted.voltage_v.min():.2f} to {predicted.voltage_v.max():.2f} V"
     kept = f"{limits.low_v:g} to {limits.high_v:g} V"
-    text = f"{expected} expected; let the cycler end the test outside {kept}"
     is_emptied = any(name == EMPTYING for name, _ in design.pieces)
-    ends = f" At {limits.low_v:g} V in `{EMPTYING}`, end only that step." if is_emptied else ""
-    yield "Voltage", f"{text}.{ends}"
-    yield (
-        "Warming",
-        f"about {predicted.warming_k:.2g} K in moving air, for a cell of usual shape.",
-    )
-    yield "Before it", _before(design)
+    ends = f"; {limits.low_v:g} V in '{EMPTYING}' ends that step only" if is_emptied else ""
+    yield "Voltage", f"{expected} expected. Set the cycler to stop the test outside {kept}{ends}."
+    yield "Warming", f"about {predicted.warming_k:.2g} K, for a typical cell in moving air."
+    yield "Before", _before(design)
     if design.earlier:
-        with_them = f"{joined(design.earlier)}, together with which the test is identified"
-        yield "Counted", f"{with_them}. {_together()}"
-    longest_s = max(time_s for time_s, _ in design.error.noise)
+        yield "Combined with", f"{joined(design.earlier)}. {_together()}"
+    left_out = f"{design.error.left_out:.2g}"
     yield (
         "Assumed",
-        f"a fit is off by {millivolt(design.error.rmse_v)} RMS, correlated for up to "
-        f"{duration(longest_s)}; "
-        f"effects outside the circuit are {percent(design.error.left_out)} of their usual size.",
+        f"errors of {millivolt(design.error.rmse_v)} RMS after the fit, correlated over up to "
+        f"{_correlated(design)}; unmodeled effects as large as in a typical cell"
+        f"{'' if left_out == '1' else f', times {left_out}'}.",
     )
+
+
+def _not_reached(design: "Design") -> str:
+    """The intervals that stay wider than wanted, why, and whether a drive cycle does better."""
+    after = {name: [width.after for width in design.of_table(name)] for name in design.wanted}
+    enough = {name: REACHED * half for name, half in design.wanted.items()}
+    wide = [name for name in after if np.median(after[name]) > enough[name]]
+    some = [name for name in after if np.median(after[name]) <= enough[name] < max(after[name])]
+    told = [joined([*map(_shown, wide)])] if wide else []
+    told += [f"{joined([*map(_shown, some)])} at some SOC"] if some else []
+    drive = next(test for test in design.references if test.name == "drive cycle")
+    better = [
+        _shown(name)
+        for name in (*wide, *some)
+        for theirs in [[width.after for width in design.of_table(name, drive.widths)]]
+        if np.median(theirs) < np.median(after[name])
+    ]
+    does = f"tells {joined(better)} better" if better else "does no better"
+    untold = [name for name in wide if name.startswith("R") and np.median(after[name]) > 1]
+    open_ = f" {joined(untold)} would stay undetermined." if untold else ""
+    return (
+        f"{'; '.join(told)}.{open_} This is the best test found of {design.hours:.3g} h. Errors "
+        f"last up to {_correlated(design)}, so intervals narrow only with the root of the hours; a "
+        f"drive cycle of {drive.hours:.1f} h {does}. Allow more `max_hours`, or larger currents."
+    )
+
+
+def _correlated(design: "Design") -> str:
+    """For how long errors are alike."""
+    return duration(max(time_s for time_s, _ in design.error.noise))
 
 
 def _together() -> str:
     """The measured widths of what records tell together, over the promised ones."""
-    times = joined([f"{times:g}" for times in TOGETHER.values()])
+    times = joined([f"{times:g} ({name})" for name, times in TOGETHER.items()])
     return (
-        f"Records of measured cells disagree: intervals of {joined([*TOGETHER])} were {times} "
-        "times as wide as promised, in the median of 18 pairs."
+        "Two measured records of a cell disagree somewhat: their joint intervals were "
+        f"{times} times as wide as promised, the median of 18 pairs."
     )
 
 
 def _before(design: "Design") -> str:
     return (
-        f"charge at C/2 to {design.limits.high_v:g} V and hold until C/20, then rest 1 h; the test "
+        f"charge at C/2 to {design.limits.high_v:g} V, hold until C/20, and rest 1 h: the test "
         "starts full."
     )
 

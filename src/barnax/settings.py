@@ -334,8 +334,8 @@ class Window:
                     raise InputError(f"`{name}` {text!r} is not as in {example}") from None
         if self.start_time_s is not None and self.start_after_step is not None:
             raise InputError("give `start_time` or `start_after_step`, not both")
-        # One record's full may be a little fuller than that of all.
-        is_told = self.initial_soc is not None and self.soc_source != "registered"
+        # What is counted from where the data show it may go a little beyond.
+        is_told = self.initial_soc is not None and self.soc_source is None
         if is_told and not 0 <= (self.initial_soc or 0.0) <= 1:
             raise InputError(
                 f"`initial_soc` {self.initial_soc} is not a fraction; state of charge runs from "

@@ -65,6 +65,48 @@ def test_a_charge_that_tapers_ends_full(bundled_cell):
         start(bundled_cell, with_full_charge(bundled_cell, last_a=0.5), 720)
 
 
+def from_empty_to_full(cell):
+    """A charge of an empty cell, tapering at full, with some more after it; the cell that has just
+    this charge, and the place of the last sample of the taper."""
+    charge_a = np.concatenate([np.full(650, -1.0), -1.0 * 0.05 ** (np.arange(100) / 99)])
+    full_at = len(charge_a) - 1
+    after_a = np.concatenate([charge_a, np.zeros(30), np.resize(np.repeat([1.5, -1.5], 10), 60)])
+    own = replace(cell, capacity_ah=float(-charge_a[:-1].sum()) * INTERVAL_S / 3600)
+    time_s = INTERVAL_S * np.arange(len(after_a))
+    record = simulated_record(own, time_s, after_a, 0.0, -1.0)
+    voltage_v = record.voltage_v.copy()
+    voltage_v[650 : full_at + 1] = float(cell.charge(np.array([1.0]))[0]) + 0.01
+    return make_record(time_s, after_a, voltage_v), own, full_at
+
+
+def test_a_record_of_more_charge_than_the_capacity_is_counted_over_its_own(bundled_cell):
+    record, own, full_at = from_empty_to_full(bundled_cell)
+    cell = replace(own, capacity_ah=own.capacity_ah / 1.02)
+    found = prepare_record(record, cell, "so-rc", Window())
+    assert found.capacity_ah == pytest.approx(own.capacity_ah)
+    assert found.soc[[0, full_at]] == pytest.approx([0.0, 1.0])
+    told = next(one for one in found.warnings if one.code == "start.moves-more")
+    assert told.values["moved_ah"] == pytest.approx(own.capacity_ah)
+    assert told.values["capacity_ah"] == pytest.approx(cell.capacity_ah)
+
+
+def test_a_start_beyond_the_capacity_that_was_given_leaves_full_where_it_is_shown(bundled_cell):
+    record, own, full_at = from_empty_to_full(bundled_cell)
+    given = Window(capacity_ah=own.capacity_ah / 1.02)
+    found = prepare_record(record, own, "so-rc", given)
+    assert found.soc[[0, full_at]] == pytest.approx([-0.02, 1.0])
+    assert [one.code for one in found.warnings][:1] == ["start.beyond-an-end"]
+
+
+@pytest.mark.parametrize("share", [0.985, 1.0, 1.015])
+def test_a_start_near_empty_is_found_whatever_of_the_capacity_testers_lose(bundled_cell, share):
+    record, own, full_at = from_empty_to_full(bundled_cell)
+    cell = replace(own, capacity_ah=share * own.capacity_ah)
+    found = prepare_record(record, cell, "so-rc", Window())
+    assert (found.start.soc_source, found.start.row) == ("full end", record.row[full_at])
+    assert found.soc[[0, full_at]] == pytest.approx([max(0.0, 1 - 1 / share), 1.0], abs=1e-9)
+
+
 @pytest.mark.parametrize(("soc", "current_a"), [(1.0, 0.04), (0.95, 0.04), (1.0, 0.4)])
 def test_the_voltage_of_a_full_cell_under_a_small_current_tells_a_full_cell(
     bundled_cell, soc, current_a

@@ -23,9 +23,11 @@ _EMPTY_HOURS, _AT_AN_END = 1.8, 0.02
 _EMPTYING_S = 300.0
 # A current so small leaves the voltage nearly that of rest.
 _SMALL_HOURS = 20.0
-# How far the voltage at the start, without R I, may be from the OCV of what an end tells; and of
-# what a counter tells, whose beginning no sample shows.
-_APART_V, _COUNTED_APART_V = 0.15, 0.05
+# How far the voltage at the start, without R I, may be from the OCV of what an end tells, or of a
+# SOC so near to it; and of what a counter tells, whose beginning no sample shows.
+_APART_V, _APART_SOC, _COUNTED_APART_V = 0.15, 0.02, 0.05
+# What is called full differs by less from one charge to the next.
+_BEYOND_AN_END = 0.005
 
 
 @dataclass(frozen=True)
@@ -62,9 +64,10 @@ def known_soc(
 
     def is_likely(known: KnownSoc) -> bool:
         apart_v = _COUNTED_APART_V if known.source == "counters" else _APART_V
-        ocv_v = float(cell.average_ocv_v(np.array([known.soc]))[0])
+        # Near empty 1 % SOC, lost between two testers, is worth hundreds of mV.
+        ocv_v = cell.average_ocv_v(known.soc + np.array([-_APART_SOC, _APART_SOC]))
         is_within = -BEYOND_SOC <= known.soc <= 1 + BEYOND_SOC
-        return is_within and abs(source_v - ocv_v) <= apart_v
+        return is_within and bool(ocv_v[0] - apart_v <= source_v <= ocv_v[1] + apart_v)
 
     low, high = cell.soc_range
     ends: list[KnownSoc] = []
@@ -83,8 +86,7 @@ def known_soc(
     for found in (ends, full, *others):
         likely = [known for known in map(carried, found) if is_likely(known)]
         if likely:
-            nearest = min(likely, key=lambda known: abs(known.known_at - at))
-            return replace(nearest, soc=min(max(nearest.soc, 0.0), 1.0))
+            return min(likely, key=lambda known: abs(known.known_at - at))
     return None
 
 
@@ -116,7 +118,7 @@ def _counted(record: Record, capacity_ah: float) -> Iterator[KnownSoc]:
     begun_ah = 0.0 if record.charge_ah is None else float(record.charge_ah[0])
     soc = (1.0 if begun_ah > 0 else 0.0) - begun_ah / capacity_ah
     if begun_ah and -BEYOND_SOC <= soc <= 1 + BEYOND_SOC:
-        yield KnownSoc(min(max(soc, 0.0), 1.0), "counters", 0)
+        yield KnownSoc(soc, "counters", 0)
 
 
 def _rests(record: Record, cell: CellModel, rest_a: float) -> Iterator[KnownSoc]:
@@ -166,10 +168,14 @@ class Start:
 
 def find_start(
     record: Record, cell: CellModel, window: Window, capacity_ah: float, first: int, rest_a: float
-) -> tuple[Start, list[Notice]]:
-    """The state at the start, and what a rested voltage there has against its SOC.
+) -> tuple[Start, float, list[Notice]]:
+    """The state at the start, the capacity that the record is counted over, and what speaks
+    against them.
 
     Raises `InputError` where the SOC is neither given nor shown.
+    Between an end and the start the record may move more charge than the capacity has room for.
+    The end stays where the data show it: the record is counted over that charge, or, where its
+    capacity was given, starts beyond the other end.
     A rested cell is on the OCV branch of the direction it comes from. Where it has not rested, the
     SOC is carried to the start from where the record shows it.
     """
@@ -177,7 +183,8 @@ def find_start(
     row, voltage_v = int(record.row[first]), float(record.voltage_v[first])
     unrested = _unrested(record, first, rest_a)
     is_short = record.time_s[first] - record.time_s[0] < MINIMUM_REST_S
-    known = None
+    known: KnownSoc | None = None
+    told: list[Notice] = []
     if window.initial_soc is None and (unrested or is_short):
         # Of a record's opening rest nobody knows how long it was; counters tell more.
         only = not unrested
@@ -189,6 +196,14 @@ def find_start(
     elif known is not None:
         soc, soc_source = known.soc, known.source
         row, voltage_v = int(record.row[known.known_at]), float(record.voltage_v[known.known_at])
+        if (room := abs(soc - 0.5) + 0.5) > 1 + _BEYOND_AN_END:
+            moved = {"soc": soc, "known_row": row, "capacity_ah": capacity_ah}
+            other_end = {"full end": soc < 0, "empty end": soc > 1}
+            if window.capacity_ah is None and other_end.get(soc_source):
+                soc, capacity_ah = float(soc > 1), room * capacity_ah
+                told = [notice("start.moves-more", record.name, **moved, moved_ah=capacity_ah)]
+            else:
+                told = [notice("start.beyond-an-end", record.name, **moved)]
     elif not unrested:
         soc, soc_source = _soc_from_rest(record, cell, first, direction), "rested voltage"
     else:
@@ -198,7 +213,8 @@ def find_start(
         if soc_source == "rested voltage":
             soc = _soc_from_rest(record, cell, first, direction)
     start = Start(soc, soc_source, direction, source, row, voltage_v)
-    return start, [] if unrested else _doubts(record, cell, window, start)
+    told += [] if unrested else _doubts(record, cell, window, start)
+    return start, capacity_ah, told
 
 
 def _direction_before(

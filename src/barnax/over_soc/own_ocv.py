@@ -49,7 +49,7 @@ POINTS_A_NODE = 8
 COMPARED_SOC = np.linspace(0.1, 0.9, 81)
 
 AxisSource = Literal["given", "own full charge", "own span", "rest elsewhere"]
-# A start so far outside 0 to 1 is rounding.
+# A start lies so far outside 0 to 1 where another full charge was a little fuller.
 NEARLY_SOC = 0.02
 # A usual cell under load is never empty above this.
 NEVER_EMPTY_V = 3.4
@@ -153,7 +153,8 @@ def _started(
                 # Where it goes from there is looked at with the OCV of all.
                 window, at = windows[record.name], first_sample(record, windows[record.name])
                 rest_a = window.rest_current_a or rest_current_a(record, axis_ah)
-                start, _ = find_start(record, cell, window, axis_ah, at, rest_a)
+                counted = replace(window, capacity_ah=axis_ah)
+                start, *_ = find_start(record, cell, counted, axis_ah, at, rest_a)
                 axes[record.name] = Axis(start.soc, "rest elsewhere")
     found = _on_axes(records, windows, axes, axis_ah)
     if len(records) > 1 and not own.keep_starts:
@@ -397,4 +398,4 @@ def _axis(record: Record, window: Window, capacity_ah: float) -> Axis:
             f"{record.name}: from its fullest sample to the start it loses {out_ah:.4g} Ah, more "
             f"than the capacity of {capacity_ah:.4g} Ah; give a larger `capacity`, or `initial_soc`"
         )
-    return Axis(min(max(soc, 0.0), 1.0), "own full charge" if full else "own span")
+    return Axis(soc, "own full charge" if full else "own span")

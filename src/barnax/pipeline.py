@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
 from .answering import search_and_assess
 from .bundled import BUNDLED
 from .candidates import CONTRADICTED, THREE_PAIRS, WEIGHED, is_better, is_fast, tabulated_circuit
@@ -37,8 +39,10 @@ from .optimizers import make_optimizer
 from .over_soc import (
     OwnOcv,
     TableSettings,
+    counted_alike,
     fit_with_ocv,
     group_by_temperature,
+    is_loaded,
     register,
     register_alone,
     require_temperature,
@@ -54,6 +58,9 @@ from .settings import OVER_TEMPERATURE, Settings, Trust
 from .storing import make_result
 from .table_run import table_warnings
 from .weighing import Weighing, weigh
+
+# The SOC between which a charge counts.
+BETWEEN_ENDS = (0.03, 0.95)
 
 
 @takes_options(Job)
@@ -104,6 +111,8 @@ def _identified(job: Job) -> Result:
     with telling(inputs.warnings), job.watch("Setting up the problem", 0):
         told = windows = windows_of(inputs, job.window, job.capacity)
         if not found:
+            told, between = _between_ends(inputs, told)
+            inputs = replace(inputs, warnings=(*inputs.warnings, *between))
             windows = _registered(job, inputs, told)
         asked = job.table_settings, job.bounds, job.fix, job.advise
         weighing = weigh(_as_counted(inputs, told, windows), windows, job, *asked, *found)
@@ -139,6 +148,29 @@ def _identified(job: Job) -> Result:
     return make_result(run, job.command)
 
 
+def _between_ends(
+    inputs: Inputs, windows: Mapping[str, Window]
+) -> tuple[dict[str, Window], list[Notice]]:
+    """The windows, in which a charge beside a load, on a flat OCV, counts between its ends unless
+    that is chosen: at them 1 % SOC, lost between two testers, is worth hundreds of mV, and the
+    drive would be fitted worse for it. Each is told."""
+    known, told = dict(windows), list[Notice]()
+    if not inputs.cell.has_flat_ocv or len(inputs.records) < 2:
+        return known, told
+    for record in inputs.records:
+        window = known[record.name]
+        are_chosen = window.score_steps, window.score_soc, window.score_from_s, window.score_to_s
+        if any(chosen is not None for chosen in are_chosen):
+            continue
+        with suppress(InputError):
+            prepared = prepare_record(record, inputs.cell, WEIGHED[0], window)
+            if not is_loaded(prepared) and np.ptp(prepared.soc) > np.ptp(BETWEEN_ENDS):
+                known[record.name] = replace(window, score_soc=BETWEEN_ENDS)
+                ends = dict(zip(("low_soc", "high_soc"), BETWEEN_ENDS, strict=True))
+                told.append(notice("charge.between-ends", record.name, **ends))
+    return known, told
+
+
 def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict[str, Window]:
     """The windows, with what the OCV test tells of the start and capacity of records whose rests it
     contradicts, and several records of one temperature of each other's."""
@@ -151,7 +183,7 @@ def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict
             prepare_record(record, inputs.cell, circuit, windows[record.name].as_told)
             for record in inputs.records
         ]
-        found = [register_alone(prepared, tables) for prepared in told]
+        found = counted_alike(told, [register_alone(prepared, tables) for prepared in told])
         if len(found) > 1 and job.over != OVER_TEMPERATURE:
             found = register(found, tables)
         return {**windows, **{prepared.record.name: prepared.window for prepared in found}}

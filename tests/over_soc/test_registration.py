@@ -12,6 +12,7 @@ from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import (
     TableSettings,
+    counted_alike,
     errors_on,
     fit_tables,
     register_alone,
@@ -20,7 +21,7 @@ from barnax.over_soc import (
 from barnax.records import read_record
 from barnax.reporting.starts import registered_sentences
 from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
-from helpers.problems import drive_a
+from helpers.problems import drive_a, simulated_record
 from helpers.reference import drop_v, filtered_response, make_record
 
 TRUE_SOC, TRUE_AH = np.array([1.0, 0.994, 0.988]), np.array([2.0, 2.004, 1.996])
@@ -230,6 +231,48 @@ def test_what_an_ocv_test_tells_of_the_capacity_counts_for_records_to_validate_o
     given = barnax.identify([record], ocv=[sweep], capacity=tested_ah, **options)
     assert given.cell.capacity_ah == pytest.approx(tested_ah)
     assert "others" not in " ".join(registered_sentences(given))
+
+
+def test_a_charge_is_counted_over_the_capacity_that_the_test_tells_of_a_drive_beside_it(
+    bundled_cell,
+):
+    time_s, whole_ah = 4.0 * np.arange(1500), bundled_cell.capacity_ah
+
+    def prepared(current_a, soc):
+        record = simulated_record(bundled_cell, time_s, current_a, soc, 1.0)
+        return prepare_record(record, bundled_cell, "so-rc", Window(initial_soc=soc))
+
+    drive, other = (prepared(drive_a(1500, seed), 1.0) for seed in (0, 1))
+    charge = prepared(np.full(1500, -1.0), 0.1)
+    told, moved = [drive, other, charge], drive.registered(0.99, 0.97 * whole_ah)
+    found = counted_alike(told, [moved, other, charge])
+    capacities = [one.capacity_ah / whole_ah for one in found]
+    assert capacities == pytest.approx([0.97, 1.0, 0.97])
+    assert np.ptp(found[2].soc) == pytest.approx(np.ptp(charge.soc) / 0.97)
+    # Where the test tells nothing of any, all stay as told.
+    assert counted_alike(told, told) == told
+
+
+@pytest.mark.slow
+def test_a_cut_drive_of_an_lfp_cell_and_its_charge_have_tables_with_the_r0_of_steps(real_data):
+    """Once constants of 21 mV were taken, with an R0 of 5.7 mOhm."""
+    folder = real_data / "plett-a123-26650"
+    drive, charge = (folder / f"dyn-s{part}_25degC.parquet" for part in (1, 3))
+    tests = [folder / f"ocv-s{part}_25degC.parquet" for part in (1, 3)]
+    options = {"ocv": tests, "seeds": 0, "trust": "none", "advise": False}
+    cut = {drive.name: Window(score_to_s=28300.0)}
+    alone = barnax.identify(drive, window=cut, **options)
+    both = barnax.identify([drive, charge], window=cut, **options)
+    held = both.tables.fit.cross_validation.tables
+    # Both directions are predicted as well as one alone was, whose tables miss the charge.
+    assert held.rmse_v < 1.2 * alone.tables.fit.cross_validation.tables.rmse_v
+    missed = alone.validate(charge, Window(score_soc=(0.03, 0.95))).metrics
+    assert held.rmse_v < 0.5 * missed.rmse_v
+    record = read_record(drive)
+    step = np.abs(np.diff(record.current_a)) > 5
+    stepped_ohm = -np.median(np.diff(record.voltage_v)[step] / np.diff(record.current_a)[step])
+    r0_ohm = both.tables.fit.tables.at("R0 [Ohm]", np.array([0.5]))[0]
+    assert r0_ohm == pytest.approx(stepped_ohm, rel=0.05)
 
 
 @pytest.mark.slow

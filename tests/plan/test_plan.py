@@ -218,6 +218,14 @@ def test_a_record_that_begins_full_under_a_small_current_needs_no_start(tmp_path
     assert "at full: 4.1863 V" in reason(found, "us06_0degC.parquet")
 
 
+@pytest.mark.slow
+def test_a_charge_of_a_flat_ocv_is_identified_on_beside_the_drive(real_data):
+    found = plan(real_data / "plett-a123-26650")
+    names = [part.name for part in found.of_role("identification")]
+    assert names == ["dyn-s1_25degC.parquet", "dyn-s3_25degC.parquet"]
+    assert "for the other direction" in reason(found, "dyn-s3_25degC.parquet")
+
+
 def test_a_folder_in_a_folder_is_named(folder):
     (folder / "cold").mkdir()
     shutil.copy(BUNDLED.record, folder / "cold")

@@ -2,6 +2,7 @@
 
 from .cross_validation import CrossValidation as CrossValidation
 from .cross_validation import SocErrors as SocErrors
+from .cross_validation import is_loaded as is_loaded
 from .fit import OcvCompared as OcvCompared
 from .fit import TableFit as TableFit
 from .fit import constant_held_out as constant_held_out
@@ -12,6 +13,7 @@ from .own_ocv import OwnOcv as OwnOcv
 from .own_ocv import compare_with_own as compare_with_own
 from .own_ocv import fit_with_ocv as fit_with_ocv
 from .problem import HELD_GAMMA as HELD_GAMMA
+from .registration import counted_alike as counted_alike
 from .registration import register as register
 from .registration import register_alone as register_alone
 from .registration import rest_warnings as rest_warnings

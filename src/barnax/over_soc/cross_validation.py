@@ -120,10 +120,10 @@ def blocks_of(
 def are_left_out_whole(prepared_records: Sequence[PreparedRecord]) -> bool:
     """True where the others tell the circuit without any one of the records: no charge alone
     does."""
-    return len(prepared_records) > 1 and sum(map(_is_loaded, prepared_records)) > 1
+    return len(prepared_records) > 1 and sum(map(is_loaded, prepared_records)) > 1
 
 
-def _is_loaded(prepared: PreparedRecord) -> bool:
+def is_loaded(prepared: PreparedRecord) -> bool:
     """True where the current steps at many states of charge; a charge steps at its ends."""
     scored = prepared.scored
     return reach_of_steps(prepared.held_a[scored], prepared.soc[scored]) > LEAST_REACH

@@ -150,11 +150,10 @@ def _started(
         cell = _cell_found(known, circuit, at_axes, quick, axis_ah, origin)
         for record in records:
             if record not in known:
-                # Where it goes from there is looked at with the OCV of all.
-                window, at = windows[record.name], first_sample(record, windows[record.name])
+                window = replace(windows[record.name], capacity_ah=axis_ah)
                 rest_a = window.rest_current_a or rest_current_a(record, axis_ah)
-                counted = replace(window, capacity_ah=axis_ah)
-                start, *_ = find_start(record, cell, counted, axis_ah, at, rest_a)
+                given = window, axis_ah, first_sample(record, window), rest_a
+                start, *_ = find_start(record, cell, *given)
                 axes[record.name] = Axis(start.soc, "rest elsewhere")
     found = _on_axes(records, windows, axes, axis_ah)
     if len(records) > 1 and not own.keep_starts:

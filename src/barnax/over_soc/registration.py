@@ -25,13 +25,13 @@ from ..cell import Dependence
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.descent import LogScales
-from ..model.prepared import PreparedRecord
+from ..model.prepared import PreparedRecord, prepare_record
 from ..notices import Notice, notice
 from ..records.record import in_means
 from ..records.segments import runs
 from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
-from .cross_validation import WORTHWHILE, held_out_errors
+from .cross_validation import WORTHWHILE, held_out_errors, is_loaded
 from .current_offset import CurrentOffset, shared_offset
 from .dependence import adjusted, with_dependence
 from .nuisances import estimate, of_starts
@@ -198,6 +198,25 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     return replace(found, window=replace(found.window, registration=own))
 
 
+def counted_alike(
+    told: Sequence[PreparedRecord], found: Sequence[PreparedRecord]
+) -> list[PreparedRecord]:
+    """Records registered alone, and charges, whose rests tell nothing, over the capacity that the
+    OCV test tells of those: testers of one cell count some percent apart, and its records are
+    mostly of one of them."""
+    pairs = list(zip(told, found, strict=True))
+    shares = [own.capacity_ah / one.capacity_ah for one, own in pairs if own is not one]
+    if not shares:
+        return list(found)
+
+    def counted(prepared: PreparedRecord) -> PreparedRecord:
+        cell = prepared.cell
+        cell = replace(cell, capacity_ah=float(np.mean(shares)) * cell.capacity_ah)
+        return prepare_record(prepared.record, cell, prepared.circuit, prepared.window)
+
+    return [counted(own) if own is one and not is_loaded(own) else own for one, own in pairs]
+
+
 class _Rest(NamedTuple):
     """The last sample of a rest, how far its voltage is from the OCV at the state of charge that
     is counted there, and by which share another capacity would put it there."""
@@ -253,7 +272,11 @@ def told_within(prepared: PreparedRecord, level_v: float = 0.0) -> tuple[float, 
     if prepared.start.soc_source in FROM_VOLTAGE:
         slope = abs(float(slope_of(prepared, np.array([prepared.start.soc]))[0]))
         start_sd = min(max(start_sd, (REST_SD_V + level_v) / max(slope, 1e-9)), MAX_SD)
-    return start_sd, CAPACITY_SD
+    # A capacity that contradicts the cell's is in doubt by as much.
+    capacity_sd, is_given = CAPACITY_SD, prepared.window.capacity_ah is not None
+    if not is_given:
+        capacity_sd = max(capacity_sd, abs(prepared.capacity_ah / prepared.cell.capacity_ah - 1))
+    return start_sd, capacity_sd
 
 
 def slope_of(

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ from .ocv import (
 _AS_WIDE = 0.9
 # A record that moves so many times the capacity is of another cell, or in another unit.
 _ANOTHER = 1.5
+# A charge of so much of the capacity shows the other direction.
+_MUCH = 0.5
 NO_RECORD = "no record can be identified on, for the reason beside each file; "
 MAKE_RECORD = (
     "measure a drive cycle, or pulses after rests (HPPC), sampled about every second under load, "
@@ -162,6 +165,8 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         _take_other_temperatures(draft, record, chosen, choice, is_pulsed)
     else:
         _take_others(draft, runs[1:], choice.cell.capacity_ah)
+        if choice.cell.has_flat_ocv:
+            _take_charges(draft, record, choice)
     _leave_others(draft, choice, chosen)
     options, reasons = _options(draft, runs, choice)
     if is_own:
@@ -295,6 +300,21 @@ def _take_others(draft: Draft, others: Sequence[Runnable], capacity_ah: float | 
             draft.take(file, "validation", f"too little to identify on: {missing}", window)
         else:
             draft.take(file, "identification", words_of(draft, file), window)
+
+
+def _take_charges(draft: Draft, record: CandidateFile, choice: OcvChoice) -> None:
+    """Charges of the same temperature are identified on too, where they reach over enough: on a
+    flat OCV they show the resistances and the hysteresis of the other direction."""
+    for file in draft.files:
+        is_charge = file not in draft.taken and file.kind(choice.cell.capacity_ah) == "charge"
+        if not is_charge or not is_same_degc(file.temperature_degc, record.temperature_degc):
+            continue
+        charged_ah = file.traits.span_ah if file.traits else 0.0
+        if charged_ah >= _MUCH * choice.cell.capacity_ah:
+            with suppress(InputError):
+                draft.starts[file] = own = started(draft.files, file, file.window, choice)
+                why = f"a charge of {charged_ah:.3g} Ah, for the other direction{own.words}"
+                draft.take(file, "identification", why, own.window)
 
 
 def _take_other_temperatures(

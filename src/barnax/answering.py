@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from .candidates import FOLLOWING, Candidate, best_of, is_alike, is_better, spans_enough
-from .checks.sampling import late_answers_ohm
+from .checks.step_answers import late_answers_ohm
 from .errors import InputError
 from .execution import threads
 from .global_optimum import (

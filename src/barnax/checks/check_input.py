@@ -16,6 +16,7 @@ from ..records import Record, is_rested, rest_current_a
 from ..records.lag import Lag, find_lag, require_lag
 from ..records.samples import Samples
 from ..records.table import found_at
+from .step_answers import Known, answers_ohm
 
 _FEWEST_READINGS, _MAX_STEPS = 20, 0.9
 
@@ -97,6 +98,11 @@ class CheckInput:
         before, after = np.maximum(at - 1, 0), np.minimum(at + 2, self.record.samples - 1)
         moved_v = np.abs(self.record.voltage_v[after] - self.record.voltage_v[before])
         return float(np.quantile(moved_v / np.abs(self.samples.step_a[at]), _MAX_STEPS))
+
+    @cached_property
+    def answers_ohm(self) -> Known | None:
+        """The answers of the voltage to a step of the current; None where too few steps tell."""
+        return answers_ohm(self.record)
 
     @cached_property
     def source_v(self) -> Float[np.ndarray, "samples"]:

@@ -3,15 +3,14 @@
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float
 
 from ..notices import Notice, notice
-from ..records import Record
 from ..records.segments import equal_runs
 from ..records.silence import gaps_in
 from .check_input import CheckInput
 from .roles import FINE_S
 from .slow_log import rows_are
+from .step_answers import LASTING, LATE_SURE, Known, late_of
 
 # More than this share of all intervals is how the tester samples.
 _MANY = 0.1
@@ -24,14 +23,6 @@ _SKIPPED_SHARE = 0.03
 # Intervals this long under load, beside others a tenth as long, hide what the load did.
 _COARSE_S, _FINE_SHARE = 30.0, 0.1
 
-# The answers to a step are looked at in so many samples, of so many places where the current moves
-# by more than this share of the largest.
-_ANSWERS, _FEWEST_STEPS, _STEP_SHARE = 5, 50, 0.05
-# The answers to so many steps tell as much as those to all.
-_ENOUGH_STEPS = 50_000
-# A pair answers in the sample after a step at most so often what it does in the next one, unless it
-# is over within two samples. More than this share of the whole, at so many deviations, is late.
-_LASTING, _LATE_SHARE, _LATE_SURE = 2.0, 0.03, 4.0
 # Pairs of measured cells answer in the second sample with at most half this share of the first more
 # than in the fifth, at 0.1 to 1 s and down to -10 degC; a voltage that is filtered, with more.
 _SLOW_SHARE = 0.3
@@ -39,8 +30,6 @@ _SLOW_SHARE = 0.3
 _BACK_SHARE = 0.1
 # From this interval on, part of a sample may be a pair, or a load that changes between rows.
 _ALIKE_S = 0.5
-Answers = Float[np.ndarray, "answers"]
-Known = tuple[Answers, Float[np.ndarray, "answers answers"]]
 
 # Codes for a current that changes faster than it is sampled, by the kind of its rows.
 _FAST_LOAD = {
@@ -160,67 +149,13 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Notice]:
     yield given.at(int(np.argmax(is_coarse)) + 1, "coarse-intervals.load", **told)
 
 
-def _answers_ohm(record: Record) -> Known | None:
-    """The answers of the voltage to a step of the current in the samples from it on, with their
-    covariance; None where too few steps are on an even clock.
-
-    They are least squares on the differences between samples: R0 and what follows at once in the
-    first, in the others what the RC pairs add, which falls off with their time constants.
-    """
-    interval_s, moved_a = record.interval_s, np.diff(record.current_a)
-    least_a = _STEP_SHARE * float(np.max(np.abs(record.current_a)))
-    steps = np.flatnonzero(np.abs(moved_a) > least_a)[:_ENOUGH_STEPS]
-    places = np.unique(steps[:, None] + np.arange(_ANSWERS))
-    places = places[(places >= _ANSWERS - 1) & (places < len(moved_a))]
-    window = places[:, None] - np.arange(_ANSWERS)
-    usual_s = float(np.median(interval_s))
-    is_even = np.all(np.abs(interval_s[window] - usual_s) < 0.1 * usual_s, axis=1)
-    places, window = places[is_even], window[is_even]
-    if len(places) < _FEWEST_STEPS:
-        return None
-    # The current before the steps and a constant stand for all that is slow.
-    before_a = record.current_a[window[:, -1]]
-    design = np.column_stack([moved_a[window], before_a, np.ones(len(places))])
-    moved_v = np.diff(record.voltage_v)[places]
-    if np.linalg.matrix_rank(design) < design.shape[1]:
-        return None
-    inverse = np.linalg.inv(design.T @ design)
-    answers = -inverse @ (design.T @ moved_v)
-    error_v = moved_v + design @ answers
-    variance_v2 = float(error_v @ error_v) / (len(moved_v) - len(answers))
-    return answers[:_ANSWERS], variance_v2 * inverse[:_ANSWERS, :_ANSWERS]
-
-
-def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
-    """The answers of the voltage to a step of the current at once, one sample later and after that.
-
-    None where nothing is late. A second answer far above what the third leaves it is late.
-    """
-    return _late(_answers_ohm(record))
-
-
-def _late(known: Known | None) -> tuple[float, float, float] | None:
-    if known is None:
-        return None
-    answers, covariance = known
-    late = np.zeros(len(answers))
-    late[1:3] = 1, -_LASTING
-    ohm, whole = float(late @ answers), float(answers[0] + answers[1])
-    error_ohm = np.sqrt(late @ covariance @ late)
-    if not ohm > max(_LATE_SHARE * whole, _LATE_SURE * error_ohm) or np.min(answers[:2]) <= 0:
-        return None
-    first, second, third = answers[:3].tolist()
-    return first, second, third
-
-
 def find_smoothed_current(given: CheckInput) -> Iterator[Notice]:
     """A voltage that takes back part of its answer to a step in the next sample, which no cell's
     does: the current was averaged or filtered before it was written down."""
-    known = _answers_ohm(given.record)
-    if known is None:
+    if given.answers_ohm is None:
         return
-    (first_ohm, second_ohm, *_), covariance = known
-    least_ohm = max(_BACK_SHARE * first_ohm, _LATE_SURE * np.sqrt(covariance[1, 1]))
+    (first_ohm, second_ohm, *_), covariance = given.answers_ohm
+    least_ohm = max(_BACK_SHARE * first_ohm, LATE_SURE * np.sqrt(covariance[1, 1]))
     if first_ohm > 0 and -second_ohm > least_ohm and given.lag is None:
         told = {"first_ohm": first_ohm, "back_ohm": -second_ohm}
         yield notice("smoothed-current.back", **told, interval_s=np.median(given.record.interval_s))
@@ -239,13 +174,12 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
         else:
             yield notice("late-voltage.leads", **told)
         return
-    known = _answers_ohm(given.record)
-    answers_ohm = _late(known)
-    if answers_ohm is None:
-        yield from _smoothed_voltage(known, usual_s)
+    late = late_of(given.answers_ohm)
+    if late is None:
+        yield from _smoothed_voltage(given.answers_ohm, usual_s)
         return
-    first_ohm, second_ohm, third_ohm = answers_ohm
-    late_ohm = second_ohm - _LASTING * third_ohm
+    first_ohm, second_ohm, third_ohm = late
+    late_ohm = second_ohm - LASTING * third_ohm
     yield notice(
         "late-voltage.step",
         first_ohm=first_ohm,
@@ -261,7 +195,7 @@ def _smoothed_voltage(known: Known | None, interval_s: float) -> Iterator[Notice
     if known is None:
         return
     (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = known
-    least_ohm = max(_SLOW_SHARE * first_ohm, _LATE_SURE * np.sqrt(np.max(np.diag(covariance))))
+    least_ohm = max(_SLOW_SHARE * first_ohm, LATE_SURE * np.sqrt(np.max(np.diag(covariance))))
     # A steep OCV adds the same to every answer.
     is_slow, is_rising = second_ohm - last_ohm > least_ohm, last_ohm - first_ohm > least_ohm
     if first_ohm > 0 and (is_slow or is_rising):

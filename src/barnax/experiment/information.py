@@ -23,7 +23,6 @@ from functools import cached_property, partial
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import block_diag, cho_factor, cho_solve
-from scipy.signal import lfilter
 
 from ..cell import CellModel, CircuitParameters
 from ..cell.parameters import OCV, OCV_CORRECTION, OHMIC
@@ -247,6 +246,9 @@ def lagged(
     flow: Float[np.ndarray, "*rows samples"], tau_s: float, interval_s: float = 1.0
 ) -> Float[np.ndarray, "*rows samples"]:
     """What flows through the resistor of an RC pair."""
+    # It takes a second to load, and what proposes a next test needs none of it.
+    from scipy.signal import lfilter
+
     kept = math.exp(-interval_s / tau_s)
     return np.asarray(lfilter([0.0, 1 - kept], [1.0, -kept], flow))
 
@@ -294,11 +296,11 @@ def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0
         # Of errors that change slowly, a few samples together are one.
         together = max(1, int(time_s / SLOTS_A_TIME / interval_s))
         slots = np.add.reduceat(own, np.arange(0, own.shape[1], together), axis=1)
-        # S = F + F' - 1 with F the sums over all earlier slots, weighted by exp(-lag / time).
-        kept = math.exp(-together * interval_s / time_s)
-        earlier = slots @ np.asarray(lfilter([1.0], [1.0, -kept], slots)).T
+        # S = 1 + F + F' with F the sums over all earlier slots, weighted by exp(-lag / time).
+        slot_s = together * interval_s
+        earlier = slots @ lagged(slots, time_s, slot_s).T / math.expm1(slot_s / time_s)
         alone = squares if together == 1 else slots @ slots.T
-        noise += sd_v**2 * (earlier + earlier.T - alone)
+        noise += sd_v**2 * (alone + earlier + earlier.T)
     wide = np.zeros((columns.shape[1],) * 2)
     wide[np.ix_(used, used)] = products
     of_noise = np.zeros((len(believed.names),) * 2)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import lfilter
 
 from ..bundled import bundled_file
 from ..errors import InputError
@@ -157,13 +156,8 @@ def warming_of(
 ) -> float:
     """By how many K at most a cell warms, of which that voltage is believed."""
     heat_w = current_a * (believed.ocv_v(soc) - voltage_v)
-    kept = math.exp(-INTERVAL_S / WARMING_S)
-    warmed_k = (
-        np.asarray(lfilter([1 - kept], [1.0, -kept], heat_w))
-        * WARMING_K
-        / believed.cell.capacity_ah
-    )
-    return float(np.max(warmed_k))
+    lagging_w = lagged(heat_w, WARMING_S, INTERVAL_S)
+    return float(np.max(lagging_w)) * WARMING_K / believed.cell.capacity_ah
 
 
 def hppc_steps(capacity_ah: float, discharge_a: float, charge_a: float) -> list[Step]:

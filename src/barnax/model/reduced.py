@@ -50,9 +50,16 @@ class Reduced:
 
     def part(self, name: str) -> Float[np.ndarray, "few rows width"]:
         """The columns of that part of the layout."""
-        block = self.factor[:, self.layout.places[name]] / math.sqrt(max(self.scored, 1))
+        scale = 1 / math.sqrt(max(self.scored, 1))
         # Contiguous for the products of a search, which are over the first axis.
-        return np.ascontiguousarray(block.transpose(1, 0, 2))
+        return np.multiply(self._block(name).transpose(1, 0, 2), scale, order="C")
+
+    def _block(self, name: str) -> Float[np.ndarray, "rows few width"]:
+        places = self.layout.places[name]
+        if not places.size:
+            return np.empty((len(self.factor), *places.shape))
+        block = self.factor[:, places[0, 0] : places[-1, -1] + 1]
+        return block.reshape(len(block), *places.shape)
 
     def side(self, number: int) -> "Reduced":
         """The same of one of several voltages: what is left of its base error is one row."""
@@ -68,9 +75,8 @@ class Reduced:
         """The same for a circuit that does not change with SOC: hats add up to one everywhere."""
         layout = replace(self.layout, nodes=(0.5,), has_correction=False)
         kept = [name for name in self.layout.sizes if name != "correction"]
-        summed = [self.part(name).sum(axis=2) for name in kept]
-        factor = np.concatenate(summed).T * math.sqrt(self.scored)
-        return Reduced(layout, self.scored, factor)
+        summed = [self._block(name).sum(axis=2) for name in kept]
+        return Reduced(layout, self.scored, np.concatenate(summed, axis=1))
 
 
 def scored_alone(prepared: PreparedRecord) -> Groups:

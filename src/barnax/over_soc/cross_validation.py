@@ -1,5 +1,6 @@
 """Errors of tables over SOC on blocks of samples that were held out of their fit."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -221,8 +222,12 @@ def _held_out(
 
 def _at(objective: TableObjective, best: Solution, parts: Sequence[Reduced]):
     """Every group's columns at the best time constants, and its base errors."""
-    at = (replace(objective, reduced=part).columns(best.log_scales) for part in parts)
-    return zip(*at, strict=True)
+    layout = objective.reduced.layout
+    # From those of the factor, by one product for each group.
+    own = Reduced(layout, 1, np.eye(layout.width))
+    columns, base = replace(objective, reduced=own).columns(best.log_scales)
+    factors = [part.factor / math.sqrt(max(part.scored, 1)) for part in parts]
+    return [factor @ columns for factor in factors], [factor @ base for factor in factors]
 
 
 def _fitted_to(

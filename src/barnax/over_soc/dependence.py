@@ -92,7 +92,7 @@ def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObj
             if tried is not None:
                 objective, best = _searched_anew(objective, tried[0])
         return objective, best
-    held = held_out_errors(objective, best)
+    held = held_out_errors(objective, best) if kinds else None
     while kinds and held is not None:
         worth: dict[str, tuple[SocErrors, TableObjective]] = {}
         for what in kinds:

@@ -15,7 +15,7 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import get_lapack_funcs
 
 from ..errors import InputError
@@ -33,7 +33,7 @@ _LEAST, _SURE, _PARTS = 0.1, 4.0, 24
 # On its other side a step shows less than this share of what it shows beside itself.
 _OTHER_SIDE = 0.25
 # The whole samples of a lag are found by so many places, the parts of one by so many.
-_ENOUGH, _MANY = 10_000, 100_000
+_ENOUGH, _MANY = 10_000, 30_000
 # In slower logs a pair that is over within a sample is likelier than a lag.
 _SLOWEST_S = 1.5
 # So many intervals beside steps of this share of the largest current are needed, of an even clock.
@@ -62,7 +62,7 @@ class Lag:
 
 def find_lag(record: Record) -> Lag | None:
     """The lag of a record's voltage, None where it shows none for certain."""
-    usual_s = float(np.median(record.interval_s))
+    usual_s = _usual_s(record.interval_s)
     known = _changes(record.interval_s, record.current_a, _NEAR, _MANY)
     if known is None or not np.ptp(record.voltage_v):
         return None
@@ -107,7 +107,7 @@ def _changes(
 ) -> tuple[Int[np.ndarray, "places"], Table, Float[np.ndarray, "changes"]] | None:
     """Intervals so near to steps of the current, at most so many, D i and what is slow there as
     columns of one scale, and that scale; None where too few are on an even clock."""
-    usual_s, step_a = float(np.median(interval_s)), np.diff(current_a)
+    usual_s, step_a = _usual_s(interval_s), np.diff(current_a)
     if usual_s > _SLOWEST_S or len(step_a) < _FEWEST + 2 * _FAR:
         return None
     is_step = np.abs(step_a) > _STEP_SHARE * float(np.max(np.abs(current_a)))
@@ -115,9 +115,7 @@ def _changes(
     end = int(np.append(0, np.flatnonzero(is_step)[:most])[-1]) + near + _FAR + 2
     is_step = is_step[:end]
     is_uneven = np.abs(interval_s[:end] - usual_s) >= _EVEN * usual_s
-    window = np.ones(2 * near + 1)
-    steps, uneven = (np.convolve(flags, window, "valid") for flags in (is_step, is_uneven))
-    places = np.flatnonzero((steps > 0.5) & (uneven < 0.5)) + near
+    places = np.flatnonzero(_any_near(is_step, near) & ~_any_near(is_uneven, near)) + near
     places = places[(places >= _FAR) & (places < len(step_a) - _FAR)][:most]
     if len(places) < _FEWEST:
         return None
@@ -130,6 +128,20 @@ def _changes(
     table = np.column_stack([*columns, current_a[places], np.ones(len(places))])
     scale = np.sqrt(np.mean(table**2, axis=0))
     return (places, table / scale, scale) if np.all(scale > 0) else None
+
+
+def _usual_s(interval_s: Intervals) -> float:
+    """The median, of an even share of many."""
+    return float(np.median(interval_s[:: 1 + len(interval_s) // _ENOUGH]))
+
+
+def _any_near(flags: Bool[np.ndarray, "intervals"], near: int) -> Bool[np.ndarray, "fewer"]:
+    """True where any so near is, but for as many at both ends."""
+    inner = max(len(flags) - 2 * near, 0)
+    found = flags[:inner].copy()
+    for first in range(1, 2 * near + 1):
+        found |= flags[first : first + inner]
+    return found
 
 
 def _share(ohm: Float[np.ndarray, "3 ..."]) -> Float[np.ndarray, "..."]:

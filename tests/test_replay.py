@@ -84,6 +84,18 @@ def test_a_lost_filter_has_a_scale_of_its_own(replay):
     _, first, *_, lost = plot_soc_replay(away).axes
     assert first.get_ylim()[1] < 20
     assert lost.get_ylim()[1] == pytest.approx(44)
+    assert "off scale" not in lost.get_title(loc="left")
+
+
+def test_an_error_off_the_scale_is_said(replay):
+    estimate = replay.traces.estimate
+    soc = np.array(estimate.soc)
+    soc[0, 0] = replay.traces.truth[0] + 0.5
+    away = replay.model_copy()
+    away._traces = replace(replay.traces, estimate=estimate._replace(soc=soc))
+    _, first, second, *_ = plot_soc_replay(away).axes
+    assert first.get_title(loc="left").endswith("; off scale: up to 50 %")
+    assert "50 %" not in second.get_title(loc="left")
 
 
 def test_a_band_that_is_wrong_is_said_before_anything_is_estimated(replay):

@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from barnax.cell import CircuitParameters
+from barnax.cell.parameters import OCV
 from barnax.over_soc import OverTemperature, TableFits
+from barnax.over_soc.intervals import NodeInterval
 from barnax.plots import (
     plot_error_map,
     plot_over_temperature,
@@ -16,12 +19,35 @@ from barnax.plots import (
 from barnax.plots.soc_tables import drawn_tables, scale_of
 from helpers.results import CIRCUIT, NODES, TABLE_OHM, line, make_evaluation, make_fit, make_record
 
+SOCS = (0.1, 0.5, 0.9)
+
 
 def test_there_is_a_panel_for_every_table_with_its_unit():
     figure = plot_tables(make_fit())
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert labels == ["R0 [mOhm]", "R1 [mOhm]", "R2 [mOhm]", "OCV correction [mV]"]
     assert figure.axes[1].get_title(loc="left") == "tau1 = 9 s"
+
+
+def test_an_ocv_of_the_records_own_has_a_panel_too():
+    fit = make_fit()
+    own = [NodeInterval(OCV, soc, 3.0 + soc, 0.01, 0.0, 2.9 + soc, 3.1 + soc) for soc in SOCS]
+    axes = plot_tables(replace(fit, intervals=(*fit.intervals, *own))).axes[-1]
+    assert axes.get_ylabel() == "OCV [V]"
+    np.testing.assert_allclose(line(axes, "node").get_ydata(), [3.0 + soc for soc in SOCS])
+    low, high = axes.get_ylim()
+    assert 2.7 < low < 2.9 + SOCS[0]
+    assert 3.1 + SOCS[-1] < high < 4.3
+
+
+def test_all_constants_are_in_the_scale_of_the_summary():
+    circuit = CircuitParameters.constant(r0=2e-3, r=(1e-3, 0.9), c=(1e3, 1e6))
+    evaluation = make_evaluation(make_record(600))
+    axes = plot_summary(evaluation, circuit).axes[-1]
+    assert axes.get_ylim()[1] > 900
+    assert not axes.get_title(loc="left")
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["R0", "R1, tau 1 s", "R2, tau longer than the record"]
 
 
 def test_visited_nodes_are_filled_and_the_others_hollow():

@@ -115,8 +115,9 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
         found = designed(
             believed, max_hours=test.max_hours, want=_wanted(test.want), blocks=blocks,
             key=test.key, low_voltage=kept.low_voltage, high_voltage=kept.high_voltage,
-            **{name: _rate(name, rate) for name, rate in rates.items()},
-            max_warming=kept.max_warming, temperature=kept.temperature,
+            max_discharge=_rate("max_discharge", kept.max_discharge),
+            max_charge=_rate("max_charge", kept.max_charge), max_warming=kept.max_warming,
+            temperature=kept.temperature,
         )  # fmt: skip
 
     def files() -> dict[str, bytes]:

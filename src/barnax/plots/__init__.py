@@ -7,17 +7,12 @@ package loads matplotlib, but not JAX.
 
 from .cell import plot_hysteresis, plot_ocv, plot_pulse_resistances, plot_pulses
 from .design import plot_design
-from .error import plot_error, plot_soc_replay
+from .error import plot_error, plot_error_map, plot_soc_replay
 from .life import plot_cell_life, plot_fleet_life
 from .pack import plot_pack
 from .parameters import plot_compared_parameters, plot_trajectories
 from .search import plot_compared_convergence, plot_convergence, plot_landscape
-from .soc_tables import (
-    plot_error_map,
-    plot_over_temperature,
-    plot_tables,
-    plot_tables_by_temperature,
-)
+from .soc_tables import plot_over_temperature, plot_tables, plot_tables_by_temperature
 from .style import column_width
 from .summary import plot_summary
 from .voltage import plot_condition, plot_voltage

@@ -1,7 +1,7 @@
-"""Tables over SOC, and temperature, with their intervals; and errors by SOC and current."""
+"""Tables over SOC, and temperature, with their intervals."""
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -9,11 +9,10 @@ import matplotlib
 import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from ..cell.elements import names_beside
+from ..cell.parameters import OCV
 from ..errors import counted
 from .pictures import illustration
 from .style import (
@@ -24,21 +23,17 @@ from .style import (
     SOC_LABEL,
     VERMILLION,
     finish,
-    finish_bar,
     is_column,
     label_plainly,
     letters_pt,
-    make_figure,
     make_panels,
     name_below,
-    space_columns,
     title,
 )
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
     from ..over_soc import TableFit, TableFits
-    from ..search.evaluate import Evaluation
 
 PANELS_ACROSS: Final = 2
 PANEL_IN: Final = 1.9
@@ -54,7 +49,8 @@ Values = Float[np.ndarray, "nodes"]
 
 @dataclass(frozen=True)
 class DrawnTable:
-    """One table of a fit as figures have it: in mOhm or mV, NaN where an interval is open."""
+    """One table of a fit as figures have it: in the unit of its label, NaN where an interval is
+    open."""
 
     label: str
     is_resistance: bool
@@ -101,7 +97,7 @@ def off_the_scale(
     values, is_visited = _rows(tables, "values"), _rows(tables, "is_visited")
     is_outside = (values < bottom) | (values > top)
     seen, others = values[is_outside & is_visited], values[is_outside & ~is_visited]
-    unit, told = "mOhm" if tables[0].is_resistance else "mV", []
+    unit, told = tables[0].label.partition("[")[2].rstrip("]"), []
     if len(seen):
         at = "at" if len(seen) == 1 else "up to"
         told.append(f"{counted(len(seen), 'node')} {at} {max(seen, key=abs):.3g} {unit}")
@@ -117,33 +113,39 @@ def _rows(tables: Sequence[DrawnTable], name: str) -> np.ndarray:
 
 
 def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
-    """Every table of a fit by its name, with both ends of every node's interval."""
-    nodes, found = np.array(fit.tables.nodes), {}
-    for name, values in fit.tables.tables.items():
-        symbol, _, unit = name.partition(" [")
-        low, high = np.full((2, len(nodes)), np.nan)
-        for node in fit.of_table(name):
-            at = int(np.argmin(np.abs(nodes - (node.soc or 0.0))))
-            low[at] = np.nan if node.low is None else 1e3 * node.low
-            high[at] = np.nan if node.high is None else 1e3 * node.high
-        is_resistance = unit == "Ohm]"
-        found[name] = DrawnTable(
-            label=f"{symbol} [{'mOhm' if is_resistance else 'mV'}]",
-            is_resistance=is_resistance,
-            nodes=nodes,
-            is_visited=np.array(fit.tables.visited or np.ones(len(nodes)), bool),
-            values=1e3 * np.array(values),
-            low=low,
-            high=high,
-        )
+    """Every table of a fit by its name, with both ends of every node's interval; and the OCV of the
+    records' own, which has nodes of its own."""
+    nodes = np.array(fit.tables.nodes)
+    visited = np.array(fit.tables.visited or np.ones(len(nodes)), bool)
+    found = {
+        name: _drawn(fit, name, nodes, visited, np.array(values))
+        for name, values in fit.tables.tables.items()
+    }
+    if own := fit.of_table(OCV):
+        nodes, values_v = np.array([(node.soc, node.value) for node in own], float).T
+        found[OCV] = _drawn(fit, OCV, nodes, np.full(len(nodes), True), values_v)
     return found
+
+
+def _drawn(
+    fit: "TableFit", name: str, nodes: Values, visited: Bool[np.ndarray, "nodes"], values: Values
+) -> DrawnTable:
+    symbol, _, unit = name.partition(" [")
+    scale, shown = (1.0, "V") if name == OCV else (1e3, f"m{unit.rstrip(']')}")
+    low, high = np.full((2, len(nodes)), np.nan)
+    for node in fit.of_table(name):
+        at = int(np.argmin(np.abs(nodes - (node.soc or 0.0))))
+        low[at] = np.nan if node.low is None else scale * node.low
+        high[at] = np.nan if node.high is None else scale * node.high
+    label = f"{symbol} [{shown}]"
+    return DrawnTable(label, unit == "Ohm]", nodes, visited, scale * values, low, high)
 
 
 @illustration(
     "The tables over the state of charge{} with the intervals of their nodes, and the constant "
     "circuit behind. Hollow: nodes without samples near them, whose values follow from those "
     "of their neighbors. Crossed: nodes with samples that do not determine the value.",
-    "Resistances and OCV correction over the state of charge, with intervals",
+    "Resistances, and OCV where it was fitted, over the state of charge, with intervals",
     is_dense=False,
     is_main=True,
 )
@@ -207,81 +209,6 @@ def _draw_table(axes: Axes, table: DrawnTable) -> None:
     axes.plot(nodes[open_ended], values[open_ended], **crossed, label="not determined")
     hollow = {**OPEN, "markeredgecolor": BLUE}
     axes.plot(nodes[~visited], values[~visited], label="node without samples", **style, **hollow)
-
-
-SOC_EDGES: Final = np.linspace(0.0, 1.0, 21)
-CURRENT_BINS: Final = 16
-FEWEST_IN_CELL: Final = 5
-# A few cells near empty can be ten times as far off as all others.
-SHOWN_PERCENT: Final = 97.0
-
-
-@illustration(
-    "RMSE by state of charge and current, over all scored samples of the {} records.",
-    "RMSE in cells of state of charge and current",
-)
-def plot_error_map(circuits: "Mapping[str, Sequence[Evaluation]]") -> Figure:
-    """RMSE in cells of SOC and current over all scored samples, a panel a circuit, on one scale.
-
-    Cells with fewer than five samples are empty.
-
-    Args:
-        circuits: Evaluations by the circuit's name.
-
-    >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
-    >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    >>> circuit = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
-    >>> record = read_record(bundled_file("identification"))
-    >>> figure = plot_error_map({"a": [validate(record, characterize(tests), "iso-rc", circuit)]})
-    >>> figure.axes[0].get_xlabel()
-    'State of charge [-]'
-    """
-    flat = [evaluation for evaluations in circuits.values() for evaluation in evaluations]
-    currents = np.concatenate(
-        [evaluation.prepared.current_a[evaluation.prepared.scored] for evaluation in flat]
-    )
-    edges_a = np.linspace(*_rounded(float(currents.min()), float(currents.max())), CURRENT_BINS + 1)
-    maps = {name: _rmse_mv(evaluations, edges_a) for name, evaluations in circuits.items()}
-    known = np.concatenate([rmse_mv.compressed() for rmse_mv in maps.values()])
-    top = float(np.percentile(known, SHOWN_PERCENT)) if len(known) else 1.0
-    figure = make_figure(height_in=3.2)
-    space_columns(figure)
-    panels = np.atleast_1d(figure.subplots(1, len(maps), sharex=True, sharey=True))
-    scale = ScalarMappable(Normalize(0.0, top), matplotlib.colormaps["viridis"])
-    for axes, (name, rmse_mv) in zip(panels, maps.items(), strict=True):
-        axes.pcolormesh(SOC_EDGES, edges_a, rmse_mv.T, cmap=scale.cmap, norm=scale.norm)
-        axes.set_xlabel(SOC_LABEL)
-        title(axes, name)
-    panels[0].set_ylabel("Current [A]\n(discharge > 0)")
-    extend = "max" if len(known) and known.max() > top else "neither"
-    bar = figure.colorbar(scale, ax=list(panels), pad=0.02, aspect=30, extend=extend)
-    beyond = f", up to {known.max():.3g}" if extend == "max" else ""
-    bar.set_label(f"RMSE [mV]{beyond}")
-    finish_bar(bar)
-    for axes in panels:
-        axes.set_xlim(0.0, 1.0)
-    return finish(figure, *panels)
-
-
-def _rounded(low: float, high: float) -> tuple[float, float]:
-    """The range, with a little room where it is a point."""
-    return (low, high) if high > low else (low - 0.5, high + 0.5)
-
-
-def _rmse_mv(evaluations: "Sequence[Evaluation]", edges_a: np.ndarray) -> np.ma.MaskedArray:
-    """RMSE of every cell, masked where there are too few samples."""
-    scored = [evaluation.prepared.scored for evaluation in evaluations]
-    pairs = list(zip(evaluations, scored, strict=True))
-    soc = np.concatenate([evaluation.prepared.soc[chosen] for evaluation, chosen in pairs])
-    current_a = np.concatenate(
-        [evaluation.prepared.current_a[chosen] for evaluation, chosen in pairs]
-    )
-    error_mv = 1e3 * np.concatenate([evaluation.error_v[chosen] for evaluation, chosen in pairs])
-    bins = (SOC_EDGES, edges_a)
-    samples = np.histogram2d(soc, current_a, bins)[0]
-    squares = np.histogram2d(soc, current_a, bins, weights=error_mv**2)[0]
-    enough = samples >= FEWEST_IN_CELL
-    return np.ma.masked_array(np.sqrt(squares / np.maximum(samples, 1)), mask=~enough)
 
 
 TEMPERATURE_PANEL_IN: Final = 2.1

@@ -1,5 +1,6 @@
 """The answer at a glance: measured and simulated voltage, the error, and the resistances."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -116,8 +117,11 @@ def _draw_resistances(
 
     resistances: list[DrawnTable] = []
     lines: list[Line2D] = []
+    longest_s = np.inf
     if isinstance(found, CircuitParameters):
-        soc = evaluation.prepared.soc[evaluation.prepared.scored]
+        prepared = evaluation.prepared
+        longest_s = (1 - 1e-3) * float(np.ptp(prepared.time_s[prepared.scored]))
+        soc = prepared.soc[prepared.scored]
         ends, style = np.array([soc.min(), soc.max()]), {}
         for name, value in found.named_ohm.items():
             known = intervals.get(name)
@@ -135,15 +139,24 @@ def _draw_resistances(
         axes.fill_between(table.nodes, table.low, table.high, **band)
         lines += axes.plot(table.nodes, table.values, color=color, **style)
     names = [names_beside(name).resistance.partition(" ")[0] for name in tau_s]
-    each_tau = zip(names, tau_s.values(), strict=True)
-    told = (
-        (name, f"{seconds:.3g}" if seconds < 1000 else f"{seconds:.0f}")
-        for name, seconds in each_tau
-    )
-    labels = ["R0", *(f"{name}, tau {seconds} s" for name, seconds in told)]
-    axes.legend(lines, labels, loc="upper center", title="shaded: 95 % intervals")
-    top = ROOM * scale_of(resistances)[1]
+    labels = [
+        f"{name}, tau {'longer than the record' if seconds > longest_s else _time(seconds)}"
+        for name, seconds in zip(names, tau_s.values(), strict=True)
+    ]
+    axes.legend(lines, ["R0", *labels], loc="upper center", title="shaded: 95 % intervals")
+    top = ROOM * (scale_of(resistances)[1] if style else _top_of(resistances))
     axes.set_ylim(0.0, top)
     axes.set_xlabel(SOC_LABEL)
     axes.set_ylabel("Resistance [mOhm]")
     title(axes, off_the_scale(resistances, (0.0, top)))
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds < 1000 else f"{seconds / 60:.3g} min"
+
+
+def _top_of(constants: Sequence[DrawnTable]) -> float:
+    """The scale of constants: every value, and intervals that reach no more than twice as far."""
+    high = np.array([table.high[0] for table in constants])
+    largest = max(float(table.values[0]) for table in constants)
+    return 1.08 * max(largest, float(np.max(high, where=high <= 2 * largest, initial=0.0))) or 1.0

@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from barnax.cell import Dependence
 from barnax.errors import InputError
 from barnax.fleet.manifest import cell_of
 from barnax.fleet.rows import identify_rows
@@ -197,6 +198,16 @@ def test_what_is_found_in_the_record_of_a_pack_is_told_with_what_is_assumed(volt
     assert late.result.inputs[0].voltage_lag_s == pytest.approx(2.0, abs=0.05)
     told = to_markdown(pack_document(late))
     assert "Assumed: each sample's current flows until the next sample" in " ".join(told.split())
+
+
+def test_the_law_that_the_resistances_of_a_pack_follow_is_named(pack):
+    part = pack.result.tables
+    assert "Resistances:" not in to_markdown(pack_document(pack))
+    tables = replace(part.fit.tables, dependence=Dependence(onset_a=2.5))
+    fits = (replace(part.fit, tables=tables),)
+    result = pack.result.model_copy(update={"tables": part.model_copy(update={"fits": fits})})
+    told = to_markdown(pack_document(replace(pack, result=result)))
+    assert "Resistances: those of the pairs fall with the current" in " ".join(told.split())
 
 
 def test_columns_that_are_not_plain_are_asked_for(voltages):

@@ -43,6 +43,13 @@ def test_errors_are_against_the_counter_from_convergence_on(replay):
     assert np.abs(after[traces.time_s[-len(after) :] < part.converged_s + 600]).max() < 0.03
     assert part.rms == pytest.approx(np.sqrt(np.mean(after**2)))
     assert part.max == pytest.approx(np.abs(after).max())
+    for place, own in enumerate(replay.scenarios):
+        error = np.asarray(traces.estimate.soc[place]) - traces.truth
+        until_s = np.inf if own.converged_s is None else own.start_s + own.converged_s
+        before = error[(traces.time_s >= own.start_s) & (traces.time_s < until_s)]
+        largest = np.max(np.abs(before), initial=0.0) or None
+        assert own.max_before == (None if largest is None else pytest.approx(largest))
+    error = np.asarray(traces.estimate.soc[0]) - traces.truth
     assert part.band == pytest.approx(1.959964 * np.mean(traces.estimate.soc_sd[0]))
     inside = np.abs(error) <= 1.959964 * np.asarray(traces.estimate.soc_sd[0])
     assert part.in_band == pytest.approx(np.mean(inside))

@@ -98,6 +98,7 @@ class ScenarioPart(Part):
         rms: Root mean square of the error.
         rms_above_10_soc: The same above 10 % SOC.
         max: The largest error.
+        max_before: The largest error before convergence, or of all without.
         band: Mean half width of the 95 % band, over all samples.
         widest: The largest half width of it after the first ten minutes.
         in_band: Share of all samples where the 95 % band holds the counter.
@@ -117,6 +118,7 @@ class ScenarioPart(Part):
     rms: float | None = None
     rms_above_10_soc: float | None = None
     max: float | None = None
+    max_before: float | None = None
     band: float | None = None
     widest: float | None = None
     in_band: float | None = None
@@ -353,6 +355,8 @@ def _score(model: FilterModel, case: Case, traces: Traces, place: int) -> Scenar
         ),
     }
     first = _converged(time_s, np.abs(error) <= CONVERGED)
+    if first != 0:
+        found["max_before"] = float(np.abs(error[:first]).max())
     if first is not None:
         after, above = error[first:], error[first:][is_above(truth[first:])]
         found |= {

@@ -146,8 +146,14 @@ def test_without_such_a_cell_nothing_is_followed():
 
 
 @pytest.mark.slow
-def test_none_is_asked_for_and_taken(warming):
-    assert identified(warming, resistances_follow="none").tables.fit.tables.dependence is None
+def test_none_is_asked_for_and_taken(warming, followed):
+    fit = identified(warming, resistances_follow="none").tables.fit
+    assert fit.tables.dependence is None
+    # Beside the errors of what follows, those without it are told.
+    held = followed.tables.fit.cross_validation
+    assert held.by_soc_alone.rmse_v == pytest.approx(fit.cross_validation.tables.rmse_v, rel=1e-6)
+    assert held.by_soc_alone.rmse_v > 2 * held.tables.rmse_v
+    assert fit.cross_validation.by_soc_alone is None
 
 
 @pytest.mark.slow

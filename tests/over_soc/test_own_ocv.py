@@ -17,6 +17,7 @@ from barnax.over_soc.current_offset import offset_effect
 from barnax.over_soc.dependence import searched
 from barnax.over_soc.level import level_cell
 from barnax.records import read_record
+from barnax.records.record import in_means
 from barnax.reporting.pulses import fit_csv
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, TAU_S, made, ocv_v
@@ -159,6 +160,32 @@ def test_the_cell_has_the_ocv_of_every_sample():
 def test_what_needs_an_ocv_test_says_so(options, message):
     with pytest.raises(InputError, match=message):
         barnax.identify(read_record(BUNDLED.record), **options)
+
+
+LG, CALCE = "lg-hg2-18650", "calce-inr18650-20r"
+TESTED = f"{CALCE}/ocv-incremental_25degC_SP20-3"
+FULL = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
+ANOTHER = {"window": FULL, "capacity": 2.0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("records", "test", "given", "is_wrong"),
+    [
+        ((f"{LG}/us06_", f"{LG}/mixed1_"), f"{LG}/c20_", {"at": "minus10degC"}, False),
+        ((f"{LG}/us06_", f"{LG}/mixed1_"), f"{LG}/c20_", {"at": "0degC"}, False),
+        ((f"{CALCE}/us06_0degC_80soc_SP20-2",), TESTED, {"window": FULL}, True),
+        ((f"{CALCE}/dst_25degC_80soc_SP20-2",), f"{LG}/c20_25degC", ANOTHER, True),
+    ],
+)
+def test_a_cold_cell_is_not_taken_for_another_cell(real_data, records, test, given, is_wrong):
+    """In the cold more relaxes slower than any time constant reaches. Tests of another temperature
+    and of another cell are told."""
+    options = {"over": "soc", "advise": False, "max_boxes": 0, "seeds": 0, "trust": "none", **given}
+    at = options.pop("at", "")
+    means = [in_means(read_record(real_data / f"{name}{at}.parquet"), 1.0) for name in records]
+    found = barnax.identify(means, model="so-rc", ocv=real_data / f"{test}{at}.parquet", **options)
+    assert ("ocv-test.disagrees" in {told.code for told in found.warnings}) == is_wrong
 
 
 def with_a_test(record, wrong):

@@ -267,7 +267,13 @@ def test_a_hold_that_moves_r0_of_the_tables_out_of_its_interval_is_said_of_them(
 @pytest.mark.parametrize(("kappa_per_a2", "said"), [(0.0016, 2), (0.05, 1)])
 def test_heating_that_moves_next_to_nothing_is_said_to(kappa_per_a2, said):
     known = Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=1800.0, reference_a2=0.96)
-    fit = SimpleNamespace(tables=SimpleNamespace(dependence=known), intervals=())
+    held = SimpleNamespace(tables=SimpleNamespace(rmse_v=0.012), by_soc_alone=None)
+    tables = SimpleNamespace(dependence=known)
+    fit = SimpleNamespace(tables=tables, intervals=(), cross_validation=held)
     sentences = [*dependence_sentences(TableFits((fit,)))]
     assert len(sentences) == said
+    assert "left out" not in sentences[-1]
     assert ("next to nothing" in sentences[-1]) == (said == 2)
+    held.by_soc_alone = SimpleNamespace(rmse_v=0.0174)
+    told = [*dependence_sentences(TableFits((fit,)))][-1]
+    assert told.endswith("; left out 12.00 mV, without this 17.40 mV.")

@@ -79,7 +79,7 @@ class CrossValidation:
     from the start that is told of it, and `registered` those from the start and capacity that it
     has among the others. Time constants are those of all samples; what is linear is fitted in each
     fold anew. The constant circuit is the same one with one value for every SOC and no OCV
-    correction.
+    correction. Where resistances follow more than SOC, `by_soc_alone` is of tables that do not.
     """
 
     folds: int
@@ -88,6 +88,7 @@ class CrossValidation:
     constant: SocErrors
     by_record: tuple[SocErrors, ...] = ()
     registered: tuple[SocErrors, ...] = ()
+    by_soc_alone: SocErrors | None = None
 
 
 def blocks_of(

@@ -156,7 +156,10 @@ def fit_of(
         # The constant circuit follows nothing but SOC.
         plain = [prepared.following(None) for prepared in objective.prepared_records]
         constant = constant_held_out(plain, settings) or held_out.constant
-        held_out = replace(held_out, constant=constant)
+        alone = reduced_objective(plain, settings, objective.ranges)
+        with one_blas_thread():
+            by_soc_alone = held_out_errors(alone, find_best(alone))
+        held_out = replace(held_out, constant=constant, by_soc_alone=by_soc_alone)
     searched_axes = zip(objective.axes, best.log_scales, strict=True)
     at_bound = near_ends(
         (axis.name, scale, axis.low, axis.high)

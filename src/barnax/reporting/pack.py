@@ -7,6 +7,7 @@ from ..files import csv_text
 from ..pack import FEWEST
 from .decisions import guess_sentences
 from .document import Document, Paragraph, Section, Table, rows_table
+from .temperatures import dependence_sentences
 from .words import NOTHING, counted, figures, fixed, joined, millivolt
 
 if TYPE_CHECKING:
@@ -51,6 +52,9 @@ def pack_document(pack: "Pack") -> Document:
         f"{pack.weakest} is the weakest: under 1C at {100 * pack.fit.loaded_soc:.0f} % SOC it has "
         f"{value.value:.3f} V ({value.low:.3f} to {value.high:.3f})."
     )
+    if pack.result.tables is not None:
+        follow = dependence_sentences(pack.result.tables.found)
+        told += [f"Resistances: {text}" for text in follow]
     told += [f"{name} is left out: {why}." for name, why in pack.left_out.items()]
     told += [f"Assumed: {guess}" for guess in guess_sentences(pack.result)]
     return Document("Pack", "", (Section("Pack", (*map(Paragraph, told), _table(pack))),))

@@ -71,6 +71,12 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
             f"{scenario.name}: after {duration(scenario.diverged_s or 0.0)} the filter returns no "
             "numbers",
         )
+    before = [own.max_before for own in replay.scenarios if own.max_before is not None]
+    if before:
+        yield (
+            "Converging",
+            f"RMS and max are from within 3 % on; before, up to {_in_percent(max(before))} %",
+        )
     right = replay.scenarios[0]
     if right.is_lost:
         size = "" if right.max is None else f" by up to {_in_percent(right.max)} %"
@@ -110,8 +116,7 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         how = ("as large as", "larger than", "smaller than")[above]
         yield (
             "Innovations",
-            f"{white} (autocorrelation at lag one {tested.first_lag:.2f}), {how} the filter "
-            f"expects (mean square {size:.2g})",
+            f"{white} ({tested.first_lag:.2f} at lag one), {how} expected ({size:.2g})",
         )
 
 

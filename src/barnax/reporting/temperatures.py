@@ -19,7 +19,13 @@ NEXT_TO_NOTHING = 0.01
 def dependence_sentences(found: "TableFits") -> Iterator[str]:
     """The dependences of tables' resistances, with intervals; nothing where that is SOC alone."""
     for degc, fit in found.by_degc:
-        yield from _sentences(fit, "" if degc is None else f"at {degrees(degc)}, ")
+        told = list(_sentences(fit, "" if degc is None else f"at {degrees(degc)}, "))
+        held = fit.cross_validation
+        if told and held is not None and held.by_soc_alone is not None:
+            errors_v = held.tables.rmse_v, held.by_soc_alone.rmse_v
+            own, without = map(millivolt, errors_v)
+            told[-1] = f"{told[-1].removesuffix('.')}; left out {own}, without this {without}."
+        yield from told
 
 
 def numbers_of(fit: "TableFit") -> Mapping[str, float]:

@@ -47,8 +47,8 @@ def test_errors_are_against_the_counter_from_convergence_on(replay):
         error = np.asarray(traces.estimate.soc[place]) - traces.truth
         until_s = np.inf if own.converged_s is None else own.start_s + own.converged_s
         before = error[(traces.time_s >= own.start_s) & (traces.time_s < until_s)]
-        largest = np.max(np.abs(before), initial=0.0) or None
-        assert own.max_before == (None if largest is None else pytest.approx(largest))
+        largest = np.nanmax(np.abs(before), initial=0.0)
+        assert (own.max_before or 0.0) == pytest.approx(largest)
     error = np.asarray(traces.estimate.soc[0]) - traces.truth
     assert part.band == pytest.approx(1.959964 * np.mean(traces.estimate.soc_sd[0]))
     inside = np.abs(error) <= 1.959964 * np.asarray(traces.estimate.soc_sd[0])

@@ -264,6 +264,8 @@ def _predict_extended(
     # Products are added one by one: a sum over two of them would be a loop of its own.
     for column, row in zip(columns, belief.covariance[count:], strict=True):
         moved = moved + column[:, None] * row
+    # Once: what follows would compute it again for every column.
+    moved = lax.optimization_barrier(moved)
     covariance = moved * kept + jnp.diag(walk)
     for column, own in zip(columns, moved.T[count:], strict=True):
         covariance = covariance + own[:, None] * column

@@ -12,7 +12,7 @@ from pathlib import Path
 from string import Formatter
 from typing import Any, Literal, Self
 
-from .errors import InputError, counted
+from .errors import InputError, counted, listed
 
 Severity = Literal["error", "warning", "note"]
 Value = float | int | str
@@ -186,6 +186,26 @@ def notice(code: str, subject: str = "", row: int | None = None, /, **values: An
     if missing := kinds()[code].missing(given):
         raise KeyError(f"a notice {code!r} needs {', '.join(sorted(missing))}")
     return Notice(code, subject, given, kinds()[code].severity, row)
+
+
+def sentences_of(notices: Iterable[Any]) -> list[str]:
+    """The sentences of notices; one, with all their names, for several files of which they say the
+    same.
+
+    >>> sentences_of([notice("role.same-record", name, other="c") for name in ("a", "b")])[0][:7]
+    'a, b: t'
+    """
+    alike: dict[Any, list[Any]] = {}
+    for told in notices:
+        has_subject = isinstance(told, Notice) and told.subject
+        alike.setdefault((told.code, told.what) if has_subject else told, []).append(told)
+    found: list[str] = []
+    for several in alike.values():
+        subjects = dict.fromkeys(getattr(told, "subject", "") for told in several)
+        if len(subjects) > 1:
+            several = [replace(several[0], subject=listed(subjects), row=None, sheet=None)]
+        found += map(str, several)
+    return found
 
 
 def raise_first_error(notices: Iterable[Notice], file: str) -> None:

@@ -113,7 +113,7 @@ def test_what_each_other_file_serves_as(checks):
 def test_a_dither_and_a_charge_serve_for_nothing(real_data, file, capacity_ah):
     outcome = check_file(real_data / file, capacity_ah=capacity_ah)
     assert usable(outcome) == []
-    assert outcome.traits.kind(2.06) == ("charge" if file == DYNAMIC[2] else "nothing")
+    assert outcome.traits.kind(2.06) == ("charge" if file == DYNAMIC[2] else "no test")
 
 
 def test_every_measured_file_is_known_for_what_it_is(checks):

@@ -68,7 +68,7 @@ def test_the_first_screen_is_short_and_says_what_the_result_stores(finished, res
     own = result.metrics.identification
     assert f"iso-rc {1e3 * own.rmse_v:.1f} mV" in text
     assert f"R0 {1e3 * result.parameters['R0 [Ohm]']:.1f} mOhm" in text
-    assert f"{result.constant.global_optimum.seeds_there} descend to it." in text
+    assert f"{result.constant.global_optimum.seeds_there} converge to it." in text
     assert "identification.parquet" in text
 
 

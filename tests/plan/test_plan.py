@@ -316,4 +316,4 @@ def test_a_record_of_another_cell_beside_one_that_fits_is_left_out(tmp_path, rea
     other.with_columns(pl.col(doubled) * 2).write_parquet(tmp_path / "c.parquet")
     found = plan(tmp_path)
     assert roles(found)["a.parquet"] == "identification"
-    assert reason(found, "c.parquet").startswith("it moves 4.11 Ah, and the cell of the OCV test")
+    assert reason(found, "c.parquet").startswith("it spans 4.11 Ah, and the cell of the OCV test")

@@ -19,7 +19,7 @@ from .check_input import CheckInput
 from .windows import SuggestedWindow, suggest_window
 
 Kind = Literal[
-    "OCV test", "slow sweep", "pulse test", "drive cycle", "capacity test", "charge", "nothing"
+    "OCV test", "slow sweep", "pulse test", "drive cycle", "capacity test", "charge", "no test"
 ]
 
 # Current steps that an identification wants, and the interval that still shows what follows one.
@@ -69,10 +69,10 @@ class Traits:
             return "drive cycle"
         whole_ah = capacity_ah or self.span_ah
         if self.steep_v or self.span_ah < LEAST_SHARE * whole_ah:
-            return "nothing"
+            return "no test"
         if self.longest_discharge_ah > _MOST * whole_ah:
             return "capacity test"
-        return "charge" if self.charged_ah > self.discharged_ah else "nothing"
+        return "charge" if self.charged_ah > self.discharged_ah else "no test"
 
     def missing_for(self, capacity_ah: float | None, fewest: int = STEPS) -> str:
         """The reason why no circuit can be identified or validated on it; empty if one can."""
@@ -89,7 +89,7 @@ class Traits:
         if capacity_ah is not None and self.span_ah < LEAST_SHARE * capacity_ah:
             share = 100 * self.span_ah / capacity_ah
             return (
-                f"it moves {self.span_ah:.3g} Ah, {share:.2g} % of the capacity of "
+                f"it spans {self.span_ah:.3g} Ah, {share:.2g} % of the capacity of "
                 f"{capacity_ah:.4g} Ah"
             )
         steps = counted(self.steps, "current step")
@@ -233,7 +233,7 @@ def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
     window = suggest_window(given)
     steps = counted(traits.steps, "current step")
     seen = f"{steps}, sampled every {traits.interval_s:.3g} s under load"
-    moves = f"{seen}; it moves {given.span_ah:.3g} Ah; {window.reason}"
+    moves = f"{seen}; it spans {given.span_ah:.3g} Ah; {window.reason}"
     roles = []
     for name, fewest in (("identification", STEPS), ("validation", VALIDATION_STEPS)):
         missing = traits.missing_for(given.capacity_ah, fewest)

@@ -26,6 +26,7 @@ from rich.progress import (
 from rich.text import Text
 
 from ..errors import OPTION, InputError, printable, reason_of
+from ..notices import sentences_of
 
 # Where and how results appear is no part of them.
 DRAWN = {"--report": 1, "--live": 1, "--paper": 1}
@@ -131,14 +132,13 @@ class Session:
 
     def tell(self, notes: Iterable[object]) -> None:
         """Print what was done with the inputs to stderr, unless the command is quiet."""
-        for note in () if self._is_quiet else notes:
-            self._notes.print("[dim]note:[/dim]", shown(as_flags(str(note))), soft_wrap=True)
+        for note in () if self._is_quiet else sentences_of(notes):
+            self._notes.print("[dim]note:[/dim]", shown(as_flags(note)), soft_wrap=True)
 
     def warn(self, warnings: Iterable[object]) -> None:
         """Print warnings to stderr, even where the command is quiet."""
-        for warning in warnings:
-            text = shown(as_flags(str(warning)))
-            self._notes.print("[yellow]warning:[/yellow]", text, soft_wrap=True)
+        for warning in sentences_of(warnings):
+            self._notes.print("[yellow]warning:[/yellow]", shown(as_flags(warning)), soft_wrap=True)
 
     @property
     def seconds(self) -> Mapping[str, float]:

@@ -72,7 +72,7 @@ def another_cell(file: CandidateFile, capacity_ah: float | None) -> str:
     """That a file moves more than the cell holds; empty where it does not."""
     if not capacity_ah or not file.traits or file.traits.span_ah <= _BEYOND * capacity_ah:
         return ""
-    moved = f"it moves {file.traits.span_ah:.3g} Ah"
+    moved = f"it spans {file.traits.span_ah:.3g} Ah"
     return f"{moved}, and the cell of the OCV test holds {capacity_ah:.3g} Ah"
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..cell import CellModel, PolynomialCurve
 from ..cell.parameters import OHMIC
-from ..notices import Notice
+from ..notices import Notice, sentences_of
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
 from .starts import CAME_FROM, offset_sentence, own_ocv_sentences, start_sentence
 from .words import NOTHING, gathered, joined, millivolt, significant, with_unit
@@ -54,11 +54,11 @@ def plan_blocks(stored: "Result") -> tuple[Table, ...]:
     """Every file of a folder, and why it serves or not; nothing where roles were given."""
     cells: Cells[PlannedFile] = {
         "file": lambda file: file.name,
-        "serves for": lambda file: file.role,
-        "it is": lambda file: file.kind or NOTHING,
-        "because": lambda file: file.reason or NOTHING,
+        "used as": lambda file: file.role,
+        "kind": lambda file: file.kind or NOTHING,
+        "reason": lambda file: file.reason or NOTHING,
     }
-    caption = "The plan: what was found among the files that were given."
+    caption = "The plan: what the files are, and how they are used."
     return (make_table(caption, stored.plan, cells, cells),) if stored.plan else ()
 
 
@@ -103,7 +103,7 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
         assumed = f"each sample's current flows {FLOWS[value]}{where}"
         change = _other_r0(stored)
         if change is None:
-            yield f"{assumed} (`current_hold={other}` for the other)."
+            yield f"{assumed}; if not, give `current_hold={other}`."
         else:
             yield f"{assumed}; with `current_hold={other}` {_would_be(*change)}."
     for part in simulated:
@@ -266,5 +266,5 @@ def reproduction_section(stored: "Stored") -> Section:
 
 def warnings_section(warnings: Sequence[Notice]) -> list[Section]:
     """A section of warnings, where there are any."""
-    told = Bullets(tuple(map(str, warnings)), are_warnings=True)
+    told = Bullets(tuple(sentences_of(warnings)), are_warnings=True)
     return [Section("Warnings", (told,))] if warnings else []

@@ -28,9 +28,9 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
         return
     parts = stored.of_role("identification")
     starts = {
-        "own full charge": "from 100 % after the full charge in it",
-        "own span": "from 100 % at its highest charge",
-        "given": "from the initial SOC of its window",
+        "own full charge": "100 % is the full charge in it",
+        "own span": "100 % is its fullest point",
+        "given": "the initial SOC is as given",
     }
     # The other records start by their rested voltage on this one's OCV.
     name, start = next(
@@ -38,13 +38,13 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
         for part in parts
         if part.start is not None and (source := told_source(part)) in starts
     )
-    whose = f"{name} " if len(parts) > 1 else ""
+    whose = f"of {name}, " if len(parts) > 1 else ""
     names = [part.name for part in parts]
     whole = joined(names) if len(names) <= MAX_NAMES else f"these {len(names)} records"
     yield (
-        f"no OCV test: the OCV is that of {whole}, whose SOC is "
-        f"counted over {cell.capacity_ah:.4g} Ah ({cell.capacity_origin}), {whose}{start}; "
-        "`capacity` and `initial_soc` set this axis."
+        f"no OCV test: the OCV was identified from {whole}. SOC is counted over "
+        f"{cell.capacity_ah:.4g} Ah ({cell.capacity_origin}); {whose}{start}. `capacity` and "
+        "`initial_soc` set another axis."
     )
 
 
@@ -53,9 +53,9 @@ def offset_sentence(stored: "Result") -> Iterator[str]:
     effect = stored.tables and stored.tables.fit.of_offset
     if effect:
         yield (
-            "the current has no offset, which one record cannot show: one of "
-            f"{1e3 * effect.offset_a:.2g} mA would move R0 by {percent(effect.r0)}, and all "
-            f"resistances together by {percent(effect.total)}."
+            "no current offset, which one record cannot show: "
+            f"{1e3 * effect.offset_a:.2g} mA would change R0 by {percent(effect.r0)}, and the sum "
+            f"of all resistances by {percent(effect.total)}."
         )
 
 
@@ -85,15 +85,14 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
         ]
         told_soc, told_ah = zip(*told, strict=True)
         is_one = len(parts) == 1
-        whose = f"{parts[0].name} starts" if is_one else f"{len(parts)} records start"
+        whose = f"initial SOC of {parts[0].name if is_one else f'{len(parts)} records'}"
         is_for_all = not any(registration.origin.told.capacity_ah for registration in own)
         is_for_all &= len(parts) == len(stored.of_role("identification"))
-        others = ", and the other records use that capacity too" if is_for_all else ""
+        others = " The other records use that capacity too." if is_for_all else ""
         yield (
-            f"{whose} at {extent(soc, 100)} % SOC and {'has' if is_one else 'have'} "
-            f"{extent(capacity_ah)} Ah in place of {extent(told_soc, 100)} % and {extent(told_ah)} "
-            f"Ah, so that {'its' if is_one else 'their'} rests lie on the OCV{others}; "
-            "`keep_starts` leaves that as given."
+            f"{whose} from {extent(told_soc, 100)} to {extent(soc, 100)} %, capacity from "
+            f"{extent(told_ah)} to {extent(capacity_ah)} Ah, so that the rests lie on the OCV; "
+            f"`keep_starts` keeps both as given.{others}"
         )
     joint = [
         (soc - own.told_soc, capacity_ah / own.told_capacity_ah - 1)
@@ -105,8 +104,8 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
     soc, share = (max(map(abs, own)) for own in zip(*joint, strict=True))
     if max(soc, share) > HARDLY_MOVED:
         yield (
-            f"starts by up to {100 * soc:.2g} % SOC and capacities by up to {100 * share:.2g} %, "
-            "so that the records agree; `keep_starts` leaves them as given."
+            f"the records' initial SOC by up to {100 * soc:.2g} % and their capacities by up to "
+            f"{100 * share:.2g} %, so that they agree; `keep_starts` keeps them as given."
         )
 
 
@@ -117,8 +116,8 @@ def moved_start_sentence(found: "MetricsPart") -> str:
         return ""
     where = "as far as is tried" if abs(moved) >= MAX_MOVED_SOC else "where it fits best"
     return (
-        f"with the start of {found.record} moved by {100 * moved:+.2f} % SOC, {where}, "
-        f"{millivolt(least_v)} in place of {millivolt(found.rmse_v)}"
+        f"with the initial SOC of {found.record} moved by {100 * moved:+.2f} %, {where}, "
+        f"{millivolt(least_v)} instead of {millivolt(found.rmse_v)}"
     )
 
 

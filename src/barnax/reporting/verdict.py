@@ -70,7 +70,7 @@ def search_sentences(result: "Result") -> Iterator[str]:
     median = "" if seeds == 1 else "median "
     yield (
         f"{counted(seeds, f'{search.method} seed')}: {median}{_above(optimum.median_gap)} above "
-        f"{whose}; {optimum.seeds_there} descend to it."
+        f"{whose}; {optimum.seeds_there} converge to it."
     )
 
 

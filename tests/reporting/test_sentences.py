@@ -12,6 +12,8 @@ from barnax.candidates import Candidate
 from barnax.cell import CircuitParameters
 from barnax.cell.dependence import Dependence
 from barnax.cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
+from barnax.model.start import Start
+from barnax.notices import notice
 from barnax.over_soc import NodeInterval, SocErrors, TableFits, TableSettings
 from barnax.records import Decision
 from barnax.reporting.candidates import held_out_errors, pay_sentence
@@ -26,6 +28,7 @@ from barnax.reporting.sentences import (
     uncertainty_sentence,
 )
 from barnax.reporting.soc_tables import constants_table, nodes_table
+from barnax.reporting.starts import carried_sentences
 from barnax.reporting.temperatures import dependence_sentences
 from barnax.reporting.verdict import next_step
 from barnax.search.refine import Optimum
@@ -262,6 +265,17 @@ def test_a_hold_that_moves_r0_of_the_tables_out_of_its_interval_is_said_of_them(
     told = " ".join(map(str, run.hold_warnings(problem, other)))
     assert bool(told) is warns
     assert not warns or "R0 of the tables at 50 % SOC is 50 mOhm as assumed, and 47.9 mOhm" in told
+
+
+def test_a_start_of_a_record_that_is_counted_over_its_own_charge_says_so():
+    start = Start(0.0, "full end", -1, "full or empty", 77, 3.6)
+    stored = SimpleNamespace(inputs=[SimpleNamespace(name="a.csv", start=start)], warnings=())
+    assert ", over the" not in next(carried_sentences(stored))
+    moved = {"known_row": 77, "capacity_ah": 2.0, "moved_ah": 2.037, "soc": -0.019}
+    stored.warnings = (notice("start.moves-more", "a.csv", **moved),)
+    told = next(carried_sentences(stored))
+    assert told.startswith("a.csv starts at 0 % SOC, counted in ampere-hours from the charge")
+    assert told.endswith("row 77, over the 2.037 Ah between the two.")
 
 
 @pytest.mark.parametrize(("kappa_per_a2", "said"), [(0.0016, 2), (0.05, 1)])

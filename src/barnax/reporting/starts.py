@@ -19,6 +19,8 @@ TOLD = ("given", "rested voltage", "own full charge", "own span", "registered")
 MAX_NAMES = 2
 # Starts and capacities of records that are adjusted by less, as shares, change no answer.
 HARDLY_MOVED = 1e-3
+# The code of a record that is counted over its own charge.
+MOVES_MORE = "start.moves-more"
 
 
 def own_ocv_sentences(stored: "Result") -> Iterator[str]:
@@ -167,7 +169,10 @@ def known_words(start: "Start") -> dict[str, str]:
 
 def carried_sentences(stored: "Result") -> Iterator[str]:
     """Starts whose state of charge comes from another place of the record."""
+    moved = {one.subject: one.values for one in stored.warnings if one.code == MOVES_MORE}
     for part in stored.inputs:
         if part.start is not None and part.start.soc_source not in TOLD:
             known = known_words(part.start)[part.start.soc_source]
-            yield f"{part.name} starts at {percent(part.start.soc)} SOC, {known}."
+            own = moved.get(part.name)
+            over = "" if own is None else f", over the {own['moved_ah']:.4g} Ah between the two"
+            yield f"{part.name} starts at {percent(part.start.soc)} SOC, {known}{over}."

@@ -166,3 +166,26 @@ def test_identify_finds_r0_of_a_lagging_voltage_with_a_proof_and_reopens(tmp_pat
     assert loaded.run.tables.identification[0].metrics.rmse_v == pytest.approx(
         result.metrics.identification.rmse_v
     )
+
+
+@pytest.mark.parametrize("every", [3, 10])
+def test_a_slow_log_shows_a_row_too_late_and_takes_no_average_for_one(every):
+    record = read_record(bundled_file("identification"))
+    whole = len(record.current_a) // every * every
+    amperes, volts = (
+        own[:whole].reshape(-1, every) for own in (record.current_a, record.voltage_v)
+    )
+
+    def lag(current_a, voltage_v):
+        columns = {TIME: every * np.arange(float(len(current_a)))}
+        columns |= {CURRENT: -current_a, VOLTAGE: voltage_v}
+        known = {"current_sign": "charge-positive", "voltage_lag": 0.0}
+        return find_lag(record_from_frame(pl.DataFrame(columns), name="slow", **known))
+
+    found = lag(amperes[1:, 0], volts[:-1, 0])
+    assert found is not None
+    assert found.seconds == pytest.approx(every, rel=0.05)
+    for current_a in (amperes[:, 0], amperes.mean(axis=1)):
+        for voltage_v in (volts[:, 0], volts.mean(axis=1)):
+            assert lag(current_a, voltage_v) is None
+    assert lag(amperes[:-1].mean(axis=1), volts[1:, 0]) is None

@@ -34,7 +34,8 @@ class Candidate:
 
     Attributes:
         model: Name of the circuit.
-        over: "soc" or "soc,temperature" for tables, None for a constant circuit.
+        over: "soc" or "soc,temperature" for tables, "ocv" for one value of each resistance at every
+            SOC beside a table of the OCV, None for a constant circuit.
         identification: Errors on all records identified on together.
         validation_v: RMSE on each record validated on.
         held_out: Errors on blocks held out of the fit; None where nothing was.
@@ -56,7 +57,7 @@ class Candidate:
         """The circuit as tables and screens call it."""
         if self.over is None:
             return self.model
-        return table_name(self.model, has_degc=self.over != "soc")
+        return table_name(self.model, self.over)
 
     @classmethod
     def of(
@@ -73,9 +74,11 @@ class Candidate:
         return cls(model, over, _together(identified), validation_v, held_out, proved_gap)
 
 
-def table_name(model: str, has_degc: bool) -> str:
+def table_name(model: str, over: str) -> str:
     """Tables of a circuit as screens call them."""
-    return f"tables over SOC{' and temperature' if has_degc else ''} ({model})"
+    if over == "ocv":
+        return f"{model} with a fitted OCV"
+    return f"tables over SOC{'' if over == 'soc' else ' and temperature'} ({model})"
 
 
 def _together(evaluations: Iterable[Evaluation]) -> SocErrors:

@@ -6,7 +6,7 @@ out of the fit. Thirty seeds search the best constant circuit, and the answer is
 validated.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -16,6 +16,7 @@ from .answering import search_and_assess
 from .bundled import BUNDLED
 from .candidates import CONTRADICTED, THREE_PAIRS, WEIGHED, is_better, is_fast, tabulated_circuit
 from .cell import CellModel, get_circuit
+from .cell.parameters import ANYWHERE
 from .checks.against_cell import compare_resistances
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
@@ -245,19 +246,39 @@ def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
     is_open = job.model is None and not (is_over or job.bounds or job.fix)
     beside = THREE_PAIRS if is_open and is_fast(records) else None
 
-    def fitted(circuit: str, beside: str | None = None) -> OwnOcv:
-        given = bounded_tables(job), job.capacity, is_over, beside
-        return fit_with_ocv(records, circuit, windows, *given)
+    def fitted(
+        tables: TableSettings, circuit: str = circuit.name, beside: str | None = None
+    ) -> OwnOcv:
+        return fit_with_ocv(records, circuit, windows, tables, job.capacity, is_over, beside)
 
-    if len(records) == 1:
-        return fitted(circuit.name, beside)
-    found = fitted(circuit.name)
+    tables = bounded_tables(job)
+    # The same at every SOC: a constant circuit with an OCV.
+    alike = replace(tables, nodes=ANYWHERE)
+    if job.model is not None and job.over is None:
+        return fitted(alike)
+    found = _with_pairs(fitted, tables, beside, len(records) == 1)
+    crossed = found.fit.cross_validation
+    is_chosen = job.over is not None or tables.nodes != TableSettings.nodes
+    if is_chosen or crossed is None or crossed.constant is None:
+        return found
+    if not crossed.constant.is_no_worse(crossed.tables):
+        return found
+    return _with_pairs(fitted, alike, beside, len(records) == 1).instead_of(crossed.tables)
+
+
+def _with_pairs(
+    fitted: Callable[..., OwnOcv], tables: TableSettings, beside: str | None, is_single: bool
+) -> OwnOcv:
+    """What is fitted with these settings, of two pairs or of those beside them."""
+    if is_single:
+        return fitted(tables, beside=beside)
+    found = fitted(tables)
     held_out = found.fit.cross_validation
     if beside is not None and held_out is not None:
         # Starts of several records are found with each circuit: at those of two pairs a third one
         # is not worth what it is at its own. A short record may be enough for two alone.
         with suppress(InputError):
-            tried = fitted(beside)
+            tried = fitted(tables, beside)
             errors = tried.fit.cross_validation
             if is_better(errors and errors.tables, held_out.tables):
                 return tried

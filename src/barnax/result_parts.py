@@ -268,6 +268,13 @@ class TablesPart(Part):
         """The only one, or that of the temperature nearest to 25 degC."""
         return self.found.reference
 
+    @property
+    def over(self) -> Literal["ocv", "soc", "soc,temperature"]:
+        """What they are over: of "ocv" the OCV alone is a table."""
+        if self.over_temperature is not None:
+            return "soc,temperature"
+        return "soc" if self.found.are_over_soc else "ocv"
+
 
 class ConstantPart(Part):
     """The best constant circuit known: the answer itself, or what stands beside tables.

@@ -90,7 +90,7 @@ class Result(Document):
         """The circuit and its error: the whole result would be pages."""
         yield "model", self.model
         if self.tables is not None:
-            yield "over", "soc" if self.tables.over_temperature is None else "soc,temperature"
+            yield "over", self.tables.over
         yield "rmse_v", self.metrics.identification.rmse_v
         if self.tables is None:
             yield "parameters", self.parameters
@@ -275,7 +275,7 @@ class Result(Document):
         """The answer's circuit as tables and screens call it."""
         if self.tables is None:
             return self.model
-        return table_name(self.model, has_degc=self.tables.over_temperature is not None)
+        return table_name(self.model, self.tables.over)
 
     def without_tables(self) -> Self:
         """The same with its constant circuit as the answer."""

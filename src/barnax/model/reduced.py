@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..blas import one_blas_thread
+from ..cell.parameters import ANYWHERE
 from ..cell.tables import hats
 from ..execution import as_input, in_float64, threads
 from .exponentials import Span
@@ -73,7 +74,7 @@ class Reduced:
 
     def constant(self) -> "Reduced":
         """The same for a circuit that does not change with SOC: hats add up to one everywhere."""
-        layout = replace(self.layout, nodes=(0.5,), has_correction=False)
+        layout = replace(self.layout, nodes=ANYWHERE, has_correction=False)
         kept = [name for name in self.layout.sizes if name != "correction"]
         summed = [self._block(name).sum(axis=2) for name in kept]
         return Reduced(layout, self.scored, np.concatenate(summed, axis=1))

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import stdtrit
 
+from ..cell.parameters import ANYWHERE
 from ..cell.soc_axis import is_above
 from ..model.box_least_squares import least_in_box
 from ..model.prepared import PreparedRecord
@@ -80,6 +81,8 @@ class CrossValidation:
     has among the others. Time constants are those of all samples; what is linear is fitted in each
     fold anew. The constant circuit is the same one with one value for every SOC and no OCV
     correction. Where resistances follow more than SOC, `by_soc_alone` is of tables that do not.
+    Where one value for every SOC predicts as well as tables, and is the answer, `over_soc` is of
+    those.
     """
 
     folds: int
@@ -89,6 +92,7 @@ class CrossValidation:
     by_record: tuple[SocErrors, ...] = ()
     registered: tuple[SocErrors, ...] = ()
     by_soc_alone: SocErrors | None = None
+    over_soc: SocErrors | None = None
 
 
 def blocks_of(
@@ -150,7 +154,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
     by_fold = constant = _held_out(objective, best, parts, told)
     registered = _held_out(objective, best, parts, parts) if objective.told else []
     if objective.tables > 1 + objective.pairs or objective.nodes > 1:
-        plain = replace(settings, nodes=(0.5,), ocv_correction=False)
+        plain = replace(settings, nodes=ANYWHERE, ocv_correction=False)
         whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
         flat, flat_told = ([part.constant() for part in groups] for groups in (parts, told))
         constant = _held_out(whole, find_best(whole), flat, flat_told)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
-from ..cell.parameters import HALF_HYSTERESIS, RATE
+from ..cell.parameters import ANYWHERE, HALF_HYSTERESIS, RATE
 from ..cell.tables import LEAST_OHM
 from ..display import Brief
 from ..execution import in_float64
@@ -206,7 +206,7 @@ def constant_with_ocv_held_out(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings
 ) -> SocErrors | None:
     """The same of a constant circuit with such a table of the OCV as the settings have."""
-    objective = reduced_objective(prepared_records, replace(settings, nodes=(0.5,)))
+    objective = reduced_objective(prepared_records, replace(settings, nodes=ANYWHERE))
     with one_blas_thread():
         return held_out_errors(objective, find_best(objective))
 

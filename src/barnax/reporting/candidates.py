@@ -38,7 +38,8 @@ def candidates_section(
         "could be is proved for some. What is left out of the fit, blocks of one record or each of "
         "several records, decides which is the answer: the simplest circuit, unless another "
         "lowers that error, and that above 10 % SOC, by more than 10 %; but a `model` or `over` "
-        "that was given is the answer in any case, and so are tables without an OCV test."
+        "that was given is the answer in any case. Without an OCV test tables are, unless one "
+        "value of each resistance at every SOC predicts as well."
     )
     return [Section("Circuits", (Bullets((told,)), candidates_table(candidates, validation)))]
 

@@ -105,19 +105,24 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         )
         return
     ends = duration(fit.tau_ranges_s[0][0]), duration(fit.tau_ranges_s[-1][1])
+    what = "tables over SOC" if part.found.are_over_soc else "a fitted OCV"
     yield (
-        f"With tables over SOC the RMSE is {own}; {beside} leaves {constant}. "
+        f"With {what} the RMSE is {own}; {beside} leaves {constant}. "
         f"The samples determine {fit.parameters} values. Time constants from {joined(ends, 'to')} "
         "were searched."
     )
     yield f"Best possible: {best_of(part, result.model)}"
     yield from (f"Resistances: {text}" for text in dependence_sentences(part.found))
-    unseen, held = unseen_errors(result), held_out_errors(result)
+    unseen, held = (
+        (unseen_errors(result), held_out_errors(result))
+        if part.found.are_over_soc
+        else (None, None)
+    )
     names = result.constant.model, result.model
     if pays := pay_sentence(unseen, held, *names, held_out_words(fit)):
         yield capitalized(pays)
     yield from map(capitalized, ocv_test_sentences(result))
-    if part.settings.ocv_correction:
+    if part.settings.ocv_correction and not result.cell.is_of_records:
         yield (
             "The OCV correction absorbs errors of the OCV test, and with them any error of the SOC."
         )
@@ -236,7 +241,9 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
     are_several = any(node.record_low is not None for node in fit.intervals)
     # The intervals of one record may miss what another record would show.
     kind = "another record" if are_several else "this record" if records == 1 else "these records"
-    heads = ["", f"at {100 * nodes[middle]:g} % SOC", kind, "over SOC", "", "", ""]
+    is_over_soc = part.found.are_over_soc
+    where = f"at {100 * nodes[middle]:g} % SOC" if is_over_soc else "at any SOC"
+    heads = ["", where, kind, "over SOC" if is_over_soc else "", "", "", ""]
     known = {}
     for node in fit.intervals:
         ends = _determined(node, fit)
@@ -251,7 +258,7 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
         told = {node.soc for node in fit.of_table(name) if node.low is not None}
         seen = [values[n] for n in visited if nodes[n] in told] or [values[n] for n in visited]
         here = known.get((name, nodes[middle]), "")
-        ranges = between(name, min(seen), max(seen))
+        ranges = between(name, min(seen), max(seen)) if is_over_soc else ""
         row = [_name(name), *_under_one_unit(with_unit(name, values[middle]), here, ranges)]
         # A pair's time constant stands beside its resistance.
         tau = names_beside(name).tau

@@ -18,6 +18,10 @@ NEXT_TO_NOTHING = 0.01
 
 def dependence_sentences(found: "TableFits") -> Iterator[str]:
     """The dependences of tables' resistances, with intervals; nothing where that is SOC alone."""
+    held = found.reference.cross_validation
+    if held is not None and held.over_soc is not None:
+        tables, own = millivolt(held.over_soc.rmse_v), millivolt(held.tables.rmse_v)
+        yield f"the same at every SOC; left out {own}, with tables over SOC {tables}."
     for degc, fit in found.by_degc:
         told = list(_sentences(fit, "" if degc is None else f"at {degrees(degc)}, "))
         held = fit.cross_validation

@@ -38,7 +38,10 @@ WIDE, FEW = 0.5, 1 / 3
 
 def circuit_words(result: "Result") -> str:
     """The name of the answer's circuit."""
-    return result.model if result.tables is None else f"{result.model} with tables over SOC"
+    if result.tables is None:
+        return result.model
+    what = "tables over SOC" if result.tables.found.are_over_soc else "a fitted OCV"
+    return f"{result.model} with {what}"
 
 
 def best_possible(result: "Result") -> str:
@@ -173,7 +176,7 @@ def next_step(result: "Result") -> Next:
     if not is_tried:
         return Next("validate on another record of the cell, with `validate`")
     pays = tables_pay(unseen_errors(result), held_out_errors(result))
-    if result.tables is not None and not pays:
+    if result.tables is not None and result.tables.found.are_over_soc and not pays:
         model = result.constant.model
         return Next(f"use the constant circuit, `model` {model}: tables are worse on other records")
     wide = _wide(result)

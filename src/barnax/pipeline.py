@@ -263,7 +263,10 @@ def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
         return found
     if not crossed.constant.is_no_worse(crossed.tables):
         return found
-    return _with_pairs(fitted, alike, beside, len(records) == 1).instead_of(crossed.tables)
+    found = _with_pairs(fitted, alike, beside, len(records) == 1)
+    held = found.fit.cross_validation
+    fit = replace(found.fit, cross_validation=held and replace(held, over_soc=crossed.tables))
+    return replace(found, found=replace(found.found, fits=(fit,)))
 
 
 def _with_pairs(

@@ -251,6 +251,28 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     assert all(frame["OCV [V]"] < frame["OCV high [V]"])
 
 
+@pytest.mark.parametrize(("rise_ohm", "over"), [(0.0, "ocv"), (0.03, "soc")])
+def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, over):
+    record, soc = made(1, noise_v=1e-3)
+    fallen_v = rise_ohm * (1 - soc) * record.current_a
+    record = replace(record, voltage_v=record.voltage_v - fallen_v)
+    quick = {"seeds": 0, "trust": "none", "advise": False, "max_boxes": 0}
+    window = Window(initial_soc=1.0, capacity_ah=2.0)
+    result = barnax.identify(record, window=window, **quick)
+    assert result.tables.over == over
+    fit = result.tables.fit
+    nodes = [node for node in fit.of_table("R0 [Ohm]") if node.low is not None]
+    truth_ohm = [R0_OHM + rise_ohm * (1 - node.soc) * (over == "soc") for node in nodes]
+    held = [node.low <= ohm <= node.high for node, ohm in zip(nodes, truth_ohm, strict=True)]
+    assert np.mean(held) >= 0.8
+    if over == "ocv":
+        assert fit.cross_validation.tables.is_no_worse(fit.cross_validation.over_soc)
+        asked = barnax.identify(record, window=window, over="soc", **quick)
+        assert len(asked.tables.fit.tables.nodes) > 1
+    else:
+        assert fit.cross_validation.over_soc is None
+
+
 def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):
     record, _, _ = known
     window = Window(initial_soc=1.0, capacity_ah=2.0)

@@ -219,7 +219,7 @@ def test_tables_are_compared_with_the_constant_circuit_that_is_named():
         for model, over, held_v in (("esc", None, 0.0218), ("so-rc", None, 0.0245))
     )
     errors = {"constant": SocErrors(0.0245, None), "tables": SocErrors(0.0091, None)}
-    held = SimpleNamespace(**errors, by_record=())
+    held = SimpleNamespace(**errors, by_record=(), over_soc=None)
     fit = replace(result.tables.fit, cross_validation=held)
     found = result.model_copy(
         update={
@@ -281,7 +281,7 @@ def test_a_start_of_a_record_that_is_counted_over_its_own_charge_says_so():
 @pytest.mark.parametrize(("kappa_per_a2", "said"), [(0.0016, 2), (0.05, 1)])
 def test_heating_that_moves_next_to_nothing_is_said_to(kappa_per_a2, said):
     known = Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=1800.0, reference_a2=0.96)
-    held = SimpleNamespace(tables=SimpleNamespace(rmse_v=0.012), by_soc_alone=None)
+    held = SimpleNamespace(tables=SimpleNamespace(rmse_v=0.012), by_soc_alone=None, over_soc=None)
     tables = SimpleNamespace(dependence=known)
     fit = SimpleNamespace(tables=tables, intervals=(), cross_validation=held)
     sentences = [*dependence_sentences(TableFits((fit,)))]

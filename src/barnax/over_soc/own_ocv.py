@@ -32,7 +32,7 @@ from ..records import Record, rest_current_a
 from ..records.record import in_means
 from ..records.segments import FULL_CHARGE, held_charges
 from .certificate import certify
-from .cross_validation import SocErrors, held_out_errors
+from .cross_validation import held_out_errors
 from .current_offset import offset_effect
 from .dependence import searched
 from .fit import OcvCompared, TableFit, constant_with_ocv_held_out, fit_of
@@ -85,12 +85,6 @@ class OwnOcv(Brief):
     def fit(self) -> TableFit:
         """The tables, of several temperatures those nearest to 25 degC."""
         return self.found.reference
-
-    def instead_of(self, tables: SocErrors) -> "OwnOcv":
-        """The same, with the held-out errors of tables over SOC that predict no better."""
-        held = self.fit.cross_validation
-        fit = replace(self.fit, cross_validation=held and replace(held, over_soc=tables))
-        return replace(self, found=replace(self.found, fits=(fit,)))
 
 
 def fit_with_ocv(

@@ -61,6 +61,13 @@ class DrawnTable:
     high: Values
 
     @property
+    def at_every_soc(self) -> "DrawnTable":
+        """The one value of a table at both ends of the SOC."""
+        rows = ("is_visited", "values", "low", "high")
+        both = {row: np.repeat(getattr(self, row), 2) for row in rows}
+        return replace(self, nodes=np.array([0.0, 1.0]), **both)
+
+    @property
     def seen(self) -> "DrawnTable":
         """The table at the nodes that samples visit."""
         rows = ("nodes", "is_visited", "values", "low", "high")
@@ -138,7 +145,8 @@ def _drawn(
         low[at] = np.nan if node.low is None else scale * node.low
         high[at] = np.nan if node.high is None else scale * node.high
     label = f"{symbol} [{shown}]"
-    return DrawnTable(label, unit == "Ohm]", nodes, visited, scale * values, low, high)
+    table = DrawnTable(label, unit == "Ohm]", nodes, visited, scale * values, low, high)
+    return table if len(nodes) > 1 else table.at_every_soc
 
 
 @illustration(

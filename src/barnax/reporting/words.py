@@ -6,6 +6,8 @@ from typing import TypeVar
 from ..errors import counted as counted
 
 NOTHING = "–"
+# From here on a resistance is read in Ohm, as those of coin cells are.
+LARGE_OHM = 10.0
 Key = TypeVar("Key")
 Item = TypeVar("Item")
 
@@ -154,16 +156,16 @@ def figures(value: float | None, digits: int = 3) -> str:
 
 
 def shown(name: str, value: float) -> tuple[str, str]:
-    """A parameter's value to three figures and its unit: resistances in mOhm, hours where seconds
-    are many, voltages in mV to two figures.
+    """A parameter's value to three figures and its unit: resistances in mOhm, those of coin cells
+    in Ohm, hours where seconds are many, voltages in mV to two figures.
 
-    >>> shown("R1 [Ohm]", 0.0149), shown("tau2 [s]", 61.2), shown("tau2 [s]", 19680.0)
-    (('14.9', 'mOhm'), ('61.2', 's'), ('5.47', 'h'))
+    >>> shown("R1 [Ohm]", 0.0149), shown("R1 [Ohm]", 57.2), shown("tau2 [s]", 19680.0)
+    (('14.9', 'mOhm'), ('57.2', 'Ohm'), ('5.47', 'h'))
     """
     unit = name.partition(" [")[2].rstrip("]")
     if unit == "V":
         return figures(1e3 * value, 2), "mV"
-    if unit == "Ohm":
+    if unit == "Ohm" and value < LARGE_OHM:
         value, unit = 1e3 * value, "mOhm"
     if unit == "s" and value >= 10_000:
         value, unit = value / 3600, "h"

@@ -8,6 +8,7 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
+from barnax.inputs import Inputs
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import (
@@ -18,6 +19,7 @@ from barnax.over_soc import (
     register_alone,
     rest_warnings,
 )
+from barnax.pipeline import _between_ends
 from barnax.records import read_record
 from barnax.reporting.starts import registered_sentences
 from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
@@ -226,11 +228,11 @@ def test_what_an_ocv_test_tells_of_the_capacity_counts_for_records_to_validate_o
     assert found.candidates[0].validation_v[0] < 1.2 * own_v
     assert found.validate(other, Window(initial_soc=1.0)).metrics.rmse_v < 1.2 * own_v
     told = " ".join(registered_sentences(found))
-    assert "and others are counted over that too" in told
+    assert "The other records use that capacity too." in told
     # Where a capacity is given, that is what others have.
     given = barnax.identify([record], ocv=[sweep], capacity=tested_ah, **options)
     assert given.cell.capacity_ah == pytest.approx(tested_ah)
-    assert "others" not in " ".join(registered_sentences(given))
+    assert "other records" not in " ".join(registered_sentences(given))
 
 
 def test_a_charge_is_counted_over_the_capacity_that_the_test_tells_of_a_drive_beside_it(
@@ -248,6 +250,12 @@ def test_a_charge_is_counted_over_the_capacity_that_the_test_tells_of_a_drive_be
     found = counted_alike(told, [moved, other, charge])
     capacities = [one.capacity_ah / whole_ah for one in found]
     assert capacities == pytest.approx([0.97, 1.0, 0.97])
+    # What is fitted is prepared from the windows.
+    assert found[2].window.capacity_ah == pytest.approx(0.97 * whole_ah)
+    assert found[2].window.registration.by == "OCV test"
+    assert found[2].window.as_told == charge.window
+    given = charge.again(capacity_ah=1.01 * whole_ah)
+    assert counted_alike([drive, given], [moved, given])[1] is given
     assert np.ptp(found[2].soc) == pytest.approx(np.ptp(charge.soc) / 0.97)
     # Where the test tells nothing of any, all stay as told.
     assert counted_alike(told, told) == told
@@ -325,3 +333,54 @@ def test_a_rest_far_from_the_ocv_of_a_record_to_validate_on_is_told(emptied):
     assert told.code == "soc.rest-off-ocv"
     assert told.values["own_ah"] == pytest.approx(capacity_ah, rel=5e-3)
     assert not rest_warnings(prepared_with(record, capacity_ah))
+
+
+@pytest.fixture(scope="module")
+def flat_cell():
+    soc = np.linspace(0.0, 1.0, 401)
+    branches = {}
+    for direction in (-1, 1):
+        voltage_v = flat_v(soc) - 0.07 * soc + 0.015 * direction
+        pairs = zip(soc.tolist(), voltage_v.tolist(), strict=True)
+        branches[direction] = tuple(OcvPoint(*pair, "test", 1, 3600.0) for pair in pairs)
+    test = OcvTable("test", branches, sha256="")
+    return characterize([test], capacity_ah=2.0, ocv_fit="interpolated")
+
+
+def counted_between(cell, **records):
+    """The limits and the warnings of made records, each a current in A and the SOC at its start."""
+    time_s = 4.0 * np.arange(3000)
+    made_of = {
+        name: simulated_record(cell, time_s, current_a * np.ones(3000), soc, 1.0, name=name)
+        for name, (current_a, soc) in records.items()
+    }
+    inputs = Inputs(list(made_of.values()), [], [], cell, ())
+    told = {name: Window(initial_soc=soc) for name, (_, soc) in records.items()}
+    windows, warnings = _between_ends(inputs, told)
+    return {name: window.score_soc for name, window in windows.items()}, warnings
+
+
+def test_a_charge_beside_a_load_does_not_count_at_the_ends_that_it_reaches(flat_cell):
+    drive, ampere = (0.3 * drive_a(3000, 0), 1.0), 2.0 * 3600 / (4.0 * 2999)
+    charges = {
+        "whole": (-0.99 * ampere, 0.005),
+        "upper": (-0.6 * ampere, 0.4),
+        "lower": (-0.6 * ampere, 0.01),
+        "inner": (-0.5 * ampere, 0.2),
+        "discharge": (0.98 * ampere, 1.0),
+    }
+    assert flat_cell.has_flat_ocv
+    limits, warnings = counted_between(flat_cell, drive=drive, **charges)
+    assert limits == {
+        "drive": None,
+        "whole": (0.03, 0.95),
+        "upper": (0.0, 0.95),
+        "lower": (0.03, 1.0),
+        "inner": None,
+        "discharge": None,
+    }
+    assert [one.subject for one in warnings] == ["whole", "upper", "lower"]
+    # Without a load nothing else would count there.
+    limits, warnings = counted_between(flat_cell, **charges)
+    assert set(limits.values()) == {None}
+    assert not warnings

@@ -25,7 +25,7 @@ from ..cell import Dependence
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.descent import LogScales
-from ..model.prepared import PreparedRecord, prepare_record
+from ..model.prepared import PreparedRecord
 from ..notices import Notice, notice
 from ..records.record import in_means
 from ..records.segments import runs
@@ -209,12 +209,19 @@ def counted_alike(
     if not shares:
         return list(found)
 
-    def counted(prepared: PreparedRecord) -> PreparedRecord:
-        cell = prepared.cell
-        cell = replace(cell, capacity_ah=float(np.mean(shares)) * cell.capacity_ah)
-        return prepare_record(prepared.record, cell, prepared.circuit, prepared.window)
+    share = float(np.mean(shares))
 
-    return [counted(own) if own is one and not is_loaded(own) else own for one, own in pairs]
+    def counted(prepared: PreparedRecord) -> PreparedRecord:
+        if prepared.window.capacity_ah is not None or is_loaded(prepared):
+            return prepared
+        told_soc, told_ah = prepared.start.soc, prepared.capacity_ah
+        moved = _moved(prepared, told_soc, told_ah, 0.0, share - 1, *told_within(prepared))
+        assert moved.window.registration is not None, "moved so"
+        known = replace(moved.window.registration, by="OCV test")
+        # Where it starts is found as before.
+        return prepared.again(capacity_ah=share * told_ah, registration=known)
+
+    return [counted(own) if own is one else own for one, own in pairs]
 
 
 class _Rest(NamedTuple):

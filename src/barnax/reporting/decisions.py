@@ -82,7 +82,11 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
         )
     simulated = [part for part in stored.inputs if part.start is not None]
     planned = {file.name for file in getattr(stored, "plan", ()) if file.plans_soc}
-    windows = ((part.window.as_told, part.name) for part in simulated if part.window)
+    windows = (
+        (own.origin.told if (own := part.window.registration) else part.window, part.name)
+        for part in simulated
+        if part.window
+    )
     for window, names in gathered(windows).items():
         yield from window_sentences(window, names)
     for part in simulated:

@@ -1,7 +1,9 @@
 """A folder and a plan identified: the same answer as by hand, from Python and by the command."""
 
+import hashlib
 import shutil
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -156,10 +158,37 @@ def test_what_a_plan_names_is_found_where_it_moved_with_the_plan(tmp_path):
     assert [part.path for part in read.parts] == [new / name for name in names]
     assert [part.name for part in read.parts] == [*names[:2], "slow.csv"]
     assert read.options["bounds"] == new / "box.toml"
+    # The plan does not say what was in them.
+    assert [one.code for one in read.warnings] == ["plan.file-elsewhere"] * 4
     # What is where the plan says is taken from there.
     files[0].parent.mkdir(parents=True)
     files[0].touch()
     assert plan_from_toml(new / "out" / "plan.toml").parts[0].path == files[0]
+
+
+def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, monkeypatch):
+    above, work = tmp_path / "above", tmp_path / "above" / "work"
+    work.mkdir(parents=True)
+    (above / "drive.csv").write_text("another cell")
+    digest = hashlib.sha256(b"this cell").hexdigest()
+    table = '[[files]]\nfile = "/gone/drive.csv"\nrole = "identification"\n'
+    (work / "plan.toml").write_text(f'{table}sha256 = "{digest}"\n')
+    monkeypatch.chdir(work)
+    # The folder above a working folder, too, is looked in.
+    for plan_file in (Path("plan.toml"), work / "plan.toml"):
+        (above / "drive.csv").write_text("another cell")
+        read = plan_from_toml(plan_file)
+        assert read.parts[0].path == Path("/gone/drive.csv")
+        assert not read.warnings
+        (above / "drive.csv").write_text("this cell")
+        read = plan_from_toml(plan_file)
+        assert read.parts[0].path.samefile(above / "drive.csv")
+        assert not read.warnings
+        assert digest in plan_to_toml(read)
+    Path("plan.toml").write_text(table)
+    (told,) = plan_from_toml("plan.toml").warnings
+    assert told.code == "plan.file-elsewhere"
+    assert told.subject == "/gone/drive.csv"
 
 
 def test_records_of_other_temperatures_are_the_next_step_towards_tables_over_it(by_hand):

@@ -188,7 +188,7 @@ def _run(
         from .. import pipeline
         from ..experiment import Design
         from ..job import Job
-        from ..plan import plan_given, plan_of, plan_to_toml, with_choices
+        from ..plan import found_anywhere, plan_given, plan_of, plan_to_toml, with_choices
         from ..reporting.design import promised_lines
         from ..reporting.terminal import plan_lines
 
@@ -221,10 +221,11 @@ def _run(
         # A screen that takes no more, such as a closed pipe, costs no result.
         unseen = problem
     draw = partial(result_files, result, chosen.report, chosen.paper, chosen.live)
-    beside = {}
+    beside: dict[str, str] = {}
     # A name that no plan can hold costs the plan.
     with suppress(InputError):
-        beside = {} if plan is None else {"plan.toml": plan_to_toml(plan.anywhere)}
+        if plan is not None:
+            beside["plan.toml"] = plan_to_toml(found_anywhere(plan, result.inputs))
     document = result.to_json()
     folder, written = output.deliver(session, folder, "result.json", document, draw, beside)
     if unseen is not None:

@@ -2,12 +2,13 @@
 
 from .choosing import plan
 from .document import ROLES, Part, Plan, plan_from_toml, plan_to_toml
-from .running import plan_given, plan_of, planned, with_choices
+from .running import found_anywhere, plan_given, plan_of, planned, with_choices
 
 __all__ = [
     "ROLES",
     "Part",
     "Plan",
+    "found_anywhere",
     "plan",
     "plan_from_toml",
     "plan_given",

@@ -1,6 +1,5 @@
 """A plan: which file serves for what, in which window and why; as TOML, and read back."""
 
-import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -15,8 +14,9 @@ from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
 from ..inputs import file_names, window_of, windows_by_name
 from ..job import OPTIONS, PLANNED, Job
-from ..records import Source, folders_around
-from ..records.source import STDIN
+from ..notices import Notice
+from ..records import Source
+from ..records.source import find_planned
 from ..result_parts import PlannedFile, Use
 from ..settings import WINDOW_OPTIONS, Window
 
@@ -37,7 +37,7 @@ class Part:
     `kind` says what it is: a drive cycle, a pulse test, unreadable and so on. `span_s` cuts a file
     that holds several tests, on its own clock. `window` is that of a simulation, for identification
     and validation; `plans_soc` says that its SOC at the start is the plan's own, and not given.
-    `source` is what was read of the file, if it was.
+    `source` is what was read of the file, if it was, and `sha256` the file's digest, if known.
     """
 
     path: Path
@@ -50,6 +50,7 @@ class Part:
     temperature_degc: float | None = None
     plans_soc: bool = False
     source: Source | None = field(default=None, repr=False, compare=False)
+    sha256: str = ""
 
     @property
     def is_simulated(self) -> bool:
@@ -68,6 +69,7 @@ class Plan(Brief):
         reasons: Why these, by option.
         missing: Which test must be measured before the plan can be run; empty if it can be run.
         window: What is known of all records.
+        warnings: Those about where its files lie.
     """
 
     command: Literal["identify", "hppc"]
@@ -76,6 +78,7 @@ class Plan(Brief):
     reasons: Mapping[str, str] = field(default_factory=dict)
     missing: str = ""
     window: Window = field(default_factory=Window)
+    warnings: tuple[Notice, ...] = ()
 
     def of_role(self, role: Use) -> tuple[Part, ...]:
         """The parts that serve for a role."""
@@ -108,17 +111,6 @@ class Plan(Brief):
             for part in self.parts
         )
         return replace(self, parts=tuple(sorted(parts, key=lambda part: ROLES.index(part.role))))
-
-    @property
-    def anywhere(self) -> "Plan":
-        """The same with its files by their whole paths."""
-        parts = tuple(
-            part if part.path == STDIN else replace(part, path=part.path.absolute())
-            for part in self.parts
-        )
-        bounds = self.options.get("bounds")
-        own = {"bounds": Path(bounds).absolute()} if isinstance(bounds, str | Path) else {}
-        return replace(self, parts=parts, options={**self.options, **own})
 
     def changed(self, window: Window | Mapping[str, Window] | None, **options: Any) -> "Plan":
         """The plan with what a user has chosen otherwise, by record or for all; None is no choice.
@@ -212,7 +204,11 @@ _OF_RECORD: _Kinds = {
 # Those of all records; one capacity for all is an option of the run.
 _COMMON = {*_FIELD_OF} - {"capacity"}
 # What was found of a file: results tell it again.
-_TOLD: _Kinds = {"kind": _TEXT, "reason": _TEXT, "temperature_degc": _NUMBER, "plans_soc": _FLAG}
+_TOLD: _Kinds = {
+    **dict.fromkeys(("kind", "reason", "sha256"), _TEXT),
+    "temperature_degc": _NUMBER,
+    "plans_soc": _FLAG,
+}
 # Options of the run, by the names of `barnax.identify`.
 _OF_RUN: _Kinds = {
     **{name: _BY_TYPE.get(OPTIONS[name], _TEXT) for name in PLANNED},
@@ -302,7 +298,8 @@ def plan_from_toml(path: str | Path) -> Plan:
 
     Args:
         path: The file. The files that it names lie beside it or where the command runs; a file that
-            is not where it says is looked for by its name there and in the folder above the plan's.
+            is not where it says is looked for there and in the folder above the plan's, by its name
+            and its digest. Where the plan has none, a warning says what was taken.
 
     Raises `InputError` that names the file, the key and what it takes.
     """
@@ -324,9 +321,10 @@ def plan_from_toml(path: str | Path) -> Plan:
         raise InputError(f"{shown}: reasons must be a table, [reasons]")
     options = _read(shown, content, _OF_RUN)
     common = {_FIELD_OF[name]: options.pop(name) for name in _COMMON if name in options}
+    warnings: tuple[Notice, ...] = ()
     if isinstance(options.get("bounds"), str):
         bounds = Path(options["bounds"])
-        options["bounds"] = _found(bounds, bounds.name, path.parent)
+        options["bounds"], warnings = find_planned(bounds, bounds.name, path.parent)
     try:
         _, window = Job(**options), Window(**common)
     except InputError as problem:
@@ -341,13 +339,8 @@ def plan_from_toml(path: str | Path) -> Plan:
         **dict.fromkeys(options, GIVEN),
         **_read(shown, reasons, dict.fromkeys(options, _TEXT)),
     }
-    return Plan(command, _named(parts, path.parent), options, reasons, window=window)
-
-
-def _found(file: Path, name: str, place: Path) -> Path:
-    """A file that a plan in `place` names, where it lies."""
-    by_name = (folder / name for folder in folders_around(place))
-    return next(filter(os.path.isfile, (place / file, file, *by_name)), file)
+    parts, taken = _named(parts, path.parent)
+    return Plan(command, parts, options, reasons, window=window, warnings=(*warnings, *taken))
 
 
 def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
@@ -372,14 +365,16 @@ def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
     return replace(part, window=merged(common, window)) if part.is_simulated else part
 
 
-def _named(parts: tuple[Part, ...], place: Path) -> tuple[Part, ...]:
-    """The parts where they lie, by the names that results will call their files."""
+def _named(parts: tuple[Part, ...], place: Path) -> tuple[tuple[Part, ...], tuple[Notice, ...]]:
+    """The parts where they lie, by the names that results will call their files, and warnings."""
     names = file_names([part.path for part in parts if part.role != "not used"])
-    return tuple(
-        replace(part, path=_found(part.path, name, place), name=part.name or name)
-        for part in parts
-        for name in [names.get(part.path, part.path.name)]
-    )
+    found, warnings = [], dict[Notice, None]()
+    for part in parts:
+        name = names.get(part.path, part.path.name)
+        path, taken = find_planned(part.path, name, place, part.sha256)
+        found.append(replace(part, path=path, name=part.name or name))
+        warnings |= dict.fromkeys(taken if part.role != "not used" else ())
+    return tuple(found), tuple(warnings)
 
 
 def _read(shown: str, table: Mapping[str, Any], known: _Kinds) -> dict[str, Any]:

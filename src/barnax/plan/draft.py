@@ -55,7 +55,8 @@ class Draft:
             what = (role, file.kind(self.capacity_ah), reason, window)
             planned = window.initial_soc is not None and file.chosen.initial_soc is None
             known = (file.source and file.source.span_s, file.temperature_degc, planned, kept)
-            parts.append(Part(file.path, file.name, *what, *known))
+            digest = file.source.sha256 if file.source else ""
+            parts.append(Part(file.path, file.name, *what, *known, sha256=digest))
         return tuple(sorted(parts, key=lambda part: ROLES.index(part.role)))
 
 

@@ -30,6 +30,8 @@ from ..model.temperature import temperature_of
 from ..model.window import Window
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record, read_source
+from ..records.source import STDIN
+from ..result_parts import InputPart
 from ..settings import OVER_TEMPERATURE, Reading
 from .choosing import plan
 from .document import Part, Plan, Use, plan_from_toml
@@ -79,6 +81,22 @@ def with_choices(found: Plan, job: Job) -> Plan:
     """A plan with all that was chosen otherwise."""
     chosen = {name: value for name, value in job.chosen.items() if name in PLANNED}
     return found.changed(job.window, **chosen)
+
+
+def found_anywhere(found: Plan, inputs: Sequence[InputPart]) -> Plan:
+    """A plan that was run on these inputs, with its files by their whole paths and digests."""
+    known = {part.name: part.sha256 for part in inputs}
+    parts = (
+        replace(
+            part,
+            path=part.path if part.path == STDIN else part.path.absolute(),
+            sha256=known.get(part.name, part.sha256),
+        )
+        for part in found.parts
+    )
+    bounds = found.options.get("bounds")
+    own = {"bounds": Path(bounds).absolute()} if isinstance(bounds, str | Path) else {}
+    return replace(found, parts=tuple(parts), options={**found.options, **own})
 
 
 def planned(found: Plan, job: Asked) -> Asked:

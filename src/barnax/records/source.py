@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any
@@ -122,7 +123,8 @@ def read_source(
 def folders_around(place: Path) -> tuple[Path, ...]:
     """The folders in which a file is looked for that a plan or a result in `place` names: its data
     may have moved with it."""
-    return tuple(dict.fromkeys((place, place.parent, Path())))
+    has_name = place.name not in ("", "..")
+    return tuple(dict.fromkeys((place, (place if has_name else place.resolve()).parent, Path())))
 
 
 def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path:
@@ -137,6 +139,24 @@ def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path:
         if not sha256 or sha256 == hashlib.sha256(_read_content(place)).hexdigest():
             return place
     raise notice("file.changed", str(places[0])).error()
+
+
+def find_planned(
+    file: Path, name: str, place: Path, sha256: str = ""
+) -> tuple[Path, tuple[Notice, ...]]:
+    """A file that a plan in `place` names, where it lies, with a warning where only its name says
+    that it is the one: it lies elsewhere, and its digest is not known."""
+    for path in (place / file, file):
+        if os.path.isfile(path):
+            return path, ()
+    for path in (folder / name for folder in folders_around(place)):
+        if not path.is_file():
+            continue
+        if not sha256:
+            return path, (notice("plan.file-elsewhere", printable(str(file)), path=str(path)),)
+        with suppress(InputError):
+            return find_file(path.name, sha256, [path.parent]), ()
+    return file, ()
 
 
 def source_from_frame(

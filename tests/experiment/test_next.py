@@ -200,10 +200,24 @@ def test_a_test_that_falls_short_says_where_and_why(design):
     assert not design.is_reached
     text = screen_of(design_screen(design, as_flags))
     assert "Not reached:    R0, R1 and R2. This is the best test found of 1.5 h." in text
-    assert "a drive cycle of 5.5 h tells R0 and R1 better. Allow more --max-hours" in text
+    assert "a drive cycle of 5.5 h determines R0 and R1 better. Allow more --max-hours" in text
     enough = dict.fromkeys(design.wanted, 10.0)
     reached = design.model_copy(update={"wanted": enough, "is_reached": True})
     assert "Not reached" not in screen_of(design_screen(reached, as_flags))
+
+
+@pytest.mark.parametrize(
+    ("left_out", "told"),
+    [
+        (0.0, "; no unmodeled effects."),
+        (1.0, "; unmodeled effects as large as in a typical cell."),
+        (2.0, "; unmodeled effects as large as in a typical cell, times 2."),
+    ],
+)
+def test_what_a_design_leaves_out_is_told(design, left_out, told):
+    error = replace(design.error, left_out=left_out)
+    text = screen_of(design_screen(design.model_copy(update={"error": error}), as_flags))
+    assert told in text
 
 
 def test_a_long_test_shows_its_begin_and_its_end(design):

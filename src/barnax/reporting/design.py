@@ -126,7 +126,7 @@ def _said(name: str, half: float) -> str:
 
 
 def pieces_table(design: "Design") -> Table:
-    """The test piece by piece; of a long one, its begin and its end."""
+    """The test piece by piece; of a long one, its beginning and its end."""
     first, taken_ah, rows = 1, 0.0, []
     for name, steps in design.pieces:
         last = first + len(steps) - 1
@@ -168,11 +168,13 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     if design.earlier:
         yield "Combined with", f"{joined(design.earlier)}. {_together()}"
     left_out = f"{design.error.left_out:.2g}"
+    effects = "unmodeled effects as large as in a typical cell"
+    if left_out != "1":
+        effects = "no unmodeled effects" if left_out == "0" else f"{effects}, times {left_out}"
     yield (
         "Assumed",
         f"errors of {millivolt(design.error.rmse_v)} RMS after the fit, correlated over up to "
-        f"{_correlated(design)}; unmodeled effects as large as in a typical cell"
-        f"{'' if left_out == '1' else f', times {left_out}'}.",
+        f"{_correlated(design)}; {effects}.",
     )
 
 
@@ -191,13 +193,13 @@ def _not_reached(design: "Design") -> str:
         for theirs in [[width.after for width in design.of_table(name, drive.widths)]]
         if np.median(theirs) < np.median(after[name])
     ]
-    does = f"tells {joined(better)} better" if better else "does no better"
+    does = f"determines {joined(better)} better" if better else "does no better"
     untold = [name for name in wide if name.startswith("R") and np.median(after[name]) > 1]
     open_ = f" {joined(untold)} would stay undetermined." if untold else ""
     return (
         f"{'; '.join(told)}.{open_} This is the best test found of {design.hours:.3g} h. Errors "
-        f"last up to {_correlated(design)}, so intervals narrow only with the root of the hours; a "
-        f"drive cycle of {drive.hours:.1f} h {does}. Allow more `max_hours`, or larger currents."
+        f"last up to {_correlated(design)}, so intervals narrow only with the square root of "
+        f"the test time; a drive cycle of {drive.hours:.1f} h {does}. Allow more `max_hours`, or larger currents."
     )
 
 

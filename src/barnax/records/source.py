@@ -153,7 +153,8 @@ def find_planned(
         if not path.is_file():
             continue
         if not sha256:
-            return path, (notice("plan.file-elsewhere", printable(str(file)), path=str(path)),)
+            taken = printable(str(path.absolute()))
+            return path, (notice("plan.file-elsewhere", printable(str(file)), path=taken),)
         with suppress(InputError):
             return find_file(path.name, sha256, [path.parent]), ()
     return file, ()

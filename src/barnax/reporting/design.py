@@ -198,9 +198,8 @@ def _not_reached(design: "Design") -> str:
     open_ = f" {joined(untold)} would stay undetermined." if untold else ""
     return (
         f"{'; '.join(told)}.{open_} This is the best test found of {design.hours:.3g} h. Errors "
-        f"last up to {_correlated(design)}, so intervals narrow only with the square root of "
-        f"the test time; a drive cycle of {drive.hours:.1f} h {does}. Allow more "
-        "`max_hours`, or larger currents."
+        f"last up to {_correlated(design)}, so intervals narrow only with the square root of test "
+        f"time; a drive cycle of {drive.hours:.1f} h {does}. Allow more `max_hours` or current."
     )
 
 

@@ -208,7 +208,7 @@ def _compare(weighing: Weighing, searched: _Searched, settings: Settings) -> _Co
         errors = crossed.tables if crossed else None
         proof = found.over_temperature or found.reference
         both = (tried.identification, tried.validation)
-        if not found.are_over_soc:
+        if weighing.fitted is not None and not found.are_over_soc:
             # The constant circuit is the same, with that OCV.
             over, candidates = "ocv", []
         candidates.append(Candidate.of(problem.circuit, over, *both, errors, proof.proved_gap))

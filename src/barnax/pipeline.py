@@ -6,7 +6,7 @@ out of the fit. Thirty seeds search the best constant circuit, and the answer is
 validated.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -14,20 +14,17 @@ import numpy as np
 
 from .answering import search_and_assess
 from .bundled import BUNDLED
-from .candidates import CONTRADICTED, THREE_PAIRS, WEIGHED, is_better, is_fast, tabulated_circuit
-from .cell import CellModel, get_circuit
-from .cell.parameters import ANYWHERE
+from .candidates import CONTRADICTED, WEIGHED, tabulated_circuit
+from .cell import CellModel
 from .checks.against_cell import compare_resistances
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
 from .inputs import (
     Inputs,
     listed,
-    ranges_of,
     read_inputs,
     telling,
     unwatched,
-    window_of,
     windows_by_name,
     windows_of,
 )
@@ -39,9 +36,7 @@ from .notices import Notice, notice
 from .optimizers import make_optimizer
 from .over_soc import (
     OwnOcv,
-    TableSettings,
     counted_alike,
-    fit_with_ocv,
     group_by_temperature,
     is_loaded,
     register,
@@ -50,6 +45,7 @@ from .over_soc import (
     require_temperatures,
     rest_warnings,
 )
+from .own_ocv_run import bounded_tables, own_ocv_of
 from .plan import plan_of, planned
 from .plan.running import prepare_pulse_tests
 from .records import Record
@@ -99,7 +95,7 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
 
     def cell_of(without_test: Sequence[Record], asked: Job = given) -> CellModel:
         """The cell of records that have no OCV test."""
-        found.append(_own_ocv(asked, without_test))
+        found.append(own_ocv_of(asked, without_test))
         return found[-1].cell
 
     inputs = read_inputs(
@@ -109,9 +105,10 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
     )  # fmt: skip
     inputs = replace(inputs, warnings=(*of_plan, *inputs.warnings))
     if found:
-        # The tables came with the OCV; a constant circuit with that OCV is another fit.
-        own = {"over": job.over or "soc"} if job.model is None else {}
-        job = job.changed(window={**windows_by_name(job.window), **found[0].windows}, **own)
+        # The tables came with the OCV; a constant circuit with that OCV is another fit, whose
+        # intervals would take the OCV for known.
+        own = {**windows_by_name(job.window), **found[0].windows}
+        job = job.changed(window=own, over=job.over or "soc")
     with telling(inputs.warnings), job.watch("Setting up the problem", 0):
         told = windows = windows_of(inputs, job.window, job.capacity)
         if not found:
@@ -227,75 +224,6 @@ def _as_counted(
         )
 
     return replace(inputs, cell=counted(inputs.cell))
-
-
-def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
-    """Settings of tables, with the bounds and fixed values of the circuit, but those in a unit
-    that tables do not have."""
-    ranges, tables = ranges_of(job.bounds)[1], job.table_settings
-    bounds, fixed = (
-        {name: value for name, value in (given or {}).items() if but is None or but not in name}
-        for given in (ranges, job.fix)
-    )
-    return replace(tables, bounds={**bounds, **tables.bounds}, fixed={**fixed, **tables.fixed})
-
-
-def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
-    """The cell of records that have no OCV test, and their tables. Raises `InputError` where what
-    is asked for needs one."""
-    circuit = get_circuit(job.model or WEIGHED[0])
-    asked = {
-        f"the hysteresis of {circuit.name}": circuit.has_hysteresis,
-        "an OCV polynomial": job.ocv_fit == "polynomial",
-    }
-    for what, is_asked in asked.items():
-        if is_asked:
-            raise notice("ocv-test.missing", asked=what).error()
-    windows = {record.name: window_of(job.window, record.name).as_told for record in records}
-    is_over = job.over == OVER_TEMPERATURE
-    is_open = job.model is None and not (is_over or job.bounds or job.fix)
-    beside = THREE_PAIRS if is_open and is_fast(records) else None
-
-    def fitted(
-        tables: TableSettings, circuit: str = circuit.name, beside: str | None = None
-    ) -> OwnOcv:
-        return fit_with_ocv(records, circuit, windows, tables, job.capacity, is_over, beside)
-
-    tables = bounded_tables(job)
-    # The same at every SOC: a constant circuit with an OCV.
-    alike = replace(tables, nodes=ANYWHERE)
-    if job.model is not None and job.over is None:
-        return fitted(alike)
-    found = _with_pairs(fitted, tables, beside, len(records) == 1)
-    crossed = found.fit.cross_validation
-    is_chosen = job.over is not None or tables.nodes != TableSettings.nodes
-    if is_chosen or crossed is None or crossed.constant is None:
-        return found
-    if not crossed.constant.is_no_worse(crossed.tables):
-        return found
-    found = _with_pairs(fitted, alike, beside, len(records) == 1)
-    held = found.fit.cross_validation
-    fit = replace(found.fit, cross_validation=held and replace(held, over_soc=crossed.tables))
-    return replace(found, found=replace(found.found, fits=(fit,)))
-
-
-def _with_pairs(
-    fitted: Callable[..., OwnOcv], tables: TableSettings, beside: str | None, is_single: bool
-) -> OwnOcv:
-    """What is fitted with these settings, of two pairs or of those beside them."""
-    if is_single:
-        return fitted(tables, beside=beside)
-    found = fitted(tables)
-    held_out = found.fit.cross_validation
-    if beside is not None and held_out is not None:
-        # Starts of several records are found with each circuit: at those of two pairs a third one
-        # is not worth what it is at its own. A short record may be enough for two alone.
-        with suppress(InputError):
-            tried = fitted(tables, beside)
-            errors = tried.fit.cross_validation
-            if is_better(errors and errors.tables, held_out.tables):
-                return tried
-    return found
 
 
 @takes_options(Job)

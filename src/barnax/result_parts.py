@@ -273,7 +273,8 @@ class TablesPart(Part):
         """What they are over: of "ocv" the OCV alone is a table."""
         if self.over_temperature is not None:
             return "soc,temperature"
-        return "soc" if self.found.are_over_soc else "ocv"
+        has_own = self.settings.ocv_nodes is not None
+        return "ocv" if has_own and not self.found.are_over_soc else "soc"
 
 
 class ConstantPart(Part):

@@ -30,6 +30,8 @@ Chemistry = Literal["nmc", "lfp"]
 # Lowest and highest voltage of a cell of layered oxide, and of one whose OCV when full is under the
 # last.
 WINDOW_V, LFP_WINDOW_V, LFP_FULL_V, NEARLY_FULL = (2.5, 4.2), (2.0, 3.65), 3.8, 0.97
+# A few minutes of any cell are flat: one of LFP has been seen nearly empty too.
+SEEN_EMPTY_V = 3.1
 # Resistances of a typical cell of 1 Ah half full, R0, R1 and R2, and how much more they are empty.
 TYPICAL_OHM, EMPTY, EMPTY_SOC = (0.10, 0.03, 0.05), (0.3, 1.0, 1.0), 0.08
 TYPICAL_TAU_S = (12.0, 120.0)
@@ -82,11 +84,14 @@ def window_of(cell: CellModel) -> tuple[float, float]:
     """
     highest_soc = cell.soc_range[1]
     highest_v = float(cell.average_ocv_v(np.array([highest_soc]))[0])
-    if highest_soc > NEARLY_FULL:
+    # Of a cell without an OCV test, the fullest that was seen may be far from full.
+    if highest_soc > NEARLY_FULL and not cell.is_of_records:
         return LFP_WINDOW_V if highest_v < LFP_FULL_V else WINDOW_V
     if highest_v > LFP_WINDOW_V[1]:
         return WINDOW_V
-    return LFP_WINDOW_V if cell.has_flat_ocv else (WINDOW_V[0], LFP_WINDOW_V[1])
+    lowest_v = float(cell.average_ocv_v(np.array([cell.soc_range[0]]))[0])
+    is_lfp = cell.has_flat_ocv and (not cell.is_of_records or lowest_v < SEEN_EMPTY_V)
+    return LFP_WINDOW_V if is_lfp else (WINDOW_V[0], LFP_WINDOW_V[1])
 
 
 def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
@@ -148,7 +153,7 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
             f"a test is designed for RC pairs, and the answer is {result.model}; identify with "
             "`model` so-rc"
         )
-    if result.tables is not None:
+    if result.tables is not None and result.tables.over != "ocv":
         fit = replace(result.tables.fit, intervals=told or ())
         believed = believed_of_fit(fit, result.tables.settings, cell, rmse_v, earlier)
     else:

@@ -319,6 +319,7 @@ def _not_determined(result: Result) -> str:
 
 def _heading(result: Result) -> str:
     over = " with tables over SOC" if result.tables else ""
+    over = " with a fitted OCV" if result.tables and result.tables.over == "ocv" else over
     over += " and temperature" if result.tables and result.tables.over_temperature else ""
     errors = result.metrics.identification
     return (

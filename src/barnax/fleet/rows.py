@@ -123,8 +123,8 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
         validate=[_given(path, reading) for path in cell.validate],
     )
     if not cell.ocv and cell.cell is None:
-        # Which file serves for what, the roles say.
-        found = identify(job)
+        # Which file serves for what, the roles say. Tables, as a refit of kept factors gives.
+        found = identify(job if job.model or job.over else job.changed(over="soc"))
         return found, found.warnings
     window = Window(**cell.window)
     known = _known_cell(

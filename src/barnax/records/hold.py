@@ -90,9 +90,11 @@ def _from_counters(samples: Samples) -> Decision | None:
     change of step decides, unless the other intervals are against it.
     """
     telling, places = _ledger(samples)
-    if not len(places):
+    apart_ah = np.abs(telling.backward_ah - telling.forward_ah)
+    if not apart_ah.any():
         return None
-    weight = (telling.backward_ah - telling.forward_ah) ** 2
+    # As shares, for the squares of absurd charges are beyond all numbers.
+    weight = (apart_ah / apart_ah.max()) ** 2
     fraction = float(np.average(telling.fractions(), weights=weight))
     step = np.zeros(len(samples)) if samples.step is None else samples.step
     at_changes = telling.at(step[places + 1] != step[places])

@@ -34,8 +34,9 @@ _LEAST, _SURE, _PARTS = 0.1, 4.0, 24
 _OTHER_SIDE = 0.25
 # The whole samples of a lag are found by so many places, the parts of one by so many.
 _ENOUGH, _MANY = 10_000, 30_000
-# In slower logs averages, or a pair that is over within a sample, are likelier than part of one.
-_SLOWEST_S, _NEARLY_WHOLE = 1.5, 0.75
+# In slower logs averages, or a pair that is over within a sample, are likelier than part of one:
+# a lag is so near to whole samples.
+_SLOWEST_S, _NEARLY = 1.5, 0.1
 # So many intervals beside steps of this share of the largest current are needed, of an even clock.
 _FEWEST, _STEP_SHARE, _EVEN = 200, 0.05, 0.1
 
@@ -80,7 +81,7 @@ def find_lag(record: Record) -> Lag | None:
     # Beside whole samples there may be no part of one.
     least_ohm = max(_OTHER_SIDE * beside, _LEAST * at_once if whole else 0.0)
     is_sure = max(_LEAST, _SURE * error) < abs(samples) < 1 + abs(whole) and ohm.sum() > 0
-    is_part = usual_s > _SLOWEST_S and abs(samples) < _NEARLY_WHOLE
+    is_part = usual_s > _SLOWEST_S and not (whole and abs(samples - whole) < _NEARLY)
     if not is_sure or is_part or abs(other) > least_ohm:
         return None
     return Lag(float(samples * usual_s), float(samples), float(ohm.sum()))

@@ -125,6 +125,7 @@ def _fall(out_ah: Float[np.ndarray, "rows"], source_v: Float[np.ndarray, "rows"]
     return max(-float(apart_ah @ source_v) / spread, 0.0) if spread else 0.0
 
 
+@np.errstate(all="ignore")  # absurd values overflow before they are found out
 def examine_empty_current(lines: Lines) -> tuple[Lines, list[Notice]]:
     """The lines with a current of zero where none is written, if their voltage says that the load
     is off there: by the steps that the written current shows elsewhere."""

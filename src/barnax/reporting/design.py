@@ -391,7 +391,9 @@ def reached_half(fit: "TableFit", width: "Width") -> float | None:
     """Half the interval that a fit has where a width was promised, in its measure, were its noise
     known as well as the promise takes it."""
     for node in fit.intervals:
-        if node.name == width.name and node.soc == width.soc:
+        # One value is that of every SOC.
+        is_one = node.soc is not None and fit.tables.nodes == (node.soc,)
+        if node.name == width.name and (is_one or node.soc == width.soc):
             if node.low is None or node.high is None:
                 return None
             scale = node.value if node.name.startswith("R") else 1.0

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..cell.elements import names_beside
-from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
+from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
 from ..table_run import MIDDLE_SOC
 from ..uncertainty.covariance import WIDEST_FACTOR
 from .candidates import (
@@ -105,7 +105,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         )
         return
     ends = duration(fit.tau_ranges_s[0][0]), duration(fit.tau_ranges_s[-1][1])
-    what = "tables over SOC" if part.found.are_over_soc else "a fitted OCV"
+    what = "a fitted OCV" if part.over == "ocv" else "tables over SOC"
     yield (
         f"With {what} the RMSE is {own}; {beside} leaves {constant}. "
         f"The samples determine {fit.parameters} values. Time constants from {joined(ends, 'to')} "
@@ -114,9 +114,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
     yield f"Best possible: {best_of(part, result.model)}"
     yield from (f"Resistances: {text}" for text in dependence_sentences(part.found))
     unseen, held = (
-        (unseen_errors(result), held_out_errors(result))
-        if part.found.are_over_soc
-        else (None, None)
+        (unseen_errors(result), held_out_errors(result)) if part.over != "ocv" else (None, None)
     )
     names = result.constant.model, result.model
     if pays := pay_sentence(unseen, held, *names, held_out_words(fit)):
@@ -241,8 +239,11 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
     are_several = any(node.record_low is not None for node in fit.intervals)
     # The intervals of one record may miss what another record would show.
     kind = "another record" if are_several else "this record" if records == 1 else "these records"
-    is_over_soc = part.found.are_over_soc
-    where = f"at {100 * nodes[middle]:g} % SOC" if is_over_soc else "at any SOC"
+    is_over_soc = part.over != "ocv"
+    where = f"at {100 * nodes[middle]:g} % SOC"
+    if not is_over_soc:
+        seen_soc = [100 * node.soc for node in fit.of_table(OCV) if node.soc is not None]
+        where = f"at {min(seen_soc):.0f} to {max(seen_soc):.0f} % SOC"
     heads = ["", where, kind, "over SOC" if is_over_soc else "", "", "", ""]
     known = {}
     for node in fit.intervals:
@@ -276,7 +277,14 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
 def _under_one_unit(value: str, *others: str) -> list[str]:
     """A value with its unit, and what stands beside it without the same unit."""
     unit = value.rpartition(" ")[2]
-    return [value, *(text.removesuffix(f" {unit}") for text in others)]
+    # An interval whose ends have two units keeps both.
+    return [
+        value,
+        *(
+            text if " " in text.partition(" to ")[0] else text.removesuffix(f" {unit}")
+            for text in others
+        ),
+    ]
 
 
 def _middle_by_temperature(

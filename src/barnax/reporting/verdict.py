@@ -40,7 +40,7 @@ def circuit_words(result: "Result") -> str:
     """The name of the answer's circuit."""
     if result.tables is None:
         return result.model
-    what = "tables over SOC" if result.tables.found.are_over_soc else "a fitted OCV"
+    what = "a fitted OCV" if result.tables.over == "ocv" else "tables over SOC"
     return f"{result.model} with {what}"
 
 
@@ -176,7 +176,7 @@ def next_step(result: "Result") -> Next:
     if not is_tried:
         return Next("validate on another record of the cell, with `validate`")
     pays = tables_pay(unseen_errors(result), held_out_errors(result))
-    if result.tables is not None and result.tables.found.are_over_soc and not pays:
+    if result.tables is not None and result.tables.over != "ocv" and not pays:
         model = result.constant.model
         return Next(f"use the constant circuit, `model` {model}: tables are worse on other records")
     wide = _wide(result)

@@ -7,7 +7,7 @@ from ..errors import counted as counted
 
 NOTHING = "–"
 # From here on a resistance is read in Ohm, as those of coin cells are.
-LARGE_OHM = 10.0
+LARGE_OHM = 1.0
 Key = TypeVar("Key")
 Item = TypeVar("Item")
 

@@ -1,0 +1,109 @@
+"""Cells without an OCV test: the OCV of their records, with tables or one value at every SOC."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+from .candidates import THREE_PAIRS, WEIGHED, is_better, is_fast, spans_enough
+from .cell import get_circuit
+from .cell.parameters import ANYWHERE, OHMIC
+from .errors import InputError
+from .inputs import ranges_of, window_of
+from .job import Job
+from .notices import notice
+from .over_soc import NodeInterval, OwnOcv, TableFit, TableSettings, fit_with_ocv
+from .over_soc.cross_validation import WORTHWHILE
+from .records import Record
+from .settings import OVER_TEMPERATURE
+
+
+def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
+    """Settings of tables, with the bounds and fixed values of the circuit, but those in a unit
+    that tables do not have."""
+    ranges, tables = ranges_of(job.bounds)[1], job.table_settings
+    bounds, fixed = (
+        {name: value for name, value in (given or {}).items() if but is None or but not in name}
+        for given in (ranges, job.fix)
+    )
+    return replace(tables, bounds={**bounds, **tables.bounds}, fixed={**fixed, **tables.fixed})
+
+
+def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
+    """The cell of records that have no OCV test, and their tables. Raises `InputError` where what
+    is asked for needs one."""
+    circuit = get_circuit(job.model or WEIGHED[0])
+    asked = {
+        f"the hysteresis of {circuit.name}": circuit.has_hysteresis,
+        "an OCV polynomial": job.ocv_fit == "polynomial",
+    }
+    for what, is_asked in asked.items():
+        if is_asked:
+            raise notice("ocv-test.missing", asked=what).error()
+    windows = {record.name: window_of(job.window, record.name).as_told for record in records}
+    is_over = job.over == OVER_TEMPERATURE
+    is_open = job.model is None and not (is_over or job.bounds or job.fix)
+    beside = THREE_PAIRS if is_open and is_fast(records) else None
+
+    def fitted(
+        tables: TableSettings, circuit: str = circuit.name, beside: str | None = None
+    ) -> OwnOcv:
+        return fit_with_ocv(records, circuit, windows, tables, job.capacity, is_over, beside)
+
+    tables = bounded_tables(job)
+    # The same at every SOC: a constant circuit with an OCV.
+    alike = replace(tables, nodes=ANYWHERE)
+    if job.model is not None and job.over is None:
+        return fitted(alike)
+    found = _with_pairs(fitted, tables, beside, len(records) == 1)
+    crossed = found.fit.cross_validation
+    is_chosen = job.over is not None or tables.nodes != TableSettings.nodes
+    if is_chosen or crossed is None or crossed.constant is None:
+        return found
+    is_narrow = not spans_enough(found.fit)
+    if not is_narrow and not crossed.constant.is_no_worse(crossed.tables):
+        return found
+    one = _with_pairs(fitted, alike, beside, len(records) == 1)
+    fits_as_well = (1 - WORTHWHILE) * one.fit.objective_v <= found.fit.objective_v
+    if not (is_narrow or fits_as_well or crossed.constant.is_worth(crossed.tables)):
+        # What both predict badly tells them apart too little, as a flat OCV's ends.
+        return found
+    held = one.fit.cross_validation
+    fit = replace(
+        one.fit,
+        cross_validation=held and replace(held, over_soc=crossed.tables),
+        intervals=tuple(_with_r0_over_soc(one.fit, found.fit)),
+    )
+    return replace(one, found=replace(one.found, fits=(fit,)))
+
+
+def _with_r0_over_soc(one: TableFit, tables: TableFit) -> Iterator[NodeInterval]:
+    """The intervals of one value, R0 reaching to the nodes of tables whose own leave it out."""
+    (r0_ohm,) = one.tables.tables[OHMIC]
+    known = [node for node in tables.of_table(OHMIC) if node.low is not None]
+    apart_ohm = [
+        node.value - r0_ohm
+        for node in known
+        if node.low is not None and not node.low <= r0_ohm <= (node.high or math.inf)
+    ]
+    for node in one.intervals:
+        yield node.spanning(apart_ohm) if node.name == OHMIC and apart_ohm else node
+
+
+def _with_pairs(
+    fitted: Callable[..., OwnOcv], tables: TableSettings, beside: str | None, is_single: bool
+) -> OwnOcv:
+    """What is fitted with these settings, of two pairs or of those beside them."""
+    if is_single:
+        return fitted(tables, beside=beside)
+    found = fitted(tables)
+    held_out = found.fit.cross_validation
+    if beside is not None and held_out is not None:
+        # Starts of several records are found with each circuit: at those of two pairs a third one
+        # is not worth what it is at its own. A short record may be enough for two alone.
+        with suppress(InputError):
+            tried = fitted(tables, beside)
+            errors = tried.fit.cross_validation
+            if is_better(errors and errors.tables, held_out.tables):
+                return tried
+    return found

@@ -13,7 +13,6 @@ from .inputs import ranges_of, window_of
 from .job import Job
 from .notices import notice
 from .over_soc import NodeInterval, OwnOcv, TableFit, TableSettings, fit_with_ocv
-from .over_soc.cross_validation import WORTHWHILE
 from .records import Record
 from .settings import OVER_TEMPERATURE
 
@@ -64,7 +63,10 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     if not is_narrow and not crossed.constant.is_no_worse(crossed.tables):
         return found
     one = _with_pairs(fitted, alike, beside, len(records) == 1)
-    fits_as_well = (1 - WORTHWHILE) * one.fit.objective_v <= found.fit.objective_v
+    fits_as_well = all(
+        one_errors.is_close_to(errors)
+        for one_errors, errors in zip(one.fit.errors, found.fit.errors, strict=True)
+    )
     if not (is_narrow or fits_as_well or crossed.constant.is_worth(crossed.tables)):
         # What both predict badly tells them apart too little, as a flat OCV's ends.
         return found

@@ -64,6 +64,11 @@ class SocErrors:
 
         return falls(self.rmse_v, simpler.rmse_v) and falls(self.above_v, simpler.above_v)
 
+    def is_close_to(self, other: "SocErrors") -> bool:
+        """True where neither is higher than another's by more than `WORTHWHILE`."""
+        near = (1 - WORTHWHILE) * self.rmse_v, self.above_v and (1 - WORTHWHILE) * self.above_v
+        return SocErrors(*near).is_no_worse(other)
+
     def is_no_worse(self, other: "SocErrors") -> bool:
         """True where neither is higher than another's."""
         pairs = (self.rmse_v, other.rmse_v), (self.above_v, other.above_v)

@@ -96,6 +96,8 @@ def identification_document(
     if summary_only:
         return Document(title, about, (answer, verdict, errors))
     beside = "The best constant circuit, for comparison"
+    # Beside one value at every SOC it is the same, with intervals as if the OCV were known.
+    is_same = result.tables is not None and result.tables.over == "ocv"
     own = result.constant
     box = box_sentences({own.model: (own.bounds, own.fixed)})
     validated = [part.name for part in validation]
@@ -105,14 +107,14 @@ def identification_document(
         *candidates_section(result.candidates, validated),
         *warnings_section(result.warnings),
         *tables_section(result, pictures),
-        *([] if result.tables is None else [Section(beside, (constant,))]),
+        *([Section(beside, (constant,))] if result.tables and not is_same else []),
         *pulses_section(
             result,
             pictures.of(
                 *(f"{role}-{kind}" for role in roles for kind in ("pulses", "resistances"))
             ),
         ),
-        *_uncertainty_section(result),
+        *([] if is_same else _uncertainty_section(result)),
         errors,
         Section(
             "What was measured",

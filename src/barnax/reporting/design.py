@@ -389,13 +389,11 @@ def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> 
 
 def reached_half(fit: "TableFit", width: "Width") -> float | None:
     """Half the interval that a fit has where a width was promised, in its measure, were its noise
-    known as well as the promise takes it."""
+    known as well as the promise takes it; one value stands for every SOC."""
+    nodes = fit.tables.nodes if len(fit.tables.nodes) == 1 and width.name.startswith("R") else ()
     for node in fit.intervals:
-        # One value is that of every SOC.
-        is_one = node.soc is not None and fit.tables.nodes == (node.soc,)
-        if node.name == width.name and (is_one or node.soc == width.soc):
-            if node.low is None or node.high is None:
-                return None
+        is_there = node.name == width.name and node.soc in (width.soc, *nodes)
+        if is_there and node.low is not None and node.high is not None:
             scale = node.value if node.name.startswith("R") else 1.0
             half = HALF_95 * node.standard_error + abs(node.bias) / 2
             return half / scale if scale > 0 else None

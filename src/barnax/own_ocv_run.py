@@ -82,10 +82,9 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
 def _with_r0_over_soc(one: TableFit, tables: TableFit) -> Iterator[NodeInterval]:
     """The intervals of one value, R0 reaching to the nodes of tables whose own leave it out."""
     (r0_ohm,) = one.tables.tables[OHMIC]
-    known = [node for node in tables.of_table(OHMIC) if node.low is not None]
     apart_ohm = [
         node.value - r0_ohm
-        for node in known
+        for node in tables.of_table(OHMIC)
         if node.low is not None and not node.low <= r0_ohm <= (node.high or math.inf)
     ]
     for node in one.intervals:

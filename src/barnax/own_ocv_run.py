@@ -12,7 +12,7 @@ from .errors import InputError
 from .inputs import ranges_of, window_of
 from .job import Job
 from .notices import notice
-from .over_soc import NodeInterval, OwnOcv, TableFit, TableSettings, fit_with_ocv
+from .over_soc import NodeInterval, OwnOcv, TableFit, TableSettings, proved, search_with_ocv
 from .records import Record
 from .settings import OVER_TEMPERATURE
 
@@ -47,21 +47,21 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     def fitted(
         tables: TableSettings, circuit: str = circuit.name, beside: str | None = None
     ) -> OwnOcv:
-        return fit_with_ocv(records, circuit, windows, tables, job.capacity, is_over, beside)
+        return search_with_ocv(records, circuit, windows, tables, job.capacity, is_over, beside)
 
     tables = bounded_tables(job)
     # The same at every SOC: a constant circuit with an OCV.
     alike = replace(tables, nodes=ANYWHERE)
     if job.model is not None and job.over is None:
-        return fitted(alike)
+        return proved(fitted(alike))
     found = _with_pairs(fitted, tables, beside, len(records) == 1)
     crossed = found.fit.cross_validation
     is_chosen = job.over is not None or tables.nodes != TableSettings.nodes
-    if is_chosen or crossed is None or crossed.constant is None:
-        return found
+    if is_chosen or crossed is None:
+        return proved(found)
     is_narrow = not spans_enough(found.fit)
     if not is_narrow and not crossed.constant.is_no_worse(crossed.tables):
-        return found
+        return proved(found)
     one = _with_pairs(fitted, alike, beside, len(records) == 1)
     fits_as_well = all(
         one_errors.is_close_to(errors)
@@ -69,7 +69,8 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     )
     if not (is_narrow or fits_as_well or crossed.constant.is_worth(crossed.tables)):
         # What both predict badly tells them apart too little, as a flat OCV's ends.
-        return found
+        return proved(found)
+    one = proved(one)
     held = one.fit.cross_validation
     fit = replace(
         one.fit,

@@ -108,6 +108,7 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
         # The tables came with the OCV; a constant circuit with that OCV is another fit, whose
         # intervals would take the OCV for known.
         own = {**windows_by_name(job.window), **found[0].windows}
+        inputs = replace(inputs, warnings=(*inputs.warnings, *found[0].warnings))
         job = job.changed(window=own, over=job.over or "soc")
     with telling(inputs.warnings), job.watch("Setting up the problem", 0):
         told = windows = windows_of(inputs, job.window, job.capacity)

@@ -34,6 +34,7 @@ from .problem import BOTH_WAYS_SOC, HELD_GAMMA, least_travel_soc, reduced_object
 from .search import find_best
 from .settings import TableSettings
 
+Status = Literal["certified", "grid-verified"]
 # A table of which more nodes than this were not visited is mostly extrapolated.
 MOSTLY = 0.5
 
@@ -85,7 +86,7 @@ class TableFit(Brief):
     errors: tuple[SocErrors, ...]
     tau_ranges_s: tuple[tuple[float, float], ...]
     lower_bound_v: float
-    status: Literal["certified", "grid-verified"]
+    status: Status
     boxes: int
     at_bound: tuple[AtBound, ...]
     parameters: int
@@ -99,6 +100,14 @@ class TableFit(Brief):
     def proved_gap(self) -> float:
         """The largest share of sqrt(J) that other tables could save."""
         return max(0.0, 1 - self.lower_bound_v / self.objective_v) if self.objective_v else 0.0
+
+    def proved(self, proof: Proof, share: float) -> "TableFit":
+        """The same with a proof of its tables, which is enough within this share."""
+        lower_v = proof.lower_bound_v
+        # What resistances follow is not in the box of the proof.
+        is_enough = lower_v >= (1 - share) * self.objective_v and self.tables.dependence is None
+        status: Status = "certified" if is_enough else "grid-verified"
+        return replace(self, lower_bound_v=lower_v, boxes=proof.boxes, status=status)
 
     @property
     def is_rate_told(self) -> bool:
@@ -167,8 +176,7 @@ def fit_of(
         if axis.high > axis.low
     )
     taus_s = tuple(limits for name, limits in objective.ranges.items() if name != RATE)
-    is_close = proof.lower_bound_v >= (1 - settings.proved_share) * best.rms_v
-    return TableFit(
+    fit = TableFit(
         tables=tables,
         objective_v=best.rms_v,
         errors=errors
@@ -177,10 +185,9 @@ def fit_of(
             for prepared in prepared_records or objective.prepared_records
         ),
         tau_ranges_s=taus_s,
-        lower_bound_v=proof.lower_bound_v,
-        # What resistances follow is not in the box of the proof.
-        status="certified" if is_close and tables.dependence is None else "grid-verified",
-        boxes=proof.boxes,
+        lower_bound_v=0.0,
+        status="grid-verified",
+        boxes=0,
         at_bound=at_bound,
         parameters=sum(int(np.sum(objective.visited_of(n))) for n in range(objective.tables))
         + sum(axis.high > axis.low for axis in objective.axes),
@@ -188,6 +195,7 @@ def fit_of(
         cross_validation=held_out,
         warnings=_warnings(objective, tables, at_bound),
     )
+    return fit.proved(proof, settings.proved_share)
 
 
 def constant_held_out(

@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -19,18 +18,17 @@ from ..cell import CellModel, OcvPoint, OcvTable, characterize
 from ..cell.characterize import over_temperatures
 from ..cell.model import group_near
 from ..cell.parameters import OCV
-from ..cell.soc_axis import GIVEN
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
-from ..model.prepared import OCV_MARGIN, PreparedRecord, prepare_record, soc_along
+from ..global_optimum.proof import Proof
+from ..model.prepared import PreparedRecord, prepare_record
 from ..model.start import find_start
 from ..model.temperature import temperature_of
-from ..model.window import Window, first_sample, scored_samples
-from ..notices import notice
+from ..model.window import Window, first_sample
+from ..notices import Notice, notice
 from ..records import Record, rest_current_a
 from ..records.record import in_means
-from ..records.segments import FULL_CHARGE, held_charges
 from .certificate import certify
 from .cross_validation import held_out_errors
 from .current_offset import offset_effect
@@ -38,6 +36,7 @@ from .dependence import searched
 from .fit import OcvCompared, TableFit, constant_with_ocv_held_out, fit_of
 from .level import level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
+from .own_axis import Axis, axis_capacity, axis_of, require_on_axis, span_ah_of
 from .problem import box_of, reduced_objective
 from .registration import MEANS_S, register
 from .settings import TableSettings
@@ -47,20 +46,6 @@ from .temperature import TableFits, fit_temperatures, group_by_temperature
 POINTS_A_NODE = 8
 # Where it is compared with that of an OCV test.
 COMPARED_SOC = np.linspace(0.1, 0.9, 81)
-
-AxisSource = Literal["given", "own full charge", "own span", "rest elsewhere"]
-# A start lies so far outside 0 to 1 where another full charge was a little fuller.
-NEARLY_SOC = 0.02
-# A usual cell under load is never empty above this.
-NEVER_EMPTY_V = 3.4
-
-
-@dataclass(frozen=True)
-class Axis:
-    """The place of a record's charge on the axis of SOC, and its source."""
-
-    initial_soc: float
-    source: AxisSource
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,6 +58,8 @@ class OwnOcv(Brief):
         found: The tables over SOC, and the OCV among their intervals.
         settings: How they were fitted.
         circuit: Name of the circuit that they are of.
+        warnings: What speaks against the starts.
+        unproved: The objective and its best tables; None once that is proved.
     """
 
     cell: CellModel
@@ -80,6 +67,8 @@ class OwnOcv(Brief):
     found: TableFits
     settings: TableSettings
     circuit: str
+    warnings: tuple[Notice, ...] = ()
+    unproved: tuple[TableObjective, Solution] | None = None
 
     @property
     def fit(self) -> TableFit:
@@ -96,7 +85,24 @@ def fit_with_ocv(
     over_temperature: bool = False,
     beside: str | None = None,
 ) -> OwnOcv:
-    """Tables over SOC and the OCV that fit some records of one cell best, together.
+    """Tables over SOC and the OCV that fit some records of one cell best, together, and proved.
+
+    The arguments are those of `search_with_ocv`.
+    """
+    given = settings, capacity_ah, over_temperature, beside
+    return proved(search_with_ocv(records, circuit, windows, *given))
+
+
+def search_with_ocv(
+    records: Sequence[Record],
+    circuit: str,
+    windows: Mapping[str, Window],
+    settings: TableSettings,
+    capacity_ah: float | None = None,
+    over_temperature: bool = False,
+    beside: str | None = None,
+) -> OwnOcv:
+    """The same before it is proved, which `proved` does; over temperature it is.
 
     Records without a known start take theirs from a rest, on the OCV that the others show. Over
     temperature, each one has its own OCV and tables, on one axis with one set of time constants.
@@ -114,7 +120,7 @@ def fit_with_ocv(
     Raises `InputError` where a start or a temperature is not known, and as `fit_tables` and
     `fit_temperatures` do.
     """
-    axis_ah, origin = _capacity(records, windows, capacity_ah)
+    axis_ah, origin = axis_capacity(records, windows, capacity_ah)
     own = with_own_ocv(settings)
     groups: list[Sequence[Record]] = [records]
     if over_temperature:
@@ -125,9 +131,12 @@ def fit_with_ocv(
             known.append((degc, record))
         groups = list(group_near(known).values())
     started: dict[str, Window] = {}
+    told: list[Notice] = []
     for alike in groups:
-        started |= _started(alike, circuit, windows, own, axis_ah, origin)
-    return _fitted(records, circuit, started, own, axis_ah, origin, over_temperature, beside)
+        of_group, against = _started(alike, circuit, windows, own, axis_ah, origin)
+        started, told = started | of_group, told + against
+    found = _fitted(records, circuit, started, own, axis_ah, origin, over_temperature, beside)
+    return replace(found, warnings=tuple(told))
 
 
 def _started(
@@ -137,14 +146,14 @@ def _started(
     own: TableSettings,
     axis_ah: float,
     origin: str,
-) -> dict[str, Window]:
-    """The windows of records of one temperature with their starts."""
-    axes = {record.name: _axis(record, windows[record.name], axis_ah) for record in records}
+) -> tuple[dict[str, Window], list[Notice]]:
+    """The windows of records of one temperature with their starts, and what speaks against those."""
+    axes = {record.name: axis_of(record, windows[record.name], axis_ah) for record in records}
     known = [record for record in records if axes[record.name].source != "own span"]
-    known = known or [max(records, key=_span_ah)]
+    known = known or [max(records, key=span_ah_of)]
     for record in known:
-        _require_on_axis(record, windows[record.name], axes[record.name].initial_soc, axis_ah)
-    quick = replace(own, folds=0, max_boxes=0)
+        require_on_axis(record, windows[record.name], axes[record.name].initial_soc, axis_ah)
+    quick, told = replace(own, folds=0, max_boxes=0), list[Notice]()
     if len(known) < len(records):
         at_axes = _on_axes(known, windows, axes, axis_ah)
         cell = _cell_found(known, circuit, at_axes, quick, axis_ah, origin)
@@ -153,14 +162,15 @@ def _started(
                 window = replace(windows[record.name], capacity_ah=axis_ah)
                 rest_a = window.rest_current_a or rest_current_a(record, axis_ah)
                 given = window, axis_ah, first_sample(record, window), rest_a
-                start, *_ = find_start(record, cell, *given)
+                start, _, against = find_start(record, cell, *given)
+                told += against
                 axes[record.name] = Axis(start.soc, "rest elsewhere")
     found = _on_axes(records, windows, axes, axis_ah)
     if len(records) > 1 and not own.keep_starts:
         cell = _cell_found(records, circuit, found, quick, axis_ah, origin)
-        told = [prepare_record(record, cell, circuit, found[record.name]) for record in records]
-        found = {prepared.record.name: prepared.window for prepared in register(told, own)}
-    return found
+        alone = [prepare_record(record, cell, circuit, found[record.name]) for record in records]
+        found = {prepared.record.name: prepared.window for prepared in register(alone, own)}
+    return found, told
 
 
 @in_float64
@@ -249,40 +259,75 @@ def _fitted(
         return [prepare_record(record, level, circuit, windows[record.name]) for record in records]
 
     prepared = prepared_for(circuit)
-    cells: list[CellModel] = []
-
-    def at_home(objective: TableObjective, best: Solution) -> list[PreparedRecord]:
-        """The objective's records with the OCV that was found."""
-        cells.append(_cell_of(objective, best, capacity_ah, origin))
-        own = [prepared.record for prepared in objective.prepared_records]
-        return [prepare_record(record, cells[-1], circuit, windows[record.name]) for record in own]
-
-    if over_temperature:
-        groups = group_by_temperature(prepared)
-        found = fit_temperatures(groups, settings, at_home)
-        cell = over_temperatures(dict(zip(groups, cells, strict=True)))
-    else:
-        groups = {0.0: prepared}
+    if not over_temperature:
         with one_blas_thread():
             objective, best = searched(prepared, settings)
             held_out = held_out_errors(objective, best) if beside else None
             if beside is not None and held_out is not None:
                 with suppress(InputError):
-                    # A trial that is not worth its pair is not proved either.
                     tried = searched(prepared_for(beside), settings, objective)
                     errors = held_out_errors(*tried)
                     if errors is not None and errors.is_worth(held_out):
                         (objective, best), circuit = tried, beside
-            proof = certify(objective, best)
-            # Several records whose rates differ would tell it.
-            effect = offset_effect(objective, proof.best) if len(records) == 1 else None
-        fit = fit_of(objective, proof, at_home(objective, proof.best))
-        found, cell = TableFits((replace(fit, of_offset=effect),)), cells[0]
+        cell = _cell_of(objective, best, capacity_ah, origin)
+        return _told(objective, Proof(0.0, 0, best), cell, windows, circuit)
+    cells: list[CellModel] = []
+
+    def at_home(objective: TableObjective, best: Solution) -> list[PreparedRecord]:
+        cells.append(_cell_of(objective, best, capacity_ah, origin))
+        return _at_home(objective, cells[-1])
+
+    groups = group_by_temperature(prepared)
+    found = fit_temperatures(groups, settings, at_home)
+    cell = over_temperatures(dict(zip(groups, cells, strict=True)))
     fits = tuple(
         _of_ocv(fit, own, settings, level)
         for fit, own in zip(found.fits, groups.values(), strict=True)
     )
     return OwnOcv(cell, windows, replace(found, fits=fits), settings, circuit)
+
+
+def proved(own: OwnOcv) -> OwnOcv:
+    """The same with a bound on how much better others could be."""
+    if own.unproved is None:
+        return own
+    objective, best = own.unproved
+    with one_blas_thread():
+        proof = certify(objective, best)
+    if proof.best is best:
+        fits = (own.fit.proved(proof, own.settings.proved_share),)
+        return replace(own, found=replace(own.found, fits=fits), unproved=None)
+    # A better circuit was met on the way.
+    cell = _cell_of(objective, proof.best, own.cell.capacity_ah, own.cell.capacity_origin)
+    better = _told(objective, proof, cell, own.windows, own.circuit)
+    return replace(better, warnings=own.warnings, unproved=None)
+
+
+def _told(
+    objective: TableObjective,
+    proof: Proof[Solution],
+    cell: CellModel,
+    windows: Mapping[str, Window],
+    circuit: str,
+) -> OwnOcv:
+    """All that is known of tables with their OCV, which is that of the cell."""
+    prepared, best = objective.prepared_records, proof.best
+    with one_blas_thread():
+        # Several records whose rates differ would tell it.
+        effect = offset_effect(objective, best) if len(prepared) == 1 else None
+    fit = replace(fit_of(objective, proof, _at_home(objective, cell)), of_offset=effect)
+    plain = [own.following(None) for own in prepared]
+    fit = _of_ocv(fit, plain, objective.settings, prepared[0].cell)
+    unproved = objective, best
+    return OwnOcv(cell, windows, TableFits((fit,)), objective.settings, circuit, (), unproved)
+
+
+def _at_home(objective: TableObjective, cell: CellModel) -> list[PreparedRecord]:
+    """The objective's records with the OCV that was found."""
+    return [
+        prepare_record(prepared.record, cell, prepared.circuit, prepared.window)
+        for prepared in objective.prepared_records
+    ]
 
 
 def _of_ocv(
@@ -328,73 +373,3 @@ def _cell_of(
     cell = characterize([table], capacity_ah=capacity_ah, ocv_fit="interpolated")
     # What a table of a measured OCV would be asked is not asked.
     return replace(cell, capacity_origin=origin, warnings=())
-
-
-def _capacity(
-    records: Sequence[Record], windows: Mapping[str, Window], given_ah: float | None
-) -> tuple[float, str]:
-    """One capacity for the axis, given or the widest span, and where it comes from."""
-    own = {windows[record.name].capacity_ah for record in records} - {None}
-    if len(own) > 1:
-        raise InputError(
-            "records of one cell without an OCV test need one `capacity`; they were given "
-            f"{', '.join(f'{own_ah:g}' for own_ah in sorted(filter(None, own)))} Ah"
-        )
-    given_ah = next(iter(own), None) or given_ah
-    if given_ah is not None:
-        return given_ah, GIVEN
-    widest = max(records, key=_span_ah)
-    span_ah = _span_ah(widest)
-    if not span_ah > 0:
-        raise InputError(
-            f"{records[0].name}: its current moves no charge, so nothing tells the OCV; give a "
-            "record that goes over much of the state of charge"
-        )
-    lowest_v, more = float(widest.voltage_v.min()), ""
-    if lowest_v > NEVER_EMPTY_V:
-        more = f" (never below {lowest_v:.2f} V, so the cell holds more)"
-    return span_ah, f"the charge that {widest.name} spans{more}"
-
-
-def _require_on_axis(record: Record, window: Window, initial_soc: float, capacity_ah: float):
-    """Raise `InputError` where a record that starts there leaves the axis of SOC."""
-    first = first_sample(record, window)
-    soc = soc_along(record, capacity_ah, first, initial_soc)
-    soc = soc[scored_samples(record, window, first, soc)]
-    low, high = float(soc.min()), float(soc.max())
-    if low < -OCV_MARGIN or high > 1 + OCV_MARGIN:
-        raise InputError(
-            f"{record.name}: from a state of charge of {initial_soc:.4g} at its start, over a "
-            f"capacity of {capacity_ah:.4g} Ah, its charge takes the cell from {low:.3f} to "
-            f"{high:.3f}; give a larger `capacity` (the record spans {_span_ah(record):.4g} Ah), "
-            "or another `initial_soc`"
-        )
-
-
-def _span_ah(record: Record) -> float:
-    return float(np.ptp(record.discharged_ah))
-
-
-def _axis(record: Record, window: Window, capacity_ah: float) -> Axis:
-    """The start of a record on the axis: as given, by a full charge, or with its fullest sample as
-    full."""
-    if window.initial_soc is not None:
-        return Axis(window.initial_soc, "given")
-    first = first_sample(record, window)
-    rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
-    highest_v = float(record.voltage_v.max())
-    full = [
-        last
-        for last in held_charges(record, capacity_ah, rest_a)
-        if record.voltage_v[last] >= highest_v - FULL_CHARGE.held_near_v
-    ]
-    fullest = int(np.argmin(record.discharged_ah))
-    at = min(full, key=lambda sample: abs(sample - first)) if full else fullest
-    out_ah = float(record.discharged_ah[first] - record.discharged_ah[at])
-    soc = 1 - out_ah / capacity_ah
-    if not -NEARLY_SOC <= soc <= 1 + NEARLY_SOC:
-        raise InputError(
-            f"{record.name}: from its fullest sample to the start it loses {out_ah:.4g} Ah, more "
-            f"than the capacity of {capacity_ah:.4g} Ah; give a larger `capacity`, or `initial_soc`"
-        )
-    return Axis(soc, "own full charge" if full else "own span")

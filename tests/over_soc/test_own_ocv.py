@@ -12,7 +12,8 @@ from barnax.cell.parameters import OCV
 from barnax.errors import InputError
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings, errors_on, fit_with_ocv
+from barnax.over_soc import TableSettings, errors_on, fit_with_ocv, own_ocv
+from barnax.over_soc.certificate import certify
 from barnax.over_soc.current_offset import offset_effect
 from barnax.over_soc.dependence import searched
 from barnax.over_soc.level import level_cell
@@ -132,6 +133,21 @@ def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
     both = fit_with_ocv([whole, part], "so-rc", windows | {whole.name: upper}, QUICK)
     assert both.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
     assert both.cell.soc_range[0] < 0.4
+
+
+def test_a_start_beyond_full_that_a_rest_tells_is_told():
+    whole, _ = made(seed=0)
+    drive, soc = made(seed=1, hours=1.5)
+    counted_a = np.concatenate([1.05 * drive.current_a, np.zeros(3000)])
+    voltage_v = np.concatenate([drive.voltage_v, np.full(3000, ocv_v(soc[-1]))])
+    time_s = (drive.time_s[1] - drive.time_s[0]) * np.arange(len(counted_a))
+    part = make_record(time_s, counted_a, voltage_v, name="part.csv")
+    windows = {whole.name: Window(initial_soc=1.0, capacity_ah=2.0), part.name: Window()}
+    own = fit_with_ocv([whole, part], "so-rc", windows, replace(QUICK, keep_starts=True))
+    (told,) = own.warnings
+    assert (told.code, told.subject) == ("start.beyond-an-end", part.name)
+    assert told.values["soc"] == pytest.approx(1 + 0.05 * (1 - soc[-1]), abs=5e-3)
+    assert own.windows[part.name].initial_soc == told.values["soc"]
 
 
 @pytest.mark.parametrize("window", [Window(capacity_ah=0.9), Window(initial_soc=0.5)])
@@ -271,6 +287,21 @@ def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, ove
         assert len(asked.tables.fit.tables.nodes) > 1
     else:
         assert fit.cross_validation.over_soc is None
+
+
+def test_only_the_answer_is_proved(monkeypatch):
+    seen = []
+
+    def counted(objective, best):
+        seen.append(objective.nodes)
+        return certify(objective, best)
+
+    monkeypatch.setattr(own_ocv, "certify", counted)
+    record, _ = made(1, noise_v=1e-3)
+    given = {"window": Window(initial_soc=1.0, capacity_ah=2.0), "advise": False, "seeds": 0}
+    result = barnax.identify(record, trust="none", **given)
+    assert result.tables.fit.status == "certified"
+    assert seen == [len(result.tables.fit.tables.nodes)] == [1]
 
 
 def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):

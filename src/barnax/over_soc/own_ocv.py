@@ -147,7 +147,7 @@ def _started(
     axis_ah: float,
     origin: str,
 ) -> tuple[dict[str, Window], list[Notice]]:
-    """The windows of records of one temperature with their starts, and what speaks against those."""
+    """The windows of records of one temperature with their starts, and what speaks against them."""
     axes = {record.name: axis_of(record, windows[record.name], axis_ah) for record in records}
     known = [record for record in records if axes[record.name].source != "own span"]
     known = known or [max(records, key=span_ah_of)]

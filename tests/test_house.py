@@ -17,7 +17,7 @@ PACKAGE = Path(barnax.__file__).parent
 # A module imports only from those left of its own, for types or when it is called too: the order in
 # which a record becomes a report.
 LAYERS = (
-    ("display", "errors", "metrics", "execution", "blas"),
+    ("display", "errors", "metrics", "execution", "blas", "devices"),
     ("notices", "files"),
     ("schema", "bundled", "settings", "records", "optimizers"),
     ("cell",),
@@ -48,6 +48,7 @@ GENERAL = {
     "display": set(),
     "execution": set(),
     "blas": set(),
+    "devices": set(),
 }
 # Where what users give is read, beside the command line.
 READING = {

@@ -25,6 +25,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from .. import devices
 from ..errors import OPTION, InputError, printable, reason_of
 from ..notices import sentences_of
 
@@ -203,8 +204,8 @@ def use_compilation_cache() -> None:
 
 def require_platform() -> None:
     """Raise `InputError` where JAX is told to compute on what is not there."""
-    asked = {n: os.environ[n] for n in ("JAX_PLATFORMS", "JAX_PLATFORM_NAME") if os.environ.get(n)}
-    if not asked:
+    told = devices.asked()
+    if set(told.values()) <= {"cpu"}:
         return
     import jax
 
@@ -212,9 +213,9 @@ def require_platform() -> None:
         jax.devices()
     # Without the plugin of a platform JAX fails an assertion of its own.
     except (RuntimeError, AssertionError) as problem:
-        named = ", ".join(f"{name}={printable(value)}" for name, value in asked.items())
+        named = ", ".join(f"{name}={printable(value)}" for name, value in told.items())
         reason = f" ({reason_of(problem)})" if str(problem) else ""
         raise InputError(
-            f"{named}: JAX cannot compute there{reason}; unset {' and '.join(asked)}, which leaves "
-            "the choice to JAX, or install JAX for it, such as jax[cuda13]"
+            f"{named}: JAX cannot compute there{reason}; unset {' and '.join(told)}, and it does on "
+            "the CPU, or install JAX for it, such as jax[cuda13]"
         ) from problem

@@ -16,6 +16,7 @@ from typing import Any
 
 import platformdirs
 
+from ..devices import prefer_cpu
 from ..files import located
 from .dataset import count_rows, marking, write_rows
 from .manifest import FleetCell
@@ -73,6 +74,7 @@ def prepare_process() -> None:
         mallopt: Any = getattr(ctypes.CDLL(None), "mallopt", None)
         for option, size in MALLOC_OPTIONS.items() if mallopt else ():
             mallopt(option, size)
+    prefer_cpu()
     if "jax" not in sys.modules:
         # Once: a process inherits them, and another text is another key in the cache.
         own = os.environ.get("XLA_FLAGS", "").replace(XLA_FLAGS, "")

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -37,7 +38,7 @@ def _errors(points: Float[Array, "points free"], objective: Objective) -> Float[
 
 
 @in_float64
-def generation(kind: Kind, count: int, device: jax.Device) -> tuple[float, np.ndarray]:
+def generation(kind: Kind, count: int, device: Any) -> tuple[float, np.ndarray]:
     """Seconds of a population's errors on a device, as the median of turns, and some of them."""
     problem = bundled_problem(kind)
     points, objective = jax.device_put((points_of(problem, count), problem.objective), device)

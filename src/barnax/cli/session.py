@@ -216,6 +216,6 @@ def require_platform() -> None:
         named = ", ".join(f"{name}={printable(value)}" for name, value in told.items())
         reason = f" ({reason_of(problem)})" if str(problem) else ""
         raise InputError(
-            f"{named}: JAX cannot compute there{reason}; unset {' and '.join(told)}, and it does on "
-            "the CPU, or install JAX for it, such as jax[cuda13]"
+            f"{named}: JAX cannot compute there{reason}; unset {' and '.join(told)}, and it does "
+            "on the CPU, or install JAX for it, such as jax[cuda13]"
         ) from problem

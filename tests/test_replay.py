@@ -13,9 +13,10 @@ from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.plots import plot_soc_replay
-from barnax.replay import FilterSettings, Scenario, SocReplay, _converged, replay_soc
+from barnax.replay import Scenario, SocReplay, _converged, replay_soc
 from barnax.reporting.replay import soc_lines
 from barnax.reporting.terminal import soc_screen
+from barnax.result_filter import FilterSettings
 from helpers.results import make_record, make_result, make_table_result
 
 SCENARIOS = (

@@ -53,11 +53,11 @@ from .plan import plan_to_toml as plan_to_toml
 from .records import Record as Record
 from .records import read_record as read_record
 from .records import record_from_frame as record_from_frame
-from .replay import FilterSettings as FilterSettings
 from .replay import SocReplay as SocReplay
 from .replay import replay_soc as replay_soc
 from .reporting.parameters import SideBySide as SideBySide
 from .reporting.parameters import show as show
+from .result_filter import FilterSettings as FilterSettings
 from .results import Result as Result
 from .run import Run as Run
 from .search.evaluate import Evaluation as Evaluation

@@ -32,9 +32,10 @@ from .filters import (
 from .filters.model import CAPACITY, OFFSET
 from .inputs import Given, read_validation
 from .model.prepared import prepare_record
+from .model.start import Start
 from .model.window import Window
 from .over_soc import require_temperature
-from .result_filter import axis_sd_of, model_of, window_of
+from .result_filter import FilterSettings, axis_sd_of, model_of, window_of
 from .results import Result
 from .scenarios import SCENARIOS, Case, Scenario, case_of, first_with_room, in_place
 from .schema import Count, Document, Part, Told
@@ -54,33 +55,6 @@ FLAT = 0.05
 # three of the filter's deviations. They are told where thrice the deviation is half of what was
 # believed before.
 DOUBT, TOLD = 3.0, 0.5
-
-
-@dataclass(frozen=True)
-class FilterSettings:
-    """The Kalman filter that replays a record.
-
-    Args:
-        kind: A Gaussian sum of extended Kalman filters ("sum"), one extended ("ekf") or one
-            unscented ("ukf") Kalman filter.
-        estimate: Parameters to estimate: "offset" (of the current), "capacity", and resistances and
-            time constants such as "R0" or "tau1".
-        soc_sd: Standard deviation of the SOC at the start, a fraction.
-        tables: Use the tables over SOC if the result has them.
-
-    Raises `InputError` for an unknown kind and for `soc_sd` outside 0 to 1.
-    """
-
-    kind: Kind = "sum"
-    estimate: tuple[str, ...] = (OFFSET, CAPACITY)
-    soc_sd: float = 0.15
-    tables: bool = True
-
-    def __post_init__(self):
-        if self.kind not in ("sum", "ekf", "ukf"):
-            raise InputError(f"`filter` {self.kind!r} is not known; there are sum, ekf, ukf")
-        if not 0 < self.soc_sd <= 1:
-            raise InputError(f"soc_sd {self.soc_sd:g} must be above 0 and at most 1")
 
 
 class ScenarioPart(Part):
@@ -144,11 +118,14 @@ class SocReplay(Document):
         record: Name of the record.
         sha256: Digest of its file.
         model: The circuit.
+        circuit: The circuit as screens call it, with its tables.
         with_tables: True if tables over SOC were used.
         settings: The filter.
         states: Number of the filter's states.
         samples: Number of samples.
         duration_s: Length of the replay.
+        start: Where the counter starts, and why there.
+        before_s: What the record has before that, which is not replayed.
         soc_range: Lowest and highest SOC of the counter.
         flat_soc: Lowest and highest SOC of the counter where the errors of the circuit's OCV are
             over 5 % SOC, as one standard deviation: the voltage hardly tells the SOC there.
@@ -163,11 +140,14 @@ class SocReplay(Document):
     record: str
     sha256: str
     model: str
+    circuit: str = ""
     with_tables: bool
     settings: FilterSettings
     states: Count
     samples: Count
     duration_s: float
+    start: Start | None = None
+    before_s: float = 0.0
     soc_range: tuple[float, float]
     flat_soc: tuple[float, float] | None = None
     flat_share: float = 0.0
@@ -302,11 +282,14 @@ def replay_soc(
         record=measured.name,
         sha256=measured.sha256,
         model=used.model,
+        circuit=used.answer,
         with_tables=used.tables is not None,
         settings=settings,
         states=model.states + len(settings.estimate),
         samples=len(prepared.soc),
         duration_s=float(traces.time_s[-1]),
+        start=prepared.start,
+        before_s=float(prepared.time_s[0] - measured.time_s[0]),
         soc_range=(float(prepared.soc.min()), float(prepared.soc.max())),
         flat_soc=(float(flat_soc.min()), float(flat_soc.max())) if len(flat_soc) else None,
         flat_share=len(flat_soc) / len(prepared.soc),

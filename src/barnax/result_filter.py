@@ -7,6 +7,7 @@ import numpy as np
 
 from .cell.parameters import OCV_CORRECTION
 from .errors import InputError
+from .filters import Kind
 from .filters.model import CAPACITY, GRID, OFFSET, ErrorModel, FilterModel, make_model
 from .model.window import Window
 from .over_soc.registration import FULL_SD
@@ -17,6 +18,33 @@ LEAST_NOISE_V = 1e-4
 # Prior standard deviation of a capacity, relative; resistances and times have that of their fit.
 CAPACITY_SD = 0.05
 LEAST_SD, LARGEST_SD = 0.02, 0.5
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """The Kalman filter that replays a record.
+
+    Args:
+        kind: A Gaussian sum of extended Kalman filters ("sum"), one extended ("ekf") or one
+            unscented ("ukf") Kalman filter.
+        estimate: Parameters to estimate: "offset" (of the current), "capacity", and resistances and
+            time constants such as "R0" or "tau1".
+        soc_sd: Standard deviation of the SOC at the start, a fraction.
+        tables: Use the tables over SOC if the result has them.
+
+    Raises `InputError` for an unknown kind and for `soc_sd` outside 0 to 1.
+    """
+
+    kind: Kind = "sum"
+    estimate: tuple[str, ...] = (OFFSET, CAPACITY)
+    soc_sd: float = 0.15
+    tables: bool = True
+
+    def __post_init__(self):
+        if self.kind not in ("sum", "ekf", "ukf"):
+            raise InputError(f"`filter` {self.kind!r} is not known; there are sum, ekf, ukf")
+        if not 0 < self.soc_sd <= 1:
+            raise InputError(f"soc_sd {self.soc_sd:g} must be above 0 and at most 1")
 
 
 @dataclass(frozen=True)

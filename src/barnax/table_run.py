@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .candidates import table_name
 from .cell import CellModel
 from .cell.dependence import BETA
 from .cell.elements import names_beside, rungs_of
@@ -153,7 +154,8 @@ class TableRun(Brief):
             return
         moved_ohm = middle.value + self.hold_shift_ohm
         if not middle.low <= moved_ohm <= middle.high:
-            yield hold_warning(problem, other.value, middle.value, moved_ohm, middle.soc or 0.0)
+            soc = middle.soc if self.found.are_over_soc else None
+            yield hold_warning(problem, other.value, middle.value, moved_ohm, soc)
 
     def spanning(self, shifts_ohm: Sequence[float]) -> "TableRun":
         """The same whose intervals of R0 reach over what else may be true, so far from it."""
@@ -200,12 +202,13 @@ def table_warnings(run: TableRun) -> Iterator[Notice]:
     over = run.found.over_temperature
     degc = [""] if over is None else [f" at {degc:.3g} degC" for degc in over.temperatures_degc]
     told: dict[str, list[Notice]] = {}
+    what = "tables over SOC" if run.found.are_over_soc else table_name(run.model, "ocv")
     for where, fit in zip(degc, run.found.fits, strict=True):
         for warning in fit.warnings:
-            told.setdefault(str(warning), []).append(warning.about(f"tables over SOC{where}"))
+            told.setdefault(str(warning), []).append(warning.about(f"{what}{where}"))
     for found in told.values():
         # What is so at every temperature is said once.
-        yield from found if len(found) < len(degc) else [found[0].about("tables over SOC")]
+        yield from found if len(found) < len(degc) else [found[0].about(what)]
     for fit in run.found.fits:
         own = fit.own_ocv
         usual_v = max(DISAGREES_V, DISAGREES_SHARE * run.mean_drop_v)
@@ -267,6 +270,9 @@ def _reversal_warnings(run: TableRun) -> Iterator[Notice]:
 
 
 def _outside_warnings(run: TableRun) -> Iterator[Notice]:
+    if not run.found.are_over_soc:
+        # There is no table but the OCV, whose own notice says it.
+        return
     for evaluation in run.validation:
         own = [other for other in run.identification if _is_alike(run, evaluation, other)]
         low, high = (

@@ -247,8 +247,9 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     session, folder = output.begun(SOC_FOLDER, (on.result, on.record))
     with session.watch("Loading JAX"):
         use_compilation_cache()
-        from ..replay import FilterSettings, replay_soc
+        from ..replay import replay_soc
         from ..reporting.terminal import soc_screen
+        from ..result_filter import FilterSettings
 
     stored = load(on.result)
     window = on.window(stored)

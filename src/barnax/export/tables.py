@@ -13,7 +13,7 @@ from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.circuits import Circuit
 from ..cell.curves import KNOTS, SegmentedHysteresis
 from ..cell.elements import get_element, names_of
-from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
+from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
 from ..errors import InputError, escaped
 from ..results import Result
 
@@ -127,6 +127,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         heading=_heading(result),
         caveats=(
             *_capacity(cell),
+            *_unseen_ocv(result),
             *_ladders(circuit),
             *(_caveats(result, over_soc, kind) if over_soc else ()),
         ),
@@ -156,6 +157,30 @@ def _capacity(cell: CellModel) -> tuple[str, ...]:
         "was no OCV test, and no `capacity` was given. Where the cell holds more, every SOC is "
         "off: identify again with `capacity`.",
     )
+
+
+def _unseen_ocv(result: Result) -> tuple[str, ...]:
+    """A caveat where no sample tells an OCV of the records' own."""
+    told = list[str]()
+    if result.tables is None:
+        return ()
+    for degc, fit in result.tables.found.by_degc:
+        seen = {node.soc for node in fit.of_table(OCV)}
+        nodes = [node for node in result.tables.settings.ocv_nodes or () if 0 <= node <= 1]
+        # Neighbors as one range.
+        runs = [
+            list(run)
+            for is_seen, run in itertools.groupby(nodes, key=lambda node: node in seen)
+            if seen and not is_seen
+        ]
+        if runs:
+            where = ", ".join(f"{run[0]:g} to {run[-1]:g}" for run in runs)
+            at = "" if degc is None else f", at {degc:.3g} degC"
+            told.append(
+                f"No sample is near SOC {where}{at}: the OCV there is not of this cell, but held "
+                "constant or drawn between its neighbors."
+            )
+    return tuple(told)
 
 
 def _ladders(circuit: Circuit) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
-from ..cell.parameters import ANYWHERE, HALF_HYSTERESIS, RATE
+from ..cell.parameters import ANYWHERE, HALF_HYSTERESIS, OCV, RATE
 from ..cell.tables import LEAST_OHM
 from ..display import Brief
 from ..execution import in_float64
@@ -240,22 +240,28 @@ def _warnings(
     objective: TableObjective, tables: CircuitParameters, at_bound: Sequence[AtBound]
 ) -> tuple[Notice, ...]:
     found = [
-        _bound_warning(bound, tables.constants[bound.name], objective.settings.ocv_correction)
+        _bound_warning(bound, tables.constants[bound.name], objective.settings)
         for bound in at_bound
     ]
-    unvisited = 1 - float(np.mean(objective.visited))
-    if unvisited > MOSTLY:
-        found.append(notice("tables.mostly-unvisited", share=unvisited))
     resistances_ohm, nodes = tables.ohm, np.array(tables.nodes)
-    bare = nodes[objective.visited & (resistances_ohm.sum(axis=0) < LEAST_OHM)]
-    found += [notice("tables.no-resistance", soc=soc) for soc in bare.tolist()]
+    # One value for every SOC stands at none; the OCV beside it is a table.
+    is_alike = len(nodes) == 1 and OCV in objective.names
+    visited = objective.visited_of(objective.names.index(OCV)) if is_alike else objective.visited
+    unvisited = 1 - float(np.mean(visited))
+    if unvisited > MOSTLY:
+        whose = "ocv" if is_alike else None
+        found.append(notice("tables.mostly-unvisited", share=unvisited, whose=whose))
+    if not is_alike:
+        bare = nodes[objective.visited & (resistances_ohm.sum(axis=0) < LEAST_OHM)]
+        found += [notice("tables.no-resistance", soc=soc) for soc in bare.tolist()]
     if not np.any(resistances_ohm[0][objective.visited] >= LEAST_OHM):
         found.append(notice("tables.no-r0"))
     floor_ohm = objective.least_r0_ohm
     held = nodes[objective.visited & (resistances_ohm[0] <= floor_ohm)]
     if floor_ohm and len(held):
-        where = ", ".join(f"{100 * soc:g}" for soc in held)
-        found.append(notice("tables.r0-at-floor", floor_ohm=floor_ohm, percent=where))
+        percent = ", ".join(f"{100 * soc:g}" for soc in held)
+        which = dict.fromkeys(("where", "instead"), "everywhere" if is_alike else None)
+        found.append(notice("tables.r0-at-floor", floor_ohm=floor_ohm, percent=percent, **which))
     is_fitted = HALF_HYSTERESIS in tables.tables
     if not is_fitted and tables.gamma is None:
         return tuple(found)
@@ -267,11 +273,14 @@ def _warnings(
     return tuple(found)
 
 
-def _bound_warning(bound: AtBound, value: float, has_correction: bool) -> Notice:
+def _bound_warning(bound: AtBound, value: float, settings: TableSettings) -> Notice:
     """The notice of a constant that a bound sets."""
     if not bound.name.startswith("tau"):
         return notice("tables.at-bound", name=bound.name, value=value)
     if bound.side == "lower":
         return notice("tables.tau-at-lower-bound", name=bound.name, value_s=value)
-    told = {"value_s": value, "correction": "true" if has_correction else None}
+    # A capacity only names the axis of an OCV of the records' own.
+    is_own = settings.ocv_nodes is not None
+    correction = "true" if settings.ocv_correction and not is_own else None
+    told = {"value_s": value, "correction": correction, "check": "own" if is_own else None}
     return notice("tables.tau-at-upper-bound", name=bound.name, **told)

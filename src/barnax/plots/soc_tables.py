@@ -59,13 +59,14 @@ class DrawnTable:
     values: Values
     low: Values
     high: Values
+    has_nodes: bool = True
 
     @property
     def at_every_soc(self) -> "DrawnTable":
         """The one value of a table at both ends of the SOC."""
         rows = ("is_visited", "values", "low", "high")
         both = {row: np.repeat(getattr(self, row), 2) for row in rows}
-        return replace(self, nodes=np.array([0.0, 1.0]), **both)
+        return replace(self, nodes=np.array([0.0, 1.0]), has_nodes=False, **both)
 
     @property
     def seen(self) -> "DrawnTable":
@@ -150,9 +151,9 @@ def _drawn(
 
 
 @illustration(
-    "The tables over the state of charge{} with the intervals of their nodes, and the constant "
-    "circuit behind. Hollow: nodes without samples near them, whose values follow from those "
-    "of their neighbors. Crossed: nodes with samples that do not determine the value.",
+    "Resistances{}, and the OCV where it was fitted, over the state of charge with 95 % intervals; "
+    "the constant circuit in grey. Hollow: nodes without samples near them, whose values follow "
+    "from those of their neighbors. Crossed: values that the samples there do not determine.",
     "Resistances, and OCV where it was fitted, over the state of charge, with intervals",
     is_dense=False,
     is_main=True,
@@ -211,12 +212,15 @@ def _draw_table(axes: Axes, table: DrawnTable) -> None:
     ends = {"color": SKY_BLUE, "linewidth": 1.0, "zorder": 2}
     axes.vlines(nodes[known], table.low[known], table.high[known], **ends)
     style = {"linestyle": "none", "marker": "o", "markersize": 3.6, "zorder": 4, "clip_on": True}
-    axes.plot(nodes[visited], values[visited], color=BLUE, label="node", **style)
-    open_ended = visited & ~known
-    crossed = {**style, "marker": "x", "markersize": 5.5, "color": VERMILLION}
-    axes.plot(nodes[open_ended], values[open_ended], **crossed, label="not determined")
+    crossed = {"marker": "x", "markersize": 5.5, "color": VERMILLION}
     hollow = {**OPEN, "markeredgecolor": BLUE}
-    axes.plot(nodes[~visited], values[~visited], label="node without samples", **style, **hollow)
+    for label, where, own in (
+        ("node", visited & table.has_nodes, {"color": BLUE}),
+        ("not determined", visited & ~known, crossed),
+        ("node without samples", ~visited, hollow),
+    ):
+        if where.any():
+            axes.plot(nodes[where], values[where], label=label, **{**style, **own})
 
 
 TEMPERATURE_PANEL_IN: Final = 2.1

@@ -131,7 +131,7 @@ def _draw_resistances(
         tau_s = found.named_tau_s
     else:
         resistances = [table.seen for table in drawn_tables(found).values() if table.is_resistance]
-        style = {"marker": "o", "markersize": 3.0}
+        style = {"marker": "o" if found.tables.nodes[1:] else "", "markersize": 3.0}
         tau_s = {n: s for n, s in found.tables.constants.items() if n.startswith("tau")}
     for table, color in zip(resistances, COLORS, strict=False):
         known = np.isfinite(table.low) & np.isfinite(table.high)

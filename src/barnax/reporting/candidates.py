@@ -38,8 +38,7 @@ def candidates_section(
         "could be is proved for some. What is left out of the fit, blocks of one record or each of "
         "several records, decides which is the answer: the simplest circuit, unless another "
         "lowers that error, and that above 10 % SOC, by more than 10 %; but a `model` or `over` "
-        "that was given is the answer in any case. Without an OCV test tables are, unless one "
-        "value of each resistance at every SOC predicts as well."
+        "that was given is the answer in any case."
     )
     return [Section("Circuits", (Bullets((told,)), candidates_table(candidates, validation)))]
 
@@ -75,12 +74,14 @@ def pay_sentence(
     constant: str,
     tables: str,
     held_out: str = "held-out blocks",
+    remedy: str = "",
 ) -> str:
     """A verdict on tables beside the best constant circuit, both named; empty where nothing was
     held out and there is no other record.
 
     `unseen` are the errors on the validation records, which decide where there are any; else
-    `held`, those on what was held out of the fit, do: `held_out` says what that is.
+    `held`, those on what was held out of the fit, do: `held_out` says what that is. `remedy` is
+    what to do where tables do not help.
     """
     told, pays = [], tables_pay(unseen, held)
     if unseen is not None:
@@ -99,7 +100,7 @@ def pay_sentence(
     shown = unseen or held
     if shown and shown[1].rmse_v < (1 - ALIKE) * shown[0].rmse_v:
         return f"tables help below 10 % SOC only: {change}."
-    return f"tables do not help: {change}. Prefer the constant circuit."
+    return f"tables do not help: {change}.{remedy}"
 
 
 def tables_pay(unseen: "Both | None", held: "Both | None") -> bool:

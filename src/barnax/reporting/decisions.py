@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from statistics import median
 from typing import TYPE_CHECKING
 
@@ -87,11 +88,14 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
         for part in simulated
         if part.window
     )
+    if cell.has_spanned_capacity:
+        # It was not given, though the windows have it.
+        windows = ((replace(window, capacity_ah=None), name) for window, name in windows)
     for window, names in gathered(windows).items():
         yield from window_sentences(window, names)
     for part in simulated:
         if part.start is not None:
-            yield start_sentence(part, part.name in planned)
+            yield start_sentence(part, part.name in planned, not cell.is_of_records)
 
 
 def guess_sentences(stored: "Result") -> Iterator[str]:
@@ -152,6 +156,13 @@ def _would_be(own_ohm: float, change_ohm: float) -> str:
 
 def ocv_sentences(cell: CellModel) -> Iterator[str]:
     """The curves of open-circuit and hysteresis voltage, and their errors."""
+    if cell.is_of_records:
+        yield (
+            "The open-circuit voltage was identified with the circuit, from "
+            f"{cell.discharge_points[0].source}: straight lines between its nodes, held constant "
+            "beyond the samples. It is one curve for both directions, without hysteresis."
+        )
+        return
     curve = cell.discharge
     kind = (
         f"a polynomial of degree {len(curve.coefficients) - 1}"

@@ -14,13 +14,22 @@ from .pulses import middle_heads, middle_pulses
 from .soc_tables import left_out_sentences, middle_of_tables
 from .starts import carried_sentences, moved_start_sentence, registered_sentences
 from .temperatures import (
-    dependence_sentences,
     expectation,
     prediction_sentences,
+    resistance_sentences,
     temperature_ocv_sentences,
 )
 from .terminal import Whole, bare_table, headed_line, indented
-from .words import aligned_millivolt, between, degrees, duration, figures, symbol, with_unit
+from .words import (
+    aligned_millivolt,
+    between,
+    capitalized,
+    degrees,
+    duration,
+    figures,
+    symbol,
+    with_unit,
+)
 
 if TYPE_CHECKING:
     from ..result_parts import InputPart, MetricsPart, TablesPart
@@ -63,11 +72,12 @@ def first_screen(
         and (part.registered_v or 0.0) < (1 - APART) * part.rmse_v
     ]
     over = None if result.tables is None else result.tables.over_temperature
+    follow = " ".join(map(capitalized, resistance_sentences(result)))
     beyond = [] if over is None else [f"at others, {expectation(over)}"]
     for head, sentences in (
         ("Do not use", unfit),
         ("Best possible", [best_possible(result)]),
-        ("Resistances", dependence_sentences(result.tables.found) if result.tables else ()),
+        ("Resistances", [follow[:1].lower() + follow[1:]] if follow else []),
         ("Left out", left_out_sentences(result)),
         ("OCV test", ocv_test_sentences(result, is_short=True)),
         ("Search", search_sentences(result)),
@@ -216,7 +226,7 @@ def _interval(name: str, estimates: "dict[str, Estimate]", bounds: dict[str, str
         return "" if estimate is None else "held"
     if estimate.low is None or estimate.high is None:
         return "not determined"
-    return between(name, estimate.low, estimate.high)
+    return between(name, estimate.low, estimate.high, estimate.value)
 
 
 def _short(name: str, longest: int) -> str:

@@ -105,21 +105,24 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
 
 
 def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
-    """Every node: its SOC, whether samples visit it, and every value with its interval."""
+    """Every node of the resistances, or of the OCV where those have one value at every SOC: its
+    SOC, whether samples visit it, and every value with its interval."""
     rows: dict[float, dict[str, Any]] = {}
+    everywhere: dict[str, Any] = {}
+    is_alike = len(fit.tables.nodes) == 1
     for name, soc, value, low, high, is_visited in table_rows(fit):
         what, bracket, unit = name.partition(" [")
         heads = [f"{what}{end}{bracket}{unit}" for end in ("", " low", " high")]
         told = dict(zip(heads, (value, low, high), strict=True))
         if soc is None:
-            for row in rows.values():
-                row.update(told)
-        elif name != OCV:
-            rows.setdefault(soc, {"SOC": soc, "is visited": bool(is_visited)}).update(told)
+            everywhere |= told
+        elif name != OCV or is_alike:
+            row = rows.setdefault(soc, {"SOC": soc, "is visited": bool(is_visited)} | everywhere)
+            row.update(told)
         elif soc in rows:
             # Its own nodes are closer; all of them are in tables.csv.
-            rows[soc].update(told)
-    return rows.values()
+            rows[soc] |= everywhere | told
+    return [row | everywhere for row in rows.values()]
 
 
 def _constants(result: Result) -> list[Known]:
@@ -135,6 +138,11 @@ def _tabulated(fit: "TableFit") -> Iterator[Known]:
     """Tables at a few states of charge between visited nodes, and the constants."""
     for name in fit.tables.tables:
         known = [node for node in fit.of_table(name) if node.low is not None]
+        if len(fit.tables.nodes) == 1:
+            (value,) = fit.tables.tables[name]
+            ends = ((node.low, node.high) for node in known)
+            yield Known(name, None, value, *next(ends, (None, None)))
+            continue
         if name == OCV_CORRECTION or not known:
             # A correction belongs to one result's OCV; another result has another.
             continue

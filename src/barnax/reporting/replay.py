@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 from .decisions import warnings_section
 from .document import Bullets, Document, Pictures, Section, Table, rows_table
-from .words import NOTHING, duration, extent, joined
+from .starts import known_words
+from .words import NOTHING, duration, extent, joined, percent
 
 if TYPE_CHECKING:
     from ..plots.pictures import Illustration
@@ -42,11 +43,11 @@ def replay_document(replay: "SocReplay", illustrations: "Iterable[Illustration]"
 def facts_of(replay: "SocReplay") -> tuple[str, str]:
     """The record that was replayed, and the filter."""
     low, high = replay.soc_range
-    tables = " with tables over SOC" if replay.with_tables else ""
+    older = f"{replay.model}{' with tables over SOC' if replay.with_tables else ''}"
     return (
         f"{replay.record}   {duration(replay.duration_s)}   {replay.samples:,} samples   "
         f"SOC between {100 * low + 0.0:.0f} and {100 * high:.0f} %",
-        f"{replay.model}{tables}, {FILTERS[replay.settings.kind]}, {replay.states} states",
+        f"{replay.circuit or older}, {FILTERS[replay.settings.kind]}, {replay.states} states",
     )
 
 
@@ -64,6 +65,8 @@ def replay_table(replay: "SocReplay") -> Table:
 
 def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
     """Heads and sentences: what went wrong, what was estimated, whether innovations are white."""
+    if replay.start is not None:
+        yield "Start", _start(replay)
     diverged = [scenario for scenario in replay.scenarios if scenario.diverged_s is not None]
     for scenario in diverged:
         yield (
@@ -118,6 +121,18 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
             "Innovations",
             f"{white} ({tested.first_lag:.2f} at lag one), {how} expected ({size:.2g})",
         )
+
+
+def _start(replay: "SocReplay") -> str:
+    start = replay.start
+    assert start is not None, "asked by the caller"
+    known = {
+        "given": "as given",
+        "registered": "as adjusted when it was identified on",
+        **known_words(start),
+    }[start.soc_source]
+    part = f", {duration(replay.before_s)} into the record" if replay.before_s else ""
+    return f"at {percent(start.soc)} SOC{part}, {known}"
 
 
 def _scenario_row(scenario: "ScenarioPart") -> tuple[str, ...]:

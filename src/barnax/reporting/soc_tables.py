@@ -19,7 +19,7 @@ from .candidates import (
 )
 from .document import Bullets, Cells, Pictures, Section, Table, make_table, rows_table
 from .sentences import better_than
-from .temperatures import dependence_sentences, expectation, numbers_of
+from .temperatures import expectation, numbers_of, resistance_sentences
 from .words import (
     NOTHING,
     aligned_millivolt,
@@ -55,7 +55,8 @@ def tables_section(result: "Result", pictures: Pictures) -> list[Section]:
     told, over = Bullets(tuple(_sentences(part, result))), part.over_temperature
     drawn = pictures.starting("tables")
     if over is None:
-        return [Section("Tables over SOC", (told, *drawn))]
+        head = "Fitted OCV" if part.over == "ocv" else "Tables over SOC"
+        return [Section(head, (told, *drawn))]
     others = [
         nodes_table(fit, f" at {degrees(degc)}")
         for degc, fit in part.found.by_degc
@@ -65,9 +66,11 @@ def tables_section(result: "Result", pictures: Pictures) -> list[Section]:
     return [Section("Tables over SOC and temperature", (told, *tables, *drawn))]
 
 
-def answer_tables(part: "TablesPart") -> tuple[Table, Table]:
+def answer_tables(part: "TablesPart") -> tuple[Table, ...]:
     """The values of the answer; of several temperatures, those nearest to 25 degC."""
     degc = part.found.reference_degc
+    if part.over == "ocv":
+        return (constants_table(part.fit),)
     if degc is None:
         return constants_table(part.fit), nodes_table(part.fit)
     alone = degrees(degc)
@@ -88,7 +91,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
             f"all temperatures, leaves {constant}."
         )
         yield f"Best possible: {best_of(part, result.model)}"
-        yield from (f"Resistances: {text}" for text in dependence_sentences(part.found))
+        yield from (f"Resistances: {text}" for text in resistance_sentences(result))
         costs = over.objective_v / over.separate_v - 1 if over.separate_v else 0.0
         yield (
             "The time constants are the same at every temperature; separate ones would lower the "
@@ -105,20 +108,24 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         )
         return
     ends = duration(fit.tau_ranges_s[0][0]), duration(fit.tau_ranges_s[-1][1])
-    what = "a fitted OCV" if part.over == "ocv" else "tables over SOC"
+    if part.over == "ocv":
+        yield f"With a fitted OCV the RMSE is {own}."
+    else:
+        whose = " with the OCV of the tables" if result.cell_model.is_of_records else ""
+        yield f"With tables over SOC the RMSE is {own}; {beside}{whose} leaves {constant}."
     yield (
-        f"With {what} the RMSE is {own}; {beside} leaves {constant}. "
         f"The samples determine {fit.parameters} values. Time constants from {joined(ends, 'to')} "
         "were searched."
     )
     yield f"Best possible: {best_of(part, result.model)}"
-    yield from (f"Resistances: {text}" for text in dependence_sentences(part.found))
-    unseen, held = (
-        (unseen_errors(result), held_out_errors(result)) if part.over != "ocv" else (None, None)
-    )
-    names = result.constant.model, result.model
-    if pays := pay_sentence(unseen, held, *names, held_out_words(fit)):
-        yield capitalized(pays)
+    yield from (f"Resistances: {text}" for text in resistance_sentences(result))
+    # Without an OCV test the constant circuit has no OCV of its own, and the sentences above say
+    # what one with its own would leave.
+    if not result.cell_model.is_of_records:
+        unseen, held = unseen_errors(result), held_out_errors(result)
+        told = result.constant.model, result.model, held_out_words(fit)
+        if pays := pay_sentence(unseen, held, *told, " Prefer the constant circuit."):
+            yield capitalized(pays)
     yield from map(capitalized, ocv_test_sentences(result))
     if part.settings.ocv_correction and not result.cell.is_of_records:
         yield (
@@ -147,7 +154,8 @@ def best_of(part: "TablesPart", model: str) -> str:
 
 def best_tables(fit: "TableFit", model: str) -> str:
     """The gap between the tables of one temperature and the best possible ones."""
-    gap = f"no {model} tables in the bounds are over {percent(fit.proved_gap)} better."
+    what = "tables" if len(fit.tables.nodes) > 1 else "circuit and OCV"
+    gap = f"no {model} {what} in the bounds are over {percent(fit.proved_gap)} better."
     if fit.status == "certified":
         return f"proved: {gap}"
     if fit.lower_bound_v <= 0:
@@ -195,15 +203,20 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
 
 
 def constants_table(fit: "TableFit", where: str = "") -> Table:
-    """The parameters with one value at every SOC: time constants and, if any, gamma."""
-    known = {node.name: node for node in fit.intervals if node.soc is None}
+    """The parameters with one value at every SOC: time constants, gamma if there is one, and
+    resistances of one node."""
+    values, is_alike = fit.tables.constants, len(fit.tables.nodes) == 1
+    if is_alike:
+        values = {name: value for name, (value,) in fit.tables.tables.items()} | values
+    known = {node.name: node for node in fit.intervals if node.soc is None or is_alike}
     cells: Cells[str] = {
-        "parameter": str,
-        "value": lambda name: with_unit(name, fit.tables.constants[name]),
-        "95 % interval": lambda name: _interval(known.get(name), fit),
+        "parameter": symbol,
+        "value": lambda name: with_unit(name, values[name]),
+        "95 % interval": lambda name: _interval_with_unit(known.get(name), fit),
     }
-    caption = f"The parameters with one value at every SOC{where}."
-    names = [name for name in fit.tables.constants if not where or name not in numbers_of(fit)]
+    more = "; tables.csv has the OCV" if is_alike else ""
+    caption = f"The parameters with one value at every SOC{where}{more}."
+    names = [name for name in values if not where or name not in numbers_of(fit)]
     return make_table(caption, names, cells, cells)
 
 
@@ -250,7 +263,9 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
         ends = _determined(node, fit)
         if are_several and node.soc is not None:
             ends = _both(node.record_low, node.record_high)
-        known[node.name, node.soc] = NOT_DETERMINED if ends is None else between(node.name, *ends)
+        known[node.name, node.soc] = (
+            NOT_DETERMINED if ends is None else between(node.name, *ends, node.value)
+        )
     constants = fit.tables.constants
     rows = []
     for name, values in fit.tables.tables.items():
@@ -340,6 +355,13 @@ def _interval(node: "NodeInterval | None", fit: "TableFit", scale: float = 1.0) 
         return NOTHING
     known = _determined(node, fit)
     return NOT_DETERMINED if known is None else " to ".join(figures(scale * end) for end in known)
+
+
+def _interval_with_unit(node: "NodeInterval | None", fit: "TableFit") -> str:
+    known = None if node is None else _determined(node, fit)
+    if node is None or known is None:
+        return _interval(node, fit)
+    return between(node.name, *known, node.value)
 
 
 def _edge(node: "NodeInterval | None") -> str:

@@ -94,7 +94,7 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
         yield (
             f"{whose} from {extent(told_soc, 100)} to {extent(soc, 100)} %, capacity from "
             f"{extent(told_ah)} to {extent(capacity_ah)} Ah, so that the rests lie on the OCV; "
-            f"`keep_starts` keeps both as given.{others}"
+            f"`keep_starts` leaves both as they were.{others}"
         )
     joint = [
         (soc - own.told_soc, capacity_ah / own.told_capacity_ah - 1)
@@ -107,7 +107,7 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
     if max(soc, share) > HARDLY_MOVED:
         yield (
             f"the records' initial SOC by up to {100 * soc:.2g} % and their capacities by up to "
-            f"{100 * share:.2g} %, so that they agree; `keep_starts` keeps them as given."
+            f"{100 * share:.2g} %, so that they agree; `keep_starts` leaves them as they were."
         )
 
 
@@ -123,8 +123,9 @@ def moved_start_sentence(found: "MetricsPart") -> str:
     )
 
 
-def start_sentence(part: "InputPart", is_planned: bool = False) -> str:
-    """The start of one record and its source; `is_planned` if the plan set its SOC."""
+def start_sentence(part: "InputPart", is_planned: bool = False, has_direction: bool = True) -> str:
+    """The start of one record and its source; `is_planned` if the plan set its SOC. Without a
+    hysteresis it has no direction."""
     name, start = part.name, part.start
     assert start is not None, "asked of simulated records"
     given = "as the folder's plan says" if is_planned else "given"
@@ -146,9 +147,9 @@ def start_sentence(part: "InputPart", is_planned: bool = False) -> str:
         "without effect": f"with the cell {last}, which is assumed and makes no difference",
         "assumed": f"with the cell {last}, which is assumed",
     }[start.direction_source]
+    end = f", {direction}" if has_direction else ""
     return (
-        f"The simulation of {name} starts at a state of charge of {start.soc:.3f} ({known}), "
-        f"{direction}."
+        f"The simulation of {name} starts at a state of charge of {start.soc:.3f} ({known}){end}."
     )
 
 

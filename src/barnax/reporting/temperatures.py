@@ -16,12 +16,26 @@ if TYPE_CHECKING:
 NEXT_TO_NOTHING = 0.01
 
 
-def dependence_sentences(found: "TableFits") -> Iterator[str]:
-    """The dependences of tables' resistances, with intervals; nothing where that is SOC alone."""
-    held = found.reference.cross_validation
+def resistance_sentences(result: "Result") -> Iterator[str]:
+    """What the resistances of tables follow: of an OCV of the records' own whether they follow SOC
+    at all, weighed by what was left out, and what they follow beside it."""
+    part = result.tables
+    if part is None:
+        return
+    held = part.fit.cross_validation
     if held is not None and held.over_soc is not None:
         tables, own = millivolt(held.over_soc.rmse_v), millivolt(held.tables.rmse_v)
         yield f"the same at every SOC; left out {own}, with tables over SOC {tables}."
+    elif held is not None and part.over == "soc" and result.cell_model.is_of_records:
+        tables, one = millivolt(held.tables.rmse_v), millivolt(held.constant.rmse_v)
+        is_no_worse = held.constant.is_no_worse(held.tables)
+        end = f"; `model={result.model}` gives that" if is_no_worse else ""
+        yield f"over SOC; left out {tables}, with one value at every SOC {one}{end}."
+    yield from dependence_sentences(part.found)
+
+
+def dependence_sentences(found: "TableFits") -> Iterator[str]:
+    """What resistances follow beside SOC, with intervals; nothing where that is SOC alone."""
     for degc, fit in found.by_degc:
         told = list(_sentences(fit, "" if degc is None else f"at {degrees(degc)}, "))
         held = fit.cross_validation

@@ -70,6 +70,8 @@ def search_sentences(result: "Result") -> Iterator[str]:
         return
     seeds = len(search.seeds)
     whose = f"best {constant.model}" if result.tables is not None else "the optimum"
+    if result.tables is not None and result.cell_model.is_of_records:
+        whose += " with that OCV"
     median = "" if seeds == 1 else "median "
     yield (
         f"{counted(seeds, f'{search.method} seed')}: {median}{_above(optimum.median_gap)} above "
@@ -176,7 +178,8 @@ def next_step(result: "Result") -> Next:
     if not is_tried:
         return Next("validate on another record of the cell, with `validate`")
     pays = tables_pay(unseen_errors(result), held_out_errors(result))
-    if result.tables is not None and result.tables.over != "ocv" and not pays:
+    # Without an OCV test they were weighed against a constant circuit with an OCV of its own.
+    if result.tables is not None and not result.cell_model.is_of_records and not pays:
         model = result.constant.model
         return Next(f"use the constant circuit, `model` {model}: tables are worse on other records")
     wide = _wide(result)

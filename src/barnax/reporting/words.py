@@ -6,6 +6,8 @@ from typing import TypeVar
 from ..errors import counted as counted
 
 NOTHING = "–"
+# No more digits tell the ends of an interval from the value in it.
+MOST_DIGITS = 5
 # From here on a resistance is read in Ohm, as those of coin cells are.
 LARGE_OHM = 1.0
 Key = TypeVar("Key")
@@ -155,8 +157,8 @@ def figures(value: float | None, digits: int = 3) -> str:
     return f"{rounded:.{digits}g}"
 
 
-def shown(name: str, value: float) -> tuple[str, str]:
-    """A parameter's value to three figures and its unit: resistances in mOhm, those of coin cells
+def shown(name: str, value: float, digits: int = 3) -> tuple[str, str]:
+    """A parameter's value to so many figures and its unit: resistances in mOhm, those of coin cells
     in Ohm, hours where seconds are many, voltages in mV to two figures.
 
     >>> shown("R1 [Ohm]", 0.0149), shown("R1 [Ohm]", 57.2), shown("tau2 [s]", 19680.0)
@@ -164,12 +166,12 @@ def shown(name: str, value: float) -> tuple[str, str]:
     """
     unit = name.partition(" [")[2].rstrip("]")
     if unit == "V":
-        return figures(1e3 * value, 2), "mV"
+        return figures(1e3 * value, digits - 1), "mV"
     if unit == "Ohm" and value < LARGE_OHM:
         value, unit = 1e3 * value, "mOhm"
     if unit == "s" and value >= 10_000:
         value, unit = value / 3600, "h"
-    return figures(value), unit
+    return figures(value, digits), unit
 
 
 def bound_words(name: str, side: str) -> str:
@@ -190,15 +192,25 @@ def with_unit(name: str, value: float) -> str:
     return " ".join(shown(name, value)).rstrip()
 
 
-def between(name: str, low: float, high: float) -> str:
-    """An interval of a parameter.
+def between(name: str, low: float, high: float, value: float | None = None) -> str:
+    """An interval of a parameter, its ends with digits enough to be told from the value in it.
 
     >>> between("R1 [Ohm]", 0.0136, 0.0687), between("tau1 [s]", 4000, 40000)
     ('13.6 to 68.7 mOhm', '4000 s to 11.1 h')
+    >>> between("R0 [Ohm]", 0.019, 0.02004, 0.02)
+    '19 to 20.04 mOhm'
     """
-    (least, unit), (most, other) = shown(name, low), shown(name, high)
+    (least, unit), (most, other) = (_end(name, end, value) for end in (low, high))
     return (
         f"{least} to {most} {unit}".rstrip()
         if unit == other
         else f"{least} {unit} to {most} {other}"
     )
+
+
+def _end(name: str, end: float, value: float | None) -> tuple[str, str]:
+    for digits in range(3, MOST_DIGITS + 1):
+        text = shown(name, end, digits)
+        if value is None or text != shown(name, value, digits):
+            return text
+    return shown(name, end)

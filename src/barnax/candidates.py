@@ -7,7 +7,7 @@ import numpy as np
 
 from .cell import CellModel
 from .model.prepared import PreparedRecord
-from .over_soc import SocErrors, TableFit
+from .over_soc import SocErrors, TableFit, table_name
 from .records import Record
 from .search.evaluate import Evaluation
 
@@ -72,13 +72,6 @@ class Candidate:
         """The candidate with the errors of its evaluations."""
         validation_v = tuple(evaluation.metrics.rmse_v for evaluation in validated)
         return cls(model, over, _together(identified), validation_v, held_out, proved_gap)
-
-
-def table_name(model: str, over: str) -> str:
-    """Tables of a circuit as screens call them."""
-    if over == "ocv":
-        return f"{model} with a fitted OCV"
-    return f"tables over SOC{'' if over == 'soc' else ' and temperature'} ({model})"
 
 
 def _together(evaluations: Iterable[Evaluation]) -> SocErrors:

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from .candidates import Candidate, table_name
+from .candidates import Candidate
 from .cell import CellModel, CircuitParameters
 from .display import hook
 from .errors import InputError
 from .model.start import Start
 from .model.window import Window
 from .older_results import upgraded
+from .over_soc import table_name
 from .pulses import Pulse
 from .result_parts import (
     CircuitName,

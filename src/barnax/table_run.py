@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .candidates import table_name
 from .cell import CellModel
 from .cell.dependence import BETA
 from .cell.elements import names_beside, rungs_of
@@ -24,6 +23,7 @@ from .over_soc import (
     fit_tables,
     fit_temperatures,
     group_by_temperature,
+    table_name,
 )
 from .records.record import EARLIER_SHARE
 from .search.evaluate import Evaluation, evaluate_from_either, with_registered

@@ -10,6 +10,7 @@ import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell.parameters import OCV
 from barnax.errors import InputError
+from barnax.export.tables import tables_of
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import TableSettings, errors_on, fit_with_ocv, own_ocv
@@ -19,7 +20,10 @@ from barnax.over_soc.dependence import searched
 from barnax.over_soc.level import level_cell
 from barnax.records import read_record
 from barnax.records.record import in_means
+from barnax.reporting.decisions import decision_sentences
+from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import fit_csv
+from barnax.reporting.render import to_markdown
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, TAU_S, made, ocv_v
 from helpers.reference import make_record
@@ -287,6 +291,56 @@ def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, ove
         assert len(asked.tables.fit.tables.nodes) > 1
     else:
         assert fit.cross_validation.over_soc is None
+
+
+@pytest.fixture(scope="module")
+def narrow():
+    """One value of each resistance at every SOC, for samples visit a fifth of it."""
+    record, soc = made(1, hours=0.6)
+    window = Window(initial_soc=1.0, capacity_ah=2.0)
+    given = {
+        "seeds": 0,
+        "advise": False,
+        "max_boxes": 0,
+    }
+    result = barnax.identify(record, window=window, **given)
+    assert result.tables.over == "ocv"
+    return result, soc
+
+
+def test_nodes_of_the_ocv_without_samples_are_told_where_resistances_have_one_value(narrow):
+    result, soc = narrow
+    (told,) = [one for one in result.warnings if one.code == "tables.mostly-unvisited"]
+    assert "% of the OCV's nodes have no sample near them" in str(told)
+    nodes = result.tables.settings.ocv_nodes
+    seen = [node.soc for node in result.tables.fit.of_table(OCV)]
+    assert told.values["share"] == pytest.approx(1 - len(seen) / len(nodes))
+    (caveat,) = [text for text in tables_of(result).caveats if "No sample is near SOC" in text]
+    last = float(caveat.partition("SOC 0 to ")[2].partition(":")[0])
+    assert soc.min() - 0.05 < last < soc.min()
+
+
+def test_the_frame_of_one_value_has_the_nodes_of_the_ocv(narrow):
+    result, _ = narrow
+    frame = result.to_frame()
+    nodes = result.tables.fit.of_table(OCV)
+    assert frame["SOC"].to_list() == [node.soc for node in nodes]
+    assert frame["OCV [V]"].to_list() == [node.value for node in nodes]
+    assert set(frame["R0 [Ohm]"]) == set(result.tables.fit.tables.tables["R0 [Ohm]"])
+    rows = [*csv.DictReader(fit_csv(result.tables.fit).decode().splitlines())]
+    assert {row["SOC"] for row in rows if row["table"] == "R0 [Ohm]"} == {""}
+    assert len(rows) == 3 + 2 + len(nodes)
+
+
+def test_nothing_calls_one_value_tables_or_what_was_found_given(narrow):
+    result, _ = narrow
+    texts = [to_markdown(identification_document(result)), *map(str, result.warnings)]
+    texts = [text for part in texts for text in part.split("with tables over SOC")]
+    assert not any("ables over SOC" in text or "of the tables" in text for text in texts)
+    assert not any("easured OCV" in text or "constant circuit" in text for text in texts)
+    record, _ = made(1, hours=0.6)
+    alone = barnax.identify(record, model="so-rc", seeds=0, trust="none", advise=False)
+    assert not any("as given" in text for text in decision_sentences(alone))
 
 
 def test_only_the_answer_is_proved(monkeypatch):

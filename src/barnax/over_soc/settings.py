@@ -62,3 +62,10 @@ class TableSettings(TableOptions):
     def ranges(self) -> dict[str, Range]:
         """Bounds and fixed values alike, as ranges."""
         return {**self.bounds, **{name: (value, value) for name, value in self.fixed.items()}}
+
+
+def table_name(model: str, over: str) -> str:
+    """Tables of a circuit as screens call them."""
+    if over == "ocv":
+        return f"{model} with a fitted OCV"
+    return f"tables over SOC{'' if over == 'soc' else ' and temperature'} ({model})"

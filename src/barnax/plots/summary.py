@@ -127,7 +127,8 @@ def _draw_resistances(
             known = intervals.get(name)
             own = (value, known and known.low, known and known.high)
             rows = [np.full(2, np.nan if v is None else 1e3 * v) for v in own]
-            resistances.append(DrawnTable(name, True, ends, np.full(2, True), *rows))
+            low, high = rows[1:]
+            resistances.append(DrawnTable(name, True, ends, np.full(2, True), rows[0], low, high))
         tau_s = found.named_tau_s
     else:
         resistances = [table.seen for table in drawn_tables(found).values() if table.is_resistance]

@@ -24,6 +24,8 @@ FILTERS = {
 }
 # A 95 % band that holds less often than this is called overconfident.
 TRUSTED_BAND = 0.9
+# A start from one of these needs no line.
+EXPECTED = ("given", "rested voltage")
 # A flat OCV at a smaller share of samples is not worth a line.
 FLAT_SHARE = 0.05
 
@@ -43,10 +45,13 @@ def replay_document(replay: "SocReplay", illustrations: "Iterable[Illustration]"
 def facts_of(replay: "SocReplay") -> tuple[str, str]:
     """The record that was replayed, and the filter."""
     low, high = replay.soc_range
+    at_first, joint = "between ", "and"
+    if replay.start is not None:
+        at_first, joint = f"{100 * replay.start.soc + 0.0:.0f} %, then ", "to"
     older = f"{replay.model}{' with tables over SOC' if replay.with_tables else ''}"
     return (
         f"{replay.record}   {duration(replay.duration_s)}   {replay.samples:,} samples   "
-        f"SOC between {100 * low + 0.0:.0f} and {100 * high:.0f} %",
+        f"SOC {at_first}{100 * low + 0.0:.0f} {joint} {100 * high:.0f} %",
         f"{replay.circuit or older}, {FILTERS[replay.settings.kind]}, {replay.states} states",
     )
 
@@ -65,7 +70,7 @@ def replay_table(replay: "SocReplay") -> Table:
 
 def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
     """Heads and sentences: what went wrong, what was estimated, whether innovations are white."""
-    if replay.start is not None:
+    if replay.start is not None and (replay.before_s or replay.start.soc_source not in EXPECTED):
         yield "Start", _start(replay)
     diverged = [scenario for scenario in replay.scenarios if scenario.diverged_s is not None]
     for scenario in diverged:

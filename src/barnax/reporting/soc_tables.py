@@ -212,7 +212,7 @@ def constants_table(fit: "TableFit", where: str = "") -> Table:
     cells: Cells[str] = {
         "parameter": symbol,
         "value": lambda name: with_unit(name, values[name]),
-        "95 % interval": lambda name: _interval_with_unit(known.get(name), fit),
+        "95 % interval": lambda name: _interval_of(known.get(name), fit),
     }
     more = "; tables.csv has the OCV" if is_alike else ""
     caption = f"The parameters with one value at every SOC{where}{more}."
@@ -357,11 +357,13 @@ def _interval(node: "NodeInterval | None", fit: "TableFit", scale: float = 1.0) 
     return NOT_DETERMINED if known is None else " to ".join(figures(scale * end) for end in known)
 
 
-def _interval_with_unit(node: "NodeInterval | None", fit: "TableFit") -> str:
+def _interval_of(node: "NodeInterval | None", fit: "TableFit") -> str:
+    """An interval in the unit of the value that it stands beside."""
     known = None if node is None else _determined(node, fit)
     if node is None or known is None:
         return _interval(node, fit)
-    return between(node.name, *known, node.value)
+    value = with_unit(node.name, node.value)
+    return _under_one_unit(value, between(node.name, *known, node.value))[1]
 
 
 def _edge(node: "NodeInterval | None") -> str:

@@ -14,7 +14,7 @@ from barnax.experiment import Step
 from barnax.experiment.protocol import hppc_steps, sampled
 from barnax.over_soc import errors_on
 from barnax.records import Record
-from barnax.reporting.design import EMPTYING
+from barnax.reporting.design_forms import EMPTYING
 
 from .virtual import (
     CHARGE_C,

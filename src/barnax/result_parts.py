@@ -201,6 +201,13 @@ class InputPart(Part):
         return text
 
     @property
+    def start_source(self) -> str:
+        """What told the SOC at its start, before it was registered; empty of an OCV test."""
+        if self.window and (known := self.window.registration):
+            return known.origin.told_source
+        return self.start.soc_source if self.start else ""
+
+    @property
     def told_capacity_ah(self) -> float | None:
         """The capacity that was told, or that the OCV test tells, before other records of the cell
         moved it."""

@@ -31,6 +31,7 @@ from .result_parts import (
 from .run import Run
 from .schema import Document, Told
 from .search.evaluate import Evaluation
+from .search.refine import AtBound
 
 if TYPE_CHECKING:
     import numpy as np
@@ -271,6 +272,13 @@ class Result(Document):
     def circuit_parameters(self) -> CircuitParameters:
         """The same as the circuit that they are of."""
         return self.constant.parameters if self.tables is None else self.tables.fit.tables
+
+    @property
+    def at_bound(self) -> tuple[AtBound, ...]:
+        """The constants of the answer that ended at a bound of their search."""
+        if self.tables is None:
+            return self.constant.at_bound
+        return tuple(dict.fromkeys(own for fit in self.tables.fits for own in fit.at_bound))
 
     @property
     def answer(self) -> str:

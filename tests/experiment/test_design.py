@@ -15,7 +15,7 @@ from barnax.experiment import Block
 from barnax.experiment.belief import believed_of_chemistry
 from barnax.experiment.information import Seconds, columns_along, information_of, widths_of
 from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
-from barnax.reporting.design import procedure, profile_csv, pybamm_steps, steps_csv
+from barnax.reporting.design_forms import procedure, profile_csv, pybamm_steps, steps_csv
 
 LIMITS: dict[str, Any] = {"max_discharge": 2.0, "max_charge": 1.0}
 

@@ -14,6 +14,8 @@ from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step
 from barnax.experiment.belief import believed_of, window_of
+from barnax.experiment.information import Width
+from barnax.experiment.stored import Reference
 from barnax.reporting.design import (
     TOGETHER,
     design_screen,
@@ -200,10 +202,42 @@ def test_a_test_that_falls_short_says_where_and_why(design):
     assert not design.is_reached
     text = screen_of(design_screen(design, as_flags))
     assert "Not reached:    R0, R1 and R2. This is the best test found of 1.5 h." in text
-    assert "a drive cycle of 5.5 h determines R0 and R1 better. Allow more --max-hours" in text
+    assert "No test of 3 h was found that reaches all: allow more current" in text
+    longer = design.model_copy(update={"hours_needed": 3.0})
+    told = screen_of(design_screen(longer, as_flags))
+    assert "A test of 3 h would reach all: allow it with --max-hours." in told
     enough = dict.fromkeys(design.wanted, 10.0)
     reached = design.model_copy(update={"wanted": enough, "is_reached": True})
     assert "Not reached" not in screen_of(design_screen(reached, as_flags))
+
+
+def test_a_drive_cycle_is_said_to_be_better_at_what_falls_short_alone(design):
+    """A row that shows what is wanted, and one that a drive cycle narrows more at its widest."""
+
+    def widths(r0: list[float], r1: list[float]):
+        pairs = [("R0 [Ohm]", r0), ("R1 [Ohm]", r1)]
+        return tuple(
+            Width(name, soc, 1.0, half, half, None)
+            for name, halves in pairs
+            for soc, half in zip((0.3, 0.5, 0.7), halves, strict=True)
+        )
+
+    drive = Reference(
+        name="drive cycle", hours=5.5, widths=widths([0.01, 0.01, 0.01], [0.19, 0.2, 0.21])
+    )
+    hppc = Reference(name="HPPC", hours=12.0, widths=drive.widths)
+    own = {
+        "wanted": {"R0": 0.02, "R1": 0.2},
+        "widths": widths([0.0201, 0.0203, 0.0204], [0.18, 0.18, 0.3]),
+        "references": (hppc, drive),
+    }
+    text = screen_of(design_screen(design.model_copy(update=own), as_flags))
+    assert "Not reached:    R1 at some SOC." in text
+    assert "a drive cycle of 5.5 h would narrow R1 more." in text
+    worse = widths([0.01, 0.01, 0.01], [0.19, 0.2, 0.4])
+    own["references"] = (hppc, drive.model_copy(update={"widths": worse}))
+    text = screen_of(design_screen(design.model_copy(update=own), as_flags))
+    assert "a drive cycle of 5.5 h narrows them less." in text
 
 
 @pytest.mark.parametrize(

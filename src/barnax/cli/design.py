@@ -32,7 +32,11 @@ class Cell:
     )
     data: list[Path] | None = DATA
     capacity: float | None = option(CELL, "AH", "Capacity (default: the result's).")
-    chemistry: str = option(CELL, "nmc|lfp", "What is believed of a cell without a result.", "nmc")
+    chemistry: str | None = option(
+        CELL,
+        "nmc|lfp",
+        "Typical cell without a result (default: nmc), or beyond the SOC that it knows.",
+    )
 
 
 @group
@@ -90,7 +94,8 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
         from ..experiment import design as designed
         from ..experiment.belief import believed_of
         from ..experiment.protocol import drive_levels
-        from ..reporting.design import design_files, design_screen, planned_lines
+        from ..reporting.design import design_screen, planned_lines
+        from ..reporting.design_forms import design_files
         from ..reporting.terminal import parts_line
         from ..results import Result
 
@@ -150,7 +155,8 @@ def next_after(
         own, missing = _files_of(known, cell, cell.result)
         words = ["barnax", *own]
         words[2:2] = ["RECORD"]
-        words += ["--initial-soc", f"RECORD={soc}"]
+        # Where nothing shows what is full, its rest tells where it starts on the others' OCV.
+        words += [] if found.start_v else ["--initial-soc", f"RECORD={soc}"]
     else:
         words += ["RECORD", "--initial-soc", soc]
         tests = [] if known is None else known.of_role("ocv")

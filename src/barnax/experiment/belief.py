@@ -11,9 +11,11 @@ from jaxtyping import Float
 
 from ..bundled import bundled_file
 from ..cell import CellModel, CircuitParameters, characterize, get_circuit
+from ..cell.curves import InterpolatedCurve
 from ..cell.elements import RC
+from ..cell.model import MIXED_POINTS
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
-from ..cell.soc_axis import GIVEN
+from ..cell.soc_axis import CAPACITY_WARNING, GIVEN
 from ..cell.tables import LEAST_OHM
 from ..errors import InputError
 from ..over_soc import TableFit
@@ -25,6 +27,8 @@ from ..search.evaluate import Evaluation
 from ..settings import NODES
 from .earlier import by_second, error_of
 from .information import Believed, Error
+from .protocol import NEARLY_SOC
+from .search import OVERSHOT
 
 Chemistry = Literal["nmc", "lfp"]
 # Lowest and highest voltage of a cell of layered oxide, and of one whose OCV when full is under the
@@ -44,6 +48,14 @@ SHAPE = ((0.0, 0.4), (10.0, 0.65), (200.0, 0.7), (1000.0, 0.5))
 TYPICAL_V = 5e-3
 # Of the RMSE, what is not due to what the circuit leaves out.
 REST = 0.6
+# At a SOC where both are known, no cell's OCV is farther from the typical one of its chemistry.
+COMPARED_FROM_SOC, MOST_APART_V = 0.15, 0.2
+# A cell that is held at its OCV until C/50 is within so much of it; what it starts at is then known
+# to so much of the SOC at most, by the OCV's rise over as much.
+START_V, TOP_SOC = 10e-3, 0.05
+# Where a cell's OCV is not known, loads end here: under 10 % SOC a voltage may fall unforeseen (1C
+# took a PyBaMM cell 0.9 V under its limit at 8 %).
+UNKNOWN_LOW_SOC = 0.1
 # A table of a known cell may be off by its interval, and by this.
 LEAST_WORST, LEAST_OCV_V = 1.15, 5e-3
 
@@ -51,10 +63,11 @@ LEAST_WORST, LEAST_OCV_V = 1.15, 5e-3
 def believed_of(
     known: Result | Believed | str | Path | None,
     capacity_ah: float | None,
-    chemistry: str,
+    chemistry: str | None = None,
     temperature_degc: float | None = None,
 ) -> Believed:
-    """The belief about a cell of a result, of the folder of one, or of capacity and chemistry.
+    """The belief about a cell of a result, of the folder of one, or of capacity and chemistry; with
+    both, beyond the SOC at which a result knows the OCV it goes on as the chemistry's.
 
     Raises `InputError` for what is no capacity, where nothing tells it, and as those below do.
     """
@@ -63,25 +76,70 @@ def believed_of(
     if known is None:
         if capacity_ah is None:
             raise InputError("a test needs a `capacity` in Ah, or the result of earlier records")
-        return believed_of_chemistry(chemistry, capacity_ah)
+        return believed_of_chemistry(chemistry or "nmc", capacity_ah)
     if isinstance(known, str | Path):
         known = Result.load(known)
     if isinstance(known, Result):
         known = believed_of_result(known, temperature_degc)
-    if capacity_ah is None:
-        return known
-    cell = replace(known.cell, capacity_ah=capacity_ah, capacity_origin=GIVEN)
-    # The largest currents are those of the records.
-    share = known.cell.capacity_ah / capacity_ah
-    return replace(known, cell=cell, rates_c=(share * known.rates_c[0], share * known.rates_c[1]))
+    if capacity_ah is not None:
+        # The largest currents are those of the records.
+        share = known.cell.capacity_ah / capacity_ah
+        if known.cell.is_of_records and abs(share - 1) > CAPACITY_WARNING:
+            raise InputError(
+                f"`capacity` {capacity_ah:g} Ah: the OCV was identified over "
+                f"{known.cell.capacity_ah:.4g} Ah ({known.cell.capacity_origin}), and would be "
+                "stretched; identify again with `capacity`, and with `initial_soc` where the "
+                "record does not start full"
+            )
+        cell = replace(known.cell, capacity_ah=capacity_ah, capacity_origin=GIVEN)
+        discharge_c, charge_c = known.rates_c
+        known = replace(known, cell=cell, rates_c=(share * discharge_c, share * charge_c))
+    return known if chemistry is None else _going_on(known, chemistry)
 
 
-def window_of(cell: CellModel) -> tuple[float, float]:
-    """The lowest and the highest voltage that are usual for a cell with such an OCV.
+def _going_on(believed: Believed, chemistry: str) -> Believed:
+    """The same cell whose OCV goes on as a chemistry's beyond where it is told: joined to it, and
+    the chemistry's own where the cell is full and empty.
+
+    Raises `InputError` where both are far from each other.
+    """
+    typical, (low, high) = _typical_cell(chemistry), believed.told_soc
+    ends = np.array([low, high])
+    apart_v = typical.average_ocv_v(ends) - believed.ocv_v(ends)
+    # Near empty any two cells differ, and what was not full may have any OCV.
+    compared = (ends > COMPARED_FROM_SOC) & (believed.start_v is None)
+    if np.any(np.abs(apart_v[compared]) > MOST_APART_V):
+        place = int(np.argmax(np.abs(apart_v) * compared))
+        raise InputError(
+            f"`chemistry` {chemistry}: at {100 * ends[place]:.0f} % SOC such a cell has about "
+            f"{typical.average_ocv_v(ends)[place]:.2f} V, and this one "
+            f"{believed.ocv_v(ends)[place]:.2f} V; give another `chemistry`, or identify again "
+            "with another `capacity` or `initial_soc`"
+        )
+    believed = replace(believed, typical=chemistry, typical_reach_v=UNKNOWN_OCV_V[chemistry])
+    if believed.told_soc == (0.0, 1.0):
+        return believed
+    soc = np.linspace(0.0, 1.0, MIXED_POINTS)
+    at = np.clip(soc, low, high)
+    more_v = typical.average_ocv_v(soc) - typical.average_ocv_v(at)
+    more_v += np.interp(
+        soc, [0.0, low, high, 1.0], [apart_v[0] * (low > 0), 0.0, 0.0, apart_v[1] * (high < 1)]
+    )
+    charge, discharge = (
+        InterpolatedCurve.fit(soc, np.maximum.accumulate(branch(at) + more_v))
+        for branch in (believed.cell.charge, believed.cell.discharge)
+    )
+    return replace(believed, cell=replace(believed.cell, charge=charge, discharge=discharge))
+
+
+def window_of(cell: CellModel, chemistry: str = "") -> tuple[float, float]:
+    """The lowest and the highest voltage that are usual for a chemistry, else for such an OCV.
 
     An OCV that is not known of a full cell may be of either kind, unless it goes beyond one: then
     the narrower limits are taken.
     """
+    if chemistry:
+        return LFP_WINDOW_V if chemistry == "lfp" else WINDOW_V
     highest_soc = cell.soc_range[1]
     highest_v = float(cell.average_ocv_v(np.array([highest_soc]))[0])
     # Of a cell without an OCV test, the fullest that was seen may be far from full.
@@ -99,14 +157,7 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
 
     Raises `InputError` for an unknown chemistry.
     """
-    if chemistry not in get_args(Chemistry):
-        known = ", ".join(get_args(Chemistry))
-        raise InputError(f"`chemistry` {chemistry!r} is not known; there are {known}")
-    prefix = "" if chemistry == "nmc" else "lfp_"
-    tests = [read_record(bundled_file(f"{prefix}ocv_{way}")) for way in ("charge", "discharge")]
-    cell = replace(
-        characterize(tests, ocv_fit="interpolated"), capacity_ah=capacity_ah, capacity_origin=GIVEN
-    )
+    cell = replace(_typical_cell(chemistry), capacity_ah=capacity_ah, capacity_origin=GIVEN)
     nodes = np.array(NODES)
     rise = np.exp(-np.maximum(nodes, 0.0) / EMPTY_SOC)
     r0, *r = (
@@ -120,7 +171,18 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
         error=typical_error(TYPICAL_V),
         settings=with_own_ocv(TableSettings()),
         ocv_reach_v=UNKNOWN_OCV_V[chemistry],
+        typical=chemistry,
     )
+
+
+def _typical_cell(chemistry: str) -> CellModel:
+    """The bundled cell of a chemistry. Raises `InputError` for an unknown one."""
+    if chemistry not in get_args(Chemistry):
+        known = ", ".join(get_args(Chemistry))
+        raise InputError(f"`chemistry` {chemistry!r} is not known; there are {known}")
+    prefix = "" if chemistry == "nmc" else "lfp_"
+    tests = [read_record(bundled_file(f"{prefix}ocv_{way}")) for way in ("charge", "discharge")]
+    return characterize(tests, ocv_fit="interpolated")
 
 
 def believed_of_result(result: Result, temperature_degc: float | None = None) -> Believed:
@@ -170,7 +232,40 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
         believed = _counting(constants, earlier)
     largest_c = max(peaks_a, default=0.0) / cell.capacity_ah
     rates_c = (largest_c, largest_c / 2) if largest_c else believed.rates_c
-    return replace(believed, rates_c=rates_c, untold=untold)
+    taus = tuple(bound for bound in result.at_bound if bound.name.startswith("tau"))
+    believed = replace(
+        believed, rates_c=rates_c, untold=untold, told_soc=_told_soc(cell), at_bound=taus
+    )
+    is_own = any(part.start_source == "own span" for part in result.of_role("identification"))
+    return _started_by_voltage(believed) if cell.is_of_records and is_own else believed
+
+
+def _told_soc(cell: CellModel) -> tuple[float, float]:
+    """From where to where the OCV of a cell is told; nearly to an end is to it."""
+    low, high = cell.soc_range
+    nearly_empty = UNKNOWN_LOW_SOC - OVERSHOT if cell.is_of_records else NEARLY_SOC
+    # A start that is told with so many digits.
+    high = 1.0 if high > 1 - NEARLY_SOC else math.floor(1e3 * high) / 1e3
+    return 0.0 if low <= nearly_empty else low, high
+
+
+def _started_by_voltage(believed: Believed) -> Believed:
+    """The same where full is no more than the fullest point of a record: what brings a cell there
+    is its OCV.
+
+    Raises `InputError` where that is too flat.
+    """
+    top = believed.told_soc[1]
+    below_v, top_v = believed.ocv_v(np.array([top - TOP_SOC, top])).tolist()
+    off_soc = START_V / max((top_v - below_v) / TOP_SOC, 1e-9)
+    if off_soc > TOP_SOC:
+        raise InputError(
+            "nothing shows where the cell is full, and at its fullest point in the record, "
+            f"{top_v:.2f} V, the OCV is too flat to bring it there by its voltage; identify again "
+            "with `initial_soc` (1 for a record that starts full) and `capacity`, or design a test "
+            "from `capacity` and `chemistry` alone"
+        )
+    return replace(believed, start_v=top_v, start_reach_soc=off_soc)
 
 
 def _records_of(result: Result, temperature_degc: float | None) -> list[Evaluation]:

@@ -29,6 +29,7 @@ from ..cell.parameters import OCV, OCV_CORRECTION, OHMIC
 from ..cell.tables import hats
 from ..over_soc.intervals import LIGHT, STEP, sag_of
 from ..over_soc.settings import TableSettings
+from ..search.refine import AtBound
 
 # Half a 95 % interval in standard errors.
 HALF_95 = 1.96
@@ -90,8 +91,14 @@ class Believed:
         earlier: Records that will be identified with the test's.
         known: Half the 95 % intervals that they left, relative or in V.
         ocv_reach_v: How far the OCV may be from the cell's.
+        told_soc: From where to where the OCV is told, 0 and 1 where to both ends.
+        typical: The chemistry whose OCV goes on beyond, empty for none.
+        typical_reach_v: How much farther that may be off.
+        start_v: The OCV that brings a cell to the highest SOC, where nothing shows what is full.
+        start_reach_soc: How far off that may start.
         rates_c: The largest discharge and charge that are usual for it, in 1/h of the capacity.
         untold: Why the earlier records do not count.
+        at_bound: Time constants that are no more than a bound of their search.
     """
 
     cell: CellModel
@@ -102,8 +109,14 @@ class Believed:
     earlier: Sequence[Seconds] = ()
     known: Mapping[Name, float] = field(default_factory=dict)
     ocv_reach_v: float = 0.0
+    told_soc: tuple[float, float] = (0.0, 1.0)
+    typical: str = ""
+    typical_reach_v: float = 0.0
+    start_v: float | None = None
+    start_reach_soc: float = 0.0
     rates_c: tuple[float, float] = (1.0, 0.5)
     untold: str = ""
+    at_bound: tuple[AtBound, ...] = ()
 
     @cached_property
     def usual(self) -> "Believed":
@@ -159,6 +172,17 @@ class Believed:
         known_v = self.cell.average_ocv_v(soc)
         has_own = OCV_CORRECTION in self.tables.tables
         return known_v + self.tables.at(OCV_CORRECTION, soc) if has_own else known_v
+
+    def ocv_end_v(self, soc: Float[np.ndarray, "*any"], way: int) -> Float[np.ndarray, "*any"]:
+        """The lowest (-1) or highest (+1) that the OCV may be."""
+        low, high = self.told_soc
+        reach_v = self.ocv_reach_v + np.where((soc < low) | (soc > high), self.typical_reach_v, 0.0)
+        return self.ocv_v(soc + way * self.start_reach_soc) + way * reach_v
+
+    @property
+    def planned_soc(self) -> tuple[float, float]:
+        """The lowest and the highest SOC at which an OCV is known, or taken from other cells."""
+        return (0.0, 1.0) if self.typical else self.told_soc
 
     @cached_property
     def penalty(self) -> Normal:

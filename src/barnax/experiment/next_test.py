@@ -1,45 +1,40 @@
 """`barnax.design`: the next test of a cell, and what it is predicted to tell."""
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import jax
 import numpy as np
-from jaxtyping import Array
 
 from ..blas import one_blas_thread
 from ..errors import InputError
 from ..results import Result
-from .belief import believed_of, window_of
+from .belief import UNKNOWN_LOW_SOC, believed_of, window_of
 from .blocks import Block, candidate_blocks
 from .information import Believed, Normal, Width, columns_along, information_of, widths_of
+from .planning import MOST_HOURS, hours_needed, planned
 from .protocol import (
     COARSE_S,
-    HIGH_SOC,
     INTERVAL_S,
     LOW_SOC,
     Limits,
     Step,
-    bends,
     drive_levels,
     drive_steps,
+    hours_of,
     hppc_steps,
     move,
     sampled,
-    voltage_along,
-    warming_of,
 )
-from .search import Choice, Criterion, Found, OnDrive, Pattern, Wish, worst_first
+from .search import OVERSHOT, Choice, Criterion, OnDrive, Wish, worst_first
 from .stored import (
     DRIVE,
     WANTED_SOC,
     Design,
-    Predicted,
     Reference,
-    is_wanted,
+    is_enough,
+    is_within,
     short,
     wanted_of,
 )
@@ -48,28 +43,20 @@ from .stored import (
 WANTED = {"R0": 0.02, "R1": 0.2, "R2": 0.3, "OCV": 15e-3}
 # Of the RMSE that a fit leaves, what is wanted on a drive cycle.
 WANTED_ON_DRIVE = 1.5
-MAX_HOURS, MOST_HOURS = 3.0, 200.0
-# Where a cell's OCV is not known, loads end here: under 10 % SOC a voltage may fall unforeseen (1C
-# took a PyBaMM cell 0.9 V under its limit at 8 %). What empties it then, and the rest after it.
-UNKNOWN_LOW_SOC = 0.1
+MAX_HOURS = 3.0
+# Usual tests have the currents that are allowed here.
+MIDDLE_SOC = (0.6, 0.4)
+# What empties a cell whose OCV is not known, and the rest after it.
 EMPTYING_C, LAST_REST_S = 0.33, 300.0
-BISECTIONS, ADJUSTMENTS = 4, 8
-# Tests that a search predicts, and the patterns that it starts from.
-PREDICTIONS, STRETCHES, MOVE_C = 120, (10, 18), 1.0
-# How much of a width counts for reaching a wish: rounding.
-REACHED = 1.005
-ROUNDED = 1.001
-# By how much of the SOC a piece is first taken to leave its stretch.
-LEAST_BEYOND = 0.01
-# By how much more than a square law currents are lowered where they warm too much.
-LESS_WARM = 0.95
+# A test is of at least so much of the state of charge: a table has a node there.
+LEAST_SPAN_SOC = 0.1
 
 
 def design(
     result: Result | Believed | str | Path | None = None,
     *,
     capacity: float | None = None,
-    chemistry: str = "nmc",
+    chemistry: str | None = None,
     max_hours: float = MAX_HOURS,
     want: Mapping[str, float] | Literal["hppc"] | None = None,
     low_voltage: float | None = None,
@@ -92,7 +79,9 @@ def design(
             records of a result count, and are to be identified with the test's, where they are
             still found.
         capacity: Capacity in Ah; by default that of the result.
-        chemistry: nmc or lfp: what is believed of a cell without a result, and its voltages.
+        chemistry: nmc or lfp: what is believed of a cell without a result (by default nmc), and of
+            one with a result its voltages, and the OCV beyond the state of charge at which the
+            result knows it. Without, the test stays in that.
         max_hours: The longest that it may take.
         want: Half the 95 % interval wanted of R0, R1, R2 (relative) and OCV (in V), from 10 to 90 %
             of the state of charge, and the RMSE on a drive cycle (`drive`, in V; by default one and
@@ -126,7 +115,7 @@ def design(
             "a test needs something to `want`, some `blocks`, and one start of its search"
         )
     believed = believed_of(result, capacity, chemistry, temperature)
-    window_v = window_of(believed.cell)
+    window_v = window_of(believed.cell, believed.typical)
     limits = Limits(
         window_v[0] if low_voltage is None else low_voltage,
         window_v[1] if high_voltage is None else high_voltage,
@@ -134,51 +123,70 @@ def design(
         believed.rates_c[1] if max_charge is None else max_charge,
         max_warming,
     )
-    wishes, wanted = wishes_of(believed, None if want == "hppc" else want)
+    low_soc, high_soc = _span(believed)
+    wanted_soc = max(WANTED_SOC[0], low_soc), min(WANTED_SOC[1], high_soc)
+    wishes, wanted = wishes_of(believed, None if want == "hppc" else want, wanted_soc)
     random_key = jax.random.key(key)
     blocks = candidate_blocks(random_key, drive_levels()) if blocks is None else blocks
     capacity_ah = believed.cell.capacity_ah
-    largest_a, charged_a = limits.allowed(believed, 0.6, 0.4)
+    largest_a, charged_a = limits.allowed(believed, *np.clip(MIDDLE_SOC, low_soc, high_soc))
     usual = {
-        "HPPC": hppc_steps(capacity_ah, largest_a, charged_a),
-        "drive cycle": drive_steps(capacity_ah, largest_a),
+        "HPPC": hppc_steps(capacity_ah, largest_a, charged_a, high_soc, low_soc),
+        "drive cycle": drive_steps(capacity_ah, largest_a, high_soc, low_soc),
     }
     on_drive, soc = columns_along(
-        believed, sampled(usual["drive cycle"], COARSE_S), HIGH_SOC, COARSE_S
+        believed, sampled(usual["drive cycle"], COARSE_S), high_soc, COARSE_S
     )
     on_drive = on_drive[soc >= WANTED_SOC[0]]
     normal = on_drive.T @ on_drive / len(on_drive)
     references = tuple(
-        Reference(name=name, hours=_hours(steps), widths=_widths(believed, steps, normal, COARSE_S))
+        Reference(
+            name=name,
+            hours=hours_of(steps),
+            widths=_widths(believed, steps, high_soc, normal, COARSE_S),
+        )
         for name, steps in usual.items()
     )
     if want == "hppc":
-        wishes, wanted = wishes_of(believed, _medians(believed, references[0].widths))
+        medians = _medians(believed, references[0].widths, wanted_soc)
+        wishes, wanted = wishes_of(believed, medians, wanted_soc)
     drive = OnDrive(wanted[DRIVE], normal) if DRIVE in wanted else None
-    low_soc = LOW_SOC if believed.settings.ocv_nodes is None else UNKNOWN_LOW_SOC
     choice = Choice(
-        believed, limits, tuple(blocks), wishes, criterion, HIGH_SOC, low_soc, drive,
+        believed, limits, tuple(blocks), wishes, criterion, high_soc, low_soc, drive,
         _emptying(believed, limits, low_soc),
     )  # fmt: skip
+
+    def left(steps: Sequence[Step]) -> tuple[Width, ...]:
+        return _widths(believed, steps, high_soc, normal)
+
+    def reaches(steps: Sequence[Step]) -> bool:
+        widths = left(steps)
+        return all(
+            is_enough(name, width.after, half)
+            for name, half in wanted.items()
+            for width in wanted_of(name, widths, wanted_soc)
+        )
+
     with one_blas_thread():
-        steps, predicted = _planned(choice, max_hours, random_key, starts)
-    widths = _widths(believed, steps, normal)
+        plan = planned(choice, max_hours, random_key, starts, reaches)
+        widths = left(plan.steps)
+        is_reached = reaches(plan.steps)
+        needed = None if is_reached else hours_needed(plan, max_hours, random_key, reaches)
     return Design(
         capacity_ah=capacity_ah,
         limits=limits,
         temperature_degc=temperature,
         wanted=wanted,
-        is_reached=all(
-            width.after <= REACHED * half
-            for name, half in wanted.items()
-            for width in wanted_of(name, widths)
-        ),
-        hours=_hours(steps),
-        steps=tuple(steps),
+        is_reached=is_reached,
+        hours=hours_of(plan.steps),
+        steps=tuple(plan.steps),
         widths=widths,
         references=references,
-        predicted=predicted,
-        initial_soc=HIGH_SOC,
+        predicted=plan.predicted,
+        initial_soc=high_soc,
+        start_v=believed.start_v,
+        wanted_soc=wanted_soc,
+        hours_needed=needed,
         finds_ocv=believed.settings.ocv_nodes is not None,
         earlier=tuple(record.name for record in believed.earlier),
         untold=believed.untold,
@@ -187,8 +195,22 @@ def design(
     )
 
 
-def _hours(steps: Sequence[Step]) -> float:
-    return sum(step.duration_s for step in steps) / 3600
+def _span(believed: Believed) -> tuple[float, float]:
+    """The lowest and the highest state of charge of a test: those at which the OCV is known, less
+    what pieces and an unsure start may take the cell below.
+
+    Raises `InputError` where that leaves too little.
+    """
+    low_soc, high_soc = believed.planned_soc
+    usual_soc = LOW_SOC if believed.settings.ocv_nodes is None else UNKNOWN_LOW_SOC
+    end_soc = max(usual_soc, low_soc + OVERSHOT + believed.start_reach_soc)
+    if high_soc - end_soc < LEAST_SPAN_SOC:
+        raise InputError(
+            f"the result knows the OCV from {100 * low_soc:.0f} to {100 * high_soc:.0f} % SOC, too "
+            "little for a test; with `chemistry` nmc or lfp it goes from full to empty, with a "
+            "typical OCV beyond"
+        )
+    return end_soc, high_soc
 
 
 def _names(believed: Believed) -> list[str]:
@@ -200,7 +222,7 @@ def _names(believed: Believed) -> list[str]:
 
 
 def wishes_of(
-    believed: Believed, want: Mapping[str, float] | None
+    believed: Believed, want: Mapping[str, float] | None, wanted_soc: tuple[float, float]
 ) -> tuple[list[Wish], dict[str, float]]:
     """The wishes by place, and by table. Raises `InputError` for what the test cannot find."""
     names = _names(believed)
@@ -214,79 +236,25 @@ def wishes_of(
     return [
         Wish(place, wanted[short(name)])
         for place, (name, soc) in enumerate(believed.names)
-        if is_wanted(soc) and short(name) in wanted
+        if is_within(soc, wanted_soc) and short(name) in wanted
     ], wanted
 
 
-def _medians(believed: Believed, widths: Sequence[Width]) -> dict[str, float]:
+def _medians(
+    believed: Believed, widths: Sequence[Width], wanted_soc: tuple[float, float]
+) -> dict[str, float]:
     """The median width of every table where it is wanted, and the error on a drive cycle."""
     return {
         name: float(np.median([width.after for width in own]))
         for name in _names(believed)
-        if (own := wanted_of(name, widths))
+        if (own := wanted_of(name, widths, wanted_soc))
     }
 
 
-def _planned(
-    choice: Choice, max_hours: float, key: Array, starts: int
-) -> tuple[list[Step], Predicted]:
-    """The shortest test that reaches the wishes, or the best of the time, within all limits, and
-    how it goes."""
-    best, hours = _best(choice, max_hours, key, starts), max_hours
-    shortest = 0.0
-    for number in range(BISECTIONS if best.is_reached else 0):
-        middle, own_key = (shortest + hours) / 2, jax.random.fold_in(key, number)
-        other = choice.searched(middle, own_key, PREDICTIONS // BISECTIONS, best.pattern)
-        if other is not None and other.is_reached:
-            best, hours = other, middle
-        else:
-            shortest = middle
-    for _ in range(ADJUSTMENTS):
-        steps = choice.steps(best.pattern, hours)
-        if steps is None:
-            # Smaller currents may not bring back the charge that the pieces take.
-            best, hours = _best(choice, max_hours, key, starts), max_hours
-            continue
-        predicted, limits = _simulated(choice, steps)
-        if limits == choice.limits:
-            return steps, predicted
-        choice = replace(choice, limits=limits)
-    raise InputError(
-        f"no test stays between {choice.limits.low_v:g} and {choice.limits.high_v:g} V in the "
-        "worst case, or warms so little; widen `low_voltage` and `high_voltage`, allow more "
-        "`max_hours`, or lower `max_discharge` and `max_charge`"
-    )
-
-
-def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Found:
-    """The best of several searches. Raises `InputError` where no test is so short."""
-    kinds = len(choice.blocks)
-    patterns = [
-        Pattern(stretches, MOVE_C, tuple(stretches * (kind == own) for own in range(kinds)))
-        for stretches in STRETCHES
-        for kind in range(kinds + 1)
-    ]
-    searches = [
-        choice.searched(max_hours, jax.random.fold_in(key, number), PREDICTIONS, *patterns)
-        for number in range(starts)
-    ]
-    found = min(filter(None, searches), key=lambda one: one.value, default=None)
-    if found is not None:
-        return found
-    if choice.steps(Pattern(STRETCHES[0], MOVE_C, (0,) * kinds), MOST_HOURS) is None:
-        raise InputError(
-            f"between {choice.limits.low_v:g} and {choice.limits.high_v:g} V no discharge is "
-            "possible at some state of charge in the worst case; lower `low_voltage`"
-        )
-    raise InputError(
-        f"`max_hours` {max_hours:g}: one pass through the state of charge with its rests alone "
-        "takes longer; give more time, or a larger `max_discharge`"
-    )
-
-
 def _emptying(believed: Believed, limits: Limits, low_soc: float) -> tuple[Step, ...]:
-    """The steps that show the lower end of an unknown OCV."""
-    if believed.settings.ocv_nodes is None:
+    """The steps that show the lower end of an unknown OCV, where the test comes near that."""
+    is_near = low_soc <= UNKNOWN_LOW_SOC and believed.start_v is None
+    if believed.settings.ocv_nodes is None or not is_near:
         return ()
     capacity_ah, rest = believed.cell.capacity_ah, Step("last rest", LAST_REST_S, 0.0)
     rates_a, _ = limits.rates_a(capacity_ah, np.linspace(0.0, low_soc, 11))
@@ -294,60 +262,15 @@ def _emptying(believed: Believed, limits: Limits, low_soc: float) -> tuple[Step,
     return (move("to empty", low_soc * capacity_ah, rate_a), rest) if rate_a > 0 else (rest,)
 
 
-def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits]:
-    """The test as it goes, and the limits of the choice, tightened where its worst case leaves a
-    voltage, warms too much, or has a current over what is named for its state of charge."""
-    believed, limits, current_a = choice.believed, choice.limits, sampled(steps)
-    voltage_v, soc = voltage_along(believed, current_a, choice.high_soc)
-    low_v, _ = voltage_along(believed, current_a, choice.high_soc, -1)
-    high_v, _ = voltage_along(believed, current_a, choice.high_soc, 1)
-    ends = np.cumsum([round(step.duration_s / INTERVAL_S) for step in steps])
-    counts = np.arange(len(current_a)) <= ends[len(steps) - len(choice.last) - 1]
-    # The rest of a full cell is at its highest voltage, and no test's doing.
-    charges = counts & (current_a < 0)
-    beyond_v = max(
-        float(np.max(np.where(counts, limits.low_v - low_v, -math.inf))),
-        float(np.max(np.where(charges, high_v - limits.high_v, -math.inf))),
-    )
-    if beyond_v > 0:
-        limits = replace(limits, margin_v=limits.margin_v + beyond_v + 1e-3)
-    discharge_a, charge_a = limits.rates_a(believed.cell.capacity_ah, soc)
-    # A current holds until the next sample, by when its limit may have passed it a little.
-    if np.any((current_a > ROUNDED * discharge_a) | (-current_a > ROUNDED * charge_a)):
-        limits = replace(limits, beyond_soc=max(LEAST_BEYOND, 2 * limits.beyond_soc))
-    worst_v = np.where(current_a > 0, low_v, high_v)
-    worst_k = warming_of(believed, current_a, worst_v, soc)
-    if limits.warming_k is not None and worst_k > limits.warming_k:
-        share = LESS_WARM * math.sqrt(limits.warming_k / worst_k)
-        limits = replace(limits, share=limits.share * share)
-    voltages_v = np.stack([voltage_v, low_v, high_v])
-    starts = np.append(0, ends[:-1])
-    of_steps = [bends(voltages_v, *span) for span in zip(starts, ends - 1, strict=True)]
-    at = np.concatenate(of_steps)
-    # A step's last value is held until the next step, so that jumps are drawn upright.
-    is_last = np.cumsum([len(own) for own in of_steps]) - 1
-    time_s = INTERVAL_S * at
-    time_s[is_last] = INTERVAL_S * ends
-    drawn = {
-        "current_a": current_a,
-        "voltage_v": voltage_v,
-        "low_v": low_v,
-        "high_v": high_v,
-        "soc": soc,
-    }
-    predicted = Predicted(
-        time_s=time_s,
-        **{name: np.round(values[at], 5) for name, values in drawn.items()},
-        warming_k=warming_of(believed, current_a, voltage_v, soc),
-    )
-    return predicted, limits
-
-
 def _widths(
-    believed: Believed, steps: Sequence[Step], drive: Normal, interval_s: float = INTERVAL_S
+    believed: Believed,
+    steps: Sequence[Step],
+    high_soc: float,
+    drive: Normal,
+    interval_s: float = INTERVAL_S,
 ) -> tuple[Width, ...]:
     """The widths that a test leaves, and the RMSE on a drive cycle with it."""
-    columns, _ = columns_along(believed, sampled(steps, interval_s), HIGH_SOC, interval_s)
+    columns, _ = columns_along(believed, sampled(steps, interval_s), high_soc, interval_s)
     found = information_of(believed, columns, interval_s)
     alone, after = (
         whole.left_on(believed, whole.inverse(believed), drive)

@@ -17,6 +17,8 @@ INTERVAL_S = 1.0
 DRAWN_V = 3e-3
 # A test starts full, and ends so low.
 HIGH_SOC, LOW_SOC = 1.0, 0.05
+# So near to an end of the state of charge is at it.
+NEARLY_SOC = 0.02
 # Usual tests last long, and are looked at in so many seconds.
 COARSE_S = 2.0
 # A cell in moving air warms by so many K for a W an Ah, in so many s: 18650 cells by about 30,
@@ -96,24 +98,27 @@ class Limits:
         tables, capacity_ah = believed.tables, believed.cell.capacity_ah
         total = np.sum([tables.at(n, soc) for n in tables.tables if n.startswith("R")], axis=0)
         worst = total * np.interp(soc, tables.nodes, believed.worst)
-        discharge_v = believed.ocv_v(soc) - believed.ocv_reach_v
-        charge_v = believed.ocv_v(soc) + believed.ocv_reach_v
-        down = np.min((discharge_v - self.low_v - self.margin_v) / worst)
-        up = np.min((self.high_v - self.margin_v - charge_v) / worst)
+        down = np.min((believed.ocv_end_v(soc, -1) - self.low_v - self.margin_v) / worst)
+        up = np.min((self.high_v - self.margin_v - believed.ocv_end_v(soc, 1)) / worst)
         near = np.linspace(low_soc - self.beyond_soc, high_soc + self.beyond_soc, 21)
         rates = map(np.min, self.rates_a(capacity_ah, near))
         discharge_a, charge_a = (
             max(0.0, min(float(limit), self.share * float(rate)))
             for limit, rate in zip((down, up), rates, strict=True)
         )
-        # A cell that is full cannot be charged.
-        return discharge_a, charge_a * (high_soc < 0.98)
+        # A cell that is full, or as full as its OCV is known, cannot be charged.
+        is_full = high_soc + self.beyond_soc >= believed.planned_soc[1] - NEARLY_SOC
+        return discharge_a, charge_a * (not is_full)
 
 
 def _at(rate: float | Sequence[tuple[float, float]], soc: np.ndarray) -> np.ndarray:
     if isinstance(rate, int | float):
         return np.full(len(soc), float(rate))
     return np.interp(soc, *np.transpose(sorted(rate)))
+
+
+def hours_of(steps: Sequence[Step]) -> float:
+    return sum(step.duration_s for step in steps) / 3600
 
 
 def sampled(steps: Sequence[Step], interval_s: float = INTERVAL_S) -> Float[np.ndarray, "samples"]:
@@ -133,8 +138,8 @@ def voltage_along(
     first, *drops = [tables.at(name, along) * factor * current_a for name in names]
     total = sum(map(lagged, drops, tables.tau_s), first)
     half_gap_v = believed.cell.branch_gap_v(along) / 2 if worst else 0.0
-    ocv_v = believed.ocv_v(along) + worst * (believed.ocv_reach_v + half_gap_v)
-    return ocv_v - total, along
+    ocv_v = believed.ocv_end_v(along, worst) if worst else believed.ocv_v(along)
+    return ocv_v + worst * half_gap_v - total, along
 
 
 def bends(voltages_v: np.ndarray, start: int, last: int) -> list[int]:
@@ -160,15 +165,21 @@ def warming_of(
     return float(np.max(lagging_w)) * WARMING_K / believed.cell.capacity_ah
 
 
-def hppc_steps(capacity_ah: float, discharge_a: float, charge_a: float) -> list[Step]:
+def hppc_steps(
+    capacity_ah: float,
+    discharge_a: float,
+    charge_a: float,
+    high_soc: float = HIGH_SOC,
+    low_soc: float = LOW_SOC,
+) -> list[Step]:
     """A pulse test as it is usually run: at every 10 % an hour of rest, 30 s of discharge, 40 s of
     rest, 10 s of charge, and a move of C/3."""
-    steps = []
-    for level in range(10):
+    steps, levels = [], 1 + math.floor((high_soc - low_soc) / 0.1 + 1e-6)
+    for level in range(levels):
         steps.append(Step("rest", 3600, 0.0))
         steps += [Step("pulse", 30, discharge_a), Step("pulse", 40, 0.0)]
         steps += [Step("pulse", 10, -charge_a if level else 0.0), Step("pulse", 40, 0.0)]
-        if level < 9:
+        if level < levels - 1:
             pulsed_ah = (30 * discharge_a - (10 * charge_a if level else 0)) / 3600
             steps.append(move("move", 0.1 * capacity_ah - pulsed_ah, capacity_ah / 3))
     return steps
@@ -180,12 +191,14 @@ def drive_levels() -> Float[np.ndarray, "seconds"]:
     return current_a / current_a.max()
 
 
-def drive_steps(capacity_ah: float, largest_a: float) -> list[Step]:
-    """Other bundled drive cycles with such a largest current, from full until empty."""
+def drive_steps(
+    capacity_ah: float, largest_a: float, high_soc: float = HIGH_SOC, low_soc: float = LOW_SOC
+) -> list[Step]:
+    """Other bundled drive cycles with such a largest current, from one SOC down to another."""
     current_a = read_record(bundled_file("identification")).current_a
     whole = np.tile(current_a / current_a.max() * largest_a, 4)
-    soc = HIGH_SOC - np.cumsum(whole) / 3600 / capacity_ah
-    last = int(np.argmax(soc < LOW_SOC)) or len(whole)
+    soc = high_soc - np.cumsum(whole) / 3600 / capacity_ah
+    last = int(np.argmax(soc < low_soc)) or len(whole)
     return [Step("drive cycle", COARSE_S, level_a) for level_a in whole[:last:2].tolist()]
 
 

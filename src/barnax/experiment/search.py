@@ -155,7 +155,9 @@ class Choice:
     def steps(self, pattern: Pattern, hours: float) -> list[Step] | None:
         """The whole test; None where it takes longer, or blocks too much charge."""
         capacity_ah = self.believed.cell.capacity_ah
-        ends = np.linspace(self.high_soc, self.low_soc, pattern.stretches + 1).tolist()
+        # Where pieces dipped under the lowest state of charge that is known, it ends higher.
+        end_soc = self.low_soc + self.limits.beyond_soc * (self.believed.planned_soc[0] > 0)
+        ends = np.linspace(self.high_soc, end_soc, pattern.stretches + 1).tolist()
         stretches, taken_ah = [], 0.0
         for high, low, blocks in zip(ends, ends[1:], pattern.dealt(), strict=False):
             discharge_a, charge_a = self._allowed(high, low)

@@ -30,17 +30,30 @@ def short(name: str) -> str:
     return name.split()[0]
 
 
-def is_wanted(soc: float | None) -> bool:
-    return soc is not None and WANTED_SOC[0] <= soc <= WANTED_SOC[1]
+def is_within(soc: float | None, wanted_soc: tuple[float, float]) -> bool:
+    return soc is not None and wanted_soc[0] <= soc <= wanted_soc[1]
 
 
-def wanted_of(name: str, widths: Sequence[Width]) -> tuple[Width, ...]:
+def wanted_of(
+    name: str, widths: Sequence[Width], wanted_soc: tuple[float, float]
+) -> tuple[Width, ...]:
     """The widths of a table where it is wanted."""
     return tuple(
         width
         for width in widths
-        if short(width.name) == name and (name == DRIVE or is_wanted(width.soc))
+        if short(width.name) == name and (name == DRIVE or is_within(width.soc, wanted_soc))
     )
+
+
+def is_enough(name: str, half: float, wanted: float) -> bool:
+    """True where half an interval is as wanted, as both are shown: a percentage with two digits, a
+    voltage in hundredths of a mV.
+
+    >>> is_enough("R0", 0.0204, 0.02), is_enough("R0", 0.0206, 0.02), is_enough("OCV", 15e-3, 15e-3)
+    (True, False, True)
+    """
+    form = ".5f" if name in ("OCV", DRIVE) else ".2g"
+    return float(f"{half:{form}}") <= float(f"{wanted:{form}}")
 
 
 class Predicted(Part):
@@ -89,12 +102,15 @@ class Design(Document):
         temperature_degc: Temperature that it is for, None where nothing was said.
         wanted: Half the 95 % intervals that were asked for, by table: relative, in V for an OCV.
         is_reached: Whether all of them are predicted to be reached.
-        hours: Its duration, from the rest after the full charge on.
+        hours: Its duration, from the rest at its start on.
         steps: All steps of constant current, in order.
         widths: What it is predicted to tell.
         references: Usual tests with the same currents, in comparison.
         predicted: How it is believed to go.
         initial_soc: State of charge at its start.
+        start_v: The OCV that brings the cell there, where nothing shows what is full.
+        wanted_soc: From where to where in the state of charge the intervals are wanted.
+        hours_needed: In which longer time a test would reach them, None where none was found.
         finds_ocv: Whether the OCV is found by the test too.
         earlier: The records that count, and are to be identified with the test's.
         untold: Why those of the result do not count.
@@ -118,6 +134,9 @@ class Design(Document):
     error: Error
     key: int
     untold: str = ""
+    start_v: float | None = None
+    wanted_soc: tuple[float, float] = WANTED_SOC
+    hours_needed: float | None = None
 
     what: ClassVar[str] = "barnax design"
     remedy: ClassVar[str] = "give the folder or the design.json that barnax design wrote"
@@ -130,7 +149,7 @@ class Design(Document):
 
     def of_table(self, name: str, widths: Sequence[Width] | None = None) -> tuple[Width, ...]:
         """The widths of a table, such as "R0", where it is wanted."""
-        return wanted_of(name, self.widths if widths is None else widths)
+        return wanted_of(name, self.widths if widths is None else widths, self.wanted_soc)
 
     @property
     def pieces(self) -> list[tuple[str, list[Step]]]:

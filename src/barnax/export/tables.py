@@ -129,6 +129,11 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
             *_capacity(cell),
             *_unseen_ocv(result),
             *_ladders(circuit),
+            *(
+                f"{bound.name.partition(' ')[0]} ended at the {bound.side} bound of its search: "
+                "the data do not set it."
+                for bound in result.at_bound
+            ),
             *(_caveats(result, over_soc, kind) if over_soc else ()),
         ),
         parameters=parameters,

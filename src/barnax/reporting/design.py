@@ -1,4 +1,4 @@
-"""A designed test in words, tables, and the forms that cyclers and PyBaMM take."""
+"""A designed test in words and tables."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -9,30 +9,25 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ..experiment.information import HALF_95
-from ..experiment.next_test import REACHED
-from ..experiment.protocol import sampled
-from ..experiment.stored import DRIVE
-from ..files import csv_text
+from ..experiment.planning import LONGER
+from ..experiment.stored import DRIVE, is_enough
+from .design_forms import EMPTYING, before
 from .document import Table, rows_table
 from .terminal import bare_table, headed_line, indented, terminal_table
-from .words import NOTHING, counted, duration, extent, joined, millivolt, percent
+from .words import NOTHING, counted, duration, extent, joined, millivolt, percent, symbol, with_unit
 
 if TYPE_CHECKING:
-    from ..experiment import Design, Step
+    from ..experiment import Design
     from ..experiment.information import Believed, Width
     from ..over_soc import TableFit
     from ..results import Result
 
-EMPTYING, CURRENTS = "to empty", ("max_discharge", "max_charge")
-# A step below this current is a rest.
-REST_A = 1e-9
+CURRENTS = ("max_discharge", "max_charge")
 # On measured cells, records that are identified together leave wider intervals than was promised:
 # so many times, medians of 18 pairs (benchmarks/results/design.md).
 TOGETHER = {"R0": 1.3, "R1": 1.1, "R2": 1.2}
 # Promised and reached intervals within this share of each other agree.
 AGREES = 0.25
-# Pieces with more different steps are run from a profile.
-LONGEST_LINE = 8
 # Pieces on the screen, of a longer test: its first ones and its end.
 FIRST_PIECES, LAST_PIECES = 8, 2
 
@@ -42,16 +37,19 @@ def planned_lines(
     with_cli_options: Callable[[str], str] = str,
     chosen: Sequence[str] = (),
 ) -> Iterator[RenderableType]:
-    """The assumptions that a test is planned on: the capacity, the largest currents that are not
-    among the options `chosen`, and records that do not count.
+    """The assumptions that a test is planned on: the capacity, the SOC that it stays in, the
+    largest currents that are not among the options `chosen`, and records that do not count.
 
     `with_cli_options` turns the options named in texts into those of the reader's interface.
     """
     cell, open_currents = believed.cell, [name for name in CURRENTS if name not in chosen]
     more = "; if that is not its capacity, identify again with `capacity`"
     capacity = f"{cell.capacity_ah:.4g} Ah, {cell.capacity_origin}"
+    is_open = cell.has_spanned_capacity and believed.start_v is None
     told = {
-        "Planned for": f"{capacity}{more if cell.has_spanned_capacity else ''}.",
+        "Planned for": f"{capacity}{more if is_open else ''}.",
+        "SOC": _planned_soc(believed),
+        "Time constants": _at_bounds(believed),
         "Currents": open_currents and _usual_currents(believed, open_currents),
         "Not counted": believed.untold and f"the result's own records: {believed.untold}.",
     }
@@ -59,6 +57,40 @@ def planned_lines(
     for head, text in told.items():
         if text:
             yield indented(headed_line(head, with_cli_options(text)))
+
+
+def _at_bounds(believed: "Believed") -> str:
+    """The time constants that are no more than a bound of their search."""
+    told = [
+        f"{symbol(name)} at the {bound.side} bound of its search, {with_unit(name, value)}"
+        for bound in believed.at_bound
+        for name, value in [(bound.name, believed.tables.constants[bound.name])]
+    ]
+    return f"{joined(told)}. The intervals below take it as known." if told else ""
+
+
+def _planned_soc(believed: "Believed") -> str:
+    """The SOC that a test stays in, and what is believed beyond; empty from full to empty."""
+    low, high = (f"{100 * soc:.0f}" for soc in believed.told_soc)
+    if believed.start_v is not None:
+        return (
+            f"{high} % is the fullest point of the record, {believed.start_v:.2f} V at rest, "
+            "whether the cell was full or not, and the test starts there. To plan one from full, "
+            "identify again with `initial_soc` and `capacity`."
+        )
+    if believed.told_soc == (0.0, 1.0):
+        return ""
+    known = f"the result knows the OCV from {low} to {high} %"
+    if believed.typical:
+        reach = millivolt(believed.ocv_reach_v + believed.typical_reach_v)
+        return (
+            f"{known}. Beyond, that of a typical {believed.typical.upper()} cell is joined to it, "
+            f"and may be off by {reach}."
+        )
+    return (
+        f"{known}, and the test stays within. `chemistry` nmc or lfp plans one from full to empty, "
+        "with a typical OCV beyond."
+    )
 
 
 def _usual_currents(believed: "Believed", names: Sequence[str]) -> str:
@@ -164,7 +196,7 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     ends = f"; {limits.low_v:g} V in '{EMPTYING}' ends that step only" if is_emptied else ""
     yield "Voltage", f"{expected} expected. Set the cycler to stop the test outside {kept}{ends}."
     yield "Warming", f"about {predicted.warming_k:.2g} K, for a typical cell in moving air."
-    yield "Before", _before(design)
+    yield "Before", before(design)
     if design.earlier:
         yield "Combined with", f"{joined(design.earlier)}. {_together()}"
     left_out = f"{design.error.left_out:.2g}"
@@ -180,26 +212,42 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
 
 def _not_reached(design: "Design") -> str:
     """The intervals that stay wider than wanted, why, and whether a drive cycle does better."""
-    after = {name: [width.after for width in design.of_table(name)] for name in design.wanted}
-    enough = {name: REACHED * half for name, half in design.wanted.items()}
-    wide = [name for name in after if np.median(after[name]) > enough[name]]
-    some = [name for name in after if np.median(after[name]) <= enough[name] < max(after[name])]
+    after = {name: _halves(design.of_table(name)) for name in design.wanted}
+    wanted = design.wanted
+
+    def is_wide(name: str, halves: np.ndarray | float) -> bool:
+        return not is_enough(name, float(halves), wanted[name])
+
+    wide = [name for name in after if is_wide(name, np.median(after[name]))]
+    some = [name for name in after if name not in wide and is_wide(name, max(after[name]))]
     told = [joined([*map(_shown, wide)])] if wide else []
     told += [f"{joined([*map(_shown, some)])} at some SOC"] if some else []
     drive = next(test for test in design.references if test.name == "drive cycle")
-    better = [
-        _shown(name)
-        for name in (*wide, *some)
-        for theirs in [[width.after for width in design.of_table(name, drive.widths)]]
-        if np.median(theirs) < np.median(after[name])
-    ]
-    does = f"determines {joined(better)} better" if better else "does no better"
+    # By what falls short: the median, or the widest.
+    theirs = {name: _halves(design.of_table(name, drive.widths)) for name in (*wide, *some)}
+    better = [name for name in wide if np.median(theirs[name]) < np.median(after[name])]
+    better += [name for name in some if max(theirs[name]) < max(after[name])]
+    does = f"would narrow {joined([*map(_shown, better)])} more" if better else "narrows them less"
     untold = [name for name in wide if name.startswith("R") and np.median(after[name]) > 1]
     open_ = f" {joined(untold)} would stay undetermined." if untold else ""
     return (
         f"{'; '.join(told)}.{open_} This is the best test found of {design.hours:.3g} h. Errors "
         f"last up to {_correlated(design)}, so intervals narrow only with the square root of test "
-        f"time; a drive cycle of {drive.hours:.1f} h {does}. Allow more `max_hours` or current."
+        f"time; a drive cycle of {drive.hours:.1f} h {does}. {_needed(design)}"
+    )
+
+
+def _halves(widths: "Sequence[Width]") -> list[float]:
+    return [width.after for width in widths]
+
+
+def _needed(design: "Design") -> str:
+    """The time that would reach what is wanted, or what to change where none does."""
+    if design.hours_needed is not None:
+        return f"A test of {design.hours_needed:g} h would reach all: allow it with `max_hours`."
+    return (
+        f"No test of {LONGER * design.hours:.2g} h was found that reaches all: allow more current "
+        "or still more `max_hours`, or `want` less."
     )
 
 
@@ -215,129 +263,6 @@ def _together() -> str:
         "Two measured records of a cell disagree somewhat: their joint intervals were "
         f"{times} times as wide as promised, the median of 18 pairs."
     )
-
-
-def _before(design: "Design") -> str:
-    return (
-        f"charge at C/2 to {design.limits.high_v:g} V, hold until C/20, and rest 1 h: the test "
-        "starts full."
-    )
-
-
-def design_files(design: "Design") -> dict[str, bytes]:
-    """The test in all its forms, by the names of their files."""
-    texts = {
-        "steps.csv": steps_csv(design),
-        "profile.csv": profile_csv(design),
-        "experiment_pybamm.py": pybamm_script(design),
-        "procedure.txt": procedure(design),
-    }
-    return {name: text.encode() for name, text in texts.items()}
-
-
-def steps_csv(design: "Design") -> str:
-    """Every step in a row, as a cycler's editor has it."""
-    limits, soc = design.limits, design.initial_soc
-    rows = []
-    for number, step in enumerate(design.steps, 1):
-        soc -= step.duration_s * step.current_a / 3600 / design.capacity_ah
-        rows.append(
-            [number, step.block, _mode(step), f"{step.duration_s:g}", _ampere(abs(step.current_a)),
-             f"{abs(step.current_a) / design.capacity_ah:.3f}", f"{limits.low_v:g}",
-             f"{limits.high_v:g}", 1, f"{soc:.4f}"]
-        )  # fmt: skip
-    heads = (
-        *("Step", "Piece", "Mode", "Duration / s", "Current / A", "Rate / C", "Lowest voltage / V"),
-        *("Highest voltage / V", "Log every / s", "SOC at the end"),
-    )
-    return csv_text(heads, rows)
-
-
-def profile_csv(design: "Design") -> str:
-    """The current of every second, for cyclers that run a profile (discharge positive)."""
-    current_a = sampled(design.steps)
-    rows = ([second, _ampere(current)] for second, current in enumerate(current_a.tolist()))
-    return csv_text(("Time / s", "Current / A"), rows)
-
-
-def _ampere(current_a: float) -> str:
-    """Five digits of a current, however small the cell is."""
-    return np.format_float_positional(current_a + 0.0, 5, fractional=False, trim="-")
-
-
-def _mode(step: "Step") -> str:
-    if abs(step.current_a) < REST_A:
-        return "rest"
-    return "discharge" if step.current_a > 0 else "charge"
-
-
-def pybamm_steps(design: "Design") -> list[str]:
-    """Every step as PyBaMM's `Experiment` takes it."""
-    limits = {"discharge": design.limits.low_v, "charge": design.limits.high_v}
-    steps = []
-    for step in design.steps:
-        mode = _mode(step)
-        if mode == "rest":
-            steps.append(f"Rest for {step.duration_s:g} seconds")
-            continue
-        # The discharge to empty must end at the voltage, not before.
-        seconds = step.duration_s * (2 if step.block == EMPTYING else 1)
-        steps.append(
-            f"{mode.capitalize()} at {_ampere(abs(step.current_a))} A for {seconds:g} seconds "
-            f"or until {limits[mode]:g} V"
-        )
-    return steps
-
-
-def pybamm_script(design: "Design") -> str:
-    """The same as a module with the experiment."""
-    lines = "\n".join(f'    "{step}",' for step in pybamm_steps(design))
-    return (
-        '"""The designed test, from a full and rested cell."""\n\nimport pybamm\n\n'
-        f"steps = [\n{lines}\n]\n"
-        'experiment = pybamm.Experiment([tuple(steps)], period="1 second")\n'
-    )
-
-
-def procedure(design: "Design") -> str:
-    """The test in lines that are typed into a cycler's editor; what has many steps is run from a
-    profile."""
-    limits = design.limits
-    lines = [
-        f"Test of a cell of {design.capacity_ah:g} Ah, {design.hours:.2f} h",
-        f"Stop the test below {limits.low_v:g} V or above {limits.high_v:g} V. Log every second.",
-        f"Before: {_before(design)}",
-        "",
-    ]
-    second, row = 0, 1
-    for number, (name, steps) in enumerate(design.pieces, 1):
-        seconds = round(sum(step.duration_s for step in steps))
-        unit = next(n for n in range(1, len(steps) + 1) if _repeats(steps, n))
-        what = "; ".join(map(_line, steps[:unit]))
-        if unit < len(steps):
-            what = f"{len(steps) // unit} times ({what})"
-        if unit > LONGEST_LINE:
-            rows = f"seconds {second} to {second + seconds - 1} of profile.csv"
-            what = f"{rows}, or steps {row} to {row + len(steps) - 1} of steps.csv"
-        if name == EMPTYING:
-            what = f"discharge {steps[0].current_a:.4g} A until {limits.low_v:g} V, then go on"
-        own = "" if what.startswith(name) else f"{name}: "
-        lines.append(f"{number:3d}  {own}{what}")
-        second, row = second + seconds, row + len(steps)
-    return "\n".join(lines) + "\n"
-
-
-def _repeats(steps: "Sequence[Step]", count: int) -> bool:
-    """True if the first `count` steps are repeated to the end."""
-    return len(steps) % count == 0 and all(
-        step == steps[place % count] for place, step in enumerate(steps)
-    )
-
-
-def _line(step: "Step") -> str:
-    mode = _mode(step)
-    current = "" if mode == "rest" else f" {abs(step.current_a):.4g} A"
-    return f"{mode}{current} {step.duration_s:g} s"
 
 
 def promised_lines(design: "Design", result: "Result") -> Iterator[RenderableType]:

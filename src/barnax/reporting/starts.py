@@ -38,7 +38,7 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     name, start = next(
         (part.name, starts[source])
         for part in parts
-        if part.start is not None and (source := told_source(part)) in starts
+        if part.start is not None and (source := part.start_source) in starts
     )
     whose = f"of {name}, " if len(parts) > 1 else ""
     names = [part.name for part in parts]
@@ -59,14 +59,6 @@ def offset_sentence(stored: "Result") -> Iterator[str]:
             f"{1e3 * effect.offset_a:.2g} mA would change R0 by {percent(effect.r0)}, and the sum "
             f"of all resistances by {percent(effect.total)}."
         )
-
-
-def told_source(part: "InputPart") -> str:
-    """The source of a record's start before it was registered."""
-    registration = part.window and part.window.registration
-    if registration:
-        return registration.origin.told_source
-    return part.start.soc_source if part.start else ""
 
 
 def registered_sentences(stored: "Result") -> Iterator[str]:
@@ -129,7 +121,7 @@ def start_sentence(part: "InputPart", is_planned: bool = False, has_direction: b
     name, start = part.name, part.start
     assert start is not None, "asked of simulated records"
     given = "as the folder's plan says" if is_planned else "given"
-    known = {"given": given, **known_words(start)}[told_source(part)]
+    known = {"given": given, **known_words(start)}[part.start_source]
     if part.window and (own := part.window.registration):
         by = "the OCV test" if own.by == "OCV test" else "all records together"
         capacity = f"{own.capacity_low_ah:.4g} to {own.capacity_high_ah:.4g}"

@@ -1,0 +1,157 @@
+"""A designed test in the forms that cyclers and PyBaMM take."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..experiment.protocol import sampled
+from ..files import csv_text
+from .words import percent
+
+if TYPE_CHECKING:
+    from ..experiment import Design, Step
+
+# The one step that may reach the lowest voltage, which ends it.
+EMPTYING = "to empty"
+# A step below this current is a rest.
+REST_A = 1e-9
+# Pieces with more different steps are run from a profile.
+LONGEST_LINE = 8
+
+
+def before(design: "Design") -> str:
+    """How the cell is brought to the start of the test."""
+
+    def rate(hours: int) -> str:
+        return f"{design.capacity_ah / hours:.3g} A (C/{hours})"
+
+    if design.start_v is not None:
+        return (
+            f"charge or discharge at {rate(5)} to {design.start_v:.3f} V, hold until {rate(50)}, "
+            f"and rest 1 h: the test starts at the {percent(design.initial_soc)} SOC of the result."
+        )
+    full = f"charge at {rate(2)} to {design.limits.high_v:g} V, hold until {rate(20)}"
+    taken_ah = (1 - design.initial_soc) * design.capacity_ah
+    if not taken_ah > 0:
+        return f"{full}, and rest 1 h: the test starts full."
+    return (
+        f"{full}, discharge {taken_ah:.4g} Ah at {rate(5)}, and rest 1 h: the test starts at "
+        f"{100 * design.initial_soc:.3g} % SOC."
+    )
+
+
+def design_files(design: "Design") -> dict[str, bytes]:
+    """The test in all its forms, by the names of their files."""
+    texts = {
+        "steps.csv": steps_csv(design),
+        "profile.csv": profile_csv(design),
+        "experiment_pybamm.py": pybamm_script(design),
+        "procedure.txt": procedure(design),
+    }
+    return {name: text.encode() for name, text in texts.items()}
+
+
+def steps_csv(design: "Design") -> str:
+    """Every step in a row, as a cycler's editor has it."""
+    limits, soc = design.limits, design.initial_soc
+    rows = []
+    for number, step in enumerate(design.steps, 1):
+        soc -= step.duration_s * step.current_a / 3600 / design.capacity_ah
+        rows.append(
+            [number, step.block, _mode(step), f"{step.duration_s:g}", _ampere(abs(step.current_a)),
+             f"{abs(step.current_a) / design.capacity_ah:.3f}", f"{limits.low_v:g}",
+             f"{limits.high_v:g}", 1, f"{soc:.4f}"]
+        )  # fmt: skip
+    heads = (
+        *("Step", "Piece", "Mode", "Duration / s", "Current / A", "Rate / C", "Lowest voltage / V"),
+        *("Highest voltage / V", "Log every / s", "SOC at the end"),
+    )
+    return csv_text(heads, rows)
+
+
+def profile_csv(design: "Design") -> str:
+    """The current of every second, for cyclers that run a profile (discharge positive)."""
+    current_a = sampled(design.steps)
+    rows = ([second, _ampere(current)] for second, current in enumerate(current_a.tolist()))
+    return csv_text(("Time / s", "Current / A"), rows)
+
+
+def _ampere(current_a: float) -> str:
+    """Five digits of a current, however small the cell is."""
+    return np.format_float_positional(current_a + 0.0, 5, fractional=False, trim="-")
+
+
+def _mode(step: "Step") -> str:
+    if abs(step.current_a) < REST_A:
+        return "rest"
+    return "discharge" if step.current_a > 0 else "charge"
+
+
+def pybamm_steps(design: "Design") -> list[str]:
+    """Every step as PyBaMM's `Experiment` takes it."""
+    limits = {"discharge": design.limits.low_v, "charge": design.limits.high_v}
+    steps = []
+    for step in design.steps:
+        mode = _mode(step)
+        if mode == "rest":
+            steps.append(f"Rest for {step.duration_s:g} seconds")
+            continue
+        # The discharge to empty must end at the voltage, not before.
+        seconds = step.duration_s * (2 if step.block == EMPTYING else 1)
+        steps.append(
+            f"{mode.capitalize()} at {_ampere(abs(step.current_a))} A for {seconds:g} seconds "
+            f"or until {limits[mode]:g} V"
+        )
+    return steps
+
+
+def pybamm_script(design: "Design") -> str:
+    """The same as a module with the experiment."""
+    lines = "\n".join(f'    "{step}",' for step in pybamm_steps(design))
+    return (
+        '"""The designed test, from a full and rested cell."""\n\nimport pybamm\n\n'
+        f"steps = [\n{lines}\n]\n"
+        'experiment = pybamm.Experiment([tuple(steps)], period="1 second")\n'
+    )
+
+
+def procedure(design: "Design") -> str:
+    """The test in lines that are typed into a cycler's editor; what has many steps is run from a
+    profile."""
+    limits = design.limits
+    lines = [
+        f"Test of a cell of {design.capacity_ah:g} Ah, {design.hours:.2f} h",
+        f"Stop the test below {limits.low_v:g} V or above {limits.high_v:g} V. Log every second.",
+        f"Before: {before(design)}",
+        "",
+    ]
+    second, row = 0, 1
+    for number, (name, steps) in enumerate(design.pieces, 1):
+        seconds = round(sum(step.duration_s for step in steps))
+        unit = next(n for n in range(1, len(steps) + 1) if _repeats(steps, n))
+        what = "; ".join(map(_line, steps[:unit]))
+        if unit < len(steps):
+            what = f"{len(steps) // unit} times ({what})"
+        if unit > LONGEST_LINE:
+            rows = f"seconds {second} to {second + seconds - 1} of profile.csv"
+            what = f"{rows}, or steps {row} to {row + len(steps) - 1} of steps.csv"
+        if name == EMPTYING:
+            what = f"discharge {steps[0].current_a:.4g} A until {limits.low_v:g} V, then go on"
+        own = "" if what.startswith(name) else f"{name}: "
+        lines.append(f"{number:3d}  {own}{what}")
+        second, row = second + seconds, row + len(steps)
+    return "\n".join(lines) + "\n"
+
+
+def _repeats(steps: "Sequence[Step]", count: int) -> bool:
+    """True if the first `count` steps are repeated to the end."""
+    return len(steps) % count == 0 and all(
+        step == steps[place % count] for place, step in enumerate(steps)
+    )
+
+
+def _line(step: "Step") -> str:
+    mode = _mode(step)
+    current = "" if mode == "rest" else f" {abs(step.current_a):.4g} A"
+    return f"{mode}{current} {step.duration_s:g} s"

@@ -1,0 +1,147 @@
+"""A test after records that show only a part of the state of charge: where it stays, how the cell
+is brought there, and that the true cell keeps the limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.experiment.test_next import BLOCKS, screen_of
+
+import barnax
+from barnax.bundled import bundled_file
+from barnax.cli.session import as_flags
+from barnax.errors import InputError
+from barnax.experiment.belief import believed_of
+from barnax.experiment.protocol import sampled
+from barnax.records import read_record
+from barnax.reporting.design import planned_lines
+from barnax.reporting.design_forms import before, procedure
+from barnax.search.refine import AtBound
+
+QUICK = {"over": "soc", "model": "so-rc", "seeds": 0, "max_boxes": 0, "folds": 0}
+LIMITS = {"max_hours": 1.5, "blocks": BLOCKS, "max_discharge": 1.0, "max_charge": 1.0}
+
+
+def part_of(name: str, high: float, low: float) -> dict[str, np.ndarray]:
+    """A piece of a bundled drive cycle, from one SOC to another of 2 Ah."""
+    record = read_record(bundled_file(name))
+    soc = 1 - (record.discharged_ah - record.discharged_ah[0]) / 2.0
+    first, last = int(np.argmax(soc < high)), int(np.argmax(soc < low))
+    cut = slice(first, last)
+    return {
+        "Time [s]": record.time_s[cut] - record.time_s[first],
+        "Current [A]": record.current_a[cut],
+        "Voltage [V]": record.voltage_v[cut],
+    }
+
+
+def identified(name: str = "identification", **known):
+    quick = {**QUICK, "trust": "none", "advise": False, "resistances_follow": "none"}
+    return barnax.identify(part_of(name, 0.6, 0.2), **quick, **known)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """The bundled cell with its whole OCV."""
+    return barnax.identify(**QUICK, trust="none", advise=False, resistances_follow="none")
+
+
+@pytest.fixture(scope="module")
+def placed():
+    """What the piece tells where its place on the axis of SOC is given."""
+    return identified(window=barnax.Window(initial_soc=0.6), capacity=2.0)
+
+
+@pytest.fixture(scope="module")
+def unplaced():
+    return identified()
+
+
+def true_voltage(truth, design, initial_soc):
+    """The voltage of the true cell, until it is emptied."""
+    steps = [step for step in design.steps if step.block not in ("to empty", "last rest")]
+    current_a = sampled(steps)
+    profile = {"Time [s]": np.arange(float(len(current_a))), "Current [A]": current_a}
+    return np.asarray(truth.simulate(profile, initial_soc=initial_soc)["Voltage [V]"])
+
+
+def test_a_test_stays_where_the_ocv_is_known(placed, truth):
+    design = barnax.design(placed, **LIMITS)
+    low, high = believed_of(placed, None).told_soc
+    assert (low, high) == pytest.approx((0.2, 0.65), abs=0.01)
+    assert design.initial_soc == high
+    assert low <= design.predicted.soc.min() < low + 0.1
+    assert design.predicted.soc.max() <= high
+    assert {width.soc for width in design.of_table("R0")} == {0.3, 0.4, 0.5, 0.6}
+    taken_ah = 2 * (1 - high)
+    assert f"discharge {taken_ah:.4g} Ah at 0.4 A (C/5)" in before(design)
+    assert before(design) in procedure(design)
+    voltage_v = true_voltage(truth, design, high)
+    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
+    assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
+    screen = screen_of(planned_lines(believed_of(placed, None), as_flags))
+    assert "the result knows the OCV from 20 to 65 %, and the test stays within" in screen
+
+
+def test_a_chemistry_takes_it_from_full_to_empty(placed, truth):
+    believed = believed_of(placed, None, "nmc")
+    soc = np.array([0.0, 0.1, 0.3, 0.6, 0.8, 1.0])
+    # Joined: what the record told stays, the ends are the chemistry's.
+    np.testing.assert_allclose(
+        believed.ocv_v(soc[2:4]), believed_of(placed, None).ocv_v(soc[2:4]), atol=1e-3
+    )
+    typical_v = believed_of(None, 2.0, "nmc").ocv_v(soc)
+    np.testing.assert_allclose(believed.ocv_v(soc[[0, -1]]), typical_v[[0, -1]], atol=1e-6)
+    assert np.all(np.diff(believed.ocv_v(np.linspace(0, 1, 501))) >= 0)
+    reach_v = believed.ocv_end_v(soc, 1) - believed.ocv_v(soc)
+    assert reach_v[4] == pytest.approx(reach_v[3] + 0.05)
+    design = barnax.design(placed, chemistry="nmc", **LIMITS)
+    assert design.initial_soc == 1.0
+    assert any(step.block == "to empty" for step in design.steps)
+    voltage_v = true_voltage(truth, design, 1.0)
+    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
+    screen = screen_of(planned_lines(believed, as_flags))
+    assert "Beyond, that of a typical NMC cell is joined to it, and may be off by" in screen
+
+
+def test_another_chemistry_than_the_record_shows_is_refused(placed):
+    with pytest.raises(InputError, match=r"`chemistry` lfp: at 65 % SOC .* 3\.27 V, .* 3\.86"):
+        believed_of(placed, None, "lfp")
+
+
+def test_where_nothing_shows_what_is_full_the_voltage_brings_the_cell_to_its_start(unplaced, truth):
+    design = barnax.design(unplaced, **LIMITS)
+    # The fullest point is 65 % of the true cell.
+    true_v = float(truth.cell.average_ocv_v(np.array([0.65]))[0])
+    assert design.start_v == pytest.approx(true_v, abs=0.02)
+    assert not any(step.block == "to empty" for step in design.steps)
+    assert f"to {design.start_v:.3f} V, hold until 0.018" in before(design)
+    voltage_v = true_voltage(truth, design, 0.65)
+    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
+    assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
+
+
+def test_another_capacity_would_stretch_an_ocv_that_the_record_told(unplaced):
+    with pytest.raises(InputError, match=r"the OCV was identified over 0\.90.* would be stretched"):
+        barnax.design(unplaced, capacity=2.0)
+
+
+def test_a_flat_ocv_brings_no_cell_to_its_start():
+    flat = identified("lfp_identification")
+    with pytest.raises(InputError, match="too flat to bring it there"):
+        barnax.design(flat)
+
+
+def test_a_time_constant_at_a_bound_is_told_before_the_search(placed):
+    believed = replace(believed_of(placed, None), at_bound=(AtBound("tau2 [s]", "upper"),))
+    screen = screen_of(planned_lines(believed, as_flags))
+    assert "Time constants: tau2 at the upper bound of its search" in screen
+
+
+def test_hours_that_are_too_few_are_told_with_the_least():
+    with pytest.raises(InputError, match=r"`max_hours` 0\.5: .* takes .* h without a rest") as told:
+        barnax.design(capacity=2.0, max_hours=0.5, blocks=BLOCKS)
+    least = float(str(told.value).split(" h without")[0].split()[-1])
+    with pytest.raises(InputError, match="without a rest"):
+        barnax.design(capacity=2.0, max_hours=least - 0.02, blocks=BLOCKS)
+    assert least - 0.02 < barnax.design(capacity=2.0, max_hours=least, blocks=BLOCKS).hours <= least

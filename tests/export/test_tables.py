@@ -1,5 +1,7 @@
 """What every export starts from: curves over SOC as tables that are read linearly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,6 +13,7 @@ from barnax.cell import SegmentedHysteresis
 from barnax.cell.circuits import Circuit
 from barnax.errors import InputError
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
+from barnax.search.refine import AtBound
 from helpers.results import (
     CORRECTION_V,
     NODES,
@@ -18,6 +21,7 @@ from helpers.results import (
     make_cell,
     make_result,
     make_table_result,
+    with_constant,
 )
 
 from .conftest import DEGC, r0_ohm
@@ -78,6 +82,19 @@ def test_the_kind_of_hysteresis_follows_the_circuit(circuit, kind):
 
 def test_a_result_that_stores_no_rest_current_has_a_hundredth_of_the_capacity():
     assert tables_of(make_result(rest_current_a=None)).rest_current_a == pytest.approx(0.02)
+
+
+def test_a_time_constant_at_a_bound_is_a_caveat():
+    told = "tau2 ended at the upper bound of its search: the data do not set it."
+    (bound,) = bounds = (AtBound("tau2 [s]", "upper"),)
+    result = make_table_result()
+    part = result.tables
+    fits = tuple(replace(fit, at_bound=(bound,)) for fit in part.fits)
+    over_soc = result.model_copy(update={"tables": part.model_copy(update={"fits": fits})})
+    for bounded in (over_soc, with_constant(make_result(), at_bound=bounds)):
+        assert told in tables_of(bounded).caveats
+    # The constant circuit beside tables is not what is exported.
+    assert told not in tables_of(with_constant(result, at_bound=bounds)).caveats
 
 
 @pytest.mark.parametrize("direction", [1, -1])

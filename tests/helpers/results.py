@@ -172,6 +172,7 @@ def make_result(
     given = Start(initial_soc, "given", initial_direction, "given", row=2, voltage_v=4.0)
     block = MetricsBlock.model_construct(identification=metrics, validation=())
     constant = ConstantPart.model_construct(
+        at_bound=(),
         model=model,
         parameters=CircuitParameters.from_dict(parameters),
         metrics=block,

@@ -34,13 +34,14 @@ def plot_design(design: "Design") -> Figure:
     band = {"color": SKY_BLUE, "alpha": 0.45, "linewidth": 0.0}
     low_v = np.minimum(found.low_v, found.voltage_v)
     high_v = np.maximum(found.high_v, found.voltage_v)
-    label = "up to the largest resistances"
+    label = "worst case"
     voltage.fill_between(hours, low_v, high_v, **band, label=label)
     voltage.plot(hours, found.voltage_v, color=BLUE, linewidth=0.6, label="predicted")
     for limit_v in (limits.low_v, limits.high_v):
         voltage.axhline(limit_v, color=VERMILLION, linewidth=0.8, linestyle="--", label="limits")
     voltage.set_ylabel("Voltage [V]")
     soc.plot(hours, found.soc, color=GREY)
+    soc.set_ylim(0.0, 1.05)
     soc.set_ylabel("SOC [-]")
     soc.set_xlabel("Time [h]")
     return finish(figure, *panels)

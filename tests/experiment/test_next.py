@@ -194,6 +194,8 @@ def test_currents_that_were_not_given_are_told(result):
     one = screen_of(planned_lines(usual, as_flags, ["max_discharge"]))
     assert "charge up to 1 A (C/2); set your own with --max-charge." in one
     assert "discharge up to" not in one
+    assert "a typical NMC cell (--chemistry takes nmc or lfp): its OCV is up to 50 mV off" in one
+    assert "a typical" not in from_records
     both = screen_of(planned_lines(usual, as_flags, ["max_discharge", "max_charge"]))
     assert "Currents" not in both
 
@@ -233,11 +235,11 @@ def test_a_drive_cycle_is_said_to_be_better_at_what_falls_short_alone(design):
     }
     text = screen_of(design_screen(design.model_copy(update=own), as_flags))
     assert "Not reached:    R1 at some SOC." in text
-    assert "a drive cycle of 5.5 h would narrow R1 more." in text
+    assert "a drive cycle of 5.5 h leaves the widest R1 narrower." in text
     worse = widths([0.01, 0.01, 0.01], [0.19, 0.2, 0.4])
     own["references"] = (hppc, drive.model_copy(update={"widths": worse}))
     text = screen_of(design_screen(design.model_copy(update=own), as_flags))
-    assert "a drive cycle of 5.5 h narrows them less." in text
+    assert "a drive cycle of 5.5 h leaves none of them narrower." in text
 
 
 @pytest.mark.parametrize(
@@ -245,7 +247,7 @@ def test_a_drive_cycle_is_said_to_be_better_at_what_falls_short_alone(design):
     [
         (0.0, "; no unmodeled effects."),
         (1.0, "; unmodeled effects as large as in a typical cell."),
-        (2.0, "; unmodeled effects as large as in a typical cell, times 2."),
+        (2.0, "; unmodeled effects 2 times as large as in a typical cell."),
     ],
 )
 def test_what_a_design_leaves_out_is_told(design, left_out, told):

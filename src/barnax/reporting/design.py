@@ -48,6 +48,7 @@ def planned_lines(
     is_open = cell.has_spanned_capacity and believed.start_v is None
     told = {
         "Planned for": f"{capacity}{more if is_open else ''}.",
+        "Cell": _typical_cell(believed),
         "SOC": _planned_soc(believed),
         "Time constants": _at_bounds(believed),
         "Currents": open_currents and _usual_currents(believed, open_currents),
@@ -69,6 +70,18 @@ def _at_bounds(believed: "Believed") -> str:
     return f"{joined(told)}. The intervals below take it as known." if told else ""
 
 
+def _typical_cell(believed: "Believed") -> str:
+    """What is believed of a cell of which nothing was measured."""
+    if not believed.typical or believed.typical_reach_v:
+        return ""
+    taus = joined([f"{tau_s:g}" for tau_s in believed.tables.tau_s])
+    return (
+        f"a typical {believed.typical.upper()} cell (`chemistry` takes nmc or lfp): its OCV is up "
+        f"to {1e3 * believed.ocv_reach_v:g} mV off, its resistances are up to "
+        f"{believed.worst.max():g} times as large, its time constants {taus} s."
+    )
+
+
 def _planned_soc(believed: "Believed") -> str:
     """The SOC that a test stays in, and what is believed beyond; empty from full to empty."""
     low, high = (f"{100 * soc:.0f}" for soc in believed.told_soc)
@@ -82,7 +95,7 @@ def _planned_soc(believed: "Believed") -> str:
         return ""
     known = f"the result knows the OCV from {low} to {high} %"
     if believed.typical:
-        reach = millivolt(believed.ocv_reach_v + believed.typical_reach_v)
+        reach = f"{1e3 * (believed.ocv_reach_v + believed.typical_reach_v):.0f} mV"
         return (
             f"{known}. Beyond, that of a typical {believed.typical.upper()} cell is joined to it, "
             f"and may be off by {reach}."
@@ -200,9 +213,10 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     if design.earlier:
         yield "Combined with", f"{joined(design.earlier)}. {_together()}"
     left_out = f"{design.error.left_out:.2g}"
-    effects = "unmodeled effects as large as in a typical cell"
-    if left_out != "1":
-        effects = "no unmodeled effects" if left_out == "0" else f"{effects}, times {left_out}"
+    times = "" if left_out == "1" else f"{left_out} times "
+    effects = f"unmodeled effects {times}as large as in a typical cell"
+    if left_out == "0":
+        effects = "no unmodeled effects"
     yield (
         "Assumed",
         f"errors of {millivolt(design.error.rmse_v)} RMS after the fit, correlated over up to "
@@ -225,15 +239,16 @@ def _not_reached(design: "Design") -> str:
     drive = next(test for test in design.references if test.name == "drive cycle")
     # By what falls short: the median, or the widest.
     theirs = {name: _halves(design.of_table(name, drive.widths)) for name in (*wide, *some)}
-    better = [name for name in wide if np.median(theirs[name]) < np.median(after[name])]
-    better += [name for name in some if max(theirs[name]) < max(after[name])]
-    does = f"would narrow {joined([*map(_shown, better)])} more" if better else "narrows them less"
+    better = [_shown(name) for name in wide if np.median(theirs[name]) < np.median(after[name])]
+    better += [f"the widest {name}" for name in some if max(theirs[name]) < max(after[name])]
+    does = f"leaves {joined(better)} narrower" if better else "leaves none of them narrower"
     untold = [name for name in wide if name.startswith("R") and np.median(after[name]) > 1]
     open_ = f" {joined(untold)} would stay undetermined." if untold else ""
     return (
-        f"{'; '.join(told)}.{open_} This is the best test found of {design.hours:.3g} h. Errors "
-        f"last up to {_correlated(design)}, so intervals narrow only with the square root of test "
-        f"time; a drive cycle of {drive.hours:.1f} h {does}. {_needed(design)}"
+        f"{'; '.join(told)}.{open_} This is the best test found of {design.hours:.3g} h. "
+        f"Errors are correlated over up to {_correlated(design)}, so intervals narrow no faster "
+        f"than with the square root of test time; a drive cycle of {drive.hours:.1f} h {does}. "
+        f"{_needed(design)}"
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pydantic
 import pytest
 from benchmarks.schema import notices_page
 
@@ -45,6 +46,9 @@ def test_what_is_not_finite_is_stored_as_null_and_read_again(read):
     assert result.to_dict()["constant"]["search"]["seeds"][0]["history"][0] is None
 
 
+@pytest.mark.skipif(
+    pydantic.VERSION < "2.14", reason="Pydantic wrote schemas in other words before 2.14"
+)
 def test_the_published_schema_is_that_of_the_code():
     """`python -m benchmarks.schema` writes it."""
     published = json.loads(PUBLISHED.read_text(encoding="utf-8"))

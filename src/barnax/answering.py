@@ -252,7 +252,8 @@ def _widened(
     if other_hold is not None:
         warnings += tables.hold_warnings(problem, other_hold)
         shifts_ohm += [other_hold.parameters.r0 - own.r0, tables.hold_shift_ohm]
-    return assessment, tables.spanning(shifts_ohm)
+    shares = tables.hold_shares if other_hold is not None else None
+    return assessment, tables.spanning(shifts_ohm, shares)
 
 
 def _fitting(

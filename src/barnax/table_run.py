@@ -1,7 +1,7 @@
 """Tables over SOC, and over temperature, of a run: fitted, evaluated, and what to beware of."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +36,8 @@ OUTSIDE_SOC = 0.005
 # resistances, of which a wrong test makes 24 to 68 %.
 DISAGREES_V, DISAGREES_SHARE = 0.03, 0.2
 R0 = "R0 [Ohm]"
+# A pair that leaves less of itself after a sample is not seen under a current that flowed before.
+GONE = 0.02
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
 
@@ -96,46 +98,58 @@ class TableRun(Brief):
         current that flows after it; with a = exp(-T / tau), w is 0 and q is 1 there, 1 - a and a
         under one that flowed before it; between these where it is a share of both.
         """
-        hold = self.identification[0].prepared.record.hold.value
-        return self._moved_ohm("backward" if hold == "forward" else "forward")
+        return self._moved_ohm(self._other_hold)
+
+    @property
+    def hold_shares(self) -> dict[str, float]:
+        """By what share of itself the resistance of every RC pair would be more with the other
+        hold, under which it answers alike in later samples. Not of elements of several pairs."""
+        shares = {}
+        for name, share, kept in self._pairs():
+            own, other = (_answer(hold, kept)[1] for hold in (self._hold, self._other_hold))
+            # What is gone within a sample shows in no later one.
+            if share == 1 and other > GONE:
+                shares[name] = own / other - 1
+        return shares
 
     @property
     def means_shifts_ohm(self) -> tuple[float, ...]:
         """Possible errors of R0 where rows are taken for means, whose current is half that of the
         interval before and half that of the one after: as it would be for a current that stood
         still in each of them, to either side, for what it does in them is not known."""
-        if self.identification[0].prepared.record.hold.value != "centered":
+        if self._hold != "centered":
             return ()
         moved_ohm = self._moved_ohm("means")
         return moved_ohm, -moved_ohm
 
     def _moved_ohm(self, other: str) -> float:
-        prepared = self.identification[0].prepared
-        hold = prepared.record.hold.value
-        (tau, *_) = [
-            {
-                interval.name: interval.value
-                for interval in fit.intervals
-                if interval.name.startswith("tau")
-            }
-            for fit in self.found.fits
-        ]
-        rungs, interval_s = rungs_of(self.found.fits[0].tables.elements), prepared.median_interval_s
+        pairs = list(self._pairs())
         # Of a mixture, what is far faster than the sampling moves to R0 as a whole.
-        least = 0.0 if len(rungs) == len(tau) else 0.5
+        least = 0.0 if all(share == 1 for _, share, _ in pairs) else 0.5
 
         def moved(kept: float) -> float:
-            own, others = (_answer(kind, max(kept, least)) for kind in (hold, other))
+            own, others = (_answer(kind, max(kept, least)) for kind in (self._hold, other))
             return own[0] - own[1] / others[1] * others[0]
 
-        return sum(
-            self.median_ohm(names_beside(name).resistance)
-            * rung.share
-            * moved(math.exp(-interval_s / (tau_s * rung.ratio)))
-            for place, (name, tau_s) in enumerate(tau.items())
-            for rung in rungs
-            if rung.element == place
-        )
+        return sum(self.median_ohm(name) * share * moved(kept) for name, share, kept in pairs)
+
+    @property
+    def _hold(self) -> str:
+        return self.identification[0].prepared.record.hold.value
+
+    @property
+    def _other_hold(self) -> str:
+        return "backward" if self._hold == "forward" else "forward"
+
+    def _pairs(self) -> Iterator[tuple[str, float, float]]:
+        """Every RC pair: its resistance, its share of that, and what an interval leaves of it."""
+        fit = self.found.fits[0]
+        taus = [own for own in fit.intervals if own.name.startswith("tau")]
+        interval_s = self.identification[0].prepared.median_interval_s
+        for rung in rungs_of(fit.tables.elements):
+            tau = taus[rung.element]
+            kept = math.exp(-interval_s / (tau.value * rung.ratio))
+            yield names_beside(tau.name).resistance, rung.share, kept
 
     @property
     def middle_r0(self) -> NodeInterval | None:
@@ -157,17 +171,20 @@ class TableRun(Brief):
             soc = middle.soc if self.found.are_over_soc else None
             yield hold_warning(problem, other.value, middle.value, moved_ohm, soc)
 
-    def spanning(self, shifts_ohm: Sequence[float]) -> "TableRun":
-        """The same whose intervals of R0 reach over what else may be true, so far from it."""
+    def spanning(
+        self, shifts_ohm: Sequence[float], shares: Mapping[str, float] | None = None
+    ) -> "TableRun":
+        """The same with intervals that reach over what else may be true: R0 so far off, and other
+        resistances by shares of themselves."""
+
+        def reaching(own: NodeInterval) -> NodeInterval:
+            if own.name == R0:
+                return own.spanning(shifts_ohm)
+            share = (shares or {}).get(own.name)
+            return own if share is None else own.spanning([share * own.value])
+
         fits = tuple(
-            replace(
-                fit,
-                intervals=tuple(
-                    interval.spanning(shifts_ohm) if interval.name == R0 else interval
-                    for interval in fit.intervals
-                ),
-            )
-            for fit in self.found.fits
+            replace(fit, intervals=tuple(map(reaching, fit.intervals))) for fit in self.found.fits
         )
         return replace(self, found=replace(self.found, fits=fits))
 

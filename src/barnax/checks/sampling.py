@@ -7,9 +7,9 @@ import numpy as np
 from ..notices import Notice, notice
 from ..records.segments import equal_runs
 from ..records.silence import gaps_in
+from ..records.slow_log import changes_between_rows, rows_are
 from .check_input import CheckInput
 from .roles import FINE_S
-from .slow_log import rows_are
 from .step_answers import LASTING, LATE_SURE, Known, late_of
 
 # More than this share of all intervals is how the tester samples.
@@ -206,9 +206,10 @@ def _smoothed_voltage(known: Known | None, interval_s: float) -> Iterator[Notice
 def find_fast_load(given: CheckInput) -> Iterator[Notice]:
     """A current that changes as often as it is logged, slowly: its rows are means, or instants
     between which nobody knows what flowed."""
-    if not given.samples.changes_between:
+    if not changes_between_rows(given.samples):
         return
-    rows, hold = rows_are(given.record), given.record.hold
+    record = given.record
+    rows, hold = rows_are(record.current_a, record.voltage_v, -record.discharged_ah), record.hold
     if rows == "instants" or hold.strength == "assumed":
         yield notice(_FAST_LOAD[rows], interval_s=given.samples.interval_s)
 

@@ -16,6 +16,7 @@ from .columns import Column
 from .counters import inner
 from .record import Decision, Hold
 from .samples import Samples
+from .slow_log import changes_between_rows
 
 Increments = Float[np.ndarray, "intervals"]
 
@@ -63,7 +64,7 @@ def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
     if samples.dialect.logs_at_end:
         words = f"{samples.dialect.name} testers log a sample at its interval's end"
         return Decision("backward", "weak", words)
-    if samples.changes_between:
+    if changes_between_rows(samples):
         reason = (
             "the load changes between samples, as often as it is logged or through parts of both"
         )

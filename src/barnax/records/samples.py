@@ -144,16 +144,20 @@ class Samples(Lines):
         return self.begun_ah if hold == "forward" else self.ended_ah
 
     @cached_property
-    def changes_between(self) -> bool:
-        """True if the current changes between samples: it does where it changes as often as it is
-        logged, slowly, and where its levels change through rows that hold a part of both."""
+    def alone_share(self) -> float:
+        """The share of the samples under load whose current differs from both neighbors'."""
         is_changed = np.abs(self.step_a) > ALONE_SHARE * self.peak_a
         is_loaded = np.abs(self.current_a[1:-1]) > STEADY_SHARE * self.peak_a
         is_alone = is_changed[1:] & is_changed[:-1]
+        return float(np.sum(is_alone & is_loaded)) / max(float(np.sum(is_loaded)), 1.0)
+
+    @cached_property
+    def changes_between(self) -> bool:
+        """True if the current changes between samples: it does where it changes as often as it is
+        logged, slowly, and where its levels change through rows that hold a part of both."""
         if self.interval_s < SLOW_S:
             return False
-        often = float(np.sum(is_alone & is_loaded)) >= ALONE * max(float(np.sum(is_loaded)), 1.0)
-        return often or changes_through_values_between(self.current_a)
+        return self.alone_share >= ALONE or changes_through_values_between(self.current_a)
 
     @cached_property
     def is_loaded(self) -> Bool[np.ndarray, "intervals"]:

@@ -7,8 +7,8 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax.checks import check_file
-from barnax.checks.slow_log import rows_are
 from barnax.records import record_from_frame, source_from_frame
+from barnax.records.slow_log import rows_are
 from helpers.records import CURRENT, TIME, VOLTAGE
 
 EVERY = 10
@@ -30,12 +30,17 @@ def drive(seed):
         ]
         seconds += up + cruise + down + stop
     current_a = np.concatenate(pieces)
+    return current_a, voltage_of(current_a)
+
+
+def voltage_of(current_a):
+    """The voltage from full, a second a sample."""
     soc = 1 - np.append(0.0, np.cumsum(current_a)[:-1]) / 3600 / 2.5
     voltage_v = 3.2 + 0.8 * soc + 0.08 * np.tanh((soc - 0.6) / 0.1) - R0 * current_a
     for ohm, tau_s in PAIRS:
         kept = np.exp(-1 / tau_s)
         voltage_v -= lfilter([0.0, (1 - kept) * ohm], [1.0, -kept], current_a)
-    return current_a, voltage_v
+    return voltage_v
 
 
 def log(seed, rows, every=EVERY, step_v=0.0):
@@ -52,10 +57,15 @@ def log(seed, rows, every=EVERY, step_v=0.0):
     return pl.DataFrame({TIME: time_s, CURRENT: -amps, VOLTAGE: volts})
 
 
+def kind_of(record):
+    """What the rows of a record are taken for."""
+    return rows_are(record.current_a, record.voltage_v, -record.discharged_ah)
+
+
 @pytest.mark.parametrize("step_v", [0.0, 0.005])
 @pytest.mark.parametrize("rows", ["instants", "means"])
 def test_rows_of_instants_and_means_are_told_apart(rows, step_v):
-    told = [rows_are(record_from_frame(log(seed, rows, step_v=step_v))) for seed in range(20)]
+    told = [kind_of(record_from_frame(log(seed, rows, step_v=step_v))) for seed in range(20)]
     assert told.count(rows) >= 19
     assert "means" not in told if rows == "instants" else "instants" not in told
 
@@ -76,6 +86,27 @@ def test_a_load_in_time_with_a_slow_log_flows_until_the_next_row():
     table = {TIME: 10.0 * np.arange(len(current_a)), CURRENT: -current_a}
     record = record_from_frame(table | {VOLTAGE: 3.7 - R0 * current_a})
     assert (record.hold.value, record.hold.strength) == ("forward", "assumed")
+
+
+def calm(seed, in_time):
+    """Instants 10 s apart of a load that stands still for 3 to 40 s, or for whole intervals."""
+    rng = np.random.default_rng(seed)
+    lengths = rng.integers(3, 41, 700)
+    if in_time:
+        lengths = EVERY * rng.integers(1, 5, 550)
+    kind = rng.random(len(lengths))
+    levels_a = np.select([kind < 0.2, kind < 0.35], [0.0, -1.0], 2.5) * rng.random(len(lengths))
+    current_a = levels_a.repeat(lengths)
+    current_a = current_a[: np.argmax(np.cumsum(current_a) > 0.9 * 3600 * 2.5)]
+    amps, volts = current_a[::EVERY], voltage_of(current_a)[::EVERY]
+    volts = volts + 1e-3 * rng.standard_normal(len(volts))
+    return {TIME: float(EVERY) * np.arange(len(amps)), CURRENT: -amps, VOLTAGE: volts}
+
+
+@pytest.mark.parametrize("in_time", [True, False])
+def test_a_load_that_seldom_changes_between_rows_is_told_from_one_in_time(in_time):
+    holds = [record_from_frame(calm(seed, in_time)).hold.value for seed in range(20)]
+    assert holds.count("forward" if in_time else "centered") >= 19
 
 
 @pytest.mark.slow

@@ -11,9 +11,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ..records import Record
-from ..records.lag import lagged
-from ..records.samples import changes_through_values_between
+from .lag import lagged
+from .samples import SLOW_S, Samples, changes_through_values_between
 
 # Time constants of pairs in rows, and SOC nodes of R0 and of the OCV.
 _TAUS, _R0_NODES, _OCV_NODES = (1.0, 3.0, 10.0, 30.0), 5, 11
@@ -22,16 +21,42 @@ _INSIDE, _FEWEST = (0.15, 0.98), 3
 # A correlation above this, by so much more over the root of the rows, and innovations of so much of
 # what the voltage moves are of instants; a correlation below the last is of means.
 _INSTANTS, _MORE, _MOVES, _MEANS = -0.455, 0.5, 0.02, -0.5
+# A current that differs from both its neighbors in a larger share of the samples under load than
+# this may change between them; a load in time with its log does too.
+_SOMETIMES = 0.05
 # Innovations are looked for in so many rows at a time, as shares of the noise.
 _BLOCK, _SHARES = 64, np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 40)])
 
 Rows = Literal["instants", "means", "open"]
 
 
-def rows_are(record: Record) -> Rows:
-    """The kind of rows of a record whose load changes between them."""
-    left = _left_v(record)
-    if changes_through_values_between(record.current_a):
+def changes_between_rows(samples: Samples) -> bool:
+    """True if the load changes between samples: by the current alone, or by a voltage from which
+    charge is missing where the current changes as often as it is logged here and there only."""
+    if samples.changes_between:
+        return True
+    if samples.interval_s < SLOW_S or samples.alone_share <= _SOMETIMES:
+        return False
+    charge_ah = np.append(0.0, np.cumsum(samples.held_ah("centered")))
+    # Charging raises the voltage, whichever sign it has in the file.
+    charge_ah *= np.sign(np.cov(charge_ah, samples.voltage_v)[0, 1])
+    return rows_are(samples.current_a, samples.voltage_v, charge_ah) == "instants"
+
+
+def rows_are(
+    current_a: Float[np.ndarray, "rows"],
+    voltage_v: Float[np.ndarray, "rows"],
+    charge_ah: Float[np.ndarray, "rows"],
+) -> Rows:
+    """The kind of rows of a record whose load changes between them.
+
+    Args:
+        current_a: The current, of either sign.
+        voltage_v: The voltage.
+        charge_ah: The charge in the cell, from any zero.
+    """
+    left = _left_v(current_a, voltage_v, charge_ah)
+    if changes_through_values_between(current_a):
         return "means"
     if left is None:
         return "open"
@@ -43,13 +68,16 @@ def rows_are(record: Record) -> Rows:
     return "means" if correlation < _MEANS else "open"
 
 
-def _left_v(record: Record) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]] | None:
+def _left_v(
+    current_a: Float[np.ndarray, "rows"],
+    voltage_v: Float[np.ndarray, "rows"],
+    charge_ah: Float[np.ndarray, "rows"],
+) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]] | None:
     """Residuals of the voltage's differences after R0 and OCV over SOC and pairs, and those."""
-    current_a, moved_v = record.current_a, np.diff(record.voltage_v)
-    out_ah = record.discharged_ah
-    if not np.ptp(out_ah) > 0:
+    moved_v = np.diff(voltage_v)
+    if not np.ptp(charge_ah) > 0:
         return None
-    soc = 1 - (out_ah - out_ah.min()) / np.ptp(out_ah)
+    soc = (charge_ah - charge_ah.min()) / np.ptp(charge_ah)
     between = (soc[1:] + soc[:-1]) / 2
     columns = [np.diff(current_a) * hat for hat in _hats(between, 0.0, _R0_NODES)]
     for rows in _TAUS:

@@ -4,7 +4,7 @@ A file that holds a whole schedule is cut into its tests, by full charges and by
 """
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -224,10 +224,29 @@ def _looked_at(path: Path, source: Source, chosen: Window) -> CandidateFile:
 
 def split(file: CandidateFile) -> list[CandidateFile]:
     """The tests of a file, each as a part of it; the file itself where it holds one at most."""
-    parts = list(_tests(file)) if file.traits else []
+    parts = list(_joined(file, _tests(file))) if file.traits else []
     if sum(part.kind(None) in SERVING for part in parts) < 2:
         return [file]
     return [part.called(f"{file.name}#{number}") for number, part in enumerate(parts, 1)]
+
+
+def _joined(file: CandidateFile, parts: Iterable[CandidateFile]) -> Iterator[CandidateFile]:
+    """The parts, drive cycles joined that no charge to full lies between: as one they know where
+    each of them starts."""
+    before: CandidateFile | None = None
+    for part in parts:
+        kinds = {one.kind(None) for one in (before, part) if one is not None}
+        if before is None:
+            before = part
+        elif kinds == {"drive cycle"} and not part.starts_full:
+            spans = [one.known_source.span_s or (0.0, 0.0) for one in (before, part)]
+            first, last = np.searchsorted(file.record.time_s, [spans[0][0], spans[1][1]]).tolist()
+            before = _part(file, first, last, before.starts_full)
+        else:
+            yield before
+            before = part
+    if before is not None:
+        yield before
 
 
 def _tests(file: CandidateFile) -> Iterator[CandidateFile]:

@@ -1,6 +1,8 @@
 """A cycler's file leaves as a clean table, with where it comes from."""
 
+import itertools
 import json
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -10,6 +12,7 @@ from barnax.checks import check_file
 from barnax.records import read_record
 from barnax.records.bdf import bdf_files
 from helpers.dialects import WRITERS, maccor_text, pulse_table
+from helpers.known_cell import made
 
 
 @pytest.fixture
@@ -92,3 +95,28 @@ def test_a_pack_is_converted_to_one_of_its_cells(run, tmp_path):
     read = read_record(tmp_path / "o.csv").voltage_v
     np.testing.assert_allclose(read, table["Voltage / V"].to_numpy())
     assert "divided by 12" in run("check", *words).out
+
+
+def test_a_log_that_was_cut_into_files_is_joined(run, refuse, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    record, _ = made(1, hours=0.6)
+    rows = [
+        f"{time_s:.3f},{-current_a:.6f},{voltage_v:.6f}"
+        for time_s, current_a, voltage_v in zip(
+            record.time_s, record.current_a, record.voltage_v, strict=True
+        )
+    ]
+    head, cuts = "Time [s],Current [A],Voltage [V]", (0, 1500, 4000, len(rows))
+    Path("whole.csv").write_text("\n".join([head, *rows]))
+    parts = [f"part{number}.csv" for number in (1, 2, 3)]
+    for part, (first, after) in zip(parts, itertools.pairwise(cuts), strict=True):
+        Path(part).write_text("\n".join([head, *rows[first:after]]))
+    told = run("identify", *parts, "--seeds", "0").err
+    assert f"join {', '.join(parts)}, in this order, with barnax convert" in " ".join(told.split())
+    assert run("convert", *parts, "--out", "joined.csv", "-q").status == 0
+    joined, whole = read_record("joined.csv"), read_record("whole.csv")
+    for name in ("time_s", "current_a", "voltage_v"):
+        np.testing.assert_array_equal(getattr(joined, name), getattr(whole, name))
+    assert run("identify", "joined.csv", "--seeds", "0", "--trust", "none", "-q").status == 0
+    Path("part2.csv").write_text(Path("part2.csv").read_text().replace("Voltage", "U"))
+    assert "other columns than part1.csv" in refuse("convert", *parts, "--out", "again.csv")

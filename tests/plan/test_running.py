@@ -185,6 +185,13 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
         assert read.parts[0].path.samefile(above / "drive.csv")
         assert not read.warnings
         assert digest in plan_to_toml(read)
+    # Where the plan says it lies, it may be another one by now, and is told.
+    (work / "plan.toml").write_text(f'{table}sha256 = "{digest}"\n'.replace("/gone/", ""))
+    Path("drive.csv").write_text("this cell")
+    assert not plan_from_toml("plan.toml").warnings
+    Path("drive.csv").write_text("another cell")
+    (told,) = plan_from_toml("plan.toml").warnings
+    assert (told.code, told.subject) == ("plan.file-changed", "drive.csv")
     Path("plan.toml").write_text(table)
     (told,) = plan_from_toml("plan.toml").warnings
     assert told.code == "plan.file-elsewhere"

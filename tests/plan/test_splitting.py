@@ -10,6 +10,7 @@ import barnax
 from barnax.bundled import BUNDLED, bundled_file
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.records import read_record
+from helpers.known_cell import made
 from helpers.records import CURRENT, TIME, VOLTAGE
 
 from .test_dialects import SMALL
@@ -100,3 +101,20 @@ def test_a_part_keeps_the_sign_and_the_hold_of_its_file(schedule):
     assert (record.sign, record.hold) == (whole.sign, whole.hold)
     assert record.time_s[0] >= part.span_s[0]
     assert record.samples < whole.samples / 3
+
+
+@pytest.mark.parametrize(("held_v", "parts"), [(3.9, 1), (4.4, 2)])
+def test_drives_are_apart_only_where_a_charge_to_full_lies_between(held_v, parts, tmp_path):
+    """By itself the second one would not know where it starts."""
+    first, second = (made(seed, hours=1.2)[0] for seed in (1, 2))
+    charge_a = -np.concatenate(
+        [np.full(1200, 3.0), 3 * np.exp(-np.arange(600) / 150), np.zeros(500)]
+    )
+    current_a = np.concatenate([first.current_a, charge_a, second.current_a])
+    held = np.full(len(charge_a), held_v)
+    voltage_v = np.concatenate([first.voltage_v, held, second.voltage_v])
+    time_s = 0.72 * np.arange(len(current_a))
+    path = tmp_path / "log.parquet"
+    pl.DataFrame({TIME: time_s, CURRENT: -current_a, VOLTAGE: voltage_v}).write_parquet(path)
+    found = plan(path)
+    assert len(found.of_role("identification")) == parts

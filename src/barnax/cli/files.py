@@ -118,7 +118,10 @@ def check(what: Checked) -> None:
 class Converted:
     """The file to convert, and the format it is converted to."""
 
-    file: Path = argument("FILE", "File from a cycler; - is standard input.")
+    files: list[Path] = argument(
+        "FILE...",
+        "File from a cycler, or several that one log was cut into, in order; - is standard input.",
+    )
     to: Literal["bdf"] = typer.Option(
         "bdf", help="Format: the Battery Data Format.", rich_help_panel=OUTPUT
     )
@@ -135,19 +138,23 @@ class Converted:
 def convert(what: Converted) -> None:
     """Convert a cycler file to SI units, on one clock, with charge positive.
 
+    Several files become one record: a log that was cut into them, in their order.
+
     Its origin, and what was decided and changed, is in the metadata of the
     Parquet file, or in a JSON file beside the CSV.
     """
-    session, file = Session(is_quiet=what.quiet), what.file
+    session, file = Session(is_quiet=what.quiet), what.files[0]
     with session.watch("Loading"):
         from ..checks import check_file
         from ..inputs import how_read, lags_of, require_records
         from ..records import read_record, read_source
         from ..records.bdf import bdf_files
+        from ..records.source import joined
 
     stem = file.name.split(".")[0] if file.name != "-" else "record"
     path = what.out or Path(f"{stem}.{what.to}.parquet")
-    _require_another(path, file)
+    for read in what.files:
+        _require_another(path, read)
     require_free_file(path, what.force)
     if path.name.lower().endswith(".csv"):
         # Where its origin goes.
@@ -155,7 +162,8 @@ def convert(what: Converted) -> None:
     tell_unfinished(session, path.parent)
     with session.watch(f"Reading {file.name}"):
         how = Reading(**what.read)
-        source = read_source(file, columns=how.columns, series=how.series)
+        several = [read_source(one, columns=how.columns, series=how.series) for one in what.files]
+        source = several[0] if len(several) == 1 else joined(several)
         require_records(lags_of(how), {source.name})
         # A current that is moved to the voltage's moments is no longer the file's.
         how = replace(how, voltage_lag=how.voltage_lag or 0.0)

@@ -162,7 +162,10 @@ def _started(
                 window = replace(windows[record.name], capacity_ah=axis_ah)
                 rest_a = window.rest_current_a or rest_current_a(record, axis_ah)
                 given = window, axis_ah, first_sample(record, window), rest_a
-                start, _, against = find_start(record, cell, *given)
+                try:
+                    start, _, against = find_start(record, cell, *given)
+                except InputError as unknown:
+                    raise (_goes_on(record, records) or unknown) from unknown
                 told += against
                 axes[record.name] = Axis(start.soc, "rest elsewhere")
     found = _on_axes(records, windows, axes, axis_ah)
@@ -171,6 +174,18 @@ def _started(
         alone = [prepare_record(record, cell, circuit, found[record.name]) for record in records]
         found = {prepared.record.name: prepared.window for prepared in register(alone, own)}
     return found, told
+
+
+def _goes_on(record: Record, records: Sequence[Record]) -> InputError | None:
+    """The refusal of a record that goes on where another one ends; None where none does."""
+    in_order = sorted(records, key=lambda one: one.time_s[0])
+    place = in_order.index(record)
+    before = in_order[place - 1] if place else record
+    pause_s = record.time_s[0] - before.time_s[-1]
+    if not 0 < pause_s <= 2 * float(np.median(np.diff(record.time_s))):
+        return None
+    told = {"before": before.name, "files": ", ".join(one.name for one in in_order)}
+    return notice("start.goes-on", record.name, **told).error()
 
 
 @in_float64

@@ -196,7 +196,7 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
         if pulse is None:
             raise InputError(
                 f"{record.name}: found no pulses of up to 2 min after rests of at least 5 min; "
-                "identify it as a dynamic record"
+                "barnax check says what it can be used for"
             )
         tests.append(_Test(source, record, pulse))
     return tests

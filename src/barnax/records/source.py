@@ -120,6 +120,28 @@ def read_source(
     return _clean(Source(name, table, sha256, found, given, series=series))
 
 
+def joined(sources: Sequence[Source]) -> Source:
+    """One log that was cut into several files, in their order; rows go on from file to file.
+
+    Raises InputError where their columns differ.
+    """
+    first, *others = sources
+    for other in others:
+        if other.table.header != first.table.header:
+            raise InputError(
+                f"{other.name}: has other columns than {first.name}, so the two are not one log"
+            )
+    tables = [source.table for source in sources]
+    before = np.cumsum([0, *(table.row[-1] if len(table.row) else 1 for table in tables[:-1])])
+    table = replace(
+        first.table,
+        columns=tuple(map(pl.concat, zip(*(table.columns for table in tables), strict=True))),
+        row=np.concatenate([table.row + own for table, own in zip(tables, before, strict=True)]),
+    )
+    name = " + ".join(source.name for source in sources)
+    return replace(first, name=name, table=table, sha256=" ".join(one.sha256 for one in sources))
+
+
 def folders_around(place: Path) -> tuple[Path, ...]:
     """The folders in which a file is looked for that a plan or a result in `place` names: its data
     may have moved with it."""
@@ -144,11 +166,13 @@ def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path:
 def find_planned(
     file: Path, name: str, place: Path, sha256: str = ""
 ) -> tuple[Path, tuple[Notice, ...]]:
-    """A file that a plan in `place` names, where it lies, with a warning where only its name says
-    that it is the one: it lies elsewhere, and its digest is not known."""
+    """A file that a plan in `place` names, where it lies, with a warning where its digest says that
+    it is another one now, or where only its name says that it is the one: it lies elsewhere, and
+    its digest is not known."""
     for path in (place / file, file):
         if os.path.isfile(path):
-            return path, ()
+            is_same = not sha256 or sha256 == hashlib.sha256(_read_content(path)).hexdigest()
+            return path, () if is_same else (notice("plan.file-changed", printable(str(file))),)
     for path in (folder / name for folder in folders_around(place)):
         if not path.is_file():
             continue

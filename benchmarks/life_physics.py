@@ -17,7 +17,7 @@ import numpy as np
 import polars as pl
 
 import barnax
-from barnax.fleet.rows import ageing_row
+from barnax.fleet.aged import ageing_row
 from barnax.life.shapes import with_pooled_shapes
 from barnax.model.prepared import prepare_record
 from benchmarks.pages import as_markdown, provenance, publish

@@ -3,13 +3,16 @@
 import polars as pl
 import pytest
 
+import barnax
 from barnax.errors import InputError
 from barnax.factors import factors_to_bytes
 from barnax.fleet.dataset import dataset_path, keep_factors, write_rows
+from barnax.fleet.manifest import FleetCell
 from barnax.fleet.regroup import regrouped
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc.kept import CONSTANT, Grid, keep
+from helpers.known_cell import made
 
 
 @pytest.fixture(scope="module")
@@ -73,3 +76,29 @@ def test_groups_that_would_have_one_name_are_refused_with_both(fleet, tmp_path):
     write_rows(dataset_path(tmp_path), rows)
     with pytest.raises(InputError, match=r"A/1 and A-1 would both be called 'A-1'; change"):
         regrouped(tmp_path, ["car"])
+
+
+def test_kept_factors_of_a_chosen_circuit_answer_as_its_record_does(tmp_path):
+    """Without an OCV test one value of each resistance, with the OCV of its own."""
+    record, _ = made(1)
+    window = Window(initial_soc=1.0, capacity_ah=2.0)
+    quick = {"seeds": 0, "trust": "none", "advise": False}
+    direct = barnax.identify(record, model="1rc", window=window, **quick).run
+    (evaluation,) = direct.identification
+    kept = keep(evaluation.prepared, Grid(circuit="1rc"))
+    cell = FleetCell("a", [keep_at(tmp_path, kept)])
+    (row,) = identify_rows(cell, {"seeds": 0, "model": "1rc"})
+    assert (row["error"], row["answer"]) == (None, "1rc with a fitted OCV")
+    tables = direct.tables.found.reference.tables
+    for name, (value,) in tables.tables.items():
+        assert row[f"tables {name}"] == pytest.approx(value, rel=1e-7)
+    (whole,) = identify_rows(cell, {"seeds": 0, "over": "soc"})
+    assert whole["answer"] == "tables over SOC (1rc)"
+    (row,) = identify_rows(cell, {"seeds": 0, "model": "so-rc"})
+    assert "the factors are of 1rc, and so-rc was asked for" in row["error"]
+
+
+def keep_at(folder, kept):
+    path = folder / "a.factors.npz"
+    path.write_bytes(factors_to_bytes([kept]))
+    return str(path)

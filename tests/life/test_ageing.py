@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax.errors import InputError
-from barnax.fleet.rows import ageing_row
+from barnax.fleet.aged import ageing_row
 from barnax.life import QUANTITIES, life_of
 from barnax.model.prepared import prepare_record
 from barnax.over_soc import TableSettings, ageing

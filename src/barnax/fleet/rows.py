@@ -5,7 +5,6 @@ import hashlib
 import itertools
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,19 +19,9 @@ from ..factors import factors_to_bytes, read_factors
 from ..files import fetched, is_address, is_factor_file
 from ..inputs import file_names, how_read, input_warnings, source_of
 from ..job import Job
-from ..model.prepared import PreparedRecord
 from ..model.window import Window
-from ..notices import Notice, notice
-from ..over_soc import TableFit, TableSettings
-from ..over_soc.ageing import (
-    AGED,
-    CAPACITY,
-    OCV_NODES,
-    SHAPES_V,
-    Aged,
-    measure_ageing,
-    shows_both_ends,
-)
+from ..notices import Notice
+from ..over_soc import TableFit, table_name
 from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
 from ..pack import Pack, identify_pack
 from ..pipeline import bounded_tables, identify, identify_problem
@@ -43,6 +32,7 @@ from ..results import Result
 from ..settings import CellSettings, Reading, Settings
 from ..storing import bands_by_soc, joint_metrics
 from ..uncertainty.covariance import named_values
+from .aged import ageing_row
 from .dataset import keep_factors, keep_result
 from .manifest import FleetCell, short_name, stamp
 
@@ -51,8 +41,6 @@ OWN = ("keep_results", "keep_factors", "pack_cells", "ageing")
 CELLS_KEPT = 16
 # Where tables stand in a row.
 MIDDLE_SOC = 0.5
-# A capacity that is so far off shows in the slower resistances.
-OTHER_CAPACITY = 0.01
 
 
 def identify_rows(
@@ -64,6 +52,7 @@ def identify_rows(
     `out` is the fleet's folder, where its `result.json` and factors are kept if that is asked for.
     """
     start_s = time.perf_counter()
+    model = cell.options.get("model", settings.get("model"))
     row: dict[str, Any] = {"id": cell.id, "error": None, "error code": None, **cell.carried}
     of_pack: list[dict[str, Any]] = []
     try:
@@ -86,7 +75,8 @@ def identify_rows(
             if out is not None and settings.get("keep_results"):
                 keep_result(out, cell.id, result.to_json())
             if out is not None and (kind := settings.get("keep_factors")):
-                grid = Grid(nodes=CONSTANT) if kind == "constants" else Grid()
+                grid = Grid(circuit=model or Grid.circuit)
+                grid = replace(grid, nodes=CONSTANT) if kind == "constants" else grid
                 kept = [keep(prepared, grid) for prepared in used]
                 row["factor bytes"] = keep_factors(out, cell.id, factors_to_bytes(kept))
                 if pack is not None:
@@ -167,68 +157,29 @@ def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
     return rows
 
 
-def ageing_row(
-    records: Sequence[PreparedRecord], *, is_own: bool = False
-) -> tuple[dict[str, Any], list[Notice]]:
-    """Values of a cell's ageing from its records at one age, under "aged" names, and what is
-    doubtful of them; `is_own` where no other records, and no OCV test, told its OCV."""
-    passed_as = sum(
-        float(np.abs(prepared.record.interval_current_a) @ np.diff(prepared.record.time_s))
-        for prepared in records
-    )
-    ocv_v = records[0].cell.average_ocv_v(OCV_NODES)
-    row: dict[str, Any] = {
-        "record throughput [A.h]": passed_as / 3600,
-        "aged beside OCV": hashlib.sha256(ocv_v.tobytes()).hexdigest()[:16],
-    }
-    told: Mapping[str, Aged] = {}
-    with suppress(InputError):
-        told = measure_ageing(
-            records, TableSettings(), is_own=is_own and records[0].cell.is_of_records
-        )
-    row |= dict.fromkeys(("aged capacity to empty", "aged log evidence by shape"))
-    if CAPACITY in told:
-        row["aged capacity to empty"] = shows_both_ends(records, told[CAPACITY].value)
-    for name in AGED:
-        value = told.get(name)
-        is_told = value is not None and value.is_determined
-        for end in ("value", "low", "high"):
-            column = f"aged {name}" + f" {end}" * (end != "value")
-            row[column] = getattr(value, end) if is_told else None
-        row[f"aged {name} by OCV"] = value and [*value.by_ocv]
-        row[f"aged {name} by shape"] = None
-        if value is not None and len(value.by_shape) == len(SHAPES_V):
-            row["aged log evidence by shape"] = [*value.log_evidence]
-            row[f"aged {name} by shape"] = [*itertools.chain(*value.by_shape)]
-    return row, [*_doubts(told, records[0])]
-
-
-def _doubts(told: Mapping[str, Aged], used: PreparedRecord) -> Iterator[Notice]:
-    """That values have not settled, and that a record shows another capacity than that of its
-    circuit, by more than is of account."""
-    if not all(value.is_settled for value in told.values()):
-        yield notice("ageing.not-settled", used.record.name)
-    found = told.get(CAPACITY)
-    if found is None or not found.is_determined:
-        return
-    nearest_ah = min(max(used.capacity_ah, found.low), found.high)
-    if abs(nearest_ah / used.capacity_ah - 1) > OTHER_CAPACITY:
-        ends = {"low_ah": found.low, "high_ah": found.high, "used_ah": used.capacity_ah}
-        yield notice("ageing.other-capacity", used.record.name, **ends)
-
-
 def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:
     """The row of records of which only factors were kept, without where it is of."""
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
     kept = [record for path in cell.records for record in read_factors(path)]
     job = job_of(settings).changed(**cell.options, bounds=cell.bounds)
+    if job.model not in (None, kept[0].circuit):
+        raise InputError(
+            f"the factors are of {kept[0].circuit}, and {job.model} was asked for; identify the "
+            f"records with `model` {job.model}, and keep their factors again"
+        )
+    if job.model is not None and job.over is None:
+        # As the records themselves would be fitted.
+        kept = [record.constant() for record in kept]
     fit = fit_kept(kept, bounded_tables(job, but="[F]"))
     counts = [record.scored for record in kept]
     whole_v = float(np.sqrt(np.average([e.rmse_v**2 for e in fit.errors], weights=counts)))
-    is_constant = kept[0].grid.is_constant
+    grid, circuit = kept[0].grid, kept[0].circuit
+    # A constant circuit with an OCV of its own stands where tables do, as by its records.
+    is_constant = grid.is_constant and grid.ocv != "own"
+    over = "ocv" if grid.is_constant else "soc"
     row: dict[str, Any] = {
-        "circuit": kept[0].circuit,
+        "circuit": circuit,
         "records": f"{len(kept)} kept",
         "samples": sum(counts),
         "duration [s]": sum(record.scored_duration_s for record in kept),
@@ -236,7 +187,7 @@ def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:
         "RMSE [V]": whole_v,
         **_middle_of(fit, "" if is_constant else "tables "),
         **fit.tables.constants,
-        "answer": "constants" if is_constant else "tables over SOC",
+        "answer": "constants" if is_constant else table_name(circuit, over),
         "certified": False,
         "proved gap": None,
         "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in fit.at_bound),

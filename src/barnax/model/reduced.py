@@ -72,11 +72,15 @@ class Reduced:
         layout = replace(self.layout, sides=1)
         return Reduced(layout, self.scored, np.concatenate([above, last]))
 
-    def constant(self) -> "Reduced":
-        """The same for a circuit that does not change with SOC: hats add up to one everywhere."""
-        layout = replace(self.layout, nodes=ANYWHERE, has_correction=False)
-        kept = [name for name in self.layout.sizes if name != "correction"]
-        summed = [self._block(name).sum(axis=2) for name in kept]
+    def constant(self, has_ocv: bool = False) -> "Reduced":
+        """The same for a circuit that does not change with SOC, though its OCV may, which then
+        keeps its table: hats add up to one everywhere."""
+        layout = replace(self.layout, nodes=ANYWHERE, has_correction=has_ocv)
+        summed = [
+            self._block(name)[:, 0] if name == "correction" else self._block(name).sum(axis=2)
+            for name in self.layout.sizes
+            if has_ocv or name != "correction"
+        ]
         return Reduced(layout, self.scored, np.concatenate(summed, axis=1))
 
 

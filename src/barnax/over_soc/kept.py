@@ -142,6 +142,13 @@ class Kept:
         """True at the nodes of its tables that are nearest to some sample."""
         return self.visited if np.array_equal(nodes, self.grid.nodes) else self.visited_ocv
 
+    def constant(self) -> "Kept":
+        """The same for a circuit with one value of each resistance at every SOC, and the OCV of its
+        own where it has one."""
+        grid = replace(self.grid, nodes=CONSTANT)
+        parts = tuple(part.constant(grid.layout.has_correction) for part in self.parts)
+        return replace(self, grid=grid, visited=np.array([True]), parts=parts)
+
     def counted_from(self, ocv: KeptOcv) -> "Kept":
         """The same with errors counted from another OCV, which differs by lines between nodes."""
         apart_v = self.cell.ocv_v - ocv.ocv_v

@@ -25,7 +25,7 @@ from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import fit_csv
 from barnax.reporting.render import to_markdown
 from barnax.settings import NODES
-from helpers.known_cell import R0_OHM, TAU_S, made, ocv_v
+from helpers.known_cell import R0_OHM, R_OHM, TAU_S, made, ocv_v
 from helpers.reference import make_record
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
@@ -341,6 +341,26 @@ def test_nothing_calls_one_value_tables_or_what_was_found_given(narrow):
     record, _ = made(1, hours=0.6)
     alone = barnax.identify(record, model="so-rc", seeds=0, trust="none", advise=False)
     assert not any("as given" in text for text in decision_sentences(alone))
+
+
+@pytest.mark.parametrize("chosen", [{"model": "so-rc"}, {"over": "soc", "nodes": (0.5,)}])
+def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
+    """Those that take the OCV for known would miss the slow pair."""
+    window, held = Window(initial_soc=1.0, capacity_ah=2.0), []
+    truth = {"R0 [Ohm]": R0_OHM, "R1 [Ohm]": R_OHM[0], "R2 [Ohm]": R_OHM[1]}
+    truth |= {"tau1 [s]": TAU_S[0], "tau2 [s]": TAU_S[1]}
+    quick = {"seeds": 0, "trust": "none", "advise": False}
+    for seed in (0, 1, 2):
+        record, _ = made(seed, noise_v=1e-3)
+        result = barnax.identify(record, window=window, **chosen, **quick)
+        assert result.tables.over == "ocv"
+        known = {node.name: node for node in result.tables.fit.intervals if node.name in truth}
+        held += [known[name].low <= value <= known[name].high for name, value in truth.items()]
+        ocv = result.tables.fit.of_table(OCV)
+        inside = [node.low <= ocv_v(node.soc) <= node.high for node in ocv if node.soc < 0.98]
+        assert np.mean(inside) >= 0.85
+    assert len(held) == 15
+    assert np.mean(held) >= 0.85
 
 
 def test_only_the_answer_is_proved(monkeypatch):

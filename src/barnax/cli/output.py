@@ -269,6 +269,9 @@ def require_free_file(path: Path, is_forced: bool) -> None:
     another = "give `out` another file"
     with _described(path, another):
         place = path.resolve()
+        if place.is_symlink():
+            # It leads to itself, which `resolve` does not tell from Python 3.13 on.
+            place.stat()
         if place.is_dir():
             raise InputError(f"{path}: is a folder; give `out` a file in it")
         if place.exists() and not stat.S_ISREG(place.stat().st_mode):

@@ -11,7 +11,7 @@ from barnax import devices
 @pytest.fixture
 def fresh(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """A process that has not loaded JAX and whose environment does not say where it computes."""
-    for name in devices.SETTINGS:
+    for name in devices.VARIABLES:
         # Set first: what is set afterwards is put back too.
         monkeypatch.setenv(name, "")
         monkeypatch.delenv(name)
@@ -21,17 +21,18 @@ def fresh(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 def test_without_a_word_it_is_the_cpu(fresh):
     devices.prefer_cpu()
-    assert devices.asked() == {"JAX_PLATFORMS": "cpu"}
+    assert devices.told() == {"JAX_PLATFORMS": "cpu"}
 
 
-@pytest.mark.parametrize("name", devices.SETTINGS)
-def test_what_the_environment_says_stays(fresh, name):
-    fresh.setenv(name, "cuda")
+@pytest.mark.parametrize("name", devices.VARIABLES)
+@pytest.mark.parametrize("value", ["cuda", ""])
+def test_what_the_environment_says_stays(fresh, name, value):
+    fresh.setenv(name, value)
     devices.prefer_cpu()
-    assert devices.asked() == {name: "cuda"}
+    assert devices.told() == {name: value}
 
 
 def test_a_process_that_has_loaded_jax_is_left_alone(fresh):
     fresh.setitem(sys.modules, "jax", os)
     devices.prefer_cpu()
-    assert devices.asked() == {}
+    assert devices.told() == {}

@@ -3,19 +3,19 @@
 import os
 import sys
 
-SETTINGS = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
+VARIABLES = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
 
 
-def asked() -> dict[str, str]:
-    """The environment's words on where JAX computes."""
-    return {name: os.environ[name] for name in SETTINGS if os.environ.get(name)}
+def told() -> dict[str, str]:
+    """The environment's words on where JAX computes; empty ones leave it to JAX."""
+    return {name: os.environ[name] for name in VARIABLES if name in os.environ}
 
 
 def prefer_cpu() -> None:
     """Have JAX compute on the CPU unless the environment says where, or JAX is loaded already.
 
-    A GPU takes 50 times as long for a population of 30 and gains only from thousands on
-    (`benchmarks.devices`), and each process of a fleet would claim most of its memory.
+    On a GPU an identification takes longer, for its populations are small and its proofs run on
+    the CPU (`benchmarks.devices`), and each process of a fleet would claim most of its memory.
     """
-    if not asked() and "jax" not in sys.modules:
+    if not told() and "jax" not in sys.modules:
         os.environ["JAX_PLATFORMS"] = "cpu"

@@ -204,8 +204,8 @@ def use_compilation_cache() -> None:
 
 def require_platform() -> None:
     """Raise `InputError` where JAX is told to compute on what is not there."""
-    told = devices.asked()
-    if set(told.values()) <= {"cpu"}:
+    told = devices.told()
+    if set(told.values()) <= {"cpu", ""}:
         return
     import jax
 
@@ -216,6 +216,6 @@ def require_platform() -> None:
         named = ", ".join(f"{name}={printable(value)}" for name, value in told.items())
         reason = f" ({reason_of(problem)})" if str(problem) else ""
         raise InputError(
-            f"{named}: JAX cannot compute there{reason}; unset {' and '.join(told)}, and it does "
-            "on the CPU, or install JAX for it, such as jax[cuda13]"
+            f"{named}: JAX cannot compute there{reason}; unset {' and '.join(told)} to compute on "
+            "the CPU, or install JAX for it, such as jax[cuda13]"
         ) from problem

@@ -210,7 +210,7 @@ def _compare(weighing: Weighing, searched: _Searched, settings: Settings) -> _Co
         both = (tried.identification, tried.validation)
         if weighing.fitted is not None:
             # The constant circuit has an OCV that is fitted to the tables, and not to it.
-            over, candidates = over if found.are_over_soc else "ocv", []
+            over, candidates = over if found.reference.is_over_soc else "ocv", []
         candidates.append(Candidate.of(problem.circuit, over, *both, errors, proof.proved_gap))
         is_worth = is_better(errors, best_held_out) and spans_enough(found.reference)
         if is_worth or (settings.over is not None and tables is None):

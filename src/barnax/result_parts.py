@@ -280,8 +280,7 @@ class TablesPart(Part):
         """What they are over: of "ocv" the OCV alone is a table."""
         if self.over_temperature is not None:
             return "soc,temperature"
-        has_own = self.settings.ocv_nodes is not None
-        return "ocv" if has_own and not self.found.are_over_soc else "soc"
+        return "soc" if self.fit.is_over_soc else "ocv"
 
 
 class ConstantPart(Part):

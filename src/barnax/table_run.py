@@ -168,7 +168,7 @@ class TableRun(Brief):
             return
         moved_ohm = middle.value + self.hold_shift_ohm
         if not middle.low <= moved_ohm <= middle.high:
-            soc = middle.soc if self.found.are_over_soc else None
+            soc = middle.soc if self.found.reference.is_over_soc else None
             yield hold_warning(problem, other.value, middle.value, moved_ohm, soc)
 
     def spanning(
@@ -219,7 +219,7 @@ def table_warnings(run: TableRun) -> Iterator[Notice]:
     over = run.found.over_temperature
     degc = [""] if over is None else [f" at {degc:.3g} degC" for degc in over.temperatures_degc]
     told: dict[str, list[Notice]] = {}
-    what = "tables over SOC" if run.found.are_over_soc else table_name(run.model, "ocv")
+    what = "tables over SOC" if run.found.reference.is_over_soc else table_name(run.model, "ocv")
     for where, fit in zip(degc, run.found.fits, strict=True):
         for warning in fit.warnings:
             told.setdefault(str(warning), []).append(warning.about(f"{what}{where}"))
@@ -287,7 +287,7 @@ def _reversal_warnings(run: TableRun) -> Iterator[Notice]:
 
 
 def _outside_warnings(run: TableRun) -> Iterator[Notice]:
-    if not run.found.are_over_soc:
+    if not run.found.reference.is_over_soc:
         # There is no table but the OCV, whose own notice says it.
         return
     for evaluation in run.validation:

@@ -6,6 +6,7 @@ import pytest
 import barnax
 from barnax.errors import InputError
 from barnax.factors import factors_to_bytes
+from barnax.fleet import identify_fleet
 from barnax.fleet.dataset import dataset_path, keep_factors, write_rows
 from barnax.fleet.manifest import FleetCell
 from barnax.fleet.regroup import regrouped
@@ -96,6 +97,17 @@ def test_kept_factors_of_a_chosen_circuit_answer_as_its_record_does(tmp_path):
     assert whole["answer"] == "tables over SOC (1rc)"
     (row,) = identify_rows(cell, {"seeds": 0, "model": "so-rc"})
     assert "the factors are of 1rc, and so-rc was asked for" in row["error"]
+
+
+@pytest.mark.parametrize("given", [{"settings": "esc"}, {"cell": "esc"}])
+def test_a_circuit_whose_factors_cannot_be_kept_is_refused_before_any_cell(tmp_path, given):
+    settings = {"keep_factors": "tables", "model": given.get("settings", "so-rc")}
+    options = {"model": given["cell"]} if "cell" in given else {}
+    cells = [FleetCell("a", ["no.csv"]), FleetCell("b", ["no.csv"], options=options)]
+    begun = []
+    with pytest.raises(InputError, match=r"dynamic hysteresis.*, or keep none"):
+        identify_fleet(cells, tmp_path, settings=settings, workers=1, report=begun.append)
+    assert not begun
 
 
 def keep_at(folder, kept):

@@ -7,6 +7,7 @@ import pytest
 
 from barnax.errors import InputError
 from barnax.model.prepared import prepare_record
+from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from helpers.problems import simulated_record
 from helpers.reference import make_record
@@ -150,3 +151,26 @@ def test_a_long_rest_elsewhere_tells_the_charge(bundled_cell):
     assert (found.soc_source, found.row) == ("rest elsewhere", record.row[509])
     # The rest is read on the curve of the branch, the record follows the fitted hysteresis.
     assert found.soc == pytest.approx(soc[0], abs=0.01)
+
+
+@pytest.mark.parametrize("shared", [0, 1])
+def test_a_log_that_was_cut_is_named_whole_and_without_other_files(bundled_cell, shared):
+    """Whether or not the row of a cut is in both files."""
+    whole, _ = made(bundled_cell, [(0.0, 300), *PULSES * 4, (1.0, 1500)], 0.8)
+
+    def part(name, first, last, later_s=0.0):
+        rows = slice(first, last)
+        record = make_record(whole.time_s[rows] + later_s, whole.current_a[rows], name=name)
+        return replace(record, voltage_v=whole.voltage_v[rows])
+
+    log = [part("one", 0, 60), part("two", 60 - shared, 200), part("three", 200 - shared, None)]
+    # A test of its own that ended an hour before, and one that began within the log.
+    others = [part("before", 0, 100, -4600.0), part("within", 0, 100, 300.0)]
+    with pytest.raises(InputError) as told:
+        make_problem([others[0], log[2], log[0], others[1], log[1]], bundled_cell)
+    assert told.value.code == "start.goes-on"
+    assert told.value.notice.subject == "three"
+    assert told.value.notice.values == {"others": "one, two", "files": "one, two, three"}
+    with pytest.raises(InputError) as told:
+        make_problem([log[0], log[2], *others], bundled_cell)
+    assert told.value.code == "start.under-load"

@@ -8,12 +8,13 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
+from barnax.cell import OcvPoint, OcvTable
 from barnax.cell.parameters import OCV
 from barnax.errors import InputError
 from barnax.export.tables import tables_of
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings, errors_on, fit_with_ocv, own_ocv
+from barnax.over_soc import TableSettings, errors_on, own_ocv, proved, search_with_ocv
 from barnax.over_soc.certificate import certify
 from barnax.over_soc.current_offset import offset_effect
 from barnax.over_soc.dependence import searched
@@ -50,7 +51,7 @@ def test_given_time_constants_give_the_accepted_errors(
     profile = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8), capacity_ah=2.0)
     windows = {each.name: profile for each in records}
     settings = replace(QUICK, fixed=GIVEN, rising_ocv=rising, ocv_nodes=NODES, keep_starts=True)
-    own = fit_with_ocv(records[:count], "so-rc", windows, settings)
+    own = proved(search_with_ocv(records[:count], "so-rc", windows, settings))
     assert 1e3 * own.fit.objective_v == pytest.approx(root_mv, rel=1e-3)
     if not rising:
         return
@@ -65,7 +66,7 @@ def test_given_time_constants_give_the_accepted_errors(
 def known():
     record, soc = made()
     window = {record.name: Window(initial_soc=1.0, capacity_ah=2.0)}
-    return record, soc, fit_with_ocv([record], "so-rc", window, TableSettings(folds=0))
+    return record, soc, proved(search_with_ocv([record], "so-rc", window, TableSettings(folds=0)))
 
 
 def test_ocv_and_circuit_of_a_known_cell_are_found_and_proved(known):
@@ -91,7 +92,7 @@ def test_intervals_of_ocv_and_r0_hold_the_truth(known):
 
 def test_capacity_only_names_the_axis(known):
     record, _, own = known
-    spanned = fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK)
+    spanned = proved(search_with_ocv([record], "so-rc", {record.name: Window()}, QUICK))
     span_ah = np.ptp(record.discharged_ah)
     assert spanned.cell.capacity_ah == pytest.approx(span_ah)
     assert spanned.windows[record.name].soc_source == "own span"
@@ -105,7 +106,7 @@ def test_capacity_only_names_the_axis(known):
 def test_a_span_that_ends_far_from_empty_is_no_capacity_and_says_so(lower_v, is_part):
     record, _ = made(hours=1.0)
     record = replace(record, voltage_v=record.voltage_v - lower_v)
-    own = fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK)
+    own = proved(search_with_ocv([record], "so-rc", {record.name: Window()}, QUICK))
     assert ("so the cell holds more" in own.cell.capacity_origin) is is_part
 
 
@@ -113,7 +114,7 @@ def test_a_full_charge_in_the_record_is_where_soc_is_one():
     record, _ = made(charge=True, start=1.0)
     first = float(record.time_s[1300])
     window = {record.name: Window(start_time_s=first, capacity_ah=2.0)}
-    own = fit_with_ocv([record], "so-rc", window, QUICK)
+    own = proved(search_with_ocv([record], "so-rc", window, QUICK))
     started = own.windows[record.name]
     assert started.soc_source == "own full charge"
     assert started.initial_soc == pytest.approx(1.0, abs=1e-3)
@@ -130,11 +131,11 @@ def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
         interval_s * 40 * np.arange(len(current_a)) / 40, current_a, voltage_v, name="part.csv"
     )
     windows = {whole.name: Window(initial_soc=1.0, capacity_ah=2.0), part.name: Window()}
-    own = fit_with_ocv([whole, part], "so-rc", windows, QUICK)
+    own = proved(search_with_ocv([whole, part], "so-rc", windows, QUICK))
     assert own.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
     # It may go deeper than the record whose OCV tells its start.
     upper = replace(windows[whole.name], score_soc=(0.6, 1.0))
-    both = fit_with_ocv([whole, part], "so-rc", windows | {whole.name: upper}, QUICK)
+    both = proved(search_with_ocv([whole, part], "so-rc", windows | {whole.name: upper}, QUICK))
     assert both.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
     assert both.cell.soc_range[0] < 0.4
 
@@ -147,7 +148,7 @@ def test_a_start_beyond_full_that_a_rest_tells_is_told():
     time_s = (drive.time_s[1] - drive.time_s[0]) * np.arange(len(counted_a))
     part = make_record(time_s, counted_a, voltage_v, name="part.csv")
     windows = {whole.name: Window(initial_soc=1.0, capacity_ah=2.0), part.name: Window()}
-    own = fit_with_ocv([whole, part], "so-rc", windows, replace(QUICK, keep_starts=True))
+    own = proved(search_with_ocv([whole, part], "so-rc", windows, replace(QUICK, keep_starts=True)))
     (told,) = own.warnings
     assert (told.code, told.subject) == ("start.beyond-an-end", part.name)
     assert told.values["soc"] == pytest.approx(1 + 0.05 * (1 - soc[-1]), abs=5e-3)
@@ -158,13 +159,13 @@ def test_a_start_beyond_full_that_a_rest_tells_is_told():
 def test_a_record_that_leaves_the_axis_of_soc_says_what_it_spans(window):
     record, _ = made()
     with pytest.raises(InputError, match=r"give a larger `capacity` \(the record spans 1\.\d+ Ah"):
-        fit_with_ocv([record], "so-rc", {record.name: window}, QUICK)
+        proved(search_with_ocv([record], "so-rc", {record.name: window}, QUICK))
 
 
 def test_the_cell_has_the_ocv_of_every_sample():
     record, _ = made(start=0.81, hours=1.5)
     window = Window(initial_soc=0.81, capacity_ah=2.0)
-    own = fit_with_ocv([record], "so-rc", {record.name: window}, QUICK)
+    own = proved(search_with_ocv([record], "so-rc", {record.name: window}, QUICK))
     prepared = prepare_record(record, own.cell, "so-rc", own.windows[record.name])
     assert not prepared.warnings
 
@@ -343,6 +344,32 @@ def test_nothing_calls_one_value_tables_or_what_was_found_given(narrow):
     assert not any("as given" in text for text in decision_sentences(alone))
 
 
+def test_one_node_beside_an_ocv_test_is_a_table_of_one_row():
+    record, _ = made(1, hours=0.6, noise_v=1e-3)
+    soc = np.linspace(0, 1, 101)
+    points = tuple(
+        OcvPoint(at, volt, "ocv.csv", 0, 0.0) for at, volt in zip(soc, ocv_v(soc), strict=True)
+    )
+    quick = {"seeds": 0, "trust": "none", "advise": False, "max_boxes": 0, "folds": 0}
+    result = barnax.identify(
+        record,
+        ocv=[OcvTable("ocv.csv", {0: points}, sha256="")],
+        window=Window(initial_soc=1.0, capacity_ah=2.0),
+        bounds={"tau2 [s]": (60.0, TAU_S[1] / 2)},
+        over="soc",
+        nodes=(0.5,),
+        **quick,
+    )
+    assert result.tables.over == "soc"
+    (row,) = result.to_frame().iter_rows(named=True)
+    assert row["SOC"] == 0.5
+    assert row["R0 [Ohm]"] == pytest.approx(R0_OHM, rel=0.02)
+    rows = csv.DictReader(fit_csv(result.tables.fit).decode().splitlines())
+    assert {line["SOC"] for line in rows if line["table"] == "R0 [Ohm]"} == {"0.5"}
+    (told,) = [warning for warning in result.warnings if "upper-bound" in warning.code]
+    assert told.subject == "tables over SOC"
+
+
 @pytest.mark.parametrize("chosen", [{"model": "so-rc"}, {"over": "soc", "nodes": (0.5,)}])
 def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
     """Those that take the OCV for known would miss the slow pair."""
@@ -391,7 +418,7 @@ def test_what_an_offset_of_the_current_would_do_is_what_it_does():
     record, _ = made(0)
 
     def fitted(record):
-        return fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK).fit
+        return proved(search_with_ocv([record], "so-rc", {record.name: Window()}, QUICK)).fit
 
     told = fitted(record)
     effect = told.of_offset

@@ -169,7 +169,9 @@ def interval_of(name: str, low: float | None, high: float | None) -> str:
         tables={} if soc is None else {name: OCV_V},
         constants={name: 1.0} if soc is None else {},
     )
-    fit: Any = SimpleNamespace(tables=tables, intervals=(each,), of_table=lambda _: (each,))
+    fit: Any = SimpleNamespace(
+        tables=tables, intervals=(each,), of_table=lambda _: (each,), is_over_soc=True
+    )
     table = constants_table(fit) if soc is None else nodes_table(fit)
     return table.rows[0][-1]
 

@@ -130,10 +130,12 @@ def identify_fleet(
             queue = iter(few)
         first = next(queue, None)
         if first is not None:
-            from .rows import job_of  # loads JAX
+            from .rows import grid_of, job_of  # loads JAX
 
             # Before all cells fail of it.
             _ = job_of(chosen)
+            for _, cell in few or [first]:
+                _ = grid_of(cell, chosen)
             report(state)
             queue = itertools.chain([first], queue)
             with _opened(scheduler, executor, workers or os.cpu_count() or 1) as (reopen, count):

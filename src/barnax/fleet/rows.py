@@ -52,10 +52,10 @@ def identify_rows(
     `out` is the fleet's folder, where its `result.json` and factors are kept if that is asked for.
     """
     start_s = time.perf_counter()
-    model = cell.options.get("model", settings.get("model"))
     row: dict[str, Any] = {"id": cell.id, "error": None, "error code": None, **cell.carried}
     of_pack: list[dict[str, Any]] = []
     try:
+        grid = grid_of(cell, settings)
         if cell.records and all(map(is_factor_file, cell.records)):
             row |= _refitted(cell, settings)
         else:
@@ -74,9 +74,7 @@ def identify_rows(
                 of_pack += [{**own, **cell.carried} for own in pack_rows(pack, cell.id)]
             if out is not None and settings.get("keep_results"):
                 keep_result(out, cell.id, result.to_json())
-            if out is not None and (kind := settings.get("keep_factors")):
-                grid = Grid(circuit=model or Grid.circuit)
-                grid = replace(grid, nodes=CONSTANT) if kind == "constants" else grid
+            if out is not None and grid is not None:
                 kept = [keep(prepared, grid) for prepared in used]
                 row["factor bytes"] = keep_factors(out, cell.id, factors_to_bytes(kept))
                 if pack is not None:
@@ -94,6 +92,17 @@ def identify_rows(
         row["error"] = f"{type(problem).__name__}: {reason_of(problem)}"
     row["seconds"] = time.perf_counter() - start_s
     return [row, *of_pack]
+
+
+def grid_of(cell: FleetCell, settings: Mapping[str, Any]) -> Grid | None:
+    """The grid on which a cell's factors are kept; None where they are not.
+
+    Raises `InputError` for a circuit of which none can be kept.
+    """
+    kind = settings.get("keep_factors")
+    circuit = cell.options.get("model") or settings.get("model") or Grid.circuit
+    nodes = CONSTANT if kind == "constants" else Grid.nodes
+    return Grid(circuit=circuit, nodes=nodes) if kind else None
 
 
 def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tuple[Notice, ...]]:

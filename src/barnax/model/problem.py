@@ -25,6 +25,7 @@ from .padding import to_common_size
 from .prepared import PreparedRecord, prepare_record, require_changing_voltage
 from .search_space import Bounds, Range
 from .simulate import AbstractEvaluator, Joint, RCParameters, SimulationInput
+from .start import require_whole_log
 from .window import Window
 
 
@@ -308,9 +309,15 @@ def make_problem(
         raise ValueError(
             f"{len(windows)} windows for {len(records)} records; give one for all, or one for each"
         )
-    prepared_records = tuple(
-        prepare_record(one, cell, circuit, its) for one, its in zip(records, windows, strict=True)
-    )
+    found = list[PreparedRecord]()
+    for record, its in zip(records, windows, strict=True):
+        try:
+            found.append(prepare_record(record, cell, circuit, its))
+        except InputError as problem:
+            if problem.code.startswith("start."):
+                require_whole_log(record, records, problem)
+            raise
+    prepared_records = tuple(found)
     for prepared in prepared_records:
         require_changing_voltage(prepared)
     model = get_circuit(circuit)

@@ -1,6 +1,6 @@
 """The state in which a simulation starts: its SOC, the direction before it, and their sources."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -215,6 +215,29 @@ def find_start(
     start = Start(soc, soc_source, direction, source, row, voltage_v)
     told += [] if unrested else _doubts(record, cell, window, start)
     return start, capacity_ah, told
+
+
+def require_whole_log(record: Record, records: Sequence[Record], unknown: InputError) -> None:
+    """Raise `InputError` where a record, whose start is not known, is one log with others.
+
+    Their clock goes on from file to file. That of a file with dates alone counts from its own first
+    sample, and tells nothing.
+    """
+
+    def goes_on(later: Record, earlier: Record) -> bool:
+        # The row at which a log was cut may be in both files.
+        pause_s = float(later.time_s[0] - earlier.time_s[-1])
+        return 0 <= pause_s <= 2 * float(np.median(later.interval_s))
+
+    log = [record]
+    while before := next((other for other in records if goes_on(log[0], other)), None):
+        log.insert(0, before)
+    while after := next((other for other in records if goes_on(other, log[-1])), None):
+        log.append(after)
+    if len(log) > 1:
+        others = ", ".join(other.name for other in log if other is not record)
+        told = {"others": others, "files": ", ".join(other.name for other in log)}
+        raise notice("start.goes-on", record.name, **told).error() from unknown
 
 
 def _direction_before(

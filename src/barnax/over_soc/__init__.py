@@ -11,7 +11,6 @@ from .fit import fit_tables as fit_tables
 from .intervals import NodeInterval as NodeInterval
 from .own_ocv import OwnOcv as OwnOcv
 from .own_ocv import compare_with_own as compare_with_own
-from .own_ocv import fit_with_ocv as fit_with_ocv
 from .own_ocv import proved as proved
 from .own_ocv import search_with_ocv as search_with_ocv
 from .problem import HELD_GAMMA as HELD_GAMMA

@@ -101,6 +101,11 @@ class TableFit(Brief):
         """The largest share of sqrt(J) that other tables could save."""
         return max(0.0, 1 - self.lower_bound_v / self.objective_v) if self.objective_v else 0.0
 
+    @property
+    def is_over_soc(self) -> bool:
+        """False where the OCV alone is a table, and resistances have one value at every SOC."""
+        return len(self.tables.nodes) > 1 or not self.of_table(OCV)
+
     def proved(self, proof: Proof, share: float) -> "TableFit":
         """The same with a proof of its tables, which is enough within this share."""
         lower_v = proof.lower_bound_v
@@ -193,8 +198,9 @@ def fit_of(
         + sum(axis.high > axis.low for axis in objective.axes),
         intervals=intervals,
         cross_validation=held_out,
-        warnings=_warnings(objective, tables, at_bound),
+        warnings=(),
     )
+    fit = replace(fit, warnings=_warnings(objective, fit))
     return fit.proved(proof, settings.proved_share)
 
 
@@ -236,22 +242,20 @@ def pooled_errors(
     )
 
 
-def _warnings(
-    objective: TableObjective, tables: CircuitParameters, at_bound: Sequence[AtBound]
-) -> tuple[Notice, ...]:
+def _warnings(objective: TableObjective, fit: TableFit) -> tuple[Notice, ...]:
+    tables = fit.tables
     found = [
         _bound_warning(bound, tables.constants[bound.name], objective.settings)
-        for bound in at_bound
+        for bound in fit.at_bound
     ]
     resistances_ohm, nodes = tables.ohm, np.array(tables.nodes)
-    # One value for every SOC stands at none; the OCV beside it is a table.
-    is_alike = len(nodes) == 1 and OCV in objective.names
-    visited = objective.visited_of(objective.names.index(OCV)) if is_alike else objective.visited
+    visited, whose = objective.visited, None
+    if not fit.is_over_soc:
+        visited, whose = objective.visited_of(objective.names.index(OCV)), "ocv"
     unvisited = 1 - float(np.mean(visited))
     if unvisited > MOSTLY:
-        whose = "ocv" if is_alike else None
         found.append(notice("tables.mostly-unvisited", share=unvisited, whose=whose))
-    if not is_alike:
+    if fit.is_over_soc:
         bare = nodes[objective.visited & (resistances_ohm.sum(axis=0) < LEAST_OHM)]
         found += [notice("tables.no-resistance", soc=soc) for soc in bare.tolist()]
     if not np.any(resistances_ohm[0][objective.visited] >= LEAST_OHM):
@@ -260,8 +264,9 @@ def _warnings(
     held = nodes[objective.visited & (resistances_ohm[0] <= floor_ohm)]
     if floor_ohm and len(held):
         percent = ", ".join(f"{100 * soc:g}" for soc in held)
-        which = dict.fromkeys(("where", "instead"), "everywhere" if is_alike else None)
-        found.append(notice("tables.r0-at-floor", floor_ohm=floor_ohm, percent=percent, **which))
+        where = None if fit.is_over_soc else "everywhere"
+        told = dict.fromkeys(("where", "whose", "instead"), where)
+        found.append(notice("tables.r0-at-floor", floor_ohm=floor_ohm, percent=percent, **told))
     is_fitted = HALF_HYSTERESIS in tables.tables
     if not is_fitted and tables.gamma is None:
         return tuple(found)

@@ -71,7 +71,7 @@ class Grid:
         if get_circuit(self.circuit).has_rate:
             raise InputError(
                 f"the circuit {self.circuit} has a dynamic hysteresis, of which no factors are "
-                "kept; use so-rc or iso-rc"
+                "kept; use so-rc or iso-rc, or keep none"
             )
 
     @property

@@ -23,7 +23,7 @@ from ..errors import InputError
 from ..execution import in_float64
 from ..global_optimum.proof import Proof
 from ..model.prepared import PreparedRecord, prepare_record
-from ..model.start import find_start
+from ..model.start import find_start, require_whole_log
 from ..model.temperature import temperature_of
 from ..model.window import Window, first_sample
 from ..notices import Notice, notice
@@ -76,23 +76,6 @@ class OwnOcv(Brief):
         return self.found.reference
 
 
-def fit_with_ocv(
-    records: Sequence[Record],
-    circuit: str,
-    windows: Mapping[str, Window],
-    settings: TableSettings,
-    capacity_ah: float | None = None,
-    over_temperature: bool = False,
-    beside: str | None = None,
-) -> OwnOcv:
-    """Tables over SOC and the OCV that fit some records of one cell best, together, and proved.
-
-    The arguments are those of `search_with_ocv`.
-    """
-    given = settings, capacity_ah, over_temperature, beside
-    return proved(search_with_ocv(records, circuit, windows, *given))
-
-
 def search_with_ocv(
     records: Sequence[Record],
     circuit: str,
@@ -102,10 +85,11 @@ def search_with_ocv(
     over_temperature: bool = False,
     beside: str | None = None,
 ) -> OwnOcv:
-    """The same before it is proved, which `proved` does; over temperature it is.
+    """Tables over SOC and the OCV that fit some records of one cell best, together.
 
-    Records without a known start take theirs from a rest, on the OCV that the others show. Over
-    temperature, each one has its own OCV and tables, on one axis with one set of time constants.
+    `proved` proves them; those over temperature are proved already. Records without a known start
+    take theirs from a rest, on the OCV that the others show. Over temperature, each one has its own
+    OCV and tables, on one axis with one set of time constants.
 
     Args:
         records: The records.
@@ -165,7 +149,8 @@ def _started(
                 try:
                     start, _, against = find_start(record, cell, *given)
                 except InputError as unknown:
-                    raise (_goes_on(record, records) or unknown) from unknown
+                    require_whole_log(record, records, unknown)
+                    raise
                 told += against
                 axes[record.name] = Axis(start.soc, "rest elsewhere")
     found = _on_axes(records, windows, axes, axis_ah)
@@ -174,18 +159,6 @@ def _started(
         alone = [prepare_record(record, cell, circuit, found[record.name]) for record in records]
         found = {prepared.record.name: prepared.window for prepared in register(alone, own)}
     return found, told
-
-
-def _goes_on(record: Record, records: Sequence[Record]) -> InputError | None:
-    """The refusal of a record that goes on where another one ends; None where none does."""
-    in_order = sorted(records, key=lambda one: one.time_s[0])
-    place = in_order.index(record)
-    before = in_order[place - 1] if place else record
-    pause_s = record.time_s[0] - before.time_s[-1]
-    if not 0 < pause_s <= 2 * float(np.median(np.diff(record.time_s))):
-        return None
-    told = {"before": before.name, "files": ", ".join(one.name for one in in_order)}
-    return notice("start.goes-on", record.name, **told).error()
 
 
 @in_float64

@@ -112,11 +112,6 @@ class TableFits:
         return self.fits[self.over_temperature.temperatures_degc.index(self.reference_degc)]
 
     @property
-    def are_over_soc(self) -> bool:
-        """False where resistances have one value for every SOC."""
-        return len(self.reference.tables.nodes) > 1
-
-    @property
     def reference_degc(self) -> float | None:
         """The temperature nearest to `REFERENCE_DEGC`, None where there is one only."""
         if self.over_temperature is None:

@@ -122,30 +122,30 @@ def _draw_resistances(
         prepared = evaluation.prepared
         longest_s = (1 - 1e-3) * float(np.ptp(prepared.time_s[prepared.scored]))
         soc = prepared.soc[prepared.scored]
-        ends, style = np.array([soc.min(), soc.max()]), {}
+        ends, both = np.array([soc.min(), soc.max()]), np.full(2, True)
         for name, value in found.named_ohm.items():
             known = intervals.get(name)
             own = (value, known and known.low, known and known.high)
             rows = [np.full(2, np.nan if v is None else 1e3 * v) for v in own]
             low, high = rows[1:]
-            resistances.append(DrawnTable(name, True, ends, np.full(2, True), rows[0], low, high))
-        tau_s = found.named_tau_s
+            resistances.append(DrawnTable(name, True, ends, both, rows[0], low, high, False))
+        tau_s, top = found.named_tau_s, ROOM * _top_of(resistances)
     else:
         resistances = [table.seen for table in drawn_tables(found).values() if table.is_resistance]
-        style = {"marker": "o" if found.tables.nodes[1:] else "", "markersize": 3.0}
         tau_s = {n: s for n, s in found.tables.constants.items() if n.startswith("tau")}
+        top = ROOM * scale_of(resistances)[1]
     for table, color in zip(resistances, COLORS, strict=False):
         known = np.isfinite(table.low) & np.isfinite(table.high)
         band = {"where": known, "color": color, "alpha": 0.2, "linewidth": 0.0}
         axes.fill_between(table.nodes, table.low, table.high, **band)
-        lines += axes.plot(table.nodes, table.values, color=color, **style)
+        marker = "o" if table.has_nodes else ""
+        lines += axes.plot(table.nodes, table.values, color=color, marker=marker, markersize=3.0)
     names = [names_beside(name).resistance.partition(" ")[0] for name in tau_s]
     labels = [
         f"{name}, tau {'longer than the record' if seconds > longest_s else _time(seconds)}"
         for name, seconds in zip(names, tau_s.values(), strict=True)
     ]
     axes.legend(lines, ["R0", *labels], loc="upper center", title="shaded: 95 % intervals")
-    top = ROOM * (scale_of(resistances)[1] if style else _top_of(resistances))
     axes.set_ylim(0.0, top)
     axes.set_xlabel(SOC_LABEL)
     axes.set_ylabel("Resistance [mOhm]")

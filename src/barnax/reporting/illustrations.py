@@ -55,7 +55,7 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
         of["-validation"] = "validation", run.validation, run.tables.validation
         for name, (which, by_constant, by_tables) in of.items():
             circuits = {"constant circuit": by_constant, "tables": by_tables}
-            if by_constant and run.tables.found.are_over_soc:
+            if by_constant and run.tables.found.reference.is_over_soc:
                 found += [illustrate(f"tables{name}-map", which, plots.plot_error_map, circuits)]
     for role, evaluation in zip(roles, answered.identification, strict=False):
         pulses, record = pulses_of(evaluation.prepared), evaluation.prepared.record.name
@@ -171,7 +171,7 @@ def _of_tables(found: "TableFits", constant: CircuitParameters) -> Drawn:
     degc = found.reference_degc
     where = "" if degc is None else f" at {degc:.3g} degC"
     # One value at every SOC is that of the constant circuit.
-    beside = constant if found.are_over_soc else None
+    beside = constant if found.reference.is_over_soc else None
     tables = illustrate("tables", where, plots.plot_tables, found.reference, beside)
     if degc is None:
         return [tables]

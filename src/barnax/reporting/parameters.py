@@ -109,14 +109,13 @@ def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
     SOC, whether samples visit it, and every value with its interval."""
     rows: dict[float, dict[str, Any]] = {}
     everywhere: dict[str, Any] = {}
-    is_alike = len(fit.tables.nodes) == 1
     for name, soc, value, low, high, is_visited in table_rows(fit):
         what, bracket, unit = name.partition(" [")
         heads = [f"{what}{end}{bracket}{unit}" for end in ("", " low", " high")]
         told = dict(zip(heads, (value, low, high), strict=True))
         if soc is None:
             everywhere |= told
-        elif name != OCV or is_alike:
+        elif name != OCV or not fit.is_over_soc:
             row = rows.setdefault(soc, {"SOC": soc, "is visited": bool(is_visited)} | everywhere)
             row.update(told)
         elif soc in rows:
@@ -138,7 +137,7 @@ def _tabulated(fit: "TableFit") -> Iterator[Known]:
     """Tables at a few states of charge between visited nodes, and the constants."""
     for name in fit.tables.tables:
         known = [node for node in fit.of_table(name) if node.low is not None]
-        if len(fit.tables.nodes) == 1:
+        if not fit.is_over_soc:
             (value,) = fit.tables.tables[name]
             ends = ((node.low, node.high) for node in known)
             yield Known(name, None, value, *next(ends, (None, None)))

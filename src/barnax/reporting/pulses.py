@@ -181,12 +181,10 @@ def table_rows(fit: "TableFit") -> Iterator[tuple[Any, ...]]:
     known = {(node.name, node.soc): (node.low, node.high) for node in fit.intervals}
     unknown = (None, None)
     visited = fit.tables.visited or (True,) * len(fit.tables.nodes)
-    # One value at every SOC stands at none.
-    is_alike = len(fit.tables.nodes) == 1
     for name, values in fit.tables.tables.items():
         for soc, value, is_visited in zip(fit.tables.nodes, values, visited, strict=True):
             ends = known.get((name, soc), unknown)
-            yield name, None if is_alike else soc, value, *ends, int(is_visited)
+            yield name, soc if fit.is_over_soc else None, value, *ends, int(is_visited)
     for name, value in fit.tables.constants.items():
         yield name, None, value, *known.get((name, None), unknown), 1
     for node in fit.of_table(OCV):

@@ -154,7 +154,7 @@ def best_of(part: "TablesPart", model: str) -> str:
 
 def best_tables(fit: "TableFit", model: str) -> str:
     """The gap between the tables of one temperature and the best possible ones."""
-    what = "tables" if len(fit.tables.nodes) > 1 else "circuit and OCV"
+    what = "tables" if fit.is_over_soc else "circuit and OCV"
     gap = f"no {model} {what} in the bounds are over {percent(fit.proved_gap)} better."
     if fit.status == "certified":
         return f"proved: {gap}"
@@ -205,17 +205,17 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
 def constants_table(fit: "TableFit", where: str = "") -> Table:
     """The parameters with one value at every SOC: time constants, gamma if there is one, and
     resistances of one node."""
-    values, is_alike = fit.tables.constants, len(fit.tables.nodes) == 1
-    if is_alike:
+    values = fit.tables.constants
+    if not fit.is_over_soc:
         values = {name: value for name, (value,) in fit.tables.tables.items()} | values
-    known = {node.name: node for node in fit.intervals if node.soc is None or is_alike}
+    known = {node.name: node for node in fit.intervals if node.soc is None or not fit.is_over_soc}
     cells: Cells[str] = {
         "parameter": symbol,
         "value": lambda name: with_unit(name, values[name]),
         "95 % interval": lambda name: _interval_of(known.get(name), fit),
     }
-    more = "; tables.csv has the OCV" if is_alike else ""
-    caption = f"The parameters with one value at every SOC{where}{more}."
+    elsewhere = "" if fit.is_over_soc else "; tables.csv has the OCV"
+    caption = f"The parameters with one value at every SOC{where}{elsewhere}."
     names = [name for name in values if not where or name not in numbers_of(fit)]
     return make_table(caption, names, cells, cells)
 

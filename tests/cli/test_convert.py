@@ -118,5 +118,34 @@ def test_a_log_that_was_cut_into_files_is_joined(run, refuse, tmp_path, monkeypa
     for name in ("time_s", "current_a", "voltage_v"):
         np.testing.assert_array_equal(getattr(joined, name), getattr(whole, name))
     assert run("identify", "joined.csv", "--seeds", "0", "--trust", "none", "-q").status == 0
+    told = refuse("convert", "part2.csv", "part1.csv", "--out", "again.csv")
+    assert "give the files in the order of the log" in told
+    # A clock of its own in each file tells no pauses.
+    Path("part3.csv").write_text("\n".join([head, *rows[:1500]]))
+    told = refuse("convert", "part1.csv", "part3.csv", "--out", "again.csv")
+    assert "where each file has a clock of its own, name a column that goes on" in told
     Path("part2.csv").write_text(Path("part2.csv").read_text().replace("Voltage", "U"))
     assert "other columns than part1.csv" in refuse("convert", *parts, "--out", "again.csv")
+
+
+def test_files_of_one_log_may_hold_their_columns_as_different_types(run, refuse, tmp_path):
+    """As where one of them has whole currents alone."""
+    record, _ = made(1, hours=0.6)
+    whole = np.round(record.current_a[:1500])
+    current_a = np.append(whole, record.current_a[1500:])
+    table = pl.DataFrame(
+        {"Time / s": record.time_s, "Current / A": -current_a, "Voltage / V": record.voltage_v}
+    )
+    first, second = table[:1500], table[1500:]
+    # A second file of another format than its name says.
+    names = [tmp_path / "a.parquet", tmp_path / "b.csv"]
+    first.with_columns(pl.col("Current / A").cast(pl.Int64)).write_parquet(names[0])
+    second.write_parquet(names[1])
+    told = run("convert", *names, "--out", tmp_path / "o.csv").err
+    assert "the content is a Parquet table" in " ".join(told.split())
+    read = read_record(tmp_path / "o.csv")
+    np.testing.assert_allclose(read.current_a, current_a, rtol=1e-12)
+    dates = pl.from_epoch(pl.col("Time / s").cast(pl.Int64))
+    second.with_columns(dates).write_parquet(names[1])
+    told = refuse("convert", *names, "--out", tmp_path / "again.csv")
+    assert "'Time / s' has dates in some of the files and none in others" in told

@@ -11,6 +11,7 @@ import barnax
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.plan import plan, plan_from_toml, plan_to_toml
+from barnax.records import source
 from barnax.reporting.decisions import plan_blocks
 from barnax.reporting.verdict import next_step
 from barnax.result_parts import PlannedFile
@@ -192,6 +193,28 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
     Path("drive.csv").write_text("another cell")
     (told,) = plan_from_toml("plan.toml").warnings
     assert (told.code, told.subject) == ("plan.file-changed", "drive.csv")
+    # What cannot be read is refused where it is needed, and each file is read once.
+    read = []
+
+    def unreadable(path):
+        read.append(path)
+        raise InputError("too large")
+
+    with monkeypatch.context() as context:
+        context.setattr(source, "_read_content", unreadable)
+        parts = "".join(
+            f'{table}sha256 = "{digest}"\nname = "{name}"\nspan = [0.0, 9.0]\n'
+            for name in ("one", "two")
+        )
+        Path("parts.toml").write_text(parts.replace("/gone/", ""))
+        assert not plan_from_toml("parts.toml").warnings
+    assert read == [Path("drive.csv")]
+    # Beside the plan lies another file of that name.
+    (above / "drive.csv").write_text("this cell")
+    monkeypatch.chdir(above)
+    read = plan_from_toml(work / "plan.toml")
+    assert (read.parts[0].path, read.warnings) == (Path("drive.csv"), ())
+    monkeypatch.chdir(work)
     Path("plan.toml").write_text(table)
     (told,) = plan_from_toml("plan.toml").warnings
     assert told.code == "plan.file-elsewhere"

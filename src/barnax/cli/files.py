@@ -103,7 +103,8 @@ def check(what: Checked) -> None:
         listed.append(check.to_dict())
         session.show(to_terminal(check_document(check).with_option_names(as_flags)))
         if what.quiet:
-            session.warn(finding_line(check.file, one) for one in check.findings if one.counts)
+            told = [finding for finding in check.findings if finding.counts]
+            session.warn(finding_line(check.file, finding) for finding in told)
     if what.as_json:
         document = {"schema_version": SCHEMA_VERSION, "files": listed}
         typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
@@ -153,8 +154,8 @@ def convert(what: Converted) -> None:
 
     stem = file.name.split(".")[0] if file.name != "-" else "record"
     path = what.out or Path(f"{stem}.{what.to}.parquet")
-    for read in what.files:
-        _require_another(path, read)
+    for given in what.files:
+        _require_another(path, given)
     require_free_file(path, what.force)
     if path.name.lower().endswith(".csv"):
         # Where its origin goes.
@@ -162,8 +163,8 @@ def convert(what: Converted) -> None:
     tell_unfinished(session, path.parent)
     with session.watch(f"Reading {file.name}"):
         how = Reading(**what.read)
-        several = [read_source(one, columns=how.columns, series=how.series) for one in what.files]
-        source = several[0] if len(several) == 1 else joined(several)
+        sources = [read_source(path, columns=how.columns, series=how.series) for path in what.files]
+        source = sources[0] if len(sources) == 1 else joined(sources)
         require_records(lags_of(how), {source.name})
         # A current that is moved to the voltage's moments is no longer the file's.
         how = replace(how, voltage_lag=how.voltage_lag or 0.0)

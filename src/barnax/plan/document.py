@@ -1,5 +1,6 @@
 """A plan: which file serves for what, in which window and why; as TOML, and read back."""
 
+import functools
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -369,9 +370,11 @@ def _named(parts: tuple[Part, ...], place: Path) -> tuple[tuple[Part, ...], tupl
     """The parts where they lie, by the names that results will call their files, and warnings."""
     names = file_names([part.path for part in parts if part.role != "not used"])
     found, warnings = [], dict[Notice, None]()
+    # A file is read once, however many parts of it are planned.
+    find = functools.cache(find_planned)
     for part in parts:
         name = names.get(part.path, part.path.name)
-        path, taken = find_planned(part.path, name, place, part.sha256)
+        path, taken = find(part.path, name, place, part.sha256)
         found.append(replace(part, path=path, name=part.name or name))
         warnings |= dict.fromkeys(taken if part.role != "not used" else ())
     return tuple(found), tuple(warnings)

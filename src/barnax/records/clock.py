@@ -41,7 +41,8 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
     if not len(falls):
         return samples, findings
     at = int(falls[0]) + 1
-    given = {"before_s": time[at - 1], "after_s": time[at], "times": len(falls)}
+    files = "several" if samples.table.files > 1 else None
+    given = {"before_s": time[at - 1], "after_s": time[at], "times": len(falls), "files": files}
     fall_s = time[falls] - time[falls + 1]
     is_midnight = bool(np.all(np.abs(fall_s - _DAY_S) < 0.01 * _DAY_S))
     if not is_midnight and _is_shuffled(time, len(falls)):

@@ -133,13 +133,27 @@ def joined(sources: Sequence[Source]) -> Source:
             )
     tables = [source.table for source in sources]
     before = np.cumsum([0, *(table.row[-1] if len(table.row) else 1 for table in tables[:-1])])
+    name = " + ".join(source.name for source in sources)
+    columns = zip(first.table.header, *(table.columns for table in tables), strict=True)
     table = replace(
         first.table,
-        columns=tuple(map(pl.concat, zip(*(table.columns for table in tables), strict=True))),
-        row=np.concatenate([table.row + own for table, own in zip(tables, before, strict=True)]),
+        columns=tuple(_concatenated(name, header, parts) for header, *parts in columns),
+        row=np.concatenate([table.row + rows for table, rows in zip(tables, before, strict=True)]),
+        notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
+        files=len(tables),
     )
-    name = " + ".join(source.name for source in sources)
-    return replace(first, name=name, table=table, sha256=" ".join(one.sha256 for one in sources))
+    found = tuple(dict.fromkeys(finding for source in sources for finding in source.findings))
+    sha256 = " ".join(source.sha256 for source in sources)
+    return replace(first, name=name, table=table, sha256=sha256, findings=found)
+
+
+def _concatenated(name: str, header: str, parts: Sequence[pl.Series]) -> pl.Series:
+    """A column of several files, of a type that holds all its values."""
+    known = [part.dtype for part in parts if part.dtype != pl.Null]
+    if len({dtype.is_temporal() for dtype in known}) > 1:
+        raise InputError(f"{name}: '{header}' has dates in some of the files and none in others")
+    frames = [part.to_frame(header) for part in parts]
+    return pl.concat(frames, how="vertical_relaxed").to_series()
 
 
 def folders_around(place: Path) -> tuple[Path, ...]:
@@ -169,18 +183,22 @@ def find_planned(
     """A file that a plan in `place` names, where it lies, with a warning where its digest says that
     it is another one now, or where only its name says that it is the one: it lies elsewhere, and
     its digest is not known."""
-    for path in (place / file, file):
-        if os.path.isfile(path):
-            is_same = not sha256 or sha256 == hashlib.sha256(_read_content(path)).hexdigest()
-            return path, () if is_same else (notice("plan.file-changed", printable(str(file))),)
-    for path in (folder / name for folder in folders_around(place)):
-        if not path.is_file():
-            continue
-        if not sha256:
-            taken = printable(str(path.absolute()))
-            return path, (notice("plan.file-elsewhere", printable(str(file)), path=taken),)
+    named = [path for path in dict.fromkeys((place / file, file)) if os.path.isfile(path)]
+    around = [folder / name for folder in folders_around(place)]
+    around = [path for path in around if os.path.isfile(path)]
+    digests = list[str]()
+    for path in (named or around) if sha256 else ():
+        # What cannot be read is refused where it is needed.
         with suppress(InputError):
-            return find_file(path.name, sha256, [path.parent]), ()
+            digests.append(hashlib.sha256(_read_content(path)).hexdigest())
+            if digests[-1] == sha256:
+                return path, ()
+    if named:
+        changed = notice("plan.file-changed", printable(str(file)))
+        return named[0], (changed,) if digests else ()
+    if around and not sha256:
+        taken = printable(str(around[0].absolute()))
+        return around[0], (notice("plan.file-elsewhere", printable(str(file)), path=taken),)
     return file, ()
 
 

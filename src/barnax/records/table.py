@@ -32,6 +32,7 @@ class Table:
     `row` is each line's row in the source, the header being row 1. `sheets` names the sheets the
     lines come from, with the number of lines of each, in order; it is empty for formats without
     sheets. `notes` are for the user. `has_known_units` says that the format itself sets the units.
+    The lines of a log that was cut come from several `files`.
     """
 
     header: tuple[str, ...]
@@ -40,6 +41,7 @@ class Table:
     sheets: tuple[tuple[str, int], ...] = ()
     notes: tuple[Notice, ...] = ()
     has_known_units: bool = False
+    files: int = 1
 
     @property
     def names_row(self) -> int:

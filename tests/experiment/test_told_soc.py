@@ -1,22 +1,24 @@
 """A test after records that show only a part of the state of charge: where it stays, how the cell
 is brought there, and that the true cell keeps the limits."""
 
+import ast
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.experiment.test_next import BLOCKS, screen_of
 
 import barnax
 from barnax.bundled import bundled_file
+from barnax.cell.curves import InterpolatedCurve
 from barnax.cli.session import as_flags
 from barnax.errors import InputError
 from barnax.experiment.belief import believed_of
 from barnax.experiment.protocol import sampled
 from barnax.records import read_record
 from barnax.reporting.design import planned_lines
-from barnax.reporting.design_forms import before, procedure
+from barnax.reporting.design_forms import before, procedure, pybamm_script
 from barnax.search.refine import AtBound
+from helpers.designs import BLOCKS, screen_of
 
 QUICK = {"over": "soc", "model": "so-rc", "seeds": 0, "max_boxes": 0, "folds": 0}
 LIMITS = {"max_hours": 1.5, "blocks": BLOCKS, "max_discharge": 1.0, "max_charge": 1.0}
@@ -76,6 +78,7 @@ def test_a_test_stays_where_the_ocv_is_known(placed, truth):
     taken_ah = 2 * (1 - high)
     assert f"discharge {taken_ah:.4g} Ah at 0.4 A (C/5)" in before(design)
     assert before(design) in procedure(design)
+    assert before(design) in (ast.get_docstring(ast.parse(pybamm_script(design))) or "")
     voltage_v = true_voltage(truth, design, high)
     assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
     assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
@@ -101,7 +104,10 @@ def test_a_chemistry_takes_it_from_full_to_empty(placed, truth):
     voltage_v = true_voltage(truth, design, 1.0)
     assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
     screen = screen_of(planned_lines(believed, as_flags))
-    assert "Beyond, that of a typical NMC cell is joined to it, and may be off by" in screen
+    assert (
+        "the test goes from full to empty. Beyond, the OCV of a typical NMC cell is joined"
+        in screen
+    )
 
 
 def test_another_chemistry_than_the_record_shows_is_refused(placed):
@@ -119,6 +125,65 @@ def test_where_nothing_shows_what_is_full_the_voltage_brings_the_cell_to_its_sta
     voltage_v = true_voltage(truth, design, 0.65)
     assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
     assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
+
+
+@pytest.mark.parametrize("chemistry", ["nmc", "lfp"])
+@pytest.mark.parametrize("known", [{}, {"capacity": 2.0}])
+def test_no_typical_ocv_is_joined_where_nothing_shows_what_is_full(chemistry, known):
+    result = identified(**known)
+    with pytest.raises(InputError, match=rf"`chemistry` {chemistry}: nothing shows .* full"):
+        believed_of(result, None, chemistry)
+
+
+def test_a_capacity_alone_leaves_the_test_within_the_record(truth):
+    """Of the 2 Ah of the true cell, its record began at 60 % and its fullest point is 65 %."""
+    result = identified(capacity=2.0)
+    design = barnax.design(result, **LIMITS)
+    screen = screen_of(planned_lines(believed_of(result, None), as_flags))
+    low, high = believed_of(result, None).told_soc
+    assert f"knows the OCV from {100 * low:.0f} to {100 * high:.0f} %, and the test" in screen
+    taken_ah = 2.0 * (design.initial_soc - design.predicted.soc.min())
+    held_ah = 2.0 * truth.cell.soc_from_rest_voltage(design.start_v)
+    assert taken_ah < held_ah - 2.0 * 0.2 + 0.03
+    voltage_v = true_voltage(truth, design, held_ah / 2.0)
+    assert design.limits.low_v < voltage_v.min()
+
+
+def test_a_chemistry_whose_highest_voltage_the_cell_passes_is_refused():
+    """A full cell at 4.33 V: near a typical one at 4.18 V, and above the 4.2 V that it stops at."""
+    believed = believed_of(None, 2.0, "nmc")
+    rising = InterpolatedCurve.fit(np.array([0.0, 1.0]), np.array([2.7, 4.33]))
+    cell = replace(believed.cell, charge=rising, discharge=rising)
+    with pytest.raises(InputError, match=r"at 100 % SOC .* 4\.18 V, and this one 4\.33 V"):
+        believed_of(replace(believed, cell=cell, typical=""), None, "nmc")
+
+
+@pytest.mark.parametrize(
+    ("told_soc", "high_v", "words"),
+    [
+        # Full is where a charge to 4.18 V ends, which no OCV of up to 4.23 V changes.
+        ((0.0, 1.0), 4.18, None),
+        ((0.0, 1.0), 4.1, r"4\.1 V: the test starts at 100 % SOC, where the OCV is 4\.179 V"),
+        # Elsewhere the charge that was taken out brings a cell there, whatever its OCV is.
+        ((0.0, 0.9), 4.15, None),
+        ((0.0, 0.9), 4.1, r"4\.1 V: the test starts at 90 % SOC, where the OCV may be 4\.133 V"),
+    ],
+)
+def test_a_start_above_the_highest_voltage_is_refused(told_soc, high_v, words):
+    believed = replace(believed_of(None, 2.0, "nmc"), told_soc=told_soc, typical="")
+    # Refused for its hours: the start was let through.
+    with pytest.raises(InputError, match=words or "`max_hours` 0.5") as refused:
+        barnax.design(believed, high_voltage=high_v, max_hours=0.5, blocks=BLOCKS)
+    assert ("`high_voltage`" in str(refused.value)) is (words is not None)
+
+
+def test_a_part_of_the_charge_without_a_node_is_refused():
+    believed = believed_of(None, 2.0, "nmc")
+    nodes = (0.0, 0.4, 0.9, 1.0)
+    settings = replace(believed.settings, nodes=nodes)
+    coarse = replace(believed, settings=settings, told_soc=(0.4, 0.8), typical="")
+    with pytest.raises(InputError, match="`want` R0, R1, R2: no node lies from 43 to 80 % SOC"):
+        barnax.design(coarse, max_hours=1.5, blocks=BLOCKS)
 
 
 def test_another_capacity_would_stretch_an_ocv_that_the_record_told(unplaced):
@@ -139,9 +204,9 @@ def test_a_time_constant_at_a_bound_is_told_before_the_search(placed):
 
 
 def test_hours_that_are_too_few_are_told_with_the_least():
-    with pytest.raises(InputError, match=r"`max_hours` 0\.5: .* takes .* h without a rest") as told:
+    with pytest.raises(InputError, match=r"`max_hours` 0\.5: .* takes .* h without rests") as told:
         barnax.design(capacity=2.0, max_hours=0.5, blocks=BLOCKS)
-    least = float(str(told.value).split(" h without")[0].split()[-1])
-    with pytest.raises(InputError, match="without a rest"):
+    least = float(str(told.value).split(" h without rests")[0].split()[-1])
+    with pytest.raises(InputError, match="without rests"):
         barnax.design(capacity=2.0, max_hours=least - 0.02, blocks=BLOCKS)
     assert least - 0.02 < barnax.design(capacity=2.0, max_hours=least, blocks=BLOCKS).hours <= least

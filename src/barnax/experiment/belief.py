@@ -26,9 +26,7 @@ from ..results import Result
 from ..search.evaluate import Evaluation
 from ..settings import NODES
 from .earlier import by_second, error_of
-from .information import Believed, Error
-from .protocol import NEARLY_SOC
-from .search import OVERSHOT
+from .information import NEARLY_SOC, OVERSHOT, Believed, Error
 
 Chemistry = Literal["nmc", "lfp"]
 # Lowest and highest voltage of a cell of layered oxide, and of one whose OCV when full is under the
@@ -52,7 +50,7 @@ REST = 0.6
 COMPARED_FROM_SOC, MOST_APART_V = 0.15, 0.2
 # A cell that is held at its OCV until C/50 is within so much of it; what it starts at is then known
 # to so much of the SOC at most, by the OCV's rise over as much.
-START_V, TOP_SOC = 10e-3, 0.05
+HELD_V, TOP_SOC = 10e-3, 0.05
 # Where a cell's OCV is not known, loads end here: under 10 % SOC a voltage may fall unforeseen (1C
 # took a PyBaMM cell 0.9 V under its limit at 8 %).
 UNKNOWN_LOW_SOC = 0.1
@@ -94,27 +92,34 @@ def believed_of(
         cell = replace(known.cell, capacity_ah=capacity_ah, capacity_origin=GIVEN)
         discharge_c, charge_c = known.rates_c
         known = replace(known, cell=cell, rates_c=(share * discharge_c, share * charge_c))
-    return known if chemistry is None else _going_on(known, chemistry)
+    return known if chemistry in (None, known.typical) else _going_on(known, chemistry)
 
 
 def _going_on(believed: Believed, chemistry: str) -> Believed:
     """The same cell whose OCV goes on as a chemistry's beyond where it is told: joined to it, and
     the chemistry's own where the cell is full and empty.
 
-    Raises `InputError` where both are far from each other.
+    Raises `InputError` where nothing shows what is full, and where both are far from each other.
     """
     typical, (low, high) = _typical_cell(chemistry), believed.told_soc
+    if believed.start_v is not None:
+        raise InputError(
+            f"`chemistry` {chemistry}: nothing shows where the cell is full, so no typical OCV can "
+            "be joined; leave it out for a test within the record's state of charge, or identify "
+            "again with `initial_soc` (1 for a record that starts full) and `capacity`"
+        )
     ends = np.array([low, high])
     apart_v = typical.average_ocv_v(ends) - believed.ocv_v(ends)
-    # Near empty any two cells differ, and what was not full may have any OCV.
-    compared = (ends > COMPARED_FROM_SOC) & (believed.start_v is None)
-    if np.any(np.abs(apart_v[compared]) > MOST_APART_V):
-        place = int(np.argmax(np.abs(apart_v) * compared))
+    # Near empty any two cells differ, but none is above its highest voltage.
+    is_above = believed.ocv_v(ends) > window_of(believed.cell, chemistry)[1] + HELD_V
+    is_other = is_above | (ends > COMPARED_FROM_SOC) & (np.abs(apart_v) > MOST_APART_V)
+    if is_other.any():
+        place = int(np.argmax(np.abs(apart_v) * is_other))
         raise InputError(
             f"`chemistry` {chemistry}: at {100 * ends[place]:.0f} % SOC such a cell has about "
             f"{typical.average_ocv_v(ends)[place]:.2f} V, and this one "
-            f"{believed.ocv_v(ends)[place]:.2f} V; give another `chemistry`, or identify again "
-            "with another `capacity` or `initial_soc`"
+            f"{believed.ocv_v(ends)[place]:.2f} V; give another `chemistry` or none, or identify "
+            "again with another `capacity` or `initial_soc`"
         )
     believed = replace(believed, typical=chemistry, typical_reach_v=UNKNOWN_OCV_V[chemistry])
     if believed.told_soc == (0.0, 1.0):
@@ -219,7 +224,7 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
         fit = replace(result.tables.fit, intervals=told or ())
         believed = believed_of_fit(fit, result.tables.settings, cell, rmse_v, earlier)
     else:
-        circuit = result.constant.parameters
+        circuit = result.circuit_parameters
         r0_ohm, *r_ohm = np.repeat(circuit.ohm, len(NODES), axis=1)
         constants = Believed(
             cell=cell,
@@ -257,7 +262,7 @@ def _started_by_voltage(believed: Believed) -> Believed:
     """
     top = believed.told_soc[1]
     below_v, top_v = believed.ocv_v(np.array([top - TOP_SOC, top])).tolist()
-    off_soc = START_V / max((top_v - below_v) / TOP_SOC, 1e-9)
+    off_soc = HELD_V / max((top_v - below_v) / TOP_SOC, 1e-9)
     if off_soc > TOP_SOC:
         raise InputError(
             "nothing shows where the cell is full, and at its fullest point in the record, "

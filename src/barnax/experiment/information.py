@@ -33,6 +33,9 @@ from ..search.refine import AtBound
 
 # Half a 95 % interval in standard errors.
 HALF_95 = 1.96
+# So near to an end of the state of charge is at it, and so far may blocks take a cell below the end
+# of their stretch.
+NEARLY_SOC, OVERSHOT = 0.02, 0.03
 # What a circuit leaves out: other pairs, of such a share of R0 and such shares and multiples of its
 # fastest and slowest time constants; resistances that change by such a share at 1C. Nodes over SOC
 # of both. Of PyBaMM's SPMe, these tell apart tests that leave 7 to 20 mV on a drive.
@@ -98,7 +101,7 @@ class Believed:
         start_reach_soc: How far off that may start.
         rates_c: The largest discharge and charge that are usual for it, in 1/h of the capacity.
         untold: Why the earlier records do not count.
-        at_bound: Time constants that are no more than a bound of their search.
+        at_bound: Time constants that ended at a bound of their search.
     """
 
     cell: CellModel

@@ -10,10 +10,18 @@ import numpy as np
 from ..blas import one_blas_thread
 from ..errors import InputError
 from ..results import Result
-from .belief import UNKNOWN_LOW_SOC, believed_of, window_of
+from .belief import HELD_V, UNKNOWN_LOW_SOC, believed_of, window_of
 from .blocks import Block, candidate_blocks
-from .information import Believed, Normal, Width, columns_along, information_of, widths_of
-from .planning import MOST_HOURS, hours_needed, planned
+from .information import (
+    OVERSHOT,
+    Believed,
+    Normal,
+    Width,
+    columns_along,
+    information_of,
+    widths_of,
+)
+from .planning import LONGER, MOST_HOURS, is_reached_in, planned
 from .protocol import (
     COARSE_S,
     INTERVAL_S,
@@ -27,7 +35,7 @@ from .protocol import (
     move,
     sampled,
 )
-from .search import OVERSHOT, Choice, Criterion, OnDrive, Wish, worst_first
+from .search import Choice, Criterion, OnDrive, Wish, worst_first
 from .stored import (
     DRIVE,
     WANTED_SOC,
@@ -81,7 +89,7 @@ def design(
         capacity: Capacity in Ah; by default that of the result.
         chemistry: nmc or lfp: what is believed of a cell without a result (by default nmc), and of
             one with a result its voltages, and the OCV beyond the state of charge at which the
-            result knows it. Without, the test stays in that.
+            result knows it, if something shows where it is full. Without, the test stays in that.
         max_hours: The longest that it may take.
         want: Half the 95 % interval wanted of R0, R1, R2 (relative) and OCV (in V), from 10 to 90 %
             of the state of charge, and the RMSE on a drive cycle (`drive`, in V; by default one and
@@ -124,6 +132,7 @@ def design(
         max_warming,
     )
     low_soc, high_soc = _span(believed)
+    _check_start(believed, high_soc, limits.high_v)
     wanted_soc = max(WANTED_SOC[0], low_soc), min(WANTED_SOC[1], high_soc)
     wishes, wanted = wishes_of(believed, None if want == "hppc" else want, wanted_soc)
     random_key = jax.random.key(key)
@@ -171,7 +180,8 @@ def design(
         plan = planned(choice, max_hours, random_key, starts, reaches)
         widths = left(plan.steps)
         is_reached = reaches(plan.steps)
-        needed = None if is_reached else hours_needed(plan, max_hours, random_key, reaches)
+        longer = None if is_reached else min(LONGER * max_hours, MOST_HOURS)
+        needed = longer if longer and is_reached_in(longer, plan, random_key, reaches) else None
     return Design(
         capacity_ah=capacity_ah,
         limits=limits,
@@ -186,6 +196,7 @@ def design(
         initial_soc=high_soc,
         start_v=believed.start_v,
         wanted_soc=wanted_soc,
+        hours_searched=longer,
         hours_needed=needed,
         finds_ocv=believed.settings.ocv_nodes is not None,
         earlier=tuple(record.name for record in believed.earlier),
@@ -205,12 +216,28 @@ def _span(believed: Believed) -> tuple[float, float]:
     usual_soc = LOW_SOC if believed.settings.ocv_nodes is None else UNKNOWN_LOW_SOC
     end_soc = max(usual_soc, low_soc + OVERSHOT + believed.start_reach_soc)
     if high_soc - end_soc < LEAST_SPAN_SOC:
+        whole = "with `chemistry` nmc or lfp it goes from full to empty, with a typical OCV beyond"
+        if believed.start_v is not None:
+            whole = "identify again with a longer record, or with `initial_soc` and `capacity`"
         raise InputError(
             f"the result knows the OCV from {100 * low_soc:.0f} to {100 * high_soc:.0f} % SOC, too "
-            "little for a test; with `chemistry` nmc or lfp it goes from full to empty, with a "
-            "typical OCV beyond"
+            f"little for a test; {whole}"
         )
     return end_soc, high_soc
+
+
+def _check_start(believed: Believed, high_soc: float, high_v: float) -> None:
+    """Raise `InputError` where the OCV at the start of a test is above its highest voltage."""
+    at = np.array([high_soc])
+    # A charge that is held at a voltage ends there, however unsure the OCV is.
+    is_held = high_soc == 1 or believed.start_v is not None
+    start_v = float((believed.ocv_v(at) if is_held else believed.ocv_end_v(at, 1))[0])
+    if start_v > high_v + HELD_V * is_held:
+        raise InputError(
+            f"`high_voltage` {high_v:g} V: the test starts at {100 * high_soc:.0f} % SOC, where "
+            f"the OCV {'is' if is_held else 'may be'} {start_v:.3f} V; raise it if the cell's data "
+            "sheet allows"
+        )
 
 
 def _names(believed: Believed) -> list[str]:
@@ -233,11 +260,19 @@ def wishes_of(
             raise InputError(f"`want` {name}={half:g} must be above 0, and under 1 (100 % or 1 V)")
     usual = {**WANTED, DRIVE: WANTED_ON_DRIVE * believed.error.rmse_v}
     wanted = {name: usual.get(name, WANTED["R2"]) for name in names} if want is None else dict(want)
-    return [
+    wishes = [
         Wish(place, wanted[short(name)])
         for place, (name, soc) in enumerate(believed.names)
         if is_within(soc, wanted_soc) and short(name) in wanted
-    ], wanted
+    ]
+    found = {DRIVE, *(short(believed.names[wish.place][0]) for wish in wishes)}
+    if lacking := [name for name in wanted if name not in found]:
+        low, high = (100 * soc for soc in wanted_soc)
+        raise InputError(
+            f"`want` {', '.join(lacking)}: no node lies from {low:.0f} to {high:.0f} % SOC, where "
+            "the test is; identify again with more `nodes`"
+        )
+    return wishes, wanted
 
 
 def _medians(

@@ -83,14 +83,12 @@ def _kept(choice: Choice, found: Found, hours: float) -> tuple[Plan | None, Choi
     return None, choice
 
 
-def hours_needed(
-    plan: Plan, max_hours: float, key: Array, reaches: Callable[[Sequence[Step]], bool]
-) -> float | None:
-    """A longer time in which a test reaches what this one does not; None where none of `LONGER`
-    times as long was found."""
-    hours = LONGER * max_hours
+def is_reached_in(
+    hours: float, plan: Plan, key: Array, reaches: Callable[[Sequence[Step]], bool]
+) -> bool:
+    """True where a test of so many hours is found that reaches what a shorter plan does not."""
     longer, _ = _kept(plan.choice, _best(plan.choice, hours, key, 1), hours)
-    return hours if longer is not None and reaches(longer.steps) else None
+    return longer is not None and reaches(longer.steps)
 
 
 def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Found:
@@ -126,8 +124,8 @@ def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Found:
     )
     raise InputError(
         f"`max_hours` {max_hours:g}: one pass through the state of charge takes "
-        f"{math.ceil(100 * least_hours) / 100:g} h without a rest; give more time, or a larger "
-        "`max_discharge`"
+        f"{math.ceil(100 * least_hours) / 100:g} h without rests between its pieces; give more "
+        "time, or a larger `max_discharge`"
     )
 
 

@@ -10,15 +10,13 @@ from jaxtyping import Float
 from ..bundled import bundled_file
 from ..errors import InputError
 from ..records import read_record
-from .information import Believed, lagged, soc_along
+from .information import NEARLY_SOC, Believed, lagged, soc_along
 
 INTERVAL_S = 1.0
 # Drawn voltages are within this of the predicted ones.
 DRAWN_V = 3e-3
 # A test starts full, and ends so low.
 HIGH_SOC, LOW_SOC = 1.0, 0.05
-# So near to an end of the state of charge is at it.
-NEARLY_SOC = 0.02
 # Usual tests last long, and are looked at in so many seconds.
 COARSE_S = 2.0
 # A cell in moving air warms by so many K for a W an Ah, in so many s: 18650 cells by about 30,

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .blocks import Block
-from .information import HALF_95, Believed, Normal, columns_along, information_of
+from .information import HALF_95, OVERSHOT, Believed, Normal, columns_along, information_of
 from .protocol import Limits, Step, move, sampled
 
 # Widths over wished ones to a number: what a design lowers.
@@ -31,9 +31,8 @@ SHARE_OF_TAU, FINEST_S, COARSEST_S = 1 / 4, 1.0, 4.0
 PARTS, FACTOR, SHARE_FACTOR = 4, 1.35, 1.6
 MOST_CHANGES, MANY = 3, 2**30
 FEWEST, MOST = 4, 40
-# By how much blocks may take a cell below the end of their stretch, and the shortest rest.
-OVERSHOT, SHORTEST_REST_S = 0.03, 10.0
-SETTLE_S = 300.0
+# The rest that a test starts with, and the shortest of the others.
+SETTLE_S, SHORTEST_REST_S = 300.0, 10.0
 
 
 def worst_first(ratios: Float[np.ndarray, "wishes"]) -> float:

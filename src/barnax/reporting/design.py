@@ -9,7 +9,6 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ..experiment.information import HALF_95
-from ..experiment.planning import LONGER
 from ..experiment.stored import DRIVE, is_enough
 from .design_forms import EMPTYING, before
 from .document import Table, rows_table
@@ -61,7 +60,7 @@ def planned_lines(
 
 
 def _at_bounds(believed: "Believed") -> str:
-    """The time constants that are no more than a bound of their search."""
+    """The time constants that ended at a bound of their search."""
     told = [
         f"{symbol(name)} at the {bound.side} bound of its search, {with_unit(name, value)}"
         for bound in believed.at_bound
@@ -83,22 +82,22 @@ def _typical_cell(believed: "Believed") -> str:
 
 
 def _planned_soc(believed: "Believed") -> str:
-    """The SOC that a test stays in, and what is believed beyond; empty from full to empty."""
+    """The SOC that a test stays in, and what is believed beyond."""
     low, high = (f"{100 * soc:.0f}" for soc in believed.told_soc)
+    known = f"the result knows the OCV from {low} to {high} %"
     if believed.start_v is not None:
         return (
-            f"{high} % is the fullest point of the record, {believed.start_v:.2f} V at rest, "
-            "whether the cell was full or not, and the test starts there. To plan one from full, "
-            "identify again with `initial_soc` and `capacity`."
+            f"{known}, and the test stays within. {high} % is the fullest point of the record, "
+            f"{believed.start_v:.2f} V at rest, whether the cell was full or not. To plan a test "
+            "from full, identify again with `initial_soc` and `capacity`."
         )
     if believed.told_soc == (0.0, 1.0):
-        return ""
-    known = f"the result knows the OCV from {low} to {high} %"
+        return "from full to empty."
     if believed.typical:
         reach = f"{1e3 * (believed.ocv_reach_v + believed.typical_reach_v):.0f} mV"
         return (
-            f"{known}. Beyond, that of a typical {believed.typical.upper()} cell is joined to it, "
-            f"and may be off by {reach}."
+            f"{known}, and the test goes from full to empty. Beyond, the OCV of a typical "
+            f"{believed.typical.upper()} cell is joined to it, and may be off by {reach}."
         )
     return (
         f"{known}, and the test stays within. `chemistry` nmc or lfp plans one from full to empty, "
@@ -259,9 +258,9 @@ def _halves(widths: "Sequence[Width]") -> list[float]:
 def _needed(design: "Design") -> str:
     """The time that would reach what is wanted, or what to change where none does."""
     if design.hours_needed is not None:
-        return f"A test of {design.hours_needed:g} h would reach all: allow it with `max_hours`."
+        return f"A test of {design.hours_needed:.4g} h would reach all: allow it with `max_hours`."
     return (
-        f"No test of {LONGER * design.hours:.2g} h was found that reaches all: allow more current "
+        f"No test of {design.hours_searched:.4g} h was found that reaches all: allow more current "
         "or still more `max_hours`, or `want` less."
     )
 

@@ -31,13 +31,16 @@ def before(design: "Design") -> str:
             f"charge or discharge at {rate(5)} to {design.start_v:.3f} V, hold until {rate(50)}, "
             f"and rest 1 h: the test starts at the {percent(design.initial_soc)} SOC of the result."
         )
-    full = f"charge at {rate(2)} to {design.limits.high_v:g} V, hold until {rate(20)}"
     taken_ah = (1 - design.initial_soc) * design.capacity_ah
     if not taken_ah > 0:
-        return f"{full}, and rest 1 h: the test starts full."
+        return (
+            f"charge at {rate(2)} to {design.limits.high_v:g} V, hold until {rate(20)}, and rest "
+            "1 h: the test starts full."
+        )
+    # The limits are of the part that is known, and may lie below the voltage of a full cell.
     return (
-        f"{full}, discharge {taken_ah:.4g} Ah at {rate(5)}, and rest 1 h: the test starts at "
-        f"{100 * design.initial_soc:.3g} % SOC."
+        f"charge full, as the cell's data sheet says, discharge {taken_ah:.4g} Ah at {rate(5)}, "
+        f"and rest 1 h: the test starts at {100 * design.initial_soc:.3g} % SOC."
     )
 
 
@@ -110,7 +113,7 @@ def pybamm_script(design: "Design") -> str:
     """The same as a module with the experiment."""
     lines = "\n".join(f'    "{step}",' for step in pybamm_steps(design))
     return (
-        '"""The designed test, from a full and rested cell."""\n\nimport pybamm\n\n'
+        f'"""The designed test.\n\nBefore: {before(design)}\n"""\n\nimport pybamm\n\n'
         f"steps = [\n{lines}\n]\n"
         'experiment = pybamm.Experiment([tuple(steps)], period="1 second")\n'
     )

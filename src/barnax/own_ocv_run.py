@@ -62,33 +62,33 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     is_narrow = not spans_enough(found.fit)
     if not is_narrow and not crossed.constant.is_no_worse(crossed.tables):
         return proved(found)
-    one = _with_pairs(fitted, alike, beside, len(records) == 1)
+    constant = _with_pairs(fitted, alike, beside, len(records) == 1)
     fits_as_well = all(
-        one_errors.is_close_to(errors)
-        for one_errors, errors in zip(one.fit.errors, found.fit.errors, strict=True)
+        constant_errors.is_close_to(errors)
+        for constant_errors, errors in zip(constant.fit.errors, found.fit.errors, strict=True)
     )
     if not (is_narrow or fits_as_well or crossed.constant.is_worth(crossed.tables)):
         # What both predict badly tells them apart too little, as a flat OCV's ends.
         return proved(found)
-    one = proved(one)
-    held = one.fit.cross_validation
+    constant = proved(constant)
+    held = constant.fit.cross_validation
     fit = replace(
-        one.fit,
+        constant.fit,
         cross_validation=held and replace(held, over_soc=crossed.tables),
-        intervals=tuple(_with_r0_over_soc(one.fit, found.fit)),
+        intervals=tuple(_with_r0_over_soc(constant.fit, found.fit)),
     )
-    return replace(one, found=replace(one.found, fits=(fit,)))
+    return replace(constant, found=replace(constant.found, fits=(fit,)))
 
 
-def _with_r0_over_soc(one: TableFit, tables: TableFit) -> Iterator[NodeInterval]:
+def _with_r0_over_soc(constant: TableFit, tables: TableFit) -> Iterator[NodeInterval]:
     """The intervals of one value, R0 reaching to the nodes of tables whose own leave it out."""
-    (r0_ohm,) = one.tables.tables[OHMIC]
+    (r0_ohm,) = constant.tables.tables[OHMIC]
     apart_ohm = [
         node.value - r0_ohm
         for node in tables.of_table(OHMIC)
         if node.low is not None and not node.low <= r0_ohm <= (node.high or math.inf)
     ]
-    for node in one.intervals:
+    for node in constant.intervals:
         yield node.spanning(apart_ohm) if node.name == OHMIC and apart_ohm else node
 
 

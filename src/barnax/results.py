@@ -278,7 +278,7 @@ class Result(Document):
         """The constants of the answer that ended at a bound of their search."""
         if self.tables is None:
             return self.constant.at_bound
-        return tuple(dict.fromkeys(own for fit in self.tables.fits for own in fit.at_bound))
+        return tuple(dict.fromkeys(bound for fit in self.tables.fits for bound in fit.at_bound))
 
     @property
     def answer(self) -> str:

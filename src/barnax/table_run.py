@@ -144,7 +144,7 @@ class TableRun(Brief):
     def _pairs(self) -> Iterator[tuple[str, float, float]]:
         """Every RC pair: its resistance, its share of that, and what an interval leaves of it."""
         fit = self.found.fits[0]
-        taus = [own for own in fit.intervals if own.name.startswith("tau")]
+        taus = [interval for interval in fit.intervals if interval.name.startswith("tau")]
         interval_s = self.identification[0].prepared.median_interval_s
         for rung in rungs_of(fit.tables.elements):
             tau = taus[rung.element]

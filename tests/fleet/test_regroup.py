@@ -92,7 +92,7 @@ def test_kept_factors_of_a_chosen_circuit_answer_as_its_record_does(tmp_path):
     assert (row["error"], row["answer"]) == (None, "1rc with a fitted OCV")
     tables = direct.tables.found.reference.tables
     for name, (value,) in tables.tables.items():
-        assert row[f"tables {name}"] == pytest.approx(value, rel=1e-7)
+        assert row[f"tables {name}"] == pytest.approx(value, rel=1e-9)
     (whole,) = identify_rows(cell, {"seeds": 0, "over": "soc"})
     assert whole["answer"] == "tables over SOC (1rc)"
     (row,) = identify_rows(cell, {"seeds": 0, "model": "so-rc"})

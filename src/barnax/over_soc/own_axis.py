@@ -32,13 +32,13 @@ def axis_capacity(
     records: Sequence[Record], windows: Mapping[str, Window], given_ah: float | None
 ) -> tuple[float, str]:
     """One capacity for the axis, given or the widest span, and where it comes from."""
-    own = {windows[record.name].capacity_ah for record in records} - {None}
-    if len(own) > 1:
+    given = {windows[record.name].capacity_ah for record in records} - {None}
+    if len(given) > 1:
         raise InputError(
             "records of one cell without an OCV test need one `capacity`; they were given "
-            f"{', '.join(f'{own_ah:g}' for own_ah in sorted(filter(None, own)))} Ah"
+            f"{', '.join(f'{ah:g}' for ah in sorted(filter(None, given)))} Ah"
         )
-    given_ah = next(iter(own), None) or given_ah
+    given_ah = next(iter(given), None) or given_ah
     if given_ah is not None:
         return given_ah, GIVEN
     widest = max(records, key=span_ah_of)

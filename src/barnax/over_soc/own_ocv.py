@@ -304,7 +304,7 @@ def _told(
         # Several records whose rates differ would tell it.
         effect = offset_effect(objective, best) if len(prepared) == 1 else None
     fit = replace(fit_of(objective, proof, _at_home(objective, cell)), of_offset=effect)
-    plain = [own.following(None) for own in prepared]
+    plain = [record.following(None) for record in prepared]
     fit = _of_ocv(fit, plain, objective.settings, prepared[0].cell)
     unproved = objective, best
     return OwnOcv(cell, windows, TableFits((fit,)), objective.settings, circuit, (), unproved)

@@ -235,11 +235,11 @@ def _joined(file: CandidateFile, parts: Iterable[CandidateFile]) -> Iterator[Can
     each of them starts."""
     before: CandidateFile | None = None
     for part in parts:
-        kinds = {one.kind(None) for one in (before, part) if one is not None}
+        kinds = {piece.kind(None) for piece in (before, part) if piece is not None}
         if before is None:
             before = part
         elif kinds == {"drive cycle"} and not part.starts_full:
-            spans = [one.known_source.span_s or (0.0, 0.0) for one in (before, part)]
+            spans = [piece.known_source.span_s or (0.0, 0.0) for piece in (before, part)]
             first, last = np.searchsorted(file.record.time_s, [spans[0][0], spans[1][1]]).tolist()
             before = _part(file, first, last, before.starts_full)
         else:

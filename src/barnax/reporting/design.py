@@ -329,7 +329,7 @@ def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> 
 def reached_half(fit: "TableFit", width: "Width") -> float | None:
     """Half the interval that a fit has where a width was promised, in its measure, were its noise
     known as well as the promise takes it; one value stands for every SOC."""
-    nodes = fit.tables.nodes if len(fit.tables.nodes) == 1 and width.name.startswith("R") else ()
+    nodes = () if fit.is_over_soc or not width.name.startswith("R") else fit.tables.nodes
     for node in fit.intervals:
         is_there = node.name == width.name and node.soc in (width.soc, *nodes)
         if is_there and node.low is not None and node.high is not None:

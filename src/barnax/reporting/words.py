@@ -7,7 +7,7 @@ from ..errors import counted as counted
 
 NOTHING = "–"
 # No more digits tell the ends of an interval from the value in it.
-MOST_DIGITS = 5
+FEWEST_DIGITS, MOST_DIGITS = 3, 5
 # From here on a resistance is read in Ohm, as those of coin cells are.
 LARGE_OHM = 1.0
 Key = TypeVar("Key")
@@ -198,19 +198,21 @@ def between(name: str, low: float, high: float, value: float | None = None) -> s
     >>> between("R1 [Ohm]", 0.0136, 0.0687), between("tau1 [s]", 4000, 40000)
     ('13.6 to 68.7 mOhm', '4000 s to 11.1 h')
     >>> between("R0 [Ohm]", 0.019, 0.02004, 0.02)
-    '19 to 20.04 mOhm'
+    '19.00 to 20.04 mOhm'
     """
-    (least, unit), (most, other) = (_end(name, end, value) for end in (low, high))
-    return (
-        f"{least} to {most} {unit}".rstrip()
-        if unit == other
-        else f"{least} {unit} to {most} {other}"
-    )
+    digits = max(_digits_apart(name, end, value) for end in (low, high))
+    (least, unit), (most, other) = (shown(name, end, digits) for end in (low, high))
+    if unit != other:
+        return f"{least} {unit} to {most} {other}"
+    if digits > FEWEST_DIGITS and "e" not in least + most:
+        decimals = max(len(text.partition(".")[2]) for text in (least, most))
+        least, most = (f"{float(text):.{decimals}f}" for text in (least, most))
+    return f"{least} to {most} {unit}".rstrip()
 
 
-def _end(name: str, end: float, value: float | None) -> tuple[str, str]:
-    for digits in range(3, MOST_DIGITS + 1):
-        text = shown(name, end, digits)
-        if value is None or text != shown(name, value, digits):
-            return text
-    return shown(name, end)
+def _digits_apart(name: str, end: float, value: float | None) -> int:
+    """The digits that tell an end from the value; the fewest where none do."""
+    for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
+        if value is None or shown(name, end, digits) != shown(name, value, digits):
+            return digits
+    return FEWEST_DIGITS

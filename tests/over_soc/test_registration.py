@@ -19,6 +19,7 @@ from barnax.over_soc import (
     register_alone,
     rest_warnings,
 )
+from barnax.over_soc.registration import FAR_V
 from barnax.pipeline import _between_ends
 from barnax.records import read_record
 from barnax.reporting.starts import registered_sentences
@@ -180,8 +181,8 @@ def flat_v(soc):
     return 3.2 + 0.1 * soc - 0.6 * np.exp(-soc / 0.02) + 0.15 * np.exp(-(1 - soc) / 0.01)
 
 
-def prepared_with(record, capacity_ah):
-    soc = np.linspace(0.0, 1.0, 401)
+def prepared_with(record, capacity_ah, points=401):
+    soc = np.linspace(0.0, 1.0, points)
     pairs = zip(soc.tolist(), flat_v(soc).tolist(), strict=True)
     points = tuple(OcvPoint(*each, "test", 1, 3600.0) for each in pairs)
     test = OcvTable("test", {0: points}, sha256="")
@@ -327,12 +328,39 @@ def test_records_of_different_rates_tell_an_offset_of_their_current(offset_a):
         assert each.values["offset_a"] == pytest.approx(offset_a, abs=each.values["error_a"])
 
 
+def test_a_current_that_reads_zero_at_rest_has_no_offset_whatever_the_voltages_say():
+    fast, slow = made(0, 0.98, 2.4, 1e-3)[0], made(1, 0.98, 4.8, 1e-3, scale=0.5)[0]
+    rest = np.arange(1, 121)
+    records = [
+        replace(
+            each,
+            time_s=np.append(each.time_s, each.time_s[-1] + rest),
+            current_a=np.append(each.current_a + 0.02, 0.0 * rest),
+            voltage_v=np.append(each.voltage_v, np.full(len(rest), each.voltage_v[-1])),
+            row=np.append(each.row, each.row[-1] + rest),
+        )
+        for each in (fast, slow)
+    ]
+    windows = {each.name: Window(initial_soc=0.98, capacity_ah=2.0) for each in records}
+    found = barnax.identify(records, window=windows, folds=0, **ALONE)
+    assert "answer.current-offset" not in {each.code for each in found.warnings}
+
+
 def test_a_rest_far_from_the_ocv_of_a_record_to_validate_on_is_told(emptied):
     record, capacity_ah = emptied
     (told,) = rest_warnings(prepared_with(record, 1.03 * capacity_ah))
     assert told.code == "soc.rest-off-ocv"
     assert told.values["own_ah"] == pytest.approx(capacity_ah, rel=5e-3)
     assert not rest_warnings(prepared_with(record, capacity_ah))
+
+
+def test_a_rest_between_far_points_of_a_steep_ocv_speaks_for_no_other_capacity(emptied):
+    record, capacity_ah = emptied
+    right = prepared_with(record, capacity_ah, points=11)
+    last_soc = right.soc[-1]
+    assert abs(right.cell.average_ocv_v(last_soc) - flat_v(last_soc)) > FAR_V
+    assert not rest_warnings(right)
+    assert register_alone(right, TableSettings()) is right
 
 
 @pytest.fixture(scope="module")

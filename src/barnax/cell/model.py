@@ -100,6 +100,15 @@ class CellModel(Brief):
         """The mean of both branches in V, each constant beyond its end points."""
         return np.asarray((self.charge(soc) + self.discharge(soc)) / 2)
 
+    def ocv_around_v(self, soc: float) -> tuple[float, float]:
+        """The average OCV in V at the measured points below and above a SOC, between which it is
+        interpolated; at an end point beyond it."""
+        known = np.unique([point.soc for point in self.charge_points + self.discharge_points])
+        above = int(np.clip(np.searchsorted(known, soc), 0, len(known) - 1))
+        below = above - 1 if known[above] > soc and above else above
+        low_v, high_v = self.average_ocv_v(known[[below, above]]).tolist()
+        return low_v, high_v
+
     def least_ocv_slopes(self, nodes: Float[np.ndarray, "nodes"]) -> Float[np.ndarray, "_"]:
         """The least slope of the average OCV in V per SOC, between each two of these SOC."""
         soc = np.linspace(nodes[:-1], nodes[1:], SLOPES + 1)

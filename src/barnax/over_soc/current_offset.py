@@ -29,6 +29,8 @@ TRIED_PER_H, SD_PER_H = (-0.015, -0.01, -0.005, 0.005, 0.01, 0.015), 0.02
 # limit, and where a later round finds less than so many standard errors.
 TOLD_ERRORS, LEAST_PER_H, LEAVES = 3.0, 1 / 300, 0.85
 OPEN_PER_H, DOUBTED_ERRORS = 0.0075, 1.5
+# A current that reads no more than this for so long at rest has no offset.
+ZERO_PER_H, LEAST_REST_S = LEAST_PER_H / 2, 60.0
 # An offset that testers commonly have: its effect is reported where nothing shows the offset.
 DOUBTED_PER_H = 1 / 200
 # Charge is off by percents, so slopes of the OCV are differences over as much. The rounds end when
@@ -85,7 +87,8 @@ def shared_offset(
     prior: Float[np.ndarray, "records two"],
     registered_v: float,
 ) -> CurrentOffset | None:
-    """The offset of the current that records share; None where they do not tell one.
+    """The offset of the current that records share; None where they do not tell one,
+    and where the current of one of them reads zero at rest.
 
     Args:
         objective: That of the records as they were told.
@@ -93,6 +96,8 @@ def shared_offset(
         prior: Standard deviations of what was told of starts, and of capacities as shares.
         registered_v: sqrt(J) with starts and capacities registered, and no offset.
     """
+    if any(map(_reads_zero_at_rest, objective.prepared_records)):
+        return None
     capacity_ah = objective.prepared_records[0].capacity_ah
     lowest, highest = np.transpose([[axis.low, axis.high] for axis in objective.axes])
     sds = np.append(prior.ravel(), SD_PER_H * capacity_ah)
@@ -134,6 +139,15 @@ def shared_offset(
     least_a = max(TOLD_ERRORS * error_a, LEAST_PER_H * capacity_ah)
     is_told = abs(now.offset_a) > least_a and leaves < LEAVES
     return CurrentOffset(now.offset_a, error_a) if is_told else None
+
+
+def _reads_zero_at_rest(prepared: PreparedRecord) -> bool:
+    """True where rests show that the current has no offset. What is left of a hysteresis looks
+    like one on a flat OCV, so what the voltages tell does not count against it."""
+    is_rest = np.abs(prepared.current_a) < prepared.rest_current_a
+    if np.count_nonzero(is_rest) * prepared.median_interval_s < LEAST_REST_S:
+        return False
+    return abs(np.mean(prepared.current_a[is_rest])) < ZERO_PER_H * prepared.capacity_ah
 
 
 def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | None:

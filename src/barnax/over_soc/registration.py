@@ -258,8 +258,9 @@ def _far_rest(prepared: PreparedRecord) -> _Rest | None:
         if not is_long or not prepared.scored[last] or not gone_soc:
             continue
         voltage_v = float(prepared.voltage_v[last])
-        ocv_v = prepared.cell.average_ocv_v(prepared.soc[last : last + 1])
-        apart_v = voltage_v - float(ocv_v[0])
+        # Between points that are far apart the OCV may be anywhere between theirs.
+        around_v = prepared.cell.ocv_around_v(float(prepared.soc[last]))
+        apart_v = voltage_v - min(max(voltage_v, min(around_v)), max(around_v))
         if abs(apart_v) <= (abs(found.apart_v) if found else FAR_V):
             continue
         try:

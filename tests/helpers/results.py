@@ -181,6 +181,7 @@ def make_result(
     return Result.model_construct(
         model=model,
         metrics=block,
+        warnings=(),
         constant=constant,
         cell=make_cell(hysteresis_fit),
         inputs=(

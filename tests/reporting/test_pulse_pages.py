@@ -38,6 +38,14 @@ def test_the_first_screen_has_each_rate_in_the_middle_of_soc():
     ]
 
 
+def test_a_resistance_between_pulses_far_apart_is_not_made_up():
+    far = (
+        pulse(0.86, 2.0, (0.031, None, None, None, None)),
+        pulse(0.04, 2.0, PULSES[1].resistance_ohm),
+    )
+    assert middle_pulses(SimpleNamespace(pulses=far, cell_at=RESULT.cell_at)) == []
+
+
 def test_the_section_says_what_was_found_and_what_a_resistance_is():
     (section,) = pulses_section(RESULT, ())
     bullets, first, second = section.blocks

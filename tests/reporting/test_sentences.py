@@ -235,6 +235,8 @@ def test_tables_are_compared_with_the_constant_circuit_that_is_named():
     told = pay_sentence(None, held_out_errors(found), "esc", "so-rc")
     assert "from 21.8 to 9.1 mV on held-out blocks, from constant esc to tables of so-rc." in told
     assert next_step(found).advice.startswith("validate on another record")
+    told = notice("ocv-test.disagrees", median_v=0.08, largest_v=-0.7, soc=0.35)
+    assert next_step(found.model_copy(update={"warnings": (told,)})).without == ("ocv",)
     missed = SimpleNamespace(constant=held.constant, tables=SocErrors(0.0245, None), by_record=())
     lost = replace(fit, cross_validation=missed)
     lost = found.model_copy(update={"tables": found.tables.model_copy(update={"fits": (lost,)})})

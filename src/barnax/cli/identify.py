@@ -292,6 +292,9 @@ def _next(result: "Result", folder: Path | None) -> tuple[str, str]:
     replaced = {flag: 2 for flag, value in flags.items() if "=" not in value}
     replaced |= {flag_of(name): 2 for name in step.without}
     given = without_options(sys.argv[1:], {**APPEARANCE, **replaced})
+    if not flags and given == without_options(sys.argv[1:], APPEARANCE):
+        # The OCV test of a folder is not an option's.
+        return advice, ""
     words = [word for pair in flags.items() for word in pair]
     if any(word == "-" or word.startswith("/dev/") for word in given):
         return f"{advice}: {shlex.join(words)}, with what was piped saved as a file", ""

@@ -147,7 +147,7 @@ def _reads_zero_at_rest(prepared: PreparedRecord) -> bool:
     is_rest = np.abs(prepared.current_a) < prepared.rest_current_a
     if np.count_nonzero(is_rest) * prepared.median_interval_s < LEAST_REST_S:
         return False
-    return abs(np.mean(prepared.current_a[is_rest])) < ZERO_PER_H * prepared.capacity_ah
+    return abs(float(np.mean(prepared.current_a[is_rest]))) < ZERO_PER_H * prepared.capacity_ah
 
 
 def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | None:

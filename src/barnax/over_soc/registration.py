@@ -182,7 +182,9 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         at = find_best(reduced_objective([guessed], plain)).log_scales
         simplex = guess + np.array([(0.0, 0.0), (FIRST_STEPS[0], 0.0), (0.0, FIRST_STEPS[1])])
         options = {"initial_simplex": simplex, "maxfev": LOOKS, "xatol": 1e-4, "fatol": 0.0}
-        best = minimize(objective_v2, guess, method="Nelder-Mead", options=options)
+        # Beyond its reach the objective is infinite, and infinities are subtracted.
+        with np.errstate(invalid="ignore"):
+            best = minimize(objective_v2, guess, method="Nelder-Mead", options=options)
         found = moved(best.x)
         if found is None or best.fun > (1 - WORTHWHILE) ** 2 * kept.objective_v2:
             return prepared

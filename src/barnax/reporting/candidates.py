@@ -180,13 +180,17 @@ def errors_words(errors: "SocErrors | None") -> str:
     return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"
 
 
+def is_pulse_test(result: "Result") -> bool:
+    """True where what was identified on is the OCV test too."""
+    tests = {part.sha256 for part in result.of_role("ocv")}
+    return not tests.isdisjoint(part.sha256 for part in result.of_role("identification"))
+
+
 def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str]:
     """The worth of an OCV test: errors with the records' own OCV in its place."""
     fit = None if result.tables is None else result.tables.fit
-    tests = {part.sha256 for part in result.of_role("ocv")}
     # The OCV of a pulse test is already the records' own.
-    is_other = tests.isdisjoint(part.sha256 for part in result.of_role("identification"))
-    if fit is None or fit.own_ocv is None or not is_other:
+    if fit is None or fit.own_ocv is None or is_pulse_test(result):
         return
     own, held = fit.own_ocv, both_held_out(fit)
     left = worth = ""

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 HEADS = tuple(f"{time_s:g} s" if time_s else "at once" for time_s in STANDARD_S)
 MIDDLE_SOC = 0.5
+# Pulses on either side of it are no further apart.
+NEAR_SOC = 0.4
 TABLE_HEADS = ("table", "SOC", "value", "low", "high", "visited")
 
 
@@ -95,7 +97,7 @@ def _level_table(result: "Result", label: str, level: Sequence[Pulse]) -> Table:
 def middle_pulses(result: "Result") -> list[tuple[str, ...]]:
     """A line for each direction, rate and temperature: its resistances in the middle of SOC.
 
-    Between pulses linearly; a dash where no pulse is long enough or none is on either side. Those
+    Between pulses linearly; a dash where no pulse is long enough or none is near. Those
     with dashes only, such as of a drive cycle's last pulses, are left out.
     """
     unit, known = _unit(result), _known(result.pulses)
@@ -125,10 +127,12 @@ def _at_middle(level: Sequence[Pulse], place: int) -> float | None:
     known = [
         (pulse.soc, ohm) for pulse in level if (ohm := pulse.resistance_ohm[place]) is not None
     ]
-    if not known:
+    below = max((own for own in known if own[0] <= MIDDLE_SOC), default=None)
+    above = min((own for own in known if own[0] >= MIDDLE_SOC), default=None)
+    if below is None or above is None or above[0] - below[0] > NEAR_SOC:
         return None
-    soc, ohm = np.array(sorted(known)).T
-    return float(np.interp(MIDDLE_SOC, soc, ohm)) if soc[0] <= MIDDLE_SOC <= soc[-1] else None
+    soc, ohm = zip(below, above, strict=True)
+    return float(np.interp(MIDDLE_SOC, soc, ohm))
 
 
 def _unit(result: "Result") -> str:

@@ -10,7 +10,7 @@ from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
 from ..cell.soc_axis import ABOVE_SOC
 from ..settings import OVER_TEMPERATURE
-from .candidates import held_out_errors, tables_pay, unseen_errors
+from .candidates import held_out_errors, is_pulse_test, tables_pay, unseen_errors
 from .sentences import (
     WORTH_TELLING,
     diagnostics_sentences,
@@ -147,8 +147,8 @@ def next_step(result: "Result") -> Next:
     """The most useful next step.
 
     First what is plainly amiss: an OCV that misses its points, a circuit that cannot be the cell's,
-    records at other temperatures that are left over. Then the error on what was not used decides
-    (`Unseen`):
+    an OCV test that disagrees with the records, records at other temperatures that are left over.
+    Then the error on what was not used decides (`Unseen`):
 
     - over `LOST` times the error on what was fitted, and over `LOST_V`: more data;
     - known of no other record: validate on one;
@@ -165,6 +165,9 @@ def next_step(result: "Result") -> Next:
         return Next(what, {"ocv_fit": "interpolated"}, without=("setup",))
     if result.tables is None and (reason := _no_circuit(result)):
         return Next(f"check the OCV test, `capacity`, the window and `bounds`: {reason}")
+    if any(warning.code == "ocv-test.disagrees" for warning in result.warnings):
+        what = "see what the records tell without the OCV test, which disagrees with them"
+        return Next(what, without=("ocv",))
     others = _other_temperatures(result)
     if others and result.tables is not None:
         where = joined([f"{degc:.3g}" for degc in others])
@@ -180,8 +183,12 @@ def next_step(result: "Result") -> Next:
     pays = tables_pay(unseen_errors(result), held_out_errors(result))
     # Without an OCV test they were weighed against a constant circuit with an OCV of its own.
     if result.tables is not None and not result.cell_model.is_of_records and not pays:
+        constant, tables = unseen_errors(result) or held_out_errors(result) or (None, None)
+        is_worse = constant is None or tables is None or tables.rmse_v > constant.rmse_v
+        how = "worse" if is_worse else "hardly better"
+        what = "other records" if result.metrics.validation else "what was left out"
         model = result.constant.model
-        return Next(f"use the constant circuit, `model` {model}: tables are worse on other records")
+        return Next(f"use the constant circuit, `model` {model}: tables are {how} on {what}")
     wide = _wide(result)
     if wide and unseen and unseen.error_v > FOUND_V:
         return Next(f"measure what is missing: {wide}", designs=True)
@@ -260,7 +267,7 @@ def _more_data(result: "Result", unseen: Unseen) -> str:
     if unseen.error_v < max(LOST * unseen.fitted_v, LOST_V):
         return ""
     use = "identify on another record too, one that loads the cell at every SOC"
-    if result.pulses:
+    if is_pulse_test(result):
         use = (
             "identify on a record that loads the cell at every SOC, such as a drive cycle, with "
             "this test as `ocv`"

@@ -103,7 +103,9 @@ def with_registered(
         before, after = _in_both(own, found)
     except InputError:
         return stays
+    # The samples that count may be others then.
     is_less = float(after @ after) < float(before @ before)
+    is_less &= found.metrics.rmse_v < own.metrics.rmse_v
     return replace(own, registered=(soc, found.metrics.rmse_v)) if is_less else stays
 
 

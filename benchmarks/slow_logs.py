@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import barnax
-from barnax.checks.slow_log import rows_are
+from barnax.records.slow_log import rows_are
 from benchmarks.operation import (
     CELLS,
     KINDS,
@@ -90,7 +90,13 @@ class Degraded:
 def degraded(cell: Cell) -> Degraded:
     """All of one cell."""
     logs = {rows: logged(cell, rows) for rows in ("means", "instants")}
-    taken = {rows: [rows_are(record) for record in own] for rows, own in logs.items()}
+    taken = {
+        rows: [
+            rows_are(record.current_a, record.voltage_v, -record.discharged_ah)
+            for record in records
+        ]
+        for rows, records in logs.items()
+    }
     offsets = offset_found_a(cell, OFFSET_A), offset_found_a(cell, 0.0)
     return Degraded(identified(cell, logs["means"]), taken, *offsets)
 

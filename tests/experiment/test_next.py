@@ -16,6 +16,7 @@ from barnax.experiment import Step
 from barnax.experiment.belief import believed_of, window_of
 from barnax.experiment.information import Width
 from barnax.experiment.stored import Reference
+from barnax.model.window import Window
 from barnax.reporting.design import (
     TOGETHER,
     design_screen,
@@ -61,6 +62,20 @@ def test_the_next_command_names_files_that_are_there(design, result, tmp_path):
     assert [path.name for path in files] == used
     assert all(path.is_file() for path in files)
     assert words[-4:] == ["--capacity", "2.1", "--design", str(tmp_path)]
+
+
+def test_the_next_command_counts_over_the_capacity_that_the_records_were_given(
+    design, result, tmp_path
+):
+    given = tuple(
+        part.model_copy(update={"window": replace(part.window or Window(), capacity_ah=2.1)})
+        for part in result.inputs
+    )
+    known = result.model_copy(update={"inputs": given})
+    *_, command = next_after(design, known, Cell(result=tmp_path), tmp_path)
+    assert " --capacity 2.1 " in str(command)
+    *_, plain = next_after(design, result, Cell(result=tmp_path), tmp_path)
+    assert "--capacity" not in str(plain)
 
 
 def test_the_next_command_tells_of_a_file_that_is_elsewhere(design, result, tmp_path):

@@ -188,6 +188,8 @@ def _files_of(known: "Result", cell: Cell, place: Path) -> tuple[list[str], list
             for role in ("identification", "ocv")
         )
         command = ["identify", *own, *(word for name in tests for word in ("--ocv", name))]
+        if known.common_window.capacity_ah is not None:
+            command += ["--capacity", f"{known.common_window.capacity_ah:g}"]
     missing: list[str] = []
     # What the design did not need, such as a record to validate on, may be elsewhere.
     words = with_files(command, known, Places.of(place, cell.data or ()), missing)

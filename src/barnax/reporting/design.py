@@ -316,7 +316,7 @@ def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> 
         "Half the 95 % interval that was promised of the test "
         f"{f'with {joined(earlier)}' if earlier else 'alone'} and reached by the standard errors, "
         "medians from 10 to 90 % SOC. An interval is wider yet where a short record tells its "
-        "noise badly."
+        "noise badly, and where nothing tells on which side of a sample its current flowed."
     )
     return rows_table(
         f"{caption} {_together()}" if earlier else caption,

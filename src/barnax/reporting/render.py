@@ -20,7 +20,7 @@ SPECIAL = re.compile(r"[\\`*<|~$]|\](?=[(\[:])|(?<![^\W_])_|_(?![^\W_])")
 # The start of a line that would make a list, heading, quotation or rule.
 LEADING = re.compile(r"^(\d*)(>|[-+.)=#](?=[\s=#>-]|$))")
 FENCE = "```"
-OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+OPTION = re.compile(r"(?<![\w!-])--[a-z][a-z-]*")
 
 
 def escape_markdown(text: str) -> str:

@@ -84,9 +84,9 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
         is_for_all &= len(parts) == len(stored.of_role("identification"))
         others = " The other records use that capacity too." if is_for_all else ""
         yield (
-            f"{whose} from {extent(told_soc, 100)} to {extent(soc, 100)} %, capacity from "
-            f"{extent(told_ah)} to {extent(capacity_ah)} Ah, so that the rests lie on the OCV; "
-            f"`keep_starts` leaves both as they were.{others}"
+            f"{whose} now {extent(soc, 100)} % (was {extent(told_soc, 100)} %), capacity now "
+            f"{extent(capacity_ah)} Ah (was {extent(told_ah)} Ah), so that the rests lie on the "
+            f"OCV; `keep_starts` leaves both as they were.{others}"
         )
     joint = [
         (soc - own.told_soc, capacity_ah / own.told_capacity_ah - 1)

@@ -13,15 +13,14 @@ from .cell.dependence import BETA
 from .cell.model import SAME_DEGC
 from .cell.parameters import HALF_HYSTERESIS
 from .errors import InputError
-from .model.prepared import OCV_MARGIN, prepare_record
+from .model.prepared import prepare_record
 from .model.reference import simulate_circuit
-from .model.window import Window
+from .model.window import OCV_MARGIN, SAME_FULL, Window
 from .notices import Notice, notice
 from .records import Decision, Record, source_from_frame
 from .records.columns import columns_of
 from .records.table import take_lines
 from .results import Result
-from .table_run import OUTSIDE_SOC
 
 NAME = "the current"
 # A charge-positive current is the usual mistake.
@@ -134,7 +133,7 @@ def _doubts(
     ranges = [part.soc_range for part in parts if part.soc_range is not None]
     if ranges:
         low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
-        outside = np.flatnonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC))
+        outside = np.flatnonzero((soc < low - SAME_FULL) | (soc > high + SAME_FULL))
         if len(outside):
             yield notice(
                 "simulation.outside-soc",

@@ -13,6 +13,7 @@ from .display import Brief
 from .global_optimum import OtherHold, hold_warning
 from .model.prepared import PreparedRecord
 from .model.problem import Problem
+from .model.window import SAME_FULL
 from .notices import Notice, notice
 from .over_soc import (
     NodeInterval,
@@ -28,8 +29,6 @@ from .over_soc import (
 from .records.record import EARLIER_SHARE
 from .search.evaluate import Evaluation, evaluate_from_either, with_registered
 
-# Validation may leave the SOC that tables were identified on by this much without a word.
-OUTSIDE_SOC = 0.005
 # The OCV of a test and that of records lie apart by 3 to 20 mV at 25 degC; a capacity 10 % off, or
 # another cell's test, makes it 32 to 77. In the cold it is up to 40 with the right test, for no OCV
 # tells what relaxes slower than the time constants reach: 12 to 17 % of the drop over all
@@ -297,7 +296,7 @@ def _outside_warnings(run: TableRun) -> Iterator[Notice]:
             for bound in (min, max)
         )
         soc = evaluation.prepared.soc[evaluation.prepared.scored]
-        outside = int(np.count_nonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC)))
+        outside = int(np.count_nonzero((soc < low - SAME_FULL) | (soc > high + SAME_FULL)))
         if outside:
             told = {"outside": outside, "samples": len(soc)}
             told |= {"low_percent": 100 * low, "high_percent": 100 * high}

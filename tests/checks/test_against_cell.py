@@ -10,6 +10,7 @@ from barnax.checks.against_cell import (
     compare_resistances,
     compare_temperatures,
     compare_with_cell,
+    follow,
 )
 from barnax.records import read_record
 
@@ -48,6 +49,41 @@ def test_a_wrong_capacity_is_measured(bundled_record, bundled_cell, factor):
     (text,) = said(bundled_record, bundled_cell, capacity_ah=2.0 * factor)
     held_ah = float(text.partition("as if the cell held ")[2].split()[0])
     assert held_ah == pytest.approx(2.0, rel=0.06)
+
+
+def partly(cell, lowest_soc):
+    """The cell of the same OCV test that stopped above a state of charge."""
+    points = {
+        branch: tuple(point for point in getattr(cell, branch) if point.soc >= lowest_soc)
+        for branch in ("charge_points", "discharge_points")
+    }
+    return replace(cell, **points)
+
+
+def test_a_record_that_goes_below_an_ocv_test_is_as_near_to_it_as_to_the_whole(
+    bundled_record, bundled_cell
+):
+    whole_v = follow(bundled_record, bundled_cell, 2.0)(1.0)
+    assert follow(bundled_record, partly(bundled_cell, 0.5), 2.0)(1.0) <= whole_v
+
+
+def test_a_record_of_more_charge_than_a_test_is_told_both_and_that_the_test_may_be_a_part(
+    bundled_record, bundled_cell
+):
+    axis = replace(partly(bundled_cell, 0.5), capacity_ah=1.0)
+    half = {
+        branch: tuple(replace(point, soc=2 * point.soc - 1) for point in getattr(axis, branch))
+        for branch in ("charge_points", "discharge_points")
+    }
+
+    def stretched(curve):
+        return lambda soc: curve((soc + 1) / 2)
+
+    curves = {name: stretched(getattr(axis, name)) for name in ("charge", "discharge")}
+    (text,) = said(bundled_record, replace(axis, **half, **curves))
+    assert text.startswith("error: it spans 1.88")
+    assert "holds 1 Ah" in text
+    assert "covers only a part of the SOC" in text
 
 
 def test_records_of_the_cell_are_in_no_doubt(bundled_record, validation_record, bundled_cell):

@@ -68,7 +68,8 @@ def test_the_first_screen_is_short_and_says_what_the_result_stores(finished, res
     own = result.metrics.identification
     assert f"iso-rc {1e3 * own.rmse_v:.1f} mV" in text
     assert f"R0 {1e3 * result.parameters['R0 [Ohm]']:.1f} mOhm" in text
-    assert f"{result.constant.global_optimum.seeds_there} converge to it." in text
+    seeds_there = result.constant.global_optimum.seeds_there
+    assert f"Search: for comparison, {seeds_there} of 3 ibmo seeds converge to" in text
     assert "identification.parquet" in text
 
 
@@ -84,17 +85,28 @@ def test_one_run_has_one_verdict(run, finished):
 
 def test_what_is_proposed_next_runs_as_printed(monkeypatch, result, tmp_path):
     monkeypatch.chdir(tmp_path)
-    words = ["identify", "a b.csv", "--fix", "tau1 [s]=5", "--force", "--out", "old"]
+    words = [
+        "identify",
+        "a b.csv",
+        "--fix",
+        "tau1 [s]=5",
+        "--force",
+        "--design",
+        "d",
+        "--out",
+        "old",
+    ]
     monkeypatch.setattr(sys, "argv", ["barnax", *words])
     _, proposed = command._next(result, None)
     assert proposed == (
-        "barnax identify 'a b.csv' --fix 'tau1 [s]=5' --ocv-fit interpolated --out barnax-out"
+        "barnax identify 'a b.csv' --fix 'tau1 [s]=5' --design d --ocv-fit interpolated "
+        "--out barnax-out"
     )
 
 
 def test_warnings_go_to_stderr_and_into_the_result(finished, result):
-    assert result.warnings
-    told = [f"warning: {as_flags(str(each))}" for each in result.warnings]
+    told = [f"warning: {as_flags(str(told))}" for told in result.warnings if told.counts]
+    assert told
     assert finished.outcome.err.splitlines() == told
     assert "warning" not in finished.outcome.out
 

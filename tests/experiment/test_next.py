@@ -22,6 +22,7 @@ from barnax.reporting.design import (
     design_screen,
     pieces_table,
     planned_lines,
+    promised_lines,
     promised_table,
 )
 from barnax.reporting.verdict import next_step
@@ -159,6 +160,15 @@ def test_promised_and_reached_stand_beside_each_other(design, result, is_alone):
     # What records of a measured cell disagree by is said of several alone.
     assert ("disagree" in table.caption) is not is_alone
     assert ("with identification.parquet" in table.caption) is not is_alone
+
+
+def test_a_constant_answer_says_which_option_shows_what_was_promised(design, result):
+    console = Console(width=80)
+    with console.capture() as shown:
+        for line in promised_lines(design, result.model_copy(update={"tables": None}), as_flags):
+            console.print(line)
+    assert shown.get().startswith("  Promised:       intervals of tables over SOC")
+    assert "with --over soc both are shown" in " ".join(shown.get().split())
 
 
 def test_records_that_are_not_found_are_told_before_the_search(result, tmp_path):

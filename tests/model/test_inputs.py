@@ -394,7 +394,16 @@ def test_samples_a_little_outside_the_ocv_points_are_warned_about_with_their_cou
     farthest = bundled_cell.soc_range[0] - course.soc.min()
     assert 0 < outside < 75
     assert 0.02 < farthest < 0.04
-    assert f"made.csv: {outside} of 75 scored samples lie up to {farthest:.2g} SOC" in str(warning)
+    told = f"made.csv: {outside} of 75 scored samples lie up to {100 * farthest:.2g} % SOC"
+    assert warning.severity == "warning"
+    assert told in str(warning)
+
+
+def test_samples_as_far_outside_the_ocv_points_as_full_charges_differ_are_only_noted(bundled_cell):
+    course = prepared(bundled_cell, Window(initial_soc=0.06, start_time_s=300.0))
+    (note,) = course.warnings
+    assert 0 < note.values["farthest_soc"] < 0.01
+    assert (note.code, note.severity) == ("soc.outside-ocv", "note")
 
 
 def test_rounding_at_the_ends_of_the_ocv_points_is_not_warned_about(bundled_cell):
@@ -404,6 +413,30 @@ def test_rounding_at_the_ends_of_the_ocv_points_is_not_warned_about(bundled_cell
     course = prepared(bundled_cell, start)
     assert course.soc.min() < lowest
     assert course.warnings == ()
+
+
+def test_samples_where_an_ocv_test_has_no_points_are_left_out_unless_the_voltage_is_of_its_points(
+    bundled_cell,
+):
+    partial = {
+        branch: tuple(point for point in getattr(bundled_cell, branch) if point.soc >= 0.1)
+        for branch in ("charge_points", "discharge_points")
+    }
+    cell = replace(bundled_cell, **partial)
+    low, start = cell.soc_range[0], Window(initial_soc=0.115)
+    whole = prepared(bundled_cell, start, voltage_v=2.9)
+    course = prepared(cell, start, voltage_v=2.9)
+    is_known = whole.soc >= low
+    assert whole.soc.min() < low - 0.05
+    assert 10 < is_known.sum() < len(is_known)
+    assert course.scored.sum() == is_known.sum()
+    assert course.soc[course.scored].min() >= low
+    (warning,) = [told for told in course.warnings if told.code == "soc.without-ocv"]
+    assert warning.values["left_out"] == np.count_nonzero(~is_known)
+    with pytest.raises(InputError, match="by it the cell is empty before row"):
+        prepared(cell, start, voltage_v=3.8)
+    with pytest.raises(InputError, match="its charge takes this cell to"):
+        prepared(cell, Window(initial_soc=0.09), voltage_v=2.9)
 
 
 def of_records(cell):

@@ -14,7 +14,7 @@ from barnax.cell.dependence import Dependence
 from barnax.cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from barnax.model.start import Start
 from barnax.notices import notice
-from barnax.over_soc import NodeInterval, SocErrors, TableFits, TableSettings
+from barnax.over_soc import CrossValidation, NodeInterval, SocErrors, TableFits, TableSettings
 from barnax.records import Decision
 from barnax.reporting.candidates import held_out_errors, pay_sentence
 from barnax.reporting.decisions import guess_sentences
@@ -29,8 +29,8 @@ from barnax.reporting.sentences import (
 )
 from barnax.reporting.soc_tables import constants_table, nodes_table
 from barnax.reporting.starts import carried_sentences
-from barnax.reporting.temperatures import dependence_sentences
-from barnax.reporting.verdict import next_step
+from barnax.reporting.temperatures import dependence_sentences, resistance_sentences
+from barnax.reporting.verdict import next_step, search_sentences
 from barnax.search.refine import Optimum
 from barnax.table_run import TableRun
 from barnax.uncertainty import Band, Diagnostics, Estimate, Identifiability, Undetermined
@@ -295,3 +295,54 @@ def test_heating_that_moves_next_to_nothing_is_said_to(kappa_per_a2, said):
     held.by_soc_alone = SimpleNamespace(rmse_v=0.0174)
     told = [*dependence_sentences(TableFits((fit,)))][-1]
     assert told.endswith("; left out 12.00 mV, without this 17.40 mV.")
+
+
+@pytest.mark.parametrize(
+    ("tables_mv", "one_value_mv", "told"),
+    [
+        (
+            (4.0, 3.0),
+            (6.0, 5.0),
+            "over SOC; left out 4.00 mV, with one value at every SOC 6.00 mV.",
+        ),
+        (
+            (14.4, 3.4),
+            (11.8, 5.6),
+            "over SOC; left out 14.40 mV, with one value at every SOC 11.80 mV, but above 10 % SOC "
+            "3.40 mV and 5.60 mV.",
+        ),
+        (
+            (14.4, 4.6),
+            (11.8, 4.5),
+            "over SOC, which fits the records better; left out 14.40 mV, with one value at every "
+            "SOC 11.80 mV; `model=so-rc` gives that.",
+        ),
+    ],
+)
+def test_tables_that_leave_more_out_say_why_they_are_the_answer(tables_mv, one_value_mv, told):
+    errors = [
+        SocErrors(*(1e-3 * value_mv for value_mv in both)) for both in (tables_mv, one_value_mv)
+    ]
+    fit = SimpleNamespace(cross_validation=CrossValidation(2, None, *errors))
+    part = SimpleNamespace(fit=fit, over="soc", found=SimpleNamespace(by_degc=()))
+    cell = SimpleNamespace(is_of_records=True)
+    result = SimpleNamespace(tables=part, cell_model=cell, model="so-rc")
+    assert list(resistance_sentences(result)) == [told]
+
+
+@pytest.mark.parametrize(
+    ("seeds_there", "source", "told"),
+    [
+        (24, "global optimum", "for comparison, 24 of 30 ibmo seeds converge to the optimum."),
+        (0, "global optimum", "for comparison, none of 30 ibmo seeds converges to the optimum."),
+        (3, "seeds", "3 of 30 ibmo seeds converge to the optimum."),
+    ],
+)
+def test_the_seeds_are_a_comparison_unless_the_answer_is_theirs(seeds_there, source, told):
+    constant = SimpleNamespace(
+        global_optimum=SimpleNamespace(seeds_there=seeds_there),
+        search=SimpleNamespace(seeds=[None] * 30, method="ibmo"),
+        source=source,
+    )
+    result = SimpleNamespace(constant=constant, tables=None)
+    assert list(search_sentences(result)) == [told]

@@ -16,8 +16,8 @@ from ..notices import Notice, notice
 from ..settings import HysteresisFit, OcvFit
 
 POLYNOMIAL_DEGREE = 7
-FALL_TOLERANCE_V = 0.5e-3
-OVERSHOOT_TOLERANCE_V = 3e-3
+# Of two rested points each may be 1.5 mV off.
+FALL_TOLERANCE_V = OVERSHOOT_TOLERANCE_V = 3e-3
 MISS_TOLERANCE_V = 10e-3
 CHECKS_PER_GAP = 50
 

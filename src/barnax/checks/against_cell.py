@@ -37,7 +37,10 @@ _AS_FAST, _ALIKE = 2.0, 1.5
 
 def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[float], float]:
     """The voltage's distance from the cell's OCV, for a factor on the charge, at the best start and
-    with as much of a slow answer to the load as brings it nearest."""
+    with as much of a slow answer to the load as brings it nearest.
+
+    Between the OCV points and full or empty only a voltage on the other side of theirs counts.
+    """
     source_v, passed, slow_v = _source(record, capacity_ah)
     soc = np.linspace(*cell.soc_range, 501)
     ocv_v = (cell.charge(soc) + cell.discharge(soc)) / 2
@@ -48,11 +51,16 @@ def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[flo
         if room < 0:
             return np.inf
         starts = 1 + BEYOND_SOC - room * np.linspace(0, 1, _STARTS)
-        modeled_v = np.interp(starts[:, None] - moved, soc, ocv_v)
-        return min(
-            float(np.quantile(np.abs(source_v + times * slow_v - modeled_v), _MOST, axis=1).min())
-            for times in _SLOW_TIMES
-        )
+        at = starts[:, None] - moved
+        modeled_v = np.interp(at, soc, ocv_v)
+        low_v = np.where((at >= 0) & (at < soc[0]), 0.0, -np.inf)
+        high_v = np.where((at <= 1) & (at > soc[-1]), 0.0, np.inf)
+
+        def distance_v(times: float) -> float:
+            error_v = np.clip(source_v + times * slow_v - modeled_v, low_v, high_v)
+            return float(np.quantile(np.abs(error_v), _MOST, axis=1).min())
+
+        return min(map(distance_v, _SLOW_TIMES))
 
     return apart_v
 
@@ -103,6 +111,9 @@ def compare_with_cell(
             return [notice("cell.charge-unit", mistake=_UNITS[factor], **told)]
         return [notice("cell.capacity", capacity_ah=capacity_ah / factor, **told)]
     if own_v > _ELSEWHERE_V:
+        if not is_near and not cell.is_of_records:
+            spans = {"span_ah": float(np.ptp(record.discharged_ah)), "capacity_ah": capacity_ah}
+            return [notice("cell.more-charge", **spans)]
         # Charge that fits nowhere ends in an error sooner or later.
         told["ocv"] = "records" if cell.is_of_records else None
         return [notice("cell.other", **told).rated("warning" if is_near else "error")]

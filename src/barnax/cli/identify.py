@@ -216,7 +216,7 @@ def _run(
         # Read while the figures are drawn.
         _show_answer(session, result, output.verbose)
         if promise is not None:
-            session.show(promised_lines(promise, result))
+            session.show(promised_lines(promise, result, as_flags))
     except OSError as problem:
         # A screen that takes no more, such as a closed pipe, costs no result.
         unseen = problem
@@ -291,8 +291,10 @@ def _next(result: "Result", folder: Path | None) -> tuple[str, str]:
     # What is for one record stands beside what others have, and after what it had itself.
     replaced = {flag: 2 for flag, value in flags.items() if "=" not in value}
     replaced |= {flag_of(name): 2 for name in step.without}
-    given = without_options(sys.argv[1:], {**APPEARANCE, **replaced})
-    if not flags and given == without_options(sys.argv[1:], APPEARANCE):
+    # A design that was given is met by the next run too.
+    shown = {flag: words for flag, words in APPEARANCE.items() if flag != "--design"}
+    given = without_options(sys.argv[1:], {**shown, **replaced})
+    if not flags and given == without_options(sys.argv[1:], shown):
         # The OCV test of a folder is not an option's.
         return advice, ""
     words = [word for pair in flags.items() for word in pair]

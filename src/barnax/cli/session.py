@@ -137,8 +137,8 @@ class Session:
             self._notes.print("[dim]note:[/dim]", shown(as_flags(note)), soft_wrap=True)
 
     def warn(self, warnings: Iterable[object]) -> None:
-        """Print warnings to stderr, even where the command is quiet."""
-        for warning in sentences_of(warnings):
+        """Print warnings to stderr, even where the command is quiet; notes are the report's."""
+        for warning in sentences_of(told for told in warnings if getattr(told, "counts", True)):
             self._notes.print("[yellow]warning:[/yellow]", shown(as_flags(warning)), soft_wrap=True)
 
     @property

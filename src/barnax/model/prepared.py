@@ -13,7 +13,7 @@ from ..cell.tables import hats
 from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records import Record, current_direction, rest_current_a
 from ..records.samples import record_resistance_ohm
 from ..settings import is_temperature
@@ -21,14 +21,8 @@ from .intervals import Intervals, sized
 from .simulate import HysteresisInput, SimulationInput
 from .start import Start, find_start
 from .temperature import temperature_of
-from .window import Window, first_sample, scored_samples
+from .window import Window, first_sample, scored_samples, within_ocv
 
-# Scored samples may leave the range of the OCV points by this much SOC; a branch is constant there.
-OCV_MARGIN = 0.05
-# Leaving it by less is rounding, and worth no warning.
-NO_MARGIN = 1e-4
-# A voltage so far inside the OCV, R I left out, is of no cell that is full or empty.
-_INSIDE_V = 0.1
 FEWEST_SAMPLES = 10
 # This share of a record's samples is enough to tell a time constant of their interval.
 DENSE_QUANTILE = 0.05
@@ -279,7 +273,8 @@ def prepare_record(
     start, capacity_ah, warnings = find_start(record, cell, window, capacity_ah, first, rest_a)
     soc = soc_along(record, capacity_ah, first, start.soc)
     scored = scored_samples(record, window, first, soc)
-    warnings += _check_soc(record, cell, capacity_ah, soc, scored)
+    scored, found = within_ocv(record, cell, capacity_ah, soc, scored)
+    warnings += found
     _require_positive_voltage(record, scored)
     if is_measured and not np.any(record.current_a[scored]):
         raise InputError(
@@ -368,29 +363,3 @@ def _require_positive_voltage(record: Record, scored: Bool[np.ndarray, "samples"
             "samples); delete the row, or leave it out with `score_from`, `score_to` or "
             "`score_steps`"
         )
-
-
-def _check_soc(
-    record: Record, cell: CellModel, capacity_ah: float, soc: np.ndarray, scored: np.ndarray
-) -> list[Notice]:
-    low, high = cell.soc_range
-    beyond = np.maximum(low - soc, soc - high)
-    outside = scored & (beyond > 0)
-    farthest = float(np.max(beyond, where=scored, initial=0))
-    if farthest < NO_MARGIN:
-        return []
-    far = np.flatnonzero(scored & (beyond > OCV_MARGIN))
-    if len(far):
-        at = far[0]
-        given = {"far_row": record.row[at], "capacity_ah": capacity_ah}
-        given |= {"ocv": "records" if cell.is_of_records else "test"}
-        end, end_soc = ("empty", low) if soc[at] < low else ("full", high)
-        end_v = float(cell.average_ocv_v(np.array([end_soc]))[0])
-        source_v = record.voltage_v[at] + record_resistance_ohm(record) * record.current_a[at]
-        if (source_v - end_v) * (1 if end == "empty" else -1) > _INSIDE_V:
-            given |= {"end": end, "voltage_v": record.voltage_v[at], "end_v": end_v}
-            raise notice("soc.against-voltage", record.name, **given).error()
-        given |= {"soc": soc[at], "low_soc": low, "high_soc": high}
-        raise notice("soc.beyond-ocv", record.name, **given).error()
-    counts = {"outside": outside.sum(), "samples": scored.sum(), "farthest_soc": farthest}
-    return [notice("soc.outside-ocv", record.name, **counts, low_soc=low, high_soc=high)]

@@ -3,9 +3,19 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..cell import CellModel
 from ..errors import InputError
+from ..notices import Notice, notice
 from ..records import Record
+from ..records.samples import record_resistance_ohm
 from ..settings import Window
+
+# Scored samples may leave the range of the OCV points by this much SOC; a branch is constant there.
+OCV_MARGIN = 0.05
+# Leaving it by less is rounding; and by less than full charges of one cell differ, only a note.
+NO_MARGIN, SAME_FULL = 1e-4, 0.01
+# A voltage so far inside the OCV, R I left out, is of no cell that is full or empty.
+_INSIDE_V = 0.1
 
 
 def first_sample(record: Record, window: Window) -> int:
@@ -51,6 +61,49 @@ def scored_samples(
             "`score_soc`"
         )
     return scored
+
+
+def within_ocv(
+    record: Record,
+    cell: CellModel,
+    capacity_ah: float,
+    soc: Float[np.ndarray, "samples"],
+    scored: Bool[np.ndarray, "samples"],
+) -> tuple[Bool[np.ndarray, "samples"], list[Notice]]:
+    """The scored samples whose OCV is known, which are all unless some lie far beyond the OCV
+    points, and a notice of those beyond.
+
+    Raises `InputError` where the cell cannot be there: the voltage contradicts it, or the charge
+    goes beyond full or empty.
+    """
+    low, high = cell.soc_range
+    beyond = np.maximum(low - soc, soc - high)
+    outside = scored & (beyond > NO_MARGIN)
+    counts = {"samples": scored.sum(), "low_soc": low, "high_soc": high}
+    far = np.flatnonzero(scored & (beyond > OCV_MARGIN))
+    if not len(far):
+        if not outside.any():
+            return scored, []
+        counts |= {"outside": outside.sum(), "farthest_soc": beyond[outside].max()}
+        found = notice("soc.outside-ocv", record.name, **counts)
+        return scored, [found.rated("note") if counts["farthest_soc"] < SAME_FULL else found]
+    at = far[0]
+    given = {"far_row": record.row[at], "capacity_ah": capacity_ah}
+    given |= {"ocv": "records" if cell.is_of_records else "test"}
+    end, end_soc = ("empty", low) if soc[at] < low else ("full", high)
+    end_v = float(cell.average_ocv_v(np.array([end_soc]))[0])
+    source_v = record.voltage_v[at] + record_resistance_ohm(record) * record.current_a[at]
+    if (source_v - end_v) * (1 if end == "empty" else -1) > _INSIDE_V:
+        given |= {"end": end, "voltage_v": record.voltage_v[at], "end_v": end_v}
+        raise notice("soc.against-voltage", record.name, **given).error()
+    impossible = far[np.abs(soc[far] - 0.5) > 0.5 + OCV_MARGIN]
+    if len(impossible) or not np.any(scored & ~outside):
+        at = [*impossible, at][0]
+        given |= {"far_row": record.row[at], "soc": soc[at], "low_soc": low, "high_soc": high}
+        raise notice("soc.beyond-ocv", record.name, **given).error()
+    return scored & ~outside, [
+        notice("soc.without-ocv", record.name, left_out=outside.sum(), **counts)
+    ]
 
 
 def _steps(record: Record, option: str) -> np.ndarray:

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..cell.soc_axis import GIVEN
 from ..errors import InputError
-from ..model.prepared import OCV_MARGIN, soc_along
-from ..model.window import Window, first_sample, scored_samples
+from ..model.prepared import soc_along
+from ..model.window import OCV_MARGIN, Window, first_sample, scored_samples
 from ..records import Record, rest_current_a
 from ..records.segments import FULL_CHARGE, held_charges
 

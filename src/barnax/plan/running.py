@@ -25,9 +25,9 @@ from ..inputs import (
     windows_by_name,
 )
 from ..job import PLANNED, Job
-from ..model.prepared import OCV_MARGIN, soc_along
+from ..model.prepared import soc_along
 from ..model.temperature import temperature_of
-from ..model.window import Window
+from ..model.window import OCV_MARGIN, Window
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record, read_source
 from ..records.source import STDIN

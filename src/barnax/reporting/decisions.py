@@ -279,7 +279,10 @@ def reproduction_section(stored: "Stored") -> Section:
     return Section("How to repeat this", (*made, versions))
 
 
-def warnings_section(warnings: Sequence[Notice]) -> list[Section]:
-    """A section of warnings, where there are any."""
-    told = Bullets(tuple(sentences_of(warnings)), are_warnings=True)
-    return [Section("Warnings", (told,))] if warnings else []
+def warnings_section(notices: Sequence[Notice]) -> list[Section]:
+    """A section of warnings and one of notes, where there are any."""
+    return [
+        Section(title, (Bullets(tuple(sentences_of(told)), are_warnings=counts),))
+        for title, counts in (("Warnings", True), ("Notes", False))
+        if (told := [one for one in notices if one.counts is counts])
+    ]

@@ -279,12 +279,16 @@ def _together() -> str:
     )
 
 
-def promised_lines(design: "Design", result: "Result") -> Iterator[RenderableType]:
+def promised_lines(
+    design: "Design", result: "Result", with_cli_options: Callable[[str], str] = str
+) -> Iterator[RenderableType]:
     """The promises of a design beside what an identification reached."""
     if result.tables is None:
-        yield headed_line(
-            "Promised", "the answer has no tables over SOC to compare; give `over` soc"
+        told = (
+            "intervals of tables over SOC, and the answer has one value at every SOC; with "
+            "`over=soc` both are shown."
         )
+        yield indented(headed_line("Promised", with_cli_options(told)))
         return
     is_alone = len(result.of_role("identification")) == 1
     yield Text()

@@ -28,9 +28,13 @@ def resistance_sentences(result: "Result") -> Iterator[str]:
         yield f"the same at every SOC; left out {own}, with tables over SOC {tables}."
     elif held is not None and part.over == "soc" and result.cell_model.is_of_records:
         tables, one = millivolt(held.tables.rmse_v), millivolt(held.constant.rmse_v)
-        is_no_worse = held.constant.is_no_worse(held.tables)
-        end = f"; `model={result.model}` gives that" if is_no_worse else ""
-        yield f"over SOC; left out {tables}, with one value at every SOC {one}{end}."
+        why = end = ""
+        above = held.tables.above_v, held.constant.above_v
+        if held.constant.is_no_worse(held.tables):
+            why, end = ", which fits the records better", f"; `model={result.model}` gives that"
+        elif held.constant.rmse_v < held.tables.rmse_v and None not in above:
+            end = f", but above 10 % SOC {' and '.join(map(millivolt, filter(None, above)))}"
+        yield f"over SOC{why}; left out {tables}, with one value at every SOC {one}{end}."
     yield from dependence_sentences(part.found)
 
 

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from ..cell import CellModel
     from ..results import Result
 
-# A smaller gap is shown as 0 %.
-LEAST_GAP = 1e-4
 MUCH = 0.5
 # What was not used is predicted badly where its error exceeds this multiple of the fit's, and this
 # size; and as well as can be where it is under that: no table left open matters then.
@@ -63,20 +61,20 @@ def best_possible(result: "Result") -> str:
 
 
 def search_sentences(result: "Result") -> Iterator[str]:
-    """The success of the population search in a line; nothing without seeds or an optimum."""
+    """How many seeds of the population search find the optimum; nothing without either."""
     constant = result.constant
     optimum, search = constant.global_optimum, constant.search
     if optimum is None or search is None:
         return
-    seeds = len(search.seeds)
     whose = f"best {constant.model}" if result.tables is not None else "the optimum"
     if result.tables is not None and result.cell_model.is_of_records:
         whose += " with that OCV"
-    median = "" if seeds == 1 else "median "
-    yield (
-        f"{counted(seeds, f'{search.method} seed')}: {median}{_above(optimum.median_gap)} above "
-        f"{whose}; {optimum.seeds_there} converge to it."
-    )
+    # The optimum is that of a grid and a proof, which no seed is needed for.
+    aside = "" if constant.source == "seeds" else "for comparison, "
+    there = optimum.seeds_there
+    verb = "converges" if there < 2 else "converge"
+    seeds = counted(len(search.seeds), f"{search.method} seed")
+    yield f"{aside}{there or 'none'} of {seeds} {verb} to {whose}."
 
 
 def seeds_sentences(result: "Result") -> Iterator[str]:
@@ -323,10 +321,6 @@ def _missed_by_the_polynomial_v(cell: "CellModel") -> float:
         if isinstance(curve, PolynomialCurve) and name in cell.errors
     ]
     return max(missed, default=0.0)
-
-
-def _above(gap: float) -> str:
-    return "0 %" if gap < LEAST_GAP else percent(gap)
 
 
 def _gap(gap: float) -> str:

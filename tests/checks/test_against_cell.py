@@ -12,6 +12,7 @@ from barnax.checks.against_cell import (
     compare_with_cell,
     follow,
 )
+from barnax.notices import notice
 from barnax.records import read_record
 
 
@@ -80,9 +81,14 @@ def test_a_record_of_more_charge_than_a_test_is_told_both_and_that_the_test_may_
         return lambda soc: curve((soc + 1) / 2)
 
     curves = {name: stretched(getattr(axis, name)) for name in ("charge", "discharge")}
-    (text,) = said(bundled_record, replace(axis, **half, **curves))
+    cell = replace(axis, **half, **curves)
+    (text,) = said(bundled_record, cell)
+    assert "another cell: its charge goes beyond full and empty, whatever its unit" in text
+    sweep = {"direction": "discharge", "first_v": 4.2, "last_v": 3.7, "passed_ah": 1.0}
+    assumed = notice("ocv-test.capacity-assumed", "ocv.csv", **sweep, ends="full")
+    (text,) = said(bundled_record, replace(cell, warnings=(assumed,)))
     assert text.startswith("error: it spans 1.88")
-    assert "holds 1 Ah" in text
+    assert "and the OCV test 1 Ah" in text
     assert "covers only a part of the SOC" in text
 
 

@@ -111,7 +111,8 @@ def compare_with_cell(
             return [notice("cell.charge-unit", mistake=_UNITS[factor], **told)]
         return [notice("cell.capacity", capacity_ah=capacity_ah / factor, **told)]
     if own_v > _ELSEWHERE_V:
-        if not is_near and not cell.is_of_records:
+        is_assumed = any(told.code == "ocv-test.capacity-assumed" for told in cell.warnings)
+        if not is_near and is_assumed:
             spans = {"span_ah": float(np.ptp(record.discharged_ah)), "capacity_ah": capacity_ah}
             return [notice("cell.more-charge", **spans)]
         # Charge that fits nowhere ends in an error sooner or later.

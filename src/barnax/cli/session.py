@@ -27,7 +27,7 @@ from rich.text import Text
 
 from .. import devices
 from ..errors import OPTION, InputError, printable, reason_of
-from ..notices import sentences_of
+from ..notices import Notice, sentences_of
 
 # Where and how results appear is no part of them.
 DRAWN = {"--report": 1, "--live": 1, "--paper": 1}
@@ -137,8 +137,12 @@ class Session:
             self._notes.print("[dim]note:[/dim]", shown(as_flags(note)), soft_wrap=True)
 
     def warn(self, warnings: Iterable[object]) -> None:
-        """Print warnings to stderr, even where the command is quiet; notes are the report's."""
-        for warning in sentences_of(told for told in warnings if getattr(told, "counts", True)):
+        """Print warnings to stderr, even where the command is quiet, and what was assumed of a
+        file; other notes are the report's."""
+        shown_ones = (
+            told for told in warnings if not isinstance(told, Notice) or told.counts or told.is_told
+        )
+        for warning in sentences_of(shown_ones):
             self._notes.print("[yellow]warning:[/yellow]", shown(as_flags(warning)), soft_wrap=True)
 
     @property

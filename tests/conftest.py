@@ -10,6 +10,7 @@ from pathlib import Path
 import hypothesis
 import jax
 import pytest
+import threadpoolctl
 
 from barnax.bundled import BUNDLED
 from barnax.cell import CIRCUITS, CellModel, characterize, elements
@@ -44,7 +45,8 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
         os.environ["XLA_FLAGS"] = QUICK_FLAGS
         # Workers share the cores: threads of their own would only take turns.
-        os.environ["NPROC"] = "1"
+        os.environ |= {"NPROC": "1", "OPENBLAS_NUM_THREADS": "1"}
+    threadpoolctl.threadpool_limits(1, "blas")
     # What takes long on a busy machine is no error.
     hypothesis.settings.register_profile("barnax", deadline=None)
     hypothesis.settings.load_profile("barnax")

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import get_lapack_funcs
 
+from ..blas import one_blas_thread
 from ..errors import InputError
 from .record import Record
 
@@ -96,7 +97,8 @@ def whole_lag(interval_s: Intervals, current_a: Rows, voltage_v: Rows) -> int:
     places, changes, scale = known
     moved_v, tried = np.diff(voltage_v), range(-_FAR, _FAR + 1)
     table = np.column_stack([changes, *(-moved_v[places + late] for late in tried)])
-    with np.errstate(divide="ignore", invalid="ignore"):
+    # On a busy machine threads wait for each other far longer than this takes.
+    with one_blas_thread(), np.errstate(divide="ignore", invalid="ignore"):
         ohm, left = _answers(table.T @ table, scale)
         left = np.where(np.abs(_share(ohm)) < _NEAREST, left, 1.0)
     best = int(np.argmin(left))

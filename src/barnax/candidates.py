@@ -71,12 +71,9 @@ class Candidate:
     ) -> "Candidate":
         """The candidate with the errors of its evaluations."""
         validation_v = tuple(evaluation.metrics.rmse_v for evaluation in validated)
-        return cls(model, over, _together(identified), validation_v, held_out, proved_gap)
-
-
-def _together(evaluations: Iterable[Evaluation]) -> SocErrors:
-    scored = [(found, found.prepared.scored) for found in evaluations]
-    return SocErrors.of((found.error_v[at], found.prepared.soc[at]) for found, at in scored)
+        scored = [(found, found.prepared.scored) for found in identified]
+        together = SocErrors.of((found.error_v[at], found.prepared.soc[at]) for found, at in scored)
+        return cls(model, over, together, validation_v, held_out, proved_gap)
 
 
 def tabulated_circuit(cell: CellModel) -> str:

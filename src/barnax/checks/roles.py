@@ -15,6 +15,7 @@ from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, decide_capacity, joi
 from ..errors import InputError, counted
 from ..notices import notice
 from ..records.record import degc_in_name
+from ..records.segments import reach
 from .check_input import CheckInput
 from .windows import SuggestedWindow, suggest_window
 
@@ -26,8 +27,6 @@ Kind = Literal[
 STEPS, FINE_S = 20, 10.5
 # Steps that reach over less of the capacity, or the bulk time of a steep end, say little.
 LEAST_SHARE, STEEP_S = 0.05, 20.0
-# Of the steps so much lies between the ends of their reach; a few may stand apart.
-_REACH = (0.05, 0.95)
 # Pulses and rests alone make two steps a point; an HPPC test has pulses of its own beside them.
 _STEPS_A_POINT = 3
 # A discharge that passes so much of all the charge was one of a capacity test.
@@ -109,9 +108,6 @@ def traits_of(given: CheckInput) -> Traits:
     record = given.record
     fine = np.flatnonzero(given.samples.is_step & (record.interval_s <= FINE_S))
     discharged_ah = record.discharged_ah
-    reach_ah = 0.0
-    if len(fine):
-        reach_ah = float(np.ptp(np.quantile(discharged_ah[fine], _REACH)))
     loaded_s = record.interval_s[~given.is_rested[1:]]
     bulk_s, travel_v = given.samples.bulk_time
     # The deepest point below the highest one before it: charge taken out without going back up.
@@ -119,7 +115,7 @@ def traits_of(given: CheckInput) -> Traits:
     return Traits(
         sweeps=() if isinstance(given.sweeps, str) else tuple(given.sweeps),
         steps=len(fine),
-        reach_ah=reach_ah,
+        reach_ah=reach(discharged_ah[fine]) if len(fine) else 0.0,
         span_ah=given.span_ah,
         charged_ah=given.charged_ah,
         discharged_ah=given.discharged_ah,

@@ -96,7 +96,6 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
         from ..experiment.protocol import drive_levels
         from ..reporting.design import design_screen, planned_lines
         from ..reporting.design_forms import design_files
-        from ..reporting.terminal import parts_line
         from ..results import Result
 
     blocks = None
@@ -135,9 +134,7 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
     folder, _ = output.deliver(session, folder, "design.json", found.to_json(), files)
     if folder is not None:
         names = ["steps.csv", "profile.csv", "experiment_pybamm.py", "procedure.txt", "figures"]
-        session.show(
-            ["", parts_line([f"{folder}/{names[0]}", *names[1:], f"{session.elapsed_s:.1f} s"])]
-        )
+        session.show_written(folder, names)
         session.show(next_after(found, known, cell, folder))
 
 

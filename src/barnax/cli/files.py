@@ -28,13 +28,12 @@ from .options import (
     options_of,
 )
 from .output import require_free_file, tell_unfinished, write_file
-from .results import load
+from .results import FINDINGS, load
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..export import Verification
 
-FINDINGS = 1
 SCHEMA_VERSION = 1
 
 

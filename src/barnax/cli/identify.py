@@ -262,17 +262,15 @@ def _show_answer(session: Session, result: "Result", verbose: bool) -> None:
 
 def _show_files(session: Session, result: "Result", folder: Path | None, written: set[str]) -> None:
     """Print the next step, and what was written."""
-    from ..reporting.terminal import next_lines, parts_line
+    from ..reporting.terminal import next_lines
 
     session.show(next_lines(*_next(result, folder)))
     if folder is not None:
         names = ["report.html"] if "report.html" in written else []
         names.append("result.json")
-        names[0] = f"{folder}/{names[0]}"
         names += [name for name in ("tables.csv", "pulses.csv") if name in written]
         names += ["figures"] if any(name.startswith("figures/") for name in written) else []
-        names += [f"{session.elapsed_s:.1f} s", f"barnax show {shlex.quote(str(folder))}"]
-        session.show(["", parts_line(names)])
+        session.show_written(folder, names, f"barnax show {shlex.quote(str(folder))}")
 
 
 def _next(result: "Result", folder: Path | None) -> tuple[str, str]:

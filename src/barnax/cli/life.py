@@ -84,8 +84,8 @@ def life(given: LifeOptions, output: Output) -> None:
     session.show(shown(as_flags(line)) for line in life_lines(found))
     folder, _ = output.deliver(session, folder, "life.json", life_json(found), files)
     if folder is not None:
-        names = f"report.html   trends.parquet   life.json   {len(pages)} pages in cells"
-        session.show(["", f"  {folder}/{names}   {session.elapsed_s:.1f} s"])
+        names = ["report.html", "trends.parquet", "life.json", f"{len(pages)} pages in cells"]
+        session.show_written(folder, names)
 
 
 def _pages(found: "Life", cells: Iterable[str]) -> dict[str, bytes]:

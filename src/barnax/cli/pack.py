@@ -44,7 +44,7 @@ def pack(
         from ..fleet.rows import pack_rows
         from ..pack import identify_pack
         from ..reporting.pack import cells_csv, pack_document
-        from ..reporting.terminal import parts_line, to_terminal
+        from ..reporting.terminal import to_terminal
 
     given: dict[str, Any] = {"ocv": files.ocv or (), "window": of_records.windows()}
     given |= {**files.cell, **files.read, **tables.chosen(), "watch": session.watch}
@@ -67,6 +67,6 @@ def pack(
     beside = {"cells.csv": cells_csv(found)}
     folder, _ = output.deliver(session, folder, "result.json", document, draw, beside)
     if folder is not None:
-        names = [f"{folder}/cells.csv", "cells.parquet", "result.json", "figures"]
-        session.show(["", parts_line([*names, f"{session.elapsed_s:.1f} s"])])
+        names = ["cells.csv", "cells.parquet", "result.json", "figures"]
+        session.show_written(folder, names)
     session.warn(found.result.warnings)

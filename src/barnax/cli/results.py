@@ -261,8 +261,8 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     folder, written = output.deliver(session, folder, "soc.json", replay.to_json(), draw)
     session.show(soc_screen(replay))
     if folder is not None:
-        page = "report.html   soc.json" if "report.html" in written else "soc.json"
-        session.show(["", f"  {folder}/{page}   figures   {session.elapsed_s:.1f} s"])
+        names = ["report.html"] if "report.html" in written else []
+        session.show_written(folder, [*names, "soc.json", "figures"])
     session.warn(replay.warnings)
 
 

@@ -6,7 +6,7 @@ import re
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -125,6 +125,11 @@ class Session:
                 # What is to be copied stays in one line, however narrow the terminal.
                 is_whole = isinstance(block, Text) and bool(block.no_wrap)
                 self._console.print(block, soft_wrap=is_whole, crop=False)
+
+    def show_written(self, folder: Path, names: Sequence[str], *following: str) -> None:
+        """Print the files that were written to a folder, and how long that took."""
+        parts = [f"{folder}/{names[0]}", *names[1:], f"{self.elapsed_s:.1f} s", *following]
+        self.show(["", Text("  " + printable("  ".join(parts)), no_wrap=True)])
 
     def note(self, text: str) -> None:
         """Print a sentence to stderr, unless the command is quiet."""

@@ -10,6 +10,7 @@ import polars as pl
 
 from ..errors import REFUSED
 from ..files import located
+from ..metrics import TO_SD
 from .dataset import read_rows, rows_of_others
 
 # What is summed up of every circuit, by the beginning of its column's name; none of the intervals.
@@ -18,8 +19,6 @@ SUMMED_UP = re.compile(r"((tables )?R\d \[Ohm\]|tau\d \[s\]|gamma|(validation )?
 # and errors are positive. With fewer cells nothing is one.
 OUTLYING = 5.0
 FEWEST = 8
-# 1.4826 median absolute deviations are a normal distribution's standard deviation.
-TO_SD = 1.4826
 # A median absolute deviation below this is rounding.
 LEAST_SD = 1e-6
 WORST = 10

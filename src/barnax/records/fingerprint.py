@@ -70,10 +70,6 @@ class Content:
         )
 
     @cached_property
-    def _interval_s(self) -> float:
-        return float(np.median(np.diff(self.run[0])))
-
-    @cached_property
     def _rounded(self) -> Float[np.ndarray, "2"]:
         return _rounded(self.run)
 
@@ -93,7 +89,7 @@ class Content:
                 places = order[first:last]
                 is_near = np.abs(current_a[places] - known_a) <= near_a
                 shifts_s.append(known_s - time_s[places[is_near]])
-        found_s, width_s = np.concatenate(shifts_s), self._interval_s
+        found_s, width_s = np.concatenate(shifts_s), np.median(np.diff(time_s))
         if len(found_s):
             bins, counts = np.unique(np.round(found_s / width_s), return_counts=True)
             middle_s = bins[np.argmax(counts)] * width_s

@@ -57,9 +57,9 @@ def equal_runs(
     return np.append(0, changes + 1), np.append(changes, len(values) - 1)
 
 
-# Steps of the current are changes by this share of the largest. Those of a load, but for as many at
-# either end, reach over this share of the charge.
-_STEP_SHARE, _ENDS, LEAST_REACH = 0.1, (0.05, 0.95), 0.05
+# Steps of the current are changes by this share of the largest. Those of a load reach over this
+# share of the charge, from the first of these quantiles to the last: a few may stand apart.
+_STEP_SHARE, LEAST_REACH, _ENDS = 0.1, 0.05, (0.05, 0.95)
 # Fewer steps are no load.
 _FEWEST_STEPS = 10
 
@@ -75,7 +75,12 @@ def reach_of_steps(
     """
     step_a = np.abs(np.diff(current_a))
     at = charge[1:][step_a > _STEP_SHARE * np.max(np.abs(current_a), initial=0.0)]
-    return float(np.ptp(np.quantile(at, _ENDS))) if len(at) >= _FEWEST_STEPS else 0.0
+    return reach(at) if len(at) >= _FEWEST_STEPS else 0.0
+
+
+def reach(at: Float[np.ndarray, "steps"]) -> float:
+    """The charge, or the SOC, over which steps at these reach, but for a few at either end."""
+    return float(np.ptp(np.quantile(at, _ENDS)))
 
 
 def rest_current_a(record: Record, capacity_ah: float) -> float:

@@ -5,8 +5,6 @@ by R times the current. Through a gap in which a load goes on, E = v + R i falls
 the slope of E; through a rest it relaxes the other way.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -65,7 +63,8 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
     passed_s = np.maximum(clock_s[gaps] - clock_s[first], usual_s)
     lately_a = 3600 * (out_ah[gaps] - out_ah[first]) / passed_s
     source_v = record.voltage_v + ohm * current_a
-    falls = np.array([_fall(out_ah[rows], source_v[rows]) for rows in _before(gaps)])
+    before = [slice(max(gap - _ROWS, 0), gap + 1) for gap in gaps.tolist()]
+    falls = np.array([_fall(out_ah[rows], source_v[rows]) for rows in before])
     known_v = _WITHIN_V + _WITHIN_SHARE * ohm * np.abs(np.diff(current_a)[gaps])
 
     def likelihood(flowing_a: Float[np.ndarray, "gaps"] | float) -> Float[np.ndarray, "gaps"]:
@@ -110,12 +109,6 @@ def gaps_in(interval_s: Float[np.ndarray, "intervals"]) -> Int[np.ndarray, "gaps
     )
     among_gaps, among_all = counts
     return gaps[among_gaps > _FEW_ALIKE * among_all]
-
-
-def _before(gaps: Int[np.ndarray, "gaps"]) -> Iterator[slice]:
-    """The rows before each gap that tell how E falls."""
-    for gap in gaps.tolist():
-        yield slice(max(gap - _ROWS, 0), gap + 1)
 
 
 def _fall(out_ah: Float[np.ndarray, "rows"], source_v: Float[np.ndarray, "rows"]) -> float:

@@ -240,11 +240,6 @@ def headed_line(head: str, text: str, width: int = 15, style: str = "") -> Rende
     return grid
 
 
-def parts_line(parts: Sequence[str]) -> RenderableType:
-    """Short facts and a command in one line, so that it can be copied."""
-    return Text("  " + printable("  ".join(parts)), no_wrap=True)
-
-
 def next_lines(advice: str, command: str) -> Iterator[RenderableType]:
     """The next step, and its command in one line however long, so that it can be copied."""
     yield indented(headed_line("Next", f"{advice}:" if command else advice))

@@ -3,11 +3,12 @@
 import ast
 import re
 import tomllib
+from collections.abc import Iterable
 
 import pytest
 
 from barnax.notices import CODES, kinds, notice
-from test_house import MODULES, place, texts_in, tree_of
+from test_house import MODULES, nodes_of, place, texts_in
 
 # Words of choices that any code may use.
 SHARED = tomllib.loads(CODES.read_text(encoding="utf-8"))["words"].keys()
@@ -26,7 +27,7 @@ def codes_made() -> set[str]:
     """The codes that calls name."""
     found: set[str] = set()
     for path in MODULES:
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute):
                 name = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
                 place = MAKERS.get(name)
@@ -78,16 +79,16 @@ def is_worded(node: ast.expr) -> bool:
     return isinstance(node, ast.Attribute) and node.attr in ("what", "remedy")
 
 
-def decisions_by_words(tree: ast.Module) -> list[int]:
+def decisions_by_words(nodes: Iterable[ast.AST]) -> list[int]:
     """The lines of a module that look for something in a notice's words."""
     found = []
-    for node in ast.walk(tree):
+    for node in nodes:
         sides: list[ast.expr] = []
         if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.In | ast.NotIn):
             sides = [node.left, *node.comparators]
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             sides = [node.func.value, *node.args] if node.func.attr in LOOKING else []
-        found += [node.lineno for side in sides if is_worded(side)]
+        found += [side.lineno for side in sides if is_worded(side)]
     return found
 
 
@@ -100,11 +101,11 @@ def decisions_by_words(tree: ast.Module) -> list[int]:
     ],
 )
 def test_a_decision_by_a_phrase_is_found(code):
-    assert decisions_by_words(ast.parse(code))
+    assert decisions_by_words(ast.walk(ast.parse(code)))
 
 
 def test_nothing_decides_by_what_a_notice_says():
-    found = {place(path): decisions_by_words(tree_of(path)) for path in MODULES}
+    found = {place(path): decisions_by_words(nodes_of(path)) for path in MODULES}
     assert {path: lines for path, lines in found.items() if lines} == {}
 
 
@@ -112,7 +113,7 @@ def test_there_is_one_class_of_what_is_found():
     classes = {
         node.name
         for path in MODULES
-        for node in ast.walk(tree_of(path))
+        for node in nodes_of(path)
         if isinstance(node, ast.ClassDef) and re.search("(Finding|Warning|Notice)s?$", node.name)
     }
     assert classes == {"Notice", "StoredNotice"}
@@ -122,7 +123,7 @@ def test_warnings_are_nowhere_texts():
     texts = [
         f"{place(path)}:{node.lineno}"
         for path in MODULES
-        for node in ast.walk(tree_of(path))
+        for node in nodes_of(path)
         if isinstance(node, ast.AnnAssign | ast.arg)
         and getattr(node, "arg", getattr(getattr(node, "target", None), "id", "")) == "warnings"
         and node.annotation is not None

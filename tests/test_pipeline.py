@@ -151,30 +151,6 @@ def test_the_same_samples_in_other_bytes_are_refused_and_told_of_a_stored_result
     assert (told.subject, told.values["other"]) == ("part.csv", "identification.parquet")
 
 
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        ({"population": 10**8}, "`population` 100,000,000 must be between 4 and 100,000"),
-        ({"capacity": 0}, "`capacity` must be positive, in Ah; 0 was given"),
-        ({"model": "rc"}, "`model` 'rc' is not known; there are iso-rc"),
-        ({"trust": "deep"}, "`trust` 'deep' is not known"),
-        (
-            {"window": {"no.csv": SHORT}},
-            "no record is called 'no.csv', for which options are given",
-        ),
-    ],
-)
-def test_what_cannot_be_used_is_refused_before_the_search(monkeypatch, options, told):
-    monkeypatch.setattr(answering, "search_seeds", None)
-    with pytest.raises(ValueError, match=told):
-        barnax.identify(**options)
-
-
-def test_an_unknown_option_is_a_type_error():
-    with pytest.raises(TypeError, match=r"no option sedes; did you mean seeds\?"):
-        barnax.identify(sedes=3)
-
-
 @pytest.mark.parametrize("failure", [ArithmeticError("math domain error"), np.linalg.LinAlgError()])
 def test_a_failed_assessment_costs_only_itself(few, monkeypatch, failure):
     def fails(*_, **__):

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from barnax.pulses import STANDARD_S, find_pulses, levels, pulse_samples
-from barnax.records import Decision, Record
+from helpers.reference import make_record
 
-GIVEN = Decision("forward", "given", "made so")
 REST_A = 0.02
 ONE_RC = (0.05, ((0.03, 12.0),))
 TWO_RC = (0.05, ((0.01, 2.0), (0.03, 25.0)))
@@ -29,18 +28,7 @@ def record_of(loads, circuit=ONE_RC, hold="forward", interval_s=0.1, noise_v=0.0
             u = after
         voltage_v = voltage_v - np.array(course)
     noise = np.random.default_rng(0).normal(0, noise_v, len(time_s)) if noise_v else 0.0
-    return Record(
-        name="made",
-        time_s=time_s,
-        current_a=current_a,
-        voltage_v=voltage_v + noise,
-        temperature_degc=None,
-        step=None,
-        row=np.arange(len(time_s)) + 2,
-        sign=replace(GIVEN, value="discharge-positive"),
-        hold=replace(GIVEN, value=hold),
-        sha256="",
-    )
+    return make_record(time_s, current_a, voltage_v + noise, hold=hold)
 
 
 def pulses_of(record):

@@ -20,10 +20,12 @@ from helpers.ocv_tests import (
     both_ways,
     branch_v,
     charge_only,
+    conditioned,
     discharge_only,
+    driven,
     pulses,
-    record_of,
     slow_sweep,
+    steady,
 )
 
 GRID = np.linspace(0.0, 1.0, 21)
@@ -99,25 +101,23 @@ def test_a_given_capacity_scales_the_axis_of_one_file():
 
 
 def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
-    half = np.concatenate([np.zeros(60), pulses(-1, 10, share=0.5)])
-    upper = record_of(half, start_soc=1.0, direction=1, name="upper.csv")
-    lower = record_of(half, start_soc=0.5, direction=-1, name="lower.csv")
+    half = half_discharge()
+    upper = driven(half, name="upper.csv")
+    lower = driven(half, start_soc=0.5, direction=-1, name="lower.csv")
     whole = characterize([discharge_only()])
     joined = characterize([lower, upper])
     np.testing.assert_allclose(joined.discharge(GRID), whole.discharge(GRID), atol=1e-9)
 
 
 def test_conditioning_before_the_test_is_left_out():
-    before = np.concatenate([np.zeros(60), pulses(+1, 1, share=0.4)])
-    current_a = np.concatenate([before, pulses(-1), pulses(+1)])
-    cell = characterize([record_of(current_a, start_soc=0.6, direction=-1)], ocv_fit="interpolated")
+    parts = REST, pulses(+1, 1, share=0.4), pulses(-1), pulses(+1)
+    cell = characterize([driven(*parts, start_soc=0.6, direction=-1)], ocv_fit="interpolated")
     np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
 
 
 def test_a_small_top_up_belongs_to_the_sweep_of_its_direction():
-    top_up = np.concatenate([np.full(6, -0.2), np.zeros(60)])
-    current_a = np.concatenate([np.zeros(60), pulses(+1, share=0.99), top_up])
-    cell = characterize([record_of(current_a, start_soc=0.0, direction=-1)])
+    parts = REST, pulses(+1, share=0.99), np.full(6, -0.2), REST
+    cell = characterize([driven(*parts, start_soc=0.0, direction=-1)])
     assert len(cell.charge_points) == 22
 
 
@@ -159,19 +159,6 @@ def test_the_average_of_one_direction_has_its_errors():
 # Records that hold more than their OCV test, and testers that never read zero
 
 
-def steady(direction: int, hours: float, share: float = 1.0) -> np.ndarray:
-    """`share` of the capacity in one go, by the minute."""
-    current_a = -direction * share * CAPACITY_AH / hours
-    return np.full(round(60 * hours), current_a)
-
-
-def conditioned(rest: np.ndarray = REST):
-    """A C/20 discharge, a C/2 charge, then pulses down and up."""
-    slow, back = steady(-1, 20), steady(+1, 2)
-    parts = [REST, slow, rest, back, REST, pulses(-1), pulses(+1)]
-    return record_of(np.concatenate(parts), start_soc=1.0, direction=1, name="long.csv")
-
-
 @pytest.mark.parametrize("minutes", [0, 10, 60])
 def test_a_slow_conditioning_discharge_does_not_hide_the_pulses(minutes):
     cell = characterize([conditioned(np.zeros(minutes))], ocv_fit="interpolated")
@@ -181,8 +168,7 @@ def test_a_slow_conditioning_discharge_does_not_hide_the_pulses(minutes):
 
 
 def test_slow_sweeps_of_both_directions_come_before_rests_of_one():
-    parts = [REST, steady(-1, 20), steady(+1, 20), REST, pulses(-1)]
-    record = record_of(np.concatenate(parts), start_soc=1.0, direction=1)
+    record = driven(REST, steady(-1, 20), steady(+1, 20), REST, pulses(-1))
     cell = characterize([record], ocv_fit="interpolated")
     assert (len(cell.discharge_points), len(cell.charge_points)) == (101, 101)
     assert [each.values["ignored"] for each in cell.warnings] == ["rests"]
@@ -192,20 +178,19 @@ def test_slow_sweeps_of_both_directions_come_before_rests_of_one():
 def test_rests_of_both_directions_come_before_slow_sweeps(slow):
     full = [] if len(slow) > 1200 else steady(+1, 2)
     down, up = pulses(-1, 16, share=0.85), pulses(+1, 16, share=0.85)
-    parts = [REST, slow, full, REST, down, up]
-    record = record_of(np.concatenate(parts), start_soc=1.0, direction=1)
+    record = driven(REST, slow, full, REST, down, up)
     cell = characterize([record], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
     assert (len(cell.discharge_points), len(cell.charge_points)) == (17, 17)
 
 
 def test_a_few_pulses_after_a_slow_discharge_are_not_the_test():
-    parts = [REST, steady(-1, 20), REST, pulses(+1, 5, share=0.3), pulses(-1, 5, share=0.3)]
-    cell = characterize([record_of(np.concatenate(parts), start_soc=1.0, direction=1)])
+    few = pulses(+1, 5, share=0.3), pulses(-1, 5, share=0.3)
+    cell = characterize([driven(REST, steady(-1, 20), REST, *few)])
     assert len(cell.discharge_points) == 101
 
 
 def test_a_tester_that_reads_30_ma_at_rest_is_served_by_the_rest_current():
-    clean = record_of(np.concatenate([REST, pulses(-1, rest=31)]), start_soc=1.0, direction=1)
+    clean = driven(REST, pulses(-1, rest=31))
     reads = np.where(clean.current_a == 0, 0.03, clean.current_a)
     record = replace(clean, current_a=reads)
     with pytest.raises(InputError, match="not an OCV test"):
@@ -246,8 +231,8 @@ def test_a_test_between_cutoffs_measures_its_capacity():
 
 
 def test_a_test_that_only_reaches_empty_does_not_show_that_it_began_full():
-    current_a = np.concatenate([half_discharge()[:-63], REST, pulses(+1, 10, share=0.475)])
-    cell = characterize([record_of(current_a, start_soc=0.5, direction=1)])
+    parts = half_discharge()[:-63], REST, pulses(+1, 10, share=0.475)
+    cell = characterize([driven(*parts, start_soc=0.5)])
     assert len(assumptions(cell)) == 1
 
 
@@ -262,7 +247,7 @@ def test_the_record_s_capacity_does_not_stretch_a_test_that_spans_both_ends(test
 
 
 def test_the_capacity_of_the_ocv_test_scales_one_that_does_not_span_both_ends():
-    test = record_of(half_discharge(), start_soc=1.0, direction=1)
+    test = driven(half_discharge())
     cell = characterize([test], capacity_ah=1.8, ocv_capacity_ah=2.0)
     assert cell.capacity_ah == 1.8
     assert cell.soc_range == pytest.approx((0.5, 1.0))

@@ -8,19 +8,10 @@ from hypothesis import strategies as st
 
 from barnax.cell import OcvTable, characterize, read_ocv_table, read_ocv_test
 from barnax.records import Record, source_from_frame
-from helpers.ocv_tests import average_v, branch_v, charge_only, discharge_only
+from helpers.ocv_tests import ONE, SOC, TWO, average_v, branch_v, charge_only, discharge_only
 from helpers.records import parquet, pulse_frame, sheet
 
-SOC = np.linspace(0, 1, 41)
 GRID = np.linspace(0, 1, 21)
-ONE = pl.DataFrame({"SOC [-]": SOC, "OCV [V]": average_v(SOC)})
-TWO = pl.DataFrame(
-    {
-        "SOC [-]": SOC,
-        "charge OCV [V]": branch_v(SOC, 1),
-        "discharge OCV [V]": branch_v(SOC, -1),
-    }
-)
 
 
 def written(folder, table, name="ocv.csv"):
@@ -41,10 +32,8 @@ def test_two_branches_give_average_and_hysteresis_back(tmp_path, suffix):
 
 
 def test_exchanged_branches_are_told():
-    exchanged = TWO.rename(
-        {"charge OCV [V]": "OCV of discharge", "discharge OCV [V]": "charge OCV"}
-    )
-    exchanged = exchanged.rename({"OCV of discharge": "discharge OCV"})
+    charge, discharge = TWO.columns[1:]
+    exchanged = TWO.rename({charge: discharge, discharge: charge})
     table = read_ocv_table(source_from_frame(exchanged, "ocv"))
     cell = characterize([table], capacity_ah=2.0, ocv_fit="interpolated")
     told = " ".join(map(str, cell.warnings))

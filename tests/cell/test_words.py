@@ -16,31 +16,22 @@ from barnax.records import source_from_frame
 from helpers.golden import require_golden
 from helpers.ocv_tests import (
     CAPACITY_AH,
+    ONE,
     REST,
-    average_v,
+    SOC,
+    TWO,
     between_cutoffs,
     both_ways,
-    branch_v,
     charge_only,
+    conditioned,
     discharge_only,
+    driven,
     pulses,
-    record_of,
     slow_sweep,
 )
 from helpers.records import pulse_frame
 
-SOC = np.linspace(0, 1, 41)
-ONE = pl.DataFrame({"SOC [-]": SOC, "OCV [V]": average_v(SOC)})
-TWO = ONE.rename({"OCV [V]": "charge OCV [V]"}).with_columns(
-    pl.Series("discharge OCV [V]", branch_v(SOC, -1))
-)
 PERCENT = ONE.select((pl.col("SOC [-]") * 100).alias("SOC"), "OCV [V]")
-
-
-def driven(*currents_a, start_soc=1.0, direction=1, **options):
-    return record_of(
-        np.concatenate(currents_a), start_soc=start_soc, direction=direction, **options
-    )
 
 
 def part(share, start_soc, name, way=-1):
@@ -50,12 +41,6 @@ def part(share, start_soc, name, way=-1):
 
 def table(frame):
     return read_ocv_table(source_from_frame(frame, "ocv"))
-
-
-def conditioned():
-    """A C/20 discharge, a C/2 charge, then pulses down and up."""
-    slow, back = np.full(1200, CAPACITY_AH / 20), np.full(120, -CAPACITY_AH / 2)
-    return driven(REST, slow, REST, back, REST, pulses(-1), pulses(+1), name="long.csv")
 
 
 def restless():

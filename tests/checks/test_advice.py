@@ -27,7 +27,7 @@ MORE = {
     "a record within a test": frame()[4000:],
 }
 # What leads to a gap or a break is told with options whose values are the user's.
-TABLES = {name: table for name, (table, _) in FAULTS.items()} | MORE
+TABLES = {name: table for name, (table, found) in FAULTS.items() if found} | MORE
 
 
 def warned(table, cell, capacity_ah, given):

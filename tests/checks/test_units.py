@@ -80,16 +80,17 @@ FAULTS = {
 # How many cells a module has shows by their voltage near its middle, and currents too small for
 # their name by counters, or beside a capacity where much of it moves.
 ONCE = {"a module", "no milliamperes"}
+# Every second record has a tester's counters.
 CASES = [
-    (name, fault)
+    (name, fault, bool(place % 2))
     for fault in FAULTS
-    for name in BUNDLED_NAMES
-    if fault not in ONCE or name == "identification"
+    for place, name in enumerate(BUNDLED_NAMES)
+    if fault not in ONCE
 ]
+CASES += [("identification", fault, counters) for fault in sorted(ONCE) for counters in (0, 1)]
 
 
-@pytest.mark.parametrize("counters", [False, True], ids=["alone", "with counters"])
-@pytest.mark.parametrize(("name", "fault"), CASES)
+@pytest.mark.parametrize(("name", "fault", "counters"), CASES)
 def test_another_unit_is_named_and_the_rest_seen_through(tmp_path, name, fault, counters):
     change, check, words, remedy = FAULTS[fault]
     capacity_ah = CAPACITY_AH if fault == "no milliamperes" and not counters else None

@@ -15,16 +15,8 @@ from barnax.__main__ import SIGNALS, main
 from barnax.bundled import BUNDLED
 
 BUDGET = (
-    "--setup",
-    "li2023",
-    "--score-to",
-    "1500",
-    "--seeds",
-    "3",
-    "--population",
-    "8",
-    "--iterations",
-    "5",
+    *("--setup", "li2023", "--score-to", "1500"),
+    *("--seeds", "3", "--population", "8", "--iterations", "5"),
 )
 OCV = tuple(word for path in BUNDLED.ocv for word in ("--ocv", path))
 

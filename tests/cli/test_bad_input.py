@@ -6,7 +6,6 @@ The messages themselves stand in `golden/refusals-files.txt` and `golden/refusal
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,38 +14,30 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from helpers.golden import GOLDEN, require_golden, without_blanks
+from helpers.records import CURRENT, TIME, VOLTAGE, changed, frame
 
 from .conftest import BUDGET, OCV
 
-TIME, CURRENT, VOLTAGE = "Test Time / s", "Current / A", "Voltage / V"
 RECORD, VALIDATION = BUNDLED.record, BUNDLED.validation
 
 
-def inputs(samples: int = 2000, file: Path = RECORD) -> pl.DataFrame:
-    return pl.read_parquet(file).head(samples)
-
-
-def changed(column: str, value: float, file: Path = RECORD) -> pl.DataFrame:
-    """The record with another value at row 100."""
-    values = inputs(file=file)[column].to_numpy().copy()
-    values[98] = value
-    return inputs(file=file).with_columns(pl.Series(column, values))
+PART = frame()[:2000]
 
 
 def discharging_without_rests() -> pl.DataFrame:
-    moving = pl.read_parquet(BUNDLED.ocv[1]).filter(pl.col(CURRENT).abs() > 0.02)
+    moving = frame(BUNDLED.ocv[1].stem).filter(pl.col(CURRENT).abs() > 0.02)
     return moving.with_columns(pl.Series(TIME, np.arange(len(moving)) * 2.0))
 
 
-FRAMES: dict[str, Callable[[], pl.DataFrame]] = {
-    "no_current.csv": lambda: inputs().drop(CURRENT),
-    "nan [v2].csv": lambda: changed(VOLTAGE, np.nan),
-    "backward.csv": lambda: changed(TIME, 3.5),
-    "milliamperes.csv": lambda: inputs().with_columns(pl.col(CURRENT) * 1000),
-    "header.csv": lambda: inputs(0),
-    "zero_volts.csv": lambda: changed(VOLTAGE, 0.0, VALIDATION),
-    "no_rests.csv": discharging_without_rests,
-    "deep.csv": lambda: pl.read_parquet(VALIDATION).with_columns(pl.col(CURRENT) - 8.0),
+FRAMES = {
+    "no_current.csv": PART.drop(CURRENT),
+    "nan [v2].csv": changed(PART, VOLTAGE, np.nan, [98]),
+    "backward.csv": changed(PART, TIME, 3.5, [98]),
+    "milliamperes.csv": PART.with_columns(pl.col(CURRENT) * 1000),
+    "header.csv": PART[:0],
+    "zero_volts.csv": changed(frame("validation")[:2000], VOLTAGE, 0.0, [98]),
+    "no_rests.csv": discharging_without_rests(),
+    "deep.csv": frame("validation").with_columns(pl.col(CURRENT) - 8.0),
 }
 CONTENTS = {
     "empty.csv": b"",
@@ -113,12 +104,12 @@ OPTIONS = [
 
 @pytest.fixture
 def bad_files(tmp_path: Path) -> None:
-    for name, make in FRAMES.items():
-        make().write_csv(tmp_path / name)
+    for name, table in FRAMES.items():
+        table.write_csv(tmp_path / name)
     for name, content in CONTENTS.items():
         (tmp_path / name).write_bytes(content)
     (tmp_path / "copy.parquet").write_bytes(RECORD.read_bytes())
-    inputs().write_csv(tmp_path / "part.csv")
+    PART.write_csv(tmp_path / "part.csv")
 
 
 @pytest.mark.usefixtures("bad_files")

@@ -174,13 +174,12 @@ def test_a_name_that_no_terminal_should_see_is_stored_and_shown_harmlessly(run, 
     stored = Result.from_json("o\x1b[2J/result.json")
     assert stored.name == "cell\ufffd\ufffd[2J.csv"
     assert stored.command[2] == stored.name
-    for command_name in ("check", "validate", "export"):
-        words = {
-            "check": (NOT_UTF8, "--json"),
-            "validate": ("o\x1b[2J", NOT_UTF8),
-            "export": ("o\x1b[2J", "--to", "csv", "--out", NOT_UTF8 + ".out"),
-        }[command_name]
-        outcome = run(command_name, *words)
+    for words in (
+        ("check", NOT_UTF8, "--json"),
+        ("validate", "o\x1b[2J", NOT_UTF8),
+        ("export", "o\x1b[2J", "--to", "csv", "--out", NOT_UTF8 + ".out"),
+    ):
+        outcome = run(*words)
         assert outcome.status in (0, 1)
         assert "\x1b" not in outcome.out + outcome.err
         (outcome.out + outcome.err).encode()

@@ -42,7 +42,7 @@ def test_what_the_command_names_python_takes_too():
         for group in (barnax.Settings, barnax.Reading, barnax.TableSettings, barnax.Window)
         for field in inspect.signature(group).parameters
         for unit in ("_s", "_a", "_ah", "_degc")
-    } | set(inspect.signature(barnax.Settings).parameters)
+    }
     words = {"records", "out", "force", "as_json", "verbose", "quiet", "report", "live", "plan"}
     words |= {"design"}
     options = {each.name for each in get_command(app).commands["identify"].params}

@@ -6,6 +6,7 @@ import polars as pl
 
 from barnax.bundled import BUNDLED
 from barnax.replay import SCENARIOS
+from helpers.records import CURRENT, TIME, VOLTAGE
 
 from .conftest import contents
 
@@ -41,11 +42,7 @@ def test_json_goes_to_stdout_and_writes_nothing(run, finished, tmp_path):
 def test_columns_that_are_not_recognized_can_be_named(run, finished, tmp_path):
     table = pl.read_parquet(BUNDLED.validation).head(1200)
     table.write_parquet(tmp_path / "known.parquet")
-    time, current, voltage = (
-        next(each for each in table.columns if each.startswith(word))
-        for word in ("Test Time", "Current", "Voltage")
-    )
-    unknown = table.select(**{"Zeit": time, "Strom": current, "Klemme": voltage})
+    unknown = table.select(Zeit=TIME, Strom=CURRENT, Klemme=VOLTAGE)
     unknown.write_parquet(tmp_path / "unknown.parquet")
     names = ("--columns", "time=Zeit:s,current=Strom:A,voltage=Klemme:V")
     expected, found = (

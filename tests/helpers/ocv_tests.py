@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import polars as pl
 
 from barnax.records.record import Decision, Hold, Record
 from helpers.reference import make_record
@@ -23,8 +25,16 @@ def hysteresis_v(soc: np.ndarray) -> np.ndarray:
     return np.interp(soc, KNOTS, W_AT_KNOTS_V)
 
 
-def branch_v(soc: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def branch_v(soc: np.ndarray, direction: np.ndarray | int) -> np.ndarray:
     return average_v(soc) + direction * hysteresis_v(soc) / 2
+
+
+# Tables of that OCV: one curve, and both branches.
+SOC = np.linspace(0, 1, 41)
+ONE = pl.DataFrame({"SOC [-]": SOC, "OCV [V]": average_v(SOC)})
+TWO = pl.DataFrame(
+    {"SOC [-]": SOC, "charge OCV [V]": branch_v(SOC, 1), "discharge OCV [V]": branch_v(SOC, -1)}
+)
 
 
 def record_of(
@@ -53,6 +63,20 @@ def record_of(
     record = make_record(time_s, sampled_a, ocv_v - RESISTANCE_OHM * sampled_a, name=name)
     sign, decided = (Decision(each, "strong", "made so") for each in ("charge-positive", hold))
     return replace(record, sign=sign, hold=decided)
+
+
+def driven(*parts: Sequence[float] | np.ndarray, **options: Any) -> Record:
+    """The record of these currents after each other; the cell begins full, after a charge."""
+    return record_of(np.concatenate(parts), **({"start_soc": 1.0, "direction": 1} | options))
+
+
+# An hour, by the minute.
+REST = np.zeros(60)
+
+
+def steady(direction: int, hours: float, share: float = 1.0) -> np.ndarray:
+    """`share` of the capacity in one go, by the minute."""
+    return np.full(round(60 * hours), -direction * share * CAPACITY_AH / hours)
 
 
 def pulses(direction: int, count: int = 20, *, share: float = 1.0, rest: int = 60) -> np.ndarray:
@@ -93,31 +117,22 @@ def stepwise(
 
 def both_ways(hold: Hold = "forward", count: int = 20, *, returned: float = 1.0) -> Record:
     """A discharge from full to empty and a charge back, in one record that begins at rest."""
-    rest = np.zeros(60)
-    parts = [rest, pulses(-1, count), pulses(+1, count, share=returned)]
-    return record_of(np.concatenate(parts), start_soc=1.0, direction=1, hold=hold)
+    return driven(REST, pulses(-1, count), pulses(+1, count, share=returned), hold=hold)
 
 
 def discharge_only(**changes: object) -> Record:
-    current_a = np.concatenate([np.zeros(60), pulses(-1)])
-    options = {"start_soc": 1.0, "direction": 1, "name": "discharge.csv"} | changes
-    return record_of(current_a, **options)  # pyright: ignore[reportArgumentType]
+    return driven(REST, pulses(-1), **({"name": "discharge.csv"} | changes))
 
 
 def charge_only(**changes: object) -> Record:
-    current_a = np.concatenate([np.zeros(60), pulses(+1)])
     options = {"start_soc": 0.0, "direction": -1, "name": "charge.csv"} | changes
-    return record_of(current_a, **options)  # pyright: ignore[reportArgumentType]
-
-
-REST = np.zeros(60)
+    return driven(REST, pulses(+1), **options)
 
 
 def slow_sweep(direction: int, **changes: object) -> Record:
     """From end to end in 20 hours, an hour of rest before and after."""
-    current_a = np.concatenate([REST, np.full(1200, -direction * CAPACITY_AH / 20), REST])
     options = {"start_soc": float(direction < 0), "direction": direction} | changes
-    return record_of(current_a, **options)  # pyright: ignore[reportArgumentType]
+    return driven(REST, steady(direction, 20), REST, **options)
 
 
 def between_cutoffs(discharged: float = 0.97) -> Record:
@@ -126,4 +141,10 @@ def between_cutoffs(discharged: float = 0.97) -> Record:
         np.concatenate([pulses(way, 1, share=0.05, rest=0)[:3], REST]) for way in (-1, +1)
     )
     out, back = (pulses(way, 10, share=discharged) for way in (-1, +1))
-    return record_of(np.concatenate([REST, out, last_out, back, last_in]), start_soc=1, direction=1)
+    return driven(REST, out, last_out, back, last_in)
+
+
+def conditioned(rest: np.ndarray = REST) -> Record:
+    """A C/20 discharge, a C/2 charge, then pulses down and up."""
+    parts = REST, steady(-1, 20), rest, steady(+1, 2), REST, pulses(-1), pulses(+1)
+    return driven(*parts, name="long.csv")

@@ -6,9 +6,12 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 import polars as pl
+import pytest
 
 from barnax.bundled import bundled_file
 from barnax.checks import check_file
+from barnax.errors import InputError
+from barnax.records import read_record
 
 
 def simulated_cell(current_a, interval_s=1.0, *, r0=0.05, capacity_ah=2.0, soc=0.6):
@@ -99,11 +102,8 @@ def workbook(sheets):
         parts[f"xl/worksheets/sheet{k}.xml"] = (
             f'<worksheet xmlns="{main}"><sheetData>{lines}</sheetData></worksheet>'
         )
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        for name, text in parts.items():
-            archive.writestr(name, '<?xml version="1.0" encoding="UTF-8"?>' + text)
-    return file.getvalue()
+    start = '<?xml version="1.0" encoding="UTF-8"?>'
+    return zipped({name: start + text for name, text in parts.items()})
 
 
 def _cell(value):
@@ -112,6 +112,29 @@ def _cell(value):
     if isinstance(value, str):
         return f'<c t="inlineStr"><is><t>{escape(value)}</t></is></c>'
     return f"<c><v>{value!r}</v></c>"
+
+
+def zipped(files):
+    """The bytes of a zip archive of these files."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in files.items():
+            archive.writestr(name, text)
+    return content.getvalue()
+
+
+def read(folder, content, name="cell.csv", **options):
+    """The record in a file of these bytes, of this text, or of a table as CSV."""
+    content = content.write_csv() if isinstance(content, pl.DataFrame) else content
+    (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    return read_record(folder / name, **options)
+
+
+def refusal(folder, content, name="cell.csv", **options):
+    """The reason for which such a file is refused."""
+    with pytest.raises(InputError) as caught:
+        read(folder, content, name, **options)
+    return str(caught.value)
 
 
 def parquet(frame, **options):

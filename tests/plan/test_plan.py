@@ -10,7 +10,7 @@ from barnax.bundled import BUNDLED, bundled_file
 from barnax.errors import InputError
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from helpers.ocv_tests import slow_sweep
-from helpers.records import with_counters
+from helpers.records import CURRENT, TIME, VOLTAGE, frame, with_counters
 
 TEMPERATURE = "Ambient Temperature / degC"
 # Names that tell nothing.
@@ -27,6 +27,17 @@ def folder(tmp_path):
     for name, path in NAMES.items():
         shutil.copy(path, tmp_path / name)
     return tmp_path
+
+
+def change(folder, names, *columns):
+    """Write other columns to these files, of which each letter of `names` is one."""
+    for name in names:
+        path = folder / f"{name}.parquet"
+        pl.read_parquet(path).with_columns(*columns).write_parquet(path)
+
+
+def at(degc):
+    return pl.lit(degc).alias(TEMPERATURE)
 
 
 def roles(found):
@@ -71,13 +82,8 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_planned(folder):
 
 
 def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folder):
-    cold = pl.read_parquet(BUNDLED.record).with_columns(
-        pl.lit(-5.0).alias(TEMPERATURE), pl.col("Voltage / V") - 0.03 * pl.col("Current / A")
-    )
-    for name in ("b", "c", "d"):
-        path = folder / f"{name}.parquet"
-        warm = pl.read_parquet(path).with_columns(pl.lit(25.0).alias(TEMPERATURE))
-        warm.write_parquet(path)
+    cold = frame().with_columns(at(-5.0), pl.col(VOLTAGE) - 0.03 * pl.col(CURRENT))
+    change(folder, "bcd", at(25.0))
     cold.write_parquet(folder / "cold.parquet")
     found = plan(folder)
     assert roles(found)["c.parquet"] == "identification"
@@ -93,12 +99,8 @@ def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folde
 
 
 def test_an_ocv_test_at_0_degc_has_a_temperature(folder):
-    for name, degc in (("b", 0.0), ("c", 0.0), ("d", 0.0)):
-        path = folder / f"{name}.parquet"
-        pl.read_parquet(path).with_columns(pl.lit(degc).alias(TEMPERATURE)).write_parquet(path)
-    warm = pl.read_parquet(BUNDLED.ocv[0]).with_columns(
-        pl.lit(25.0).alias(TEMPERATURE), pl.col("Voltage / V") + 1e-3
-    )
+    change(folder, "bcd", at(0.0))
+    warm = pl.read_parquet(BUNDLED.ocv[0]).with_columns(at(25.0), pl.col(VOLTAGE) + 1e-3)
     warm.write_parquet(folder / "warm.parquet")
     found = plan(folder)
     assert reason(found, "warm.parquet") == "measured at 25 degC, the OCV test at 0 degC"
@@ -120,16 +122,14 @@ def test_a_pulse_test_alone_is_both(folder):
 
 
 def test_a_record_of_each_temperature_is_identified_on_with_its_own_ocv_test(folder):
-    for name, degc in (("a", 5.0), ("b", 25.0), ("c", 25.0), ("d", 25.0)):
-        path = folder / f"{name}.parquet"
-        table = pl.read_parquet(path).with_columns(pl.lit(degc).alias(TEMPERATURE))
-        table.write_parquet(path)
+    change(folder, "a", at(5.0))
+    change(folder, "bcd", at(25.0))
     assert roles(plan(folder))["a.parquet"] == "not used"
     found = plan(folder, over="soc,temperature")
     assert [part.name for part in found.of_role("identification")] == ["c.parquet", "a.parquet"]
-    for name in ("b", "d"):
+    for name in "bd":
         warm = pl.read_parquet(folder / f"{name}.parquet")
-        cold = warm.with_columns(pl.lit(5.0).alias(TEMPERATURE), pl.col("Voltage / V") + 1e-3)
+        cold = warm.with_columns(at(5.0), pl.col(VOLTAGE) + 1e-3)
         cold.write_parquet(folder / f"cold {name}.parquet")
     alone = plan(folder)
     assert len(alone.of_role("OCV test")) == 2
@@ -144,9 +144,8 @@ def test_a_record_of_each_temperature_is_identified_on_with_its_own_ocv_test(fol
 
 def test_records_of_several_temperatures_without_a_test_are_identified_on_with_their_ocv(tmp_path):
     for name, degc in (("minus10degC", -10), ("25degC", 25), ("0degC", 0)):
-        table = pl.read_parquet(BUNDLED.record).drop(TEMPERATURE, strict=False)
-        moved = pl.col("Voltage / V") + 1e-4 * degc
-        table.with_columns(moved).write_parquet(tmp_path / f"drive_{name}.parquet")
+        moved = frame().with_columns(pl.col(VOLTAGE) + 1e-4 * degc)
+        moved.write_parquet(tmp_path / f"drive_{name}.parquet")
     found = plan(tmp_path, over="soc,temperature")
     parts = found.of_role("identification")
     assert {part.window.temperature_degc for part in parts} == {-10.0, 25.0, 0.0}
@@ -167,7 +166,7 @@ def test_what_is_said_of_a_record_is_known_before_roles_are_chosen(folder):
         path = folder / f"{name}.parquet"
         # Under load, far from full.
         whole = pl.read_parquet(path)[1500:]
-        loaded = whole["Current / A"].abs().to_numpy() > 0.5
+        loaded = whole[CURRENT].abs().to_numpy() > 0.5
         whole[int(loaded.argmax()) :].write_parquet(path)
     assert plan(folder).missing.startswith("no record can be identified on")
     assert "give `initial_soc`" in reason(plan(folder), "c.parquet")
@@ -187,10 +186,8 @@ def test_a_whole_sweep_comes_before_a_pulse_test_with_a_hole(tmp_path):
     shutil.copy(BUNDLED.record, tmp_path / "record.parquet")
     whole = pl.read_parquet(bundled_file("hppc_25degC"))[:, :3]
     sweep = slow_sweep(-1)
-    frame = {"Test Time / s": sweep.time_s, "Current / A": -sweep.current_a}
-    pl.DataFrame({**frame, "Voltage / V": sweep.voltage_v}).write_parquet(
-        tmp_path / "sweep.parquet"
-    )
+    columns = {TIME: sweep.time_s, CURRENT: -sweep.current_a, VOLTAGE: sweep.voltage_v}
+    pl.DataFrame(columns).write_parquet(tmp_path / "sweep.parquet")
     whole.write_parquet(tmp_path / "pulses.parquet")
     assert roles(plan(tmp_path))["pulses.parquet"] == "OCV test"
     whole[: len(whole) // 2].write_parquet(tmp_path / "pulses.parquet")
@@ -248,11 +245,7 @@ def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_pat
 
 
 def test_a_record_that_takes_more_out_of_the_full_cell_than_the_ocv_test_tells_its_capacity(folder):
-    for name in ("a", "c"):
-        path = folder / f"{name}.parquet"
-        table = pl.read_parquet(path)
-        current = next(each for each in table.columns if "urrent" in each)
-        table.with_columns(pl.col(current) * 1.08).write_parquet(path)
+    change(folder, "ac", pl.col(CURRENT) * 1.08)
     taken_ah = 1.08 * barnax.read_record(BUNDLED.record).discharged_ah.max()
     assert taken_ah > 2.0
     assert plan(folder).options["capacity"] == pytest.approx(taken_ah, abs=5e-4)
@@ -260,11 +253,9 @@ def test_a_record_that_takes_more_out_of_the_full_cell_than_the_ocv_test_tells_i
 
 def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
     # Its counters began at neither full nor empty.
-    table = with_counters(pl.read_parquet(bundled_file("identification"))).with_columns(
-        pl.col("Discharging Capacity / Ah") + 0.7
-    )
+    table = with_counters(frame()).with_columns(pl.col("Discharging Capacity / Ah") + 0.7)
     half = len(table) // 2
-    while abs(table["Current / A"][half]) < 0.5:
+    while abs(table[CURRENT][half]) < 0.5:
         half += 1
     table[: half + 1].write_parquet(folder / "first.parquet")
     table[half:].write_parquet(folder / "second.parquet")
@@ -282,10 +273,7 @@ def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
 
 
 def test_a_record_that_takes_a_little_more_than_its_test_has_a_capacity_of_its_own(folder):
-    for name in ("b", "d"):
-        path = folder / f"{name}.parquet"
-        less = pl.read_parquet(path).with_columns(pl.col("Current / A") * 0.85)
-        less.write_parquet(path)
+    change(folder, "bd", pl.col(CURRENT) * 0.85)
     part = next(part for part in plan(folder).parts if part.name == "c.parquet")
     assert part.role == "identification"
     moved_ah = barnax.read_record(folder / "c.parquet").discharged_ah.max()
@@ -293,13 +281,9 @@ def test_a_record_that_takes_a_little_more_than_its_test_has_a_capacity_of_its_o
 
 
 def test_records_of_another_cell_than_the_ocv_test_s_say_so(folder):
-    for name in ("b", "d"):
-        path = folder / f"{name}.parquet"
-        small = pl.read_parquet(path).with_columns(pl.col("Current / A") / 100)
-        small.write_parquet(path)
-    for name, degc in (("a", 0.0), ("c", 25.0)):
-        path = folder / f"{name}.parquet"
-        pl.read_parquet(path).with_columns(pl.lit(degc).alias(TEMPERATURE)).write_parquet(path)
+    change(folder, "bd", pl.col(CURRENT) / 100)
+    change(folder, "a", at(0.0))
+    change(folder, "c", at(25.0))
     (folder / "b.bdf.json").write_text("{}")
     found = plan(folder)
     assert found.missing.startswith("no record can be identified on with d.parquet")

@@ -19,17 +19,12 @@ from barnax.records.columns import columns_of, dialect_of, names_record
 from barnax.records.dialects import DIALECTS
 from barnax.records.readers import read_table
 from helpers.dialects import WRITERS, maccor_text, neware_csv, novonix_csv, pulse_table
-from helpers.records import CURRENT, TIME, VOLTAGE, workbook
+from helpers.records import CURRENT, TIME, VOLTAGE, read, workbook
 
 TABLE = pulse_table()
 ROWS = TABLE.select(TIME, CURRENT, VOLTAGE).rows()
 # Minutes and hours are divided, and multiplied again.
 PRINTED = {"rtol": 1e-12, "atol": 1e-9}
-
-
-def read(folder, content, name="cell.txt", **options):
-    (folder / name).write_bytes(content)
-    return read_record(folder / name, **options)
 
 
 def require_the_record(record):
@@ -42,7 +37,7 @@ def require_the_record(record):
 def test_a_dialect_gives_the_record_that_was_written_without_a_fault(tmp_path, write):
     require_the_record(read(tmp_path, write(TABLE)))
     assert not [
-        each for each in check_file(tmp_path / "cell.txt").findings if each.severity == "error"
+        each for each in check_file(tmp_path / "cell.csv").findings if each.severity == "error"
     ]
 
 
@@ -164,7 +159,7 @@ def test_columns_are_the_way_out_for_what_nobody_knows(tmp_path, given):
     above = b"Pruefstand 7\n\n"
     require_the_record(read(tmp_path, above + table.write_csv().encode(), columns=given))
     require_the_record(record_from_frame(table, columns=given))
-    assert check_file(tmp_path / "cell.txt", columns=given).facts.samples == 300
+    assert check_file(tmp_path / "cell.csv", columns=given).facts.samples == 300
 
 
 def test_columns_that_a_file_lacks_are_warned_of():

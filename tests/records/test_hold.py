@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from barnax.records import read_record
 from helpers.dialects import WRITERS, pulse_table
-from helpers.records import arbin_rows, pulse_frame, pulses_a, simulated_cell
+from helpers.records import arbin_rows, pulse_frame, pulses_a, read, simulated_cell
 
 
 def counted(hold, *, seed=0, dtype=pl.Float64, digits=None, resets=False, net=False, sign=1.0):
@@ -98,9 +98,7 @@ def test_one_change_of_step_counted_decides_before_the_make_does(tmp_path, hold)
 
 
 def test_a_column_of_mean_currents_is_held_backward(tmp_path):
-    table = pulse_table()
-    (tmp_path / "cell.mpt").write_bytes(WRITERS["BioLogic .mpt"](table))
-    decision = read_record(tmp_path / "cell.mpt").hold
+    decision = read(tmp_path, WRITERS["BioLogic .mpt"](pulse_table())).hold
     assert (decision.value, decision.strength) == ("backward", "weak")
     assert "'<I>/mA' is the mean current" in decision.reason
 

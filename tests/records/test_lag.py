@@ -99,11 +99,6 @@ def test_without_a_lag_none_is_found_and_the_current_is_as_logged(interval_s):
     assert np.array_equal(record.current_a, -table[CURRENT].to_numpy())
 
 
-@pytest.mark.parametrize("name", ["identification", "validation"])
-def test_the_bundled_records_have_no_lag(name):
-    assert read_record(bundled_file(name)).voltage_lag_s == 0.0
-
-
 def test_a_pair_of_a_sample_is_no_lag():
     rng = np.random.default_rng(2)
     current_a = np.repeat(rng.uniform(-2, 3, 500), rng.integers(1, 9, 500))
@@ -127,14 +122,6 @@ def test_a_given_lag_takes_the_current_that_much_earlier_and_keeps_its_charge():
 def test_a_lag_longer_than_the_record_is_refused():
     with pytest.raises(InputError, match=r"data frame: `voltage_lag` is 1e\+09 s; give seconds"):
         record_from_frame(log(1.0, 0.0, samples=300), voltage_lag=1e9)
-
-
-def test_a_check_tells_the_lag_and_what_it_does():
-    checked = check_file(source_from_frame(log(0.1, 0.45), "log"))
-    (told,) = [each for each in checked.findings if each.check == "late voltage"]
-    assert told.severity == "warning"
-    assert "older than the current of its row" in told.what
-    assert "as logged, R0 would be some 4" in told.what
 
 
 @pytest.mark.parametrize("rows", [1, 3, -2])

@@ -7,10 +7,8 @@ import pytest
 from scipy.io import savemat
 
 from barnax.cell import read_ocv_test
-from barnax.errors import InputError
-from barnax.records import read_record
 from barnax.records.readers import matlab
-from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, told
+from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, read, refusal, told
 
 FRAME = pulse_frame(300)
 TIMES, AMPS, VOLTS = (FRAME[name].to_numpy() for name in (TIME, CURRENT, VOLTAGE))
@@ -126,17 +124,6 @@ def untried(monkeypatch):
     monkeypatch.setattr(matlab, "require_trial", lambda *_: None)
 
 
-def read(folder, content, **options):
-    (folder / "cell.mat").write_bytes(content)
-    return read_record(folder / "cell.mat", **options)
-
-
-def refusal(folder, content):
-    with pytest.raises(InputError) as caught:
-        read(folder, content)
-    return str(caught.value)
-
-
 @by_writer
 @pytest.mark.parametrize("name", FILES)
 def test_a_structure_of_columns_is_a_record(tmp_path, writer, name):
@@ -190,7 +177,7 @@ def test_a_structure_is_chosen_by_where_its_columns_stand(tmp_path, writer):
 def test_what_is_no_record_is_refused_by_what_it_holds(tmp_path, writer, tree, held):
     tree = {**tree, "kind": "x"}
     said = refusal(tmp_path, WRITERS[writer](tree))
-    assert said.startswith("cell.mat: a MATLAB file without a structure of columns")
+    assert said.startswith("cell.csv: a MATLAB file without a structure of columns")
     assert held in said or writer == "v7.3"
 
 

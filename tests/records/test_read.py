@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from barnax.errors import InputError
 from barnax.records import read_record, record_from_frame
-from helpers.records import arbin_rows, pulse_frame, pulses_a, simulated_cell, workbook
+from helpers.records import arbin_rows, pulse_frame, pulses_a, read, simulated_cell, workbook
 
 LABELS = {
     "labels": ("Test Time / s", "Current / A", "Voltage / V"),
@@ -38,8 +38,7 @@ def renamed(frame, names):
 @pytest.mark.parametrize("names", LABELS.values(), ids=LABELS)
 def test_usual_column_names_are_understood(tmp_path, names):
     frame = pulse_frame()
-    renamed(frame, names).write_csv(tmp_path / "cell.csv")
-    record = read_record(tmp_path / "cell.csv")
+    record = read(tmp_path, renamed(frame, names))
     np.testing.assert_allclose(record.current_a, -frame["Current / A"].to_numpy(), atol=1e-12)
     np.testing.assert_allclose(record.voltage_v, frame["Voltage / V"].to_numpy(), rtol=1e-12)
 
@@ -88,8 +87,7 @@ def test_temperature_and_step_are_read_where_they_are(tmp_path):
         pl.Series("Step Index / 1", np.arange(30) // 5),
         pl.lit("cell A").alias("Remark"),
     )
-    frame.write_csv(tmp_path / "cell.csv")
-    record = read_record(tmp_path / "cell.csv")
+    record = read(tmp_path, frame)
     np.testing.assert_allclose(record.temperature_degc, 25.0, rtol=1e-12)
     np.testing.assert_array_equal(record.step, np.arange(30) // 5)
 
@@ -99,18 +97,15 @@ def test_the_surface_is_preferred_to_the_ambient_temperature(tmp_path):
         pl.lit(20.0).alias("Ambient Temperature / degC"),
         pl.lit(31.0).alias("Surface Temperature / degC"),
     )
-    frame.write_csv(tmp_path / "cell.csv")
-    assert np.all(read_record(tmp_path / "cell.csv").temperature_degc == 31.0)
+    assert np.all(read(tmp_path, frame).temperature_degc == 31.0)
 
 
 def test_the_test_time_is_preferred_to_the_step_time(tmp_path):
     frame = pulse_frame(40)
     frame.insert_column(0, pl.Series("StepTime(s)", np.arange(40) % 5))
     frame.insert_column(0, pl.Series("Step_Time(s)", np.arange(40) % 5))
-    renamed(
-        frame, ("StepTime(s)", "Step_Time(s)", "Time(s)", "Current(A)", "Voltage(V)")
-    ).write_csv(tmp_path / "cell.csv")
-    assert read_record(tmp_path / "cell.csv").time_s[-1] == 39
+    names = ("StepTime(s)", "Step_Time(s)", "Time(s)", "Current(A)", "Voltage(V)")
+    assert read(tmp_path, renamed(frame, names)).time_s[-1] == 39
 
 
 CSV = pulse_frame(30).write_csv()
@@ -158,8 +153,7 @@ TEXTS = {
 @pytest.mark.parametrize("text", TEXTS)
 def test_usual_texts_are_understood_and_their_rows_counted(tmp_path, text):
     content, rows = TEXTS[text]
-    (tmp_path / "cell.csv").write_bytes(content.encode())
-    record = read_record(tmp_path / "cell.csv")
+    record = read(tmp_path, content)
     np.testing.assert_array_equal(record.voltage_v, pulse_frame(30)["Voltage / V"].to_numpy())
     assert tuple(record.row[[0, 10, -1]]) == rows
 
@@ -178,8 +172,7 @@ GROUPED = {
 def test_thousands_are_told_from_decimals(tmp_path, mark):
     one, other, voltage = GROUPED[mark]
     rows = [f"{k};{(one, other)[k % 2]};{voltage}" for k in range(20)]
-    (tmp_path / "cell.csv").write_text("Time / s;Current / mA;Voltage / V\n" + "\n".join(rows))
-    record = read_record(tmp_path / "cell.csv")
+    record = read(tmp_path, "\n".join(["Time / s;Current / mA;Voltage / V", *rows]))
     current_a = 1.25 if one == "1,250" else 1.2505
     np.testing.assert_allclose(np.abs(record.current_a), current_a)
     np.testing.assert_allclose(record.voltage_v, 3.7)
@@ -188,8 +181,7 @@ def test_thousands_are_told_from_decimals(tmp_path, mark):
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
 def test_usual_encodings_are_understood(tmp_path, encoding):
     frame = pulse_frame(30).with_columns(pl.lit(25.0).alias("Temperature [°C]"))
-    (tmp_path / "cell.csv").write_bytes(frame.write_csv().encode(encoding))
-    assert np.all(read_record(tmp_path / "cell.csv").temperature_degc == 25.0)
+    assert np.all(read(tmp_path, frame.write_csv().encode(encoding)).temperature_degc == 25.0)
 
 
 def test_the_content_and_not_the_suffix_says_what_a_file_is(tmp_path):
@@ -210,8 +202,7 @@ def test_channel_sheets_are_joined_by_their_clock_and_others_named(tmp_path):
         "Sheet1": [["Test_Time(s)", "Current", "Voltage"], [0.0, 1.0, 3.0]],
         "Channel_Chart": [],
     }
-    (tmp_path / "cell.xls").write_bytes(workbook(sheets))
-    record = read_record(tmp_path / "cell.xls")
+    record = read(tmp_path, workbook(sheets), "cell.xls")
     np.testing.assert_array_equal(record.time_s, np.arange(200))
     assert list(record.row[[0, 99, 100, 199]]) == [2, 101, 2, 101]
     assert [*map(str, record.notes)] == ["cell.xls: ignored the sheets Info, Sheet1, Channel_Chart"]
@@ -221,8 +212,7 @@ def test_channel_sheets_are_joined_by_their_clock_and_others_named(tmp_path):
 def test_a_plain_workbook_is_read_from_its_only_fitting_sheet(tmp_path):
     frame = pulse_frame(30)
     sheets = {"notes": [["hello"]], "data": [frame.columns, *map(list, frame.rows())]}
-    (tmp_path / "cell.xlsx").write_bytes(workbook(sheets))
-    assert read_record(tmp_path / "cell.xlsx").samples == 30
+    assert read(tmp_path, workbook(sheets), "cell.xlsx").samples == 30
 
 
 def test_the_hash_is_of_the_file_as_it_stands(tmp_path):
@@ -234,8 +224,7 @@ def test_the_hash_is_of_the_file_as_it_stands(tmp_path):
 
 
 def test_a_resting_tester_gives_a_plain_zero(tmp_path):
-    pulse_frame().with_columns(pl.col("Current / A") + 0.0).write_csv(tmp_path / "cell.csv")
-    current = read_record(tmp_path / "cell.csv").current_a
+    current = read(tmp_path, pulse_frame().with_columns(pl.col("Current / A") + 0.0)).current_a
     assert not np.any(np.signbit(current[current == 0]))
 
 

@@ -1,5 +1,5 @@
 """Each bad file has a message that names file, place, value and remedy; what is merely odd has
-a warning that does.
+a warning that does. What `checks/test_findings.py` has the words of is not repeated here.
 
 The words stand in `messages.txt`, written anew with BARNAX_WRITE_GOLDEN=1.
 """
@@ -23,6 +23,8 @@ from helpers.records import (
     frame,
     parquet,
     pulse_frame,
+    read,
+    refusal,
     sheet,
     workbook,
 )
@@ -62,32 +64,25 @@ def bad_later_sheet():
 
 REFUSED = {
     "a missing column": csv(FRAME.rename({CURRENT: "Current (C-rate)"})),
-    "a column in another language": csv(FRAME.rename({CURRENT: "Strom [A]"})),
     "nothing like a record": b"name,colour\na,red\nb,blue\n",
     "an OCV table": b"SOC [-],OCV [V]\n0,3\n0.3,3.5\n0.6,3.7\n1,4.2\n",
     "an OCV table over the depth of discharge": b"DoD [-],OCV [V]\n0,3\n0.3,3.5\n0.6,3.7\n1,4.2\n",
     "a long header": b"<td>nothing</td> " * 500 + b"\n1\n",
     "nan": csv(one(VOLTAGE, 40, float("nan"))),
     "an empty cell": parquet(one(CURRENT, 7, None)),
-    "a word": csv(one(CURRENT, 4, None)).replace(b"\n4.0,,", b"\n4.0,OVERFLOW,"),
     "a row with a cell more": csv(FRAME).replace(b"\n4.0,", b"\n4.0,1,"),
     "rows with a cell more": csv(FRAME.select(FRAME[TIME].alias("t"), pl.all())).removeprefix(
         b"t,"
     ),
     "dates": csv(FRAME.with_columns(pl.lit("2020-01-01 00:00:00").alias(TIME))),
     "a stamp backward": csv(one(TIME, 50, 12.5)),
-    "a clock that starts again": csv(pl.concat([FRAME, FRAME])),
-    "a clock of few digits": csv(FRAME.with_columns(pl.col(TIME).floordiv(10) * 10)),
     "milliamperes": scaled(CURRENT, 1000),
     "milliamperes by the counters": counted_milliamperes(),
     "millivolts": scaled(VOLTAGE, 1000),
     "kilovolts": scaled(VOLTAGE, 1e-3),
     "a module": scaled(VOLTAGE, 12),
     "a reversed voltage": scaled(VOLTAGE, -1),
-    "an impossible voltage": csv(one(VOLTAGE, 9, 6553.5)),
     "hours": csv(frame().with_columns(pl.col(TIME) / 3600)),
-    "few samples": csv(FRAME[:4]),
-    "no samples": csv(FRAME[:0]),
     "no time": csv(FRAME.with_columns(pl.col(TIME) * 1e-12)),
     "nothing": b"",
     "blank lines": b"\n\n  \n",
@@ -129,18 +124,10 @@ TOLD = {
 }
 
 
-def refusal(folder, content, **options):
-    (folder / "cell.csv").write_bytes(content)
-    with pytest.raises(InputError) as caught:
-        read_record(folder / "cell.csv", **options)
-    return str(caught.value)
-
-
 def test_every_message_is_the_one_that_was_written_down(tmp_path):
     said = {name: [refusal(tmp_path, content)] for name, content in REFUSED.items()}
     for name, content in TOLD.items():
-        (tmp_path / "cell.csv").write_bytes(content)
-        record = read_record(tmp_path / "cell.csv")
+        record = read(tmp_path, content)
         said[name] = [str(each) for each in (*record.notes, *record.warnings)]
     text = "".join(
         f"{name}\n" + "".join(f"  {line}\n" for line in lines) for name, lines in said.items()
@@ -168,8 +155,7 @@ def test_milliamperes_are_refused_from_one_ampere_on(tmp_path, rate):
 
 @pytest.mark.parametrize("peak_a", [91.8, 300.0, 450.0])
 def test_a_large_cell_at_full_load_is_no_milliampere_file(tmp_path, peak_a):
-    (tmp_path / "cell.csv").write_bytes(scaled(CURRENT, peak_a / 2))
-    current_a = read_record(tmp_path / "cell.csv").current_a
+    current_a = read(tmp_path, scaled(CURRENT, peak_a / 2)).current_a
     assert np.abs(current_a).max() == pytest.approx(peak_a)
 
 

@@ -8,14 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from barnax.records import (
-    Decision,
-    Record,
-    current_direction,
-    is_rested,
-    rest_blocks,
-    rest_current_a,
-)
+from barnax.records import current_direction, is_rested, rest_blocks, rest_current_a
+from helpers.reference import make_record
 
 CURRENTS = arrays(
     float, st.integers(1, 60), elements=st.sampled_from([0.0, 0.01, -0.01, 0.5, -0.5, 0.1])
@@ -23,20 +17,7 @@ CURRENTS = arrays(
 
 
 def record_of(current_a):
-    current = np.asarray(current_a, float)
-    samples = len(current)
-    return Record(
-        name="made.csv",
-        time_s=np.arange(samples, dtype=float),
-        current_a=current,
-        voltage_v=np.full(samples, 3.7),
-        temperature_degc=None,
-        step=None,
-        row=np.arange(2, samples + 2),
-        sign=Decision("charge-positive", "given", "made"),
-        hold=Decision("forward", "given", "made"),
-        sha256="",
-    )
+    return make_record(np.arange(len(current_a)), current_a)
 
 
 def test_the_rest_current_is_a_hundredth_of_the_capacity_for_a_quiet_tester():
@@ -60,13 +41,8 @@ def test_a_record_that_never_rests_has_no_noise_at_rest():
 
 
 def test_an_offset_of_the_tester_is_a_rest():
-    assert is_rested(record_of([19e-6, -19e-6, 0.0, 0.02, 1.0]), 0.02).tolist() == [
-        True,
-        True,
-        True,
-        False,
-        False,
-    ]
+    rested = is_rested(record_of([19e-6, -19e-6, 0.0, 0.02, 1.0]), 0.02)
+    assert rested.tolist() == [True] * 3 + [False] * 2
 
 
 def test_the_direction_holds_through_rests_and_starts_as_told():

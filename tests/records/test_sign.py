@@ -7,7 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from barnax.records import read_record
-from helpers.records import pulse_frame, pulses_a, simulated_cell
+from helpers.records import pulse_frame, pulses_a, read, simulated_cell
 
 SIGNS = ["charge-positive", "discharge-positive"]
 NAMES = {
@@ -127,8 +127,8 @@ def test_a_sign_given_against_weak_evidence_is_taken_with_a_warning(tmp_path):
 
 @pytest.mark.parametrize("sign", SIGNS)
 def test_a_sign_given_with_the_evidence_is_taken_without_a_word(tmp_path, sign):
-    pulse_frame(charge_positive=sign == "charge-positive").write_csv(tmp_path / "cell.csv")
-    record = read_record(tmp_path / "cell.csv", current_sign=sign)
+    frame = pulse_frame(charge_positive=sign == "charge-positive")
+    record = read(tmp_path, frame, current_sign=sign)
     assert record.sign.strength == "given"
     assert "sign" not in {each.check for each in record.warnings}
 

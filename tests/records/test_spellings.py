@@ -1,32 +1,16 @@
 """Times as loggers spell them, and what files come wrapped in, against what was written."""
 
 import datetime
-import io
-import zipfile
 
 import numpy as np
 import pytest
 
 from barnax.errors import InputError
-from barnax.records import read_record
 from helpers.dialects import neware_csv, pulse_table
-from helpers.records import CURRENT, VOLTAGE
+from helpers.records import CURRENT, VOLTAGE, read, zipped
 
 TABLE = pulse_table()
 BEGIN = datetime.datetime(2024, 3, 9, 21, 30)
-
-
-def zipped(**files):
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, "w") as archive:
-        for name, text in files.items():
-            archive.writestr(name, text)
-    return content.getvalue()
-
-
-def read(folder, content, name="cell.txt"):
-    (folder / name).write_bytes(content)
-    return read_record(folder / name)
 
 
 def clock(form):
@@ -64,7 +48,7 @@ def test_a_time_is_read_as_it_is_spelled(tmp_path, spelling):
         f'"{spell(interval_s * k)}",{ampere!r},{volt!r}\n'
         for k, (ampere, volt) in enumerate(TABLE.select(CURRENT, VOLTAGE).iter_rows())
     )
-    record = read(tmp_path, f"{name},Current (A),Voltage (V)\n{rows}".encode())
+    record = read(tmp_path, f"{name},Current (A),Voltage (V)\n{rows}")
     time_s = record.time_s - record.time_s[0]
     assert record.time_s[0] >= 0
     np.testing.assert_allclose(time_s, interval_s * np.arange(len(TABLE)), atol=1e-3)
@@ -76,7 +60,7 @@ def test_a_word_far_below_leaves_seconds_what_they_are(tmp_path, form, interval_
     time_s = interval_s * np.arange(1500)
     rows = "".join(f"{form.format(s)},{k % 2},3.{7 + k % 2},24\n" for k, s in enumerate(time_s))
     text = "Time [s],Current [A],Voltage [V],Temperature [degC]\n" + rows
-    record = read(tmp_path, (text[:-3] + "OVERFLOW\n").encode())
+    record = read(tmp_path, (text[:-3] + "OVERFLOW\n"))
     np.testing.assert_array_equal(record.time_s, time_s)
 
 
@@ -84,19 +68,19 @@ def test_a_word_far_below_leaves_seconds_what_they_are(tmp_path, form, interval_
 def test_a_date_in_digits_alone_is_no_number_of_seconds(tmp_path, form):
     rows = "".join(f"{date(form)(97 * k)},{k % 2},3.{7 + k % 2}\n" for k in range(30))
     with pytest.raises(InputError, match="stands under 'Date', where a number is needed"):
-        read(tmp_path, ("Date,Current (A),Voltage (V)\n" + rows).encode())
+        read(tmp_path, ("Date,Current (A),Voltage (V)\n" + rows))
 
 
 def test_a_zip_archive_of_one_file_is_that_file(tmp_path):
     content = neware_csv(TABLE)
-    record = read(tmp_path, zipped(**{"cell.csv": content, "__MACOSX/._cell.csv": b"\0"}), "c.zip")
+    record = read(tmp_path, zipped({"cell.csv": content, "__MACOSX/._cell.csv": b"\0"}), "c.zip")
     np.testing.assert_allclose(record.voltage_v, TABLE[VOLTAGE].to_numpy(), rtol=1e-12)
     assert "format.suffix" not in {each.code for each in (*record.warnings, *record.notes)}
 
 
 @pytest.mark.parametrize("files", [{}, {"a.csv": b"1", "b.csv": b"2"}, {"a.bin": bytes(99)}])
 def test_a_zip_archive_of_anything_else_is_to_be_unpacked(tmp_path, files):
-    archive = zipped(**files) if files else zipped(a=b"1" * 99)[:60]
+    archive = zipped(files) if files else zipped({"a": b"1" * 99})[:60]
     with pytest.raises(InputError, match=r"c\.zip: .*(unpack it|Export the record)"):
         read(tmp_path, archive, "c.zip")
 
@@ -106,7 +90,7 @@ def test_a_zip_archive_of_anything_else_is_to_be_unpacked(tmp_path, files):
 )
 def test_markup_is_no_table(tmp_path, start):
     with pytest.raises(InputError, match=r"HTML, XML or JSON, .* save it as CSV"):
-        read(tmp_path, (start + "Time,Current,Voltage\n0,0,3.7\n").encode(), "cell.xls")
+        read(tmp_path, (start + "Time,Current,Voltage\n0,0,3.7\n"), "cell.xls")
 
 
 PAUSED = {"%d.%m.%Y": "%H:%M:%S", "%Y-%m-%d": "%I:%M:%S %p", "%m/%d/%Y": "%H:%M:%S.000"}
@@ -121,7 +105,7 @@ def test_a_date_and_a_time_of_day_in_two_columns_are_one_clock(tmp_path, day):
         for k, s in enumerate(time_s.tolist())
     )
     for header in ("Date,Time", "Date,Time of Day"):
-        record = read(tmp_path, (f"{header},Current (A),Voltage (V)\n" + rows).encode())
+        record = read(tmp_path, (f"{header},Current (A),Voltage (V)\n" + rows))
         np.testing.assert_array_equal(np.diff(record.time_s), np.diff(time_s))
         assert "columns.time-of-day" in {each.code for each in record.notes}
 
@@ -135,7 +119,7 @@ def test_a_clock_of_the_test_beside_dates_runs_on(tmp_path, interval_s):
         f"{date('%Y-%m-%d')(s + 4_000)},{seconds(s)},{k % 2},3.{7 + k % 2}\n"
         for k, s in enumerate(time_s.tolist())
     )
-    record = read(tmp_path, ("Date,Time,Current (A),Voltage (V)\n" + rows).encode())
+    record = read(tmp_path, ("Date,Time,Current (A),Voltage (V)\n" + rows))
     np.testing.assert_array_equal(record.time_s, time_s)
 
 
@@ -146,5 +130,5 @@ def test_a_date_that_jumps_by_days_is_no_clock_of_the_test(tmp_path):
         f"{date('%Y-%m-%d')(s)},{date('%H:%M:%S')(s)},{k % 2},3.{7 + k % 2}\n"
         for k, s in enumerate(time_s.tolist())
     )
-    record = read(tmp_path, ("Date,Time,Current (A),Voltage (V)\n" + rows).encode())
+    record = read(tmp_path, ("Date,Time,Current (A),Voltage (V)\n" + rows))
     np.testing.assert_array_equal(np.diff(record.time_s), np.diff(time_s))

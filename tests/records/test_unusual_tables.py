@@ -4,24 +4,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.errors import InputError
-from barnax.records import read_record
-from helpers.records import CURRENT, TIME, VOLTAGE, changed, pulse_frame, told
+from helpers.records import CURRENT, TIME, VOLTAGE, changed, pulse_frame, read, refusal, told
 
 FRAME = pulse_frame(120).with_columns(pl.col(VOLTAGE).round(4))
 TRUTH = {name: FRAME[name].to_numpy() for name in FRAME.columns}
-
-
-def read(folder, content, name="cell.csv"):
-    content = content.write_csv() if isinstance(content, pl.DataFrame) else content
-    (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
-    return read_record(folder / name)
-
-
-def refusal(folder, content):
-    with pytest.raises(InputError) as caught:
-        read(folder, content)
-    return str(caught.value)
 
 
 def require_the_record(record):

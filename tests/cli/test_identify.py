@@ -63,6 +63,7 @@ def test_the_first_screen_is_short_and_says_what_the_result_stores(finished, res
     lines = finished.outcome.out.splitlines()
     # What is to be copied is in one line, however long.
     assert max(len(line) for line in lines if "  barnax " not in line) <= 80
+    assert any(line.endswith(f" s  barnax show {finished.folder}") for line in lines)
     assert len([line for line in lines if line.strip()]) <= 23
     text = " ".join(finished.outcome.out.split())
     own = result.metrics.identification

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from barnax.reporting.document import Bullets, Column, Document, Listing, Section, Table, make_table
 from barnax.reporting.first_screen import first_screen
-from barnax.reporting.terminal import next_lines, parts_line, terminal_table, to_terminal
+from barnax.reporting.terminal import next_lines, terminal_table, to_terminal
 from barnax.results import Result
 from helpers.golden import RESULT
 
@@ -74,7 +74,7 @@ def test_no_digit_of_the_first_screen_is_cut(width):
 def test_what_is_to_be_copied_is_in_one_line():
     command = f"barnax identify {12 * 'drive.csv '}--out out"
     document = Document("", "", (Section("", (Listing(command),)),))
-    for blocks in (to_terminal(document), next_lines("do it", command), [parts_line([command])]):
+    for blocks in (to_terminal(document), next_lines("do it", command)):
         texts = [each for each in blocks if isinstance(each, Text)]
         assert [each.no_wrap for each in texts if command in each.plain] == [True]
 

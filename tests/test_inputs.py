@@ -29,10 +29,9 @@ from barnax.settings import CellSettings, Reading, Settings
 from helpers.reference import make_record
 
 
-def read(records, ocv=BUNDLED.ocv, validate=(), window=None, **options):
-    given = {"capacity": None, "window": window} | options
-    fits = CellSettings(ocv_fit="polynomial")
-    return read_inputs(records, list(ocv), list(validate), Reading(), fits, **given)
+def read(records, ocv=BUNDLED.ocv, validate=(), window=None, capacity=None, **reading):
+    given = list(ocv), list(validate), Reading(**reading), CellSettings(ocv_fit="polynomial")
+    return read_inputs(records, *given, capacity=capacity, window=window)
 
 
 @pytest.mark.parametrize(
@@ -231,10 +230,10 @@ def test_a_record_of_a_larger_cell_is_called_so(tmp_path):
 
 def test_data_frames_and_records_of_one_name_are_numbered():
     frame = pl.read_parquet(BUNDLED.record)
-    found = read([frame[:9000], frame[9000:]], ocv=list(BUNDLED.ocv))
+    found = read([frame[:9000], frame[9000:]])
     assert [each.name for each in found.records] == ["data frame", "data frame 2"]
     again = [replace(each, name="log") for each in found.records]
-    found = read(again, ocv=list(BUNDLED.ocv))
+    found = read(again)
     assert [each.name for each in found.records] == ["log", "log 2"]
 
 
@@ -244,10 +243,7 @@ def test_a_lag_is_given_for_one_record_by_its_name(given):
     sources = [
         source_from_frame(part, name) for part, name in ((frame[:9000], "a"), (frame[9000:], "b"))
     ]
-    reading = Reading(voltage_lag=given)
-    found = read_inputs(
-        sources, list(BUNDLED.ocv), (), reading, CellSettings(), capacity=None, window=None
-    )
+    found = read(sources, voltage_lag=given)
     assert [record.voltage_lag_s for record in found.records] == [0.25, -0.5]
     assert {record.voltage_lag_s for record in found.ocv} == {0.0}
 
@@ -264,19 +260,13 @@ def test_a_lag_is_given_for_one_record_by_its_name(given):
 )
 def test_a_lag_of_no_record_or_no_number_is_refused(given, told):
     with pytest.raises(InputError, match=told):
-        read_inputs(
-            [BUNDLED.record], list(BUNDLED.ocv), (), Reading(voltage_lag=given), CellSettings(),
-            capacity=None, window=None,
-        )  # fmt: skip
+        read(BUNDLED.record, voltage_lag=given)
 
 
 def test_a_lag_of_records_that_were_read_before_is_refused():
     record = read_record(BUNDLED.record)
     with pytest.raises(InputError, match="for which options are given; no file is read"):
-        read_inputs(
-            [record], [read_record(test) for test in BUNDLED.ocv], (),
-            Reading(voltage_lag={record.name: 0.3}), CellSettings(), capacity=None, window=None,
-        )  # fmt: skip
+        read([record], map(read_record, BUNDLED.ocv), voltage_lag={record.name: 0.3})
 
 
 def test_one_lag_is_that_of_all_but_those_named():

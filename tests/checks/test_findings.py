@@ -25,6 +25,7 @@ from helpers.records import (
     counting,
     found,
     frame,
+    scaled,
     simulated_cell,
     with_counters,
 )
@@ -38,10 +39,6 @@ LINES = np.arange(DRIVE.height)
 
 def array(table, column):
     return table[column].to_numpy()
-
-
-def scaled(table, column, factor):
-    return changed(table, column, array(table, column) * factor)
 
 
 def cut(table, first, last):

@@ -14,12 +14,12 @@ from helpers.records import (
     CURRENT,
     TIME,
     VOLTAGE,
-    changed,
     checked,
     counting,
     found,
     frame,
     pulse_frame,
+    scaled,
     with_counters,
 )
 
@@ -31,10 +31,6 @@ def test_the_units_of_a_testers_own_format_are_not_in_doubt():
     assert counting(check_file(source)) == {"time unit": "error"}
     known = replace(source, table=replace(source.table, has_known_units=True))
     assert "time unit" not in counting(check_file(known))
-
-
-def scaled(table, column, factor):
-    return changed(table, column, table[column].to_numpy() * factor)
 
 
 def assert_seen_through(folder, name, outcome):

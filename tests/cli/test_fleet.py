@@ -3,14 +3,19 @@
 from concurrent.futures import ThreadPoolExecutor
 
 import polars as pl
+import pytest
 
 from helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, simulated
 
 
+@pytest.fixture(autouse=True)
+def one_thread(monkeypatch):
+    """A fleet's cells are computed in this process."""
+    pool = "barnax.fleet.engine.ProcessPoolExecutor"
+    monkeypatch.setattr(pool, lambda *_, **__: ThreadPoolExecutor(1))
+
+
 def test_the_report_is_of_the_cells_of_the_manifest(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1)
-    )
     monkeypatch.setattr(
         "barnax.fleet.rows.identify_rows", lambda cell, *_: [{"id": cell.id, "error": "no"}]
     )
@@ -25,10 +30,7 @@ def test_the_report_is_of_the_cells_of_the_manifest(run, tmp_path, monkeypatch):
     assert pl.read_parquet(out / "cells.parquet")["id"].to_list() == ["a", "b"]
 
 
-def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1)
-    )
+def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path):
     (tmp_path / "b.csv").touch()
     manifest = tmp_path / "m.csv"
     manifest.write_text("id,records,ocv,initial_soc\na,nowhere.csv,b.csv,\nb,b.csv,b.csv,95\n")
@@ -42,10 +44,7 @@ def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path, monke
     assert (dry.status, dry.out.count("initial_soc 95.0")) == (2, 1)
 
 
-def test_a_pack_is_a_row_that_is_not_computed_again(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1)
-    )
+def test_a_pack_is_a_row_that_is_not_computed_again(run, tmp_path):
     current_a = drive_a(2000)
     frame(simulated(alike(3), current_a), current_a).write_csv(tmp_path / "pack.csv")
     ocv_table().write_csv(tmp_path / "ocv.csv")

@@ -187,6 +187,10 @@ def changed(table, column, values, rows=None):
     return table.with_columns(pl.Series(column, values, strict=False))
 
 
+def scaled(table, column, factor):
+    return table.with_columns(pl.col(column) * factor)
+
+
 def checked(folder, table, *, name="cell.csv", **options):
     """The check of a table written to a file."""
     path = folder / name

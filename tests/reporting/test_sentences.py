@@ -28,7 +28,7 @@ from barnax.reporting.sentences import (
     uncertainty_sentence,
 )
 from barnax.reporting.soc_tables import constants_table, nodes_table
-from barnax.reporting.starts import carried_sentences
+from barnax.reporting.starts import beyond_sentence, carried_sentences
 from barnax.reporting.temperatures import dependence_sentences, resistance_sentences
 from barnax.reporting.verdict import next_step, search_sentences
 from barnax.search.refine import Optimum
@@ -346,3 +346,12 @@ def test_the_seeds_are_a_comparison_unless_the_answer_is_theirs(seeds_there, sou
     )
     result = SimpleNamespace(constant=constant, tables=None)
     assert list(search_sentences(result)) == [told]
+
+
+def test_an_soc_beyond_full_or_empty_is_told_where_it_shows():
+    extents = {"a.csv": (-0.004, 1.0), "b.csv": (0.02, 1.0071), "c.csv": (-0.012, 1.0)}
+    told = beyond_sentence(extents, "the OCV test")
+    assert told == (
+        "0 and 100 % are the ends of the OCV test; b.csv and c.csv go up to 1.2 % beyond."
+    )
+    assert beyond_sentence({"a.csv": extents["a.csv"]}, "the OCV test") == ""

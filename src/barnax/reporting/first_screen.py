@@ -12,7 +12,12 @@ from .candidates import ocv_test_sentences, ranked
 from .decisions import guess_sentences
 from .pulses import middle_heads, middle_pulses
 from .soc_tables import left_out_sentences, middle_of_tables
-from .starts import carried_sentences, moved_start_sentence, registered_sentences
+from .starts import (
+    beyond_sentence,
+    carried_sentences,
+    moved_start_sentence,
+    registered_sentences,
+)
 from .temperatures import (
     expectation,
     prediction_sentences,
@@ -71,6 +76,10 @@ def first_screen(
         if (text := moved_start_sentence(part))
         and (part.registered_v or 0.0) < (1 - APART) * part.rmse_v
     ]
+    parts = (*result.of_role("identification"), *result.of_role("validation"))
+    extents = {part.name: part.soc_range for part in parts if part.soc_range}
+    is_own = result.cell_model.is_of_records
+    whole = "the charge it is counted over" if is_own else "the OCV test"
     over = None if result.tables is None else result.tables.over_temperature
     follow = " ".join(map(capitalized, resistance_sentences(result)))
     beyond = [] if over is None else [f"at others, {expectation(over)}"]
@@ -84,6 +93,7 @@ def first_screen(
         ("Temperatures", beyond),
         ("", prediction_sentences(result)),
         ("OCV", temperature_ocv_sentences(result)),
+        ("SOC", filter(None, [beyond_sentence(extents, whole)])),
         ("Adjusted", registered_sentences(result)),
         ("Start", moved),
         ("Start", carried_sentences(result)),

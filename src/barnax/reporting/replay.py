@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from .decisions import warnings_section
 from .document import Bullets, Document, Pictures, Section, Table, rows_table
-from .starts import known_words
+from .starts import beyond_sentence, known_words
 from .words import NOTHING, duration, extent, joined, percent
 
 if TYPE_CHECKING:
@@ -72,6 +72,8 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
     """Heads and sentences: what went wrong, what was estimated, whether innovations are white."""
     if replay.start is not None and (replay.before_s or replay.start.soc_source not in EXPECTED):
         yield "Start", _start(replay)
+    if told := beyond_sentence({replay.record: replay.soc_range}, "the identified OCV"):
+        yield "SOC", told.removesuffix(".")
     diverged = [scenario for scenario in replay.scenarios if scenario.diverged_s is not None]
     for scenario in diverged:
         yield (

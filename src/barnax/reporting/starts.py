@@ -1,6 +1,6 @@
 """The starts of simulations: their sources, their changes by other records, and the SOC axis."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from ..settings import MAX_MOVED_SOC
@@ -15,6 +15,8 @@ CAME_FROM = {1: "charged", -1: "discharged"}
 ENDS = {1: "full", -1: "empty"}
 # Sources of a start's SOC that another line tells, or that need no line.
 TOLD = ("given", "rested voltage", "own full charge", "own span", "registered")
+# So far beyond 0 and 100 % a whole percentage shows it.
+SHOWN_SOC = 0.005
 # With more records than this, they are counted, not named.
 MAX_NAMES = 2
 # Starts and capacities of records that are adjusted by less, as shares, change no answer.
@@ -47,6 +49,20 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
         f"no OCV test: the OCV was identified from {whole}. SOC is counted over "
         f"{cell.capacity_ah:.4g} Ah ({cell.capacity_origin}); {whose}{start}. `capacity` and "
         "`initial_soc` set another axis."
+    )
+
+
+def beyond_sentence(extents: Mapping[str, tuple[float, float]], whole: str) -> str:
+    """By how much the SOC of records, lowest and highest by name, goes beyond 0 and 100 %, the ends
+    of the `whole`; empty where that does not show."""
+    beyond = {name: max(-low, high - 1) for name, (low, high) in extents.items()}
+    beyond = {name: soc for name, soc in beyond.items() if soc > SHOWN_SOC}
+    if not beyond:
+        return ""
+    goes = "goes" if len(beyond) == 1 else "go"
+    farthest = percent(max(beyond.values()))
+    return (
+        f"0 and 100 % are the ends of {whole}; {joined([*beyond])} {goes} up to {farthest} beyond."
     )
 
 

@@ -12,7 +12,7 @@ import barnax
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
-from barnax.experiment import Step
+from barnax.experiment import Step, next_test
 from barnax.experiment.belief import believed_of, window_of
 from barnax.experiment.information import Width
 from barnax.experiment.stored import Reference
@@ -157,6 +157,9 @@ def test_promised_and_reached_stand_beside_each_other(design, result, is_alone):
     table = promised_table(design, result.tables.fit, is_alone)
     assert [row[0] for row in table.rows] == ["R0", "R1", "R2"]
     assert all(float(row[3]) > 0 for row in table.rows)
+    for row in table.rows:
+        promised, reached = (float(cell.split()[0]) for cell in row[1:3])
+        assert float(row[3]) == pytest.approx(reached / promised, rel=0.06)
     # What records of a measured cell disagree by is said of several alone.
     assert ("disagree" in table.caption) is not is_alone
     assert ("with identification.parquet" in table.caption) is not is_alone
@@ -201,17 +204,33 @@ def test_a_capacity_that_only_a_record_tells_is_told_with_what_to_do():
 def test_currents_that_were_not_given_are_told(result):
     from_records = screen_of(planned_lines(believed_of(result, None, "nmc"), as_flags))
     (part,) = result.of_role("identification")
-    assert f"discharge up to {part.peak_current_a:.3g} A (the largest of the records)" in (
-        from_records
+    assert (
+        f"allowed are discharge up to {part.peak_current_a:.3g} A (the largest of the records)"
+        in (from_records)
     )
     usual = believed_of(None, 2.0, "nmc")
     one = screen_of(planned_lines(usual, as_flags, ["max_discharge"]))
-    assert "charge up to 1 A (C/2); set your own with --max-charge." in one
+    assert "allowed are charge up to 1 A (C/2); set your own with --max-charge." in one
     assert "discharge up to" not in one
     assert "a typical NMC cell (--chemistry takes nmc or lfp): its OCV is up to 50 mV off" in one
     assert "a typical" not in from_records
     both = screen_of(planned_lines(usual, as_flags, ["max_discharge", "max_charge"]))
     assert "Currents" not in both
+
+
+def test_no_test_is_looked_for_that_is_longer_than_any(result, monkeypatch):
+    monkeypatch.setattr(next_test, "MOST_HOURS", 1.5)
+    monkeypatch.setattr(next_test, "is_reached_in", None)
+    longest = barnax.design(result, max_hours=1.5, blocks=BLOCKS)
+    assert not longest.is_reached
+    assert longest.hours_searched is None
+
+
+@pytest.mark.parametrize(("warming_k", "is_much"), [(4.0, False), (21.0, True)])
+def test_a_test_that_warms_the_cell_much_says_how_to_limit_it(design, warming_k, is_much):
+    predicted = design.predicted.model_copy(update={"warming_k": warming_k})
+    text = screen_of(design_screen(design.model_copy(update={"predicted": predicted}), as_flags))
+    assert ("limit it with --max-warming" in text) is is_much
 
 
 def test_a_test_that_falls_short_says_where_and_why(design):
@@ -222,6 +241,8 @@ def test_a_test_that_falls_short_says_where_and_why(design):
     assert "No test of 3 h was found that reaches all: allow more current" in text
     long = design.model_copy(update={"hours": 59.87, "hours_searched": 120.0})
     assert "No test of 120 h was found" in screen_of(design_screen(long, as_flags))
+    longest = screen_of(design_screen(design.model_copy(update={"hours_searched": None}), as_flags))
+    assert "No test is planned that is longer: allow more current, or --want less." in longest
     longer = design.model_copy(update={"hours_needed": 3.0})
     told = screen_of(design_screen(longer, as_flags))
     assert "A test of 3 h would reach all: allow it with --max-hours." in told

@@ -180,7 +180,8 @@ def design(
         plan = planned(choice, max_hours, random_key, starts, reaches)
         widths = left(plan.steps)
         is_reached = reaches(plan.steps)
-        longer = None if is_reached else min(LONGER * max_hours, MOST_HOURS)
+        is_longest = max_hours >= MOST_HOURS
+        longer = None if is_reached or is_longest else min(LONGER * max_hours, MOST_HOURS)
         needed = longer if longer and is_reached_in(longer, plan, random_key, reaches) else None
     return Design(
         capacity_ah=capacity_ah,

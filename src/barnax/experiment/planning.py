@@ -60,9 +60,9 @@ def planned(
     for number in range(BISECTIONS if reaches(best.steps) else 0):
         middle, own_key = (shortest + hours) / 2, jax.random.fold_in(key, number)
         pattern, some = best.found.pattern, PREDICTIONS // BISECTIONS
-        other = best.choice.searched(middle, own_key, some, pattern)
-        plan = other and _kept(best.choice, other, middle)[0]
-        if plan and reaches(plan.steps):
+        shorter = best.choice.searched(middle, own_key, some, pattern)
+        plan = None if shorter is None else _kept(best.choice, shorter, middle)[0]
+        if plan is not None and reaches(plan.steps):
             best, hours = plan, middle
         else:
             shortest = middle
@@ -103,7 +103,7 @@ def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Found:
         choice.searched(max_hours, jax.random.fold_in(key, number), PREDICTIONS, *patterns)
         for number in range(starts)
     ]
-    found = min(filter(None, searches), key=lambda one: one.value, default=None)
+    found = min(filter(None, searches), key=lambda test: test.value, default=None)
     if found is not None:
         return found
     if choice.steps(Pattern(STRETCHES[0], MOVE_C, (0,) * kinds), MOST_HOURS) is None:

@@ -110,7 +110,8 @@ class Design(Document):
         initial_soc: State of charge at its start.
         start_v: The OCV that brings the cell there, where nothing shows what is full.
         wanted_soc: From where to where in the state of charge the intervals are wanted.
-        hours_searched: The longer time of a test that was looked for where they are not reached.
+        hours_searched: The longer time of a test that was looked for where they are not reached;
+            None where no test is longer.
         hours_needed: The same where a test of that time would reach them.
         finds_ocv: Whether the OCV is found by the test too.
         earlier: The records that count, and are to be identified with the test's.

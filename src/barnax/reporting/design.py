@@ -27,6 +27,8 @@ CURRENTS = ("max_discharge", "max_charge")
 TOGETHER = {"R0": 1.3, "R1": 1.1, "R2": 1.2}
 # Promised and reached intervals within this share of each other agree.
 AGREES = 0.25
+# By so much warmer, the resistances of a cell are others.
+WARM_K = 10.0
 # Pieces on the screen, of a longer test: its first ones and its end.
 FIRST_PIECES, LAST_PIECES = 8, 2
 
@@ -116,7 +118,7 @@ def _usual_currents(believed: "Believed", names: Sequence[str]) -> str:
         if name in names
     ]
     options = joined([f"`{name}`" for name in names])
-    return f"{', '.join(told)}; set your own with {options}."
+    return f"allowed are {' and '.join(told)}; set your own with {options}."
 
 
 def design_screen(
@@ -207,7 +209,9 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     is_emptied = any(name == EMPTYING for name, _ in design.pieces)
     ends = f"; {limits.low_v:g} V in '{EMPTYING}' ends that step only" if is_emptied else ""
     yield "Voltage", f"{expected} expected. Set the cycler to stop the test outside {kept}{ends}."
-    yield "Warming", f"about {predicted.warming_k:.2g} K, for a typical cell in moving air."
+    warmer = predicted.warming_k > WARM_K
+    lower = "; so much lowers its resistances: limit it with `max_warming`" if warmer else ""
+    yield "Warming", f"about {predicted.warming_k:.2g} K, for a typical cell in moving air{lower}."
     yield "Before", before(design)
     if design.earlier:
         yield "Combined with", f"{joined(design.earlier)}. {_together()}"
@@ -259,6 +263,8 @@ def _needed(design: "Design") -> str:
     """The time that would reach what is wanted, or what to change where none does."""
     if design.hours_needed is not None:
         return f"A test of {design.hours_needed:.4g} h would reach all: allow it with `max_hours`."
+    if design.hours_searched is None:
+        return "No test is planned that is longer: allow more current, or `want` less."
     return (
         f"No test of {design.hours_searched:.4g} h was found that reaches all: allow more current "
         "or still more `max_hours`, or `want` less."
@@ -309,12 +315,10 @@ def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> 
             rows.append((name, "", "", "not determined", ""))
             continue
         promised, reached = np.transpose(pairs)
-        ratio = reached / promised
-        near = int(np.sum(np.abs(np.log(ratio)) <= math.log1p(AGREES)))
-        rows.append(
-            (name, _middle(name, promised), _middle(name, reached), f"{np.median(ratio):.2f}",
-             f"{near} of {counted(len(design.of_table(name)), 'node')}")
-        )  # fmt: skip
+        near = int(np.sum(np.abs(np.log(reached / promised)) <= math.log1p(AGREES)))
+        ratio = f"{np.median(reached) / np.median(promised):.2f}"
+        nodes = f"{near} of {counted(len(design.of_table(name)), 'node')}"
+        rows.append((name, _middle(name, promised), _middle(name, reached), ratio, nodes))
     earlier = () if is_alone else design.earlier
     caption = (
         "Half the 95 % interval that was promised of the test "

@@ -4,7 +4,9 @@ import polars as pl
 import pytest
 
 from barnax import Window, bundled_file, pipeline, read_record
+from barnax.cell import characterize
 from barnax.errors import InputError
+from barnax.model.prepared import prepare_record
 from barnax.pipeline import hppc
 
 HPPC = bundled_file("hppc_25degC")
@@ -63,7 +65,7 @@ def test_tests_at_several_temperatures_each_have_their_own_ocv(asked):
     assert asked["over"] == "soc"
 
 
-def test_what_lies_beyond_the_own_ocv_is_not_scored(asked):
+def test_what_lies_beyond_the_own_ocv_is_not_scored_and_told(asked):
     record = read_record(HPPC)
     # Cut in the discharge to the last level: the rest before that is the lowest OCV point.
     kept = record.discharged_ah < 1.88
@@ -74,8 +76,12 @@ def test_what_lies_beyond_the_own_ocv_is_not_scored(asked):
         }
     )
     hppc(cut)
-    low, _ = asked["window"][cut.name].score_soc
-    assert low == pytest.approx(1 - 1.677 / 1.88 - 0.05, abs=0.01)
+    cell = characterize([cut], ocv_fit="interpolated")
+    prepared = prepare_record(cut, cell, "so-rc", asked["window"][cut.name])
+    lowest = prepared.soc[prepared.scored].min()
+    assert lowest == pytest.approx(1 - 1.677 / 1.88 - 0.05, abs=0.01)
+    assert prepared.soc.min() >= lowest
+    assert "soc.without-ocv" in [told.code for told in prepared.warnings]
 
 
 def test_without_any_record_it_is_the_bundled_test_validated_on_the_trips(asked):

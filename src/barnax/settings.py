@@ -320,8 +320,8 @@ class Window:
 
     @property
     def as_told(self) -> "Window":
-        """The same with start and capacity as they were told."""
-        return self if self.registration is None else self.registration.told
+        """The same with start and capacity as they were told, before any registration."""
+        return self if self.registration is None else self.registration.origin.told
 
     def __post_init__(self):
         for name in ("score_steps", "score_soc"):

@@ -229,8 +229,12 @@ def test_a_start_that_other_records_moved_is_doubted_as_it_was_told(bundled_cell
     rested_v, told = ocv_v(bundled_cell.charge, 0.999), Window(initial_soc=told_soc)
     known = Registration(told, told_soc or 0.999, 2.0, "rested voltage", 0.93, 0.97, 1.9, 2.1)
     moved = {"initial_soc": 0.951, "soc_source": "registered", "registration": known}
-    warnings = rested_at(bundled_cell, rested_v, **moved).warnings
-    assert [each.values["given_soc"] for each in warnings] == [0.95] * (told_soc is not None)
+    # By the OCV test alone, or then by other records too.
+    again = moved | {"registration": replace(known, told=Window(**moved))}
+    for window in (moved, again):
+        warnings = rested_at(bundled_cell, rested_v, **window).warnings
+        given = [warning.values["given_soc"] for warning in warnings]
+        assert given == [0.95] * (told_soc is not None)
 
 
 def test_a_start_under_load_denies_nothing(bundled_cell):

@@ -72,10 +72,12 @@ class PreparedRecord(Brief):
 
     @property
     def as_told(self) -> "PreparedRecord":
-        """The same with start and capacity as they were told before they were registered."""
-        if self.window.registration is None:
+        """The same with start and capacity as they were before other records, or else its OCV test,
+        moved them."""
+        known = self.window.registration
+        if known is None:
             return self
-        told = prepare_record(self.record, self.cell, self.circuit, self.window.as_told)
+        told = prepare_record(self.record, self.cell, self.circuit, known.told)
         return told.following(self.dependence)
 
     def again(self, record: Record | None = None, **changes: Any) -> "PreparedRecord":

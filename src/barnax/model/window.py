@@ -101,9 +101,12 @@ def within_ocv(
         at = [*impossible, at][0]
         given |= {"far_row": record.row[at], "soc": soc[at], "low_soc": low, "high_soc": high}
         raise notice("soc.beyond-ocv", record.name, **given).error()
-    return scored & ~outside, [
-        notice("soc.without-ocv", record.name, left_out=outside.sum(), **counts)
-    ]
+    points = cell.charge_points + cell.discharge_points
+    if any(point.source == record.name for point in points):
+        # The correction of the OCV reaches a little beyond the last rest of a pulse test.
+        outside = scored & (beyond > OCV_MARGIN)
+    told = notice("soc.without-ocv", record.name, left_out=outside.sum(), **counts)
+    return scored & ~outside, [told]
 
 
 def _steps(record: Record, option: str) -> np.ndarray:

@@ -25,9 +25,8 @@ from ..inputs import (
     windows_by_name,
 )
 from ..job import PLANNED, Job
-from ..model.prepared import soc_along
 from ..model.temperature import temperature_of
-from ..model.window import OCV_MARGIN, Window
+from ..model.window import Window
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record, read_source
 from ..records.source import STDIN
@@ -225,20 +224,6 @@ def _own_window(test: _Test, cell: CellModel | None, window: Window) -> Window:
         first: OcvPoint = min(points, key=lambda point: point.row)
         at = int(np.searchsorted(record.row, first.row))
         soc = min(max(first.soc, 0.0), 1.0) if window.initial_soc is None else window.initial_soc
-        window = replace(window, start_time_s=float(record.time_s[at]), initial_soc=soc)
-        return _within_ocv(window, record, cell, at)
+        return replace(window, start_time_s=float(record.time_s[at]), initial_soc=soc)
     at = int(np.searchsorted(record.row, test.pulse.row)) - 1
     return replace(window, start_time_s=float(record.time_s[at]))
-
-
-def _within_ocv(window: Window, record: Record, cell: CellModel, first: int) -> Window:
-    """The window without the samples too far beyond the OCV points.
-
-    A test that ends at its cut-off without a rest has no point there.
-    """
-    low, high = cell.soc_range
-    start = 1.0 if window.initial_soc is None else window.initial_soc
-    soc = soc_along(record, window.capacity_ah or cell.capacity_ah, first, start)
-    reach = (low - OCV_MARGIN, high + OCV_MARGIN)
-    is_inside = reach[0] <= soc[first:].min() and soc[first:].max() <= reach[1]
-    return window if is_inside or window.score_soc else replace(window, score_soc=reach)

@@ -8,7 +8,7 @@ import pytest
 from barnax.cell.ocv_points import find_rest_sweeps
 from barnax.cell.soc_axis import Sweep, SweepPoint, join_sweeps
 from barnax.errors import InputError
-from helpers.ocv_tests import CAPACITY_AH, pulses, record_of, stepwise
+from helpers.ocv_tests import CAPACITY_AH, driven, pulses, stepwise
 
 DOWN, UP = [[-0.05]] * 20, [[0.05]] * 20
 # What a sweep in the other direction begins with; the SOC it begins at.
@@ -150,8 +150,7 @@ def test_a_short_first_rest_that_is_no_pulse_away_is_the_same_rest():
 @pytest.mark.parametrize("first_v", [(0.02, 0.0), (-0.02, 0.0), (-0.12, -0.12)])
 def test_a_short_first_rest_that_drifts_or_lies_below_the_next_is_left_out(first_v):
     # As made, the first rests stand at 4.150, 4.071 and 4.001 V.
-    current_a = np.concatenate([np.zeros(2), pulses(-1)])
-    record = record_of(current_a, start_soc=1.0, direction=1)
+    record = driven(np.zeros(2), pulses(-1))
     voltage_v = record.voltage_v.copy()
     voltage_v[:2] += first_v
     (sweep,) = find_rest_sweeps(replace(record, voltage_v=voltage_v), CAPACITY_AH / 100)

@@ -7,12 +7,7 @@ import pytest
 
 from barnax.cell import characterize
 from barnax.cell.ocv_points import find_slow_sweeps
-from helpers.ocv_tests import (
-    CAPACITY_AH,
-    RESISTANCE_OHM,
-    branch_v,
-    record_of,
-)
+from helpers.ocv_tests import CAPACITY_AH, RESISTANCE_OHM, branch_v, driven, record_of
 
 HOURS = 20
 CURRENT_A = CAPACITY_AH / HOURS
@@ -22,10 +17,9 @@ INNER = np.linspace(0.02, 0.98, 49)
 
 
 def sweep(direction: int, **changes) -> object:
-    current_a = np.concatenate([REST, -direction * CURRENT_A * SWEEP, REST])
     start_soc = 1.0 if direction < 0 else 0.0
     options = {"interval_s": 10.0, "start_soc": start_soc, "direction": direction} | changes
-    return record_of(current_a, **options)
+    return driven(REST, -direction * CURRENT_A * SWEEP, REST, **options)
 
 
 def under_load_v(soc: np.ndarray, direction: int) -> np.ndarray:
@@ -53,9 +47,8 @@ def test_a_slow_sweep_is_thinned_to_101_points_from_empty_to_full():
 
 
 def test_one_file_may_hold_both_sweeps():
-    down, up = -CURRENT_A * SWEEP, CURRENT_A * SWEEP
-    both = np.concatenate([REST, -down, REST, -up, REST])
-    record = record_of(both, interval_s=10.0, start_soc=1.0, direction=1)
+    down = CURRENT_A * SWEEP
+    record = driven(REST, down, REST, -down, REST, interval_s=10.0)
     cell = characterize([record], ocv_fit="interpolated")
     overpotential_v = 2 * RESISTANCE_OHM * CURRENT_A
     gap_v = cell.charge(INNER) - cell.discharge(INNER)
@@ -73,9 +66,8 @@ def test_each_slow_sweep_is_scaled_by_its_own_charge():
 
 @pytest.mark.parametrize(("returned", "end"), [(0.985, 0.985), (0.9, 1.0)])
 def test_a_charge_that_nearly_closes_in_its_record_ends_where_the_charge_says(returned, end):
-    up = -returned * CURRENT_A * SWEEP
-    both = np.concatenate([REST, CURRENT_A * SWEEP, REST, up, REST])
-    record = record_of(both, interval_s=10.0, start_soc=1.0, direction=1)
+    down = CURRENT_A * SWEEP
+    record = driven(REST, down, REST, -returned * down, REST, interval_s=10.0)
     cell = characterize([record], capacity_ah=1.01 * CAPACITY_AH)
     assert cell.charge_points[-1].soc == pytest.approx(end, abs=2e-4)
     assert cell.discharge_points[0].soc == pytest.approx(0.0, abs=2e-4)
@@ -107,8 +99,8 @@ def test_noise_is_averaged(direction):
 @pytest.mark.parametrize("hold", ["forward", "backward"])
 def test_a_record_of_few_samples_gives_a_point_a_sample(hold):
     samples, interval_s = 3 * HOURS, 1200.0
-    current_a = np.concatenate([np.zeros(3), np.full(samples, CURRENT_A), np.zeros(3)])
-    record = record_of(current_a, interval_s=interval_s, start_soc=1.0, direction=1, hold=hold)
+    loaded_a, rest = np.full(samples, CURRENT_A), np.zeros(3)
+    record = driven(rest, loaded_a, rest, interval_s=interval_s, hold=hold)
     points = characterize([record], ocv_fit="interpolated").discharge_points
     assert len(points) == samples
     soc = np.array([point.soc for point in points])
@@ -120,7 +112,7 @@ def test_a_record_of_few_samples_gives_a_point_a_sample(hold):
 def test_a_slow_sweep_takes_ten_hours_or_more_whatever_the_cell(size):
     def found(hours):
         current_a = np.full(hours * 60, size * CAPACITY_AH / hours)
-        record = record_of(current_a, start_soc=1.0, direction=1, capacity_ah=size * CAPACITY_AH)
+        record = record_of(current_a, capacity_ah=size * CAPACITY_AH)
         return slow_sweeps(record)
 
     assert (len(found(10)), len(found(9))) == (1, 0)
@@ -130,31 +122,28 @@ def test_a_slow_sweep_takes_ten_hours_or_more_whatever_the_cell(size):
 @pytest.mark.parametrize("between", [REST[:0], REST])
 def test_each_sweep_of_a_file_passes_all_of_its_charge(between, hold):
     # Loaded from its first to its last sample.
-    current_a = np.concatenate([CURRENT_A * SWEEP, between, -CURRENT_A * SWEEP])
-    record = record_of(current_a, interval_s=10.0, start_soc=1.0, direction=1, hold=hold)
-    out, back = slow_sweeps(record)
+    down = CURRENT_A * SWEEP
+    out, back = slow_sweeps(driven(down, between, -down, interval_s=10.0, hold=hold))
     assert (out.direction, back.direction) == (-1, 1)
     assert (out.passed_ah, back.passed_ah) == pytest.approx((CAPACITY_AH, CAPACITY_AH), rel=1e-9)
 
 
 def test_a_fast_discharge_beside_a_slow_charge_is_not_counted_into_it():
     fast = np.full(720, CAPACITY_AH / 2)
-    current_a = np.concatenate([fast, REST, -CURRENT_A * SWEEP])
-    (found,) = slow_sweeps(record_of(current_a, interval_s=10.0, start_soc=1.0, direction=1))
+    (found,) = slow_sweeps(driven(fast, REST, -CURRENT_A * SWEEP, interval_s=10.0))
     assert found.direction == 1
 
 
 def test_a_current_that_pauses_every_ten_minutes_is_no_sweep():
     minutes = np.tile([1.0] * 9 + [0.0], 100)
-    record = record_of(CAPACITY_AH / 15 * minutes, start_soc=1.0, direction=1)
-    assert slow_sweeps(record) == []
+    assert slow_sweeps(record_of(CAPACITY_AH / 15 * minutes)) == []
 
 
 def test_an_hour_that_the_logger_missed_does_not_end_a_sweep():
     interval_s = np.full(HOURS * 360 - 359, 10.0)
     interval_s[1000] = 3600.0
     current_a = np.full(len(interval_s), CURRENT_A)
-    (found,) = slow_sweeps(record_of(current_a, interval_s=interval_s, start_soc=1.0, direction=1))
+    (found,) = slow_sweeps(record_of(current_a, interval_s=interval_s))
     assert found.passed_ah == pytest.approx(CAPACITY_AH, rel=1e-9)
 
 
@@ -163,5 +152,5 @@ def test_an_hour_of_rest_ends_a_sweep_however_few_its_samples(samples):
     half = CURRENT_A * SWEEP[: len(SWEEP) // 2]
     current_a = np.concatenate([half, np.zeros(samples), half])
     interval_s = np.where(current_a == 0, 3600 / samples, 10.0)
-    found = slow_sweeps(record_of(current_a, interval_s=interval_s, start_soc=1.0, direction=1))
+    found = slow_sweeps(record_of(current_a, interval_s=interval_s))
     assert [each.passed_ah for each in found] == pytest.approx([CAPACITY_AH / 2] * 2, rel=1e-9)

@@ -40,8 +40,8 @@ TWO = pl.DataFrame(
 def record_of(
     intervals_a: Sequence[float] | np.ndarray,
     *,
-    start_soc: float,
-    direction: int,
+    start_soc: float = 1.0,
+    direction: int = 1,
     interval_s: float | np.ndarray = 60.0,
     capacity_ah: float = CAPACITY_AH,
     voltage: Callable[[np.ndarray, np.ndarray], np.ndarray] = branch_v,
@@ -50,7 +50,7 @@ def record_of(
 ) -> Record:
     """The record of a cell driven by these currents, discharge positive; it ends at rest.
 
-    `direction` is the one before the record.
+    `direction` is the one before the record; by default it begins full, after a charge.
     """
     current_a = np.asarray(intervals_a, dtype=float)
     seconds = np.broadcast_to(interval_s, current_a.shape)
@@ -66,8 +66,8 @@ def record_of(
 
 
 def driven(*parts: Sequence[float] | np.ndarray, **options: Any) -> Record:
-    """The record of these currents after each other; the cell begins full, after a charge."""
-    return record_of(np.concatenate(parts), **({"start_soc": 1.0, "direction": 1} | options))
+    """The record of these currents after each other."""
+    return record_of(np.concatenate(parts), **options)
 
 
 # An hour, by the minute.
@@ -108,7 +108,6 @@ def stepwise(
     return record_of(
         current_a,
         start_soc=start_soc,
-        direction=1,
         interval_s=np.array(seconds),
         capacity_ah=capacity_ah,
         hold=hold,

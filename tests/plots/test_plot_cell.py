@@ -162,3 +162,12 @@ def test_a_rate_has_a_line_for_every_time_that_its_pulses_reach(pulses):
     np.testing.assert_allclose(
         at_once.get_ydata(), [1e3 * pulse.resistance_ohm[0] for pulse in levels(pulses)[0]]
     )
+
+
+def test_the_scale_that_panels_share_holds_the_pulses_of_all(evaluation, pulses):
+    for figure in (plot_pulse_resistances(pulses, 2.0), plot_pulses(evaluation, pulses)):
+        panels = [axes for axes in figure.axes if axes.get_title(loc="left")]
+        drawn = [line.get_ydata() for axes in panels for line in axes.get_lines()]
+        low_mohm, high_mohm = panels[0].get_ylim()
+        assert low_mohm == 0.0
+        assert high_mohm > max(np.max(values) for values in drawn if len(values))

@@ -4,6 +4,7 @@ import csv
 from types import SimpleNamespace
 
 from barnax.pulses import Pulse
+from barnax.reporting.illustrations import _over_soc
 from barnax.reporting.pulses import (
     middle_heads,
     middle_pulses,
@@ -28,6 +29,12 @@ PULSES = (
     pulse(0.79, -1.5, (0.04, 0.05, None, None, None), is_limited=True, rest_s=40.0),
 )
 RESULT = SimpleNamespace(pulses=PULSES, cell_at=lambda degc: make_cell())
+
+
+def test_few_pulses_of_a_rate_are_not_drawn_over_soc():
+    rates = [pulse(0.1 * number, 2.0, PULSES[0].resistance_ohm) for number in (2, 5, 8)]
+    assert _over_soc([*PULSES[2:], *rates]) == rates[::-1]
+    assert _over_soc(PULSES) == []
 
 
 def test_the_first_screen_has_each_rate_in_the_middle_of_soc():

@@ -49,6 +49,11 @@ def test_a_value_stays_beside_its_interval_and_its_state_of_charge():
     assert line.endswith("30.4 (*)    80.3 to 90.3")
 
 
+def test_a_percentage_in_a_head_stays_in_one_line():
+    heads = lines_of(terminal_table(soc_table()), 120)[:3]
+    assert " ".join(heads).count("95 %") == 4
+
+
 def test_only_a_very_long_word_goes_on_in_the_next_line():
     cells = {
         "parameter": lambda _: "tau1",

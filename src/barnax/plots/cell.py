@@ -1,7 +1,7 @@
 """Tests of a cell: open-circuit and hysteresis voltage, pulses and their resistances."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -212,7 +212,7 @@ def plot_pulses(evaluation: "Evaluation", pulses: Sequence[Pulse]) -> Figure:
     for axes, level in panels.items():
         for pulse in level:
             _draw_pulse(axes, evaluation, pulse, colors(pulse.soc))
-        axes.set_ylim(bottom=0.0)
+    _from_zero(panels)
     bar = figure.colorbar(scale, ax=list(panels), pad=0.02, aspect=40)
     bar.set_label(SOC_LABEL)
     finish_bar(bar)
@@ -261,6 +261,8 @@ def plot_pulse_resistances(pulses: Sequence[Pulse], capacity_ah: float) -> Figur
     labels = [f"after {time_s:g} s" if time_s else "at once" for time_s in STANDARD_S]
     looks = row_looks(labels)
     for axes, level in panels.items():
+        # Room for the markers at the ends.
+        axes.margins(x=0.04, y=0.08)
         soc = np.array([pulse.soc for pulse in level])
         values = np.array([pulse.resistance_ohm for pulse in level], float)
         for place, label in enumerate(labels):
@@ -269,8 +271,14 @@ def plot_pulse_resistances(pulses: Sequence[Pulse], capacity_ah: float) -> Figur
                 look = {"color": looks[label].color, "marker": looks[label].marker}
                 style: dict[str, Any] = {"markersize": 3.6, "label": label} | look
                 axes.plot(soc[known], 1e3 * values[known, place], **style)
-        axes.set_ylim(bottom=0.0)
+    _from_zero(panels)
     return finish(figure, *panels, columns=5)
+
+
+def _from_zero(panels: Iterable[Axes]) -> None:
+    """Let the scale that panels share begin at zero and hold what is drawn in all of them."""
+    for axes in panels:
+        axes.set_ylim(bottom=0.0)
 
 
 def rate_label(level: Sequence[Pulse], capacity_ah: float) -> str:

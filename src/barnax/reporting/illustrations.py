@@ -12,7 +12,7 @@ from ..plots.live import MAX_NUMBERS, live_record
 from ..plots.pictures import Illustration, illustrate, record_roles
 from ..plots.search import has_landscape
 from ..plots.style import ALONE
-from ..pulses import pulses_of
+from ..pulses import levels, pulses_of
 from ..storing import describe
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
     from ..global_optimum import GlobalOptimum
     from ..over_soc import TableFits
+    from ..pulses import Pulse
     from ..replay import SocReplay
     from ..results import Result
     from ..search.evaluate import Evaluation
@@ -32,6 +33,8 @@ LIVE_WORDS = (
     "RMSE) and the current, on a common time axis. {} Drag to zoom, double-click to reset; the "
     "buttons do the same."
 )
+# Pulses of a rate that show how its resistances go over the state of charge.
+FEWEST_OVER_SOC = 3
 Drawn = list[Illustration]
 
 
@@ -60,11 +63,16 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
     for role, evaluation in zip(roles, answered.identification, strict=False):
         pulses, record = pulses_of(evaluation.prepared), evaluation.prepared.record.name
         if pulses:
-            over_soc = plots.plot_pulse_resistances, pulses, evaluation.prepared.capacity_ah
-            found += [
-                illustrate(f"{role}-pulses", record, plots.plot_pulses, evaluation, pulses),
-                illustrate(f"{role}-resistances", record, *over_soc),
-            ]
+            found.append(
+                illustrate(f"{role}-pulses", record, plots.plot_pulses, evaluation, pulses)
+            )
+        # The few pulses of a drive cycle, each of a rate of its own, show nothing over SOC.
+        over_soc = [
+            pulse for level in levels(pulses) if len(level) >= FEWEST_OVER_SOC for pulse in level
+        ]
+        if over_soc:
+            drawn = plots.plot_pulse_resistances, over_soc, evaluation.prepared.capacity_ah
+            found.append(illustrate(f"{role}-resistances", record, *drawn))
     answers = {}
     if run.search is not None:
         of_seeds = run.search, run.refinement, run.optimum and run.optimum.rmse_v
@@ -180,6 +188,12 @@ def _of_tables(found: "TableFits", constant: CircuitParameters) -> Drawn:
         illustrate("tables-over-temperature", "", plots.plot_over_temperature, found),
         tables,
     ]
+
+
+def _over_soc(pulses: "Sequence[Pulse]") -> "list[Pulse]":
+    """The pulses of rates that were tried at several states of charge: those of a drive cycle,
+    each of a rate of its own, show nothing over it."""
+    return [pulse for level in levels(pulses) if len(level) >= FEWEST_OVER_SOC for pulse in level]
 
 
 def _summary(result: "Result", evaluations: "Sequence[Evaluation]") -> Illustration:

@@ -197,8 +197,9 @@ def terminal_table(table: Table) -> RenderableType:
     heads = []
     for column in table.columns:
         is_number = column.role == "number"
-        # Narrow heads, so that names fit beside seven numbers in 80 columns.
-        name = column.name.replace("-", "-\n").replace(" ", "\n") if is_number else column.name
+        # Narrow heads, so that names fit beside seven numbers in 80 columns; "95 %" is one word.
+        narrow = re.sub(r" (?!%)", "\n", column.name.replace("-", "-\n"))
+        name = narrow if is_number else column.name
         heads.append(plain(f"{name}\n[{column.unit}]" if column.unit else name))
     rows = tuple(
         tuple(

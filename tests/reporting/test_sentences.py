@@ -27,7 +27,7 @@ from barnax.reporting.sentences import (
     suggestion_sentences,
     uncertainty_sentence,
 )
-from barnax.reporting.soc_tables import constants_table, nodes_table
+from barnax.reporting.soc_tables import constants_table, middle_of_tables, nodes_table
 from barnax.reporting.starts import beyond_sentence, carried_sentences
 from barnax.reporting.temperatures import dependence_sentences, resistance_sentences
 from barnax.reporting.verdict import next_step, search_sentences
@@ -355,3 +355,20 @@ def test_an_soc_beyond_full_or_empty_is_told_where_it_shows():
         "0 and 100 % are the ends of the OCV test; b.csv and c.csv go up to 1.2 % beyond."
     )
     assert beyond_sentence({"a.csv": extents["a.csv"]}, "the OCV test") == ""
+
+
+def test_what_another_record_would_show_is_said_alike_on_the_screen_and_in_full():
+    """An interval of several records that holds zero is not determined in both."""
+    part = make_table_result().tables
+    intervals = tuple(
+        replace(
+            node, record_low=0.0 if node.name == "R0 [Ohm]" else node.low, record_high=node.high
+        )
+        for node in part.fits[0].intervals
+    )
+    fit = replace(part.fits[0], intervals=intervals)
+    _, rows = middle_of_tables(part.model_copy(update={"fits": (fit,)}), 3)
+    full = nodes_table(fit)
+    (middle,) = (row for row in full.rows if row[0] == "50")
+    assert [row[2] for row in rows[:2]] == [middle[2], middle[4]]
+    assert middle[2] == "not determined"

@@ -226,7 +226,11 @@ def window_sentences(window: "Window", names: Sequence[str]) -> Iterator[str]:
     if window.score_soc is not None:
         low, high = window.score_soc
         limits.append(f"between {100 * low:g} and {100 * high:g} % state of charge")
-    scored = f"the samples {', '.join(limits)} are" if limits else "every simulated sample is"
+    scored = (
+        f"the samples {', '.join(limits)} are"
+        if limits
+        else "every simulated sample whose OCV is known is"
+    )
     yield f"{where}: {scored} scored."
     for value, told in (
         (window.rest_current_a, lambda current_a: f"the rest current is {1e3 * current_a:.3g} mA"),

@@ -173,9 +173,7 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
     are_several = any(node.record_low is not None for node in fit.intervals)
     intervals = [node for node in fit.intervals if node.soc is not None]
     if are_several:
-        intervals = [
-            replace(node, low=node.record_low, high=node.record_high) for node in intervals
-        ]
+        intervals = [*map(_on_another_record, intervals)]
     known = {(node.name, node.soc): node for node in intervals}
     heads = ["SOC [%]"]
     for name in fit.tables.tables:
@@ -260,9 +258,8 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
     heads = ["", where, kind, "over SOC" if is_over_soc else "", "", "", ""]
     known = {}
     for node in fit.intervals:
-        ends = _determined(node, fit)
-        if are_several and node.soc is not None:
-            ends = _both(node.record_low, node.record_high)
+        is_of_others = are_several and node.soc is not None
+        ends = _determined(_on_another_record(node) if is_of_others else node, fit)
         known[node.name, node.soc] = (
             NOT_DETERMINED if ends is None else between(node.name, *ends, node.value)
         )
@@ -374,8 +371,8 @@ def _edge(node: "NodeInterval | None") -> str:
     return f" {EDGE}" if min(node.value - node.low, node.high - node.value) <= near else ""
 
 
-def _both(low: float | None, high: float | None) -> tuple[float, float] | None:
-    return None if low is None or high is None else (low, high)
+def _on_another_record(node: "NodeInterval") -> "NodeInterval":
+    return replace(node, low=node.record_low, high=node.record_high)
 
 
 def _determined(node: "NodeInterval", fit: "TableFit") -> tuple[float, float] | None:

@@ -198,7 +198,7 @@ def terminal_table(table: Table) -> RenderableType:
     for column in table.columns:
         is_number = column.role == "number"
         # Narrow heads, so that names fit beside seven numbers in 80 columns; "95 %" is one word.
-        narrow = re.sub(r" (?!%)", "\n", column.name.replace("-", "-\n"))
+        narrow = re.sub(r"(?<!\d) ", "\n", column.name.replace("-", "-\n"))
         name = narrow if is_number else column.name
         heads.append(plain(f"{name}\n[{column.unit}]" if column.unit else name))
     rows = tuple(

@@ -11,13 +11,7 @@ import pytest
 from threadpoolctl import ThreadpoolController
 
 from barnax.blas import _take_control, one_blas_thread
-from barnax.execution import (
-    compile_for,
-    in_float64,
-    run_blocks,
-    seed_blocks,
-    wanted_rows,
-)
+from barnax.execution import compile_for, in_float64, run_blocks, seed_blocks, wanted_rows
 
 
 @pytest.mark.parametrize("is_double", [False, True])

@@ -221,10 +221,7 @@ def test_only_the_command_line_names_its_flags():
 
 def test_only_the_command_line_writes_files():
     written = {"write_text", "write_bytes", "mkdir", "savefig", "unlink"}
-    assert [place(path) for path in outside("cli") if calls(path) & written] == [
-        WRITING,
-        DATASET,
-    ]
+    assert [place(path) for path in outside("cli") if calls(path) & written] == [WRITING, DATASET]
 
 
 def test_files_are_read_in_few_places():

@@ -81,10 +81,7 @@ def flat_cell(half_gap_v):
     return characterize([table], capacity_ah=2.0, ocv_fit="interpolated")
 
 
-@pytest.mark.parametrize(
-    ("half_gap_v", "expected"),
-    [(0.02, "esc"), (0.005, "so-rc")],
-)
+@pytest.mark.parametrize(("half_gap_v", "expected"), [(0.02, "esc"), (0.005, "so-rc")])
 def test_without_a_model_tables_are_of_so_rc_and_of_esc_for_flat_cells(half_gap_v, expected):
     assert tabulated_circuit(flat_cell(half_gap_v)) == expected
 

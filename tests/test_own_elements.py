@@ -47,10 +47,7 @@ def made_problem(cell, circuit, answer, noise_v=0.0):
 
 
 # A circuit, its closed form's answer, and how near the mixture is to that.
-CASES = [
-    pytest.param("1rc+diffusion", series, 5e-4, marks=pytest.mark.slow),
-    (OWN, two, 1e-6),
-]
+CASES = [pytest.param("1rc+diffusion", series, 5e-4, marks=pytest.mark.slow), (OWN, two, 1e-6)]
 
 
 @pytest.fixture(autouse=True)

@@ -125,11 +125,7 @@ def test_records_give_what_their_files_give(few):
     ("records", "validate", "told"),
     [
         (["{copy}"], [BUNDLED.record], "identification.parquet: the same as copy.parquet, byte"),
-        (
-            [BUNDLED.record, "{copy}"],
-            [],
-            "copy.parquet: the same as identification.parquet, byte",
-        ),
+        ([BUNDLED.record, "{copy}"], [], "copy.parquet: the same as identification.parquet, byte"),
         ([BUNDLED.record], [BUNDLED.record], "identification.parquet: given twice"),
     ],
 )

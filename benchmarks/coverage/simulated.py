@@ -13,13 +13,7 @@ from scipy.stats import t as student
 import barnax
 from barnax.model.problem import Problem
 from barnax.uncertainty.batch_fit import Ends, Refit
-from barnax.uncertainty.covariance import (
-    CONFIDENCE,
-    Covariance,
-    Estimate,
-    Uncertainty,
-    linearize,
-)
+from barnax.uncertainty.covariance import CONFIDENCE, Covariance, Estimate, Uncertainty, linearize
 
 
 @dataclass(frozen=True)

@@ -19,15 +19,7 @@ from .cell import CellModel
 from .checks.against_cell import compare_resistances
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
-from .inputs import (
-    Inputs,
-    listed,
-    read_inputs,
-    telling,
-    unwatched,
-    windows_by_name,
-    windows_of,
-)
+from .inputs import Inputs, listed, read_inputs, telling, unwatched, windows_by_name, windows_of
 from .job import Job, takes_options
 from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Problem

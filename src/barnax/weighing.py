@@ -5,20 +5,10 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from .candidates import (
-    THREE_PAIRS,
-    TWO_PAIRS,
-    WEIGHED,
-    is_fast,
-    tabulated_circuit,
-)
+from .candidates import THREE_PAIRS, TWO_PAIRS, WEIGHED, is_fast, tabulated_circuit
 from .display import Brief
 from .errors import InputError
-from .global_optimum import (
-    with_better_directions,
-    with_better_hold,
-    without_sweep_drop,
-)
+from .global_optimum import with_better_directions, with_better_hold, without_sweep_drop
 from .inputs import Inputs, ranges_of
 from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Kind, Problem, known_to, make_problem, require_enough

@@ -5,14 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.cell import (
-    CIRCUITS,
-    Circuit,
-    CircuitParameters,
-    Element,
-    get_circuit,
-    make_circuit,
-)
+from barnax.cell import CIRCUITS, Circuit, CircuitParameters, Element, get_circuit, make_circuit
 from barnax.cell.elements import DIFFUSION, RC, add_element
 from barnax.errors import InputError
 

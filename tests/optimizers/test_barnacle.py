@@ -8,13 +8,7 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from barnax.optimizers import (
-    BarnacleMating,
-    Box,
-    Swarm,
-    evaluations_per_iteration,
-    ibmo_centered,
-)
+from barnax.optimizers import BarnacleMating, Box, Swarm, evaluations_per_iteration, ibmo_centered
 
 WIDTH = 8.0
 

@@ -9,12 +9,7 @@ from benchmarks.pages import provenance, publish, save_figure, write_csv
 from .baselines import play_baselines
 from .figures import critical_difference_figure
 from .report import markdown_page
-from .runs import (
-    CONDITIONS,
-    REPORTING_KEY,
-    optimizers_at_equal_evaluations,
-    play,
-)
+from .runs import CONDITIONS, REPORTING_KEY, optimizers_at_equal_evaluations, play
 from .statistics import summary_rows
 
 RESULTS = Path(__file__).parents[2] / "results"

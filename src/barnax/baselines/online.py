@@ -13,14 +13,7 @@ from ..filters.model import GRID, NOISES_PER_REST
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from .method import Answer, MethodFailure, Trajectory, deterministic
-from .regression import (
-    FORGETTING,
-    VARIANCE,
-    EvenSamples,
-    averaged,
-    circuit_values,
-    regression,
-)
+from .regression import FORGETTING, VARIANCE, EvenSamples, averaged, circuit_values, regression
 
 # What is expected of a circuit in the middle of its box, before it has seen anything.
 FIRST_ERROR_V = 0.02

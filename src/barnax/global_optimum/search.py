@@ -19,14 +19,7 @@ from ..model.descent import polish
 from ..model.grid import GridSizes, minima_of, points_in_order
 from ..model.prepared import both_directions, prepare_record
 from ..model.problem import Problem, rmse_by_scan
-from ..search.refine import (
-    AtBound,
-    Optimum,
-    RefinedSeed,
-    at_bound,
-    distinct_optima,
-    largest_change,
-)
+from ..search.refine import AtBound, Optimum, RefinedSeed, at_bound, distinct_optima, largest_change
 from .certificate import CERTIFIED_GAP, certify
 from .objective import ConstantObjective
 from .proof import SMALLEST_RMSE_V, Proof

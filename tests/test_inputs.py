@@ -26,6 +26,7 @@ from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.records import read_record, source_from_frame
 from barnax.settings import CellSettings, Reading, Settings
+from helpers.records import logged
 from helpers.reference import make_record
 
 
@@ -124,8 +125,7 @@ def told(tmp_path):
 
     def warnings(time_s, current_a, voltage_v, role="identification", window=None):
         path = tmp_path / "drive.csv"
-        table = {"Test Time / s": time_s, "Current / A": current_a, "Voltage / V": voltage_v}
-        pl.DataFrame(table).write_csv(path)
+        logged(time_s, current_a, voltage_v).write_csv(path)
         return input_warnings(check_file(path), role, window)
 
     return warnings
@@ -202,8 +202,7 @@ def test_a_record_without_changes_of_load_is_refused_with_what_to_give(tmp_path)
         time_s = np.linspace(0, 3600 * hours, 2000)
         voltage_v = np.interp(time_s / time_s[-1], [0, 0.1, 0.9, 1], [3.0, 3.5, 4.0, 4.2])
         current = np.where(time_s > 0, current_a, 0.0)
-        columns = {"Test Time / s": time_s, "Current / A": current, "Voltage / V": voltage_v}
-        pl.DataFrame(columns).write_csv(tmp_path / "charge.csv")
+        logged(time_s, current, voltage_v).write_csv(tmp_path / "charge.csv")
         told = refusal(tmp_path / "charge.csv", window=Window(initial_soc=0.03))
         assert told.startswith(f"charge.csv: {what}")
         assert "give a record under a changing load" in told

@@ -25,6 +25,7 @@ from helpers.records import (
     counting,
     found,
     frame,
+    logged,
     scaled,
     simulated_cell,
     with_counters,
@@ -62,7 +63,7 @@ def unclosed_test():
     is_charge = hours >= 20
     voltage_v = 4.1 - 0.08 * np.where(is_charge, 40 - hours, hours) / 2
     current_a = np.where(is_charge, 0.092, -0.1)
-    return pl.DataFrame({TIME: hours * 3600, CURRENT: current_a, VOLTAGE: voltage_v})
+    return logged(hours * 3600, current_a, voltage_v)
 
 
 def rest_with_a_gap():
@@ -73,7 +74,7 @@ def rest_with_a_gap():
 
 def silent_voltage():
     current_a = np.tile([0.0, 1.0], 50)
-    return pl.DataFrame({TIME: np.arange(100.0), CURRENT: current_a, VOLTAGE: 0 * current_a + 3.7})
+    return logged(np.arange(100.0), current_a, 0 * current_a + 3.7)
 
 
 def coarse_log():
@@ -102,15 +103,13 @@ def pulses_and_charges():
     taper = np.concatenate([np.full(300, -1.0), -np.exp(-np.arange(1, 400) / 150)])
     charge = np.concatenate([taper, np.repeat([0.0, 2.0, 0.0], [120, 60, 60])])
     current_a = np.concatenate([np.tile(pulse, 20), np.zeros(300), np.tile(charge, 3)])
-    table = {TIME: 1.0 * np.arange(len(current_a)), CURRENT: -current_a}
-    return pl.DataFrame({**table, VOLTAGE: simulated_cell(current_a)})
+    return logged(1.0 * np.arange(len(current_a)), -current_a, simulated_cell(current_a))
 
 
 def fast_load():
     """The cell under a load that changes every second, logged every ten."""
     current_a = np.random.default_rng(0).uniform(-1, 2, 6000)
-    table = {TIME: 1.0 * np.arange(6000), CURRENT: -current_a, VOLTAGE: simulated_cell(current_a)}
-    return pl.DataFrame(table)[::10]
+    return logged(np.arange(6000.0), -current_a, simulated_cell(current_a))[::10]
 
 
 def rebuilt_clock():
@@ -390,8 +389,7 @@ def test_a_late_voltage_that_stands_still_is_found_at_its_rows(tmp_path, late):
 
 def test_a_short_pulse_that_the_voltage_answers_is_no_spike(tmp_path):
     current_a = np.where(np.arange(3000) % 100 == 50, 4.0, 0.5 * (np.arange(3000) // 500 % 2))
-    voltage_v = simulated_cell(current_a)
-    table = pl.DataFrame({TIME: np.arange(3000.0), CURRENT: -current_a, VOLTAGE: voltage_v})
+    table = logged(np.arange(3000.0), -current_a, simulated_cell(current_a))
     assert checked(tmp_path, table).is_clean
 
 
@@ -445,7 +443,7 @@ def test_a_held_voltage_is_not_stuck(tmp_path, noise_a):
     for start in range(0, 2000, 200):
         current_a[start : start + 20] = 0.0
         voltage_v[start : start + 20] -= 0.06
-    table = pl.DataFrame({TIME: seconds, CURRENT: np.round(current_a, 3), VOLTAGE: voltage_v})
+    table = logged(seconds, np.round(current_a, 3), voltage_v)
     assert not counting(checked(tmp_path, table)).keys() & {"stuck voltage", "stuck current"}
 
 
@@ -453,9 +451,7 @@ def test_a_step_of_the_current_that_the_voltage_answers_late_is_no_break(tmp_pat
     current_a = np.concatenate([np.tile(np.repeat([0.0, 1.0], 15), 20), np.repeat([0.0, 5.8], 60)])
     voltage_v = simulated_cell(current_a)
     voltage_v[1:] -= 0.85 * np.diff(voltage_v)
-    table = pl.DataFrame(
-        {TIME: np.arange(720.0), CURRENT: -current_a, VOLTAGE: np.round(voltage_v, 4)}
-    )
+    table = logged(np.arange(720.0), -current_a, np.round(voltage_v, 4))
     assert counting(checked(tmp_path, table)) == {"late voltage": "warning"}
     shifted_v = np.where(np.arange(720) < 640, voltage_v, voltage_v - 0.2)
     assert "breaks" in counting(checked(tmp_path, changed(table, VOLTAGE, shifted_v)))
@@ -597,10 +593,7 @@ def test_a_late_voltage_knows_what_each_sample_shows(tmp_path, late):
     current_a = np.repeat(rng.uniform(-1, 2, 200), rng.integers(2, 20, 200))
     voltage_v = simulated_cell(current_a)
     voltage_v[1:] -= late * np.diff(voltage_v)
-    table = pl.DataFrame(
-        {TIME: np.arange(len(current_a)) * 1.0, CURRENT: -current_a, VOLTAGE: voltage_v}
-    )
-    outcome = checked(tmp_path, table)
+    outcome = checked(tmp_path, logged(1.0 * np.arange(len(current_a)), -current_a, voltage_v))
     if not late:
         assert outcome.is_clean
         return

@@ -10,7 +10,7 @@ from barnax.checks import check_file
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.records import read_record
-from helpers.records import CURRENT, TIME, VOLTAGE, checked, frame
+from helpers.records import CURRENT, VOLTAGE, checked, frame, logged
 
 
 def roles(outcome):
@@ -38,9 +38,7 @@ def test_a_pulse_test_serves_as_ocv_test(name, words):
 
 def test_a_slow_sweep_is_an_ocv_test_and_nothing_else(tmp_path):
     hours = np.arange(0, 20, 0.01)
-    table = pl.DataFrame(
-        {TIME: hours * 3600, CURRENT: 0 * hours - 0.1, VOLTAGE: 4.1 - 0.05 * hours}
-    )
+    table = logged(hours * 3600, 0 * hours - 0.1, 4.1 - 0.05 * hours)
     found = roles(checked(tmp_path, table))
     assert found["OCV test"].is_usable
     assert "slow discharge, 1.999 Ah" in found["OCV test"].reason
@@ -86,14 +84,10 @@ def whole_test(rest_s=7200):
         (7, profile[CURRENT].to_numpy(), profile[VOLTAGE].to_numpy()),
     ]
     step = np.concatenate([np.full(len(current), number) for number, current, _ in pieces])
-    return pl.DataFrame(
-        {
-            TIME: np.arange(len(step)) * 1.0,
-            CURRENT: np.concatenate([current for _, current, _ in pieces]),
-            VOLTAGE: np.concatenate([voltage for *_, voltage in pieces]),
-            "Step Index / 1": step,
-        }
-    )
+    current_a = np.concatenate([current for _, current, _ in pieces])
+    voltage_v = np.concatenate([voltage for *_, voltage in pieces])
+    table = logged(1.0 * np.arange(len(step)), current_a, voltage_v)
+    return table.with_columns(pl.Series("Step Index / 1", step))
 
 
 @pytest.mark.parametrize("rest_s", [60, 7200])
@@ -147,6 +141,6 @@ def test_a_slow_sweep_beside_steps_is_to_be_cut(tmp_path):
     current_a = np.concatenate([0 * sweep_s - 0.1, steps_a])
     time_s = np.concatenate([sweep_s, steps_s])
     soc = 1 + np.cumsum(current_a * np.diff(time_s, prepend=0)) / 3600 / 2
-    table = pl.DataFrame({TIME: time_s, CURRENT: current_a, VOLTAGE: 3.1 + soc + 0.05 * current_a})
+    table = logged(time_s, current_a, 3.1 + soc + 0.05 * current_a)
     reason = roles(checked(tmp_path, table))["identification"].reason
     assert reason.startswith("it holds a slow sweep beside ")

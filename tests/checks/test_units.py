@@ -18,6 +18,7 @@ from helpers.records import (
     counting,
     found,
     frame,
+    logged,
     pulse_frame,
     scaled,
     with_counters,
@@ -111,9 +112,7 @@ def test_units_that_names_state_are_converted_with_a_note(tmp_path):
 
 def test_a_slow_log_in_seconds_is_no_millisecond_file(tmp_path):
     hours = np.linspace(0, 40, 241)
-    table = pl.DataFrame(
-        {TIME: hours * 3600, CURRENT: 0 * hours - 0.05, VOLTAGE: 4.1 - 0.03 * hours}
-    )
+    table = logged(hours * 3600, 0 * hours - 0.05, 4.1 - 0.03 * hours)
     assert "error" not in counting(checked(tmp_path, table, capacity_ah=2.0)).values()
 
 

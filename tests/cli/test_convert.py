@@ -12,7 +12,7 @@ from barnax.records import read_record
 from barnax.records.bdf import bdf_files
 from helpers.dialects import WRITERS, maccor_text, pulse_table
 from helpers.known_cell import made
-from helpers.records import CURRENT, TIME, VOLTAGE
+from helpers.records import CURRENT, TIME, VOLTAGE, logged
 
 
 @pytest.fixture
@@ -100,9 +100,8 @@ def test_a_pack_is_converted_to_one_of_its_cells(run, tmp_path):
 def test_a_log_that_was_cut_into_files_is_joined(run, refuse, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     record, _ = made(1, hours=0.6)
-    table = pl.DataFrame(
-        {TIME: record.time_s, CURRENT: -record.current_a, VOLTAGE: record.voltage_v}
-    ).with_columns(pl.all().round(6))
+    table = logged(record.time_s, -record.current_a, record.voltage_v)
+    table = table.with_columns(pl.all().round(6))
     table.write_csv("whole.csv")
     parts = [f"part{number}.csv" for number in (1, 2, 3)]
     cuts = itertools.pairwise((0, 1500, 4000, len(table)))
@@ -129,7 +128,7 @@ def test_files_of_one_log_may_hold_their_columns_as_different_types(run, refuse,
     record, _ = made(1, hours=0.6)
     whole = np.round(record.current_a[:1500])
     current_a = np.append(whole, record.current_a[1500:])
-    table = pl.DataFrame({TIME: record.time_s, CURRENT: -current_a, VOLTAGE: record.voltage_v})
+    table = logged(record.time_s, -current_a, record.voltage_v)
     first, second = table[:1500], table[1500:]
     # A second file of another format than its name says.
     names = [tmp_path / "a.parquet", tmp_path / "b.csv"]

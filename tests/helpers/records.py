@@ -40,14 +40,9 @@ def told(record):
 
 def pulse_frame(samples=200, *, charge_positive=True, interval_s=1.0, seed=0):
     """A pulse record under Battery Data Format labels."""
-    current = pulses_a(samples, seed=seed)
-    return pl.DataFrame(
-        {
-            "Test Time / s": np.arange(samples) * interval_s,
-            "Current / A": -current if charge_positive else current,
-            "Voltage / V": simulated_cell(current, interval_s),
-        }
-    )
+    current, time_s = pulses_a(samples, seed=seed), np.arange(samples) * interval_s
+    filed = -current if charge_positive else current
+    return logged(time_s, filed, simulated_cell(current, interval_s))
 
 
 def arbin_rows(frame, start=0, stop=None):
@@ -176,6 +171,11 @@ CAPACITY_AH = 2.0
 def frame(name="identification"):
     """A bundled record as a table."""
     return pl.read_parquet(bundled_file(name))
+
+
+def logged(time_s, current_a, voltage_v):
+    """A charge-positive record as a table."""
+    return pl.DataFrame({TIME: time_s, CURRENT: current_a, VOLTAGE: voltage_v})
 
 
 def changed(table, column, values, rows=None):

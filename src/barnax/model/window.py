@@ -105,6 +105,7 @@ def within_ocv(
     if any(point.source == record.name for point in points):
         # The correction of the OCV reaches a little beyond the last rest of a pulse test.
         outside = scored & (beyond > OCV_MARGIN)
+        counts |= {"far": "own", "instead": "own"}
     told = notice("soc.without-ocv", record.name, left_out=outside.sum(), **counts)
     return scored & ~outside, [told]
 

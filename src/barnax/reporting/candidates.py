@@ -199,7 +199,9 @@ def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str
         if own.held_out.above_v is not None:
             left += f" ({millivolt(own.held_out.above_v)} above 10 % SOC)"
         if own.held_out.is_worth(held[1]):
-            worth = "; that predicts better: try without `ocv`"
+            # Of a folder, the plan chose the test.
+            how = "the records alone, in place of their folder" if result.plan else "without `ocv`"
+            worth = f"; that predicts better: try {how}"
     if is_short:
         yield f"without it {millivolt(own.own_v)}{left}{worth}."
         return

@@ -288,5 +288,5 @@ def warnings_section(notices: Sequence[Notice]) -> list[Section]:
     return [
         Section(title, (Bullets(tuple(sentences_of(told)), are_warnings=counts),))
         for title, counts in (("Warnings", True), ("Notes", False))
-        if (told := [one for one in notices if one.counts is counts])
+        if (told := [found for found in notices if found.counts is counts])
     ]

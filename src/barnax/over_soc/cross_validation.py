@@ -106,16 +106,15 @@ def blocks_of(
     """Functions that number the groups of a record's samples, -1 where one is not scored, and how
     many groups there are.
 
-    Two groups a fold: the samples below and above 10 % SOC. Several records are a fold each.
+    Two groups a fold: the samples below and above 10 % SOC. Several records are a fold each;
+    without folds all samples are one.
     """
     are_several = are_left_out_whole(prepared_records)
 
     def group(here: slice, number: int) -> Int[np.ndarray, "samples"]:
         prepared = prepared_records[number]
-        if not settings.folds:
-            return np.where(prepared.scored[here], 0, -1)
-        fold = np.full(here.stop - here.start, number)
-        if not are_several:
+        fold = np.full(here.stop - here.start, number if settings.folds else 0)
+        if settings.folds and not are_several:
             start_s = prepared.time_s[np.argmax(prepared.scored)]
             block = np.floor(
                 (prepared.time_s[here] - start_s) / _block_s(prepared, settings)
@@ -125,7 +124,7 @@ def blocks_of(
 
     groups: list[Groups] = [partial(group, number=n) for n in range(len(prepared_records))]
     folds = len(prepared_records) if are_several and settings.folds else settings.folds
-    return groups, 2 * folds or 1
+    return groups, 2 * max(folds, 1)
 
 
 def are_left_out_whole(prepared_records: Sequence[PreparedRecord]) -> bool:
@@ -160,7 +159,8 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
     registered = _held_out(objective, best, parts, parts) if objective.told else []
     if objective.tables > 1 + objective.pairs or objective.nodes > 1:
         plain = replace(settings, nodes=ANYWHERE, ocv_correction=False)
-        whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
+        flat = objective.reduced.constant()
+        whole = replace(objective, reduced=flat, settings=plain, low_end=None)
         flat, flat_told = ([part.constant() for part in groups] for groups in (parts, told))
         constant = _held_out(whole, find_best(whole), flat, flat_told)
     return CrossValidation(
@@ -182,14 +182,22 @@ def held_out_errors(objective: TableObjective, best: Solution) -> SocErrors | No
 
 
 def record_errors(objective: TableObjective, best: Solution) -> tuple[SocErrors, ...]:
-    """The errors on each record, from the factors of its samples below and above 10 % SOC."""
-    squares = []
-    for part in objective.parts:
-        columns, base = replace(objective, reduced=part).columns(best.log_scales)
-        squares.append(part.scored * np.sum((base + columns @ best.unknowns) ** 2))
+    """The errors on each record."""
+    return tuple(map(_errors_of, zip(*squared_errors(objective, best), strict=True)))
+
+
+def squared_errors(
+    objective: TableObjective, best: Solution
+) -> tuple[Float[np.ndarray, "groups 2"], Int[np.ndarray, "groups 2"]]:
+    """Sums of squared errors in V^2 of every fold or record, and how many there are, below and
+    above 10 % SOC."""
+    groups = zip(objective.parts, *_at(objective, best, objective.parts), strict=True)
+    squares = [
+        part.scored * np.sum((base + columns @ best.unknowns) ** 2)
+        for part, columns, base in groups
+    ]
     counts = np.array([part.scored for part in objective.parts])
-    sums = zip(np.reshape(squares, (-1, 2)), counts.reshape(-1, 2), strict=True)
-    return tuple(map(_errors_of, sums))
+    return np.reshape(squares, (-1, 2)), counts.reshape(-1, 2)
 
 
 def _has_folds(objective: TableObjective) -> bool:
@@ -235,7 +243,7 @@ def _at(objective: TableObjective, best: Solution, parts: Sequence[Reduced]):
     layout = objective.reduced.layout
     # From those of the factor, by one product for each group.
     own = Reduced(layout, 1, np.eye(layout.width))
-    columns, base = replace(objective, reduced=own).columns(best.log_scales)
+    columns, base = replace(objective, reduced=own, low_end=None).columns(best.log_scales)
     factors = [part.factor / math.sqrt(max(part.scored, 1)) for part in parts]
     return [factor @ columns for factor in factors], [factor @ base for factor in factors]
 
@@ -250,7 +258,7 @@ def _fitted_to(
     """The unknowns that fit some groups of samples best, at the time constants of all."""
     normal, gradient = objective.penalty_normal.copy(), np.zeros(len(objective.penalty_normal))
     for at in np.flatnonzero(scored).tolist():
-        share = scored[at] / scored.sum()
+        share = scored[at] / scored.sum() * (1.0 if at % 2 else objective.weight_below**2)
         normal += share * columns[at].T @ columns[at]
         gradient += share * columns[at].T @ bases[at]
     return least_in_box(normal, gradient, *objective.box, best.sides)[0]

@@ -23,6 +23,7 @@ from ..model.prepared import PreparedRecord
 from ..model.reference import errors_along
 from .cross_validation import SocErrors, held_out_errors
 from .intervals import linearized, with_penalty
+from .low_end import without_low_end
 from .objective import Solution, TableObjective
 from .problem import held_at, reduced_objective
 from .search import find_best
@@ -61,9 +62,9 @@ def searched(
         objective = reduced_objective(
             [prepared.following(known) for prepared in prepared_records], settings, like=like
         )
-        return objective, find_best(objective)
+        return without_low_end(objective, find_best(objective))
     objective = reduced_objective(prepared_records, settings, like=like)
-    return with_dependence(objective, find_best(objective))
+    return without_low_end(*with_dependence(objective, find_best(objective)))
 
 
 def adjusted(objective: TableObjective, best: Solution) -> Dependence | None:

@@ -29,7 +29,7 @@ from .cross_validation import (
 from .current_offset import OffsetEffect
 from .dependence import searched
 from .intervals import NodeInterval, intervals_of
-from .objective import TableObjective
+from .objective import LowEnd, TableObjective
 from .problem import BOTH_WAYS_SOC, HELD_GAMMA, least_travel_soc, reduced_objective
 from .search import find_best
 from .settings import TableSettings
@@ -79,6 +79,7 @@ class TableFit(Brief):
         own_ocv: What an OCV of the records' own gives, beside that of an OCV test.
         of_offset: What an offset of the current would do that one record cannot tell from an OCV of
             its own.
+        low_end: How errors below 10 % SOC count, where not as all others.
     """
 
     tables: CircuitParameters
@@ -95,6 +96,7 @@ class TableFit(Brief):
     warnings: tuple[Told, ...]
     own_ocv: OcvCompared | None = None
     of_offset: OffsetEffect | None = None
+    low_end: LowEnd | None = None
 
     @property
     def proved_gap(self) -> float:
@@ -199,6 +201,7 @@ def fit_of(
         intervals=intervals,
         cross_validation=held_out,
         warnings=(),
+        low_end=objective.low_end,
     )
     fit = replace(fit, warnings=_warnings(objective, fit))
     return fit.proved(proof, settings.proved_share)

@@ -302,7 +302,8 @@ def linearized(
                 moved.append((responses[2] - responses[0]) @ counts / (2 * STEP))
             moved += [slope[block.here][scored] for slope in beside]
             columns = np.concatenate([*tables, np.stack(moved, axis=1)], axis=1)
-            yield columns, base, prepared.informed[block.here][scored]
+            counts = objective.weights_at(prepared.soc[block.here][scored])[:, None]
+            yield counts * columns, counts * base, prepared.informed[block.here][scored]
 
 
 def _dependence_slopes(

@@ -28,6 +28,7 @@ from .cross_validation import record_errors
 from .fit import TableFit, fit_of
 from .intervals import NodeInterval
 from .level import OCV_NODES, level_cell, leveled, with_own_ocv
+from .low_end import without_low_end
 from .objective import Solution, TableObjective
 from .problem import box_of
 from .search import find_best
@@ -242,7 +243,7 @@ def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> Tab
             raise InputError(_other_grid(first, record))
     objective = objective_of(kept, settings or TableSettings())
     with one_blas_thread():
-        best = find_best(objective)
+        objective, best = without_low_end(objective, find_best(objective))
     fit = fit_of(
         objective,
         Proof(0.0, 0, best),

@@ -4,16 +4,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
-from ..cell import CircuitParameters, Dependence
+from ..cell import CircuitParameters
 from ..cell.circuits import get_circuit
 from ..cell.elements import alike, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC, RATE
+from ..cell.soc_axis import is_above
 from ..model.axes import Axis, axes_of
 from ..model.box_least_squares import (
     Sides,
@@ -25,8 +26,9 @@ from ..model.box_least_squares import (
 )
 from ..model.descent import LogScales, Solved
 from ..model.prepared import PreparedRecord
-from ..model.reduced import Columns, Reduced
+from ..model.reduced import Columns, Reduced, together
 from ..model.search_space import Range
+from .facts import Facts
 from .settings import TableSettings
 
 # Of the voltage step at a current step, R0 is at least this share: what a sampling interval lets
@@ -46,20 +48,19 @@ class Solution(Solved):
     error: Float[np.ndarray, "rows"]
 
 
-class Facts(Protocol):
-    """Facts of a record that a fit needs beside its columns: of a prepared or of a kept one."""
+@dataclass(frozen=True)
+class LowEnd:
+    """How samples below 10 % SOC count, where they would decide the time constants of all others.
 
-    @property
-    def circuit(self) -> str: ...
-    @property
-    def capacity_ah(self) -> float: ...
-    @property
-    def dependence(self) -> Dependence | None: ...
-    @property
-    def step_ohm(self) -> float: ...
-    @property
-    def cell(self) -> Any: ...
-    def nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]: ...
+    Attributes:
+        weight: What each of their errors is multiplied by.
+        times: How many times as large as above 10 % SOC they are in a fit that counts them evenly.
+        evenly_tau_s: The time constants of that fit.
+    """
+
+    weight: float
+    times: float
+    evenly_tau_s: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,8 @@ class TableObjective:
     `ranges` are those of every pair's time constant in s, then of gamma where there is one, by
     name; `LogScales` are the logarithms of these. `reduced` is the factor of all scored samples,
     `parts` those of the groups of `blocks_of`; `told` are the same with starts and capacities as
-    they were told, where they were registered; `smoothing_scale` scales all smoothing weights.
+    they were told, where they were registered; `smoothing_scale` scales all smoothing weights, and
+    `low_end` the errors of samples below 10 % SOC with the smoothing of nodes there.
     Records that were `kept` are without samples, and stand in place of prepared ones.
     """
 
@@ -80,6 +82,7 @@ class TableObjective:
     parts: Sequence[Reduced] = ()
     told: Sequence[Reduced] = ()
     smoothing_scale: float = 1.0
+    low_end: LowEnd | None = None
     kept: Sequence[Any] = ()
 
     @property
@@ -153,9 +156,27 @@ class TableObjective:
         return slice(first, first + len(self.nodes_of[table]))
 
     @cached_property
+    def weighed(self) -> Reduced:
+        """The factor of all scored samples with their weights."""
+        if self.low_end is None:
+            return self.reduced
+        weights = [self.weight_below, 1.0] * (len(self.parts) // 2)
+        groups = zip(self.parts, weights, strict=True)
+        return together([replace(own, factor=w * own.factor) for own, w in groups if own.scored])
+
+    @property
+    def weight_below(self) -> float:
+        """What an error below 10 % SOC is multiplied by."""
+        return 1.0 if self.low_end is None else self.low_end.weight
+
+    def weights_at(self, soc: Float[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
+        """What errors are multiplied by at states of charge."""
+        return np.where(is_above(soc), 1.0, self.weight_below)
+
+    @cached_property
     def axes(self) -> tuple[Axis, ...]:
         """The searched coordinates."""
-        return axes_of(self.reduced, self.elements, self.ranges)
+        return axes_of(self.weighed, self.elements, self.ranges)
 
     def parts_at(self, found: Solution) -> list[tuple[float, "TableObjective", Solution]]:
         return [(1.0, self, found)]
@@ -176,16 +197,16 @@ class TableObjective:
     def fixed_columns(self) -> dict[int, Columns]:
         """The columns of tables that no axis changes, and what an axis adds to."""
         layout = self.reduced.layout
-        own = {0: self.reduced.part("current")[0]}
+        own = {0: self.weighed.part("current")[0]}
         if layout.has_correction:
-            own[1 + self.pairs] = self.reduced.part("correction")[0] @ self._to_correction
+            own[1 + self.pairs] = self.weighed.part("correction")[0] @ self._to_correction
         if layout.has_amplitude:
-            own[self.tables - 1] = self.reduced.part("initial_hysteresis")[0]
+            own[self.tables - 1] = self.weighed.part("initial_hysteresis")[0]
         return own
 
     @cached_property
     def base(self) -> Float[np.ndarray, "rows"]:
-        return self.reduced.part("base")[0][:, 0]
+        return self.weighed.part("base")[0][:, 0]
 
     @cached_property
     def weights(self) -> list[tuple[float, float]]:
@@ -221,6 +242,7 @@ class TableObjective:
         for nodes, (weight, ridge) in zip(self.nodes_of, self.weights, strict=True):
             eye = np.eye(len(nodes))
             bent = math.sqrt(self.settings.roughness) * np.diff(eye, 2, axis=0)
+            bent *= self.weights_at(nodes[:-2])[:, None]
             rows = np.concatenate([bent, math.sqrt(ridge) * eye])
             blocks.append(weight * math.sqrt(self.smoothing_scale) * rows)
         return np.asarray(block_diag(*blocks))

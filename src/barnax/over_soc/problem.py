@@ -15,7 +15,7 @@ from ..cell.parameters import OHMIC, RATE
 from ..errors import InputError
 from ..model.layout import layout_of
 from ..model.prepared import PreparedRecord
-from ..model.reduced import Reduced, reduce_records, together
+from ..model.reduced import Reduced, reduce_records, scored_alone, together
 from ..model.search_space import RATE_RANGE, Range
 from .cross_validation import are_left_out_whole, blocks_of
 from .objective import TableObjective
@@ -51,7 +51,9 @@ def reduced_objective(
     )
 
     def reduced(records: Sequence[PreparedRecord]) -> list[Reduced]:
-        return reduce_records(records, layout, *blocks_of(records, settings), beside_v)
+        if beside_v is not None:
+            return reduce_records(records, layout, [*map(scored_alone, records)], 1, beside_v)
+        return reduce_records(records, layout, *blocks_of(records, settings))
 
     if beside_v is not None:
         layout = replace(layout, sides=beside_v.shape[1])
@@ -59,7 +61,7 @@ def reduced_objective(
     if like is not None and like.settings is settings and like.reduced.layout.is_alike(layout):
         pairs = zip(own, like.prepared_records, strict=True)
         if all(_is_alike(*pair) for pair in pairs):
-            return replace(like, prepared_records=own, ranges=ranges)
+            return replace(like, prepared_records=own, ranges=ranges, low_end=None)
     parts, told = reduced(own), []
     if (
         settings.folds

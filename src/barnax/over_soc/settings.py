@@ -25,6 +25,8 @@ class TableSettings(TableOptions):
     Args:
         bounds: Lowest and highest value by PyBaMM's names; those of a resistance hold at every SOC.
         fixed: Values by the same names; a time constant or gamma has one for all SOC.
+        evenly: Count errors below 10 % SOC as all others, even where they would decide the time
+            constants.
 
     Raises `InputError` for nodes that do not rise, weights that are not positive, and bounds or
     fixed values that are unknown, reversed, negative or both given.
@@ -32,6 +34,7 @@ class TableSettings(TableOptions):
 
     bounds: Mapping[str, Range] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
+    evenly: bool = False
 
     def __post_init__(self) -> None:
         require_nodes(self.nodes)

@@ -8,10 +8,21 @@ from typing import TYPE_CHECKING
 
 from ..cell import CellModel, PolynomialCurve
 from ..cell.parameters import OHMIC
+from ..cell.soc_axis import ABOVE_SOC
 from ..notices import Notice, sentences_of
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
 from .starts import CAME_FROM, offset_sentence, own_ocv_sentences, start_sentence
-from .words import NOTHING, gathered, joined, millivolt, significant, with_unit
+from .words import (
+    NOTHING,
+    figures,
+    gathered,
+    joined,
+    millivolt,
+    percent,
+    significant,
+    symbol,
+    with_unit,
+)
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
@@ -98,11 +109,26 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
             yield start_sentence(part, part.name in planned, not cell.is_of_records)
 
 
+def _low_end_sentence(stored: "Result") -> Iterator[str]:
+    """What samples below 10 % SOC count for, where not as much as others."""
+    fit = stored.tables and stored.tables.fit
+    if not fit or fit.low_end is None:
+        return
+    evenly = zip(fit.tables.named_tau_s, fit.low_end.evenly_tau_s, strict=True)
+    taus = joined([f"{symbol(name)} {with_unit(name, tau_s)}" for name, tau_s in evenly])
+    yield (
+        f"errors below {percent(ABOVE_SOC)} SOC, {figures(fit.low_end.times)} times as large as "
+        f"above, count {figures(fit.low_end.weight)} times as much; if they counted as much as "
+        f"others, {taus} would fit best."
+    )
+
+
 def guess_sentences(stored: "Result") -> Iterator[str]:
     """The decisions that were guesses and that the answer depends on, with how to settle them."""
     simulated = [part for part in stored.inputs if part.start is not None]
     yield from own_ocv_sentences(stored)
     yield from offset_sentence(stored)
+    yield from _low_end_sentence(stored)
     guessed = [part for part in simulated if part.hold and part.hold.strength == "assumed"]
     if guessed:
         value = guessed[0].hold.value if guessed[0].hold else ""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..cell.elements import names_beside
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
+from ..cell.soc_axis import ABOVE_SOC, is_above
 from ..table_run import MIDDLE_SOC
 from ..uncertainty.covariance import WIDEST_FACTOR
 from .candidates import (
@@ -237,7 +238,8 @@ def _temperature_table(part: "TablesPart", over: "OverTemperature") -> Table:
 
 def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[tuple[str, ...]]]:
     """Heads and rows: each table at 50 % SOC with its interval and its range, or the resistances
-    and errors of each temperature; then what is the same at every SOC.
+    and errors of each temperature; then what is the same at every SOC. The range leaves out nodes
+    below 10 % SOC, where curves bend more than lines between nodes follow.
 
     The head of the intervals says what they are of: the `records` identified on, or of three and
     more what another one would show.
@@ -255,7 +257,9 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
     if not is_over_soc:
         seen_soc = [100 * node.soc for node in fit.of_table(OCV) if node.soc is not None]
         where = f"at {min(seen_soc):.0f} to {max(seen_soc):.0f} % SOC"
-    heads = ["", where, kind, "over SOC" if is_over_soc else "", "", "", ""]
+    ranged = [place for place in visited if is_above(nodes[place])] or visited
+    over = "over SOC" if ranged == visited else f"above {percent(ABOVE_SOC)} SOC"
+    heads = ["", where, kind, over if is_over_soc else "", "", "", ""]
     known = {}
     for node in fit.intervals:
         is_of_others = are_several and node.soc is not None
@@ -269,7 +273,7 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
         if name == OCV_CORRECTION:
             continue
         told = {node.soc for node in fit.of_table(name) if node.low is not None}
-        seen = [values[n] for n in visited if nodes[n] in told] or [values[n] for n in visited]
+        seen = [values[n] for n in ranged if nodes[n] in told] or [values[n] for n in ranged]
         here = known.get((name, nodes[middle]), "")
         ranges = between(name, min(seen), max(seen)) if is_over_soc else ""
         row = [_name(name), *_under_one_unit(with_unit(name, values[middle]), here, ranges)]

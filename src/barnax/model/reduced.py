@@ -111,8 +111,8 @@ def reduce_records(
                 for group in np.unique(numbers[numbers >= 0]).tolist():
                     is_own = numbers == group
                     scored[group] += np.count_nonzero(is_own)
-                    # One group, and the few samples of another, have two chains for two cores.
-                    chain = group, turn % CHAINS if count <= 2 else 0
+                    # One group alone has two chains, so that two cores share it.
+                    chain = group, turn % CHAINS if count == 1 else 0
                     # Waiting here keeps no more blocks than there are chains.
                     done = chains.get(chain)
                     before = done.result() if done else _Triangle.empty(layout, order)

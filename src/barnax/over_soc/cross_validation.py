@@ -106,15 +106,16 @@ def blocks_of(
     """Functions that number the groups of a record's samples, -1 where one is not scored, and how
     many groups there are.
 
-    Two groups a fold: the samples below and above 10 % SOC. Several records are a fold each;
-    without folds all samples are one.
+    Two groups a fold: the samples below and above 10 % SOC. Several records are a fold each.
     """
     are_several = are_left_out_whole(prepared_records)
 
     def group(here: slice, number: int) -> Int[np.ndarray, "samples"]:
         prepared = prepared_records[number]
-        fold = np.full(here.stop - here.start, number if settings.folds else 0)
-        if settings.folds and not are_several:
+        if not settings.folds:
+            return np.where(prepared.scored[here], 0, -1)
+        fold = np.full(here.stop - here.start, number)
+        if not are_several:
             start_s = prepared.time_s[np.argmax(prepared.scored)]
             block = np.floor(
                 (prepared.time_s[here] - start_s) / _block_s(prepared, settings)
@@ -124,7 +125,7 @@ def blocks_of(
 
     groups: list[Groups] = [partial(group, number=n) for n in range(len(prepared_records))]
     folds = len(prepared_records) if are_several and settings.folds else settings.folds
-    return groups, 2 * max(folds, 1)
+    return groups, 2 * folds or 1
 
 
 def are_left_out_whole(prepared_records: Sequence[PreparedRecord]) -> bool:

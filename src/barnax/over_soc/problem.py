@@ -15,7 +15,7 @@ from ..cell.parameters import OHMIC, RATE
 from ..errors import InputError
 from ..model.layout import layout_of
 from ..model.prepared import PreparedRecord
-from ..model.reduced import Reduced, reduce_records, scored_alone, together
+from ..model.reduced import Reduced, reduce_records, together
 from ..model.search_space import RATE_RANGE, Range
 from .cross_validation import are_left_out_whole, blocks_of
 from .objective import TableObjective
@@ -51,9 +51,7 @@ def reduced_objective(
     )
 
     def reduced(records: Sequence[PreparedRecord]) -> list[Reduced]:
-        if beside_v is not None:
-            return reduce_records(records, layout, [*map(scored_alone, records)], 1, beside_v)
-        return reduce_records(records, layout, *blocks_of(records, settings))
+        return reduce_records(records, layout, *blocks_of(records, settings), beside_v)
 
     if beside_v is not None:
         layout = replace(layout, sides=beside_v.shape[1])

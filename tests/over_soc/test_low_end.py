@@ -11,7 +11,7 @@ from barnax import record_from_frame
 from barnax.cell import CircuitParameters, OcvPoint, OcvTable, characterize
 from barnax.model.prepared import Window, prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.over_soc import TableSettings, fit_tables
+from barnax.over_soc import TableSettings
 from barnax.over_soc.dependence import searched
 from barnax.over_soc.low_end import without_low_end
 
@@ -64,31 +64,35 @@ def emptied():
     return prepare_record(record, cell, "so-rc", Window(initial_soc=1.0))
 
 
-def off(fit):
+@pytest.fixture(scope="module")
+def weighed(emptied):
+    return searched([emptied], PLAIN)
+
+
+def off(found):
     """How far off time constants are, and the second pair's resistance from 20 % SOC on."""
-    soc = np.linspace(0.2, 1, 9)
-    r2 = fit.tables.at("R2 [Ohm]", soc) / r_ohm(soc)[2] - 1
-    return np.abs(np.array(fit.tables.tau_s) / TAU_S - 1), np.median(np.abs(r2))
+    objective, best = found
+    tables, soc = objective.tables_at(best), np.linspace(0.2, 1, 9)
+    r2 = tables.at("R2 [Ohm]", soc) / r_ohm(soc)[2] - 1
+    return np.abs(np.array(tables.tau_s) / TAU_S - 1), np.median(np.abs(r2))
 
 
-def test_a_steep_end_does_not_set_the_time_constants(emptied):
-    evenly, weighed = (fit_tables([emptied], settings) for settings in (EVENLY, PLAIN))
-    assert evenly.low_end is None
-    assert weighed.low_end is not None
-    assert weighed.low_end.evenly_tau_s == pytest.approx(evenly.tables.tau_s)
-    tau_off, r2_off = off(weighed)
-    assert np.all(tau_off < (0.01, 0.1))
-    assert r2_off < 0.1
+def test_a_steep_end_does_not_set_the_time_constants(emptied, weighed):
+    evenly = searched([emptied], EVENLY)
+    assert evenly[0].low_end is None
     # What it is there for.
-    assert np.all(off(evenly)[0] > (0.03, 0.2))
-    assert off(evenly)[1] > 0.15
+    assert np.all(off(evenly)[0] > (0.1, 0.5))
+    assert off(evenly)[1] > 0.3
+    assert np.all(off(weighed)[0] < (0.01, 0.1))
+    assert off(weighed)[1] < 0.1
+    told = weighed[0].low_end
+    assert told.evenly_tau_s == pytest.approx(np.exp(evenly[1].log_scales))
+    assert told.weight == pytest.approx(told.times**-2)
 
 
-def test_the_objective_is_of_weighed_errors(emptied):
-    objective, best = searched([emptied], PLAIN)
-    assert objective.low_end is not None
-    tables = objective.tables_at(best)
-    error_v = emptied.voltage_v - simulate_circuit(emptied, tables)
+def test_the_objective_is_of_weighed_errors(emptied, weighed):
+    objective, best = weighed
+    error_v = emptied.voltage_v - simulate_circuit(emptied, objective.tables_at(best))
     weights = np.where(emptied.soc >= 0.1, 1.0, objective.low_end.weight)
     bent = objective.table_penalty @ np.concatenate(best.values)
     expected_v2 = np.mean((weights * error_v)[emptied.scored] ** 2) + bent @ bent

@@ -244,13 +244,13 @@ class _Relaxation:
     def _limits(self, objective_v2: float) -> tuple[np.ndarray, np.ndarray]:
         """The lowest and highest value of every unknown of tables with at most this J."""
         objective = self.objective
-        furthest = [
-            math.sqrt(objective_v2 / (ridge * objective.smoothing_scale)) / weight
-            for weight, ridge in objective.weights
-        ]
-        # A step from node to node is at most the sum of both values.
-        furthest = np.repeat(furthest, [len(nodes) for nodes in objective.nodes_of]) * (
-            1 + (objective.to_tables.sum(axis=0) > 1)
+        furthest = np.concatenate(
+            [
+                np.sqrt(objective_v2 / (ridge * objective.smoothing_scale)) / weight
+                for ridge, (weight, _) in zip(objective.ridges, objective.weights, strict=True)
+            ]
         )
+        # A step from node to node is at most the sum of both values.
+        furthest = np.abs(np.linalg.inv(objective.to_tables)) @ furthest
         low, high = objective.box
         return np.maximum(low, -furthest), np.minimum(high, furthest)

@@ -13,8 +13,9 @@ import numpy as np
 
 from ..model.descent import polish
 from .cross_validation import WORTHWHILE, held_out_errors, squared_errors
-from .objective import LowEnd, Solution, TableObjective
+from .objective import Solution, TableObjective
 from .search import find_best
+from .weight import LowEnd
 
 # What counts still less would be lost in the rounding of all else.
 LEAST_WEIGHT = 0.03

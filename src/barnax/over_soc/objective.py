@@ -30,10 +30,13 @@ from ..model.reduced import Columns, Reduced, together
 from ..model.search_space import Range
 from .facts import Facts
 from .settings import TableSettings
+from .weight import LowEnd
 
 # Of the voltage step at a current step, R0 is at least this share: what a sampling interval lets
 # the fastest pair add is less, even of a minute. Only where nothing else tells R0 is it that low.
 LEAST_SHARE = 1 / 3
+# A ridge is not lowered further: the limits that it sets would be too wide for a proof.
+LEAST_RIDGE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,21 +49,6 @@ class Solution(Solved):
     values: tuple[Float[np.ndarray, "nodes"], ...]
     unknowns: Float[np.ndarray, "unknowns"]
     error: Float[np.ndarray, "rows"]
-
-
-@dataclass(frozen=True)
-class LowEnd:
-    """How samples below 10 % SOC count, where they would decide the time constants of all others.
-
-    Attributes:
-        weight: What each of their errors is multiplied by.
-        times: How many times as large as above 10 % SOC they are in a fit that counts them evenly.
-        evenly_tau_s: The time constants of that fit.
-    """
-
-    weight: float
-    times: float
-    evenly_tau_s: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,6 +204,14 @@ class TableObjective:
         return [resistance] * (self.pairs + 1) + [(1.0, settings.voltage_ridge)] * others
 
     @cached_property
+    def ridges(self) -> list[Float[np.ndarray, "nodes"]]:
+        """Every table's ridge at its nodes, less where errors count less."""
+        return [
+            np.maximum(ridge * self.weights_at(nodes) ** 2, min(ridge, LEAST_RIDGE))
+            for nodes, (_, ridge) in zip(self.nodes_of, self.weights, strict=True)
+        ]
+
+    @cached_property
     def _to_correction(self) -> Float[np.ndarray, "nodes nodes"]:
         """The OCV correction at every node from its unknowns: its value at the first node and the
         steps from node to node, each with a bound of its own, where the OCV is to rise."""
@@ -239,11 +235,11 @@ class TableObjective:
     def table_penalty(self) -> Float[np.ndarray, "penalties values"]:
         """The same by the tables' values."""
         blocks = []
-        for nodes, (weight, ridge) in zip(self.nodes_of, self.weights, strict=True):
+        for nodes, (weight, _), ridge in zip(self.nodes_of, self.weights, self.ridges, strict=True):
             eye = np.eye(len(nodes))
             bent = math.sqrt(self.settings.roughness) * np.diff(eye, 2, axis=0)
             bent *= self.weights_at(nodes[:-2])[:, None]
-            rows = np.concatenate([bent, math.sqrt(ridge) * eye])
+            rows = np.concatenate([bent, np.diag(np.sqrt(ridge))])
             blocks.append(weight * math.sqrt(self.smoothing_scale) * rows)
         return np.asarray(block_diag(*blocks))
 

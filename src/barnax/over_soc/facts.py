@@ -1,5 +1,6 @@
-"""The facts of a record that a fit of tables needs beside its columns."""
+"""What a fit of tables needs to know of its records beside their columns, and how samples count."""
 
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,3 +23,18 @@ class Facts(Protocol):
     @property
     def cell(self) -> Any: ...
     def nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]: ...
+
+
+@dataclass(frozen=True)
+class LowEnd:
+    """How samples below 10 % SOC count, where they would decide the time constants of all others.
+
+    Attributes:
+        weight: What each of their errors is multiplied by.
+        times: How many times as large as above 10 % SOC they are in a fit that counts them evenly.
+        evenly_tau_s: The time constants of that fit.
+    """
+
+    weight: float
+    times: float
+    evenly_tau_s: tuple[float, ...]

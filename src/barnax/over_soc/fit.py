@@ -28,12 +28,12 @@ from .cross_validation import (
 )
 from .current_offset import OffsetEffect
 from .dependence import searched
+from .facts import LowEnd
 from .intervals import NodeInterval, intervals_of
 from .objective import TableObjective
 from .problem import BOTH_WAYS_SOC, HELD_GAMMA, least_travel_soc, reduced_objective
 from .search import find_best
 from .settings import TableSettings
-from .weight import LowEnd
 
 Status = Literal["certified", "grid-verified"]
 # A table of which more nodes than this were not visited is mostly extrapolated.

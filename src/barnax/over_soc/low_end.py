@@ -13,9 +13,9 @@ import numpy as np
 
 from ..model.descent import polish
 from .cross_validation import WORTHWHILE, held_out_errors, squared_errors
+from .facts import LowEnd
 from .objective import Solution, TableObjective
 from .search import find_best
-from .weight import LowEnd
 
 # What counts still less would be lost in the rounding of all else.
 LEAST_WEIGHT = 0.03
@@ -24,7 +24,10 @@ LEAST_WEIGHT = 0.03
 def without_low_end(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:
     """The objective and its best tables with a smaller weight of samples below 10 % SOC, where that
     lowers the errors on what is held out above by more than `WORTHWHILE`; else as they are."""
-    evenly = None if objective.settings.evenly else held_out_errors(objective, best)
+    is_searched = any(axis.high > axis.low for axis in objective.axes)
+    if objective.settings.evenly or not is_searched:
+        return objective, best
+    evenly = held_out_errors(objective, best)
     if evenly is None or evenly.above_v is None:
         return objective, best
     squares_v2, counts = np.sum(squared_errors(objective, best), axis=1)

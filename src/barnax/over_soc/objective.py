@@ -28,9 +28,8 @@ from ..model.descent import LogScales, Solved
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced, together
 from ..model.search_space import Range
-from .facts import Facts
+from .facts import Facts, LowEnd
 from .settings import TableSettings
-from .weight import LowEnd
 
 # Of the voltage step at a current step, R0 is at least this share: what a sampling interval lets
 # the fastest pair add is less, even of a minute. Only where nothing else tells R0 is it that low.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..cell.elements import names_beside
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
-from ..cell.soc_axis import ABOVE_SOC, is_above
+from ..cell.soc_axis import ABOVE_SOC
 from ..table_run import MIDDLE_SOC
 from ..uncertainty.covariance import WIDEST_FACTOR
 from .candidates import (
@@ -257,7 +257,7 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
     if not is_over_soc:
         seen_soc = [100 * node.soc for node in fit.of_table(OCV) if node.soc is not None]
         where = f"at {min(seen_soc):.0f} to {max(seen_soc):.0f} % SOC"
-    ranged = [place for place in visited if is_above(nodes[place])] or visited
+    ranged = [place for place in visited if nodes[place] >= ABOVE_SOC] or visited
     over = "over SOC" if ranged == visited else f"above {percent(ABOVE_SOC)} SOC"
     heads = ["", where, kind, over if is_over_soc else "", "", "", ""]
     known = {}

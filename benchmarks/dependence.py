@@ -62,7 +62,7 @@ def shown(case: Case, follow: str) -> list[str]:
         resistances_follow=follow, **case.options,
     )  # fmt: skip
     answer = next(each for each in result.candidates if each.is_answer)
-    fit = result.tables.fit
+    fit = result.fit
     known = fit.tables.dependence
     numbers = {} if known is None else known.numbers
     ends = {each.name: each for each in fit.intervals if each.name in numbers}

@@ -160,7 +160,7 @@ def identified(cell: Cell, records: Iterable[barnax.Record]) -> Outcome:
         count("capacity", known.capacity_low_ah, known.capacity_high_ah, own_ah / scale)
     assert result.tables is not None, "an OCV of the records' own is a table"
     ocv_off_v, found_ohm = [], {}
-    for node in result.tables.fit.intervals:
+    for node in result.fit.intervals:
         if node.soc is None or not INSIDE[0] <= node.soc <= INSIDE[1] or node.low is None:
             continue
         true_soc = float(soc.mean() - (1 - node.soc) / scale)

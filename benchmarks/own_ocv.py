@@ -102,7 +102,7 @@ def beside_test(result: barnax.Result, test: CellModel) -> str:
     """
     share = result.cell_model.capacity_ah / test.capacity_ah
     mean_mv, beyond_mv, is_held = [], [], []
-    for node in result.tables.fit.of_table(OCV):
+    for node in result.fit.of_table(OCV):
         soc = 1 - (1 - np.array([node.soc], float)) * share
         if node.low is None or node.high is None or not LOWEST <= soc[0] <= HIGHEST:
             continue

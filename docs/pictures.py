@@ -112,7 +112,7 @@ def draw_own_ocv() -> Figure:
     """The OCV of a drive cycle alone, its intervals, and the OCV test."""
     alone = barnax.identify(barnax.bundled_file("identification"), capacity=2.0, seeds=0)
     assert alone.tables is not None
-    known = [e for e in alone.tables.fit.intervals if e.name == "OCV [V]" and e.low is not None]
+    known = [e for e in alone.fit.intervals if e.name == "OCV [V]" and e.low is not None]
     soc, value, low, high = np.array([(e.soc, e.value, e.low, e.high) for e in known], float).T
     tests = [barnax.read_record(barnax.bundled_file(f"ocv_{w}")) for w in ("discharge", "charge")]
     measured_v = barnax.characterize(tests).average_ocv_v(soc)

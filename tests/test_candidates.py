@@ -82,7 +82,7 @@ def test_what_is_stored_says_the_same(result, tmp_path):
     path.write_text(result.to_json())
     stored = Result.from_json(path)
     assert stored.to_json() == result.to_json()
-    assert stored.parameters["SOC"] == result.tables.fit.tables.nodes
+    assert stored.parameters["SOC"] == result.fit.tables.nodes
     assert len(stored.parameters["R0 [Ohm]"]) == len(stored.parameters["SOC"])
 
 

@@ -203,8 +203,8 @@ def test_what_is_found_in_the_record_of_a_pack_is_told_with_what_is_assumed(volt
 def test_the_law_that_the_resistances_of_a_pack_follow_is_named(pack):
     part = pack.result.tables
     assert "Resistances:" not in to_markdown(pack_document(pack))
-    tables = replace(part.fit.tables, dependence=Dependence(onset_a=2.5))
-    fits = (replace(part.fit, tables=tables),)
+    tables = replace(pack.result.fit.tables, dependence=Dependence(onset_a=2.5))
+    fits = (replace(pack.result.fit, tables=tables),)
     result = pack.result.model_copy(update={"tables": part.model_copy(update={"fits": fits})})
     told = to_markdown(pack_document(replace(pack, result=result)))
     assert "Resistances: those of the pairs fall with the current" in " ".join(told.split())

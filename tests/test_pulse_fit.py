@@ -23,7 +23,7 @@ def result() -> Result:
 
 
 def test_resistances_and_time_constants_are_those_of_the_cell(result):
-    tables = result.tables.fit.tables
+    tables = result.fit.tables
     assert tables.tau_s == pytest.approx(TAU_S, rel=0.02)
     for soc in (0.25, 0.5, 0.75):
         at = np.array([soc])
@@ -50,7 +50,7 @@ def test_pulses_and_tables_are_stored_and_read_back(result, tmp_path):
     place.write_text(result.to_json())
     again = Result.from_json(place)
     assert again.pulses == result.pulses
-    assert again.tables.fit.tables == result.tables.fit.tables
+    assert again.fit.tables == result.fit.tables
 
 
 @pytest.mark.slow

@@ -79,7 +79,7 @@ def test_files_are_looked_for_beside_the_result_and_told_where_they_are_not(kept
     with pytest.raises(InputError, match=r"drive\.parquet: not found in .*with `data`"):
         stored.figure("voltage")
     # What needs no record is there all the same.
-    assert stored.to_frame().height == len(stored.tables.fit.tables.nodes)
+    assert stored.to_frame().height == len(stored.fit.tables.nodes)
     for path in (folder / "result.json", *data.iterdir()):
         shutil.copy(path, tmp_path)
     assert len(Result.load(tmp_path).run.identification) == 1

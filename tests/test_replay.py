@@ -163,7 +163,7 @@ def test_without_tables_the_cell_is_that_of_the_records_temperature():
 
 def test_resistances_that_follow_a_temperature_that_is_not_there_are_told_of():
     made = make_table_result()
-    fit, warm = made.tables.fit, Dependence(beta_per_k=0.03, reference_degc=20.0)
+    fit, warm = made.fit, Dependence(beta_per_k=0.03, reference_degc=20.0)
     fits = (replace(fit, tables=replace(fit.tables, dependence=warm)),)
     made = made.model_copy(update={"tables": made.tables.model_copy(update={"fits": fits})})
     told = replay_soc(made, make_record(300), Window(initial_soc=0.9)).warnings

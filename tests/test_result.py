@@ -15,6 +15,7 @@ from barnax.bundled import BUNDLED
 from barnax.export.tables import tables_of
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
+from barnax.over_soc import errors_on
 from barnax.results import Result
 from barnax.run import best_answer
 from barnax.storing import describe, make_result
@@ -81,6 +82,21 @@ def test_the_better_of_seeds_and_optimum_is_the_answer(result):
     assert best_answer(refinement, worse).parameters == refinement.parameters
 
 
+def test_a_constant_answer_is_asked_as_tables_are(result):
+    """By one fit with one node: what it leaves on the record, its proof, and nothing over SOC."""
+    fit, (evaluation,) = result.fit, result.run.identification
+    assert (result.over, fit.is_over_soc, result.fits.over_temperature) == (None, False, None)
+    assert fit.tables == result.circuit_parameters == result.constant.parameters
+    again = result.fits.evaluate(evaluation.prepared)
+    np.testing.assert_array_equal(again.simulated_v, evaluation.simulated_v)
+    (errors,), by_scan = fit.errors, errors_on(evaluation.prepared, fit.tables)
+    assert errors.rmse_v == pytest.approx(by_scan.rmse_v, rel=1e-9)
+    assert errors.above_v == pytest.approx(by_scan.above_v, rel=1e-9)
+    optimum = result.constant.global_optimum
+    assert (fit.status, fit.at_bound) == (optimum.status, result.at_bound)
+    assert fit.proved_gap == pytest.approx(optimum.proved_gap, rel=1e-6, abs=1e-9)
+
+
 def test_every_input_is_named_with_the_hash_of_its_bytes(document):
     stored = {(each["role"], each["name"]): each["sha256"] for each in document["inputs"]}
     files = [
@@ -132,7 +148,7 @@ def test_an_export_starts_where_the_simulation_does(bundled_cell):
         window=windows, setup="li2023", seeds=1, population=8, iterations=1, trust="none"
     )
     assert stored.start.direction_source == "load before"
-    assert stored.start_direction == -1
+    assert stored.start.direction == -1
     assert stored.start_rest_current_a == pytest.approx(bundled_cell.capacity_ah / 100)
     prepared, away_v = stored.run.problem.prepared, tables_of(stored).initial_hysteresis_v
     assert prepared.source_v[0] == pytest.approx(

@@ -84,7 +84,7 @@ def test_each_temperature_has_the_resistances_of_the_cell(result):
         own = fit.tables.at("R0 [Ohm]", np.array([0.25, 0.5, 0.75]))
         true = arrhenius(degc) * r0_ohm(np.array([0.25, 0.5, 0.75]))
         assert own == pytest.approx(true, rel=0.02)
-    between = part.found.at(15.0).at("R0 [Ohm]", np.array([0.5]))[0]
+    between = result.fits.at(15.0).at("R0 [Ohm]", np.array([0.5]))[0]
     assert between == pytest.approx(arrhenius(15.0) * r0_ohm(0.5), rel=0.02)
     assert result.metrics.validation[0].rmse_v < 1e-3
 
@@ -101,8 +101,8 @@ def test_an_error_of_a_temperature_left_out_stands_beside_what_was_not_measured(
     assert "its tables lie between those of 5 degC and 25 degC" in flat
     for degc in DEGC:
         assert any(line.split()[:2] == [f"{degc:g}", "degC"] for line in text.splitlines())
-    assert prediction_sentence(result.tables, "x", 26.0) == ""
-    assert "are those of 45 degC" in prediction_sentence(result.tables, "x", 60.0)
+    assert prediction_sentence(result.fits, "x", 26.0) == ""
+    assert "are those of 45 degC" in prediction_sentence(result.fits, "x", 60.0)
 
 
 def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(result, tmp_path):

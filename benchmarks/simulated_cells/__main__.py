@@ -96,7 +96,7 @@ def r0_of(result: barnax.Result) -> tuple[float, float | None, float | None]:
         assert result.constant.assessment is not None
         estimate = result.constant.assessment.uncertainty["R0 [Ohm]"]
         return estimate.value, estimate.low, estimate.high
-    fit = result.tables.fit
+    fit = result.fit
     nodes = [
         (each.value, each.low, each.high)
         for each in fit.of_table("R0 [Ohm]")

@@ -142,7 +142,7 @@ def time_identify() -> Iterator[str]:
                 wall_s, cpu_s = time.perf_counter(), time.process_time()
                 found = barnax.identify(record, ocv=tests, over=over)
                 if found.tables is not None:
-                    gap = f"{100 * found.tables.fit.proved_gap:.2g} %"
+                    gap = f"{100 * found.fit.proved_gap:.2g} %"
                 taken = time.perf_counter() - wall_s, time.process_time() - cpu_s
                 if turn:
                     spent[name].append(taken)

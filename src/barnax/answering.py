@@ -194,7 +194,6 @@ def _compare(weighing: Weighing, searched: _Searched, settings: Settings) -> _Co
             identified, validated = own, others
         gap = None if optimum is None else optimum.proved_gap
         candidates.append(Candidate.of(problem.circuit, None, own, others, held_out, gap))
-    over = settings.over or "soc"
     tables, best_held_out = None, searched.held_out[searched.place]
     for problem, found in searched.fits:
         tried = TableRun.of(
@@ -210,12 +209,14 @@ def _compare(weighing: Weighing, searched: _Searched, settings: Settings) -> _Co
         both = (tried.identification, tried.validation)
         if weighing.fitted is not None:
             # The constant circuit has an OCV that is fitted to the tables, and not to it.
-            over, candidates = over if found.reference.is_over_soc else "ocv", []
-        candidates.append(Candidate.of(problem.circuit, over, *both, errors, proof.proved_gap))
+            candidates = []
+        candidates.append(
+            Candidate.of(problem.circuit, found.over, *both, errors, proof.proved_gap)
+        )
         is_worth = is_better(errors, best_held_out) and spans_enough(found.reference)
         if is_worth or (settings.over is not None and tables is None):
             tables, best_held_out = tried, errors
-    of_answer = (tables.model, over) if tables else (chosen.circuit, None)
+    of_answer = (tables.model, tables.found.over) if tables else (chosen.circuit, None)
     told = tuple(
         replace(candidate, is_answer=(candidate.model, candidate.over) == of_answer)
         for candidate in candidates

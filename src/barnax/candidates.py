@@ -55,8 +55,6 @@ class Candidate:
     @property
     def name(self) -> str:
         """The circuit as tables and screens call it."""
-        if self.over is None:
-            return self.model
         return table_name(self.model, self.over)
 
     @classmethod

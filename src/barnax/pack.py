@@ -150,7 +150,7 @@ def identify_pack(job: PackJob) -> Pack:
     beside_v = read.beside_v[rows]
     fit = fit_pack(
         prepared,
-        result.tables.fit.tables,
+        result.circuit_parameters,
         beside_v,
         read.cells,
         tables.settings,

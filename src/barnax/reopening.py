@@ -156,9 +156,8 @@ def reopened(result: Result, inputs: Inputs) -> Run:
     found = evaluated(constant.model, by_constant, constant.metrics)
     tables = None
     if result.tables is not None:
-        fits = result.tables.found
-        of_tables = evaluated(result.model, fits.evaluate, result.metrics)
-        tables = TableRun(result.tables.settings, fits, *of_tables)
+        of_tables = evaluated(result.model, result.fits.evaluate, result.metrics)
+        tables = TableRun(result.tables.settings, result.fits, *of_tables)
     identification, validation = found
     problem = make_problem(
         [evaluation.prepared.record for evaluation in identification],
@@ -272,13 +271,9 @@ def validated(
             warnings.append(notice("role.same-record", measured.name, other=own.name))
     with telling(warnings):
         prepared = prepare_record(measured, cell, stored.model, window)
-    if stored.tables is not None:
-        by_circuit = stored.tables.found.evaluate
-    else:
-        by_circuit = partial(evaluate, parameters=stored.constant.parameters)
+    by_circuit = stored.fits.evaluate
     found = with_registered(evaluate_from_either(prepared, cell, by_circuit), by_circuit)
-    if stored.tables is not None:
-        warnings += no_temperature(prepared, stored.tables.found)
+    warnings += no_temperature(prepared, stored.fits)
     told = (*warnings, *measured.notes, *measured.warnings, *prepared.warnings)
     told += tuple(rest_warnings(prepared))
     return replace(found, warnings=tuple(dict.fromkeys(told)))

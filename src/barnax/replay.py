@@ -239,13 +239,12 @@ def replay_soc(
     used = result if settings.tables else result.without_tables()
     prepared = prepare_record(measured, used.cell_model, used.model, window)
     degc = prepared.temperature_degc
-    if used.tables is not None and used.tables.over_temperature is not None:
+    if used.fits.over_temperature is not None:
         degc = require_temperature(prepared)
     if degc is not None:
         used = used.at_temperature(degc)
-    if used.tables is not None:
-        prepared = prepared.following(used.tables.fit.tables.dependence)
-        warnings += no_temperature(prepared, used.tables.found)
+    prepared = prepared.following(used.circuit_parameters.dependence)
+    warnings += no_temperature(prepared, used.fits)
     capacity_ah = prepared.capacity_ah
     model = eqx.tree_at(
         lambda model: (model.capacity_ah, model.axis_sd),

@@ -101,7 +101,7 @@ def errors_of(result: Result) -> ErrorModel:
 
     Raises `InputError` for a result without an assessment.
     """
-    constant, tables = result.constant, result.tables
+    constant, tables, fit = result.constant, result.tables, result.fit
     if constant.assessment is None:
         raise InputError(
             "this result has no residual statistics, which set the filter's noise; "
@@ -114,17 +114,16 @@ def errors_of(result: Result) -> ErrorModel:
     residual_v = np.interp(GRID, list(by_soc), list(by_soc.values()))
     residual_v = np.maximum(residual_v, LEAST_NOISE_V)
     bias_v = ELSEWHERE.lasting * residual_v
-    known = [] if tables is None else tables.fit.of_table(OCV_CORRECTION)
-    known = [interval for interval in known if interval.low is not None]
-    if tables is not None and known:
+    known = [own for own in fit.of_table(OCV_CORRECTION) if own.low is not None]
+    if known:
         soc = np.array([interval.soc for interval in known])
         bias_v = np.interp(
             GRID, soc, [np.hypot(interval.standard_error, interval.bias) for interval in known]
         )
-        moved_v = tables.fit.tables.at(OCV_CORRECTION, GRID)
-        held_v = tables.fit.tables.at(OCV_CORRECTION, np.clip(GRID, soc[0], soc[-1]))
+        moved_v = fit.tables.at(OCV_CORRECTION, GRID)
+        held_v = fit.tables.at(OCV_CORRECTION, np.clip(GRID, soc[0], soc[-1]))
         bias_v = np.hypot(bias_v, moved_v - held_v)
-    is_turned = tables is None or tables.fit.tables.gamma is None or tables.fit.is_rate_told
+    is_turned = tables is None or fit.tables.gamma is None or fit.is_rate_told
     share = ELSEWHERE.hysteresis if is_turned else ELSEWHERE.unturned
     half_v = result.cell_at().branch_gap_v(np.clip(GRID, 0.0, 1.0)) / 2
     return ErrorModel(

@@ -11,7 +11,13 @@ from .global_optimum import OtherHold
 from .model.problem import Kind
 from .model.start import Start
 from .model.window import Window
-from .over_soc import OverTemperature, TableFit, TableFits, TableSettings
+from .over_soc import (
+    NodeInterval,
+    OverTemperature,
+    SocErrors,
+    TableFit,
+    TableSettings,
+)
 from .records import Decision
 from .records.fingerprint import read_fingerprint
 from .schema import Count, MaybeInfinite, Parameters, Part, Volts
@@ -136,6 +142,11 @@ class MetricsPart(Part):
     rmse_above_10_soc_v: Volts | None = None
     registered_v: Volts | None = None
     start_moved_soc: float | None = None
+
+    @property
+    def soc_errors(self) -> SocErrors:
+        """The RMSE, and that above 10 % SOC."""
+        return SocErrors(self.rmse_v, self.rmse_above_10_soc_v)
 
 
 class MetricsBlock(Part):
@@ -266,22 +277,6 @@ class TablesPart(Part):
     by_soc: tuple[Band, ...]
     hold_shift_ohm: float | None = None
 
-    @property
-    def found(self) -> TableFits:
-        return TableFits(self.fits, self.over_temperature)
-
-    @property
-    def fit(self) -> TableFit:
-        """The only one, or that of the temperature nearest to 25 degC."""
-        return self.found.reference
-
-    @property
-    def over(self) -> Literal["ocv", "soc", "soc,temperature"]:
-        """What they are over: of "ocv" the OCV alone is a table."""
-        if self.over_temperature is not None:
-            return "soc,temperature"
-        return "soc" if self.fit.is_over_soc else "ocv"
-
 
 class ConstantPart(Part):
     """The best constant circuit known: the answer itself, or what stands beside tables.
@@ -320,6 +315,33 @@ class ConstantPart(Part):
         """The parameters with their intervals, by name; none where the assessment was skipped."""
         found = () if self.assessment is None else self.assessment.uncertainty.estimates
         return {estimate.name: estimate for estimate in found}
+
+    @property
+    def fit(self) -> TableFit:
+        """The circuit as tables of one node, for whoever asks what either kind of answer has.
+
+        Its box is `bounds`, and it has no `tau_ranges_s`.
+        """
+        optimum, errors = self.global_optimum, self.metrics.identification
+        return TableFit(
+            tables=self.parameters,
+            objective_v=errors.rmse_v,
+            errors=tuple(part.soc_errors for part in self.metrics.jointly or (errors,)),
+            tau_ranges_s=(),
+            lower_bound_v=optimum.lower_bound_v if optimum else 0.0,
+            status=optimum.status if optimum else "grid-verified",
+            boxes=(optimum and optimum.boxes) or 0,
+            at_bound=self.at_bound,
+            parameters=len(self.bounds),
+            intervals=tuple(map(self._interval, self.estimates.values())),
+            cross_validation=None,
+            warnings=(),
+        )
+
+    def _interval(self, own: Estimate) -> NodeInterval:
+        soc = self.parameters.nodes[0] if own.name in self.parameters.tables else None
+        error = own.standard_error or 0.0
+        return NodeInterval(own.name, soc, own.value, error, 0.0, own.low, own.high)
 
     @model_validator(mode="after")
     def _hold_what_the_circuit_has(self) -> Self:

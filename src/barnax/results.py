@@ -18,7 +18,7 @@ from .errors import InputError
 from .model.start import Start
 from .model.window import Window
 from .older_results import upgraded
-from .over_soc import table_name
+from .over_soc import TableFit, TableFits, table_name
 from .pulses import Pulse
 from .result_parts import (
     CircuitName,
@@ -91,8 +91,8 @@ class Result(Document):
     def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
         """The circuit and its error: the whole result would be pages."""
         yield "model", self.model
-        if self.tables is not None:
-            yield "over", self.tables.over
+        if self.over is not None:
+            yield "over", self.over
         yield "rmse_v", self.metrics.identification.rmse_v
         if self.tables is None:
             yield "parameters", self.parameters
@@ -271,21 +271,34 @@ class Result(Document):
     @property
     def circuit_parameters(self) -> CircuitParameters:
         """The same as the circuit that they are of."""
-        return self.constant.parameters if self.tables is None else self.tables.fit.tables
+        return self.fit.tables
 
     @property
     def at_bound(self) -> tuple[AtBound, ...]:
         """The constants of the answer that ended at a bound of their search."""
+        return tuple(dict.fromkeys(bound for fit in self.fits for bound in fit.at_bound))
+
+    @property
+    def fits(self) -> TableFits:
+        """The answer as it was fitted, at each temperature; constants as tables of one node."""
         if self.tables is None:
-            return self.constant.at_bound
-        return tuple(dict.fromkeys(bound for fit in self.tables.fits for bound in fit.at_bound))
+            return TableFits((self.constant.fit,))
+        return TableFits(self.tables.fits, self.tables.over_temperature)
+
+    @property
+    def fit(self) -> TableFit:
+        """The same at the temperature nearest to 25 degC, or the only one: intervals and proof."""
+        return self.fits.reference
+
+    @property
+    def over(self) -> Literal["ocv", "soc", "soc,temperature"] | None:
+        """What the tables are over, of "ocv" the OCV alone; None of a constant circuit."""
+        return self.fits.over
 
     @property
     def answer(self) -> str:
         """The answer's circuit as tables and screens call it."""
-        if self.tables is None:
-            return self.model
-        return table_name(self.model, self.tables.over)
+        return table_name(self.model, self.over)
 
     def without_tables(self) -> Self:
         """The same with its constant circuit as the answer."""
@@ -301,7 +314,7 @@ class Result(Document):
         }
         part = self.tables
         if part is not None and part.over_temperature is not None:
-            fit = replace(part.fit, tables=part.found.at(temperature_degc))
+            fit = replace(self.fit, tables=self.fits.at(temperature_degc))
             alone["tables"] = part.model_copy(update={"fits": (fit,), "over_temperature": None})
         return self.model_copy(update=alone)
 
@@ -337,7 +350,7 @@ class Result(Document):
     @property
     def measured_at(self) -> list[tuple[str, float | None]]:
         """The records identified on and their temperatures, where the circuit is of one alone."""
-        if self.tables is not None and self.tables.over_temperature is not None:
+        if self.fits.over_temperature is not None:
             return []
         planned = {part.name: part.temperature_degc for part in self.plan}
         own = [(part.name, part.temperature_degc) for part in self.of_role("identification")]
@@ -370,11 +383,6 @@ class Result(Document):
     @property
     def initial_soc(self) -> float:
         return self.start.soc
-
-    @property
-    def start_direction(self) -> int:
-        """+1 where the simulation starts with a charging cell's hysteresis, else -1."""
-        return self.start.direction
 
     @property
     def start_rest_current_a(self) -> float:

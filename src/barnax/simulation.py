@@ -145,9 +145,8 @@ def _doubts(
                 held=None if result.tables is None else "true",
             )
     degc = profile.temperature_degc
-    known = _at(result, given_degc).tables
-    tables = known and known.fit.tables
-    is_followed = tables and tables.dependence and BETA in tables.dependence.numbers
+    dependence = _at(result, given_degc).circuit_parameters.dependence
+    is_followed = dependence is not None and BETA in dependence.numbers
     if degc is not None and not is_followed and np.nanmax(degc) - np.nanmin(degc) > SAME_DEGC:
         yield notice("simulation.temperature", NAME)
     if degc is not None and is_followed and given_degc is not None:
@@ -243,7 +242,7 @@ def _require_numbers(profile: Profile) -> None:
 
 def _at(result: Result, degc: float | None) -> Result:
     """The result at a temperature, where it says something of that."""
-    over = result.tables and result.tables.over_temperature
+    over = result.fits.over_temperature
     if over is not None:
         low, high = over.temperatures_degc[0], over.temperatures_degc[-1]
         if degc is None or not low - SAME_DEGC <= degc <= high + SAME_DEGC:

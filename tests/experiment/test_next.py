@@ -96,7 +96,7 @@ def test_the_next_command_tells_of_a_file_that_is_elsewhere(design, result, tmp_
 
 
 def test_a_table_left_open_is_answered_with_a_test(result):
-    fit = result.tables.fit
+    fit = result.fit
     opened = tuple(
         replace(each, standard_error=each.value) if each.name == "R2 [Ohm]" else each
         for each in fit.intervals
@@ -154,7 +154,7 @@ def test_what_the_screen_says_of_records_together_was_measured():
 
 @pytest.mark.parametrize("is_alone", [True, False])
 def test_promised_and_reached_stand_beside_each_other(design, result, is_alone):
-    table = promised_table(design, result.tables.fit, is_alone)
+    table = promised_table(design, result.fit, is_alone)
     assert [row[0] for row in table.rows] == ["R0", "R1", "R2"]
     assert all(float(row[3]) > 0 for row in table.rows)
     for row in table.rows:

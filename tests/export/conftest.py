@@ -64,7 +64,7 @@ def over_temperature():
     """Tables over SOC and temperature, and the cell of each temperature: its OCV 4 mV lower and
     higher at the outer ones, its capacity another."""
     found = make_table_result()
-    fit, fits = found.tables.fit, []
+    fit, fits = found.fit, []
     for factor in FACTORS:
         tables = fit.tables.with_tables(
             {name: factor * np.array(row) for name, row in fit.tables.tables.items()}

@@ -139,7 +139,7 @@ def test_the_ocv_holds_the_correction_exactly():
 def test_every_temperature_has_its_own_ocv(over_temperature):
     tables, soc = tables_of(over_temperature), np.array([0.33])
     for degc, row in zip(tables.degc, tables.ocv_v, strict=True):
-        between = over_temperature.tables.found.tables.at(degc)
+        between = over_temperature.fits.tables.at(degc)
         lift_v = np.interp(degc, DEGC, (-4e-3, 0.0, 4e-3))
         mean_v = over_temperature.cell.average_ocv_v(soc) + lift_v
         expected_v = mean_v + between.at("OCV correction [V]", soc)

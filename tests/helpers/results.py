@@ -177,6 +177,7 @@ def make_result(
         parameters=CircuitParameters.from_dict(parameters),
         metrics=block,
         assessment=assessment,
+        bounds={},
     )
     return Result.model_construct(
         model=model,

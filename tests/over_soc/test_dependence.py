@@ -83,7 +83,7 @@ def followed(warming):
 
 
 def test_a_beta_of_the_measured_temperature_is_found(followed):
-    fit = followed.tables.fit
+    fit = followed.fit
     known = fit.tables.dependence
     assert known.beta_per_k == pytest.approx(BETA, rel=0.03)
     assert (known.heating_tau_s, known.onset_a) == (None, None)
@@ -100,7 +100,7 @@ def test_it_comes_back_from_a_file_and_predicts_another_temperature(followed, tm
     path = tmp_path / "result.json"
     path.write_text(followed.to_json())
     again = barnax.Result.load(path)
-    assert again.tables.fit.tables == followed.tables.fit.tables
+    assert again.fit.tables == followed.fit.tables
     other, _ = made(7, driven=by_temperature(18.0, 4.0))
     window = Window(initial_soc=1.0, capacity_ah=2.0)
     near = again.validate(other, window)
@@ -142,15 +142,15 @@ def test_without_such_a_cell_nothing_is_followed():
     idle = [made(seed, driven=by_temperature(5.0, 8.0, beta=0.0))[0] for seed in range(2)]
     plain = [made(seed)[0] for seed in range(2)]
     for records in (idle, plain):
-        assert identified(records).tables.fit.tables.dependence is None
+        assert identified(records).fit.tables.dependence is None
 
 
 @pytest.mark.slow
 def test_none_is_asked_for_and_taken(warming, followed):
-    fit = identified(warming, resistances_follow="none").tables.fit
+    fit = identified(warming, resistances_follow="none").fit
     assert fit.tables.dependence is None
     # Beside the errors of what follows, those without it are told.
-    held = followed.tables.fit.cross_validation
+    held = followed.fit.cross_validation
     assert held.by_soc_alone.rmse_v == pytest.approx(fit.cross_validation.tables.rmse_v, rel=1e-6)
     assert held.by_soc_alone.rmse_v > 2 * held.tables.rmse_v
     assert fit.cross_validation.by_soc_alone is None
@@ -161,7 +161,7 @@ def test_heat_of_its_own_is_found_from_several_records():
     driven = by_heat(1500.0, 0.25, 0.9)
     # One drives harder, so that it is warmer at the same SOC.
     records = [made(seed, driven=driven, hours=hours)[0] for seed, hours in ((0, 2.5), (1, 1.5))]
-    known = identified(records).tables.fit.tables.dependence
+    known = identified(records).fit.tables.dependence
     assert known.kappa_per_a2 == pytest.approx(0.25, rel=0.25)
     assert known.heating_tau_s == pytest.approx(1500.0, rel=0.4)
 
@@ -169,7 +169,7 @@ def test_heat_of_its_own_is_found_from_several_records():
 @pytest.mark.slow
 def test_a_current_of_butler_and_volmer_is_found():
     records = [made(seed, driven=by_current(0.8))[0] for seed in range(2)]
-    known = identified(records).tables.fit.tables.dependence
+    known = identified(records).fit.tables.dependence
     assert known.onset_a == pytest.approx(0.8, rel=0.1)
     assert known.numbers.keys() == {"i0 [A]"}
 
@@ -179,7 +179,7 @@ def test_a_temperature_that_stands_still_is_as_good_as_none():
         return np.full_like(time_s, 25.0), *by_current(0.8)(time_s, current_a)[1:]
 
     # Of one record without temperatures nothing is tried.
-    assert identified([made(driven=driven)[0]]).tables.fit.tables.dependence is None
+    assert identified([made(driven=driven)[0]]).fit.tables.dependence is None
 
 
 @pytest.mark.parametrize("kappa_per_a2", [1e-6, 1e-5])

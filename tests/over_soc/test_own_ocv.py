@@ -224,19 +224,19 @@ def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, t
     soc = np.linspace(max(visited.min(), 0.1), 0.9, 81)
     right, bad = (with_a_test(record, wrong) for wrong in (0.0, 0.1))
     for result, wrong in ((right, 0.0), (bad, 0.1)):
-        own = result.tables.fit.own_ocv
+        own = result.fit.own_ocv
         apart_v = np.median(np.abs(ocv_v(soc) - ocv_v(1 - (1 - wrong) * (1 - soc))))
         assert own.median_v == pytest.approx(apart_v, rel=0.1, abs=1e-3)
         assert own.own_v == pytest.approx(alone.fit.errors[0].rmse_v, rel=0.02)
         codes = {each.code for each in result.warnings}
         assert ("ocv-test.disagrees" in codes) == (wrong > 0)
     # What the test says has no part in it but by the time constants.
-    held_v = [each.tables.fit.own_ocv.held_out.rmse_v for each in (right, bad)]
+    held_v = [each.fit.own_ocv.held_out.rmse_v for each in (right, bad)]
     assert held_v[1] == pytest.approx(held_v[0], rel=0.1)
     path = tmp_path / "result.json"
     path.write_text(bad.to_json())
     again = barnax.Result.from_json(path)
-    assert again.tables.fit.own_ocv == bad.tables.fit.own_ocv
+    assert again.fit.own_ocv == bad.fit.own_ocv
 
 
 def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
@@ -260,9 +260,9 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     simulated = again.simulate({"Time [s]": [0.0, 1.0, 2.0], "Current [A]": [0.0, 2.0, 2.0]})
     assert simulated["Voltage [V]"][0] > simulated["Voltage [V]"][1]
     # The OCV is an answer too, with its intervals: the circuit's, at every node.
-    rows = csv.DictReader(fit_csv(again.tables.fit).decode().splitlines())
+    rows = csv.DictReader(fit_csv(again.fit).decode().splitlines())
     rows = [row for row in rows if row["table"] == OCV]
-    assert len(rows) > len(again.tables.fit.tables.nodes)
+    assert len(rows) > len(again.fit.tables.nodes)
     for row in rows:
         ocv_v = again.cell_model.average_ocv_v(np.array([float(row["SOC"])]))[0]
         assert float(row["value"]) == pytest.approx(ocv_v, abs=1e-9)
@@ -280,8 +280,8 @@ def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, ove
     quick = {"seeds": 0, "trust": "none", "advise": False, "max_boxes": 0}
     window = Window(initial_soc=1.0, capacity_ah=2.0)
     result = barnax.identify(record, window=window, **quick)
-    assert result.tables.over == over
-    fit = result.tables.fit
+    assert result.over == over
+    fit = result.fit
     nodes = [node for node in fit.of_table("R0 [Ohm]") if node.low is not None]
     truth_ohm = [R0_OHM + rise_ohm * (1 - node.soc) * (over == "soc") for node in nodes]
     held = [node.low <= ohm <= node.high for node, ohm in zip(nodes, truth_ohm, strict=True)]
@@ -289,7 +289,7 @@ def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, ove
     if over == "ocv":
         assert fit.cross_validation.tables.is_no_worse(fit.cross_validation.over_soc)
         asked = barnax.identify(record, window=window, over="soc", **quick)
-        assert len(asked.tables.fit.tables.nodes) > 1
+        assert len(asked.fit.tables.nodes) > 1
     else:
         assert fit.cross_validation.over_soc is None
 
@@ -305,7 +305,7 @@ def narrow():
         "max_boxes": 0,
     }
     result = barnax.identify(record, window=window, **given)
-    assert result.tables.over == "ocv"
+    assert result.over == "ocv"
     return result, soc
 
 
@@ -314,7 +314,7 @@ def test_nodes_of_the_ocv_without_samples_are_told_where_resistances_have_one_va
     (told,) = [one for one in result.warnings if one.code == "tables.mostly-unvisited"]
     assert "% of the OCV's nodes have no sample near them" in str(told)
     nodes = result.tables.settings.ocv_nodes
-    seen = [node.soc for node in result.tables.fit.of_table(OCV)]
+    seen = [node.soc for node in result.fit.of_table(OCV)]
     assert told.values["share"] == pytest.approx(1 - len(seen) / len(nodes))
     (caveat,) = [text for text in tables_of(result).caveats if "No sample is near SOC" in text]
     last = float(caveat.partition("SOC 0 to ")[2].partition(":")[0])
@@ -324,11 +324,11 @@ def test_nodes_of_the_ocv_without_samples_are_told_where_resistances_have_one_va
 def test_the_frame_of_one_value_has_the_nodes_of_the_ocv(narrow):
     result, _ = narrow
     frame = result.to_frame()
-    nodes = result.tables.fit.of_table(OCV)
+    nodes = result.fit.of_table(OCV)
     assert frame["SOC"].to_list() == [node.soc for node in nodes]
     assert frame["OCV [V]"].to_list() == [node.value for node in nodes]
-    assert set(frame["R0 [Ohm]"]) == set(result.tables.fit.tables.tables["R0 [Ohm]"])
-    rows = [*csv.DictReader(fit_csv(result.tables.fit).decode().splitlines())]
+    assert set(frame["R0 [Ohm]"]) == set(result.fit.tables.tables["R0 [Ohm]"])
+    rows = [*csv.DictReader(fit_csv(result.fit).decode().splitlines())]
     assert {row["SOC"] for row in rows if row["table"] == "R0 [Ohm]"} == {""}
     assert len(rows) == 3 + 2 + len(nodes)
 
@@ -360,11 +360,11 @@ def test_one_node_beside_an_ocv_test_is_a_table_of_one_row():
         nodes=(0.5,),
         **quick,
     )
-    assert result.tables.over == "soc"
+    assert result.over == "soc"
     (row,) = result.to_frame().iter_rows(named=True)
     assert row["SOC"] == 0.5
     assert row["R0 [Ohm]"] == pytest.approx(R0_OHM, rel=0.02)
-    rows = csv.DictReader(fit_csv(result.tables.fit).decode().splitlines())
+    rows = csv.DictReader(fit_csv(result.fit).decode().splitlines())
     assert {line["SOC"] for line in rows if line["table"] == "R0 [Ohm]"} == {"0.5"}
     (told,) = [warning for warning in result.warnings if "upper-bound" in warning.code]
     assert told.subject == "tables over SOC"
@@ -380,10 +380,10 @@ def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
     for seed in (0, 1, 2):
         record, _ = made(seed, noise_v=1e-3)
         result = barnax.identify(record, window=window, **chosen, **quick)
-        assert result.tables.over == "ocv"
-        known = {node.name: node for node in result.tables.fit.intervals if node.name in truth}
+        assert result.over == "ocv"
+        known = {node.name: node for node in result.fit.intervals if node.name in truth}
         held += [known[name].low <= value <= known[name].high for name, value in truth.items()]
-        ocv = result.tables.fit.of_table(OCV)
+        ocv = result.fit.of_table(OCV)
         inside = [node.low <= ocv_v(node.soc) <= node.high for node in ocv if node.soc < 0.98]
         assert np.mean(inside) >= 0.85
     assert len(held) == 15
@@ -401,8 +401,8 @@ def test_only_the_answer_is_proved(monkeypatch):
     record, _ = made(1, noise_v=1e-3)
     given = {"window": Window(initial_soc=1.0, capacity_ah=2.0), "advise": False, "seeds": 0}
     result = barnax.identify(record, trust="none", **given)
-    assert result.tables.fit.status == "certified"
-    assert seen == [len(result.tables.fit.tables.nodes)] == [1]
+    assert result.fit.status == "certified"
+    assert seen == [len(result.fit.tables.nodes)] == [1]
 
 
 def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):

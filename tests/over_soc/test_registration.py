@@ -66,12 +66,12 @@ def test_a_charge_beside_a_drive_leaves_blocks_out_and_not_the_drive(records):
     }
     alone = {**ALONE, "keep_starts": True}
     beside = barnax.identify([records[0], charge], window=windows, **alone)
-    held = beside.tables.fit.cross_validation
+    held = beside.fit.cross_validation
     # No drive follows from a charge alone.
     assert held.block_s is not None
     assert held.by_record == ()
     assert held.tables.rmse_v < 2e-3
-    assert len(identified(records[:2]).tables.fit.cross_validation.by_record) == 2
+    assert len(identified(records[:2]).fit.cross_validation.by_record) == 2
 
 
 def test_starts_and_capacities_are_found_up_to_the_axis(records, registered):
@@ -96,11 +96,11 @@ def test_registered_records_agree_where_those_as_told_do_not(records, registered
     assert [each.window.registration for each in kept.inputs] == [None] * 3
     # What was told is half a percent wrong; the noise is 0.2 mV.
     assert registered.metrics.identification.rmse_v < 0.5 * kept.metrics.identification.rmse_v
-    held = registered.tables.fit.cross_validation
+    held = registered.fit.cross_validation
     told, own = (np.array([each.rmse_v for each in of]) for of in (held.by_record, held.registered))
     # One of them was told rightly, and gains nothing.
     assert np.sum(own**2) < np.sum(told**2)
-    assert not kept.tables.fit.cross_validation.registered
+    assert not kept.fit.cross_validation.registered
     again = barnax.Result.model_validate_json(registered.to_json())
     assert again.inputs == registered.inputs
     # Of the cell is what was told, and not what one record's counter counts.
@@ -137,7 +137,7 @@ def test_what_another_hold_tells_is_registered_with_it(records):
     found = identified([logged_at_end(each) for each in records])
     inputs = found.of_role("identification")
     assert [each.hold.value for each in inputs] == ["backward"] * 3
-    for each, own in zip(found.tables.fit.errors, found.metrics.jointly, strict=True):
+    for each, own in zip(found.fit.errors, found.metrics.jointly, strict=True):
         assert own.rmse_v == pytest.approx(each.rmse_v, rel=1e-2)
     soc = np.array([each.window.initial_soc for each in inputs])
     np.testing.assert_allclose(soc - soc.mean(), TRUE_SOC - TRUE_SOC.mean(), atol=1e-3)
@@ -272,15 +272,15 @@ def test_a_cut_drive_of_an_lfp_cell_and_its_charge_have_tables_with_the_r0_of_st
     cut = {drive.name: Window(score_to_s=28300.0)}
     alone = barnax.identify(drive, window=cut, **options)
     both = barnax.identify([drive, charge], window=cut, **options)
-    held = both.tables.fit.cross_validation.tables
+    held = both.fit.cross_validation.tables
     # Both directions are predicted as well as one alone was, whose tables miss the charge.
-    assert held.rmse_v < 1.2 * alone.tables.fit.cross_validation.tables.rmse_v
+    assert held.rmse_v < 1.2 * alone.fit.cross_validation.tables.rmse_v
     missed = alone.validate(charge, Window(score_soc=(0.03, 0.95))).metrics
     assert held.rmse_v < 0.5 * missed.rmse_v
     record = read_record(drive)
     step = np.abs(np.diff(record.current_a)) > 5
     stepped_ohm = -np.median(np.diff(record.voltage_v)[step] / np.diff(record.current_a)[step])
-    r0_ohm = both.tables.fit.tables.at("R0 [Ohm]", np.array([0.5]))[0]
+    r0_ohm = both.fit.tables.at("R0 [Ohm]", np.array([0.5]))[0]
     assert r0_ohm == pytest.approx(stepped_ohm, rel=0.05)
 
 

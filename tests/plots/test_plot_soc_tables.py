@@ -43,7 +43,8 @@ def test_an_ocv_of_the_records_own_has_a_panel_too():
 def test_all_constants_are_in_the_scale_of_the_summary():
     circuit = CircuitParameters.constant(r0=2e-3, r=(1e-3, 0.9), c=(1e3, 1e6))
     evaluation = make_evaluation(make_record(600))
-    axes = plot_summary(evaluation, circuit).axes[-1]
+    fit = replace(make_fit(), tables=circuit, intervals=())
+    axes = plot_summary(evaluation, fit).axes[-1]
     assert axes.get_ylim()[1] > 900
     assert not axes.get_title(loc="left")
     labels = [text.get_text() for text in axes.get_legend().get_texts()]

@@ -142,9 +142,9 @@ def test_identify_finds_r0_of_a_lagging_voltage_with_a_proof_and_reopens(tmp_pat
     result = barnax.identify(path, **given)
     assert "late-voltage.lags" in {each.code for each in result.warnings}
     assert result.tables is not None
-    nodes = [each for each in result.tables.fit.of_table("R0 [Ohm]") if each.low]
+    nodes = [each for each in result.fit.of_table("R0 [Ohm]") if each.low]
     assert np.median([each.value for each in nodes]) == pytest.approx(R0, rel=0.03)
-    assert result.tables.fit.proved_gap is not None
+    assert result.fit.proved_gap is not None
     (tmp_path / "result.json").write_text(result.to_json())
     loaded = barnax.Result.load(tmp_path)
     assert loaded.inputs[0].voltage_lag_s == result.inputs[0].voltage_lag_s > 0.04

@@ -115,7 +115,7 @@ def test_r0_of_means_with_5_mv_steps_is_right_where_each_flows_half_before_and_h
         log(3, "means", step_v=0.005), seeds=0, capacity=2.5, trust="none", advise=False
     )
     assert result.tables
-    tables = result.tables.fit
+    tables = result.fit
 
     def median_ohm(name):
         return np.median([each.value for each in tables.of_table(name) if each.low is not None])

@@ -31,6 +31,14 @@ def test_a_constant_circuit_has_a_row_a_parameter():
     ]
 
 
+def test_the_intervals_of_constants_are_those_of_a_fit_of_one_node():
+    fit = with_intervals(0.05, 0.002).fit
+    (r0,) = fit.of_table("R0 [Ohm]")
+    assert (r0.value, r0.low, r0.high) == (0.05, 0.05 - 0.002, 0.05 + 0.002)
+    assert r0.standard_error == pytest.approx(0.001)
+    assert [(node.low, node.high) for node in fit.of_table("R1 [Ohm]")] == [(None, None)]
+
+
 def test_tables_have_a_row_a_node_and_null_where_no_sample_was_near():
     frame = make_table_result().to_frame()
     assert frame["SOC"].to_list() == list(NODES)

@@ -222,7 +222,7 @@ def test_tables_are_compared_with_the_constant_circuit_that_is_named():
     )
     errors = {"constant": SocErrors(0.0245, None), "tables": SocErrors(0.0091, None)}
     held = SimpleNamespace(**errors, by_record=(), over_soc=None)
-    fit = replace(result.tables.fit, cross_validation=held)
+    fit = replace(result.fit, cross_validation=held)
     found = result.model_copy(
         update={
             "candidates": candidates,
@@ -324,9 +324,8 @@ def test_tables_that_leave_more_out_say_why_they_are_the_answer(tables_mv, one_v
         SocErrors(*(1e-3 * value_mv for value_mv in both)) for both in (tables_mv, one_value_mv)
     ]
     fit = SimpleNamespace(cross_validation=CrossValidation(2, None, *errors))
-    part = SimpleNamespace(fit=fit, over="soc", found=SimpleNamespace(by_degc=()))
-    cell = SimpleNamespace(is_of_records=True)
-    result = SimpleNamespace(tables=part, cell_model=cell, model="so-rc")
+    fits, cell = SimpleNamespace(by_degc=()), SimpleNamespace(is_of_records=True)
+    result = SimpleNamespace(fit=fit, fits=fits, over="soc", cell_model=cell, model="so-rc")
     assert list(resistance_sentences(result)) == [told]
 
 
@@ -359,15 +358,15 @@ def test_an_soc_beyond_full_or_empty_is_told_where_it_shows():
 
 def test_what_another_record_would_show_is_said_alike_on_the_screen_and_in_full():
     """An interval of several records that holds zero is not determined in both."""
-    part = make_table_result().tables
+    fit = make_table_result().fit
     intervals = tuple(
         replace(
             node, record_low=0.0 if node.name == "R0 [Ohm]" else node.low, record_high=node.high
         )
-        for node in part.fits[0].intervals
+        for node in fit.intervals
     )
-    fit = replace(part.fits[0], intervals=intervals)
-    _, rows = middle_of_tables(part.model_copy(update={"fits": (fit,)}), 3)
+    fit = replace(fit, intervals=intervals)
+    _, rows = middle_of_tables(TableFits((fit,)), 3)
     full = nodes_table(fit)
     (middle,) = (row for row in full.rows if row[0] == "50")
     assert [row[2] for row in rows[:2]] == [middle[2], middle[4]]

@@ -186,10 +186,9 @@ def validate(on: OnRecord, output: Errors) -> None:
         with session.watch("Drawing figures"):
             write_file(output.report, _validation_page(evaluation, table, stored.answer))
         session.show(["", f"  {shown(output.report)}"])
-    if stored.tables is not None:
-        degc = evaluation.prepared.temperature_degc
-        told = prediction_sentence(stored.tables, on.record.name, degc)
-        session.show([shown(told)] if told else [])
+    degc = evaluation.prepared.temperature_degc
+    told = prediction_sentence(stored.fits, on.record.name, degc)
+    session.show([shown(told)] if told else [])
     session.warn(evaluation.warnings)
 
 

@@ -197,22 +197,21 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
     Raises `InputError` where its answer has elements that are no RC pairs, or nothing that follows
     the temperature that is asked for.
     """
-    told, untold = result.tables and result.tables.fit.intervals, ""
+    told, untold = result.fit.intervals, ""
     peaks_a = [part.peak_current_a or 0.0 for part in result.of_role("identification")]
     try:
         earlier = _records_of(result, temperature_degc)
     except InputError as problem:
         earlier, untold = [], str(problem)
     if temperature_degc is not None:
-        over = result.tables and result.tables.over_temperature
-        if result.tables is None or over is None:
+        over = result.fits.over_temperature
+        if over is None:
             raise InputError(
                 f"`temperature` {temperature_degc:g}: the result has tables of one temperature, or "
                 "none; leave it out, or give one that was identified `over` soc,temperature"
             )
         near = over.measured_near(temperature_degc)
-        fits = dict(zip(over.temperatures_degc, result.tables.fits, strict=True))
-        told = () if near is None else fits[near].intervals
+        told = () if near is None else dict(result.fits.by_degc)[near].intervals
         result = result.at_temperature(temperature_degc)
     cell, rmse_v = result.cell_at(temperature_degc), result.metrics.identification.rmse_v
     if any(element != RC.name for element in get_circuit(result.model).elements):
@@ -220,8 +219,8 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
             f"a test is designed for RC pairs, and the answer is {result.model}; identify with "
             "`model` so-rc"
         )
-    if result.tables is not None and result.tables.over != "ocv":
-        fit = replace(result.tables.fit, intervals=told or ())
+    if result.tables is not None and result.over != "ocv":
+        fit = replace(result.fit, intervals=told)
         believed = believed_of_fit(fit, result.tables.settings, cell, rmse_v, earlier)
     else:
         circuit = result.circuit_parameters

@@ -52,9 +52,9 @@ def write_c_header(result: Result) -> Export:
 @in_float64
 def write_c_filter(result: Result) -> Export:
     """The header's source. Raises `InputError` for a result without an assessment."""
-    over, caveats = result.tables and result.tables.found.tables, ()
-    if result.tables is not None and over is not None:
-        degc = result.tables.found.reference_degc or 0.0
+    over, caveats = result.fits.over_temperature, ()
+    if over is not None:
+        degc = result.fits.reference_degc or 0.0
         result = result.at_temperature(degc)
         others = ", ".join(
             f"{own_degc:.3g}" for own_degc in over.temperatures_degc if own_degc != degc

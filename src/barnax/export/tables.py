@@ -15,6 +15,7 @@ from ..cell.curves import KNOTS, SegmentedHysteresis
 from ..cell.elements import get_element, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
 from ..errors import InputError, escaped
+from ..over_soc import TableSettings, circuit_name
 from ..results import Result
 
 # A table read linearly follows its curve this closely.
@@ -98,22 +99,22 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
 
     A format that itself remembers where the current turned says so by `may_remember`.
     """
-    circuit, found = get_circuit(result.model), result.tables and result.tables.found
+    circuit, found = get_circuit(result.model), result.fits
     if circuit.turning is not None and not may_remember:
         raise InputError(
             f"the hysteresis of {circuit.name} depends on where the current last changed "
             "direction, which no table over SOC holds; export `to` 'c-filter', or identify esc or "
             "iso-rc"
         )
-    reference = found.reference_degc if found else None
+    reference = found.reference_degc
     cell, parameters = result.cell_at(reference), result.constant.parameters.laddered()
     degc, cells, over_soc, place = None, [cell], [], 0
     resistances = parameters.ohm
-    if found and found.tables is not None:
+    if found.tables is not None:
         degc = _with_some_between(found.tables.temperatures_degc)
         cells, place = [result.cell.at(own_degc) for own_degc in degc], degc.index(reference)
         over_soc = [found.tables.at(own_degc) for own_degc in degc]
-    elif found:
+    elif result.tables:
         over_soc = [found.reference.tables]
     over_soc = [_from_empty_to_full(tables.laddered()) for tables in over_soc]
     if over_soc:
@@ -144,7 +145,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         resistances={f"R{number}": values for number, values in enumerate(resistances)},
         capacity_ah=cell.capacity_ah,
         initial_soc=result.initial_soc,
-        initial_direction=result.start_direction,
+        initial_direction=result.start.direction,
         rest_current_a=result.start_rest_current_a,
         kind=kind,
         ocv=Table(soc, ocv_v[place]),
@@ -167,11 +168,10 @@ def _capacity(cell: CellModel) -> tuple[str, ...]:
 def _unseen_ocv(result: Result) -> tuple[str, ...]:
     """A caveat where no sample tells an OCV of the records' own."""
     told = list[str]()
-    if result.tables is None:
-        return ()
-    for degc, fit in result.tables.found.by_degc:
+    settings = result.tables.settings if result.tables else TableSettings()
+    nodes = [node for node in settings.ocv_nodes or () if 0 <= node <= 1]
+    for degc, fit in result.fits.by_degc:
         seen = {node.soc for node in fit.of_table(OCV)}
-        nodes = [node for node in result.tables.settings.ocv_nodes or () if 0 <= node <= 1]
         # Neighbors as one range.
         runs = [
             list(run)
@@ -295,7 +295,7 @@ def _caveats(
 ) -> tuple[str, ...]:
     """The nodes that mean nothing by themselves, and temperatures that were not measured; nothing
     where all were."""
-    told, over = [], result.tables and result.tables.over_temperature
+    told, over = [], result.fits.over_temperature
     unseen = ~np.all([tables.visited for tables in over_soc], axis=0)
     if unseen.any():
         nodes = ", ".join(f"{node:g}" for node in np.array(over_soc[0].nodes)[unseen])
@@ -309,8 +309,7 @@ def _caveats(
             f"Not determined by the samples there, but by bounds and smoothness: {open_ended}."
         )
     # Between measured temperatures it lies between theirs.
-    fits = result.tables.fits if over and result.tables else ()
-    own = [fit.tables for fit in fits] if len(over_soc) > 1 else over_soc
+    own = [fit.tables for fit in result.fits] if len(over_soc) > 1 else over_soc
     for known in (tables.dependence for tables in own if tables.dependence is not None):
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in known.numbers.items())
         at = "" if known.reference_degc is None else f", at {known.reference_degc:.3g} degC"
@@ -337,7 +336,7 @@ def _caveats(
 def _not_determined(result: Result) -> str:
     """The resistances that the samples near a node do not tell, with the SOC of the node."""
     found: dict[str, set[float]] = {}
-    for fit in result.tables.fits if result.tables else ():
+    for fit in result.fits:
         for interval in fit.intervals:
             name, _, unit = interval.name.partition(" ")
             if interval.soc is not None and interval.low is None and unit == "[Ohm]":
@@ -348,14 +347,11 @@ def _not_determined(result: Result) -> str:
 
 
 def _heading(result: Result) -> str:
-    over = " with tables over SOC" if result.tables else ""
-    over = " with a fitted OCV" if result.tables and result.tables.over == "ocv" else over
-    over += " and temperature" if result.tables and result.tables.over_temperature else ""
     errors = result.metrics.identification
     return (
         f"Written by barnax {escaped(result.versions.get('barnax', ''))}: circuit "
-        f"{result.model}{over}, identified on {escaped(errors.record)} with an RMSE of "
-        f"{1e3 * errors.rmse_v:.3f} mV. Discharge current is positive."
+        f"{circuit_name(result.model, result.over)}, identified on {escaped(errors.record)} with "
+        f"an RMSE of {1e3 * errors.rmse_v:.3f} mV. Discharge current is positive."
     )
 
 

@@ -75,7 +75,7 @@ def verify(
     if package is None or simulate is None:
         raise ValueError(f"the exporter {exporter.name} names no package to simulate in")
     profile = profile or pulse_profile(result)
-    over = result.tables and result.tables.over_temperature
+    over = result.fits.over_temperature
     found = []
     for degc in [profile.temperature_degc] if over is None else over.temperatures_degc:
         there = replace(profile, temperature_degc=degc)
@@ -106,7 +106,7 @@ def _differences(result: Result, simulate: Simulate, content: bytes, profile: Pr
     there_v = simulate(content, profile)
     difference_v = there_v - simulate_here(result, profile)
     without_v = there_v - simulate_here(result, profile, without_hysteresis=True)
-    return difference_v, without_v, difference_v[~_turns(profile, result.start_direction)]
+    return difference_v, without_v, difference_v[~_turns(profile, result.start.direction)]
 
 
 def simulate_here(

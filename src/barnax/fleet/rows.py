@@ -303,7 +303,7 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
     row |= _errors_of("", own) | _errors_of("validation ", validation)
     if result.tables is not None:
         row["tables RMSE [V]"] = result.metrics.identification.rmse_v
-        row |= _middle_of(result.tables.fit)
+        row |= _middle_of(result.fit)
     rmse_v = {
         round(10 * (band.low or 0.0)): band.rmse_v for band in bands_by_soc(run.identification)
     }
@@ -328,7 +328,7 @@ def _proof_of(result: Result) -> tuple[bool, float | None]:
     """True if the answer is proved, and the largest share of its error that another could save."""
     optimum, part = result.constant.global_optimum, result.tables
     if part is not None:
-        gap = (part.over_temperature or part.fit).proved_gap
+        gap = (part.over_temperature or result.fit).proved_gap
         return gap <= part.settings.proved_share, gap
     return (False, None) if optimum is None else (optimum.status == "certified", optimum.proved_gap)
 

@@ -19,6 +19,7 @@ from .registration import register as register
 from .registration import register_alone as register_alone
 from .registration import rest_warnings as rest_warnings
 from .settings import TableSettings as TableSettings
+from .settings import circuit_name as circuit_name
 from .settings import table_name as table_name
 from .temperature import LeftOut as LeftOut
 from .temperature import OverTemperature as OverTemperature

@@ -106,8 +106,8 @@ class TableFit(Brief):
 
     @property
     def is_over_soc(self) -> bool:
-        """False where the OCV alone is a table, and resistances have one value at every SOC."""
-        return len(self.tables.nodes) > 1 or not self.of_table(OCV)
+        """False where resistances have one value at every SOC: the OCV alone is a table, if any."""
+        return len(self.tables.nodes) > 1 or not (self.tables.is_constant or self.of_table(OCV))
 
     def proved(self, proof: Proof, share: float) -> "TableFit":
         """The same with a proof of its tables, which is enough within this share."""

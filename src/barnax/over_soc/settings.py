@@ -67,8 +67,14 @@ class TableSettings(TableOptions):
         return {**self.bounds, **{name: (value, value) for name, value in self.fixed.items()}}
 
 
-def table_name(model: str, over: str) -> str:
-    """Tables of a circuit as screens call them."""
-    if over == "ocv":
-        return f"{model} with a fitted OCV"
-    return f"tables over SOC{'' if over == 'soc' else ' and temperature'} ({model})"
+def circuit_name(model: str, over: str | None) -> str:
+    """A circuit in a sentence, with what is a table in it: of "ocv" the OCV alone."""
+    known = {None: "", "ocv": " with a fitted OCV", "soc": " with tables over SOC"}
+    return model + known.get(over, " with tables over SOC and temperature")
+
+
+def table_name(model: str, over: str | None) -> str:
+    """The same in a table of circuits, where tables stand first."""
+    name = circuit_name(model, over)
+    _, tables, over_what = name.partition(" with tables")
+    return f"tables{over_what} ({model})" if tables else name

@@ -6,9 +6,10 @@ each temperature are the exact optimum of its own bounded least-squares problem.
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -95,7 +96,8 @@ class OverTemperature:
 
 @dataclass(frozen=True)
 class TableFits:
-    """Tables over SOC: of one temperature, or from cold to warm of several.
+    """Tables over SOC: of one temperature, or from cold to warm of several; a constant circuit as
+    one table of one node.
 
     Those of several have the same time constants; what is proved of each is against time constants
     of its own. `over_temperature` is None for one.
@@ -103,6 +105,18 @@ class TableFits:
 
     fits: tuple[TableFit, ...]
     over_temperature: OverTemperature | None = None
+
+    def __iter__(self) -> Iterator[TableFit]:
+        return iter(self.fits)
+
+    @property
+    def over(self) -> Literal["ocv", "soc", "soc,temperature"] | None:
+        """What the tables are over, of "ocv" the OCV alone; None of a constant circuit."""
+        if self.over_temperature is not None:
+            return "soc,temperature"
+        if self.reference.tables.is_constant:
+            return None
+        return "soc" if self.reference.is_over_soc else "ocv"
 
     @property
     def reference(self) -> TableFit:

@@ -82,9 +82,11 @@ def scale_of(tables: Sequence[DrawnTable]) -> tuple[float, float]:
     seen = [table.seen if table.is_visited.any() else table for table in tables]
     values, low, high = (_rows(seen, name) for name in ("values", "low", "high"))
     is_resistance = tables[0].is_resistance
-    sets = high - low <= values if is_resistance else np.full(len(values), True)
+    # Of constants, all are shown.
+    are_some = is_resistance and tables[0].has_nodes
+    sets = high - low <= values if are_some else np.full(len(values), True)
     sets = sets if sets.any() else ~sets
-    if is_resistance:
+    if are_some:
         sets &= values <= FAR * np.median(values[sets])
     span = WIDEST * max(np.abs(values[sets]).max(), 1e-3)
     ends = np.clip(np.concatenate([low[sets], high[sets]]), -span, span)

@@ -1,6 +1,5 @@
 """The answer at a glance: measured and simulated voltage, the error, and the resistances."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -11,7 +10,7 @@ from matplotlib.lines import Line2D
 from ..cell.elements import names_beside
 from .error import outside_note, scored_limits
 from .pictures import illustration
-from .soc_tables import DrawnTable, drawn_tables, off_the_scale, scale_of
+from .soc_tables import drawn_tables, off_the_scale, scale_of
 from .style import (
     ALONE,
     BLACK,
@@ -31,12 +30,8 @@ from .style import (
 from .voltage import choose_time_unit, draw_rows, shade_unscored
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from ..cell import CircuitParameters
     from ..over_soc import TableFit
     from ..search.evaluate import Evaluation
-    from ..uncertainty.covariance import Estimate
 
 COLORS: Final = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
 # Room for the legend above the resistances.
@@ -51,8 +46,7 @@ ROOM: Final = 1.3
 )
 def plot_summary(
     evaluation: "Evaluation",
-    found: "TableFit | CircuitParameters",
-    intervals: "Mapping[str, Estimate] | None" = None,
+    fit: "TableFit",
 ) -> Figure:
     """Voltage and error over time, and the resistances with their 95 % intervals over SOC.
 
@@ -60,15 +54,12 @@ def plot_summary(
 
     Args:
         evaluation: The answer on a record.
-        found: The answer: tables over SOC, or a constant circuit.
-        intervals: Of a constant circuit, by parameter.
+        fit: The answer, `Result.fit`.
 
-    >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
-    >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    >>> circuit = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
-    >>> record = read_record(bundled_file("identification"))
-    >>> evaluation = validate(record, characterize(tests), "iso-rc", circuit)
-    >>> [axes.get_ylabel() for axes in plot_summary(evaluation, circuit).axes]
+    >>> import barnax
+    >>> result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
+    >>> figure = plot_summary(result.run.identification[0], result.fit)
+    >>> [axes.get_ylabel() for axes in figure.axes]
     ['Voltage [V]', 'Error [mV]', 'Resistance [mOhm]']
     """
     prepared = evaluation.prepared
@@ -92,7 +83,7 @@ def plot_summary(
     for axes in (voltage, error):
         shade_unscored(axes, time, prepared.scored)
     voltage.tick_params(labelbottom=False)
-    _draw_resistances(over_soc, evaluation, found, intervals or {})
+    _draw_resistances(over_soc, evaluation, fit)
     return finish(figure, voltage, error, over_soc, columns=2)
 
 
@@ -107,33 +98,12 @@ def _draw_error(axes: Axes, evaluation: "Evaluation", time: np.ndarray) -> None:
     axes.set_ylabel("Error [mV]")
 
 
-def _draw_resistances(
-    axes: Axes,
-    evaluation: "Evaluation",
-    found: "TableFit | CircuitParameters",
-    intervals: "Mapping[str, Estimate]",
-) -> None:
-    from ..cell import CircuitParameters
-
-    resistances: list[DrawnTable] = []
+def _draw_resistances(axes: Axes, evaluation: "Evaluation", fit: "TableFit") -> None:
+    prepared = evaluation.prepared
+    longest_s = (1 - 1e-3) * float(np.ptp(prepared.time_s[prepared.scored]))
+    resistances = [table.seen for table in drawn_tables(fit).values() if table.is_resistance]
+    tau_s, top = fit.tables.named_tau_s, ROOM * scale_of(resistances)[1]
     lines: list[Line2D] = []
-    longest_s = np.inf
-    if isinstance(found, CircuitParameters):
-        prepared = evaluation.prepared
-        longest_s = (1 - 1e-3) * float(np.ptp(prepared.time_s[prepared.scored]))
-        soc = prepared.soc[prepared.scored]
-        ends, both = np.array([soc.min(), soc.max()]), np.full(2, True)
-        for name, value in found.named_ohm.items():
-            known = intervals.get(name)
-            own = (value, known and known.low, known and known.high)
-            rows = [np.full(2, np.nan if v is None else 1e3 * v) for v in own]
-            low, high = rows[1:]
-            resistances.append(DrawnTable(name, True, ends, both, rows[0], low, high, False))
-        tau_s, top = found.named_tau_s, ROOM * _top_of(resistances)
-    else:
-        resistances = [table.seen for table in drawn_tables(found).values() if table.is_resistance]
-        tau_s = {n: s for n, s in found.tables.constants.items() if n.startswith("tau")}
-        top = ROOM * scale_of(resistances)[1]
     for table, color in zip(resistances, COLORS, strict=False):
         known = np.isfinite(table.low) & np.isfinite(table.high)
         band = {"where": known, "color": color, "alpha": 0.2, "linewidth": 0.0}
@@ -154,10 +124,3 @@ def _draw_resistances(
 
 def _time(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds < 1000 else f"{seconds / 60:.3g} min"
-
-
-def _top_of(constants: Sequence[DrawnTable]) -> float:
-    """The scale of constants: every value, and intervals that reach no more than twice as far."""
-    high = np.array([table.high[0] for table in constants])
-    largest = max(float(table.values[0]) for table in constants)
-    return 1.08 * max(largest, float(np.max(high, where=high <= 2 * largest, initial=0.0))) or 1.0

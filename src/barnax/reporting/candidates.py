@@ -123,7 +123,7 @@ def held_out_errors(result: "Result") -> "Both | None":
     not be the best one.
     """
     of = {(candidate.model, candidate.over): candidate.held_out for candidate in result.candidates}
-    tables = None if result.tables is None else both_held_out(result.tables.fit)
+    tables = both_held_out(result.fit)
     constant = of.get((result.constant.model, None))
     if tables is not None and constant is None and result.constant.model == result.model:
         return tables
@@ -188,11 +188,10 @@ def is_pulse_test(result: "Result") -> bool:
 
 def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str]:
     """The worth of an OCV test: errors with the records' own OCV in its place."""
-    fit = None if result.tables is None else result.tables.fit
+    own, held = result.fit.own_ocv, both_held_out(result.fit)
     # The OCV of a pulse test is already the records' own.
-    if fit is None or fit.own_ocv is None or is_pulse_test(result):
+    if own is None or is_pulse_test(result):
         return
-    own, held = fit.own_ocv, both_held_out(fit)
     left = worth = ""
     if own.held_out is not None and held is not None:
         left = f", {millivolt(own.held_out.rmse_v)} left out"

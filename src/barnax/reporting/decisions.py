@@ -111,8 +111,8 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
 
 def _low_end_sentence(stored: "Result") -> Iterator[str]:
     """What samples below 10 % SOC count for, where not as much as others."""
-    fit = stored.tables and stored.tables.fit
-    if not fit or fit.low_end is None:
+    fit = stored.fit
+    if fit.low_end is None:
         return
     evenly = zip(fit.tables.named_tau_s, fit.low_end.evenly_tau_s, strict=True)
     taus = joined([f"{symbol(name)} {with_unit(name, tau_s)}" for name, tau_s in evenly])
@@ -161,11 +161,8 @@ def _other_r0(stored: "Result") -> tuple[float, float] | None:
     """The answer's R0, of tables the median one, and by how much the other hold changes it."""
     if stored.tables is not None:
         shift_ohm = stored.tables.hold_shift_ohm
-        return (
-            None
-            if shift_ohm is None
-            else (median(stored.tables.fit.tables.tables[OHMIC]), shift_ohm)
-        )
+        r0_ohm = median(stored.fit.tables.tables[OHMIC])
+        return None if shift_ohm is None else (r0_ohm, shift_ohm)
     found, optimum = stored.constant.other_hold, stored.constant.global_optimum
     if found is None or optimum is None:
         return None

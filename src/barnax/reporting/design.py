@@ -298,7 +298,7 @@ def promised_lines(
         return
     is_alone = len(result.of_role("identification")) == 1
     yield Text()
-    yield indented(terminal_table(promised_table(design, result.tables.fit, is_alone)))
+    yield indented(terminal_table(promised_table(design, result.fit, is_alone)))
 
 
 def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> Table:

@@ -37,7 +37,8 @@ from .words import (
 )
 
 if TYPE_CHECKING:
-    from ..result_parts import InputPart, MetricsPart, TablesPart
+    from ..over_soc import OverTemperature
+    from ..result_parts import InputPart, MetricsPart
     from ..results import Result
     from ..uncertainty import Estimate
 from .verdict import best_possible, search_sentences
@@ -80,7 +81,7 @@ def first_screen(
     extents = {part.name: part.soc_range for part in parts if part.soc_range}
     is_own = result.cell_model.is_of_records
     whole = "the charge it is counted over" if is_own else "the OCV test"
-    over = None if result.tables is None else result.tables.over_temperature
+    over = result.fits.over_temperature
     follow = " ".join(map(capitalized, resistance_sentences(result)))
     beyond = [] if over is None else [f"at others, {expectation(over)}"]
     for head, sentences in (
@@ -104,7 +105,7 @@ def first_screen(
 
 
 def _files_table(result: "Result") -> Whole:
-    has_degc = result.tables is not None and result.tables.over_temperature is not None
+    has_degc = result.fits.over_temperature is not None
     rows = []
     parts = (*result.of_role("identification"), *result.of_role("validation"))
     shown = parts if len(parts) <= MAX_FILES else parts[: MAX_FILES - 1]
@@ -130,8 +131,8 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
 
 def _errors_table(result: "Result") -> Whole:
     """The circuits that were weighed, the answer first, with their errors on all records."""
-    if result.tables is not None and result.tables.over_temperature is not None:
-        return _errors_over_temperature(result)
+    if (over := result.fits.over_temperature) is not None:
+        return _errors_over_temperature(result, over)
     metrics, validation = result.metrics, result.metrics.validation
     heads = ["", "identification", *_numbered("validation", len(validation))]
     above = [part.rmse_above_10_soc_v for part in (metrics.identification, *validation)]
@@ -161,7 +162,7 @@ def is_apart(above_v: float | None, all_v: float) -> bool:
     return above_v is not None and above_v < (1 - APART) * all_v
 
 
-def _errors_over_temperature(result: "Result") -> Whole:
+def _errors_over_temperature(result: "Result", over: "OverTemperature") -> Whole:
     """The answer's errors record by record, beside those of one constant circuit for all."""
     metrics, constant = result.metrics, result.constant.metrics
     several, others = metrics.jointly, metrics.validation
@@ -176,8 +177,7 @@ def _errors_over_temperature(result: "Result") -> Whole:
         "constant circuit": [part.rmse_v for part in before],
     }
     parts = {part.name: part for part in result.of_role("validation")}
-    assert result.tables is not None, "asked by the caller"
-    left = [_left_out_v(result.tables, parts.get(part.record)) for _, part in rows]
+    left = [_left_out_v(over, parts.get(part.record)) for _, part in rows]
     if any(value is not None for value in left):
         columns["left out"] = left
     told = (map(aligned_millivolt, row) for row in zip(*columns.values(), strict=True))
@@ -186,11 +186,11 @@ def _errors_over_temperature(result: "Result") -> Whole:
     )
 
 
-def _left_out_v(part: "TablesPart", record: "InputPart | None") -> float | None:
+def _left_out_v(over: "OverTemperature", record: "InputPart | None") -> float | None:
     """The largest error of the temperatures left out that were predicted as a record's is; None
     where it has tables of its own."""
-    over, degc = part.over_temperature, None if record is None else record.temperature_degc
-    if over is None or degc is None or over.measured_near(degc) is not None:
+    degc = None if record is None else record.temperature_degc
+    if degc is None or over.measured_near(degc) is not None:
         return None
     return max(left_out.errors.rmse_v for left_out in over.like(degc))
 
@@ -202,8 +202,8 @@ def _numbered(role: str, count: int) -> list[str]:
 def _parameters_table(result: "Result") -> Whole:
     """Resistances at the left, the time constants of their pairs at the right."""
     if result.tables is not None:
-        heads, rows = middle_of_tables(result.tables, len(result.of_role("identification")))
-        if result.tables.over_temperature is not None:
+        heads, rows = middle_of_tables(result.fits, len(result.of_role("identification")))
+        if result.fits.over_temperature is not None:
             return bare_table(heads, rows)
         return bare_table(heads, rows, [place in (1, 5) for place in range(len(heads))])
     constant = result.constant

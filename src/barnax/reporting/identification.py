@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from ..over_soc import circuit_name
 from ..plots.parameters import readable
 from ..plots.pictures import Illustration, record_roles
 from .candidates import candidates_section
@@ -42,7 +43,7 @@ from .sentences import (
 )
 from .soc_tables import answer_tables, tables_section
 from .temperatures import prediction_sentences
-from .verdict import best_possible, circuit_words, seeds_sentences, weakest_point
+from .verdict import best_possible, seeds_sentences, weakest_point
 from .words import (
     NOTHING,
     counted,
@@ -81,7 +82,7 @@ def identification_document(
     identified, validation = result.of_role("identification"), result.of_role("validation")
     roles = record_roles(len(identified), len(validation))
     constant = parameters_table(result)
-    values = (constant,) if result.tables is None else answer_tables(result.tables)
+    values = (constant,) if result.tables is None else answer_tables(result.fits)
     answer = Section("Parameters", (*pictures.of("summary"), *values))
     errors = Section(
         "Errors",
@@ -91,13 +92,13 @@ def identification_document(
         ),
     )
     verdict = Section("Verdict", (Bullets(tuple(verdict_sentences(result))),))
-    title = f"{circuit_words(result)}, identified on {result.name}"
+    title = f"{circuit_name(result.model, result.over)}, identified on {result.name}"
     about = _cell_and_record(result)
     if summary_only:
         return Document(title, about, (answer, verdict, errors))
     beside = "The best constant circuit, for comparison"
     # Beside one value at every SOC it is the same, with intervals as if the OCV were known.
-    is_same = result.tables is not None and result.tables.over == "ocv"
+    is_same = result.over == "ocv"
     own = result.constant
     box = box_sentences({own.model: (own.bounds, own.fixed)})
     validated = [part.name for part in validation]
@@ -151,7 +152,8 @@ def _cell_and_record(result: "Result") -> str:
 def verdict_sentences(result: "Result") -> Iterator[str]:
     """The answer's errors on the records it was fitted to and on others, and its weak points."""
     own = result.metrics.identification
-    yield f"The RMSE of {circuit_words(result)} on {own.record} is {millivolt(own.rmse_v)}."
+    circuit = circuit_name(result.model, result.over)
+    yield f"The RMSE of {circuit} on {own.record} is {millivolt(own.rmse_v)}."
     yield from validation_sentences(own, result.metrics.validation)
     yield from prediction_sentences(result)
     yield f"Best possible: {best_possible(result)}"

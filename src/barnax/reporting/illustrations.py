@@ -104,7 +104,7 @@ def stored_illustrations(result: "Result") -> Drawn:
     if result.tables is None:
         return _of_cell(result.cell)
     constant = result.constant.parameters
-    return [*_of_cell(result.cell), *_of_tables(result.tables.found, constant)]
+    return [*_of_cell(result.cell), *_of_tables(result.fits, constant)]
 
 
 def replay_illustration(replay: "SocReplay") -> Illustration:
@@ -198,16 +198,14 @@ def _over_soc(pulses: "Sequence[Pulse]") -> "list[Pulse]":
 
 def _summary(result: "Result", evaluations: "Sequence[Evaluation]") -> Illustration:
     """The answer at a glance, on the first record, or the first at the tables' temperature."""
-    own, tables, first = result.constant, result.tables, evaluations[0]
-    found = own.parameters if tables is None else tables.fit
-    degc = None if tables is None else tables.found.reference_degc
+    first, degc = evaluations[0], result.fits.reference_degc
     if degc is not None:
         for evaluation in evaluations[::-1]:
             at_degc = evaluation.prepared.temperature_degc
             if at_degc is not None and abs(at_degc - degc) <= SAME_DEGC:
                 first = evaluation
     record = first.prepared.record.name
-    return illustrate("summary", record, plots.plot_summary, first, found, own.estimates)
+    return illustrate("summary", record, plots.plot_summary, first, result.fit)
 
 
 def _landscape(

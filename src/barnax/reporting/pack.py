@@ -26,8 +26,7 @@ SCALES = {
 def pack_document(pack: "Pack") -> Document:
     """The pack as the screen shows it."""
     cells = pack.fit.cells
-    fit = pack.result.tables and pack.result.tables.fit
-    tau_s = [f"{tau:.3g} s" for tau in fit.tables.tau_s] if fit else []
+    tau_s = [f"{tau:.3g} s" for tau in pack.result.circuit_parameters.tau_s]
     told = [
         f"{counted(len(cells), 'cell')} under one current; the mean cell's time constants are "
         f"{joined(tau_s)}, its RMSE is {millivolt(pack.result.metrics.identification.rmse_v)}."
@@ -52,9 +51,7 @@ def pack_document(pack: "Pack") -> Document:
         f"{pack.weakest} is the weakest: under 1C at {100 * pack.fit.loaded_soc:.0f} % SOC it has "
         f"{value.value:.3f} V ({value.low:.3f} to {value.high:.3f})."
     )
-    if pack.result.tables is not None:
-        follow = dependence_sentences(pack.result.tables.found)
-        told += [f"Resistances: {text}" for text in follow]
+    told += [f"Resistances: {text}" for text in dependence_sentences(pack.result.fits)]
     told += [f"{name} is left out: {why}." for name, why in pack.left_out.items()]
     told += [f"Assumed: {guess}" for guess in guess_sentences(pack.result)]
     return Document("Pack", "", (Section("Pack", (*map(Paragraph, told), _table(pack))),))

@@ -98,7 +98,7 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
         return pl.DataFrame(rows, {"parameter": pl.String, **number}, orient="row")
     nodes = [
         ({} if degc is None else {"temperature [degC]": degc}) | row
-        for degc, fit in result.tables.found.by_degc
+        for degc, fit in result.fits.by_degc
         for row in _node_rows(fit)
     ]
     return pl.DataFrame(nodes, infer_schema_length=None)
@@ -205,10 +205,10 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     called = names or _names(found)
     if len({*called}) != len(found):
         raise InputError(f"the names {', '.join(called)} are not {len(found)} different ones")
-    have_tables = all(result.tables for result in found)
+    have_tables = all(result.over for result in found)
     known = {}
     for name, result in zip(called, found, strict=True):
-        own = _tabulated(result.tables.fit) if have_tables and result.tables else _constants(result)
+        own = _tabulated(result.fit) if have_tables else _constants(result)
         known[name] = {(parameter.name, parameter.soc): parameter for parameter in own}
     first = known[called[0]]
     differing, too_wide, said = {}, {}, []
@@ -258,7 +258,7 @@ def _results_table(called: tuple[str, ...], results: list[Result], have_tables: 
     own = results if have_tables else [result.without_tables() for result in results]
 
     def temperature(result: Result) -> str:
-        degc = result.tables and result.tables.found.reference_degc
+        degc = result.fits.reference_degc
         if degc is not None:
             return f"tables at {degrees(degc)}"
         known = dict.fromkeys(degrees(at) for _, at in result.measured_at if at is not None)

@@ -163,12 +163,11 @@ def pulses_csv(pulses: Sequence[Pulse]) -> bytes:
 def tables_csv(result: "Result") -> bytes:
     """Every node of every table in a row, with its interval where one was computed; the tables of
     each temperature after the other where there are several."""
-    part = result.tables
-    if part is None:
+    if result.tables is None:
         raise ValueError("there are no tables over SOC in this result")
-    if part.over_temperature is None:
-        return fit_csv(part.fit)
-    rows = ([degc, *row] for degc, fit in part.found.by_degc for row in table_rows(fit))
+    if result.fits.over_temperature is None:
+        return fit_csv(result.fit)
+    rows = ([degc, *row] for degc, fit in result.fits.by_degc for row in table_rows(fit))
     return csv_text(["temperature [degC]", *TABLE_HEADS], rows).encode()
 
 

@@ -1,6 +1,6 @@
 """Tables over SOC, and over temperature, in words and tables: how good they are, every node."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -37,8 +37,15 @@ from .words import (
 )
 
 if TYPE_CHECKING:
-    from ..over_soc import CrossValidation, LeftOut, NodeInterval, OverTemperature, TableFit
-    from ..result_parts import TablesPart
+    from ..over_soc import (
+        CrossValidation,
+        LeftOut,
+        NodeInterval,
+        OverTemperature,
+        TableFit,
+        TableFits,
+        TableSettings,
+    )
     from ..results import Result
 
 NOT_DETERMINED = "not determined"
@@ -50,38 +57,37 @@ GRID = "verified on a grid of time constants"
 
 def tables_section(result: "Result", pictures: Pictures) -> list[Section]:
     """Tables over SOC, and over temperature, as the report has them; none without tables."""
-    part = result.tables
-    if part is None:
+    if result.tables is None:
         return []
-    told, over = Bullets(tuple(_sentences(part, result))), part.over_temperature
-    drawn = pictures.starting("tables")
+    told = Bullets(tuple(_sentences(result, result.tables.settings)))
+    over, drawn = result.fits.over_temperature, pictures.starting("tables")
     if over is None:
-        head = "Fitted OCV" if part.over == "ocv" else "Tables over SOC"
+        head = "Fitted OCV" if result.over == "ocv" else "Tables over SOC"
         return [Section(head, (told, *drawn))]
     others = [
         nodes_table(fit, f" at {degrees(degc)}")
-        for degc, fit in part.found.by_degc
-        if degc is not None and fit is not part.fit
+        for degc, fit in result.fits.by_degc
+        if degc is not None and fit is not result.fit
     ]
-    tables = (_temperature_table(part, over), *others)
+    tables = (_temperature_table(result.fits, over), *others)
     return [Section("Tables over SOC and temperature", (told, *tables, *drawn))]
 
 
-def answer_tables(part: "TablesPart") -> tuple[Table, ...]:
-    """The values of the answer; of several temperatures, those nearest to 25 degC."""
-    degc = part.found.reference_degc
-    if part.over == "ocv":
-        return (constants_table(part.fit),)
+def answer_tables(found: "TableFits") -> tuple[Table, ...]:
+    """The values of tables; of several temperatures, those nearest to 25 degC."""
+    degc, fit = found.reference_degc, found.reference
+    if not fit.is_over_soc:
+        return (constants_table(fit),)
     if degc is None:
-        return constants_table(part.fit), nodes_table(part.fit)
+        return constants_table(fit), nodes_table(fit)
     alone = degrees(degc)
     both = f" and at every temperature; intervals are those of {alone} alone"
-    return constants_table(part.fit, both), nodes_table(part.fit, f" at {alone}")
+    return constants_table(fit, both), nodes_table(fit, f" at {alone}")
 
 
-def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
+def _sentences(result: "Result", settings: "TableSettings") -> Iterator[str]:
     """The tables' errors, proofs and dependences, and cautions."""
-    fit, over = part.fit, part.over_temperature
+    fit, over = result.fit, result.fits.over_temperature
     own = millivolt(result.metrics.identification.rmse_v)
     constant = millivolt(result.constant.metrics.identification.rmse_v)
     beside = f"the constant circuit {result.constant.model}"
@@ -91,14 +97,14 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
             f"With tables over SOC at {joined(degc)} the RMSE is {own}; {beside}, one for "
             f"all temperatures, leaves {constant}."
         )
-        yield f"Best possible: {best_of(part, result.model)}"
+        yield f"Best possible: {best_of(result.fits, result.model, settings.proved_share)}"
         yield from (f"Resistances: {text}" for text in resistance_sentences(result))
         costs = over.objective_v / over.separate_v - 1 if over.separate_v else 0.0
         yield (
             "The time constants are the same at every temperature; separate ones would lower the "
             f"error by {percent(max(costs, 0.0))}."
         )
-        for at, own_fit in zip(degc, part.fits, strict=True):
+        for at, own_fit in zip(degc, result.fits, strict=True):
             both, what = both_held_out(own_fit), held_out_words(own_fit)
             if pays := pay_sentence(None, both, result.model, result.model, what):
                 yield f"At {at}, {pays}"
@@ -109,7 +115,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         )
         return
     ends = duration(fit.tau_ranges_s[0][0]), duration(fit.tau_ranges_s[-1][1])
-    if part.over == "ocv":
+    if result.over == "ocv":
         yield f"With a fitted OCV the RMSE is {own}."
     else:
         whose = " with the OCV of the tables" if result.cell_model.is_of_records else ""
@@ -118,7 +124,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         f"The samples determine {fit.parameters} values. Time constants from {joined(ends, 'to')} "
         "were searched."
     )
-    yield f"Best possible: {best_of(part, result.model)}"
+    yield f"Best possible: {best_of(result.fits, result.model, settings.proved_share)}"
     yield from (f"Resistances: {text}" for text in resistance_sentences(result))
     # Without an OCV test the constant circuit has no OCV of its own, and the sentences above say
     # what one with its own would leave.
@@ -128,7 +134,7 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         if pays := pay_sentence(unseen, held, *told, " Prefer the constant circuit."):
             yield capitalized(pays)
     yield from map(capitalized, ocv_test_sentences(result))
-    if part.settings.ocv_correction and not result.cell.is_of_records:
+    if settings.ocv_correction and not result.cell.is_of_records:
         yield (
             "The OCV correction absorbs errors of the OCV test, and with them any error of the SOC."
         )
@@ -141,11 +147,11 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         )
 
 
-def best_of(part: "TablesPart", model: str) -> str:
+def best_of(found: "TableFits", model: str, aim: float) -> str:
     """The gap between the tables, of all temperatures together, and the best possible ones."""
-    over, aim = part.over_temperature, part.settings.proved_share
+    over = found.over_temperature
     if over is None:
-        return best_tables(part.fit, model)
+        return best_tables(found.reference, model)
     if over.lower_bound_v <= 0:
         return f"{GRID}, not proved."
     short = "" if over.proved_gap <= aim else f"but not to the {percent(aim)} aimed at: "
@@ -219,7 +225,7 @@ def constants_table(fit: "TableFit", where: str = "") -> Table:
     return make_table(caption, names, cells, cells)
 
 
-def _temperature_table(part: "TablesPart", over: "OverTemperature") -> Table:
+def _temperature_table(fits: "TableFits", over: "OverTemperature") -> Table:
     cells: Cells[tuple[LeftOut, CrossValidation | None]] = {
         "temperature": lambda row: degrees(row[0].temperature_degc),
         "own tables [mV]": lambda row: errors_words(row[0].own),
@@ -230,13 +236,13 @@ def _temperature_table(part: "TablesPart", over: "OverTemperature") -> Table:
     return make_table(
         "RMSE in mV, in brackets that above 10 % SOC: with the tables of that temperature, on "
         "blocks held out of the fit, and as predicted by the tables of the other temperatures.",
-        zip(over.left_out, (fit.cross_validation for fit in part.fits), strict=True),
+        zip(over.left_out, (fit.cross_validation for fit in fits), strict=True),
         cells,
         cells,
     )
 
 
-def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[tuple[str, ...]]]:
+def middle_of_tables(found: "TableFits", records: int) -> tuple[list[str], list[tuple[str, ...]]]:
     """Heads and rows: each table at 50 % SOC with its interval and its range, or the resistances
     and errors of each temperature; then what is the same at every SOC. The range leaves out nodes
     below 10 % SOC, where curves bend more than lines between nodes follow.
@@ -244,22 +250,21 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
     The head of the intervals says what they are of: the `records` identified on, or of three and
     more what another one would show.
     """
-    if part.over_temperature is not None:
-        return _middle_by_temperature(part, part.over_temperature)
-    fit, nodes = part.fit, part.fit.tables.nodes
+    if found.over_temperature is not None:
+        return _middle_by_temperature(found.fits, found.over_temperature)
+    fit, nodes = found.reference, found.reference.tables.nodes
     visited = _visited(fit)
     middle = min(visited, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
     are_several = any(node.record_low is not None for node in fit.intervals)
     # The intervals of one record may miss what another record would show.
     kind = "another record" if are_several else "this record" if records == 1 else "these records"
-    is_over_soc = part.over != "ocv"
     where = f"at {100 * nodes[middle]:g} % SOC"
-    if not is_over_soc:
+    if not fit.is_over_soc:
         seen_soc = [100 * node.soc for node in fit.of_table(OCV) if node.soc is not None]
         where = f"at {min(seen_soc):.0f} to {max(seen_soc):.0f} % SOC"
     ranged = [place for place in visited if nodes[place] >= ABOVE_SOC] or visited
     over = "over SOC" if ranged == visited else f"above {percent(ABOVE_SOC)} SOC"
-    heads = ["", where, kind, over if is_over_soc else "", "", "", ""]
+    heads = ["", where, kind, over if fit.is_over_soc else "", "", "", ""]
     known = {}
     for node in fit.intervals:
         is_of_others = are_several and node.soc is not None
@@ -275,7 +280,7 @@ def middle_of_tables(part: "TablesPart", records: int) -> tuple[list[str], list[
         told = {node.soc for node in fit.of_table(name) if node.low is not None}
         seen = [values[n] for n in ranged if nodes[n] in told] or [values[n] for n in ranged]
         here = known.get((name, nodes[middle]), "")
-        ranges = between(name, min(seen), max(seen)) if is_over_soc else ""
+        ranges = between(name, min(seen), max(seen)) if fit.is_over_soc else ""
         row = [_name(name), *_under_one_unit(with_unit(name, values[middle]), here, ranges)]
         # A pair's time constant stands beside its resistance.
         tau = names_beside(name).tau
@@ -304,24 +309,24 @@ def _under_one_unit(value: str, *others: str) -> list[str]:
 
 
 def _middle_by_temperature(
-    part: "TablesPart", over: "OverTemperature"
+    fits: "Sequence[TableFit]", over: "OverTemperature"
 ) -> tuple[list[str], list[tuple[str, ...]]]:
-    nodes = part.fits[0].tables.nodes
+    nodes = fits[0].tables.nodes
     # The node nearest to the middle that every temperature visits; else any node.
-    everywhere = set.intersection(*(set(_visited(fit)) for fit in part.fits))
+    everywhere = set.intersection(*(set(_visited(fit)) for fit in fits))
     places = sorted(everywhere) or range(len(nodes))
     middle = min(places, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
-    names = [name for name in part.fits[0].tables.tables if name.endswith("[Ohm]")]
+    names = [name for name in fits[0].tables.tables if name.endswith("[Ohm]")]
     heads = [f"at {100 * nodes[middle]:g} % SOC", *map(symbol, names), "RMSE", "unseen", "left out"]
     rows = []
-    for fit, left in zip(part.fits, over.left_out, strict=True):
+    for fit, left in zip(fits, over.left_out, strict=True):
         held = fit.cross_validation
         values = [with_unit(name, fit.tables.tables[name][middle]) for name in names]
         errors = (left.own, held and held.tables, left.errors)
         told = [aligned_millivolt(error and error.rmse_v) for error in errors]
         rows.append((degrees(left.temperature_degc), *values, *told))
-    for name, value in part.fits[0].tables.constants.items():
-        if name in numbers_of(part.fits[0]):
+    for name, value in fits[0].tables.constants.items():
+        if name in numbers_of(fits[0]):
             continue
         rows.append((symbol(name), with_unit(name, value), *[""] * (len(names) + 2)))
     return heads, rows
@@ -337,7 +342,7 @@ def _name(name: str) -> str:
 
 def left_out_sentences(result: "Result") -> Iterator[str]:
     """The error of each record as predicted by the others, where several were identified on."""
-    held = result.tables and result.tables.fit.cross_validation
+    held = result.fit.cross_validation
     if not held or not held.by_record:
         return
     names = [part.name for part in result.of_role("identification")]

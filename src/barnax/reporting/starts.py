@@ -68,7 +68,7 @@ def beyond_sentence(extents: Mapping[str, tuple[float, float]], whole: str) -> s
 
 def offset_sentence(stored: "Result") -> Iterator[str]:
     """The effect of a current offset, which a single record cannot show."""
-    effect = stored.tables and stored.tables.fit.of_offset
+    effect = stored.fit.of_offset
     if effect:
         yield (
             "no current offset, which one record cannot show: "

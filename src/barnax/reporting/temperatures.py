@@ -9,7 +9,6 @@ from .words import degrees, duration, figures, joined, millivolt
 
 if TYPE_CHECKING:
     from ..over_soc import OverTemperature, TableFit, TableFits
-    from ..result_parts import TablesPart
     from ..results import Result
 
 # A smaller relative fall of resistances at the average current counts as none.
@@ -19,14 +18,11 @@ NEXT_TO_NOTHING = 0.01
 def resistance_sentences(result: "Result") -> Iterator[str]:
     """What the resistances of tables follow: of an OCV of the records' own whether they follow SOC
     at all, weighed by what was left out, and what they follow beside it."""
-    part = result.tables
-    if part is None:
-        return
-    held = part.fit.cross_validation
+    held = result.fit.cross_validation
     if held is not None and held.over_soc is not None:
         tables, own = millivolt(held.over_soc.rmse_v), millivolt(held.tables.rmse_v)
         yield f"the same at every SOC; left out {own}, with tables over SOC {tables}."
-    elif held is not None and part.over == "soc" and result.cell_model.is_of_records:
+    elif held is not None and result.over == "soc" and result.cell_model.is_of_records:
         tables, one = millivolt(held.tables.rmse_v), millivolt(held.constant.rmse_v)
         why = end = ""
         above = held.tables.above_v, held.constant.above_v
@@ -35,7 +31,7 @@ def resistance_sentences(result: "Result") -> Iterator[str]:
         elif held.constant.rmse_v < held.tables.rmse_v and None not in above:
             end = f", but above 10 % SOC {' and '.join(map(millivolt, filter(None, above)))}"
         yield f"over SOC{why}; left out {tables}, with one value at every SOC {one}{end}."
-    yield from dependence_sentences(part.found)
+    yield from dependence_sentences(result.fits)
 
 
 def dependence_sentences(found: "TableFits") -> Iterator[str]:
@@ -93,7 +89,7 @@ def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
 
 def temperature_ocv_sentences(stored: "Result") -> Iterator[str]:
     """The source of the OCV at each temperature."""
-    over = stored.tables and stored.tables.over_temperature
+    over = stored.fits.over_temperature
     if not over:
         return
     cell, whose = stored.cell_model, "an OCV test"
@@ -135,16 +131,14 @@ def expectation(over: "OverTemperature") -> str:
 
 def prediction_sentences(result: "Result") -> Iterator[str]:
     """One sentence for each record of a result at a temperature without tables of its own."""
-    if result.tables is None:
-        return
     for part in result.of_role("validation"):
-        if told := prediction_sentence(result.tables, part.name, part.temperature_degc):
+        if told := prediction_sentence(result.fits, part.name, part.temperature_degc):
             yield told
 
 
-def prediction_sentence(part: "TablesPart", name: str, temperature_degc: float | None) -> str:
+def prediction_sentence(found: "TableFits", name: str, temperature_degc: float | None) -> str:
     """The basis of a prediction at a temperature; empty where it has tables of its own."""
-    over = part.over_temperature
+    over = found.over_temperature
     if over is None or temperature_degc is None or over.measured_near(temperature_degc) is not None:
         return ""
     known = over.temperatures_degc
@@ -155,7 +149,7 @@ def prediction_sentence(part: "TablesPart", name: str, temperature_degc: float |
     else:
         nearest = known[0] if temperature_degc <= known[0] else known[-1]
         how = f"are those of {degrees(nearest)}"
-        known_by = part.found.at(nearest).dependence
+        known_by = found.at(nearest).dependence
         if known_by is not None and known_by.beta_per_k:
             how += ", with resistances that follow its temperature from there"
     told = [

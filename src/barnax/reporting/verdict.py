@@ -34,20 +34,12 @@ LOST, LOST_V, FOUND_V = 2.0, 0.01, 0.002
 WIDE, FEW = 0.5, 1 / 3
 
 
-def circuit_words(result: "Result") -> str:
-    """The name of the answer's circuit."""
-    if result.tables is None:
-        return result.model
-    what = "a fitted OCV" if result.tables.over == "ocv" else "tables over SOC"
-    return f"{result.model} with {what}"
-
-
 def best_possible(result: "Result") -> str:
     """The proof that no better circuit exists in the bounds, or what is known in its place."""
     optimum, refined = result.constant.global_optimum, result.constant.refined
     seeds = 0 if refined is None else len(refined.seeds)
     if result.tables is not None:
-        return best_of(result.tables, result.model)
+        return best_of(result.fits, result.model, result.tables.settings.proved_share)
     if optimum is None:
         reached = refined.optima[0].seeds if refined else 0
         return (
@@ -174,7 +166,7 @@ def next_step(result: "Result") -> Next:
     unseen = Unseen.of(result)
     if unseen and (told := _more_data(result, unseen)):
         return Next(told, designs=True)
-    crossed = result.tables and result.tables.fit.cross_validation
+    crossed = result.fit.cross_validation
     is_tried = bool(result.metrics.validation or (crossed and crossed.by_record))
     if not is_tried:
         return Next("validate on another record of the cell, with `validate`")
@@ -192,7 +184,7 @@ def next_step(result: "Result") -> Next:
         return Next(f"measure what is missing: {wide}", designs=True)
     if result.tables is not None:
         what, to = _export(get_circuit(result.model))
-        lost = any(fit.tables.dependence is not None for fit in result.tables.fits)
+        lost = any(fit.tables.dependence is not None for fit in result.fits)
         without = ", which has resistances over SOC alone" if lost else ""
         return Next(f"export the tables, for example {what}{without}", exports=to)
     if len(result.candidates) > 1 and not any(candidate.over for candidate in result.candidates):
@@ -255,7 +247,7 @@ class Unseen(NamedTuple):
         held = held_out_errors(result)
         if held is None:
             return None
-        crossed = result.tables and result.tables.fit.cross_validation
+        crossed = result.fit.cross_validation
         name = f"{'records' if crossed and crossed.by_record else 'blocks'} left out"
         return least(name, held[1].above_v, held[1].rmse_v)
 
@@ -285,10 +277,10 @@ def _export(circuit: Circuit) -> tuple[str, str]:
 
 def _wide(result: "Result") -> str:
     """A table that the data leave open nearly everywhere; empty where there is none."""
-    if result.tables is None or result.tables.over_temperature is not None:
+    if result.over in (None, OVER_TEMPERATURE):
         return ""
-    for name in result.tables.fit.tables.tables:
-        nodes = result.tables.fit.of_table(name)
+    for name in result.fit.tables.tables:
+        nodes = result.fit.of_table(name)
         if not name.startswith("R") or not nodes:
             continue
         known = sum(n.low is not None and n.standard_error <= WIDE * n.value for n in nodes)

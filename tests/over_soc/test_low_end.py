@@ -13,6 +13,7 @@ from barnax.model.prepared import Window, prepare_record
 from barnax.model.reference import simulate_circuit
 from barnax.over_soc import TableSettings
 from barnax.over_soc.dependence import searched
+from barnax.over_soc.intervals import intervals_of
 from barnax.over_soc.low_end import without_low_end
 
 CAPACITY_AH, NOISE_V, TAU_S = 3.0, 1e-3, (8.0, 180.0)
@@ -86,8 +87,25 @@ def test_a_steep_end_does_not_set_the_time_constants(emptied, weighed):
     assert np.all(off(weighed)[0] < (0.01, 0.1))
     assert off(weighed)[1] < 0.1
     told = weighed[0].low_end
-    assert told.evenly_tau_s == pytest.approx(np.exp(evenly[1].log_scales))
+    assert told.other_tau_s == pytest.approx(np.exp(evenly[1].log_scales))
     assert told.weight == pytest.approx(told.times**-2)
+
+
+def test_where_neither_fit_is_plainly_better_intervals_reach_over_both(emptied, monkeypatch):
+    monkeypatch.setattr("barnax.over_soc.low_end.ALIKE", -1.0)
+    evenly, both = searched([emptied], EVENLY), searched([emptied], PLAIN)
+    assert both[1].log_scales == evenly[1].log_scales
+    assert both[0].low_end.weight == 1.0
+
+    def held(found):
+        own = {node.name: node for node in intervals_of(*found) if node.soc is None}
+        return [
+            own[f"tau{number} [s]"].low <= tau_s <= own[f"tau{number} [s]"].high
+            for number, tau_s in enumerate(TAU_S, 1)
+        ]
+
+    assert held(evenly) == [False, False]
+    assert held(both) == [True, True]
 
 
 def test_the_objective_is_of_weighed_errors(emptied, weighed):

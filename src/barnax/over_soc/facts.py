@@ -30,11 +30,12 @@ class LowEnd:
     """How samples below 10 % SOC count, where they would decide the time constants of all others.
 
     Attributes:
-        weight: What each of their errors is multiplied by.
+        weight: What each of their errors is multiplied by; 1 where all count evenly.
         times: How many times as large as above 10 % SOC they are in a fit that counts them evenly.
-        evenly_tau_s: The time constants of that fit.
+        other_tau_s: The time constants of that fit; where all count evenly, of the fit in which
+            these count less.
     """
 
     weight: float
     times: float
-    evenly_tau_s: tuple[float, ...]
+    other_tau_s: tuple[float, ...]

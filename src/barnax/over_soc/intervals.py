@@ -134,6 +134,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         return NodeInterval(name, soc, value, error, bias, low, high)
 
     found, both = [], np.column_stack([np.concatenate(best.values), values]).tolist()
+    beside = np.concatenate((objective.less_below or best).values).tolist()
     sags = [
         sag_of(nodes[seen], table[seen])
         for number, (nodes, table) in enumerate(zip(objective.nodes_of, best.values, strict=True))
@@ -142,15 +143,19 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     places = zip(objective.visited_rows.items(), np.concatenate(sags).tolist(), strict=True)
     for ((name, soc), row), sag in places:
         value, own = both[row]
-        around = interval(name, soc, row, value, own, own + sag)
+        around = interval(name, soc, row, value, own, own + sag, beside[row])
         if name.startswith("R") and around.low is not None:
             around = replace(around, low=max(around.low, 0.0))
         found.append(around)
-    scales = zip((axis.name for axis in objective.axes), best.log_scales, strict=True)
-    logarithms = dict(scales) | {name: math.log(value) for name, value in numbers.items()}
+    of_numbers = {name: math.log(value) for name, value in numbers.items()}
+    names = [axis.name for axis in objective.axes]
+    logarithms, others = (
+        dict(zip(names, solution.log_scales, strict=True)) | of_numbers
+        for solution in (best, objective.less_below or best)
+    )
     for number, (name, scale) in enumerate(logarithms.items()):
         # Of the logarithm, so that the interval is positive.
-        around = interval(name, None, len(best.unknowns) + number, scale, scale)
+        around = interval(name, None, len(best.unknowns) + number, scale, scale, others[name])
         value, ends = math.exp(scale), (around.low, around.high)
         if name in usual and around.low is not None and around.high is not None:
             # However little the data tell, that is what cells usually have.

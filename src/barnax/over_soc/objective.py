@@ -58,7 +58,8 @@ class TableObjective:
     name; `LogScales` are the logarithms of these. `reduced` is the factor of all scored samples,
     `parts` those of the groups of `blocks_of`; `told` are the same with starts and capacities as
     they were told, where they were registered; `smoothing_scale` scales all smoothing weights, and
-    `low_end` the errors of samples below 10 % SOC with the smoothing of nodes there.
+    `low_end` the errors of samples below 10 % SOC with the smoothing of nodes there; `less_below`
+    are the tables if these counted less, where that may be the better answer.
     Records that were `kept` are without samples, and stand in place of prepared ones.
     """
 
@@ -70,6 +71,7 @@ class TableObjective:
     told: Sequence[Reduced] = ()
     smoothing_scale: float = 1.0
     low_end: LowEnd | None = None
+    less_below: Solution | None = None
     kept: Sequence[Any] = ()
 
     @property
@@ -145,7 +147,7 @@ class TableObjective:
     @cached_property
     def weighed(self) -> Reduced:
         """The factor of all scored samples with their weights."""
-        if self.low_end is None:
+        if self.weight_below == 1.0:
             return self.reduced
         weights = [self.weight_below, 1.0] * (len(self.parts) // 2)
         groups = zip(self.parts, weights, strict=True)

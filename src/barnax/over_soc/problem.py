@@ -59,7 +59,7 @@ def reduced_objective(
     if like is not None and like.settings is settings and like.reduced.layout.is_alike(layout):
         pairs = zip(own, like.prepared_records, strict=True)
         if all(_is_alike(*pair) for pair in pairs):
-            return replace(like, prepared_records=own, ranges=ranges, low_end=None)
+            return replace(like, prepared_records=own, ranges=ranges, low_end=None, less_below=None)
     parts, told = reduced(own), []
     if (
         settings.folds

@@ -110,16 +110,19 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
 
 
 def _low_end_sentence(stored: "Result") -> Iterator[str]:
-    """What samples below 10 % SOC count for, where not as much as others."""
+    """What samples below 10 % SOC count for, where the answer depends on it."""
     fit = stored.fit
     if fit.low_end is None:
         return
-    evenly = zip(fit.tables.named_tau_s, fit.low_end.evenly_tau_s, strict=True)
-    taus = joined([f"{symbol(name)} {with_unit(name, tau_s)}" for name, tau_s in evenly])
+    weight = fit.low_end.weight
+    others = zip(fit.tables.named_tau_s, fit.low_end.other_tau_s, strict=True)
+    taus = joined([f"{symbol(name)} {with_unit(name, tau_s)}" for name, tau_s in others])
+    count, less, end = f"{figures(weight)} times as much", "as much as others", ""
+    if weight == 1.0:
+        count, less, end = "as much as others", "less", ", and intervals reach there"
     yield (
         f"errors below {percent(ABOVE_SOC)} SOC, {figures(fit.low_end.times)} times as large as "
-        f"above, count {figures(fit.low_end.weight)} times as much; if they counted as much as "
-        f"others, {taus} would fit best."
+        f"above, count {count}; if they counted {less}, {taus} would fit best{end}."
     )
 
 

@@ -210,8 +210,12 @@ def find_fast_load(given: CheckInput) -> Iterator[Notice]:
         return
     record = given.record
     rows, hold = rows_are(record.current_a, record.voltage_v, -record.discharged_ah), record.hold
-    if rows == "instants" or hold.strength == "assumed":
-        yield notice(_FAST_LOAD[rows], interval_s=given.samples.interval_s)
+    is_given = hold.strength == "given"
+    # Whoever says "forward" knows that the load switches in time with the log.
+    is_told = rows == "instants" and not (is_given and hold.value == "forward")
+    if is_told or hold.strength == "assumed":
+        is_open = None if is_given else "open"
+        yield notice(_FAST_LOAD[rows], interval_s=given.samples.interval_s, hold=is_open)
 
 
 def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:

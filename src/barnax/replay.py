@@ -33,7 +33,7 @@ from .filters.model import CAPACITY, OFFSET
 from .inputs import Given, read_validation
 from .model.prepared import prepare_record
 from .model.start import Start
-from .model.window import Window
+from .model.window import OCV_MARGIN, Window
 from .over_soc import require_temperature
 from .result_filter import FilterSettings, axis_sd_of, model_of, window_of
 from .results import Result
@@ -238,6 +238,15 @@ def replay_soc(
     )
     used = result if settings.tables else result.without_tables()
     prepared = prepare_record(measured, used.cell_model, used.model, window)
+    low, high = used.cell_model.soc_range
+    own_low, own_high = float(prepared.soc.min()), float(prepared.soc.max())
+    if own_low < low - OCV_MARGIN or own_high > high + OCV_MARGIN:
+        raise InputError(
+            f"{measured.name}: its SOC goes from {100 * own_low:.0f} to {100 * own_high:.0f} %, "
+            f"and the OCV is known from {100 * low:.0f} to {100 * high:.0f} %: beyond that a "
+            "filter has no voltage to compare with; identify with an OCV that reaches as far, or "
+            "start later, with `start_time`"
+        )
     degc = prepared.temperature_degc
     if used.fits.over_temperature is not None:
         degc = require_temperature(prepared)

@@ -329,7 +329,7 @@ class ConstantPart(Part):
             errors=tuple(part.soc_errors for part in self.metrics.jointly or (errors,)),
             tau_ranges_s=(),
             lower_bound_v=optimum.lower_bound_v if optimum else 0.0,
-            status=optimum.status if optimum else "grid-verified",
+            status=optimum.status if optimum else "unverified",
             boxes=(optimum and optimum.boxes) or 0,
             at_bound=self.at_bound,
             parameters=len(self.bounds),

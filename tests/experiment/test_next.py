@@ -205,12 +205,12 @@ def test_currents_that_were_not_given_are_told(result):
     from_records = screen_of(planned_lines(believed_of(result, None, "nmc"), as_flags))
     (part,) = result.of_role("identification")
     assert (
-        f"allowed are discharge up to {part.peak_current_a:.3g} A (the largest of the records)"
+        f"the limits are discharge up to {part.peak_current_a:.3g} A (the largest of the records)"
         in (from_records)
     )
     usual = believed_of(None, 2.0, "nmc")
     one = screen_of(planned_lines(usual, as_flags, ["max_discharge"]))
-    assert "allowed are charge up to 1 A (C/2); set your own with --max-charge." in one
+    assert "the limits are charge up to 1 A (C/2); set your own with --max-charge." in one
     assert "discharge up to" not in one
     assert "a typical NMC cell (--chemistry takes nmc or lfp): its OCV is up to 50 mV off" in one
     assert "a typical" not in from_records
@@ -242,7 +242,7 @@ def test_a_test_that_falls_short_says_where_and_why(design):
     long = design.model_copy(update={"hours": 59.87, "hours_searched": 120.0})
     assert "No test of 120 h was found" in screen_of(design_screen(long, as_flags))
     longest = screen_of(design_screen(design.model_copy(update={"hours_searched": None}), as_flags))
-    assert "No test is planned that is longer: allow more current, or --want less." in longest
+    assert "No longer test is planned: allow more current, or --want less." in longest
     longer = design.model_copy(update={"hours_needed": 3.0})
     told = screen_of(design_screen(longer, as_flags))
     assert "A test of 3 h would reach all: allow it with --max-hours." in told

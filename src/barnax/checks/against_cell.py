@@ -112,8 +112,9 @@ def compare_with_cell(
         return [notice("cell.capacity", capacity_ah=capacity_ah / factor, **told)]
     if own_v > _ELSEWHERE_V:
         is_assumed = any(told.code == "ocv-test.capacity-assumed" for told in cell.warnings)
-        if not is_near and is_assumed:
-            spans = {"span_ah": float(np.ptp(record.discharged_ah)), "capacity_ah": capacity_ah}
+        span_ah = float(np.ptp(record.discharged_ah))
+        if not is_near and is_assumed and span_ah > cell.capacity_ah:
+            spans = {"span_ah": span_ah, "capacity_ah": cell.capacity_ah}
             return [notice("cell.more-charge", **spans)]
         # Charge that fits nowhere ends in an error sooner or later.
         told["ocv"] = "records" if cell.is_of_records else None

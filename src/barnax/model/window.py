@@ -106,6 +106,8 @@ def within_ocv(
         # The correction of the OCV reaches a little beyond the last rest of a pulse test.
         outside = scored & (beyond > OCV_MARGIN)
         counts |= {"far": "own", "instead": "own"}
+    elif cell.is_of_records:
+        counts |= {"instead": "records"}
     told = notice("soc.without-ocv", record.name, left_out=outside.sum(), **counts)
     return scored & ~outside, [told]
 

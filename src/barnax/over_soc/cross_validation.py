@@ -160,8 +160,8 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
     registered = _held_out(objective, best, parts, parts) if objective.told else []
     if objective.tables > 1 + objective.pairs or objective.nodes > 1:
         plain = replace(settings, nodes=ANYWHERE, ocv_correction=False)
-        flat = objective.reduced.constant()
-        whole = replace(objective, reduced=flat, settings=plain, low_end=None)
+        at_every_soc = objective.reduced.constant()
+        whole = replace(objective, reduced=at_every_soc, settings=plain, low_end=None)
         flat, flat_told = ([part.constant() for part in groups] for groups in (parts, told))
         constant = _held_out(whole, find_best(whole), flat, flat_told)
     return CrossValidation(

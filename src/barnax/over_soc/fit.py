@@ -35,7 +35,7 @@ from .problem import BOTH_WAYS_SOC, HELD_GAMMA, least_travel_soc, reduced_object
 from .search import find_best
 from .settings import TableSettings
 
-Status = Literal["certified", "grid-verified"]
+Status = Literal["certified", "grid-verified", "unverified"]
 # A table of which more nodes than this were not visited is mostly extrapolated.
 MOSTLY = 0.5
 
@@ -70,7 +70,8 @@ class TableFit(Brief):
         tau_ranges_s: The box of time constants.
         lower_bound_v: No tables with time constants in the box have a smaller sqrt(J).
         status: "certified" where that is within the share asked for, else "grid-verified", as with
-            resistances that follow more than SOC, for whose numbers nothing is proved.
+            resistances that follow more than SOC, for whose numbers nothing is proved;
+            "unverified" where the bounds are too wide for a grid.
         boxes: Boxes of time constants that the proof took.
         at_bound: Time constants at a bound.
         parameters: Number of values that samples visit and of searched constants.

@@ -309,7 +309,10 @@ def _moved(
     share_error: float,
     follows: Dependence | None = None,
 ) -> PreparedRecord:
-    """The record with its start and capacity moved."""
+    """The record with its start and capacity moved.
+
+    Raises `InputError` where more of it than before lies far beyond the OCV points.
+    """
     own, own_ah = soc + soc_shift, capacity_ah * (1 + share)
     reach, reach_ah = REACH * soc_error, capacity_ah * REACH * share_error
     known = Registration(
@@ -323,7 +326,12 @@ def _moved(
         capacity_high_ah=own_ah + reach_ah,
         follows={} if follows is None else asdict(follows),
     )
-    return prepared.registered(own, own_ah, registration=known)
+    moved = prepared.registered(own, own_ah, registration=known)
+    is_beyond = any(told.code == "soc.without-ocv" for told in moved.warnings)
+    if is_beyond and np.sum(moved.scored) < np.sum(prepared.scored):
+        # Fewer samples would fit better wherever the rest is.
+        raise InputError(f"{moved.record.name}: moved so far, it leaves the OCV points")
+    return moved
 
 
 def _of_starts(

@@ -101,19 +101,27 @@ def _draw_error(axes: Axes, evaluation: "Evaluation", time: np.ndarray) -> None:
 def _draw_resistances(axes: Axes, evaluation: "Evaluation", fit: "TableFit") -> None:
     prepared = evaluation.prepared
     longest_s = (1 - 1e-3) * float(np.ptp(prepared.time_s[prepared.scored]))
+    soc = prepared.soc[prepared.scored]
+    at_bound = {bound.name for bound in fit.at_bound}
     resistances = [table.seen for table in drawn_tables(fit).values() if table.is_resistance]
     tau_s, top = fit.tables.named_tau_s, ROOM * scale_of(resistances)[1]
     lines: list[Line2D] = []
     for table, color in zip(resistances, COLORS, strict=False):
         known = np.isfinite(table.low) & np.isfinite(table.high)
         band = {"where": known, "color": color, "alpha": 0.2, "linewidth": 0.0}
-        axes.fill_between(table.nodes, table.low, table.high, **band)
+        nodes = table.nodes if table.has_nodes else np.array([soc.min(), soc.max()])
+        axes.fill_between(nodes, table.low, table.high, **band)
         marker = "o" if table.has_nodes else ""
-        lines += axes.plot(table.nodes, table.values, color=color, marker=marker, markersize=3.0)
+        lines += axes.plot(nodes, table.values, color=color, marker=marker, markersize=3.0)
     names = [names_beside(name).resistance.partition(" ")[0] for name in tau_s]
+    # Of several records, the first may be the shorter.
+    is_long = [
+        seconds > longest_s and (fit.tables.is_constant or name in at_bound)
+        for name, seconds in tau_s.items()
+    ]
     labels = [
-        f"{name}, tau {'longer than the record' if seconds > longest_s else _time(seconds)}"
-        for name, seconds in zip(names, tau_s.values(), strict=True)
+        f"{name}, tau {'longer than the record' if is_longer else _time(seconds)}"
+        for name, seconds, is_longer in zip(names, tau_s.values(), is_long, strict=True)
     ]
     axes.legend(lines, ["R0", *labels], loc="upper center", title="shaded: 95 % intervals")
     axes.set_ylim(0.0, top)

@@ -117,12 +117,12 @@ def _low_end_sentence(stored: "Result") -> Iterator[str]:
     weight = fit.low_end.weight
     others = zip(fit.tables.named_tau_s, fit.low_end.other_tau_s, strict=True)
     taus = joined([f"{symbol(name)} {with_unit(name, tau_s)}" for name, tau_s in others])
-    count, less, end = f"{figures(weight)} times as much", "as much as others", ""
+    count, less, end = f"are weighted by {figures(weight)}", "as much as others", ""
     if weight == 1.0:
-        count, less, end = "as much as others", "less", ", and intervals reach there"
+        count, less, end = "count as much as others", "less", "; the intervals cover both fits"
     yield (
         f"errors below {percent(ABOVE_SOC)} SOC, {figures(fit.low_end.times)} times as large as "
-        f"above, count {count}; if they counted {less}, {taus} would fit best{end}."
+        f"above, {count}; if they counted {less}, {taus} would fit best{end}."
     )
 
 

@@ -118,7 +118,7 @@ def _usual_currents(believed: "Believed", names: Sequence[str]) -> str:
         if name in names
     ]
     options = joined([f"`{name}`" for name in names])
-    return f"allowed are {' and '.join(told)}; set your own with {options}."
+    return f"the limits are {' and '.join(told)}; set your own with {options}."
 
 
 def design_screen(
@@ -210,7 +210,7 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     ends = f"; {limits.low_v:g} V in '{EMPTYING}' ends that step only" if is_emptied else ""
     yield "Voltage", f"{expected} expected. Set the cycler to stop the test outside {kept}{ends}."
     warmer = predicted.warming_k > WARM_K
-    lower = "; so much lowers its resistances: limit it with `max_warming`" if warmer else ""
+    lower = ", enough to lower its resistances; limit it with `max_warming`" if warmer else ""
     yield "Warming", f"about {predicted.warming_k:.2g} K, for a typical cell in moving air{lower}."
     yield "Before", before(design)
     if design.earlier:
@@ -264,7 +264,7 @@ def _needed(design: "Design") -> str:
     if design.hours_needed is not None:
         return f"A test of {design.hours_needed:.4g} h would reach all: allow it with `max_hours`."
     if design.hours_searched is None:
-        return "No test is planned that is longer: allow more current, or `want` less."
+        return "No longer test is planned: allow more current, or `want` less."
     return (
         f"No test of {design.hours_searched:.4g} h was found that reaches all: allow more current "
         "or still more `max_hours`, or `want` less."

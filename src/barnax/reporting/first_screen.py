@@ -79,8 +79,9 @@ def first_screen(
     ]
     parts = (*result.of_role("identification"), *result.of_role("validation"))
     extents = {part.name: part.soc_range for part in parts if part.soc_range}
-    is_own = result.cell_model.is_of_records
-    whole = "the charge it is counted over" if is_own else "the OCV test"
+    cell = result.cell_model
+    is_whole = not cell.is_of_records and cell.soc_range == (0.0, 1.0)
+    whole = "the OCV test" if is_whole else "the charge it is counted over"
     over = result.fits.over_temperature
     follow = " ".join(map(capitalized, resistance_sentences(result)))
     beyond = [] if over is None else [f"at others, {expectation(over)}"]

@@ -66,11 +66,7 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
             found.append(
                 illustrate(f"{role}-pulses", record, plots.plot_pulses, evaluation, pulses)
             )
-        # The few pulses of a drive cycle, each of a rate of its own, show nothing over SOC.
-        over_soc = [
-            pulse for level in levels(pulses) if len(level) >= FEWEST_OVER_SOC for pulse in level
-        ]
-        if over_soc:
+        if over_soc := _over_soc(pulses):
             drawn = plots.plot_pulse_resistances, over_soc, evaluation.prepared.capacity_ah
             found.append(illustrate(f"{role}-resistances", record, *drawn))
     answers = {}

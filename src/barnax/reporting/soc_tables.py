@@ -19,7 +19,7 @@ from .candidates import (
     unseen_errors,
 )
 from .document import Bullets, Cells, Pictures, Section, Table, make_table, rows_table
-from .sentences import better_than
+from .sentences import as_weighed, better_than
 from .temperatures import expectation, numbers_of, resistance_sentences
 from .words import (
     NOTHING,
@@ -161,8 +161,8 @@ def best_of(found: "TableFits", model: str, aim: float) -> str:
 
 def best_tables(fit: "TableFit", model: str) -> str:
     """The gap between the tables of one temperature and the best possible ones."""
-    what = "tables" if fit.is_over_soc else "circuit and OCV"
-    gap = f"no {model} {what} in the bounds are over {percent(fit.proved_gap)} better."
+    what = f"{model} {'tables' if fit.is_over_soc else 'circuit and OCV'} in the bounds"
+    gap = f"no {what} are over {percent(fit.proved_gap)} better{as_weighed(fit.low_end)}."
     if fit.status == "certified":
         return f"proved: {gap}"
     if fit.lower_bound_v <= 0:

@@ -28,6 +28,12 @@ def test_the_report_is_of_the_cells_of_the_manifest(run, tmp_path, monkeypatch):
         assert told in found.out
         assert told in (out / "report.html").read_text()
     assert pl.read_parquet(out / "cells.parquet")["id"].to_list() == ["a", "b"]
+    assert "left by a command" not in found.err
+    # A worker that was killed while it wrote.
+    left = out / "factors" / f".barnax-{0:032x}"
+    left.parent.mkdir()
+    left.touch()
+    assert f"{left}: left by a command" in run("fleet", manifest, "--out", out).err
 
 
 def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path):

@@ -227,7 +227,8 @@ def fleet(given: FleetOptions) -> None:
             retry=engine.retry,
             report=report,
         )
-    for folder in (out, *out.glob("parts*")) if isinstance(out, Path) else ():
+    # Parts, factors and results are folders in it.
+    for folder in (out, *filter(Path.is_dir, out.iterdir())) if isinstance(out, Path) else ():
         tell_unfinished(session, folder)
     lines = closing_lines(state, out, session.elapsed_s, engine.shard)
     # Shards run beside each other: the command that takes them together writes the report.

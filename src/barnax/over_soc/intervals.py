@@ -134,7 +134,8 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         return NodeInterval(name, soc, value, error, bias, low, high)
 
     found, both = [], np.column_stack([np.concatenate(best.values), values]).tolist()
-    beside = np.concatenate((objective.less_below or best).values).tolist()
+    less = objective.less_below
+    beside = [] if less is None else [np.concatenate(less.values).tolist()]
     sags = [
         sag_of(nodes[seen], table[seen])
         for number, (nodes, table) in enumerate(zip(objective.nodes_of, best.values, strict=True))
@@ -143,7 +144,9 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     places = zip(objective.visited_rows.items(), np.concatenate(sags).tolist(), strict=True)
     for ((name, soc), row), sag in places:
         value, own = both[row]
-        around = interval(name, soc, row, value, own, own + sag, beside[row])
+        around = interval(
+            name, soc, row, value, own, own + sag, *(values[row] for values in beside)
+        )
         if name.startswith("R") and around.low is not None:
             around = replace(around, low=max(around.low, 0.0))
         found.append(around)

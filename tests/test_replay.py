@@ -57,6 +57,17 @@ def test_errors_are_against_the_counter_from_convergence_on(replay):
     assert part.counter_max == pytest.approx(0.0, abs=1e-12)
 
 
+def test_a_record_that_starts_where_no_ocv_was_measured_is_refused(result):
+    cell = result.cell
+    points = {
+        name: tuple(point for point in getattr(cell, name) if point.soc < 0.8)
+        for name in ("charge_points", "discharge_points")
+    }
+    partial = result.model_copy(update={"cell": replace(cell, **points)})
+    with pytest.raises(InputError, match=r"to 100 %, and the OCV is known from 0 to 80 %"):
+        replay_soc(partial, BUNDLED.validation, Window(initial_soc=1.0))
+
+
 def test_a_filter_without_numbers_is_a_row_that_says_so(replay):
     part = replay.scenarios[1]
     assert part.diverged_s == 0.0

@@ -81,7 +81,7 @@ class TableFit(Brief):
         own_ocv: What an OCV of the records' own gives, beside that of an OCV test.
         of_offset: What an offset of the current would do that one record cannot tell from an OCV of
             its own.
-        low_end: How errors below 10 % SOC count, where not as all others.
+        low_end: How errors below 10 % SOC count, where the answer depends on it.
     """
 
     tables: CircuitParameters

@@ -174,3 +174,22 @@ def test_a_log_that_was_cut_is_named_whole_and_without_other_files(bundled_cell,
     with pytest.raises(InputError) as told:
         make_problem([log[0], log[2], *others], bundled_cell)
     assert told.value.code == "start.under-load"
+
+
+@pytest.mark.parametrize("has_all_dates", [True, False])
+def test_a_log_with_dates_is_known_by_them_for_each_clock_starts_at_zero(
+    bundled_cell, has_all_dates
+):
+    whole, _ = made(bundled_cell, [(0.0, 300), *PULSES * 4, (1.0, 1500)], 0.8)
+
+    def part(name, first, last, has_date=True):
+        rows = slice(first, last)
+        record = make_record(whole.time_s[rows] - whole.time_s[first], whole.current_a[rows])
+        date_s = 1.7e9 + whole.time_s[first] if has_date else None
+        return replace(record, name=name, voltage_v=whole.voltage_v[rows], zero_date_s=date_s)
+
+    log = [part("one", 0, 60, has_all_dates), part("two", 60, 200)]
+    with pytest.raises(InputError) as told:
+        make_problem([*log[::-1], part("later", 250, 300)], bundled_cell)
+    code = "start.goes-on" if has_all_dates else "start.under-load"
+    assert (told.value.notice.subject, told.value.code) == ("two", code)

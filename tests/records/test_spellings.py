@@ -52,6 +52,19 @@ def test_a_time_is_read_as_it_is_spelled(tmp_path, spelling):
     time_s = record.time_s - record.time_s[0]
     assert record.time_s[0] >= 0
     np.testing.assert_allclose(time_s, interval_s * np.arange(len(TABLE)), atol=1e-3)
+    if name == "Time" and "year" not in spelling:
+        assert record.zero_date_s is None
+
+
+@pytest.mark.parametrize("header", ["Date", "Timestamp", "Time", "Test Time"])
+@pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S", "%d/%m/%Y %H:%M:%S"])
+def test_a_clock_of_dates_starts_at_zero_and_keeps_its_date(tmp_path, header, form):
+    """The day stands before the month, as days that follow on each other tell."""
+    half_days = [43_200 * k for k in range(30)]
+    rows = "".join(f"{date(form)(s)},{s // 43_200 % 2},3.7\n" for s in half_days)
+    record = read(tmp_path, f"{header},Current (A),Voltage (V)\n" + rows)
+    assert record.time_s[0] == 0
+    assert record.zero_date_s == BEGIN.replace(tzinfo=datetime.UTC).timestamp()
 
 
 @pytest.mark.parametrize(("form", "interval_s"), [("{:.0f}.", 21.0), ("{:g}", 10.5)])
@@ -108,6 +121,8 @@ def test_a_date_and_a_time_of_day_in_two_columns_are_one_clock(tmp_path, day):
         record = read(tmp_path, (f"{header},Current (A),Voltage (V)\n" + rows))
         np.testing.assert_array_equal(np.diff(record.time_s), np.diff(time_s))
         assert "columns.time-of-day" in {each.code for each in record.notes}
+        began = BEGIN.replace(tzinfo=datetime.UTC).timestamp() + time_s[0]
+        assert record.time_s[0] + record.zero_date_s == began
 
 
 @pytest.mark.parametrize("interval_s", [60, 1])

@@ -171,10 +171,12 @@ class CellModel(Brief):
         ocv_v = np.maximum.accumulate(curve(soc))
         low_v, high_v = ocv_v[0], ocv_v[-1]
         if not low_v - REST_VOLTAGE_MARGIN_V <= voltage_v <= high_v + REST_VOLTAGE_MARGIN_V:
+            whose, remedy = "of this cell", "check that the OCV test is of this cell and reaches"
+            if self.is_of_records:
+                whose, remedy = "that the records show", "identify on records that reach"
             raise InputError(
-                f"the rested voltage {voltage_v:.4f} V is outside the OCV of this cell, "
-                f"{low_v:.4f} to {high_v:.4f} V; check that the OCV test is of this "
-                "cell and reaches that voltage, or give the SOC there as `initial_soc`"
+                f"the rested voltage {voltage_v:.4f} V is outside the OCV {whose}, {low_v:.4f} to "
+                f"{high_v:.4f} V; {remedy} that voltage, or give the SOC there as `initial_soc`"
             )
         # Flat stretches have no inverse; keep their lowest sample.
         rises = np.concatenate([[True], np.diff(ocv_v) > 0])

@@ -12,6 +12,7 @@ from ..cell.soc_axis import BEYOND_SOC
 from ..errors import InputError
 from ..notices import Notice, notice
 from ..records import Record, is_rested
+from ..records.record import pause_s
 from ..records.samples import record_resistance_ohm
 from ..records.segments import held_charges, rest_blocks, runs
 from ..settings import SocSource
@@ -220,14 +221,12 @@ def find_start(
 def require_whole_log(record: Record, records: Sequence[Record], unknown: InputError) -> None:
     """Raise `InputError` where a record, whose start is not known, is one log with others.
 
-    Their clock goes on from file to file. That of a file with dates alone counts from its own first
-    sample, and tells nothing.
+    Their clock goes on from file to file, or their dates do.
     """
 
     def goes_on(later: Record, earlier: Record) -> bool:
         # The row at which a log was cut may be in both files.
-        pause_s = float(later.time_s[0] - earlier.time_s[-1])
-        return 0 <= pause_s <= 2 * float(np.median(later.interval_s))
+        return 0 <= pause_s(earlier, later) <= 2 * float(np.median(later.interval_s))
 
     log = [record]
     while before := next((other for other in records if goes_on(log[0], other)), None):

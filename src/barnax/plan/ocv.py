@@ -12,6 +12,7 @@ from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, DISCHARGE, WORD, Sweep
 from ..errors import InputError
 from ..model.prepared import prepare_record
 from ..model.window import Window
+from ..records.record import pause_s
 from .looking import CandidateFile, is_same_degc
 
 OCV_KINDS = ("OCV test", "slow sweep", "pulse test", "OCV table")
@@ -224,8 +225,8 @@ def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> b
     if first.charge_ah is None or second.charge_ah is None or not second.charge_ah[0]:
         return False
     apart_ah = abs(float(second.charge_ah[0] - first.charge_ah[-1]))
-    apart_s = float(second.time_s[0] - first.time_s[-1])
-    return apart_ah <= _SAME_COUNT * choice.cell.capacity_ah and 0 <= apart_s <= _PAUSE_S
+    is_soon = 0 <= pause_s(first, second) <= _PAUSE_S
+    return is_soon and apart_ah <= _SAME_COUNT * choice.cell.capacity_ah
 
 
 def _final_soc(file: CandidateFile, choice: OcvChoice) -> float | None:

@@ -63,6 +63,17 @@ def _from_zero(seconds: Numbers) -> Numbers:
     return seconds if first < _DATED_S else seconds - first
 
 
+def zero_date_of(cells: pl.Series, column: Column) -> float | None:
+    """The date at which the times are zero that `numbers` makes of the cells, in s since 1970; None
+    where they are no dates, or counted from 1970 themselves."""
+    if column.quantity.name != "time" or not is_clock(cells):
+        return None
+    # The first and the last tell as well as all in which order a date is spelled.
+    known = cells.drop_nulls()
+    seconds = _seconds(known.gather([0, len(known) - 1])) if len(known) else np.full(1, np.nan)
+    return float(seconds[0]) if seconds[0] >= _DATED_S else None
+
+
 def _plain(text: pl.Series) -> pl.Series:
     """The numbers that a column of text spells, null where there is none."""
     plain = text.cast(pl.Float64, strict=False)

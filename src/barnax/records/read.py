@@ -249,6 +249,7 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
         skipped_ah=_own(_turned(hidden_ah, turn)),
         cycle=_own(samples.values.get("cycle")),
         state=_own(samples.state),
+        zero_date_s=samples.zero_date_s,
     )
     return record if counted_ah is not None else replace(record, flowing=flowing_shares(record))
 

@@ -65,6 +65,7 @@ class Record(Brief):
         state: +1 where the file says that a step discharges, -1 where it charges, 0 where it rests,
             and `OTHER_STATE` where it says anything else.
         voltage_lag_s: By how much the file's voltage is older than the current in its row.
+        zero_date_s: The date at which the clock is zero, in s since 1970, where it has dates.
     """
 
     name: str
@@ -85,6 +86,7 @@ class Record(Brief):
     cycle: Int[np.ndarray, "samples"] | None = None
     state: Int[np.ndarray, "samples"] | None = None
     voltage_lag_s: float = 0.0
+    zero_date_s: float | None = None
 
     def __post_init__(self):
         for name, values in vars(self).copy().items():
@@ -124,6 +126,16 @@ class Record(Brief):
         """Ampere-hours that came out in each interval."""
         moved_ah = self.interval_current_a * self.interval_s / 3600
         return moved_ah if self.skipped_ah is None else moved_ah + self.skipped_ah
+
+
+def pause_s(earlier: Record, later: Record) -> float:
+    """Seconds from the end of one record to the start of another, by the dates of both, or else by
+    their clocks."""
+    between_s = float(later.time_s[0] - earlier.time_s[-1])
+    if earlier.zero_date_s is None or later.zero_date_s is None:
+        return between_s
+    # Dates that are numbers of days are no more exact.
+    return round(between_s + later.zero_date_s - earlier.zero_date_s, 3)
 
 
 def in_means(record: Record, interval_s: float) -> Record:

@@ -226,13 +226,14 @@ def samples_of(lines: Lines) -> Samples:
     values = dict(lines.values)
     for name in values.keys() & {"step", "cycle", "state"}:
         values[name] = values[name].astype(int)
-    time_s = values["time"]
-    if lines.columns["time"].quantity.name == "date":
-        values["time"] = time_s = time_s - time_s[:1]
+    time_s, zero_date_s = values["time"], lines.zero_date_s
+    if lines.columns["time"].quantity.name == "date" and len(time_s):
+        zero_date_s = float(time_s[0])
+        values["time"] = time_s = time_s - zero_date_s
     if lines.columns["current"].quantity.name == "charge of the interval":
         interval_h = np.diff(time_s, prepend=time_s[:1]) / 3600
         values["current"] = values["current"] / np.where(interval_h > 0, interval_h, np.inf)
-    return Samples(lines.table, lines.columns, values, lines.at)
+    return Samples(lines.table, lines.columns, values, lines.at, zero_date_s)
 
 
 def some(values: np.ndarray) -> np.ndarray:

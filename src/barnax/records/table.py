@@ -12,7 +12,7 @@ from jaxtyping import Bool, Int
 
 from ..errors import LONGEST_CELL, cut
 from ..notices import Notice, notice
-from .cell_values import DAY_S, numbers
+from .cell_values import DAY_S, numbers, zero_date_of
 from .columns import Column, normal, other_table
 from .counters import inner
 from .quantities import NEEDED
@@ -72,13 +72,15 @@ class Reader:
 class Lines:
     """The lines of a table that are not blank, by quantity and in base units.
 
-    A value is NaN where its cell is no number. `at` says where each line stands in `table`.
+    A value is NaN where its cell is no number. `at` says where each line stands in `table`, and
+    `zero_date_s` at which date the time is zero, in s since 1970, where the clock has dates.
     """
 
     table: Table
     columns: Mapping[str, Column]
     values: dict[str, np.ndarray]
     at: Int[np.ndarray, "lines"]
+    zero_date_s: float | None = None
 
     def __len__(self) -> int:
         return len(self.at)
@@ -129,11 +131,15 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
     A date that is given beside the time is the day of a time of day.
     """
     values = {name: numbers(table.columns[found.index], found) for name, found in columns.items()}
+    zero_date_s = None
     if "date" in values and "time" in values:
         days_s = values.pop("date")
+        zero_date_s = float(days_s[0]) if len(days_s) else None
         values["time"] = values["time"] % DAY_S + (days_s - days_s[:1])
         columns = {name: column for name, column in columns.items() if name != "date"}
-    lines = Lines(table, columns, values, np.arange(len(table.row)))
+    elif (time := columns.get("time")) is not None:
+        zero_date_s = zero_date_of(table.columns[time.index], time)
+    lines = Lines(table, columns, values, np.arange(len(table.row)), zero_date_s)
     if not table.columns or not all(column.null_count() for column in table.columns):
         return lines
     return lines.keep(~np.all([column.is_null().to_numpy() for column in table.columns], axis=0))

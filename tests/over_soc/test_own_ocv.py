@@ -4,6 +4,7 @@ import csv
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 
 import barnax
@@ -21,12 +22,13 @@ from barnax.over_soc.dependence import searched
 from barnax.over_soc.level import level_cell
 from barnax.records import read_record
 from barnax.records.record import in_means
+from barnax.reporting.candidates import ocv_test_sentences
 from barnax.reporting.decisions import decision_sentences
 from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import fit_csv
 from barnax.reporting.render import to_markdown
 from barnax.settings import NODES
-from helpers.known_cell import R0_OHM, R_OHM, TAU_S, made, ocv_v
+from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.reference import make_record
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
@@ -237,6 +239,24 @@ def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, t
     path.write_text(bad.to_json())
     again = barnax.Result.from_json(path)
     assert again.fit.own_ocv == bad.fit.own_ocv
+
+
+def test_a_record_that_is_not_suitable_cannot_speak_against_its_ocv_test(tmp_path):
+    """Under one constant current, slow resistances and a lower OCV look the same."""
+    time_s, current_a = np.arange(0, 7600.0, 10), np.full(760, 1.0)
+    current_a[[*range(20), *range(740, 760)]] = 0.0
+    soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 720
+    voltage_v = ocv_v(soc) - R0_OHM * current_a
+    frame = pl.DataFrame({"Time [s]": time_s, "Current [A]": -current_a, "Voltage [V]": voltage_v})
+    frame.write_csv(tmp_path / "one.csv")
+    nodes = np.linspace(0, 1, 101)
+    test = {"SOC": nodes, "OCV [V]": ocv_v(nodes) + 0.1 * np.sin(np.pi * nodes)}
+    found = barnax.identify(tmp_path / "one.csv", ocv=test, capacity=2.0, **SMALL)
+    codes = {told.code for told in found.warnings}
+    assert found.fit.own_ocv.median_v > 0.05
+    assert "role.unfit" in codes
+    assert "ocv-test.disagrees" not in codes
+    assert "predicts better" not in "".join(ocv_test_sentences(found))
 
 
 def test_a_record_alone_is_identified_validated_and_stored(tmp_path):

@@ -237,6 +237,12 @@ def test_tables_are_compared_with_the_constant_circuit_that_is_named():
     assert next_step(found).advice.startswith("validate on another record")
     told = notice("ocv-test.disagrees", median_v=0.08, largest_v=-0.7, soc=0.35)
     assert next_step(found.model_copy(update={"warnings": (told,)})).without == ("ocv",)
+    # Without the test, records that are not suitable are refused.
+    name, why = found.of_role("identification")[0].name, "2 current steps"
+    unfit = notice("role.unfit", name, role="identification", reason=why)
+    step = next_step(found.model_copy(update={"warnings": (unfit, told)}))
+    assert not step.without
+    assert step.advice.startswith("measure a drive cycle")
     missed = SimpleNamespace(constant=held.constant, tables=SocErrors(0.0245, None), by_record=())
     lost = replace(fit, cross_validation=missed)
     lost = found.model_copy(update={"tables": found.tables.model_copy(update={"fits": (lost,)})})

@@ -3,7 +3,7 @@
 The kind is told by its sweeps, its current steps and how far they reach.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
@@ -13,7 +13,7 @@ import numpy as np
 from ..cell import OcvPoint, OcvTable
 from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, decide_capacity, join_sweeps
 from ..errors import InputError, counted
-from ..notices import notice
+from ..notices import Notice, notice
 from ..records.record import degc_in_name
 from ..records.segments import reach
 from .check_input import CheckInput
@@ -31,6 +31,15 @@ LEAST_SHARE, STEEP_S = 0.05, 20.0
 _STEPS_A_POINT = 3
 # A discharge that passes so much of all the charge was one of a capacity test.
 _MOST = 0.8
+
+
+def unfit(warnings: Iterable[Notice]) -> set[str]:
+    """The records that are identified on without being suitable, by what warns of them."""
+    return {
+        warning.subject
+        for warning in warnings
+        if warning.code == "role.unfit" and warning.values["role"] == "identification"
+    }
 
 
 @dataclass(frozen=True)

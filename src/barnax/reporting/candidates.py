@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from ..checks.roles import unfit
 from .document import Bullets, Cells, Section, Table, make_table
 from .words import NOTHING, fixed, millivolt, percent
 
@@ -197,7 +198,9 @@ def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str
         left = f", {millivolt(own.held_out.rmse_v)} left out"
         if own.held_out.above_v is not None:
             left += f" ({millivolt(own.held_out.above_v)} above 10 % SOC)"
-        if own.held_out.is_worth(held[1]):
+        names = {part.name for part in result.of_role("identification")}
+        # Records that are not suitable are refused without a test.
+        if own.held_out.is_worth(held[1]) and not unfit(result.warnings) >= names:
             # Of a folder, the plan chose the test.
             how = "the records alone, in place of their folder" if result.plan else "without `ocv`"
             worth = f"; that predicts better: try {how}"

@@ -9,6 +9,8 @@ from ..cell.circuits import Circuit, get_circuit
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
 from ..cell.soc_axis import ABOVE_SOC
+from ..checks.roles import unfit
+from ..plan.choosing import MAKE_RECORD
 from ..settings import OVER_TEMPERATURE
 from .candidates import held_out_errors, is_pulse_test, tables_pay, unseen_errors
 from .sentences import (
@@ -137,7 +139,8 @@ def next_step(result: "Result") -> Next:
     """The most useful next step.
 
     First what is plainly amiss: an OCV that misses its points, a circuit that cannot be the cell's,
-    an OCV test that disagrees with the records, records at other temperatures that are left over.
+    records that are not suitable, an OCV test that disagrees with them, records at other
+    temperatures that are left over.
     Then the error on what was not used decides (`Unseen`):
 
     - over `LOST` times the error on what was fitted, and over `LOST_V`: more data;
@@ -155,6 +158,12 @@ def next_step(result: "Result") -> Next:
         return Next(what, {"ocv_fit": "interpolated"}, without=("setup",))
     if result.tables is None and (reason := _no_circuit(result)):
         return Next(f"check the OCV test, `capacity`, the window and `bounds`: {reason}")
+    names = {part.name for part in result.of_role("identification")}
+    if unfit(result.warnings) >= names:
+        return Next(
+            f"{MAKE_RECORD}; {joined(sorted(names))} {'is' if len(names) == 1 else 'are'} not "
+            "suitable for identification"
+        )
     if any(warning.code == "ocv-test.disagrees" for warning in result.warnings):
         what = "see what the records tell without the OCV test, which disagrees with them"
         return Next(what, without=("ocv",))

@@ -201,7 +201,7 @@ def _simulated(source: Source, record: Record, window: Window) -> Source:
     if not window.is_chosen or source.span_s is not None:
         return source
     scored = scored_samples(record, replace(window, score_soc=None), 0, record.time_s)
-    first, last = first_sample(record, window), int(np.flatnonzero(scored)[-1])
+    first, last = first_sample(record, window, 0.0), int(np.flatnonzero(scored)[-1])
     return replace(source, span_s=(float(record.time_s[first]), float(record.time_s[last])))
 
 

@@ -153,6 +153,36 @@ def test_a_long_rest_elsewhere_tells_the_charge(bundled_cell):
     assert found.soc == pytest.approx(soc[0], abs=0.01)
 
 
+@pytest.mark.parametrize(("current_a", "direction"), [(1.0, -1), (-1.0, 1)])
+@pytest.mark.parametrize("rest_s", [900, 3600])
+def test_an_opening_rest_that_relaxes_tells_the_charge_where_it_ends(
+    bundled_cell, current_a, direction, rest_s
+):
+    before = [(current_a, 1000)]
+    whole, soc = made(bundled_cell, [*before, (0.0, rest_s), *PULSES], 0.6)
+    cut = 100
+    record = make_record(
+        whole.time_s[cut:] - whole.time_s[cut], whole.current_a[cut:], whole.voltage_v[cut:]
+    )
+    prepared = prepare_record(record, bundled_cell, "so-rc", Window())
+    found = prepared.start
+    assert found.direction == direction
+    assert found.row == record.row[rest_s // 10 - 1]
+    at_its_first = bundled_cell.soc_from_rest_voltage(float(record.voltage_v[0]), direction)
+    # The record is of no hysteresis, and the SOC of the branch: half of the gap is left.
+    assert abs(found.soc - soc[cut]) < abs(at_its_first - soc[cut]) / 3
+    (told,) = [each for each in prepared.warnings if each.code == "start.relaxing"]
+    assert told.counts == (rest_s < 1800)
+
+
+def test_a_start_that_is_given_is_kept_in_a_rest_that_relaxes(bundled_cell):
+    record, _ = made(bundled_cell, [(0.0, 900), *PULSES], 0.6)
+    voltage_v = record.voltage_v + 0.02 * np.minimum(record.time_s / 900 - 1, 0.0)
+    record = make_record(record.time_s, record.current_a, voltage_v)
+    assert start(bundled_cell, record, 1).row == record.row[1]
+    assert prepare_record(record, bundled_cell, "so-rc", Window()).start.row == record.row[89]
+
+
 @pytest.mark.parametrize("shared", [0, 1])
 def test_a_log_that_was_cut_is_named_whole_and_without_other_files(bundled_cell, shared):
     """Whether or not the row of a cut is in both files."""

@@ -271,7 +271,7 @@ def prepare_record(
     cell = cell.at(temperature_of(record, window))
     capacity_ah = window.capacity_ah or cell.capacity_ah
     rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
-    first = first_sample(record, window)
+    first = first_sample(record, window, rest_a)
     start, capacity_ah, warnings = find_start(record, cell, window, capacity_ah, first, rest_a)
     soc = soc_along(record, capacity_ah, first, start.soc)
     scored = scored_samples(record, window, first, soc)

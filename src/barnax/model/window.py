@@ -4,9 +4,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..cell import CellModel
+from ..cell.ocv_points import SETTLED_V
 from ..errors import InputError
 from ..notices import Notice, notice
-from ..records import Record
+from ..records import Record, is_rested
 from ..records.samples import record_resistance_ohm
 from ..settings import Window
 
@@ -18,8 +19,9 @@ NO_MARGIN, SAME_FULL = 1e-4, 0.01
 _INSIDE_V = 0.1
 
 
-def first_sample(record: Record, window: Window) -> int:
-    """Index of the sample where the simulation starts. Raises `InputError` if there is none."""
+def first_sample(record: Record, window: Window, rest_a: float) -> int:
+    """Index of the sample where the simulation starts; currents below `rest_a` are none. Raises
+    `InputError` if there is none."""
     if window.start_time_s is not None:
         after = np.flatnonzero(record.time_s >= window.start_time_s)
         if not len(after) or window.start_time_s < record.time_s[0]:
@@ -33,7 +35,19 @@ def first_sample(record: Record, window: Window) -> int:
         if not len(inside):
             raise InputError(_no_such_step(record, window.start_after_step))
         return int(inside[-1])
-    return 0
+    return relaxing_until(record, rest_a)
+
+
+def relaxing_until(record: Record, rest_a: float) -> int:
+    """The last sample of an opening rest in which the voltage still relaxes; 0 without one.
+
+    The circuit starts relaxed, and the last sample of such a rest is the one nearest to that.
+    """
+    loaded = np.flatnonzero(~is_rested(record, rest_a))
+    last = int(loaded[0]) - 1 if len(loaded) else 0
+    if last < 1 or abs(record.voltage_v[last] - record.voltage_v[0]) <= SETTLED_V:
+        return 0
+    return last
 
 
 def scored_samples(

@@ -56,7 +56,8 @@ def axis_capacity(
 
 def require_on_axis(record: Record, window: Window, initial_soc: float, capacity_ah: float):
     """Raise `InputError` where a record that starts there leaves the axis of SOC."""
-    first = first_sample(record, window)
+    rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
+    first = first_sample(record, window, rest_a)
     soc = soc_along(record, capacity_ah, first, initial_soc)
     soc = soc[scored_samples(record, window, first, soc)]
     low, high = float(soc.min()), float(soc.max())
@@ -78,8 +79,8 @@ def axis_of(record: Record, window: Window, capacity_ah: float) -> Axis:
     full."""
     if window.initial_soc is not None:
         return Axis(window.initial_soc, "given")
-    first = first_sample(record, window)
     rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
+    first = first_sample(record, window, rest_a)
     highest_v = float(record.voltage_v.max())
     full = [
         last

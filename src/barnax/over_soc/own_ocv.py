@@ -145,7 +145,7 @@ def _started(
             if record not in known:
                 window = replace(windows[record.name], capacity_ah=axis_ah)
                 rest_a = window.rest_current_a or rest_current_a(record, axis_ah)
-                given = window, axis_ah, first_sample(record, window), rest_a
+                given = window, axis_ah, first_sample(record, window, rest_a), rest_a
                 try:
                     start, _, against = find_start(record, cell, *given)
                 except InputError as unknown:

@@ -10,7 +10,7 @@ import pytest
 from barnax.bundled import BUNDLED
 from barnax.candidates import tabulated_circuit
 from barnax.cell import characterize, read_ocv_table
-from barnax.checks import check_file
+from barnax.checks import FileCheck, check_file
 from barnax.checks.roles import require_load
 from barnax.cli.session import command_line
 from barnax.errors import InputError
@@ -20,9 +20,11 @@ from barnax.inputs import (
     input_warnings,
     read_inputs,
     read_validation,
+    telling,
     windows_of,
 )
 from barnax.model.window import Window
+from barnax.notices import Notice, notice
 from barnax.pipeline import identify
 from barnax.records import read_record, source_from_frame
 from barnax.settings import CellSettings, Reading, Settings
@@ -149,6 +151,24 @@ def test_a_slow_sweep_is_no_dynamic_record(told, role):
     current_a = np.where((time_s > 600) & (time_s < 70_000), -0.1, 0.0)
     found = told(time_s, current_a, 4.18 - 1.2 * np.cumsum(-current_a) / 240, role)
     assert ("role.unfit", role) in {(each.code, each.values.get("role")) for each in found}
+
+
+def test_what_makes_r0_wrong_says_nothing_against_an_ocv_test():
+    found = tuple(map(Notice, ("late-voltage.smoothed", "late-voltage.step", "gaps.steady")))
+    checked = FileCheck("ocv.csv", found, None, ())
+    of_test, of_record = (
+        [each.code for each in input_warnings(checked, role, None)]
+        for role in ("OCV test", "identification")
+    )
+    assert of_record == [each.code for each in found]
+    assert of_test == ["gaps.steady"]
+
+
+def test_what_stands_behind_a_refusal_is_no_second_one():
+    doubt = notice("role.unfit", "drive.csv", role="identification", reason="2 current steps")
+    with pytest.raises(InputError) as told, telling([doubt]):
+        raise InputError("drive.csv: refused")
+    assert str(told.value) == f"drive.csv: refused\nwarning: {doubt}"
 
 
 def test_a_window_is_proposed_where_none_is_chosen(real_data):

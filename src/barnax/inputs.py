@@ -14,6 +14,7 @@ from .cell import CellModel, OcvTable, characterize, characterize_over_temperatu
 from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import Kind, require_load
+from .checks.sampling import OF_R0
 from .errors import InputError, printable
 from .model.search_space import Range, read_bounds
 from .model.temperature import group_tests, temperature_of
@@ -211,7 +212,7 @@ def telling(warnings: Sequence[Notice]) -> Iterator[None]:
     try:
         yield
     except InputError as problem:
-        told = InputError("\n".join(map(str, (problem, *warnings))))
+        told = InputError("\n".join((str(problem), *(f"warning: {each}" for each in warnings))))
         told.notice = problem.notice
         raise told from problem
 
@@ -288,7 +289,11 @@ def input_warnings(
     found: FileCheck, role: str, window: Window | Mapping[str, Window] | None
 ) -> list[Notice]:
     """Warnings of the checks of a file about the role that it is given."""
-    told = [finding.about(found.file) for finding in found.findings if finding.counts]
+    told = [
+        finding.about(found.file)
+        for finding in found.findings
+        if finding.counts and not (role == "OCV test" and finding.code in OF_R0)
+    ]
     for use in found.roles:
         if use.name == role and not use.is_usable:
             told.insert(0, notice("role.unfit", found.file, role=role, reason=use.reason))

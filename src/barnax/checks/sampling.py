@@ -37,6 +37,8 @@ _FAST_LOAD = {
     "means": "fast-load.means",
     "open": "fast-load.open",
 }
+# What makes R0 wrong, and an OCV no worse.
+OF_R0 = frozenset({"late-voltage.step", "late-voltage.smoothed", "smoothed-current.back"})
 
 
 def find_gaps(given: CheckInput) -> Iterator[Notice]:

@@ -190,6 +190,7 @@ def test_cells_are_found_by_any_usual_name(voltages, name):
     assert len(of(frame(scale * voltages[0][:300], voltages[1][:300], name=name)).cells) == 12
 
 
+@pytest.mark.slow
 def test_what_is_found_in_the_record_of_a_pack_is_told_with_what_is_assumed(voltages):
     table = frame(*voltages).with_columns(pl.col("^V.*$").shift(2)).drop_nulls()
     options = {"capacity": 5.0, "window": Window(initial_soc=START), "max_boxes": 0}

@@ -47,7 +47,7 @@ def test_importing_barnax_loads_nothing_heavy():
     assert not loaded_by("import barnax, barnax.__main__; barnax.__version__; dir(barnax)") & HEAVY
 
 
-@pytest.mark.parametrize("words", [[], ["identify"], ["validate"], ["export"]], ids=str)
+@pytest.mark.parametrize("words", [[], ["identify"]], ids=str)
 def test_help_answers_without_jax(words):
     code = (
         f"import sys; sys.argv = ['barnax', *{words}, '--help']\n"
@@ -121,7 +121,17 @@ WITH_EXAMPLES = [
 ]
 
 
-@pytest.mark.parametrize("name", WITH_EXAMPLES)
+# These take seconds, and have tests of their own.
+LONG = ("barnax.experiment.next_test", "barnax.pack")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(each, marks=[pytest.mark.slow] if each in LONG else [])
+        for each in WITH_EXAMPLES
+    ],
+)
 def test_the_examples_of_docstrings_run(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     module, finder = importlib.import_module(name), doctest.DocTestFinder()

@@ -259,6 +259,7 @@ def cut_record(bundled_cell):
     return make_record(time_s, current_a, voltage_v, name="cut.csv")
 
 
+@pytest.mark.slow
 def test_an_open_direction_is_tried_both_ways_and_told(cut_record):
     result = barnax.identify(cut_record, ocv=OCV, **SMALL)
     assert (result.start.direction, result.start.direction_source) == (-1, "better fit")

@@ -238,6 +238,7 @@ def test_the_lfp_cell_runs_from_files_of_opposite_signs(real_data, circuit):
     assert evaluation.metrics.r2 > 0.9
 
 
+@pytest.mark.slow
 def test_the_leaf_cell_runs_from_its_pulse_test(real_data):
     record = read_record(real_data / "nissan-leaf-lmo-33ah" / "hppc_25degC.parquet")
     assert (record.sign.value, record.hold.value) == ("charge-positive", "forward")

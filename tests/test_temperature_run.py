@@ -24,7 +24,6 @@ from barnax.reporting.temperatures import prediction_sentence
 from barnax.settings import CellSettings, Reading
 from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm
 
-FEW = {"seeds": 2, "iterations": 5, "population": 8}
 NODES = (0.0, 0.25, 0.5, 0.75, 1.0)
 DEGC = (5.0, 25.0, 45.0)
 
@@ -53,7 +52,7 @@ def result() -> Result:
         trust="none",
         advise=False,
         resistances_follow="none",
-        **FEW,
+        seeds=0,
     )
 
 
@@ -154,7 +153,7 @@ def test_without_an_ocv_test_each_temperature_has_the_ocv_of_its_records():
     found = identify(
         [replace(at(degc), name=f"at {degc:g} degC", temperature_degc=None) for degc in DEGC],
         window=Window(initial_soc=1.0), capacity=CAPACITY_AH, over="soc,temperature",
-        nodes=nodes, max_boxes=0, folds=0, trust="none", advise=False, **FEW,
+        nodes=nodes, max_boxes=0, folds=0, trust="none", advise=False, seeds=0,
     )  # fmt: skip
     assert found.tables.over_temperature.temperatures_degc == DEGC
     soc = np.array([0.25, 0.5, 0.9])
@@ -207,5 +206,5 @@ def test_records_without_two_temperatures_are_refused(records, told):
     with pytest.raises(InputError, match=told):
         identify(
             list(records), ocv=at(25.0), capacity=CAPACITY_AH, over="soc,temperature",
-            ocv_fit="interpolated", window=None, **FEW,
+            ocv_fit="interpolated", window=None, seeds=0,
         )  # fmt: skip

@@ -22,7 +22,16 @@ def test_no_optimizer_takes_the_name_of_another_method():
     assert len(METHODS) == len(OPTIMIZERS) + len(BESIDE_OPTIMIZERS)
 
 
-@pytest.fixture(scope="module", params=NAMES)
+# Each is made of others here, or of an optimizer.
+COMPOSED = ("igwo", "pso-lm", "dual-ukf")
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(each, marks=[pytest.mark.slow] if each in COMPOSED else []) for each in NAMES
+    ],
+)
 def ran(request, known_problem):
     """A method's name, the problem, its answers, and what it told of its progress."""
     problem = known_problem((0.05, (0.02, 0.03), (8.0, 90.0)), noise_v=1e-5)

@@ -84,6 +84,11 @@ CASES = [
     for place, name in enumerate(BUNDLED_NAMES)
     if fault not in ONCE
 ]
+# With counters and without; other records are slow tests.
+CASES = [
+    pytest.param(*case, marks=[] if case[0] in BUNDLED_NAMES[:2] else [pytest.mark.slow])
+    for case in CASES
+]
 CASES += [("identification", fault, counters) for fault in sorted(ONCE) for counters in (0, 1)]
 
 

@@ -145,7 +145,9 @@ def test_what_the_parser_can_tell_is_a_usage_error_that_lists_the_choices(refuse
 
 
 @pytest.mark.parametrize(
-    ("words", "platform"), [(("identify",), "nonsense"), (("fleet", "m.csv"), "rocm")], ids=str
+    ("words", "platform"),
+    [(("identify",), "nonsense"), pytest.param(("fleet", "m.csv"), "rocm", marks=pytest.mark.slow)],
+    ids=str,
 )
 def test_a_platform_that_is_not_there_is_one_line_with_the_remedy(tmp_path, words, platform):
     (tmp_path / "m.csv").write_text("id,records\na,nowhere.csv\n")

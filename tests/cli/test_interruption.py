@@ -71,6 +71,7 @@ def test_what_is_written_is_finished_first(tmp_path, monkeypatch):
     assert not unfinished(tmp_path)
 
 
+@pytest.mark.slow
 def test_an_interrupted_fleet_ends_with_its_workers_and_says_how_to_continue(tmp_path):
     """The terminal sends Ctrl-C to the workers too, while they start."""
     Path(tmp_path, "m.csv").write_text(f"id,records\na,{BUNDLED.record}\nb,{BUNDLED.record}\n")

@@ -144,7 +144,7 @@ write_folder(folder, files, is_forced == "True")
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no process can kill itself there")
 @pytest.mark.parametrize(
-    "steps", [range(4, 40, 7), pytest.param(range(42), marks=pytest.mark.slow)]
+    "steps", [range(4, 40, 17), pytest.param(range(42), marks=pytest.mark.slow)]
 )
 def test_a_kill_at_any_step_leaves_the_old_result_or_the_new_one_whole(tmp_path, steps):
     """At its place, or in what the process left; what is the user's stays, and so does that."""

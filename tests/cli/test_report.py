@@ -39,6 +39,7 @@ def test_without_the_measured_files_the_page_says_which_one_it_lacks(run, finish
     assert contents(tmp_path).keys() == {"result.json", "page.html"}
 
 
+@pytest.mark.slow
 def test_a_replay_has_a_page_with_its_figure_and_a_stored_one_says_what_draws_it(
     run, finished, tmp_path
 ):

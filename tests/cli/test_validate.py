@@ -160,6 +160,7 @@ def test_two_results_are_shown_side_by_side(run, stored, tmp_path):
     assert "+0 %, within" in shown
 
 
+@pytest.mark.slow
 def test_the_errors_are_written_as_a_page_with_figures(run, stored, drive, tmp_path):
     outcome = run("validate", stored, drive, "--report", "page.html")
     assert outcome.status == 0

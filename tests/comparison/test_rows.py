@@ -222,6 +222,7 @@ def test_the_gap_is_measured_against_the_global_optimum(comparison, result):
     }
 
 
+@pytest.mark.slow
 def test_seeds_that_stop_after_different_generations_are_stored_and_drawn(
     bundled_record, bundled_cell, monkeypatch
 ):

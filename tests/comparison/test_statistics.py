@@ -140,7 +140,9 @@ def test_errors_that_differ_by_rounding_are_no_real_difference():
 
 # Two rows of equal size of error: the truth is zero. 200 records; 95 % is 190, and four standard
 # deviations are 12; blocks are known to cover a little less.
-@pytest.mark.parametrize("correlation", [0.0, 0.7, 0.95])
+@pytest.mark.parametrize(
+    "correlation", [*(pytest.param(each, marks=pytest.mark.slow) for each in (0.0, 0.95)), 0.7]
+)
 def test_intervals_cover_the_truth_as_often_as_they_say(correlation):
     covered = 0
     for seed in range(200):

@@ -86,6 +86,7 @@ def test_planted_noise_is_found(prepared, believed):
     assert slow == pytest.approx(3e-3, rel=0.35)
 
 
+@pytest.mark.slow
 def test_records_have_the_noise_of_both(prepared, believed):
     rng = np.random.default_rng(5)
     count = len(prepared.soc)

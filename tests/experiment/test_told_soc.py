@@ -37,9 +37,9 @@ def part_of(name: str, high: float, low: float) -> dict[str, np.ndarray]:
     }
 
 
-def identified(name: str = "identification", **known):
+def identified(name: str = "identification", low: float = 0.2, **known):
     quick = {**QUICK, "trust": "none", "advise": False, "resistances_follow": "none"}
-    return barnax.identify(part_of(name, 0.6, 0.2), **quick, **known)
+    return barnax.identify(part_of(name, 0.6, low), **quick, **known)
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +55,19 @@ def placed():
 
 
 @pytest.fixture(scope="module")
+def believed(placed):
+    return believed_of(placed, None)
+
+
+@pytest.fixture(scope="module")
 def unplaced():
     return identified()
+
+
+@pytest.fixture(scope="module")
+def sized():
+    """Its capacity is given, and not where it began."""
+    return identified(capacity=2.0)
 
 
 def true_voltage(truth, design, initial_soc):
@@ -67,9 +78,9 @@ def true_voltage(truth, design, initial_soc):
     return np.asarray(truth.simulate(profile, initial_soc=initial_soc)["Voltage [V]"])
 
 
-def test_a_test_stays_where_the_ocv_is_known(placed, truth):
-    design = barnax.design(placed, **LIMITS)
-    low, high = believed_of(placed, None).told_soc
+def test_a_test_stays_where_the_ocv_is_known(believed, truth):
+    design = barnax.design(believed, **LIMITS)
+    low, high = believed.told_soc
     assert (low, high) == pytest.approx((0.2, 0.65), abs=0.01)
     assert design.initial_soc == high
     assert low <= design.predicted.soc.min() < low + 0.1
@@ -82,32 +93,37 @@ def test_a_test_stays_where_the_ocv_is_known(placed, truth):
     voltage_v = true_voltage(truth, design, high)
     assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
     assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
-    screen = screen_of(planned_lines(believed_of(placed, None), as_flags))
+    screen = screen_of(planned_lines(believed, as_flags))
     assert "the result knows the OCV from 20 to 65 %, and the test stays within" in screen
 
 
-def test_a_chemistry_takes_it_from_full_to_empty(placed, truth):
-    believed = believed_of(placed, None, "nmc")
+@pytest.fixture(scope="module")
+def joined(placed):
+    return believed_of(placed, None, "nmc")
+
+
+def test_beyond_what_the_record_told_the_ocv_is_that_of_the_chemistry(joined, believed):
     soc = np.array([0.0, 0.1, 0.3, 0.6, 0.8, 1.0])
-    # Joined: what the record told stays, the ends are the chemistry's.
-    np.testing.assert_allclose(
-        believed.ocv_v(soc[2:4]), believed_of(placed, None).ocv_v(soc[2:4]), atol=1e-3
-    )
+    np.testing.assert_allclose(joined.ocv_v(soc[2:4]), believed.ocv_v(soc[2:4]), atol=1e-3)
     typical_v = believed_of(None, 2.0, "nmc").ocv_v(soc)
-    np.testing.assert_allclose(believed.ocv_v(soc[[0, -1]]), typical_v[[0, -1]], atol=1e-6)
-    assert np.all(np.diff(believed.ocv_v(np.linspace(0, 1, 501))) >= 0)
-    reach_v = believed.ocv_end_v(soc, 1) - believed.ocv_v(soc)
+    np.testing.assert_allclose(joined.ocv_v(soc[[0, -1]]), typical_v[[0, -1]], atol=1e-6)
+    assert np.all(np.diff(joined.ocv_v(np.linspace(0, 1, 501))) >= 0)
+    reach_v = joined.ocv_end_v(soc, 1) - joined.ocv_v(soc)
     assert reach_v[4] == pytest.approx(reach_v[3] + 0.05)
-    design = barnax.design(placed, chemistry="nmc", **LIMITS)
-    assert design.initial_soc == 1.0
-    assert any(step.block == "to empty" for step in design.steps)
-    voltage_v = true_voltage(truth, design, 1.0)
-    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
-    screen = screen_of(planned_lines(believed, as_flags))
+    screen = screen_of(planned_lines(joined, as_flags))
     assert (
         "the test goes from full to empty. Beyond, the OCV of a typical NMC cell is joined"
         in screen
     )
+
+
+@pytest.mark.slow
+def test_a_chemistry_takes_it_from_full_to_empty(joined, truth):
+    design = barnax.design(joined, **LIMITS)
+    assert design.initial_soc == 1.0
+    assert any(step.block == "to empty" for step in design.steps)
+    voltage_v = true_voltage(truth, design, 1.0)
+    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
 
 
 def test_another_chemistry_than_the_record_shows_is_refused(placed):
@@ -115,6 +131,7 @@ def test_another_chemistry_than_the_record_shows_is_refused(placed):
         believed_of(placed, None, "lfp")
 
 
+@pytest.mark.slow
 def test_where_nothing_shows_what_is_full_the_voltage_brings_the_cell_to_its_start(unplaced, truth):
     design = barnax.design(unplaced, **LIMITS)
     # The fullest point is 65 % of the true cell.
@@ -127,20 +144,19 @@ def test_where_nothing_shows_what_is_full_the_voltage_brings_the_cell_to_its_sta
     assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
 
 
-@pytest.mark.parametrize("chemistry", ["nmc", "lfp"])
-@pytest.mark.parametrize("known", [{}, {"capacity": 2.0}])
-def test_no_typical_ocv_is_joined_where_nothing_shows_what_is_full(chemistry, known):
-    result = identified(**known)
-    with pytest.raises(InputError, match=rf"`chemistry` {chemistry}: nothing shows .* full"):
-        believed_of(result, None, chemistry)
+@pytest.mark.parametrize("result", [pytest.param("unplaced", marks=pytest.mark.slow), "sized"])
+def test_no_typical_ocv_is_joined_where_nothing_shows_what_is_full(result, request):
+    with pytest.raises(InputError, match=r"`chemistry` nmc: nothing shows .* full"):
+        believed_of(request.getfixturevalue(result), None, "nmc")
 
 
-def test_a_capacity_alone_leaves_the_test_within_the_record(truth):
+@pytest.mark.slow
+def test_a_capacity_alone_leaves_the_test_within_the_record(sized, truth):
     """Of the 2 Ah of the true cell, its record began at 60 % and its fullest point is 65 %."""
-    result = identified(capacity=2.0)
-    design = barnax.design(result, **LIMITS)
-    screen = screen_of(planned_lines(believed_of(result, None), as_flags))
-    low, high = believed_of(result, None).told_soc
+    believed = believed_of(sized, None)
+    design = barnax.design(believed, **LIMITS)
+    screen = screen_of(planned_lines(believed, as_flags))
+    low, high = believed.told_soc
     assert f"knows the OCV from {100 * low:.0f} to {100 * high:.0f} %, and the test" in screen
     taken_ah = 2.0 * (design.initial_soc - design.predicted.soc.min())
     held_ah = 2.0 * truth.cell.soc_from_rest_voltage(design.start_v)
@@ -186,23 +202,25 @@ def test_a_part_of_the_charge_without_a_node_is_refused():
         barnax.design(coarse, max_hours=1.5, blocks=BLOCKS)
 
 
+@pytest.mark.slow
 def test_another_capacity_would_stretch_an_ocv_that_the_record_told(unplaced):
     with pytest.raises(InputError, match=r"the OCV was identified over 0\.90.* would be stretched"):
         barnax.design(unplaced, capacity=2.0)
 
 
 def test_a_flat_ocv_brings_no_cell_to_its_start():
-    flat = identified("lfp_identification")
+    flat = identified("lfp_identification", low=0.4)
     with pytest.raises(InputError, match="too flat to bring it there"):
         barnax.design(flat)
 
 
-def test_a_time_constant_at_a_bound_is_told_before_the_search(placed):
-    believed = replace(believed_of(placed, None), at_bound=(AtBound("tau2 [s]", "upper"),))
+def test_a_time_constant_at_a_bound_is_told_before_the_search(believed):
+    believed = replace(believed, at_bound=(AtBound("tau2 [s]", "upper"),))
     screen = screen_of(planned_lines(believed, as_flags))
     assert "Time constants: tau2 at the upper bound of its search" in screen
 
 
+@pytest.mark.slow
 def test_hours_that_are_too_few_are_told_with_the_least():
     with pytest.raises(InputError, match=r"`max_hours` 0\.5: .* takes .* h without rests") as told:
         barnax.design(capacity=2.0, max_hours=0.5, blocks=BLOCKS)

@@ -172,9 +172,10 @@ class Plain:
 @pytest.mark.parametrize(
     ("kind", "circuit"),
     [
-        *(("ekf", name) for name in ("so-rc", "iso-rc", "esc")),
-        *(pytest.param("ukf", name, marks=pytest.mark.slow) for name in ("so-rc", "iso-rc")),
+        ("ekf", "so-rc"),
         ("ukf", "esc"),
+        *(pytest.param("ekf", name, marks=pytest.mark.slow) for name in ("iso-rc", "esc")),
+        *(pytest.param("ukf", name, marks=pytest.mark.slow) for name in ("so-rc", "iso-rc")),
     ],
 )
 def test_a_filter_is_a_plain_loop_in_numpy(circuit, kind):
@@ -267,6 +268,7 @@ def walked(model, key, soc, quiet):
     return jax.lax.scan(step, state, (quiet, walks, whites))[1]
 
 
+@pytest.mark.slow
 def test_both_filters_are_one_where_all_is_linear():
     model = straight_model()
     drive, _ = simulated(model, jax.random.key(0), 0.6)
@@ -299,7 +301,7 @@ def test_estimation_errors_and_innovations_are_as_large_as_the_filter_says():
     assert np.mean([each.are_white for each in tested]) > 0.88
 
 
-@pytest.mark.parametrize("kind", ["ekf", "ukf", "dual"])
+@pytest.mark.parametrize("kind", ["ekf", pytest.param("ukf", marks=pytest.mark.slow), "dual"])
 @in_float64
 def test_what_is_estimated_is_found(kind):
     """A current offset of 20 mA and R0 three tenths too low; errors of rests hide neither."""
@@ -366,7 +368,9 @@ def test_a_gaussian_sum_is_the_mixture_that_bayes_gives():
     assert found.soc_sd[-1] == pytest.approx(np.sqrt(variance), rel=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["sum", "ekf", "ukf"])
+@pytest.mark.parametrize(
+    "kind", ["sum", *(pytest.param(each, marks=pytest.mark.slow) for each in ("ekf", "ukf"))]
+)
 @in_float64
 def test_a_long_rest_tells_no_more_than_the_bias_leaves(kind):
     """The bias of 10 mV stands still at rest: with a slope of 1 V a variance of 1e-4 beside that of
@@ -384,6 +388,7 @@ def flat_ocv_v(soc):
     return 3.3 + 0.02 * soc - 0.3 * np.exp(-soc / 0.06) + 0.2 * np.exp((soc - 1) / 0.04)
 
 
+@pytest.mark.slow
 @in_float64
 def test_on_a_flat_ocv_the_band_of_a_gaussian_sum_holds_the_soc():
     """Over 40 runs of a cell with known errors, from starts 10 % off as a standard deviation."""
@@ -400,7 +405,10 @@ def test_on_a_flat_ocv_the_band_of_a_gaussian_sum_holds_the_soc():
     assert np.mean(held) > 0.9
 
 
-@pytest.mark.parametrize(("circuit", "slow"), [("esc", SLOW), ("iso-rc", ("R0", "R1", "tau2"))])
+@pytest.mark.parametrize(
+    ("circuit", "slow"),
+    [("esc", SLOW), pytest.param("iso-rc", ("R0", "R1", "tau2"), marks=pytest.mark.slow)],
+)
 @in_float64
 def test_many_cells_in_one_call_are_each_cell_alone(circuit, slow):
     interval_s, current_a = profile(80)
@@ -422,6 +430,7 @@ def test_many_cells_in_one_call_are_each_cell_alone(circuit, slow):
             np.testing.assert_allclose(each[cell], one_by_one, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_cells_of_different_noise_in_one_call_are_each_cell_alone():
     interval_s, current_a = profile(80)
     voltage_v = np.random.default_rng(1).normal(3.75, 0.05, 80)

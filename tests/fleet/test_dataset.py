@@ -145,6 +145,7 @@ def test_duckdb_and_polars_answer_the_three_questions_alike(tmp_path):
     assert answers[2] == [("file.damaged", 2, "12")]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="no other system limits a process's memory")
 def test_a_dataset_of_others_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(dataset, "LARGEST_FILE", 300_000_000)

@@ -42,6 +42,7 @@ def copied(small_fleet, to):
     return manifest
 
 
+@pytest.mark.slow
 def test_a_fleet_in_a_store_is_that_of_a_folder(small_fleet, bucket, tmp_path):
     manifest = copied(small_fleet, bucket / "in")
     cells, carried = read_manifest(str(manifest))

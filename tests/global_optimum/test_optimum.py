@@ -65,8 +65,15 @@ def test_the_optimum_is_certified_and_no_seed_is_better(short_problem, short_opt
 
 
 # The best R0 is 58 mohm: the narrow range puts the optimum on its upper end.
-@pytest.mark.parametrize("r0_ohm", [None, (0.02, 0.05)])
-@pytest.mark.parametrize("circuit", ["iso-rc", "so-rc"])
+@pytest.mark.parametrize(
+    ("circuit", "r0_ohm"),
+    [
+        ("iso-rc", None),
+        ("so-rc", (0.02, 0.05)),
+        pytest.param("iso-rc", (0.02, 0.05), marks=pytest.mark.slow),
+        pytest.param("so-rc", None, marks=pytest.mark.slow),
+    ],
+)
 def test_scipys_many_starts_find_the_optimum_that_seeds_and_grid_find(
     problem_of, found, circuit, r0_ohm
 ):

@@ -110,6 +110,7 @@ def test_an_even_clock_leaves_the_hold_open(pchip_cell):
     assert with_better_hold(problem) is problem
 
 
+@pytest.mark.slow
 def test_an_ocv_of_the_record_itself_leaves_the_hold_open():
     # Of a load that changes between samples 10 s apart, that OCV would speak for a wrong hold.
     record = record_from_frame(pl.read_parquet(BUNDLED.record)[::10])
@@ -145,7 +146,7 @@ THREE_PAIRS = CircuitParameters.constant(
 )
 
 
-@pytest.mark.parametrize("hold", ["forward", "backward"])
+@pytest.mark.parametrize("hold", ["forward", pytest.param("backward", marks=pytest.mark.slow)])
 def test_an_interval_of_r0_spans_the_pair_that_two_pairs_leave_out(pchip_cell, hold):
     table = simulated(pchip_cell, 4.0 * np.arange(1500), hold, THREE_PAIRS)
     problem = problem_of(pchip_cell, table)
@@ -162,6 +163,7 @@ def test_an_interval_of_r0_spans_the_pair_that_two_pairs_leave_out(pchip_cell, h
     assert r0.low < 0.999 * r0.value**2 / r0.high
 
 
+@pytest.mark.slow
 def test_an_interval_of_r0_reaches_up_to_what_comes_a_sample_late(pchip_cell):
     table = simulated(pchip_cell, 1.0 * np.arange(3000), "forward")
     late = table[VOLTAGE].to_numpy().copy()

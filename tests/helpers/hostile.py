@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-EXAMPLES = [pytest.param(12, id="few"), pytest.param(500, id="many", marks=pytest.mark.slow)]
+EXAMPLES = [pytest.param(6, id="few"), pytest.param(500, id="many", marks=pytest.mark.slow)]
 
 
 def repeated(examples: int, test: Callable[[Any], None], strategy: st.SearchStrategy) -> None:

@@ -241,6 +241,7 @@ def test_a_charge_from_a_rest_near_empty_is_full_by_the_capacity_that_it_shows(c
         assert shows_both_ends([prepared], OWN_AH) == is_full
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [{"bent_v": 0.03}, {"bent_v": 0.03, "to_empty": True}])
 def test_a_descent_goes_on_until_a_step_is_small_beside_the_errors(cell, told, how, monkeypatch):
     ended, rounds = told(**how)
@@ -263,6 +264,7 @@ def test_however_often_a_cell_rests_near_empty_what_is_called_empty_differs(cell
     assert 1 / np.linalg.norm(told.columns[:, 0]) > FULL_SD
 
 
+@pytest.mark.slow
 def test_the_voltage_that_told_a_start_moves_with_a_shift_of_the_ocv(cell):
     found, _ = told_of(cell, begun=0.98, opening_s=4000, shift_v=0.025)
     assert all(found[name].is_determined for name in ("start SOC", SHIFT))
@@ -270,6 +272,7 @@ def test_the_voltage_that_told_a_start_moves_with_a_shift_of_the_ocv(cell):
         assert found[name].low <= value <= found[name].high
 
 
+@pytest.mark.slow
 def test_capacities_are_tried_on_the_same_samples(cell, monkeypatch):
     counts, reduced = [], ageing.reduced_objective
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import polars as pl
+import pytest
 
 from barnax.life.shapes import EVIDENCE, with_pooled_shapes
 from barnax.over_soc.ageing import CAPACITY, SHAPES_V
@@ -48,6 +49,7 @@ def test_cells_that_keep_their_shape_tell_together_what_one_record_does_not():
         assert not alone_high[0] - alone_low[0] < 3 * np.median(high - low)
 
 
+@pytest.mark.slow
 def test_the_last_ages_of_one_growing_walk_a_cell_are_within_their_intervals():
     late = np.arange(AGES) >= AGES - 2
     for sizes_v in ([0.012] * 10, [0.02] * 10, [0.0] * 8 + [0.03, 0.04]):

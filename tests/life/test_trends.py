@@ -93,7 +93,7 @@ def test_what_is_not_known_changes_nothing():
     np.testing.assert_allclose(one.trend(2, series.age[2]), other.trend(2, series.age[2]))
 
 
-@pytest.mark.parametrize("shared", [0.0, 0.02])
+@pytest.mark.parametrize("shared", [0.0, pytest.param(0.02, marks=pytest.mark.slow)])
 def test_intervals_of_trends_hold_the_truth(shared):
     held = []
     # An error in common is one draw a fleet, so of that there are more and smaller ones.
@@ -128,6 +128,7 @@ def test_a_planted_knee_is_found_and_its_trend_follows_it(planted):
     assert np.mean(np.abs(value - truth[0]) < 3 * error) >= 0.9
 
 
+@pytest.mark.slow
 def test_intervals_of_an_odd_cell_hold_although_it_bends_as_no_other():
     held = []
     for seed in range(4):

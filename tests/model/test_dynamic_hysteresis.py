@@ -102,6 +102,7 @@ def test_ten_hours_of_noise_at_rest_turn_nothing(bundled_cell):
     np.testing.assert_allclose(state, -1.0, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_slope_in_the_rate_is_that_of_the_errors(bundled_cell):
     record = make_record(TIME_S, CURRENT_A, 3.7 + 0.01 * np.sin(TIME_S))
     problem = make_problem(record, bundled_cell, "esc", window=Window(initial_soc=0.8))

@@ -71,9 +71,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(
-    "case", ["uneven", pytest.param("uneven, with a state that moves", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
 def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alone(
     bundled_cell, case, monkeypatch
 ):

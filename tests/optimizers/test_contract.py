@@ -30,7 +30,12 @@ class Trial(eqx.Module):
     failure: float = jnp.nan
 
 
-@pytest.fixture(scope="module", params=list(OPTIMIZERS))
+# One of each family; what its others do otherwise has tests in `test_rules`.
+QUICK = ("ibmo", "pso", "gwo", "aga")
+ALL = [pytest.param(each, marks=[] if each in QUICK else [pytest.mark.slow]) for each in OPTIMIZERS]
+
+
+@pytest.fixture(scope="module", params=ALL)
 def name(request):
     return request.param
 
@@ -84,11 +89,8 @@ def test_the_same_key_gives_the_same_bits(name):
     assert not np.array_equal(first.stats["history"], other.stats["history"])
 
 
-# It takes a program of its own; all optimizers batch in one way, so the others are slow tests.
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[] if name == "pso" else [pytest.mark.slow]) for name in OPTIMIZERS],
-)
+# It takes a program of its own.
+@pytest.mark.slow
 def test_a_search_gives_the_same_bits_alone_and_beside_others(name):
     together = three_searches(name, run=as_users_search)
     trial = jax.tree.map(jnp.float32, Trial())

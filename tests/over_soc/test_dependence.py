@@ -174,6 +174,7 @@ def test_a_current_of_butler_and_volmer_is_found():
     assert known.numbers.keys() == {"i0 [A]"}
 
 
+@pytest.mark.slow
 def test_a_temperature_that_stands_still_is_as_good_as_none():
     def driven(time_s, current_a):
         return np.full_like(time_s, 25.0), *by_current(0.8)(time_s, current_a)[1:]

@@ -91,6 +91,7 @@ def test_a_steep_end_does_not_set_the_time_constants(emptied, weighed):
     assert told.weight == pytest.approx(told.times**-2)
 
 
+@pytest.mark.slow
 def test_where_neither_fit_is_plainly_better_intervals_reach_over_both(emptied, monkeypatch):
     monkeypatch.setattr("barnax.over_soc.low_end.ALIKE", -1.0)
     evenly, both = searched([emptied], EVENLY), searched([emptied], PLAIN)
@@ -117,6 +118,7 @@ def test_the_objective_is_of_weighed_errors(emptied, weighed):
     assert best.objective_v2 == pytest.approx(expected_v2, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_record_whose_low_end_is_fitted_as_well_counts_evenly(emptied):
     # A truth that tables can hold, nodes and all.
     nodes = TableSettings().nodes

@@ -104,7 +104,9 @@ def test_capacity_only_names_the_axis(known):
     assert one_v == pytest.approx(own.cell.average_ocv_v(1 - charge_ah / 2.0), abs=4e-3)
 
 
-@pytest.mark.parametrize(("lower_v", "is_part"), [(0.5, False), (0.0, True)])
+@pytest.mark.parametrize(
+    ("lower_v", "is_part"), [pytest.param(0.5, False, marks=pytest.mark.slow), (0.0, True)]
+)
 def test_a_span_that_ends_far_from_empty_is_no_capacity_and_says_so(lower_v, is_part):
     record, _ = made(hours=1.0)
     record = replace(record, voltage_v=record.voltage_v - lower_v)
@@ -292,7 +294,9 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     assert all(frame["OCV [V]"] < frame["OCV high [V]"])
 
 
-@pytest.mark.parametrize(("rise_ohm", "over"), [(0.0, "ocv"), (0.03, "soc")])
+@pytest.mark.parametrize(
+    ("rise_ohm", "over"), [pytest.param(0.0, "ocv", marks=pytest.mark.slow), (0.03, "soc")]
+)
 def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, over):
     record, soc = made(1, noise_v=1e-3)
     fallen_v = rise_ohm * (1 - soc) * record.current_a
@@ -364,6 +368,7 @@ def test_nothing_calls_one_value_tables_or_what_was_found_given(narrow):
     assert not any("as given" in text for text in decision_sentences(alone))
 
 
+@pytest.mark.slow
 def test_one_node_beside_an_ocv_test_is_a_table_of_one_row():
     record, _ = made(1, hours=0.6, noise_v=1e-3)
     soc = np.linspace(0, 1, 101)
@@ -390,6 +395,7 @@ def test_one_node_beside_an_ocv_test_is_a_table_of_one_row():
     assert told.subject == "tables over SOC"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chosen", [{"model": "so-rc"}, {"over": "soc", "nodes": (0.5,)}])
 def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
     """Those that take the OCV for known would miss the slow pair."""
@@ -410,6 +416,7 @@ def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
     assert np.mean(held) >= 0.85
 
 
+@pytest.mark.slow
 def test_only_the_answer_is_proved(monkeypatch):
     seen = []
 
@@ -434,6 +441,7 @@ def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):
     assert offset_effect(objective, replace(best, values=0 * best.values)) is None
 
 
+@pytest.mark.slow
 def test_what_an_offset_of_the_current_would_do_is_what_it_does():
     record, _ = made(0)
 

@@ -58,6 +58,7 @@ def test_a_made_cell_comes_back_and_a_temperature_left_out_is_predicted(prepared
     assert fit.over_temperature.reversals == ()
 
 
+@pytest.mark.slow
 def test_shared_time_constants_are_the_least_of_the_weighted_sum(prepared):
     """Nelder and Mead on the sum of what `fit_tables` gives with held time constants."""
     cells = {degc: [made(prepared, degc, arrhenius(degc))] for degc in (0.0, 40.0)}

@@ -121,6 +121,7 @@ def test_a_pulse_test_alone_is_both(folder):
     assert reason(found, "hppc_40degC.parquet").startswith("for tables over temperature too")
 
 
+@pytest.mark.slow
 def test_a_record_of_each_temperature_is_identified_on_with_its_own_ocv_test(folder):
     change(folder, "a", at(5.0))
     change(folder, "bcd", at(25.0))

@@ -19,8 +19,8 @@ from barnax.results import Result
 from cli.conftest import BUDGET, run_command
 from helpers.results import make_table_result
 
-SMALL = {"model": "so-rc", "seeds": 3, "population": 8, "iterations": 5, "trust": "none"}
-WORDS = ("--model", "so-rc", "--trust", "none", *BUDGET[2:])
+SMALL = {"model": "so-rc", "seeds": 0, "trust": "none"}
+WORDS = ("--model", "so-rc", "--trust", "none", "--seeds", "0", "--score-to", "1500")
 
 
 @pytest.fixture(scope="module")

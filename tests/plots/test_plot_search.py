@@ -186,6 +186,7 @@ def test_generations_without_a_finite_error_are_not_drawn():
     np.testing.assert_array_equal(line(figure.axes[0], "bmo so-rc").get_ydata(), [np.nan, 30.0])
 
 
+@pytest.mark.slow
 def test_a_result_is_drawn_as_the_search_it_holds(refinement):
     figures = (
         plot_convergence(refinement.search, refinement),

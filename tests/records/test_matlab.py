@@ -124,7 +124,7 @@ def untried(monkeypatch):
     monkeypatch.setattr(matlab, "require_trial", lambda *_: None)
 
 
-@by_writer
+@by_format
 @pytest.mark.parametrize("name", FILES)
 def test_a_structure_of_columns_is_a_record(tmp_path, writer, name):
     record = read(tmp_path, WRITERS[writer](FILES[name]))

@@ -101,7 +101,10 @@ def test_what_unpacks_to_too_much_is_refused_before_it_is_kept(tmp_path, monkeyp
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="no other system limits a process's memory")
-@pytest.mark.parametrize("kind", TRIED)
+@pytest.mark.parametrize(
+    "kind",
+    ["far cell", *(pytest.param(each, marks=pytest.mark.slow) for each in ("MATLAB", "texts"))],
+)
 def test_what_takes_too_much_in_a_library_is_refused_before_it_does(tmp_path, monkeypatch, kind):
     # The library itself needs some.
     monkeypatch.setattr(room, "LARGEST_FILE", 10 * LIMIT)

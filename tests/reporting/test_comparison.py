@@ -295,6 +295,7 @@ def make_optimum(*tau_s):
     return GlobalOptimum((Optimum(0.02, circuit, 1, False),), (), None, landscape)
 
 
+@pytest.mark.slow
 def test_the_landscape_stands_in_the_search_with_what_is_sure_about_the_optimum(comparison):
     tau_s = np.geomspace(1.0, 100.0, 9)
     optimum = make_optimum(tau_s, tau_s)

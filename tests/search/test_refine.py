@@ -113,6 +113,7 @@ def test_a_box_that_excludes_the_optimum_is_reported(refined_in, refinement, fac
     assert narrow.rmse_v > refinement.rmse_v
 
 
+@pytest.mark.slow
 def test_fixed_parameters_hold_through_search_and_refinement(short_problem):
     fixed = {"C1 [F]": 500.0, "R0 [Ohm]": 0.05}
     problem = make_problem(

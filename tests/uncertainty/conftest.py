@@ -1,10 +1,8 @@
 """Two fits that most tests share, one examined."""
 
-import jax
 import numpy as np
 import pytest
 
-from barnax.uncertainty import Examination, examine
 from helpers.noisy_fits import SAMPLES, Fit, colored_noise, fit, made_problem, white_noise
 
 
@@ -19,8 +17,3 @@ def colored(short_problem) -> Fit:
     """A known circuit under 1 mV of noise with a correlation time of 12 s."""
     noise_v = colored_noise(np.random.default_rng(8), SAMPLES, 12.0, 1e-3)[0]
     return fit(made_problem(short_problem, noise_v))
-
-
-@pytest.fixture(scope="session")
-def examination(white) -> Examination:
-    return examine(white.problem, white.parameters, white.assessment, key=jax.random.key(0))

@@ -7,29 +7,9 @@ import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
-from barnax.schema import Part
-from barnax.uncertainty import Examination, assess, covariance
+from barnax.uncertainty import assess, covariance
 from barnax.uncertainty.assessment import diagnostics
 from helpers.noisy_fits import SAMPLES, fit, made_problem, white_noise
-
-
-class Stored(Part):
-    """A part of a result."""
-
-    examination: Examination
-
-
-def test_an_examination_is_read_back_as_it_was_written(examination):
-    stored = Stored(examination=examination)
-    assert Stored.model_validate_json(stored.model_dump_json(by_alias=True)) == stored
-
-
-def test_the_examination_is_of_every_parameter_that_has_an_error(white, examination):
-    uncertainty = white.assessment.uncertainty
-    with_errors = [each.name for each in uncertainty.estimates if each.relative_error]
-    assert [each.name for each in examination.profiles] == with_errors
-    assert set(examination.bootstrap.parameters) == set(with_errors)
-    assert examination.rmse_v == white.rmse_v
 
 
 @pytest.mark.parametrize("seed", [1, 3])

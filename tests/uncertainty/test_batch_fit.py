@@ -5,7 +5,6 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
@@ -14,7 +13,6 @@ from barnax.model.window import Window
 from barnax.uncertainty import Refit, profile
 from barnax.uncertainty.bootstraps import block_length, bootstrap
 from helpers.noisy_fits import TRUTH, fit, made_problem, white_noise
-from helpers.reference import drop_v, filtered_response
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +30,7 @@ def turning(short_problem):
     return make_problem(prepared.record, short_problem.cell, "esc", window=window)
 
 
-@pytest.mark.parametrize("kind", ["jointly", "turning"])
+@pytest.mark.parametrize("kind", ["jointly", pytest.param("turning", marks=pytest.mark.slow)])
 def test_the_error_of_a_held_circuit_is_the_scan_s(kind, request):
     problem = request.getfixturevalue(kind)
     gamma = 30.0 if problem.bounds.has_rate else None
@@ -62,36 +60,6 @@ def test_how_many_fits_run_at_a_time_changes_no_bit(short_problem):
     alone = refit(starts[9:10])
     assert np.array_equal(together.points[9], alone.points[0])
     assert together.rmse_v[9] == alone.rmse_v[0]
-
-
-def test_where_little_is_unknown_the_profile_gives_the_linear_interval(white, examination):
-    assert len(examination.profiles) == 7
-    for found in examination.profiles:
-        linear = white.assessment.uncertainty[found.name]
-        width = np.log(linear.high / linear.low)
-        assert np.log(found.low / linear.low) == pytest.approx(0, abs=0.05 * width)
-        assert np.log(found.high / linear.high) == pytest.approx(0, abs=0.05 * width)
-        best = found.values[np.argmin(found.rmse_v)]
-        assert best == found.value == pytest.approx(linear.value, rel=1e-9)
-
-
-@pytest.mark.parametrize("slot", [1, 4])
-def test_scipy_refits_the_others_to_the_same_error(slot, white, examination):
-    prepared = white.problem.prepared
-    name = ["R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]", "tau1 [s]", "tau2 [s]"][slot]
-    (found,) = [each for each in examination.profiles if each.name == name]
-    start = np.log([TRUTH.r0, *TRUTH.r, *TRUTH.tau_s])
-
-    def errors_mv(others, value):
-        r0, r1, r2, tau1, tau2 = np.exp(np.insert(others, slot, np.log(value)))
-        drop = drop_v(filtered_response, 1.0, prepared.current_a, (r0, (r1, r2), (tau1, tau2)))
-        return 1e3 * (prepared.voltage_v - prepared.source_v + drop)
-
-    for place in (1, -2):
-        others, value = np.delete(start, slot), found.values[place]
-        fitted = least_squares(errors_mv, others, args=(value,), xtol=1e-14)
-        expected_v = 1e-3 * np.sqrt(np.mean(fitted.fun**2))
-        assert found.rmse_v[place] == pytest.approx(expected_v, rel=1e-6)
 
 
 def test_an_end_that_the_data_leave_open_is_not_made_up(short_problem):
@@ -148,6 +116,7 @@ def test_the_block_length_is_that_of_the_rule_for_first_order_autoregression(col
     assert not is_cut
 
 
+@pytest.mark.slow
 def test_held_parameters_are_not_resampled(short_problem):
     problem = made_problem(short_problem, white_noise(5), fixed={"R0 [Ohm]": 0.05})
     found = bootstrap(problem, TRUTH, key=jax.random.key(0), replicates=8)

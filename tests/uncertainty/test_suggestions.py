@@ -45,6 +45,7 @@ def test_a_wrong_initial_soc_is_found_and_followed_gives_the_promised_error(meas
     assert followed.rmse_v == pytest.approx(best.rmse_v, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_wrong_capacity_is_found_and_followed_gives_the_promised_error(measured):
     cell, record = measured.cell, measured.prepared.record
     own = replace(cell, capacity_ah=cell.capacity_ah * 0.9)
@@ -59,6 +60,7 @@ def test_a_wrong_capacity_is_found_and_followed_gives_the_promised_error(measure
     assert fit(followed, fitted.parameters).rmse_v == pytest.approx(best.rmse_v, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_third_pair_is_found_where_there_is_one(short_problem):
     truth = CircuitParameters.constant(0.05, (0.02, 0.03, 0.04), (4 / 0.02, 40 / 0.03, 400 / 0.04))
     fitted, found = tried(made_problem(short_problem, white_noise(3, NOISE_V), truth))

@@ -1,0 +1,65 @@
+"""An examination: what it holds, and its profiles against SciPy's refits."""
+
+import jax
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from barnax.schema import Part
+from barnax.uncertainty import Examination, examine
+from helpers.noisy_fits import TRUTH
+from helpers.reference import drop_v, filtered_response
+
+
+class Stored(Part):
+    """A part of a result."""
+
+    examination: Examination
+
+
+@pytest.fixture(scope="module")
+def examination(white) -> Examination:
+    return examine(white.problem, white.parameters, white.assessment, key=jax.random.key(0))
+
+
+def test_an_examination_is_read_back_as_it_was_written(examination):
+    stored = Stored(examination=examination)
+    assert Stored.model_validate_json(stored.model_dump_json(by_alias=True)) == stored
+
+
+def test_the_examination_is_of_every_parameter_that_has_an_error(white, examination):
+    uncertainty = white.assessment.uncertainty
+    with_errors = [each.name for each in uncertainty.estimates if each.relative_error]
+    assert [each.name for each in examination.profiles] == with_errors
+    assert set(examination.bootstrap.parameters) == set(with_errors)
+    assert examination.rmse_v == white.rmse_v
+
+
+def test_where_little_is_unknown_the_profile_gives_the_linear_interval(white, examination):
+    assert len(examination.profiles) == 7
+    for found in examination.profiles:
+        linear = white.assessment.uncertainty[found.name]
+        width = np.log(linear.high / linear.low)
+        assert np.log(found.low / linear.low) == pytest.approx(0, abs=0.05 * width)
+        assert np.log(found.high / linear.high) == pytest.approx(0, abs=0.05 * width)
+        best = found.values[np.argmin(found.rmse_v)]
+        assert best == found.value == pytest.approx(linear.value, rel=1e-9)
+
+
+@pytest.mark.parametrize("slot", [1, 4])
+def test_scipy_refits_the_others_to_the_same_error(slot, white, examination):
+    prepared = white.problem.prepared
+    name = ["R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]", "tau1 [s]", "tau2 [s]"][slot]
+    (found,) = [each for each in examination.profiles if each.name == name]
+    start = np.log([TRUTH.r0, *TRUTH.r, *TRUTH.tau_s])
+
+    def errors_mv(others, value):
+        r0, r1, r2, tau1, tau2 = np.exp(np.insert(others, slot, np.log(value)))
+        drop = drop_v(filtered_response, 1.0, prepared.current_a, (r0, (r1, r2), (tau1, tau2)))
+        return 1e3 * (prepared.voltage_v - prepared.source_v + drop)
+
+    for place in (1, -2):
+        others, value = np.delete(start, slot), found.values[place]
+        fitted = least_squares(errors_mv, others, args=(value,), xtol=1e-14)
+        expected_v = 1e-3 * np.sqrt(np.mean(fitted.fun**2))
+        assert found.rmse_v[place] == pytest.approx(expected_v, rel=1e-6)

@@ -268,15 +268,6 @@ def walked(model, key, soc, quiet):
     return jax.lax.scan(step, state, (quiet, walks, whites))[1]
 
 
-@pytest.mark.slow
-def test_both_filters_are_one_where_all_is_linear():
-    model = straight_model()
-    drive, _ = simulated(model, jax.random.key(0), 0.6)
-    extended, unscented = (filtered(model, drive, kind) for kind in ("ekf", "ukf"))
-    for one, other in zip(extended, unscented, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
-
-
 def test_estimation_errors_and_innovations_are_as_large_as_the_filter_says():
     """Over 100 runs of a cell with known noise, at seven times; the seed is the first tried."""
     model, runs = straight_model(), 100
@@ -428,26 +419,6 @@ def test_many_cells_in_one_call_are_each_cell_alone(circuit, slow):
     for cell in (0, 5 - 1):
         for one_by_one, each in zip(alone(capacities_ah[cell], soc[cell]), together, strict=True):
             np.testing.assert_allclose(each[cell], one_by_one, rtol=0, atol=1e-12)
-
-
-@pytest.mark.slow
-def test_cells_of_different_noise_in_one_call_are_each_cell_alone():
-    interval_s, current_a = profile(80)
-    voltage_v = np.random.default_rng(1).normal(3.75, 0.05, 80)
-    drive = drive_of(interval_s, current_a, voltage_v)
-    model = make_model(make_cell(), "esc", CIRCUIT, ERRORS, rest_current_a=REST_A)
-
-    def one(white_sd_v):
-        other = eqx.tree_at(lambda model: model.white_sd_v, model, white_sd_v)
-        return run_filter(other, other.start(0.5, 0.1, 1.0, 0.3), drive)
-
-    sds_v = jnp.array([1e-3, 5e-3])
-    together, alone = jax.jit(jax.vmap(one))(sds_v), jax.jit(one)
-    for place, sd_v in enumerate(sds_v):
-        for of_one, of_both in zip(alone(sd_v), together, strict=True):
-            np.testing.assert_allclose(of_both[place], of_one, rtol=0, atol=1e-12)
-    # A noisier voltage is believed less.
-    assert not np.allclose(together[0][0], together[0][1])
 
 
 def test_a_short_record_has_fewer_lags():

@@ -15,6 +15,7 @@ from barnax.cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from barnax.model.start import Start
 from barnax.notices import notice
 from barnax.over_soc import CrossValidation, NodeInterval, SocErrors, TableFits, TableSettings
+from barnax.over_soc.current_offset import OffsetEffect
 from barnax.records import Decision
 from barnax.reporting.candidates import held_out_errors, pay_sentence
 from barnax.reporting.decisions import guess_sentences
@@ -28,7 +29,7 @@ from barnax.reporting.sentences import (
     uncertainty_sentence,
 )
 from barnax.reporting.soc_tables import constants_table, middle_of_tables, nodes_table
-from barnax.reporting.starts import beyond_sentence, carried_sentences
+from barnax.reporting.starts import beyond_sentence, carried_sentences, offset_sentence
 from barnax.reporting.temperatures import dependence_sentences, resistance_sentences
 from barnax.reporting.verdict import next_step, search_sentences
 from barnax.search.refine import Optimum
@@ -249,6 +250,22 @@ def test_tables_are_compared_with_the_constant_circuit_that_is_named():
     assert "the error on blocks left out is 24.50 mV, on what was fitted 4.90 mV" in (
         next_step(lost).advice
     )
+
+
+def test_the_offset_that_rests_show_is_told_in_place_of_a_common_one():
+    result = make_table_result()
+    fit = replace(result.fit, of_offset=OffsetEffect(0.45, 5e-4, 0.047))
+    found = result.model_copy(
+        update={"tables": result.tables.model_copy(update={"fits": (fit,)}), "warnings": ()}
+    )
+    (told,) = offset_sentence(found)
+    assert "record cannot show: 450 mA would change R0 by under 0.1 %, and the sum" in told
+    assert told.endswith("all resistances by 4.7 %.")
+    given = {"offset_a": -0.9, "drift_ah": 1.0, "rests": 2}
+    seen = notice("rests.offset", "field.csv", **given)
+    (told,) = offset_sentence(found.model_copy(update={"warnings": (seen,)}))
+    assert "the rests of field.csv show one, which should be subtracted: -900 mA would" in told
+    assert told.endswith("change R0 by 0.1 %, and the sum of all resistances by 9.4 %.")
 
 
 def test_the_other_hold_is_told_of_the_tables_where_these_are_the_answer():

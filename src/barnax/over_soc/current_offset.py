@@ -6,6 +6,7 @@ capacity explain, and is one more unknown beside these, with an OCV of the recor
 one need not reach where the charge goes without the offset.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
+from ..model.descent import polish
 from ..model.prepared import PreparedRecord
 from .level import level_cell, leveled, with_own_ocv
 from .nuisances import estimate, of_starts
@@ -33,6 +35,8 @@ OPEN_PER_H, DOUBTED_ERRORS = 0.0075, 1.5
 ZERO_PER_H, LEAST_REST_S = LEAST_PER_H / 2, 60.0
 # An offset that testers commonly have: its effect is reported where nothing shows the offset.
 DOUBTED_PER_H = 1 / 200
+# It moves time constants by no more than this factor.
+MOVES = 2.0
 # Charge is off by percents, so slopes of the OCV are differences over as much. The rounds end when
 # the offset moves by less than this share of its error.
 STEP_SOC, ROUNDS, SETTLED = 0.02, 6, 0.05
@@ -152,7 +156,7 @@ def _reads_zero_at_rest(prepared: PreparedRecord) -> bool:
 
 def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | None:
     """The effect of an offset of `DOUBTED_PER_H` on tables that were fitted to one record with its
-    own OCV, at their time constants; None where it would leave the axis of SOC with it, or no
+    own OCV, whose time constants move with it; None where it would leave the axis of SOC, or no
     resistance is more than zero."""
     (prepared,) = objective.prepared_records
     offset_a = DOUBTED_PER_H * prepared.capacity_ah
@@ -162,11 +166,17 @@ def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | N
     share = -DOUBTED_PER_H * hours / float(np.ptp(prepared.soc))
     shifts = np.array([[0.0, share]])
     moved = _Moved([prepared], objective.settings, shifts, offset_a)
+    ranges = {
+        name: (max(low, math.exp(scale) / MOVES), min(high, math.exp(scale) * MOVES))
+        for (name, (low, high)), scale in zip(
+            objective.ranges.items(), best.log_scales, strict=True
+        )
+    }
     try:
-        other = moved.objective(held_at(objective, best.log_scales)).solve(best.log_scales)
+        other = moved.objective(ranges)
     except InputError:
         return None
-
+    other = polish(other, other.solve(best.log_scales))
     moved_shares = []
     for tables in (slice(1), slice(1 + objective.pairs)):
         before, after = (np.sum(solution.values[tables], axis=0) for solution in (best, other))

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from ..settings import MAX_MOVED_SOC
-from .words import extent, joined, millivolt, percent
+from .words import extent, figures, joined, millivolt, percent
 
 if TYPE_CHECKING:
     from ..model.start import Start
@@ -23,6 +23,8 @@ MAX_NAMES = 2
 HARDLY_MOVED = 1e-3
 # The code of a record that is counted over its own charge.
 MOVES_MORE = "start.moves-more"
+# That of rests whose current is not zero.
+OFFSET = "rests.offset"
 
 
 def own_ocv_sentences(stored: "Result") -> Iterator[str]:
@@ -67,14 +69,29 @@ def beyond_sentence(extents: Mapping[str, tuple[float, float]], whole: str) -> s
 
 
 def offset_sentence(stored: "Result") -> Iterator[str]:
-    """The effect of a current offset, which a single record cannot show."""
+    """The effect of a current offset: of one that the record's rests show, else of a common one,
+    for the rest of a single record cannot show it."""
     effect = stored.fit.of_offset
-    if effect:
-        yield (
-            "no current offset, which one record cannot show: "
-            f"{1e3 * effect.offset_a:.2g} mA would change R0 by {percent(effect.r0)}, and the sum "
-            f"of all resistances by {percent(effect.total)}."
-        )
+    if not effect:
+        return
+    seen = next((own for own in stored.warnings if own.code == OFFSET), None)
+    offset_a = effect.offset_a if seen is None else float(seen.values["offset_a"])
+    # So small a change is in proportion to what makes it.
+    times = abs(offset_a) / effect.offset_a
+    r0, total = (_change(times * share) for share in (effect.r0, effect.total))
+    size = f"{figures(1e3 * offset_a, 2)} mA"
+    whose = "which one record cannot show"
+    if seen is not None:
+        whose = f"though the rests of {seen.subject} show one, which should be subtracted"
+    yield (
+        f"no current offset, {whose}: {size} would change R0 by {r0}, and the sum of all "
+        f"resistances by {total}."
+    )
+
+
+def _change(ratio: float) -> str:
+    """A change of a resistance, which is nothing below a tenth of a percent."""
+    return percent(ratio) if ratio >= HARDLY_MOVED else f"under {percent(HARDLY_MOVED)}"
 
 
 def registered_sentences(stored: "Result") -> Iterator[str]:

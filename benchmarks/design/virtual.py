@@ -15,7 +15,7 @@ from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import simulate_circuit
 from barnax.over_soc import TableFit, errors_on, fit_tables, proved, search_with_ocv
 from barnax.records import Decision, Record, read_record
-from barnax.reporting.design import reached_half
+from barnax.reporting.design_promised import reached_half
 from barnax.search.evaluate import evaluate
 from benchmarks.coverage.simulated import Noise
 from benchmarks.table_coverage import EMPTY_SOC, FINE, curve

@@ -13,8 +13,9 @@ import barnax
 from barnax.errors import InputError
 from barnax.experiment import Block
 from barnax.experiment.belief import believed_of_chemistry
-from barnax.experiment.information import Seconds, columns_along, information_of, widths_of
+from barnax.experiment.information import Seconds, columns_along, information_of
 from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
+from barnax.experiment.widths import widths_of
 from barnax.reporting.design_forms import procedure, profile_csv, pybamm_steps, steps_csv
 
 LIMITS: dict[str, Any] = {"max_discharge": 2.0, "max_charge": 1.0}
@@ -183,11 +184,16 @@ def test_the_same_key_gives_the_same_design(pulsed):
     assert other != barnax.candidate_blocks(jax.random.key(0))
 
 
-@pytest.mark.slow
-def test_a_wish_that_is_easy_takes_less_time_than_is_given():
-    found = barnax.design(capacity=2.0, max_hours=2.5, want={"R0": 0.05}, blocks=BLOCKS, **LIMITS)
-    assert found.is_reached
-    assert found.hours < 2.0
+def test_a_wish_that_is_easy_takes_the_least_time_whatever_is_given():
+    """The best of a long test has more pieces than fit into a short one."""
+    hours = []
+    for max_hours in (1.6, 3.0):
+        found = barnax.design(
+            capacity=2.0, max_hours=max_hours, want={"R0": 0.05}, blocks=BLOCKS, **LIMITS
+        )
+        assert found.is_reached
+        hours.append(found.hours)
+    assert hours[1] < 1.1 * hours[0]
 
 
 def test_earlier_records_narrow_what_a_test_leaves(believed):
@@ -198,7 +204,14 @@ def test_earlier_records_narrow_what_a_test_leaves(believed):
     widths = widths_of(known, information_of(known, columns))
     (width,) = [each for each in widths if (each.name, each.soc) == ("R1 [Ohm]", 0.6)]
     assert 0.5 * width.alone < width.after < 0.9 * width.alone
-    assert width.before == 0.2
+    # A record of the same charge tells as much as the test.
+    assert width.before == pytest.approx(width.alone, rel=0.3)
+    (unfound,) = [
+        each
+        for each in widths_of(replace(known, earlier=[]), information_of(known, columns))
+        if (each.name, each.soc) == ("R1 [Ohm]", 0.6)
+    ]
+    assert unfound.before == 0.2
 
 
 def test_all_forms_hold_the_same_current(pulsed, tmp_path):

@@ -14,17 +14,17 @@ from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step, next_test
 from barnax.experiment.belief import believed_of, window_of
-from barnax.experiment.information import Width
 from barnax.experiment.stored import Reference
+from barnax.experiment.widths import Width, before_of
 from barnax.model.window import Window
 from barnax.reporting.design import (
     TOGETHER,
     design_screen,
+    known_screen,
     pieces_table,
     planned_lines,
-    promised_lines,
-    promised_table,
 )
+from barnax.reporting.design_promised import promised_lines, promised_table, reached_half
 from barnax.reporting.verdict import next_step
 from barnax.reporting.words import joined
 from helpers.designs import BLOCKS, screen_of
@@ -152,6 +152,60 @@ def test_what_the_screen_says_of_records_together_was_measured():
     assert f"in the median of 18 pairs of records of two measured cells, {said}" in guide
 
 
+def test_no_test_is_designed_for_what_is_known_already(result, tmp_path):
+    easy = {"R0": 0.5, "drive": 0.1}
+    none = barnax.design(result, want=easy)
+    assert (none.steps, none.hours, none.already) == ((), 0.0, ("R0", "drive"))
+    assert not none.is_needed
+    text = screen_of(known_screen(none, as_flags))
+    assert "No test needed: identification.parquet told what is wanted: R0 " in text
+    assert "% (50 % wanted) and error on a drive cycle" in text
+    assert "For a test anyway, give --max-hours" in text
+    (tmp_path / "design.json").write_text(none.to_json())
+    assert barnax.Design.load(tmp_path).already == none.already
+    # One more wish, or hours, and there is a test: of all the hours, as nothing is to be reached.
+    asked = barnax.design(result, want=easy, max_hours=1.3, blocks=BLOCKS)
+    assert asked.hours == pytest.approx(1.3, abs=0.02)
+    shown = screen_of(design_screen(asked, as_flags))
+    assert "Known already:  R0 " in shown
+    assert "no further test is needed for it; this is the best test of the hours." in shown
+
+
+def test_before_with_the_test_and_reached_are_one_quantity(design, result):
+    """What more samples narrow: no matter over what else printed intervals reach."""
+    fit = result.fit
+    for name in ("R0", "R1", "R2"):
+        pairs = [(one.before, reached_half(fit, one)) for one in design.of_table(name)]
+        before, reached = np.median(np.array(pairs, float), axis=0)
+        assert before == pytest.approx(reached, rel=0.25)
+    (drive,) = design.of_table("drive")
+    assert drive.after < drive.before < 1.5 * drive.after
+    wide = replace(fit, intervals=tuple(one.spanning([-0.03, 0.03]) for one in fit.intervals))
+    part = result.tables.model_copy(update={"fits": (wide,), "hold_shift_ohm": 0.03})
+    other = result.model_copy(update={"tables": part})
+    own, reaching = (believed_of(one, None) for one in (result, other))
+    assert before_of(reaching) == before_of(own)
+    assert reaching.known == own.known
+    assert reaching.printed["R0 [Ohm]", 0.5] > 5 * own.printed["R0 [Ohm]", 0.5]
+    printed = {"R0": reaching.printed["R0 [Ohm]", 0.5]}
+    told = design.model_copy(update={"printed": printed, "beyond": reaching.beyond})
+    text = screen_of(design_screen(told, as_flags))
+    assert "Printed:        the result's intervals of R0 " in text
+    assert "identify again with the right --current-hold" in text
+    assert "Printed" not in screen_of(design_screen(design, as_flags))
+
+
+def test_a_test_that_widens_an_interval_says_so(design):
+    widths = tuple(
+        replace(one, before=0.9 * one.after) if one.name == "R1 [Ohm]" else one
+        for one in design.widths
+    )
+    text = screen_of(design_screen(design.model_copy(update={"widths": widths}), as_flags))
+    halves = [one.after for one in design.of_table("R1")]
+    before, after = (f"{100 * times * np.median(halves):.2g} %" for times in (0.9, 1.0))
+    assert f"R1 {before} before, {after} with it: the fit weighs all samples alike" in text
+
+
 @pytest.mark.parametrize("is_alone", [True, False])
 def test_promised_and_reached_stand_beside_each_other(design, result, is_alone):
     table = promised_table(design, result.fit, is_alone)
@@ -236,7 +290,11 @@ def test_a_test_that_warms_the_cell_much_says_how_to_limit_it(design, warming_k,
 def test_a_test_that_falls_short_says_where_and_why(design):
     assert not design.is_reached
     text = screen_of(design_screen(design, as_flags))
-    assert "Not reached:    R0, R1 and R2. This is the best test found of 1.5 h." in text
+    wide = [
+        f"{name} ({100 * np.median([one.after for one in design.of_table(name)]):.2g} %)"
+        for name in ("R0", "R1", "R2")
+    ]
+    assert f"Not reached:    {joined(wide)}. This is the best test found of 1.5 h." in text
     # Twice what was allowed, which a test does not take to the second.
     assert "No test of 3 h was found that reaches all: allow more current" in text
     long = design.model_copy(update={"hours": 59.87, "hours_searched": 120.0})
@@ -272,12 +330,12 @@ def test_a_drive_cycle_is_said_to_be_better_at_what_falls_short_alone(design):
         "references": (hppc, drive),
     }
     text = screen_of(design_screen(design.model_copy(update=own), as_flags))
-    assert "Not reached:    R1 at some SOC." in text
+    assert "Not reached:    R1 (30 %) at some SOC." in text
     assert "a drive cycle of 5.5 h leaves the widest R1 narrower." in text
     worse = widths([0.01, 0.01, 0.01], [0.19, 0.2, 0.4])
     own["references"] = (hppc, drive.model_copy(update={"widths": worse}))
     text = screen_of(design_screen(design.model_copy(update=own), as_flags))
-    assert "a drive cycle of 5.5 h leaves none of them narrower." in text
+    assert "a drive cycle of 5.5 h does no better." in text
 
 
 @pytest.mark.parametrize(

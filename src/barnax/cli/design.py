@@ -50,7 +50,11 @@ class Test:
         "or OCV=10mV, or the error on a drive cycle, drive=8mV; repeatable; hppc wants what an "
         "HPPC would tell.",
     )
-    max_hours: float = option(TEST, "HOURS", "The longest that it may take.", 3.0)
+    max_hours: float | None = option(
+        TEST,
+        "HOURS",
+        "The longest that it may take (default: 3, and no test of what the result tells already).",
+    )
     blocks: str | None = option(
         TEST, "NAME,NAME", "Only pieces whose names begin so, such as long,short,binary."
     )
@@ -94,7 +98,7 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
         from ..experiment import design as designed
         from ..experiment.belief import believed_of
         from ..experiment.protocol import drive_levels
-        from ..reporting.design import design_screen, planned_lines
+        from ..reporting.design import design_screen, known_screen, planned_lines
         from ..reporting.design_forms import design_files
         from ..results import Result
 
@@ -123,6 +127,10 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
             max_charge=_rate("max_charge", kept.max_charge), max_warming=kept.max_warming,
             temperature=kept.temperature,
         )  # fmt: skip
+
+    if not found.is_needed:
+        session.show(known_screen(found, as_flags))
+        return
 
     def files() -> dict[str, bytes]:
         from ..plots import plot_design

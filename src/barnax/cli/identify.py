@@ -189,7 +189,7 @@ def _run(
         from ..experiment import Design
         from ..job import Job
         from ..plan import found_anywhere, plan_given, plan_of, plan_to_toml, with_choices
-        from ..reporting.design import promised_lines
+        from ..reporting.design_promised import promised_lines
         from ..reporting.terminal import plan_lines
 
     promise = None if chosen.design is None else Design.load(chosen.design)

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from ..bundled import bundled_file
 from ..cell import CellModel, CircuitParameters, characterize, get_circuit
 from ..cell.curves import InterpolatedCurve
+from ..cell.dependence import BETA, KAPPA, ONSET, Dependence
 from ..cell.elements import RC
 from ..cell.model import MIXED_POINTS
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
@@ -27,6 +28,7 @@ from ..search.evaluate import Evaluation
 from ..settings import NODES
 from .earlier import by_second, error_of
 from .information import NEARLY_SOC, OVERSHOT, Believed, Error
+from .widths import told_half
 
 Chemistry = Literal["nmc", "lfp"]
 # Lowest and highest voltage of a cell of layered oxide, and of one whose OCV when full is under the
@@ -237,9 +239,11 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
     largest_c = max(peaks_a, default=0.0) / cell.capacity_ah
     rates_c = (largest_c, largest_c / 2) if largest_c else believed.rates_c
     taus = tuple(bound for bound in result.at_bound if bound.name.startswith("tau"))
+    is_open = result.tables is not None and result.tables.hold_shift_ohm is not None
     believed = replace(
-        believed, rates_c=rates_c, untold=untold, told_soc=_told_soc(cell), at_bound=taus
-    )
+        believed, rates_c=rates_c, untold=untold, told_soc=_told_soc(cell), at_bound=taus,
+        beyond=("hold",) * is_open + believed.beyond,
+    )  # fmt: skip
     is_own = any(part.start_source == "own span" for part in result.of_role("identification"))
     return _started_by_voltage(believed) if cell.is_of_records and is_own else believed
 
@@ -293,13 +297,16 @@ def believed_of_fit(
 ) -> Believed:
     """The cell of tables that were fitted with these settings and left such an RMSE, with the
     records that will be identified with the next test's."""
-    known = {
-        (one.name, one.soc): half / one.value if one.name.startswith(("R", "tau")) else half
+    told = [
+        (one, half, (one.high - one.low) / 2)
         for one in fit.intervals
-        if one.low is not None and one.high is not None and one.value
-        for half in [(one.high - one.low) / 2]
+        if (half := told_half(one)) is not None and one.low is not None and one.high is not None
+    ]
+    printed = {
+        (one.name, one.soc): half / one.value if one.name.startswith(("R", "tau")) else half
+        for one, _, half in told
     }
-    corrections = [half for (name, _), half in known.items() if name == OCV_CORRECTION]
+    corrections = [half for (name, _), half in printed.items() if name == OCV_CORRECTION]
     found = fit.tables
     tables = replace(
         found,
@@ -317,10 +324,20 @@ def believed_of_fit(
         worst=_worst(fit, settings.nodes),
         error=typical_error(rmse_v),
         settings=with_own_ocv(settings) if cell.is_of_records else settings,
-        known=known,
+        known={(one.name, one.soc): half for one, half, _ in told},
+        printed=printed,
+        beyond=("fits",) if fit.low_end is not None and fit.low_end.weight == 1 else (),
+        follows=_followed(found.dependence),
         ocv_reach_v=LEAST_OCV_V + max(corrections, default=0.0),
     )
     return _counting(believed, earlier)
+
+
+def _followed(dependence: Dependence | None) -> tuple[str, ...]:
+    """What resistances follow beside SOC, in words."""
+    words = {ONSET: "the current", KAPPA: "the cell's own heat", BETA: "the temperature"}
+    numbers = {} if dependence is None else dependence.numbers
+    return tuple(word for name, word in words.items() if numbers.get(name))
 
 
 def _counting(believed: Believed, earlier: Sequence[Evaluation]) -> Believed:

@@ -27,7 +27,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from ..cell import CellModel, CircuitParameters
 from ..cell.parameters import OCV, OCV_CORRECTION, OHMIC
 from ..cell.tables import hats
-from ..over_soc.intervals import LIGHT, STEP, sag_of
+from ..over_soc.intervals import LIGHT, STEP
 from ..over_soc.settings import TableSettings
 from ..search.refine import AtBound
 
@@ -92,7 +92,11 @@ class Believed:
         error: What a fit leaves.
         settings: The tables that will be fitted; an OCV of the test's own where it has `ocv_nodes`.
         earlier: Records that will be identified with the test's.
-        known: Half the 95 % intervals that they left, relative or in V.
+        known: Half the 95 % intervals that they left, relative or in V, in the measure of a design:
+            by the standard errors, and half of what smoothing may have moved.
+        printed: The same as they are printed, which may reach over more.
+        beyond: What these reach over: "hold" for both holds of the current, "fits" for two fits.
+        follows: What the resistances follow beside SOC, which a design leaves out.
         ocv_reach_v: How far the OCV may be from the cell's.
         told_soc: From where to where the OCV is told, 0 and 1 where to both ends.
         typical: The chemistry whose OCV goes on beyond, empty for none.
@@ -111,6 +115,9 @@ class Believed:
     settings: TableSettings
     earlier: Sequence[Seconds] = ()
     known: Mapping[Name, float] = field(default_factory=dict)
+    printed: Mapping[Name, float] = field(default_factory=dict)
+    beyond: tuple[str, ...] = ()
+    follows: tuple[str, ...] = ()
     ocv_reach_v: float = 0.0
     told_soc: tuple[float, float] = (0.0, 1.0)
     typical: str = ""
@@ -333,61 +340,3 @@ def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0
     of_noise = np.zeros((len(believed.names),) * 2)
     of_noise[np.ix_(used[:count], used[:count])] = noise
     return Information(len(columns), wide, of_noise)
-
-
-@dataclass(frozen=True)
-class Width:
-    """Half the 95 % interval of one value, as a test is predicted to leave it: relative for
-    resistances and time constants, in V for an OCV.
-
-    Args:
-        name: What it is.
-        soc: Its node, None of a time constant.
-        value: What it is believed to be.
-        alone: Half the interval of a fit of the test alone.
-        after: The same of a fit of the test with the earlier records.
-        before: What the earlier records left, None for nothing.
-    """
-
-    name: str
-    soc: float | None
-    value: float
-    alone: float
-    after: float
-    before: float | None
-
-
-def widths_of(believed: Believed, found: Information) -> tuple[Width, ...]:
-    """Half an interval of every value that some sample is near to."""
-    alone = after = _halves(believed, found)
-    if believed.told_before is not None:
-        after = _halves(believed, found + believed.told_before)
-    return tuple(
-        Width(*name, value, own, own_after, believed.known.get(name))
-        for name, value, own, own_after, square in zip(
-            believed.names,
-            believed.values.tolist(),
-            alone.tolist(),
-            after.tolist(),
-            np.diag(found.of_unknowns),
-            strict=True,
-        )
-        if square > 0
-    )
-
-
-def _halves(believed: Believed, found: Information) -> Float[np.ndarray, "unknowns"]:
-    """Half the intervals as `over_soc.intervals` has them: by the noise, and half of what smoothing
-    and the straight lines between nodes move."""
-    light, smooth = found.inverse(believed), found.inverse(believed, 1.0)
-    errors = np.sqrt(np.maximum(np.diag(found.covariance(believed, light)), 0.0))
-    is_r = np.array([name.startswith("R") for name, _ in believed.names])
-    smoothed = (smooth - light) @ (found.of_unknowns @ np.where(is_r, believed.values, 0.0))
-    moved, is_seen = np.zeros(len(errors)), np.diag(found.of_unknowns) > 0
-    for name, places in believed.tables_of_names.items():
-        seen = np.arange(places.start, places.stop)[is_seen[places]]
-        if name.startswith("R") and len(seen):
-            nodes = np.array([soc for _, soc in believed.names])[seen].astype(float)
-            sag = sag_of(nodes, believed.values[seen])
-            moved[seen] = np.maximum(np.abs(smoothed[seen]), np.abs(smoothed[seen] - sag))
-    return (HALF_95 * errors + moved / 2) / believed.units

@@ -16,10 +16,8 @@ from .information import (
     OVERSHOT,
     Believed,
     Normal,
-    Width,
     columns_along,
     information_of,
-    widths_of,
 )
 from .planning import LONGER, MOST_HOURS, is_reached_in, planned
 from .protocol import (
@@ -40,12 +38,14 @@ from .stored import (
     DRIVE,
     WANTED_SOC,
     Design,
+    Predicted,
     Reference,
     is_enough,
     is_within,
     short,
     wanted_of,
 )
+from .widths import Width, before_of, widths_of
 
 # Of further resistances what is wanted of R2.
 WANTED = {"R0": 0.02, "R1": 0.2, "R2": 0.3, "OCV": 15e-3}
@@ -65,7 +65,7 @@ def design(
     *,
     capacity: float | None = None,
     chemistry: str | None = None,
-    max_hours: float = MAX_HOURS,
+    max_hours: float | None = None,
     want: Mapping[str, float] | Literal["hppc"] | None = None,
     low_voltage: float | None = None,
     high_voltage: float | None = None,
@@ -90,7 +90,8 @@ def design(
         chemistry: nmc or lfp: what is believed of a cell without a result (by default nmc), and of
             one with a result its voltages, and the OCV beyond the state of charge at which the
             result knows it, if something shows where it is full. Without, the test stays in that.
-        max_hours: The longest that it may take.
+        max_hours: The longest that it may take; by default 3, and no test at all, of no steps,
+            where the earlier records tell what is wanted already.
         want: Half the 95 % interval wanted of R0, R1, R2 (relative) and OCV (in V), from 10 to 90 %
             of the state of charge, and the RMSE on a drive cycle (`drive`, in V; by default one and
             a half times that of the records). "hppc" wants what an HPPC of the same currents is
@@ -116,6 +117,8 @@ def design(
     >>> found.hours <= 1.6, found.steps[0]
     (True, Step(block='rest', duration_s=300.0, current_a=0.0))
     """
+    is_asked = max_hours is not None
+    max_hours = MAX_HOURS if max_hours is None else max_hours
     if not 0 < max_hours <= MOST_HOURS:
         raise InputError(f"`max_hours` {max_hours:g} must be above 0, and {MOST_HOURS:g} at most")
     if (want is not None and not want) or (blocks is not None and not blocks) or starts < 1:
@@ -176,24 +179,30 @@ def design(
             for width in wanted_of(name, widths, wanted_soc)
         )
 
-    with one_blas_thread():
-        plan = planned(choice, max_hours, random_key, starts, reaches)
-        widths = left(plan.steps)
-        is_reached = reaches(plan.steps)
-        is_longest = max_hours >= MOST_HOURS
-        longer = None if is_reached or is_longest else min(LONGER * max_hours, MOST_HOURS)
-        needed = longer if longer and is_reached_in(longer, plan, random_key, reaches) else None
+    before = _before(believed, normal)
+    already = _already(believed, before, wanted, wanted_soc)
+    plan, is_reached, longer, needed = None, True, None, None
+    if is_asked or len(already) < len(wanted):
+        with one_blas_thread():
+            # What is reached without a test makes none short.
+            is_short = reaches if len(already) < len(wanted) else lambda steps: False
+            plan = planned(choice, max_hours, random_key, starts, is_short)
+            is_reached = reaches(plan.steps)
+            is_longest = max_hours >= MOST_HOURS
+            longer = None if is_reached or is_longest else min(LONGER * max_hours, MOST_HOURS)
+            needed = longer if longer and is_reached_in(longer, plan, random_key, reaches) else None
+    steps = () if plan is None else tuple(plan.steps)
     return Design(
         capacity_ah=capacity_ah,
         limits=limits,
         temperature_degc=temperature,
         wanted=wanted,
         is_reached=is_reached,
-        hours=hours_of(plan.steps),
-        steps=tuple(plan.steps),
-        widths=widths,
+        hours=hours_of(steps),
+        steps=steps,
+        widths=left(steps) if steps else before,
         references=references,
-        predicted=plan.predicted,
+        predicted=Predicted.none() if plan is None else plan.predicted,
         initial_soc=high_soc,
         start_v=believed.start_v,
         wanted_soc=wanted_soc,
@@ -203,6 +212,10 @@ def design(
         earlier=tuple(record.name for record in believed.earlier),
         untold=believed.untold,
         error=believed.error,
+        already=already,
+        printed=_printed(believed, wanted, wanted_soc),
+        beyond=believed.beyond,
+        follows=believed.follows,
         key=key,
     )
 
@@ -312,4 +325,50 @@ def _widths(
         whole.left_on(believed, whole.inverse(believed), drive)
         for whole in (found, found + believed.told_before)
     )
-    return (*widths_of(believed, found), Width(f"{DRIVE} [V]", None, 0.0, alone, after, None))
+    left_v = None if believed.told_before is None else _before(believed, drive)[-1].after
+    return (*widths_of(believed, found), Width(f"{DRIVE} [V]", None, 0.0, alone, after, left_v))
+
+
+def _before(believed: Believed, drive: Normal) -> tuple[Width, ...]:
+    """The widths that the earlier records leave without a test; last, the RMSE on a drive cycle."""
+    told, before = believed.told_before, before_of(believed)
+    names = zip(believed.names, believed.values.tolist(), strict=True)
+    own = [Width(*name, value, *[before[name]] * 3) for name, value in names if name in before]
+    if told is not None:
+        left_v = told.left_on(believed, told.inverse(believed), drive)
+        own.append(Width(f"{DRIVE} [V]", None, 0.0, *[left_v] * 3))
+    return tuple(own)
+
+
+def _already(
+    believed: Believed,
+    before: Sequence[Width],
+    wanted: Mapping[str, float],
+    wanted_soc: tuple[float, float],
+) -> tuple[str, ...]:
+    """What the earlier records tell as well as is wanted wherever it is wanted, as a design counts
+    them and by the standard errors of their own fit."""
+    found = []
+    for name, half in wanted.items():
+        own = wanted_of(name, before, wanted_soc)
+        places = [soc for table, soc in believed.names if short(table) == name]
+        count = 1 if name == DRIVE else sum(is_within(soc, wanted_soc) for soc in places)
+        halves = [max(one.after, believed.known.get((one.name, one.soc), 0.0)) for one in own]
+        if len(own) == count and all(is_enough(name, one, half) for one in halves):
+            found.append(name)
+    return tuple(found)
+
+
+def _printed(
+    believed: Believed, wanted: Mapping[str, float], wanted_soc: tuple[float, float]
+) -> dict[str, float]:
+    """The medians of the half intervals that the result prints."""
+    found = {
+        name: [
+            half
+            for (table, soc), half in believed.printed.items()
+            if short(table) == name and is_within(soc, wanted_soc)
+        ]
+        for name in wanted
+    }
+    return {name: float(np.median(halves)) for name, halves in found.items() if halves}

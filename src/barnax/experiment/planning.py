@@ -14,10 +14,15 @@ from .search import SETTLE_S, Choice, Found, Pattern
 from .stored import Predicted
 
 MOST_HOURS = 200.0
-BISECTIONS, ADJUSTMENTS, SEARCHES = 4, 8, 3
-# Tests that a search predicts, and the patterns that it starts from.
-PREDICTIONS, STRETCHES, MOVE_C = 120, (10, 18), 1.0
+BISECTIONS, ADJUSTMENTS, SEARCHES = 6, 8, 3
+# Tests that a search predicts, that one for a shorter test does, and the patterns of their start.
+PREDICTIONS, FURTHER, STRETCHES, MOVE_C = 120, 30, (10, 18), 1.0
+# A test is not made shorter by less than this share.
+NEARLY_SHORTEST = 0.03
 ROUNDED = 1.001
+# Of a longer test's pieces, what shares a shorter one is tried with, and by how much of what is
+# wanted it is reached well enough to look no further.
+FEWER, WELL_REACHED = (0.6, 0.3), 0.97
 # How much longer a test is looked at where none reaches what is wanted.
 LONGER = 2
 # By how much of the SOC a piece is first taken to leave its stretch.
@@ -56,11 +61,21 @@ def planned(
             "worst case, or warms so little; widen `low_voltage` and `high_voltage`, allow more "
             "`max_hours`, or lower `max_discharge` and `max_charge`"
         )
-    shortest, hours = 0.0, max_hours
+    capacity_ah = best.choice.believed.cell.capacity_ah
+    largest_a, _ = best.choice.limits.rates_a(capacity_ah, np.linspace(0.0, 1.0, 21))
+    fast = _starts_of(best.choice, float(np.max(largest_a)) / capacity_ah)
+    shortest, hours = _least_hours(best.choice, fast), max_hours
     for number in range(BISECTIONS if reaches(best.steps) else 0):
+        if hours - shortest < NEARLY_SHORTEST * hours:
+            break
         middle, own_key = (shortest + hours) / 2, jax.random.fold_in(key, number)
-        pattern, some = best.found.pattern, PREDICTIONS // BISECTIONS
-        shorter = best.choice.searched(middle, own_key, some, pattern)
+        # Pieces of a longer test may not fit: fewer of them, and what a fast pass starts from.
+        pattern = best.found.pattern
+        fewer = [pattern.fewer(share) for share in FEWER]
+        shorter = best.choice.searched(
+            middle, own_key, FURTHER, pattern, *fewer, *fast,
+            until=WELL_REACHED,
+        )  # fmt: skip
         plan = None if shorter is None else _kept(best.choice, shorter, middle)[0]
         if plan is not None and reaches(plan.steps):
             best, hours = plan, middle
@@ -93,12 +108,7 @@ def is_reached_in(
 
 def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Found:
     """The best of several searches. Raises `InputError` where no test is so short."""
-    kinds = len(choice.blocks)
-    patterns = [
-        Pattern(stretches, MOVE_C, tuple(stretches * (kind == own) for own in range(kinds)))
-        for stretches in STRETCHES
-        for kind in range(kinds + 1)
-    ]
+    patterns = _starts_of(choice)
     searches = [
         choice.searched(max_hours, jax.random.fold_in(key, number), PREDICTIONS, *patterns)
         for number in range(starts)
@@ -106,27 +116,37 @@ def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Found:
     found = min(filter(None, searches), key=lambda test: test.value, default=None)
     if found is not None:
         return found
-    if choice.steps(Pattern(STRETCHES[0], MOVE_C, (0,) * kinds), MOST_HOURS) is None:
+    if choice.steps(Pattern(STRETCHES[0], MOVE_C, (0,) * len(choice.blocks)), MOST_HOURS) is None:
         raise InputError(
             f"between {choice.limits.low_v:g} and {choice.limits.high_v:g} V no discharge is "
             "possible at some state of charge in the worst case; lower `low_voltage`"
         )
-    least_hours = (
-        min(
-            (
-                sum(step.duration_s for step in steps if step.block != "rest") + SETTLE_S
-                for pattern in patterns
-                if (steps := choice.steps(pattern, MOST_HOURS)) is not None
-            ),
-            default=math.inf,
-        )
-        / 3600
-    )
+    least_hours = _least_hours(choice, patterns)
     raise InputError(
         f"`max_hours` {max_hours:g}: one pass through the state of charge takes "
         f"{math.ceil(100 * least_hours) / 100:g} h without rests between its pieces; give more "
         "time, or a larger `max_discharge`"
     )
+
+
+def _starts_of(choice: Choice, move_c: float = MOVE_C) -> list[Pattern]:
+    """The patterns that a search starts from: moves and rests alone, and with pieces of a kind."""
+    kinds = len(choice.blocks)
+    return [
+        Pattern(stretches, move_c, tuple(stretches * (kind == own) for own in range(kinds)))
+        for stretches in STRETCHES
+        for kind in range(kinds, -1, -1)
+    ]
+
+
+def _least_hours(choice: Choice, patterns: Sequence[Pattern]) -> float:
+    """How long the shortest of these tests takes without rests between its pieces."""
+    taken_s = (
+        sum(step.duration_s for step in steps if step.block != "rest") + SETTLE_S
+        for pattern in patterns
+        if (steps := choice.steps(pattern, MOST_HOURS)) is not None
+    )
+    return min(taken_s, default=math.inf) / 3600
 
 
 def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits]:

@@ -88,6 +88,10 @@ class Pattern:
                 found[min(place, self.stretches - 1)].append(block)
         return found
 
+    def fewer(self, share: float) -> "Pattern":
+        """The pattern with so much of every kind of block."""
+        return replace(self, counts=tuple(math.floor(share * count) for count in self.counts))
+
     @property
     def changes(self) -> int:
         """Number of single changes."""
@@ -124,9 +128,9 @@ class Found:
     value: float
     ratios: Float[np.ndarray, "wishes"]
 
-    @property
-    def is_reached(self) -> bool:
-        return float(np.max(self.ratios)) <= 1
+    def is_within(self, share: float) -> bool:
+        """True where every width is at most so much of the wished one."""
+        return float(np.max(self.ratios)) <= share
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,15 +210,21 @@ class Choice:
         return np.append(widths, [on_drive] * max(1, len(widths)))
 
     def searched(
-        self, hours: float, key: Array, predictions: int, *starts: Pattern
+        self, hours: float, key: Array, predictions: int, *starts: Pattern, until: float = 0.0
     ) -> Found | None:
         """The best test of so many hours that changes of the best of some patterns lead to, one to
-        three at a time; None where each of these takes longer."""
-        found = filter(None, (self._predicted(start, hours) for start in starts))
-        best = min(found, key=lambda one: one.value, default=None)
+        three at a time, or the first whose widths are all at most `until` times the wished ones;
+        None where each of the patterns takes longer."""
+        best = None
+        for start in starts:
+            found = self._predicted(start, hours)
+            if found is not None and (best is None or found.value < best.value):
+                best = found
+            if best is not None and best.is_within(until):
+                return best
         seen = set(starts)
         for own_key in jax.random.split(key, predictions):
-            if best is None:
+            if best is None or best.is_within(until):
                 break
             pattern = best.pattern
             drawn = jax.random.randint(own_key, (MOST_CHANGES + 1,), 0, MANY)

@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from ..display import hook
 from ..schema import ARRAY, Document, Part
-from .information import Error, Width
+from .information import Error
 from .protocol import Limits, Step
+from .widths import Width
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -78,6 +80,15 @@ class Predicted(Part):
     soc: Annotated[np.ndarray, ARRAY]
     warming_k: float
 
+    @classmethod
+    def none(cls) -> "Predicted":
+        """That of no test."""
+        nothing = np.empty(0)
+        return cls(
+            time_s=nothing, current_a=nothing, voltage_v=nothing, low_v=nothing, high_v=nothing,
+            soc=nothing, warming_k=0.0,
+        )  # fmt: skip
+
 
 class Reference(Part):
     """Duration and information of a usual test.
@@ -117,6 +128,11 @@ class Design(Document):
         earlier: The records that count, and are to be identified with the test's.
         untold: Why those of the result do not count.
         error: The error that a fit is taken to leave.
+        already: The names of which the earlier records tell what is wanted.
+        printed: Half the intervals that the result prints, medians by table.
+        beyond: What these reach over that no test narrows: "hold" for both holds of the current,
+            "fits" for two fits of the same records.
+        follows: What the result's resistances follow beside SOC, which the promise leaves out.
         key: Random key.
     """
 
@@ -140,6 +156,10 @@ class Design(Document):
     wanted_soc: tuple[float, float] = WANTED_SOC
     hours_searched: float | None = None
     hours_needed: float | None = None
+    already: tuple[str, ...] = ()
+    printed: dict[str, float] = Field(default_factory=dict)
+    beyond: tuple[str, ...] = ()
+    follows: tuple[str, ...] = ()
 
     what: ClassVar[str] = "barnax design"
     remedy: ClassVar[str] = "give the folder or the design.json that barnax design wrote"
@@ -149,6 +169,12 @@ class Design(Document):
         """The design in a folder, or in its `design.json`."""
         path = Path(path)
         return cls.from_json(path / "design.json" if path.is_dir() else path)
+
+    @property
+    def is_needed(self) -> bool:
+        """False where the earlier records tell what is wanted, and no hours were asked for: then
+        there is no test."""
+        return bool(self.steps)
 
     def of_table(self, name: str, widths: Sequence[Width] | None = None) -> tuple[Width, ...]:
         """The widths of a table, such as "R0", where it is wanted."""

@@ -1,6 +1,5 @@
 """A designed test in words and tables."""
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -8,25 +7,25 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from ..experiment.information import HALF_95
 from ..experiment.stored import DRIVE, is_enough
 from .design_forms import EMPTYING, before
 from .document import Table, rows_table
 from .terminal import bare_table, headed_line, indented, terminal_table
-from .words import NOTHING, counted, duration, extent, joined, millivolt, percent, symbol, with_unit
+from .words import NOTHING, duration, extent, joined, millivolt, percent, symbol, with_unit
 
 if TYPE_CHECKING:
     from ..experiment import Design
-    from ..experiment.information import Believed, Width
-    from ..over_soc import TableFit
-    from ..results import Result
+    from ..experiment.information import Believed
+    from ..experiment.widths import Width
 
 CURRENTS = ("max_discharge", "max_charge")
 # On measured cells, records that are identified together leave wider intervals than was promised:
 # so many times, medians of 18 pairs (benchmarks/results/design.md).
 TOGETHER = {"R0": 1.3, "R1": 1.1, "R2": 1.2}
-# Promised and reached intervals within this share of each other agree.
-AGREES = 0.25
+# What is printed is said where it is wider than what a design counts by more than this share.
+WIDER = 0.25
+# A test is said to widen what it leaves so many times as wide as it was.
+WIDENED = 1.05
 # By so much warmer, the resistances of a cell are others.
 WARM_K = 10.0
 # Pieces on the screen, of a longer test: its first ones and its end.
@@ -149,13 +148,15 @@ def _widths_table(design: "Design"):
     for name, wanted in design.wanted.items():
         own = design.of_table(name)
         before = [width.before for width in own if width.before is not None]
-        known = _middle(name, before) if len(before) > len(own) / 2 else NOTHING
+        is_known = len(before) > len(own) / 2
+        known = middle(name, before) if is_known else NOTHING
         tests = [own, *(design.of_table(name, reference.widths) for reference in design.references)]
-        middle = [_middle(name, [width.after for width in test]) for test in tests]
+        middles = [middle(name, [width.after for width in test]) for test in tests]
         widest = [_said(name, max(width.after for width in test)) for test in tests]
-        rows.append([_shown(name), _said(name, wanted), known, *middle])
+        rows.append([_shown(name), _said(name, wanted), known, *middles])
         if len(own) > 1:
-            rows.append(["  widest", "", "", *widest])
+            wide = _said(name, max(before)) if len(before) == len(own) else ""
+            rows.append(["  widest", "", wide, *widest])
     return bare_table(heads, rows)
 
 
@@ -163,7 +164,7 @@ def _shown(name: str) -> str:
     return "error on a drive cycle" if name == DRIVE else name
 
 
-def _middle(name: str, halves: Sequence[float]) -> str:
+def middle(name: str, halves: Sequence[float]) -> str:
     return _said(name, float(np.median(halves)))
 
 
@@ -200,10 +201,84 @@ def pieces_table(design: "Design") -> Table:
     )
 
 
+def known_screen(
+    design: "Design", with_cli_options: Callable[[str], str] = str
+) -> Iterator[RenderableType]:
+    """That no test is needed, as the earlier records tell what is wanted."""
+    yield Text()
+    told = {
+        "No test needed": f"{joined(design.earlier)} told what is wanted: {_already(design)}. For "
+        "a test anyway, give `max_hours`; for narrower intervals, `want`.",
+        "Printed": _printed(design),
+    }
+    for head, text in told.items():
+        if text:
+            yield indented(headed_line(head, with_cli_options(text)))
+
+
+def _already(design: "Design") -> str:
+    """What the earlier records tell as well as is wanted, both beside each other."""
+    told = [
+        f"{_shown(name)} {middle(name, before)} ({_said(name, design.wanted[name])} wanted)"
+        for name in design.already
+        for before in [[width.before for width in design.of_table(name) if width.before]]
+        if before
+    ]
+    return joined(told)
+
+
+def _printed(design: "Design") -> str:
+    """The intervals that the result prints, where they are wider than what a design counts, why,
+    and how that is settled."""
+    wider = {
+        name: half
+        for name, half in design.printed.items()
+        for before in [[width.before for width in design.of_table(name) if width.before]]
+        if before and half > (1 + WIDER) * np.median(before)
+    }
+    reasons = []
+    if "fits" in design.beyond:
+        reasons.append("cover two fits, of which errors near empty count in one")
+    if design.follows:
+        reasons.append(f"count that resistances follow {joined(design.follows)}")
+    if "hold" in design.beyond:
+        reasons.append(
+            "reach over both holds of the current, which no test narrows: identify again with the "
+            "right `current_hold`"
+        )
+    if not wider or not reasons:
+        return ""
+    halves = joined([f"{name} {_said(name, half)}" for name, half in wider.items()])
+    return (
+        f"the result's intervals of {halves} are wider than what more samples narrow; they also "
+        f"{', and '.join(reasons)}."
+    )
+
+
+def _widened(design: "Design") -> str:
+    """What a fit with the test leaves wider than the earlier records alone."""
+    told = []
+    for name in design.wanted:
+        own = design.of_table(name)
+        before = [width.before for width in own if width.before is not None]
+        if before and np.median(_halves(own)) > WIDENED * np.median(before):
+            both = f"{middle(name, before)} before, {middle(name, _halves(own))} with it"
+            told.append(f"{_shown(name)} {both}")
+    why = "the fit weighs all samples alike, however much their errors are correlated"
+    return f"{joined(told)}: {why}." if told else ""
+
+
 def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     predicted, limits = design.predicted, design.limits
+    if design.already:
+        is_all = len(design.already) == len(design.wanted)
+        best = "; this is the best test of the hours" if is_all else ""
+        yield "Known already", f"{_already(design)}; no further test is needed for it{best}."
     if not design.is_reached:
         yield "Not reached", _not_reached(design)
+    for head, text in (("Widened", _widened(design)), ("Printed", _printed(design))):
+        if text:
+            yield head, text
     expected = f"{predicted.voltage_v.min():.2f} to {predicted.voltage_v.max():.2f} V"
     kept = f"{limits.low_v:g} to {limits.high_v:g} V"
     is_emptied = any(name == EMPTYING for name, _ in design.pieces)
@@ -214,7 +289,7 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     yield "Warming", f"about {predicted.warming_k:.2g} K, for a typical cell in moving air{lower}."
     yield "Before", before(design)
     if design.earlier:
-        yield "Combined with", f"{joined(design.earlier)}. {_together()}"
+        yield "Combined with", f"{joined(design.earlier)}. {together()}"
     left_out = f"{design.error.left_out:.2g}"
     times = "" if left_out == "1" else f"{left_out} times "
     effects = f"unmodeled effects {times}as large as in a typical cell"
@@ -237,21 +312,29 @@ def _not_reached(design: "Design") -> str:
 
     wide = [name for name in after if is_wide(name, np.median(after[name]))]
     some = [name for name in after if name not in wide and is_wide(name, max(after[name]))]
-    told = [joined([*map(_shown, wide)])] if wide else []
-    told += [f"{joined([*map(_shown, some)])} at some SOC"] if some else []
+    of_wide = [f"{_shown(name)} ({middle(name, after[name])})" for name in wide]
+    of_some = [f"{_shown(name)} ({_said(name, max(after[name]))})" for name in some]
+    told = [joined(of_wide)] if wide else []
+    told += [f"{joined(of_some)} at some SOC"] if some else []
     drive = next(test for test in design.references if test.name == "drive cycle")
     # By what falls short: the median, or the widest.
     theirs = {name: _halves(design.of_table(name, drive.widths)) for name in (*wide, *some)}
     better = [_shown(name) for name in wide if np.median(theirs[name]) < np.median(after[name])]
     better += [f"the widest {name}" for name in some if max(theirs[name]) < max(after[name])]
-    does = f"leaves {joined(better)} narrower" if better else "leaves none of them narrower"
+    narrower = [name for name in better if name != _shown(DRIVE)]
+    does = [f"leaves {joined(narrower)} narrower"] if narrower else []
+    does += [f"the {_shown(DRIVE)} smaller"] if len(narrower) < len(better) else []
+    if not does:
+        does = ["does no better"]
+    elif not narrower:
+        does = [f"leaves {does[0]}"]
     untold = [name for name in wide if name.startswith("R") and np.median(after[name]) > 1]
     open_ = f" {joined(untold)} would stay undetermined." if untold else ""
     return (
         f"{'; '.join(told)}.{open_} This is the best test found of {design.hours:.3g} h. "
         f"Errors are correlated over up to {_correlated(design)}, so intervals narrow no faster "
-        f"than with the square root of test time; a drive cycle of {drive.hours:.1f} h {does}. "
-        f"{_needed(design)}"
+        f"than with the square root of test time; a drive cycle of {drive.hours:.1f} h "
+        f"{' and '.join(does)}. {_needed(design)}"
     )
 
 
@@ -276,72 +359,10 @@ def _correlated(design: "Design") -> str:
     return duration(max(time_s for time_s, _ in design.error.noise))
 
 
-def _together() -> str:
+def together() -> str:
     """The measured widths of what records tell together, over the promised ones."""
     times = joined([f"{times:g} ({name})" for name, times in TOGETHER.items()])
     return (
         "Two measured records of a cell disagree somewhat: their joint intervals were "
         f"{times} times as wide as promised, the median of 18 pairs."
     )
-
-
-def promised_lines(
-    design: "Design", result: "Result", with_cli_options: Callable[[str], str] = str
-) -> Iterator[RenderableType]:
-    """The promises of a design beside what an identification reached."""
-    if result.tables is None:
-        told = (
-            "intervals of tables over SOC, and the answer has one value at every SOC; with "
-            "`over=soc` both are shown."
-        )
-        yield indented(headed_line("Promised", with_cli_options(told)))
-        return
-    is_alone = len(result.of_role("identification")) == 1
-    yield Text()
-    yield indented(terminal_table(promised_table(design, result.fit, is_alone)))
-
-
-def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> Table:
-    """The intervals that a design promised, beside those that the identification reached."""
-    rows = []
-    for name in [wanted for wanted in design.wanted if wanted != DRIVE]:
-        pairs = [
-            (promised, reached)
-            for width in design.of_table(name)
-            if (reached := reached_half(fit, width)) is not None
-            for promised in [width.alone if is_alone else width.after]
-        ]
-        if not pairs:
-            rows.append((name, "", "", "not determined", ""))
-            continue
-        promised, reached = np.transpose(pairs)
-        near = int(np.sum(np.abs(np.log(reached / promised)) <= math.log1p(AGREES)))
-        ratio = f"{np.median(reached) / np.median(promised):.2f}"
-        nodes = f"{near} of {counted(len(design.of_table(name)), 'node')}"
-        rows.append((name, _middle(name, promised), _middle(name, reached), ratio, nodes))
-    earlier = () if is_alone else design.earlier
-    caption = (
-        "Half the 95 % interval that was promised of the test "
-        f"{f'with {joined(earlier)}' if earlier else 'alone'} and reached by the standard errors, "
-        "medians from 10 to 90 % SOC. An interval is wider yet where a short record tells its "
-        "noise badly, and where nothing tells on which side of a sample its current flowed."
-    )
-    return rows_table(
-        f"{caption} {_together()}" if earlier else caption,
-        ("", "promised", "reached", "ratio", "within 25 %"),
-        rows,
-        [""],
-    )
-
-
-def reached_half(fit: "TableFit", width: "Width") -> float | None:
-    """Half the interval that a fit has where a width was promised, in its measure, were its noise
-    known as well as the promise takes it; one value stands for every SOC."""
-    nodes = () if fit.is_over_soc or not width.name.startswith("R") else fit.tables.nodes
-    for node in fit.intervals:
-        is_there = node.name == width.name and node.soc in (width.soc, *nodes)
-        if is_there and node.low is not None and node.high is not None:
-            scale = node.value if node.name.startswith("R") else 1.0
-            half = HALF_95 * node.standard_error + abs(node.bias) / 2
-            return half / scale if scale > 0 else None
-    return None

@@ -23,7 +23,7 @@ from barnax.over_soc.level import level_cell
 from barnax.records import read_record
 from barnax.records.record import in_means
 from barnax.reporting.candidates import ocv_test_sentences
-from barnax.reporting.decisions import decision_sentences
+from barnax.reporting.decisions import decision_sentences, guess_sentences
 from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import fit_csv
 from barnax.reporting.render import to_markdown
@@ -366,6 +366,9 @@ def test_nothing_calls_one_value_tables_or_what_was_found_given(narrow):
     record, _ = made(1, hours=0.6)
     alone = barnax.identify(record, model="so-rc", seeds=0, trust="none", advise=False)
     assert not any("as given" in text for text in decision_sentences(alone))
+    (own, *_) = guess_sentences(alone)
+    assert "half of the hysteresis is in it" in own
+    assert "spans, never below" in own
 
 
 @pytest.mark.slow

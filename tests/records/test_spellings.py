@@ -67,6 +67,14 @@ def test_a_clock_of_dates_starts_at_zero_and_keeps_its_date(tmp_path, header, fo
     assert record.zero_date_s == BEGIN.replace(tzinfo=datetime.UTC).timestamp()
 
 
+@pytest.mark.parametrize(("name", "is_soc"), [("SOC [%]", True), ("Soak / min", False)])
+def test_a_state_of_charge_is_counted_and_not_read(tmp_path, name, is_soc):
+    rows = "".join(f"{k},{k % 2},3.{7 + k % 2},50\n" for k in range(30))
+    record = read(tmp_path, f"Time [s],Current [A],Voltage [V],{name}\n" + rows)
+    told = [each.values["column"] for each in record.notes if each.code == "columns.soc-unused"]
+    assert told == ([name] if is_soc else [])
+
+
 @pytest.mark.parametrize(("form", "interval_s"), [("{:.0f}.", 21.0), ("{:g}", 10.5)])
 def test_a_word_far_below_leaves_seconds_what_they_are(tmp_path, form, interval_s):
     """It makes all cells text, of which times with colons are clocks."""

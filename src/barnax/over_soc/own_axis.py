@@ -50,7 +50,7 @@ def axis_capacity(
         )
     lowest_v, more = float(widest.voltage_v.min()), ""
     if lowest_v > NEVER_EMPTY_V:
-        more = f" (never below {lowest_v:.2f} V, so the cell holds more)"
+        more = f", never below {lowest_v:.2f} V, so the cell holds more"
     return span_ah, f"the charge that {widest.name} spans{more}"
 
 

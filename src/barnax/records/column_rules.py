@@ -15,6 +15,7 @@ from .columns import (
     NOTHING,
     Column,
     columns_of,
+    find_columns,
     is_ocv_table,
     likely_column,
     likely_names,
@@ -24,13 +25,15 @@ from .columns import (
     normal,
     other_table,
 )
-from .quantities import CELL_RANGE_V, QUANTITIES, Quantity, Unit
+from .quantities import CELL_RANGE_V, OCV_QUANTITIES, QUANTITIES, Quantity, Unit
 from .table import Table, impedance_rows
 
 Columns = Mapping[str, Column]
 
 REQUIRED = tuple(quantity for quantity in QUANTITIES if quantity.is_required)
 QUANTITY_OF = {quantity.name: quantity for quantity in QUANTITIES}
+# What a record may have, and is not taken from it.
+SOC = next(quantity for quantity in OCV_QUANTITIES if quantity.name == "SOC")
 # What `columns` may name.
 NAMES = tuple(name for name in QUANTITY_OF if name not in ("date", "charge of the interval"))
 # Dates that stand still in a larger share of the intervals are printed too coarsely to be a clock.
@@ -111,6 +114,10 @@ def examine_columns(
             found.pop(unused, None)
     findings.extend(_repeated_names(table, found))
     findings.extend(_units(found))
+    taken = _headers(found)
+    for column in find_columns(table.header, (SOC,)).values():
+        if column.header not in taken:
+            findings.append(notice("columns.soc-unused", column=column.header))
     missing = []
     for quantity in REQUIRED:
         if quantity.name in found:

@@ -48,7 +48,8 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     names = [part.name for part in parts]
     whole = joined(names) if len(names) <= MAX_NAMES else f"these {len(names)} records"
     yield (
-        f"no OCV test: the OCV was identified from {whole}. SOC is counted over "
+        f"no OCV test: the OCV was identified from {whole}; half of the hysteresis is in it, "
+        "unless the current charges as much as it discharges. SOC is counted over "
         f"{cell.capacity_ah:.4g} Ah ({cell.capacity_origin}); {whose}{start}. `capacity` and "
         "`initial_soc` set another axis."
     )

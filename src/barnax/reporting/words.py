@@ -197,12 +197,14 @@ def between(name: str, low: float, high: float, value: float | None = None) -> s
 
     >>> between("R1 [Ohm]", 0.0136, 0.0687), between("tau1 [s]", 4000, 40000)
     ('13.6 to 68.7 mOhm', '4000 s to 11.1 h')
-    >>> between("R0 [Ohm]", 0.019, 0.02004, 0.02)
-    '19.00 to 20.04 mOhm'
+    >>> between("R0 [Ohm]", 0.019, 0.02004, 0.02), between("R1 [Ohm]", 0.685, 1.05)
+    ('19.00 to 20.04 mOhm', '0.685 to 1.05 Ohm')
     """
     digits = max(_digits_apart(name, end, value) for end in (low, high))
     (least, unit), (most, other) = (shown(name, end, digits) for end in (low, high))
-    if unit != other:
+    if (unit, other) == ("mOhm", "Ohm"):
+        least, unit = figures(low, digits), other
+    elif unit != other:
         return f"{least} {unit} to {most} {other}"
     if digits > FEWEST_DIGITS and "e" not in least + most:
         decimals = max(len(text.partition(".")[2]) for text in (least, most))

@@ -277,7 +277,7 @@ def _unrested(record: Record, first: int, rest_a: float) -> Notice | None:
 
 
 def _relaxing(record: Record, first: int, tells_soc: bool) -> Notice:
-    """What an opening rest shows that still relaxes; a doubt where it is short and tells the SOC."""
+    """What an opening rest that relaxes tells; a doubt where it is short and tells the SOC."""
     rest_s = float(record.time_s[first] - record.time_s[0])
     ends_v = {"first_v": record.voltage_v[0], "last_v": record.voltage_v[first]}
     found = notice(

@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from .blas import one_blas_thread
 from .candidates import FOLLOWING, Candidate, best_of, is_alike, is_better, spans_enough
 from .checks.step_answers import late_answers_ohm
 from .errors import InputError
@@ -22,9 +23,17 @@ from .global_optimum import (
     try_other_hold,
 )
 from .inputs import Watch
+from .model.prepared import PreparedRecord
 from .model.problem import Problem
 from .notices import Notice, notice
-from .over_soc import SocErrors, TableFits, TableSettings, constant_held_out
+from .over_soc import (
+    SocErrors,
+    TableFit,
+    TableFits,
+    TableSettings,
+    constant_held_out,
+    is_worth_trying,
+)
 from .run import Answer, Run, best_answer
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either, with_registered
 from .search.refine import Descent, Refinement, refine
@@ -115,7 +124,10 @@ def _search(
     in threads beside it."""
     problems, over = weighing.problems, settings.over or "soc"
     with threads(3) as beside:
-        fits_futures = [_fitting(beside, over, weighing, of) for of in weighing.tabulated]
+        fits_futures: list[tuple[Problem, Future[TableFits | None]]] = []
+        for of in weighing.tabulated:
+            simpler = fits_futures[0][1] if fits_futures else None
+            fits_futures.append(_fitting(beside, over, weighing, of, simpler))
         held_out_futures = [
             beside.submit(_held_out_or_none, problem, weighing.tables.get(problem.circuit))
             if weighing.fitted is None and (len(problems) > 1 or fits_futures)
@@ -163,7 +175,7 @@ def _search(
                 place,
                 optima,
                 held_out,
-                [(of, future.result()) for of, future in fits_futures],
+                [(of, fits) for of, future in fits_futures if (fits := future.result())],
                 search,
                 refinement,
                 other_hold.result() if other_hold else None,
@@ -258,14 +270,38 @@ def _widened(
 
 
 def _fitting(
-    beside: Executor, over: str, weighing: Weighing, of: Problem
-) -> "tuple[Problem, Future[TableFits]]":
-    """Tables on the records of a problem, as they are being fitted."""
+    beside: Executor,
+    over: str,
+    weighing: Weighing,
+    of: Problem,
+    simpler: "Future[TableFits | None] | None" = None,
+) -> "tuple[Problem, Future[TableFits | None]]":
+    """Tables on the records of a problem, as they are being fitted; none where those of a simpler
+    circuit leave nothing that they may be worth."""
     if weighing.fitted is not None:
-        known: Future[TableFits] = Future()
+        known: Future[TableFits | None] = Future()
         known.set_result(weighing.fitted)
         return of, known
-    return of, beside.submit(fit_over, over, of.prepared_records, weighing.tables[of.circuit])
+    settings = weighing.tables[of.circuit]
+
+    def fitted() -> TableFits | None:
+        fits = simpler and simpler.result()
+        if fits and not _may_be_worth(of.prepared_records, settings, fits.reference):
+            return None
+        return fit_over(over, of.prepared_records, settings)
+
+    return of, beside.submit(fitted)
+
+
+def _may_be_worth(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings, fit: TableFit
+) -> bool:
+    records = [prepared.following(fit.tables.dependence) for prepared in prepared_records]
+    try:
+        with one_blas_thread():
+            return is_worth_trying(records, settings, fit.objective_v, fit.low_end)
+    except InputError:
+        return False
 
 
 def _alike_r0(

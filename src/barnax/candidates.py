@@ -3,18 +3,14 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from .cell import CellModel
-from .model.prepared import PreparedRecord
 from .over_soc import SocErrors, TableFit, table_name
-from .records import Record
 from .search.evaluate import Evaluation
 
 # Constant circuits, the simplest first: no hysteresis, switched at once, and following the charge.
 WEIGHED = ("so-rc", "iso-rc", "esc")
-# Logs as fast as this show a pair more; tables of both are weighed.
-TWO_PAIRS, THREE_PAIRS, FAST_S = "so-rc", "3rc", 0.25
+# Tables of a pair more are weighed where they leave less.
+TWO_PAIRS, THREE_PAIRS = "so-rc", "3rc"
 # Its hysteresis follows the charge: where that is the best constant circuit, its tables are weighed
 # too.
 FOLLOWING = "esc"
@@ -78,11 +74,6 @@ def tabulated_circuit(cell: CellModel) -> str:
     """The circuit that tables are of: their OCV correction stands in for a switched hysteresis;
     on an OCV as flat as LFP's the hysteresis matters, and follows the charge."""
     return FOLLOWING if cell.has_flat_ocv else TWO_PAIRS
-
-
-def is_fast(records: Iterable[PreparedRecord | Record]) -> bool:
-    """True if all records are sampled fast enough to show a third RC pair."""
-    return all(float(np.median(np.diff(record.time_s))) <= FAST_S for record in records)
 
 
 def spans_enough(fit: TableFit) -> bool:

@@ -5,14 +5,22 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from .candidates import THREE_PAIRS, WEIGHED, is_better, is_fast, spans_enough
+from .candidates import THREE_PAIRS, WEIGHED, is_better, spans_enough
 from .cell import get_circuit
 from .cell.parameters import ANYWHERE, OHMIC
 from .errors import InputError
 from .inputs import ranges_of, window_of
 from .job import Job
 from .notices import notice
-from .over_soc import NodeInterval, OwnOcv, TableFit, TableSettings, proved, search_with_ocv
+from .over_soc import (
+    NodeInterval,
+    OwnOcv,
+    TableFit,
+    TableSettings,
+    proved,
+    search_with_ocv,
+    shows_more,
+)
 from .records import Record
 from .settings import OVER_TEMPERATURE
 
@@ -42,7 +50,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     windows = {record.name: window_of(job.window, record.name).as_told for record in records}
     is_over = job.over == OVER_TEMPERATURE
     is_open = job.model is None and not (is_over or job.bounds or job.fix)
-    beside = THREE_PAIRS if is_open and is_fast(records) else None
+    beside = THREE_PAIRS if is_open else None
 
     def fitted(
         tables: TableSettings, circuit: str = circuit.name, beside: str | None = None
@@ -100,7 +108,7 @@ def _with_pairs(
         return fitted(tables, beside=beside)
     found = fitted(tables)
     held_out = found.fit.cross_validation
-    if beside is not None and held_out is not None:
+    if beside is not None and held_out is not None and shows_more(found, beside):
         # Starts of several records are found with each circuit: at those of two pairs a third one
         # is not worth what it is at its own. A short record may be enough for two alone.
         with suppress(InputError):

@@ -5,7 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from .candidates import THREE_PAIRS, TWO_PAIRS, WEIGHED, is_fast, tabulated_circuit
+from .candidates import THREE_PAIRS, TWO_PAIRS, WEIGHED, tabulated_circuit
 from .display import Brief
 from .errors import InputError
 from .global_optimum import with_better_directions, with_better_hold, without_sweep_drop
@@ -106,7 +106,7 @@ def weigh(
 
     fitted = [of.get(tabulated, first)]
     is_open = model is None and own_ocv is None and not (ranges or fix or over == OVER_TEMPERATURE)
-    if is_open and tabulated == TWO_PAIRS and is_fast(first.prepared_records):
+    if is_open and tabulated == TWO_PAIRS:
         # A short record may be enough for two pairs alone.
         with suppress(InputError):
             fitted.append(_problem(inputs, windows, settings, THREE_PAIRS, source, None, None))

@@ -16,10 +16,10 @@ class PackedCell:
     """What is true of one cell."""
 
     r0_ohm: float = 0.020
-    r_ohm: tuple[float, float] = (0.008, 0.012)
+    r_ohm: tuple[float, ...] = (0.008, 0.012)
     capacity_ah: float = 5.0
     soc: float = 0.97
-    tau_s: tuple[float, float] = field(default=TAU_S)
+    tau_s: tuple[float, ...] = field(default=TAU_S)
 
     @property
     def total_ohm(self) -> float:

@@ -35,6 +35,7 @@ from .current_offset import offset_effect
 from .dependence import searched
 from .fit import OcvCompared, TableFit, constant_with_ocv_held_out, fit_of
 from .level import level_cell, leveled, with_own_ocv
+from .more_pairs import is_worth_trying
 from .objective import Solution, TableObjective
 from .own_axis import Axis, axis_capacity, axis_of, require_on_axis, span_ah_of
 from .problem import box_of, reduced_objective
@@ -250,12 +251,10 @@ def _fitted(
     if not over_temperature:
         with one_blas_thread():
             objective, best = searched(prepared, settings)
-            held_out = held_out_errors(objective, best) if beside else None
-            if beside is not None and held_out is not None:
+            if beside is not None:
                 with suppress(InputError):
-                    tried = searched(prepared_for(beside), settings, objective)
-                    errors = held_out_errors(*tried)
-                    if errors is not None and errors.is_worth(held_out):
+                    tried = _worth_more(prepared_for(beside), settings, objective, best)
+                    if tried is not None:
                         (objective, best), circuit = tried, beside
         cell = _cell_of(objective, best, capacity_ah, origin)
         return _told(objective, Proof(0.0, 0, best), cell, windows, circuit)
@@ -273,6 +272,42 @@ def _fitted(
         for fit, own in zip(found.fits, groups.values(), strict=True)
     )
     return OwnOcv(cell, windows, replace(found, fits=fits), settings, circuit)
+
+
+def _worth_more(
+    prepared: Sequence[PreparedRecord],
+    settings: TableSettings,
+    objective: TableObjective,
+    best: Solution,
+) -> tuple[TableObjective, Solution] | None:
+    """The best tables of a circuit with a further pair, where what is held out speaks for it."""
+    alike = [
+        one.following(told.dependence)
+        for one, told in zip(prepared, objective.prepared_records, strict=True)
+    ]
+    if not is_worth_trying(alike, settings, best.rms_v, objective.low_end, objective):
+        return None
+    held_out, tried = held_out_errors(objective, best), searched(prepared, settings, objective)
+    errors = held_out_errors(*tried)
+    is_worth = held_out is not None and errors is not None and errors.is_worth(held_out)
+    return tried if is_worth else None
+
+
+def shows_more(own: OwnOcv, circuit: str) -> bool:
+    """True where another circuit with a further pair may be worth it on the same records."""
+    if own.unproved is None:
+        return False
+    objective, best = own.unproved
+    prepared = [
+        prepare_record(told.record, told.cell, circuit, told.window).following(told.dependence)
+        for told in objective.prepared_records
+    ]
+    try:
+        return is_worth_trying(
+            prepared, objective.settings, best.rms_v, objective.low_end, objective
+        )
+    except InputError:
+        return False
 
 
 def proved(own: OwnOcv) -> OwnOcv:

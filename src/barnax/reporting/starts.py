@@ -47,9 +47,11 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     whose = f"of {name}, " if len(parts) > 1 else ""
     names = [part.name for part in parts]
     whole = joined(names) if len(names) <= MAX_NAMES else f"these {len(names)} records"
+    slowest_s = max(high for _, high in stored.fit.tau_ranges_s)
     yield (
-        f"no OCV test: the OCV was identified from {whole}; half of the hysteresis is in it, "
-        "unless the current charges as much as it discharges. SOC is counted over "
+        f"no OCV test: the OCV was identified from {whole}; in it are what relaxes slower than "
+        f"{slowest_s:.3g} s, and half of the hysteresis, unless the current charges as much as it "
+        "discharges. SOC is counted over "
         f"{cell.capacity_ah:.4g} Ah ({cell.capacity_origin}); {whose}{start}. `capacity` and "
         "`initial_soc` set another axis."
     )

@@ -1,6 +1,7 @@
 """A designed test: what it promises, what it keeps, and the forms it is given in."""
 
 import csv
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +15,7 @@ from barnax.errors import InputError
 from barnax.experiment import Block
 from barnax.experiment.belief import believed_of_chemistry
 from barnax.experiment.information import Seconds, columns_along, information_of
-from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
+from barnax.experiment.protocol import hppc_steps, sampled, voltage_along, warming_of
 from barnax.experiment.widths import widths_of
 from barnax.reporting.design_forms import procedure, profile_csv, pybamm_steps, steps_csv
 
@@ -128,7 +129,11 @@ def test_a_design_keeps_its_time_and_its_limits(pulsed):
     assert predicted.low_v[:counted].min() >= limits.low_v
     charging = predicted.current_a[:counted] < 0
     assert predicted.high_v[:counted][charging].max() <= limits.high_v
-    assert predicted.soc.min() >= -1e-3
+    assert predicted.soc.min() >= -1e-4
+    # Loads end at 10 % SOC where the OCV is unknown; what is left is taken out slowly.
+    assert predicted.soc[:counted].min() >= 0.1 - 1e-4
+    (emptying,) = [step for step in pulsed.steps if step.block == "to empty"]
+    assert emptying.current_a < 0.34 * 2.0
     assert predicted.soc.max() <= 1
 
 
@@ -177,6 +182,20 @@ def test_a_design_promises_more_an_hour_than_a_pulse_test(designed, name):
     assert own < others
 
 
+def test_a_large_cell_warms_more_than_a_small_one(believed):
+    """Heat grows with the capacity and cooling with the surface."""
+    current_a = np.repeat([0.0, 4.0], [60, 1200])
+    warming_k = []
+    for times in (1.0, 8.0):
+        # The same cell in parallel.
+        cell = replace(believed.cell, capacity_ah=2.0 * times)
+        other = replace(believed, cell=cell)
+        voltage_v, soc = voltage_along(believed, current_a, 0.8)
+        warming_k.append(warming_of(other, times * current_a, voltage_v, soc))
+    # Twice, less what the slower one has not reached yet.
+    assert 1.4 < warming_k[1] / warming_k[0] < 2.0
+
+
 def test_the_same_key_gives_the_same_design(pulsed):
     again = barnax.design(capacity=2.0, max_hours=1.8, want={"R0": 0.01}, blocks=BLOCKS, **LIMITS)
     assert again.to_json() == pulsed.to_json()
@@ -221,8 +240,30 @@ def test_all_forms_hold_the_same_current(pulsed, tmp_path):
     np.testing.assert_allclose(signed, [step.current_a for step in pulsed.steps], atol=1e-4)
     profile = np.array([row.split(",")[1] for row in profile_csv(pulsed).split()[5:]], float)
     taken_ah = profile[:-1].sum() / 3600
-    wanted_ah = sum(step.duration_s * step.current_a for step in pulsed.steps) / 3600
+    wanted_ah = (
+        sum(
+            step.duration_s * step.current_a * (2 if step.block == "to empty" else 1)
+            for step in pulsed.steps
+        )
+        / 3600
+    )
     assert taken_ah == pytest.approx(wanted_ah, abs=2e-3)
+    assert pybamm_steps(pulsed)[-2].startswith(f"Discharge at {float(rows[-2]['Current / A']):g} A")
+    # All forms discharge until the voltage, for as long at most.
+    (expected,) = [step.duration_s for step in pulsed.steps if step.block == "to empty"]
+    assert float(rows[-2]["Duration / s"]) == 2 * expected
+    assert f"for {2 * expected:g} seconds or until 2.5 V" in pybamm_steps(pulsed)[-2]
+    most_s = sum(float(row["Duration / s"]) for row in rows)
+    assert len(profile) == most_s + 1
+    text = procedure(pulsed)
+    assert f"{pulsed.hours:.2f} h expected, {most_s / 3600:.2f} h at most" in text
+    assert f"until 2.5 V, {2 * expected:g} s at most, then go on (second {most_s - 300:g} " in text
+    ends = {row["Piece"]: row["At the lowest voltage"] for row in rows}
+    assert {name for name, end in ends.items() if end == "next step"} == {"to empty"}
+    assert min(float(row["SOC at the end"]) for row in rows) == 0.0
+    assert "-0.0" not in steps_csv(pulsed)
+    # Neighboring rests are one, as where a full cell cannot be charged.
+    assert not re.search(r"rest \d+ s; rest", text)
     assert len(pybamm_steps(pulsed)) == len(pulsed.steps)
     assert procedure(pulsed).count("\n") < len(pulsed.steps)
     path = tmp_path / "design.json"
@@ -240,6 +281,13 @@ def test_all_forms_hold_the_same_current(pulsed, tmp_path):
         ({"capacity": 2.0, "want": {"R0": 2.0}}, "under 1"),
         ({"capacity": 2.0, "want": {}}, "`want`"),
         ({"capacity": -2.0}, "positive"),
+        ({"capacity": 2.0, "temperature": -10.0}, "typical of 25 degC"),
+        ({"capacity": 2.0, "max_discharge": 0.0}, "`max_discharge`: a test discharges the cell"),
+        ({"capacity": 2.0, "max_warming": 0.3, "max_hours": 2.0}, "larger `max_warming`"),
+        (
+            {"capacity": 2.0, "chemistry": "lfp", "high_voltage": 3.5},
+            r"3\.578 V if the cell's data",
+        ),
         ({"capacity": 2.0, "max_hours": float("inf")}, "`max_hours`"),
         ({"capacity": 2.0, "max_discharge": float("nan")}, "`max_discharge` nan"),
         ({"capacity": 2.0, "max_charge": -1.0}, "`max_charge` -1"),

@@ -10,6 +10,7 @@ from rich.console import Console
 
 import barnax
 from barnax.cell import OcvPoint, OcvTable, characterize
+from barnax.cell.dependence import Dependence
 from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step, next_test
@@ -27,6 +28,7 @@ from barnax.reporting.design import (
 from barnax.reporting.design_promised import promised_lines, promised_table, reached_half
 from barnax.reporting.verdict import next_step
 from barnax.reporting.words import joined
+from barnax.search.refine import AtBound
 from helpers.designs import BLOCKS, screen_of
 from helpers.known_cell import made
 
@@ -217,6 +219,52 @@ def test_promised_and_reached_stand_beside_each_other(design, result, is_alone):
     # What records of a measured cell disagree by is said of several alone.
     assert ("disagree" in table.caption) is not is_alone
     assert ("with identification.parquet" in table.caption) is not is_alone
+
+
+def test_what_the_fit_found_otherwise_than_was_promised_is_told(design, result):
+    def told(own):
+        return screen_of(promised_lines(design, own, as_flags))
+
+    assert "Differs:" not in told(result)
+    fit, metrics = result.fit, result.metrics
+    taus = {"tau1 [s]": 2.0, "tau2 [s]": 43.9}
+    tables = replace(
+        fit.tables, scales=taus, dependence=Dependence(onset_a=1.0),
+        tables={
+            name: tuple(2 * np.array(row)) if name == "R1 [Ohm]" else row
+            for name, row in fit.tables.tables.items()
+        },
+    )  # fmt: skip
+    other = replace(fit, tables=tables, at_bound=(AtBound("tau1 [s]", "lower"),))
+    part = result.tables.model_copy(update={"fits": (other,)})
+    worse = metrics.identification.model_copy(update={"rmse_v": 0.02})
+    metrics = metrics.model_copy(update={"identification": worse})
+    text = told(result.model_copy(update={"tables": part, "metrics": metrics}))
+    tau_s = next(one.value for one in design.widths if one.name == "tau1 [s]")
+    assert f"tau1 2 s, at the lower bound of its search (promise: {tau_s:.3g} s)" in text
+    assert "tau2 43.9 s (promise: " in text
+    assert "R1 2 times the promise's" in text
+    assert "resistances that follow the current, which the promise leaves out" in text
+    assert "errors of 20.00 mV (promise: 7.04 mV)" in text
+
+
+def test_narrower_than_promised_is_said_to_be_better(design, result):
+    wide = tuple(replace(one, after=10 * one.after) for one in design.widths)
+    table = promised_table(design.model_copy(update={"widths": wide}), result.fit, False)
+    assert all(row[4].endswith(" narrower") for row in table.rows)
+    assert "a ratio under 1 is better than promised" in table.caption
+
+
+def test_what_resistances_follow_is_said_to_be_left_out(result):
+    tables = replace(result.fit.tables, dependence=Dependence(onset_a=1.0))
+    part = result.tables.model_copy(update={"fits": (replace(result.fit, tables=tables),)})
+    known, plain = (
+        screen_of(planned_lines(believed_of(one, None), as_flags))
+        for one in (result.model_copy(update={"tables": part}), result)
+    )
+    assert "Resistances:    the result's follow the current too. The design takes them" in known
+    assert "Resistances" not in plain
+    assert "SOC:            from full to 5 %." in plain
 
 
 def test_a_constant_answer_says_which_option_shows_what_was_promised(design, result):

@@ -111,14 +111,13 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
             if not beginning or not any(block.name.startswith(beginning) for block in usual):
                 raise InputError(
                     f"`blocks` {beginning!r}: no piece is called so; there are "
-                    f"{', '.join(block.name for block in usual)}"
+                    f"{'; '.join(block.name for block in usual)}"
                 )
     with session.watch("Looking at the records"):
         known = None if cell.result is None else Result.load(cell.result, data=cell.data or ())
         believed = believed_of(known, cell.capacity, cell.chemistry, kept.temperature)
     rates = {"max_discharge": kept.max_discharge, "max_charge": kept.max_charge}
     chosen = [name for name, rate in rates.items() if rate is not None]
-    session.show(planned_lines(believed, as_flags, chosen))
     with session.watch("Designing"):
         found = designed(
             believed, max_hours=test.max_hours, want=_wanted(test.want), blocks=blocks,
@@ -128,6 +127,7 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
             temperature=kept.temperature,
         )  # fmt: skip
 
+    session.show(planned_lines(believed, as_flags, chosen))
     if not found.is_needed:
         session.show(known_screen(found, as_flags))
         return

@@ -39,6 +39,8 @@ SEEN_EMPTY_V = 3.1
 # Resistances of a typical cell of 1 Ah half full, R0, R1 and R2, and how much more they are empty.
 TYPICAL_OHM, EMPTY, EMPTY_SOC = (0.10, 0.03, 0.05), (0.3, 1.0, 1.0), 0.08
 TYPICAL_TAU_S = (12.0, 120.0)
+# At which temperature, and how near a test is to it.
+TYPICAL_DEGC, NEAR_K = 25.0, 5.0
 # How many times that a cell's may be, and how far its OCV from the bundled cell's.
 UNKNOWN, UNKNOWN_OCV_V = 2.0, {"nmc": 0.05, "lfp": 0.03}
 # What a fit leaves: eight records at 25 degC, six of them of two measured cells, leave 4 to 9 mV,
@@ -76,6 +78,13 @@ def believed_of(
     if known is None:
         if capacity_ah is None:
             raise InputError("a test needs a `capacity` in Ah, or the result of earlier records")
+        if temperature_degc is not None and abs(temperature_degc - TYPICAL_DEGC) > NEAR_K:
+            raise InputError(
+                f"`temperature` {temperature_degc:g}: without a result, resistances are typical of "
+                f"{TYPICAL_DEGC:g} degC, and those of a cold cell are several times as large; give "
+                "a result over temperature, or leave it out and set `max_discharge`, `max_charge` "
+                "and `low_voltage` for the cold cell yourself"
+            )
         return believed_of_chemistry(chemistry or "nmc", capacity_ah)
     if isinstance(known, str | Path):
         known = Result.load(known)
@@ -327,13 +336,13 @@ def believed_of_fit(
         known={(one.name, one.soc): half for one, half, _ in told},
         printed=printed,
         beyond=("fits",) if fit.low_end is not None and fit.low_end.weight == 1 else (),
-        follows=_followed(found.dependence),
+        follows=followed(found.dependence),
         ocv_reach_v=LEAST_OCV_V + max(corrections, default=0.0),
     )
     return _counting(believed, earlier)
 
 
-def _followed(dependence: Dependence | None) -> tuple[str, ...]:
+def followed(dependence: Dependence | None) -> tuple[str, ...]:
     """What resistances follow beside SOC, in words."""
     words = {ONSET: "the current", KAPPA: "the cell's own heat", BETA: "the temperature"}
     numbers = {} if dependence is None else dependence.numbers

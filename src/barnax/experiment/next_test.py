@@ -246,6 +246,15 @@ def _check_start(believed: Believed, high_soc: float, high_v: float) -> None:
     # A charge that is held at a voltage ends there, however unsure the OCV is.
     is_held = high_soc == 1 or believed.start_v is not None
     start_v = float((believed.ocv_v(at) if is_held else believed.ocv_end_v(at, 1))[0])
+    if start_v > high_v + HELD_V * is_held and high_soc == 1 and believed.typical:
+        soc = np.linspace(0.0, 1.0, 1001)
+        reached = 100 * float(soc[believed.ocv_v(soc) <= high_v].max(initial=0.0))
+        raise InputError(
+            f"`high_voltage` {high_v:g} V: the test starts full, which in a typical "
+            f"{believed.typical.upper()} cell is an OCV of {start_v:.3f} V; {high_v:g} V is "
+            f"reached at {reached:.3g} % SOC. Give at least {start_v:.3f} V if the cell's data "
+            "sheet allows, or the result of a record that starts where you charge to"
+        )
     if start_v > high_v + HELD_V * is_held:
         raise InputError(
             f"`high_voltage` {high_v:g} V: the test starts at {100 * high_soc:.0f} % SOC, where "

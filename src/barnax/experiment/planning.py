@@ -10,13 +10,13 @@ from jaxtyping import Array
 
 from ..errors import InputError
 from .protocol import INTERVAL_S, Limits, Step, bends, sampled, voltage_along, warming_of
-from .search import SETTLE_S, Choice, Found, Pattern
+from .search import ROUNDED_SOC, SETTLE_S, Choice, Found, Pattern
 from .stored import Predicted
 
 MOST_HOURS = 200.0
 BISECTIONS, ADJUSTMENTS, SEARCHES = 6, 8, 3
 # Tests that a search predicts, that one for a shorter test does, and the patterns of their start.
-PREDICTIONS, FURTHER, STRETCHES, MOVE_C = 120, 30, (10, 18), 1.0
+PREDICTIONS, FURTHER, STRETCHES, MOVE_C = 120, 60, (10, 18), 1.0
 # A test is not made shorter by less than this share.
 NEARLY_SHORTEST = 0.03
 ROUNDED = 1.001
@@ -59,7 +59,7 @@ def planned(
         raise InputError(
             f"no test stays between {choice.limits.low_v:g} and {choice.limits.high_v:g} V in the "
             "worst case, or warms so little; widen `low_voltage` and `high_voltage`, allow more "
-            "`max_hours`, or lower `max_discharge` and `max_charge`"
+            f"{_warming_or(choice, '`max_hours`')}, or lower `max_discharge` and `max_charge`"
         )
     capacity_ah = best.choice.believed.cell.capacity_ah
     largest_a, _ = best.choice.limits.rates_a(capacity_ah, np.linspace(0.0, 1.0, 21))
@@ -117,6 +117,12 @@ def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Found:
     if found is not None:
         return found
     if choice.steps(Pattern(STRETCHES[0], MOVE_C, (0,) * len(choice.blocks)), MOST_HOURS) is None:
+        rates_a, _ = choice.limits.rates_a(1.0, np.linspace(choice.low_soc, choice.high_soc, 21))
+        if not np.min(rates_a) > 0:
+            raise InputError(
+                "`max_discharge`: a test discharges the cell, and 0 allows no discharge at some "
+                "state of charge; give more"
+            )
         raise InputError(
             f"between {choice.limits.low_v:g} and {choice.limits.high_v:g} V no discharge is "
             "possible at some state of charge in the worst case; lower `low_voltage`"
@@ -125,8 +131,13 @@ def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Found:
     raise InputError(
         f"`max_hours` {max_hours:g}: one pass through the state of charge takes "
         f"{math.ceil(100 * least_hours) / 100:g} h without rests between its pieces; give more "
-        "time, or a larger `max_discharge`"
+        f"time, or a larger {_warming_or(choice, '`max_discharge`')}"
     )
+
+
+def _warming_or(choice: Choice, other: str) -> str:
+    """The option that limits a test more than another: the warming, where it lowers currents."""
+    return "`max_warming`" if choice.limits.share < 1 else other
 
 
 def _starts_of(choice: Choice, move_c: float = MOVE_C) -> list[Pattern]:
@@ -167,6 +178,7 @@ def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits
     if beyond_v > 0:
         limits = replace(limits, margin_v=limits.margin_v + beyond_v + 1e-3)
     low_soc, high_soc = believed.planned_soc
+    low_soc = choice.low_soc - ROUNDED_SOC if choice.last else low_soc
     if counts.any() and not (low_soc <= soc[counts].min() and soc[counts].max() <= high_soc + 1e-9):
         limits = replace(limits, beyond_soc=max(LEAST_BEYOND, 2 * limits.beyond_soc))
     discharge_a, charge_a = limits.rates_a(believed.cell.capacity_ah, soc)

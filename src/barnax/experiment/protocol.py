@@ -19,9 +19,9 @@ DRAWN_V = 3e-3
 HIGH_SOC, LOW_SOC = 1.0, 0.05
 # Usual tests last long, and are looked at in so many seconds.
 COARSE_S = 2.0
-# A cell in moving air warms by so many K for a W an Ah, in so many s: 18650 cells by about 30,
-# large ones by 70.
-WARMING_K, WARMING_S = 50.0, 900.0
+# A cell of so many Ah in moving air warms by so many K for a W an Ah, in so many s: an 18650 cell.
+# Heat grows with the capacity, cooling with the surface: others by the cube root of theirs.
+WARMING_AH, WARMING_K, WARMING_S = 2.5, 30.0, 540.0
 SHORTEST_MOVE_S = 5
 
 
@@ -159,8 +159,10 @@ def warming_of(
 ) -> float:
     """By how many K at most a cell warms, of which that voltage is believed."""
     heat_w = current_a * (believed.ocv_v(soc) - voltage_v)
-    lagging_w = lagged(heat_w, WARMING_S, INTERVAL_S)
-    return float(np.max(lagging_w)) * WARMING_K / believed.cell.capacity_ah
+    capacity_ah = believed.cell.capacity_ah
+    times = (capacity_ah / WARMING_AH) ** (1 / 3)
+    lagging_w = lagged(heat_w, times * WARMING_S, INTERVAL_S)
+    return float(np.max(lagging_w)) * times * WARMING_K / capacity_ah
 
 
 def hppc_steps(

@@ -31,6 +31,8 @@ SHARE_OF_TAU, FINEST_S, COARSEST_S = 1 / 4, 1.0, 4.0
 PARTS, FACTOR, SHARE_FACTOR = 4, 1.35, 1.6
 MOST_CHANGES, MANY = 3, 2**30
 FEWEST, MOST = 4, 40
+# What currents of a few digits may miss.
+ROUNDED_SOC = 1e-4
 # The rest that a test starts with, and the shortest of the others.
 SETTLE_S, SHORTEST_REST_S = 300.0, 10.0
 
@@ -137,7 +139,7 @@ class Found:
 class Choice:
     """All that a search chooses from, and what it is to reach.
 
-    `last` are steps that end every test.
+    `last` are steps that end every test; a discharge among them takes what charge is left.
     """
 
     believed: Believed
@@ -159,7 +161,8 @@ class Choice:
         """The whole test; None where it takes longer, or blocks too much charge."""
         capacity_ah = self.believed.cell.capacity_ah
         # Where pieces dipped under the lowest state of charge that is known, it ends higher.
-        end_soc = self.low_soc + self.limits.beyond_soc * (self.believed.planned_soc[0] > 0)
+        is_held = bool(self.last) or self.believed.planned_soc[0] > 0
+        end_soc = self.low_soc + self.limits.beyond_soc * is_held
         ends = np.linspace(self.high_soc, end_soc, pattern.stretches + 1).tolist()
         stretches, taken_ah = [], 0.0
         for high, low, blocks in zip(ends, ends[1:], pattern.dealt(), strict=False):
@@ -171,7 +174,9 @@ class Choice:
             ]
             taken_ah += sum(step.duration_s * step.current_a for step in steps) / 3600
             left_ah = (self.high_soc - low) * capacity_ah - taken_ah
-            if left_ah < -OVERSHOT * capacity_ah:
+            # Above what is emptied slowly, no piece goes below the last stretch.
+            over_soc = min(OVERSHOT, low - self.low_soc) if self.last else OVERSHOT
+            if left_ah < -(over_soc + ROUNDED_SOC) * capacity_ah:
                 return None
             if left_ah > 0:
                 rate_a = min(pattern.move_c * capacity_ah, discharge_a)
@@ -180,9 +185,13 @@ class Choice:
                 steps.append(move("move", left_ah, rate_a))
                 taken_ah += steps[-1].duration_s * steps[-1].current_a / 3600
             stretches.append(steps)
-        first = Step("rest", SETTLE_S, 0.0)
+        first, left_ah = Step("rest", SETTLE_S, 0.0), self.high_soc * capacity_ah - taken_ah
+        last = [
+            move(step.block, left_ah, step.current_a) if step.current_a > 0 else step
+            for step in self.last
+        ]
         taken_s = sum(step.duration_s for steps in stretches for step in steps)
-        rest_s = 3600 * hours - taken_s - sum(step.duration_s for step in (first, *self.last))
+        rest_s = 3600 * hours - taken_s - sum(step.duration_s for step in (first, *last))
         if rest_s < 0:
             return None
         whole = [first]
@@ -190,7 +199,7 @@ class Choice:
             own_s = float(math.floor(rest_s * share / INTERVAL_S) * INTERVAL_S)
             rest = Step("rest", own_s if own_s >= SHORTEST_REST_S else 0.0, 0.0)
             whole += [*steps, rest]
-        return [step for step in (*whole, *self.last) if step.duration_s > 0]
+        return [step for step in (*whole, *last) if step.duration_s > 0]
 
     def ratios(self, steps: Sequence[Step]) -> Float[np.ndarray, "wishes"]:
         """Every wished value's width over the wished one, as a whole test is predicted."""

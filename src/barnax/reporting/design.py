@@ -7,6 +7,8 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
+from ..experiment.belief import UNKNOWN_LOW_SOC
+from ..experiment.protocol import LOW_SOC
 from ..experiment.stored import DRIVE, is_enough
 from .design_forms import EMPTYING, before
 from .document import Table, rows_table
@@ -51,6 +53,7 @@ def planned_lines(
         "Cell": _typical_cell(believed),
         "SOC": _planned_soc(believed),
         "Time constants": _at_bounds(believed),
+        "Resistances": _without_dependence(believed),
         "Currents": open_currents and _usual_currents(believed, open_currents),
         "Not counted": believed.untold and f"the result's own records: {believed.untold}.",
     }
@@ -68,6 +71,16 @@ def _at_bounds(believed: "Believed") -> str:
         for name, value in [(bound.name, believed.tables.constants[bound.name])]
     ]
     return f"{joined(told)}. The intervals below take it as known." if told else ""
+
+
+def _without_dependence(believed: "Believed") -> str:
+    """That what resistances follow beside SOC is left out."""
+    if not believed.follows:
+        return ""
+    return (
+        f"the result's follow {joined(believed.follows)} too. The design takes them without that, "
+        "so intervals of a fit with it will be wider than promised."
+    )
 
 
 def _typical_cell(believed: "Believed") -> str:
@@ -93,7 +106,9 @@ def _planned_soc(believed: "Believed") -> str:
             "from full, identify again with `initial_soc` and `capacity`."
         )
     if believed.told_soc == (0.0, 1.0):
-        return "from full to empty."
+        if believed.settings.ocv_nodes is None:
+            return f"from full to {percent(LOW_SOC)}."
+        return f"from full to {percent(UNKNOWN_LOW_SOC)}, then slowly to empty."
     if believed.typical:
         reach = f"{1e3 * (believed.ocv_reach_v + believed.typical_reach_v):.0f} mV"
         return (
@@ -186,7 +201,7 @@ def pieces_table(design: "Design") -> Table:
                 name,
                 duration(sum(step.duration_s for step in steps)),
                 extent([step.current_a for step in steps], form=".3g"),
-                f"{round(100 * begins)} to {round(100 * ends)}",
+                f"{round(100 * max(begins, 0.0))} to {round(100 * max(ends, 0.0))}",
             ]
         )
         first = last + 1
@@ -279,7 +294,9 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
     for head, text in (("Widened", _widened(design)), ("Printed", _printed(design))):
         if text:
             yield head, text
-    expected = f"{predicted.voltage_v.min():.2f} to {predicted.voltage_v.max():.2f} V"
+    # What reaches the lowest voltage ends there.
+    lowest_v = max(predicted.voltage_v.min(), limits.low_v)
+    expected = f"{lowest_v:.2f} to {predicted.voltage_v.max():.2f} V"
     kept = f"{limits.low_v:g} to {limits.high_v:g} V"
     is_emptied = any(name == EMPTYING for name, _ in design.pieces)
     ends = f"; {limits.low_v:g} V in '{EMPTYING}' ends that step only" if is_emptied else ""

@@ -1,11 +1,13 @@
 """A designed test in the forms that cyclers and PyBaMM take."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..experiment.protocol import sampled
+from ..experiment.protocol import hours_of, sampled
 from ..files import csv_text
 from .words import percent
 
@@ -55,27 +57,34 @@ def design_files(design: "Design") -> dict[str, bytes]:
     return {name: text.encode() for name, text in texts.items()}
 
 
+def longest(step: "Step") -> "Step":
+    """The step as long as it may last: the discharge to empty must end at the voltage, not before,
+    and the cell may hold more than is believed."""
+    return replace(step, duration_s=2 * step.duration_s) if step.block == EMPTYING else step
+
+
 def steps_csv(design: "Design") -> str:
     """Every step in a row, as a cycler's editor has it."""
     limits, soc = design.limits, design.initial_soc
     rows = []
     for number, step in enumerate(design.steps, 1):
         soc -= step.duration_s * step.current_a / 3600 / design.capacity_ah
+        at_lowest = "next step" if step.block == EMPTYING else "stop"
         rows.append(
-            [number, step.block, _mode(step), f"{step.duration_s:g}", _ampere(abs(step.current_a)),
-             f"{abs(step.current_a) / design.capacity_ah:.3f}", f"{limits.low_v:g}",
-             f"{limits.high_v:g}", 1, f"{soc:.4f}"]
+            [number, step.block, _mode(step), f"{longest(step).duration_s:g}",
+             _ampere(abs(step.current_a)), f"{abs(step.current_a) / design.capacity_ah:.3f}",
+             f"{limits.low_v:g}", at_lowest, f"{limits.high_v:g}", 1, f"{max(soc, 0.0):.4f}"]
         )  # fmt: skip
     heads = (
         *("Step", "Piece", "Mode", "Duration / s", "Current / A", "Rate / C", "Lowest voltage / V"),
-        *("Highest voltage / V", "Log every / s", "SOC at the end"),
+        *("At the lowest voltage", "Highest voltage / V", "Log every / s", "SOC at the end"),
     )
     return csv_text(heads, rows)
 
 
 def profile_csv(design: "Design") -> str:
     """The current of every second, for cyclers that run a profile (discharge positive)."""
-    current_a = sampled(design.steps)
+    current_a = sampled([*map(longest, design.steps)])
     rows = ([second, _ampere(current)] for second, current in enumerate(current_a.tolist()))
     return csv_text(("Time / s", "Current / A"), rows)
 
@@ -100,8 +109,7 @@ def pybamm_steps(design: "Design") -> list[str]:
         if mode == "rest":
             steps.append(f"Rest for {step.duration_s:g} seconds")
             continue
-        # The discharge to empty must end at the voltage, not before.
-        seconds = step.duration_s * (2 if step.block == EMPTYING else 1)
+        seconds = longest(step).duration_s
         steps.append(
             f"{mode.capitalize()} at {_ampere(abs(step.current_a))} A for {seconds:g} seconds "
             f"or until {limits[mode]:g} V"
@@ -113,7 +121,9 @@ def pybamm_script(design: "Design") -> str:
     """The same as a module with the experiment."""
     lines = "\n".join(f'    "{step}",' for step in pybamm_steps(design))
     return (
-        f'"""The designed test.\n\nBefore: {before(design)}\n"""\n\nimport pybamm\n\n'
+        f'"""The designed test.\n\nBefore: {before(design)}\n\nHere a step that reaches its '
+        "voltage ends, and the next one begins. On a cycler that stops the test, except\nin the "
+        f'step \'{EMPTYING}\', if there is one.\n"""\n\nimport pybamm\n\n'
         f"steps = [\n{lines}\n]\n"
         'experiment = pybamm.Experiment([tuple(steps)], period="1 second")\n'
     )
@@ -122,29 +132,43 @@ def pybamm_script(design: "Design") -> str:
 def procedure(design: "Design") -> str:
     """The test in lines that are typed into a cycler's editor; what has many steps is run from a
     profile."""
-    limits = design.limits
+    limits, most_h = design.limits, hours_of([*map(longest, design.steps)])
+    most = f" expected, {most_h:.2f} h at most" if most_h > design.hours else ""
     lines = [
-        f"Test of a cell of {design.capacity_ah:g} Ah, {design.hours:.2f} h",
+        f"Test of a cell of {design.capacity_ah:g} Ah, {design.hours:.2f} h{most}",
         f"Stop the test below {limits.low_v:g} V or above {limits.high_v:g} V. Log every second.",
         f"Before: {before(design)}",
         "",
     ]
     second, row = 0, 1
-    for number, (name, steps) in enumerate(design.pieces, 1):
-        seconds = round(sum(step.duration_s for step in steps))
+    for number, (name, piece) in enumerate(design.pieces, 1):
+        seconds, count = round(sum(longest(step).duration_s for step in piece)), len(piece)
+        steps = list(_merged(piece))
         unit = next(n for n in range(1, len(steps) + 1) if _repeats(steps, n))
         what = "; ".join(map(_line, steps[:unit]))
         if unit < len(steps):
             what = f"{len(steps) // unit} times ({what})"
         if unit > LONGEST_LINE:
             rows = f"seconds {second} to {second + seconds - 1} of profile.csv"
-            what = f"{rows}, or steps {row} to {row + len(steps) - 1} of steps.csv"
+            what = f"{rows}, or steps {row} to {row + count - 1} of steps.csv"
         if name == EMPTYING:
-            what = f"discharge {steps[0].current_a:.4g} A until {limits.low_v:g} V, then go on"
+            what = (
+                f"discharge {steps[0].current_a:.4g} A until {limits.low_v:g} V, {seconds} s at "
+                f"most, then go on (second {second + seconds} of profile.csv)"
+            )
         own = "" if what.startswith(name) else f"{name}: "
         lines.append(f"{number:3d}  {own}{what}")
-        second, row = second + seconds, row + len(steps)
+        second, row = second + seconds, row + count
     return "\n".join(lines) + "\n"
+
+
+def _merged(steps: "Sequence[Step]") -> "Iterator[Step]":
+    """The steps, neighboring rests as one."""
+    for is_rest, own in groupby(steps, lambda step: _mode(step) == "rest"):
+        alike = list(own)
+        if is_rest:
+            alike = [replace(alike[0], duration_s=sum(step.duration_s for step in alike))]
+        yield from alike
 
 
 def _repeats(steps: "Sequence[Step]", count: int) -> bool:

@@ -52,7 +52,7 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
         f"no OCV test: the OCV was identified from {whole}; in it are what relaxes slower than "
         f"{slowest_s:.3g} s, and half of the hysteresis, unless the current charges as much as it "
         "discharges. SOC is counted over "
-        f"{cell.capacity_ah:.4g} Ah ({cell.capacity_origin}); {whose}{start}. `capacity` and "
+        f"{cell.capacity_ah:.4g} Ah, {cell.capacity_origin}; {whose}{start}. `capacity` and "
         "`initial_soc` set another axis."
     )
 

@@ -26,6 +26,7 @@ from barnax.reporting.design import (
     planned_lines,
 )
 from barnax.reporting.design_promised import promised_lines, promised_table, reached_half
+from barnax.reporting.starts import own_ocv_sentences
 from barnax.reporting.verdict import next_step
 from barnax.reporting.words import joined
 from barnax.search.refine import AtBound
@@ -335,6 +336,19 @@ def test_a_test_that_warms_the_cell_much_says_how_to_limit_it(design, warming_k,
     assert ("limit it with --max-warming" in text) is is_much
 
 
+def test_a_step_that_ends_at_the_lowest_voltage_is_expected_no_lower(design):
+    lower = design.predicted.model_copy(update={"voltage_v": design.predicted.voltage_v - 1.0})
+    text = screen_of(design_screen(design.model_copy(update={"predicted": lower}), as_flags))
+    assert f"Voltage:        {design.limits.low_v:.2f} to " in text
+
+
+def test_an_error_that_a_drive_cycle_lowers_is_called_smaller(design):
+    wide = tuple(replace(one, after=10 * one.after, before=None) for one in design.widths)
+    short = {"widths": wide, "wanted": {"R0": 0.02, "drive": 5e-3}}
+    text = screen_of(design_screen(design.model_copy(update=short), as_flags))
+    assert "leaves R0 narrower and the error on a drive cycle smaller." in text
+
+
 def test_a_test_that_falls_short_says_where_and_why(design):
     assert not design.is_reached
     text = screen_of(design_screen(design, as_flags))
@@ -440,6 +454,9 @@ def test_an_answer_of_one_value_at_every_soc_is_believed_with_its_own_values():
     quick = {"model": "so-rc", "seeds": 0, "trust": "none", "advise": False}
     result = barnax.identify(made()[0], window=window, **quick)
     assert result.answer == "so-rc with a fitted OCV"
+    # How the capacity is told may have brackets of its own.
+    (told, *_) = own_ocv_sentences(result)
+    assert "SOC is counted over 2 Ah, given; the initial SOC is as given." in told
     tables = believed_of(result, None).tables
     for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):
         np.testing.assert_array_equal(np.unique(tables.tables[name]), result.parameters[name])

@@ -125,6 +125,7 @@ def test_intervals_and_exports_know_the_element(bundled_cell, tmp_path, circuit,
     assert f'"circuit": "{circuit}"' in written
 
 
+@pytest.mark.slow
 def test_what_holds_a_ladder_says_so_and_what_cannot_refuses_it(bundled_cell):
     problem = made_problem(bundled_cell, "1rc+diffusion", series, noise_v=1e-3)
     result = identify_problem(problem, barnax.Settings(seeds=0))

@@ -157,6 +157,7 @@ def test_a_wrong_start_is_seen_counted_and_the_filter_s_errors_fit_their_panel(r
         assert part.max is None or axes.get_ylim()[1] > 100 * part.max
 
 
+@pytest.mark.slow
 def test_without_tables_the_cell_is_that_of_the_records_temperature():
     made = make_result("so-rc")
     soc = np.linspace(0, 1, 41)

@@ -91,6 +91,7 @@ def test_a_dual_filter_comes_from_the_middle_of_the_box_to_the_resistance_of_now
     assert np.all(answer.trajectory.tau_s > 0)
 
 
+@pytest.mark.slow
 def test_a_dual_filter_keeps_the_rate_of_a_dynamic_hysteresis_in_the_middle_of_its_box(
     known_problem,
 ):

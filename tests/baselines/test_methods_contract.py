@@ -73,7 +73,7 @@ def test_answers_lie_in_the_box(name, known_problem):
             assert low * (1 - 1e-9) <= values[bound] <= high * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("name", ["lm", "pso-lm", "de"])
+@pytest.mark.parametrize("name", ["lm", pytest.param("pso-lm", marks=pytest.mark.slow), "de"])
 def test_the_same_key_gives_the_same_answers_whatever_the_number_of_seeds(name, known_problem):
     problem = known_problem((0.05, (0.02, 0.03), (8.0, 90.0)), noise_v=1e-3)
     few, many = (

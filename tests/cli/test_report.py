@@ -11,6 +11,7 @@ from helpers.report_reader import ReportReader
 from .conftest import contents
 
 
+@pytest.mark.slow
 def test_a_stored_result_s_page_has_the_figures_over_time_and_is_one_of_its_files(
     run, finished, tmp_path
 ):

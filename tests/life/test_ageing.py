@@ -211,6 +211,7 @@ def test_an_ocv_of_another_shape_is_within_the_interval_of_a_capacity(told):
     assert found[R0].value == pytest.approx(OWN_R0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_rest_near_empty_tells_the_capacity_of_an_ocv_of_another_shape(told):
     capacity = told(bent_v=0.03, to_empty=True)[0][CAPACITY]
     assert capacity.is_determined

@@ -117,7 +117,7 @@ def test_estimates_that_scatter_less_than_is_stated_have_narrower_trends():
     )
 
 
-@pytest.mark.parametrize("planted", [-0.3, 0.3])
+@pytest.mark.parametrize("planted", [-0.3, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_a_planted_knee_is_found_and_its_trend_follows_it(planted):
     series, truth = fleet(np.random.default_rng(4), planted=planted)
     judged = judge(series, 0.1, np.random.default_rng(0))

@@ -50,6 +50,7 @@ def test_switches_that_do_not_go_together_are_refused(options, words):
         BarnacleMating(**options)
 
 
+@pytest.mark.slow
 def test_moving_the_origin_moves_the_whole_run_of_ibmo_centered():
     with jax.enable_x64(True):
         solver = ibmo_centered(population=10, iterations=40)

@@ -196,6 +196,7 @@ def test_any_population_of_four_or_more_keeps_its_size_and_precision(name, popul
     )
 
 
+@pytest.mark.slow
 def test_a_keyed_objective_sees_a_fresh_key_at_every_evaluation():
     seen = []
 

@@ -66,7 +66,7 @@ def drawn(key):
     }
 
 
-@pytest.mark.parametrize("is_double", [False, True])
+@pytest.mark.parametrize("is_double", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_numbers_from_threefry_written_out_are_those_of_jax(is_double):
     with jax.enable_x64(is_double):
         for key in (jr.key(0), jr.key(2**32 - 1)):

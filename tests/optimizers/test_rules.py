@@ -257,10 +257,10 @@ def test_a_sailfish_takes_the_place_of_a_fitter_sardine():
 @pytest.mark.parametrize(
     ("default", "option"),
     [
-        (GreyWolf(), GreyWolf(demote_leaders=True)),
-        (WhaleSearch(), WhaleSearch(one_random_whale=True)),
-        (SeagullSearch(), SeagullSearch(spiral_attack=True)),
         (ParticleSwarm(), ParticleSwarm(velocity_limit=0.1)),
+        pytest.param(GreyWolf(), GreyWolf(demote_leaders=True), marks=pytest.mark.slow),
+        pytest.param(WhaleSearch(), WhaleSearch(one_random_whale=True), marks=pytest.mark.slow),
+        pytest.param(SeagullSearch(), SeagullSearch(spiral_attack=True), marks=pytest.mark.slow),
     ],
     ids=lambda solver: type(solver).__name__,
 )

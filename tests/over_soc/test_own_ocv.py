@@ -144,6 +144,7 @@ def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
     assert both.cell.soc_range[0] < 0.4
 
 
+@pytest.mark.slow
 def test_a_start_beyond_full_that_a_rest_tells_is_told():
     whole, _ = made(seed=0)
     drive, soc = made(seed=1, hours=1.5)

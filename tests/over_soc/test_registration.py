@@ -311,9 +311,8 @@ def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(rea
     assert max(each.rmse_v for each in together) < 5e-3
 
 
-@pytest.mark.parametrize(
-    "offset_a", [0.02, *(pytest.param(each, marks=pytest.mark.slow) for each in (-0.02, 0.0))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("offset_a", [-0.02, 0.0, 0.02])
 def test_records_of_different_rates_tell_an_offset_of_their_current(offset_a):
     fast, slow = made(0, 0.98, 2.4, 1e-3)[0], made(1, 0.98, 4.8, 1e-3, scale=0.5)[0]
     records = [replace(each, current_a=each.current_a + offset_a) for each in (fast, slow)]

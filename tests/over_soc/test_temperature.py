@@ -125,6 +125,7 @@ def test_records_are_grouped_by_their_given_or_measured_temperature(prepared):
 AROUND = {"tau1 [s]": (5.0, 20.0), "tau2 [s]": (40.0, 100.0)}
 
 
+@pytest.mark.slow
 def test_measured_temperatures_share_time_constants_at_no_cost(samsung):
     """Accepted: sqrt(J) of 7.6276, 5.9566 and 3.9784 mV with time constants of their own; 25 degC
     is predicted by the others to about 20 mV above 10 % SOC, for R0 is not monotone."""

@@ -20,7 +20,7 @@ from cli.conftest import BUDGET, run_command
 from helpers.results import make_table_result
 
 SMALL = {"model": "so-rc", "seeds": 0, "trust": "none"}
-WORDS = ("--model", "so-rc", "--trust", "none", "--seeds", "0", "--score-to", "1500")
+WORDS = ("--model", "so-rc", "--trust", "none", "--score-to", "1500", "--seeds", "0")
 
 
 @pytest.fixture(scope="module")

@@ -89,8 +89,6 @@ def test_the_panels_at_the_edge_name_what_runs_along_them(figures, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_figures_can_be_written_without_a_warning(figures, name):
-    figures[name].savefig(file := io.BytesIO(), format="png", dpi=40)
-    assert len(file.getvalue()) > 1000
     # Commands write SVG wherever they draw.
     assert len(encode(figures[name], "pdf")) > 1000
 

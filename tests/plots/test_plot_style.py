@@ -106,7 +106,13 @@ DRAWN = {
 }
 
 
-@pytest.mark.parametrize("plot", DRAWN.values(), ids=DRAWN)
+@pytest.mark.parametrize(
+    "plot",
+    [
+        pytest.param(plot, id=name, marks=[] if name == "voltages" else [pytest.mark.slow])
+        for name, plot in DRAWN.items()
+    ],
+)
 def test_odd_names_of_files_and_rows_are_drawn_without_a_warning(plot):
     figure = plot(make_evaluation(make_record(200, name=ODD)))
     ElementTree.fromstring(encode(figure, "svg"))

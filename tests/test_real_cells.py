@@ -165,8 +165,7 @@ class OwnRecord:
 
 
 @pytest.mark.parametrize(
-    "circuit",
-    ["so-rc", *(pytest.param(each, marks=pytest.mark.slow) for each in ("iso-rc", "esc"))],
+    "circuit", ["so-rc", pytest.param("iso-rc", marks=pytest.mark.slow), "esc"]
 )
 def test_the_samsung_cell_has_the_accepted_errors(samsung, real_data, circuit):
     cell, answer = samsung
@@ -193,7 +192,7 @@ def test_the_samsung_cell_has_the_accepted_circuit(samsung):
 
 @pytest.mark.parametrize("circuit", ["so-rc", pytest.param("iso-rc", marks=pytest.mark.slow)])
 def test_scipy_alone_finds_the_same_on_the_raw_files(samsung, own_cell, real_data, circuit):
-    refinement, _ = samsung[1][circuit]
+    refinement, _ = samsung[1](circuit)
     folder = real_data / SAMSUNG
     own = OwnRecord(folder / "dst_25degC_80soc_SP20-2.parquet", own_cell, circuit)
     rmse_v, (r0, r1, r2, tau1, tau2) = fit_circuit(
@@ -215,7 +214,7 @@ def test_scipy_alone_finds_the_same_on_the_raw_files(samsung, own_cell, real_dat
 
 @pytest.mark.parametrize("place", [0, 1])
 def test_numpy_alone_has_the_errors_of_a_hysteresis_that_moves(samsung, own_cell, real_data, place):
-    refinement, _ = samsung[1]["esc"]
+    refinement, _ = samsung[1]("esc")
     name = ("dst_25degC_80soc_SP20-2", "us06_25degC_80soc_SP20-2")[place]
     own = OwnRecord(real_data / SAMSUNG / f"{name}.parquet", own_cell, "esc")
     found, accepted_mv = refinement.parameters, ACCEPTED_MV["esc"][place]

@@ -42,6 +42,16 @@ def test_a_constant_circuit_is_simulated_as_its_closed_form():
     np.testing.assert_allclose(found["SOC"], SOC, rtol=1e-12)
 
 
+def test_a_small_current_before_the_load_is_simulated_too():
+    result = make_result("so-rc")
+    time_s = 10.0 * np.arange(1500)
+    current_a = np.where(time_s < 14_400, 0.009 * CAPACITY_AH, 1.0)
+    found = result.simulate(current_a, time_s)
+    assert len(found["Voltage [V]"]) == len(time_s)
+    ohmic_v = found["Voltage [V]"][1] + 0.0511 * current_a[1]
+    assert ohmic_v == pytest.approx(result.cell.average_ocv_v(found["SOC"][1]), abs=1e-3)
+
+
 def test_tables_are_simulated_as_their_equations_say():
     result = make_table_result("so-rc")
     expected_v, across_v = [], np.zeros(2)

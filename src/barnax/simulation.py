@@ -183,6 +183,7 @@ def simulate_current(
     start = result.start
     start_soc = start.soc if initial_soc is None else initial_soc
     window = Window(
+        start_time_s=float(time_s[0]),
         initial_soc=start_soc,
         initial_direction=start.direction if initial_direction is None else initial_direction,
         rest_current_a=result.start_rest_current_a,

@@ -106,7 +106,7 @@ def weigh(
 
     fitted = [of.get(tabulated, first)]
     is_open = model is None and own_ocv is None and not (ranges or fix or over == OVER_TEMPERATURE)
-    if is_open and tabulated == TWO_PAIRS:
+    if is_open and tabulated == TWO_PAIRS and tables.folds:
         # A short record may be enough for two pairs alone.
         with suppress(InputError):
             fitted.append(_problem(inputs, windows, settings, THREE_PAIRS, source, None, None))

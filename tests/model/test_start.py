@@ -171,8 +171,33 @@ def test_an_opening_rest_that_relaxes_tells_the_charge_where_it_ends(
     at_its_first = bundled_cell.soc_from_rest_voltage(float(record.voltage_v[0]), direction)
     # The record is of no hysteresis, and the SOC of the branch: half of the gap is left.
     assert abs(found.soc - soc[cut]) < abs(at_its_first - soc[cut]) / 3
-    (told,) = [each for each in prepared.warnings if each.code == "start.relaxing"]
+    (told,) = [each for each in prepared.warnings if "relaxing" in each.code]
     assert told.counts == (rest_s < 1800)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_noise_and_a_load_in_the_last_row_are_no_relaxation(bundled_cell, seed):
+    record, _ = made(bundled_cell, [(0.0, 2400), *PULSES], 0.6)
+    voltage_v = record.voltage_v + 3e-3 * np.random.default_rng(seed).standard_normal(
+        record.samples
+    )
+    # The row before the load holds the load's voltage.
+    voltage_v[239] = voltage_v[240]
+    noisy = make_record(record.time_s, record.current_a, voltage_v)
+    found = prepare_record(noisy, bundled_cell, "so-rc", Window()).start
+    assert (found.row, found.direction_source) == (noisy.row[0], "assumed")
+
+
+def test_the_voltage_of_a_load_tells_no_direction(bundled_cell):
+    record, _ = made(bundled_cell, [(0.0, 2400), *PULSES], 0.6)
+    window = Window(start_time_s=record.time_s[240], initial_soc=0.6)
+    found = prepare_record(record, bundled_cell, "so-rc", window).start
+    assert found.direction_source == "assumed"
+
+
+def test_a_small_current_that_moves_the_charge_is_no_rest(bundled_cell):
+    record, _ = made(bundled_cell, [(0.019, 14400), *PULSES], 0.6)
+    assert prepare_record(record, bundled_cell, "so-rc", Window()).first == 0
 
 
 def test_a_start_that_is_given_is_kept_in_a_rest_that_relaxes(bundled_cell):

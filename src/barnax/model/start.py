@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from ..cell import CellModel
-from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
+from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S
 from ..cell.soc_axis import BEYOND_SOC
 from ..errors import InputError
 from ..notices import Notice, notice
@@ -16,7 +16,7 @@ from ..records.record import pause_s
 from ..records.samples import record_resistance_ohm
 from ..records.segments import held_charges, rest_blocks, runs
 from ..settings import SocSource
-from .window import Window, relaxing_until
+from .window import Window, relaxing_rest
 
 # A discharge ends empty after so long, at up to C/1.8, for many tests make it at C/2. The voltage
 # without R I is within 2 % of an end.
@@ -180,11 +180,14 @@ def find_start(
     A rested cell is on the OCV branch of the direction it comes from. Where it has not rested, the
     SOC is carried to the start from where the record shows it.
     """
+    relaxed_at, rise_v = relaxing_rest(record, rest_a)
+    is_relaxing = 0 < relaxed_at == first
     direction, source = _direction_before(record, window, first, rest_a)
+    if source == "assumed" and is_relaxing:
+        direction, source = -1 if rise_v > 0 else 1, "load before"
     row, voltage_v = int(record.row[first]), float(record.voltage_v[first])
     unrested = _unrested(record, first, rest_a)
     is_short = record.time_s[first] - record.time_s[0] < MINIMUM_REST_S
-    is_relaxing = bool(first) and relaxing_until(record, rest_a) == first
     known: KnownSoc | None = None
     told: list[Notice] = []
     if window.initial_soc is None and (unrested or is_short):
@@ -254,9 +257,6 @@ def _direction_before(
         return -1 if record.current_a[moving[-1]] > 0 else 1, "load before"
     if window.initial_direction is not None:
         return window.initial_direction, "given"
-    relaxed_v = float(record.voltage_v[first] - record.voltage_v[0])
-    if abs(relaxed_v) > SETTLED_V:
-        return -1 if relaxed_v > 0 else 1, "load before"
     # Of a record that starts under load nothing is known but the load.
     return -1 if record.current_a[first] >= rest_a else 1, "assumed"
 
@@ -279,11 +279,9 @@ def _unrested(record: Record, first: int, rest_a: float) -> Notice | None:
 def _relaxing(record: Record, first: int, tells_soc: bool) -> Notice:
     """What an opening rest that relaxes tells; a doubt where it is short and tells the SOC."""
     rest_s = float(record.time_s[first] - record.time_s[0])
+    code = "start.relaxing" + ("-briefly" if tells_soc and rest_s < MINIMUM_REST_S else "")
     ends_v = {"first_v": record.voltage_v[0], "last_v": record.voltage_v[first]}
-    found = notice(
-        "start.relaxing", record.name, **ends_v, start_row=int(record.row[first]), rest_s=rest_s
-    )
-    return found if tells_soc and rest_s < MINIMUM_REST_S else found.rated("note")
+    return notice(code, record.name, **ends_v, start_row=record.row[first], rest_s=rest_s)
 
 
 def _soc_from_rest(record: Record, cell: CellModel, first: int, direction: int) -> float:

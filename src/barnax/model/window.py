@@ -17,6 +17,8 @@ OCV_MARGIN = 0.05
 NO_MARGIN, SAME_FULL = 1e-4, 0.01
 # A voltage so far inside the OCV, R I left out, is of no cell that is full or empty.
 _INSIDE_V = 0.1
+# Samples, beside one, whose median is the voltage at an end of a rest.
+_FEW = 10
 
 
 def first_sample(record: Record, window: Window, rest_a: float) -> int:
@@ -35,19 +37,28 @@ def first_sample(record: Record, window: Window, rest_a: float) -> int:
         if not len(inside):
             raise InputError(_no_such_step(record, window.start_after_step))
         return int(inside[-1])
-    return relaxing_until(record, rest_a)
+    return relaxing_rest(record, rest_a)[0]
 
 
-def relaxing_until(record: Record, rest_a: float) -> int:
-    """The last sample of an opening rest in which the voltage still relaxes; 0 without one.
+def relaxing_rest(record: Record, rest_a: float) -> tuple[int, float]:
+    """The last sample of an opening rest in which the voltage relaxes, and by how much it rises in
+    V; zeros without one.
 
-    The circuit starts relaxed, and the last sample of such a rest is the one nearest to that.
+    The circuit starts relaxed, and the last sample of such a rest is the one nearest to that. A
+    current that moves more than a thousandth of the capacity is no rest.
     """
     loaded = np.flatnonzero(~is_rested(record, rest_a))
     last = int(loaded[0]) - 1 if len(loaded) else 0
-    if last < 1 or abs(record.voltage_v[last] - record.voltage_v[0]) <= SETTLED_V:
-        return 0
-    return last
+    few = min(last // 2, _FEW)
+    if last < 1 or abs(record.discharged_ah[last] - record.discharged_ah[0]) > rest_a / 10:
+        return 0, 0.0
+    voltage_v = record.voltage_v[: last + 1]
+    end_v = float(np.median(voltage_v[last - few :]))
+    rise_v = end_v - float(np.median(voltage_v[: few + 1]))
+    if abs(rise_v) <= SETTLED_V:
+        return 0, 0.0
+    # The last row may hold the voltage of the load already.
+    return last - int(abs(voltage_v[last] - end_v) > SETTLED_V), rise_v
 
 
 def scored_samples(

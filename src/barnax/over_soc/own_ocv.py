@@ -287,10 +287,12 @@ def _worth_more(
     ]
     if not is_worth_trying(alike, settings, best.rms_v, objective.low_end, objective):
         return None
-    held_out, tried = held_out_errors(objective, best), searched(prepared, settings, objective)
+    held_out = held_out_errors(objective, best)
+    if held_out is None:
+        return None
+    tried = searched(prepared, settings, objective)
     errors = held_out_errors(*tried)
-    is_worth = held_out is not None and errors is not None and errors.is_worth(held_out)
-    return tried if is_worth else None
+    return tried if errors is not None and errors.is_worth(held_out) else None
 
 
 def shows_more(own: OwnOcv, circuit: str) -> bool:

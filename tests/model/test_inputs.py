@@ -55,7 +55,7 @@ def ocv_v(curve, soc):
     ],
 )
 def test_a_simulation_starts_at_a_time_or_after_the_last_block_of_a_step(window, first):
-    assert first_sample(made(), window) == first
+    assert first_sample(made(), window, 0.01) == first
 
 
 @pytest.mark.parametrize(

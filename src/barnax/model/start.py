@@ -279,7 +279,8 @@ def _unrested(record: Record, first: int, rest_a: float) -> Notice | None:
 def _relaxing(record: Record, first: int, tells_soc: bool) -> Notice:
     """What an opening rest that relaxes tells; a doubt where it is short and tells the SOC."""
     rest_s = float(record.time_s[first] - record.time_s[0])
-    code = "start.relaxing" + ("-briefly" if tells_soc and rest_s < MINIMUM_REST_S else "")
+    is_doubtful = tells_soc and rest_s < MINIMUM_REST_S
+    code = "start.relaxing-briefly" if is_doubtful else "start.relaxing"
     ends_v = {"first_v": record.voltage_v[0], "last_v": record.voltage_v[first]}
     return notice(code, record.name, **ends_v, start_row=record.row[first], rest_s=rest_s)
 

@@ -92,6 +92,16 @@ def test_intervals_of_ocv_and_r0_hold_the_truth(known):
     assert np.mean([each.low <= R0_OHM <= each.high for each in r0]) >= 0.9
 
 
+def test_resistances_of_a_pair_that_ends_at_the_slowest_are_not_determined():
+    record, _ = made()
+    window = {record.name: Window(initial_soc=1.0, capacity_ah=2.0)}
+    bounds = {"tau1 [s]": (5.0, 20.0), "tau2 [s]": (20.0, 0.5 * TAU_S[1])}
+    own = search_with_ocv([record], "so-rc", window, replace(QUICK, bounds=bounds))
+    assert [hit.name for hit in own.fit.at_bound if hit.side == "upper"] == ["tau2 [s]"]
+    assert {node.low for node in own.fit.of_table("R2 [Ohm]")} == {None}
+    assert any(node.low is not None for node in own.fit.of_table("R1 [Ohm]"))
+
+
 def test_capacity_only_names_the_axis(known):
     record, _, own = known
     spanned = proved(search_with_ocv([record], "so-rc", {record.name: Window()}, QUICK))

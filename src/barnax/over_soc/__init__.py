@@ -10,11 +10,11 @@ from .fit import errors_on as errors_on
 from .fit import fit_tables as fit_tables
 from .intervals import NodeInterval as NodeInterval
 from .more_pairs import is_worth_trying as is_worth_trying
+from .more_pairs import shows_more as shows_more
 from .own_ocv import OwnOcv as OwnOcv
 from .own_ocv import compare_with_own as compare_with_own
 from .own_ocv import proved as proved
 from .own_ocv import search_with_ocv as search_with_ocv
-from .own_ocv import shows_more as shows_more
 from .problem import HELD_GAMMA as HELD_GAMMA
 from .registration import counted_alike as counted_alike
 from .registration import register as register

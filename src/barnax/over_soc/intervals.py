@@ -70,6 +70,11 @@ class NodeInterval:
         """True where the value may have been moved further than its standard error."""
         return abs(self.bias) > self.standard_error
 
+    def opened(self) -> "NodeInterval":
+        """The same, not determined."""
+        ends = dict.fromkeys(("low", "high", "record_low", "record_high"))
+        return replace(self, standard_error=0.0, **ends)
+
     def moved(self, by: float) -> "NodeInterval":
         """The same with value and interval counted from elsewhere."""
         ends = {

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from ..errors import InputError
 from ..execution import in_float64
-from ..model.prepared import PreparedRecord
+from ..model.prepared import PreparedRecord, prepare_record
 from .facts import LowEnd
-from .objective import TableObjective
+from .objective import Solution, TableObjective
 from .problem import reduced_objective
 from .search import find_best
 from .settings import TableSettings
@@ -44,3 +45,18 @@ def is_worth_trying(
     objective = reduced_objective(prepared_records, settings, like=like)
     found = find_best(replace(objective, low_end=low_end))
     return found.rms_v < (1 - LEAST_LOWERED) * simpler_v
+
+
+def shows_more(circuit: str, objective: TableObjective, best: Solution) -> bool:
+    """The same on the records of an objective, for another circuit than that of its best tables;
+    they may be too short for it."""
+    try:
+        records = [
+            prepare_record(told.record, told.cell, circuit, told.window).following(told.dependence)
+            for told in objective.prepared_records
+        ]
+        return is_worth_trying(
+            records, objective.settings, best.rms_v, objective.low_end, objective
+        )
+    except InputError:
+        return False

@@ -7,15 +7,15 @@ the record holds, or from its own span.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..blas import one_blas_thread
-from ..cell import CellModel, OcvPoint, OcvTable, characterize
+from ..cell import CellModel, OcvPoint, OcvTable, characterize, get_circuit
 from ..cell.characterize import over_temperatures
+from ..cell.elements import names_of
 from ..cell.model import group_near
 from ..cell.parameters import OCV
 from ..display import Brief
@@ -34,8 +34,9 @@ from .cross_validation import held_out_errors
 from .current_offset import offset_effect
 from .dependence import searched
 from .fit import OcvCompared, TableFit, constant_with_ocv_held_out, fit_of
+from .intervals import NodeInterval
 from .level import level_cell, leveled, with_own_ocv
-from .more_pairs import is_worth_trying
+from .more_pairs import shows_more
 from .objective import Solution, TableObjective
 from .own_axis import Axis, axis_capacity, axis_of, require_on_axis, span_ah_of
 from .problem import box_of, reduced_objective
@@ -251,11 +252,10 @@ def _fitted(
     if not over_temperature:
         with one_blas_thread():
             objective, best = searched(prepared, settings)
-            if beside is not None:
-                with suppress(InputError):
-                    tried = _worth_more(prepared_for(beside), settings, objective, best)
-                    if tried is not None:
-                        (objective, best), circuit = tried, beside
+            if beside is not None and shows_more(beside, objective, best):
+                tried = _worth_more(prepared_for(beside), settings, objective, best)
+                if tried is not None:
+                    (objective, best), circuit = tried, beside
         cell = _cell_of(objective, best, capacity_ah, origin)
         return _told(objective, Proof(0.0, 0, best), cell, windows, circuit)
     cells: list[CellModel] = []
@@ -281,35 +281,12 @@ def _worth_more(
     best: Solution,
 ) -> tuple[TableObjective, Solution] | None:
     """The best tables of a circuit with a further pair, where what is held out speaks for it."""
-    alike = [
-        one.following(told.dependence)
-        for one, told in zip(prepared, objective.prepared_records, strict=True)
-    ]
-    if not is_worth_trying(alike, settings, best.rms_v, objective.low_end, objective):
-        return None
     held_out = held_out_errors(objective, best)
     if held_out is None:
         return None
     tried = searched(prepared, settings, objective)
     errors = held_out_errors(*tried)
     return tried if errors is not None and errors.is_worth(held_out) else None
-
-
-def shows_more(own: OwnOcv, circuit: str) -> bool:
-    """True where another circuit with a further pair may be worth it on the same records."""
-    if own.unproved is None:
-        return False
-    objective, best = own.unproved
-    prepared = [
-        prepare_record(told.record, told.cell, circuit, told.window).following(told.dependence)
-        for told in objective.prepared_records
-    ]
-    try:
-        return is_worth_trying(
-            prepared, objective.settings, best.rms_v, objective.low_end, objective
-        )
-    except InputError:
-        return False
 
 
 def proved(own: OwnOcv) -> OwnOcv:
@@ -343,8 +320,19 @@ def _told(
     fit = replace(fit_of(objective, proof, _at_home(objective, cell)), of_offset=effect)
     plain = [record.following(None) for record in prepared]
     fit = _of_ocv(fit, plain, objective.settings, prepared[0].cell)
+    fit = replace(fit, intervals=tuple(_with_open_pairs(fit, circuit)))
     unproved = objective, best
     return OwnOcv(cell, windows, TableFits((fit,)), objective.settings, circuit, (), unproved)
+
+
+def _with_open_pairs(fit: TableFit, circuit: str) -> Iterator[NodeInterval]:
+    """The intervals; resistances of a pair whose time constant ended at the slowest have none, for
+    the OCV takes up what is slower still."""
+    slowest = {hit.name for hit in fit.at_bound if hit.side == "upper"}
+    pairs = names_of(get_circuit(circuit).elements)
+    is_open = {pair.resistance for pair in pairs if pair.tau in slowest}
+    for node in fit.intervals:
+        yield node.opened() if node.name in is_open else node
 
 
 def _at_home(objective: TableObjective, cell: CellModel) -> list[PreparedRecord]:

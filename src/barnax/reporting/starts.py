@@ -50,7 +50,7 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     slowest_s = max(high for _, high in stored.fit.tau_ranges_s)
     yield (
         f"no OCV test: the OCV was identified from {whole}; in it are what relaxes slower than "
-        f"{slowest_s:.3g} s, and half of the hysteresis, unless the current charges as much as it "
+        f"{slowest_s:.0f} s, and half of the hysteresis, unless the current charges as much as it "
         "discharges. SOC is counted over "
         f"{cell.capacity_ah:.4g} Ah, {cell.capacity_origin}; {whose}{start}. `capacity` and "
         "`initial_soc` set another axis."

@@ -52,9 +52,10 @@ def run_command(*words: object) -> Outcome:
 
 @pytest.fixture(scope="session", autouse=True)
 def narrow_terminal() -> Iterator[None]:
-    """Tables are as wide everywhere."""
+    """Tables are as wide everywhere, and pictures have few pixels: most of a run's time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COLUMNS", "80")
+        patch.setattr("barnax.plots.pictures.ILLUSTRATION_DPI", 40)
         yield
 
 

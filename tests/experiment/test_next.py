@@ -449,6 +449,7 @@ def test_a_belief_that_is_given_again_stays_what_it_was():
     np.testing.assert_array_equal(again.ocv_end_v(soc, 1), believed.ocv_end_v(soc, 1))
 
 
+@pytest.mark.slow
 def test_an_answer_of_one_value_at_every_soc_is_believed_with_its_own_values():
     window = barnax.Window(initial_soc=1.0, capacity_ah=2.0)
     quick = {"model": "so-rc", "seeds": 0, "trust": "none", "advise": False}

@@ -208,6 +208,7 @@ def test_another_capacity_would_stretch_an_ocv_that_the_record_told(unplaced):
         barnax.design(unplaced, capacity=2.0)
 
 
+@pytest.mark.slow
 def test_a_flat_ocv_brings_no_cell_to_its_start():
     flat = identified("lfp_identification", low=0.4)
     with pytest.raises(InputError, match="too flat to bring it there"):

@@ -42,13 +42,13 @@ def by_hand():
     )
 
 
-@pytest.mark.slow
 def test_python_takes_a_folder(folder, by_hand):
     found = barnax.identify(folder, window=barnax.Window(score_to_s=1500.0), **SMALL)
     assert found.parameters == by_hand.parameters
     assert found.metrics == by_hand.metrics
 
 
+@pytest.mark.slow
 def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(
     folder, by_hand, tmp_path, monkeypatch
 ):

@@ -59,7 +59,7 @@ def test_the_command_writes_tables_pulses_and_figures_and_exports_take_them(tmp_
     assert ran.exit_code == 0, ran.output
     assert "discharge at 1C (2 A)" in ran.output
     figures = {path.stem for path in (folder / "figures").iterdir()}
-    assert {"tables", "tables-map", "identification-pulses"} <= figures
+    assert {"tables", "identification-pulses"} <= figures
     rows = list(csv.DictReader((folder / "pulses.csv").read_text().splitlines()))
     assert len(rows) == len(json.loads((folder / "result.json").read_text())["pulses"]) == 37
     for name, exporter in EXPORTERS.items():

@@ -55,7 +55,9 @@ def relaxing_rest(record: Record, rest_a: float) -> tuple[int, float]:
     voltage_v = record.voltage_v[: last + 1]
     end_v = float(np.median(voltage_v[last - few :]))
     rise_v = end_v - float(np.median(voltage_v[: few + 1]))
-    if abs(rise_v) <= SETTLED_V:
+    # Of white noise the two medians are further apart once in millions.
+    noise_v = float(np.median(np.abs(np.diff(voltage_v)))) / np.sqrt(few + 1)
+    if abs(rise_v) <= max(SETTLED_V, 10 * noise_v):
         return 0, 0.0
     # The last row may hold the voltage of the load already.
     return last - int(abs(voltage_v[last] - end_v) > SETTLED_V), rise_v

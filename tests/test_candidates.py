@@ -29,7 +29,7 @@ from helpers.reference import make_record
 
 @pytest.fixture(scope="module")
 def result():
-    """The bundled cell, as anybody gets it who asks for nothing else."""
+    """The bundled cell as it is identified without seeds: by the global optimum and tables."""
     return barnax.identify(seeds=0)
 
 

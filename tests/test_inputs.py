@@ -11,7 +11,7 @@ from barnax.bundled import BUNDLED
 from barnax.candidates import tabulated_circuit
 from barnax.cell import characterize, read_ocv_table
 from barnax.checks import FileCheck, check_file
-from barnax.checks.roles import require_load
+from barnax.checks.roles import are_unfit, require_load
 from barnax.cli.session import command_line
 from barnax.errors import InputError
 from barnax.inputs import (
@@ -151,6 +151,25 @@ def test_a_slow_sweep_is_no_dynamic_record(told, role):
     current_a = np.where((time_s > 600) & (time_s < 70_000), -0.1, 0.0)
     found = told(time_s, current_a, 4.18 - 1.2 * np.cumsum(-current_a) / 240, role)
     assert ("role.unfit", role) in {(each.code, each.values.get("role")) for each in found}
+
+
+@pytest.mark.parametrize(
+    ("capacity_ah", "steps", "is_unfit", "by_steps"),
+    [(None, 600, False, False), (500.0, 600, True, False), (None, 5, True, True)],
+)
+def test_a_record_that_is_small_beside_its_capacity_has_not_too_few_steps(
+    tmp_path, bundled_record, capacity_ah, steps, is_unfit, by_steps
+):
+    """The capacity may be that of the OCV test of another cell."""
+    measured, path = bundled_record, tmp_path / "drive.csv"
+    current_a = np.where(np.arange(4000) < 10 * steps, -measured.current_a[:4000], -1.0)
+    logged(measured.time_s[:4000], current_a, measured.voltage_v[:4000]).write_csv(path)
+    found = input_warnings(check_file(path, capacity_ah=capacity_ah), "identification", None)
+    names = {"drive.csv"}
+    assert are_unfit(names, found) == is_unfit
+    assert are_unfit(names, found, by_steps=True) == by_steps
+    assert not are_unfit({*names, "other.csv"}, found)
+    assert not are_unfit(set(), found)
 
 
 def test_what_makes_r0_wrong_says_nothing_against_an_ocv_test():

@@ -296,7 +296,8 @@ def input_warnings(
     ]
     for use in found.roles:
         if use.name == role and not use.is_usable:
-            told.insert(0, notice("role.unfit", found.file, role=role, reason=use.reason))
+            few = {} if use.too_few_steps is None else {"steps": use.too_few_steps}
+            told.insert(0, notice("role.unfit", found.file, role=role, reason=use.reason, **few))
         elif use.name == role and use.window and not window_of(window, found.file).is_chosen:
             given = {"reason": use.window.reason, "advice": use.window.advice}
             told += [notice("role.window", found.file, **given)] if given["advice"] else []

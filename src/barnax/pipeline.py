@@ -17,7 +17,7 @@ from .bundled import BUNDLED
 from .candidates import CONTRADICTED, WEIGHED, tabulated_circuit
 from .cell import CellModel
 from .checks.against_cell import compare_resistances
-from .checks.roles import unfit
+from .checks.roles import are_unfit
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
 from .inputs import Inputs, listed, read_inputs, telling, unwatched, windows_by_name, windows_of
@@ -292,8 +292,9 @@ def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
     # Its file says so already, with rows and voltages.
     closed = {one.subject for one in told if one.code == "closure.open"}
     told = [one for one in told if one.code != "ocv-test.open" or one.subject not in closed]
-    if unfit(told) >= {evaluation.prepared.record.name for evaluation in run.identification}:
-        # Too few steps of current tell an OCV from slow resistances: the test is not to blame.
+    names = {evaluation.prepared.record.name for evaluation in run.identification}
+    if are_unfit(names, told, by_steps=True):
+        # Too few steps of current tell no OCV from slow resistances: the test is not to blame.
         told = [one for one in told if one.code != "ocv-test.disagrees"]
     return tuple(dict.fromkeys([*told, *run.warnings]))
 

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
 import barnax
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cell.dependence import Dependence
+from barnax.cli.app import app
 from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step, next_test
@@ -25,6 +27,7 @@ from barnax.reporting.design import (
     pieces_table,
     planned_lines,
 )
+from barnax.reporting.design_forms import design_files
 from barnax.reporting.design_promised import promised_lines, promised_table, reached_half
 from barnax.reporting.starts import own_ocv_sentences
 from barnax.reporting.verdict import next_step
@@ -155,7 +158,7 @@ def test_what_the_screen_says_of_records_together_was_measured():
     assert f"in the median of 18 pairs of records of two measured cells, {said}" in guide
 
 
-def test_no_test_is_designed_for_what_is_known_already(result, tmp_path):
+def test_no_test_is_designed_for_what_is_known_already(result, tmp_path, monkeypatch):
     easy = {"R0": 0.5, "drive": 0.1}
     none = barnax.design(result, want=easy)
     assert (none.steps, none.hours, none.already) == ((), 0.0, ("R0", "drive"))
@@ -166,6 +169,20 @@ def test_no_test_is_designed_for_what_is_known_already(result, tmp_path):
     assert "For a test anyway, give --max-hours" in text
     (tmp_path / "design.json").write_text(none.to_json())
     assert barnax.Design.load(tmp_path).already == none.already
+    # What shows a test shows that there is none.
+    assert screen_of(design_screen(none, as_flags)) == text
+    assert design_files(none) == {}
+    monkeypatch.setattr("barnax.experiment.design", lambda *_, **__: none)
+    monkeypatch.chdir(tmp_path)
+    words = ["design", "--capacity=2"]
+    for more, written in (([], []), (["--out=out"], ["design.json", "files.json", "timings.json"])):
+        ran = CliRunner().invoke(app, [*words, *more])
+        assert "design.json" in ran.output if written else "No test needed" in ran.output
+        printed = CliRunner().invoke(app, [*words, *more, "--json", "--force"])
+        assert printed.stdout == none.to_json()
+        assert sorted(path.name for path in tmp_path.glob("*/*")) == written
+    assert barnax.Design.load(tmp_path / "out").to_json() == none.to_json()
+    monkeypatch.undo()
     # One more wish, or hours, and there is a test: of all the hours, as nothing is to be reached.
     asked = barnax.design(result, want=easy, max_hours=1.3, blocks=BLOCKS)
     assert asked.hours == pytest.approx(1.3, abs=0.02)

@@ -67,6 +67,16 @@ def test_a_clock_of_dates_starts_at_zero_and_keeps_its_date(tmp_path, header, fo
     assert record.zero_date_s == BEGIN.replace(tzinfo=datetime.UTC).timestamp()
 
 
+def test_the_order_of_day_and_month_is_told_by_all_dates(tmp_path):
+    """From 1 March to 2 April; as months before days, the two would be only a month apart."""
+    begin = datetime.datetime(2026, 3, 1, tzinfo=datetime.UTC)
+    dates = (begin + datetime.timedelta(hours=12 * k) for k in range(65))
+    rows = "".join(f"{at:%d/%m/%Y %H:%M:%S},{k % 2},3.7\n" for k, at in enumerate(dates))
+    record = read(tmp_path, "Time,Current (A),Voltage (V)\n" + rows)
+    assert record.time_s[-1] == 32 * 86_400
+    assert record.zero_date_s == begin.timestamp()
+
+
 @pytest.mark.parametrize(("name", "is_soc"), [("SOC [%]", True), ("Soak / min", False)])
 def test_a_state_of_charge_is_counted_and_not_read(tmp_path, name, is_soc):
     rows = "".join(f"{k},{k % 2},3.{7 + k % 2},50\n" for k in range(30))

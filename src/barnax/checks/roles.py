@@ -3,7 +3,7 @@
 The kind is told by its sweeps, its current steps and how far they reach.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
@@ -33,13 +33,19 @@ _STEPS_A_POINT = 3
 _MOST = 0.8
 
 
-def unfit(warnings: Iterable[Notice]) -> set[str]:
-    """The records that are identified on without being suitable, by what warns of them."""
-    return {
+def are_unfit(names: Collection[str], warnings: Iterable[Notice], by_steps: bool = False) -> bool:
+    """True if the records, of which there are some, are identified on without any being suitable,
+    by what warns of them; `by_steps` if each has too few current steps.
+
+    These tell no OCV from slow resistances, and so speak against no OCV test.
+    """
+    unfit = {
         warning.subject
         for warning in warnings
         if warning.code == "role.unfit" and warning.values["role"] == "identification"
+        if not by_steps or "steps" in warning.values
     }
+    return bool(names) and unfit.issuperset(names)
 
 
 @dataclass(frozen=True)
@@ -156,12 +162,14 @@ VALIDATION_STEPS = 10
 
 @dataclass(frozen=True)
 class Role:
-    """A role that a record can serve in or not, why, and the window that it then needs, if any."""
+    """A role that a record can serve in or not, why, and the window that it then needs, if any;
+    `too_few_steps` are the current steps of a record that lacks more."""
 
     name: str
     is_usable: bool
     reason: str
     window: SuggestedWindow | None = None
+    too_few_steps: int | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The role as plain values."""
@@ -242,5 +250,7 @@ def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
     roles = []
     for name, fewest in (("identification", STEPS), ("validation", VALIDATION_STEPS)):
         missing = traits.missing_for(given.capacity_ah, fewest)
-        roles.append(Role(name, False, missing) if missing else Role(name, True, moves, window))
+        few = traits.steps if traits.steps < fewest else None
+        unusable = Role(name, False, missing, too_few_steps=few)
+        roles.append(unusable if missing else Role(name, True, moves, window))
     return roles

@@ -98,7 +98,7 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
         from ..experiment import design as designed
         from ..experiment.belief import believed_of
         from ..experiment.protocol import drive_levels
-        from ..reporting.design import design_screen, known_screen, planned_lines
+        from ..reporting.design import design_screen, planned_lines
         from ..reporting.design_forms import design_files
         from ..results import Result
 
@@ -129,10 +129,12 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
 
     session.show(planned_lines(believed, as_flags, chosen))
     if not found.is_needed:
-        session.show(known_screen(found, as_flags))
-        return
+        # A folder that nobody asked for would hold no test.
+        folder = output.out
 
     def files() -> dict[str, bytes]:
+        if not found.is_needed:
+            return {}
         from ..plots import plot_design
         from ..plots.pictures import encode
 
@@ -140,7 +142,9 @@ def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
 
     session.show(design_screen(found, as_flags))
     folder, _ = output.deliver(session, folder, "design.json", found.to_json(), files)
-    if folder is not None:
+    if folder is not None and not found.is_needed:
+        session.show_written(folder, ["design.json"])
+    elif folder is not None:
         names = ["steps.csv", "profile.csv", "experiment_pybamm.py", "procedure.txt", "figures"]
         session.show_written(folder, names)
         session.show(next_after(found, known, cell, folder))

@@ -26,17 +26,30 @@ def numbers(cells: pl.Series, column: Column) -> Numbers:
     Clock times ("1d 02:03:04.5", "144:02:18") are in seconds whatever the unit; dates in seconds
     since 1970.
     """
+    return dated_numbers(cells, column)[0]
+
+
+def dated_numbers(cells: pl.Series, column: Column) -> tuple[Numbers, float | None]:
+    """`numbers`, and the date at which times are zero, in s since 1970; None where they are no
+    dates, or counted from 1970 themselves."""
     if isinstance(cells.dtype, pl.Categorical | pl.Enum):
         cells = cells.cast(pl.String)
-    quantity, unit = column.quantity.name, column.unit
-    if quantity == "state":
-        return _states(cells)
+    quantity = column.quantity.name
     if quantity in CLOCKS and not cells.dtype.is_numeric():
         seconds = _seconds(cells)
         if np.isfinite(seconds).any():
+            if quantity == "date":
+                return seconds, None
             if quantity == "time":
                 seconds = _past_the_end(seconds, DAY_S)
-            return seconds if quantity == "date" else _from_zero(seconds)
+            zero_s = _zero_of(seconds)
+            return seconds - zero_s, zero_s if zero_s >= _DATED_S else None
+    return (_states(cells) if quantity == "state" else _plain_numbers(cells, column)), None
+
+
+def _plain_numbers(cells: pl.Series, column: Column) -> Numbers:
+    """Cells that are no clock times in the base unit of the column's quantity."""
+    quantity, unit = column.quantity.name, column.unit
     if cells.dtype == pl.String:
         cells = _plain(cells)
     elif not cells.dtype.is_numeric():
@@ -55,23 +68,12 @@ def numbers(cells: pl.Series, column: Column) -> Numbers:
     return values * unit.factor + unit.offset
 
 
-def _from_zero(seconds: Numbers) -> Numbers:
-    """Clock times as they are; dates from the first, or from day zero of spreadsheets."""
-    first = seconds[np.argmax(np.isfinite(seconds))]
+def _zero_of(seconds: Numbers) -> float:
+    """Where clock times begin: as they are; dates at the first, or at day zero of spreadsheets."""
+    first = float(seconds[np.argmax(np.isfinite(seconds))])
     if first < _DAY_ZERO_S + 100 * 86400.0:
-        return seconds - _DAY_ZERO_S if first < 0 else seconds
-    return seconds if first < _DATED_S else seconds - first
-
-
-def zero_date_of(cells: pl.Series, column: Column) -> float | None:
-    """The date at which the times are zero that `numbers` makes of the cells, in s since 1970; None
-    where they are no dates, or counted from 1970 themselves."""
-    if column.quantity.name != "time" or not is_clock(cells):
-        return None
-    # The first and the last tell as well as all in which order a date is spelled.
-    known = cells.drop_nulls()
-    seconds = _seconds(known.gather([0, len(known) - 1])) if len(known) else np.full(1, np.nan)
-    return float(seconds[0]) if seconds[0] >= _DATED_S else None
+        return _DAY_ZERO_S if first < 0 else 0.0
+    return first if first >= _DATED_S else 0.0
 
 
 def _plain(text: pl.Series) -> pl.Series:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Int
 
 from ..errors import LONGEST_CELL, cut
 from ..notices import Notice, notice
-from .cell_values import DAY_S, numbers, zero_date_of
+from .cell_values import DAY_S, dated_numbers
 from .columns import Column, normal, other_table
 from .counters import inner
 from .quantities import NEEDED
@@ -130,15 +130,16 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
 
     A date that is given beside the time is the day of a time of day.
     """
-    values = {name: numbers(table.columns[found.index], found) for name, found in columns.items()}
-    zero_date_s = None
+    values, zero_date_s = dict[str, np.ndarray](), None
+    for name, found in columns.items():
+        values[name], date_s = dated_numbers(table.columns[found.index], found)
+        if name == "time":
+            zero_date_s = date_s
     if "date" in values and "time" in values:
         days_s = values.pop("date")
         zero_date_s = float(days_s[0]) if len(days_s) else None
         values["time"] = values["time"] % DAY_S + (days_s - days_s[:1])
         columns = {name: column for name, column in columns.items() if name != "date"}
-    elif (time := columns.get("time")) is not None:
-        zero_date_s = zero_date_of(table.columns[time.index], time)
     lines = Lines(table, columns, values, np.arange(len(table.row)), zero_date_s)
     if not table.columns or not all(column.null_count() for column in table.columns):
         return lines

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from ..checks.roles import unfit
+from ..checks.roles import are_unfit
 from .document import Bullets, Cells, Section, Table, make_table
 from .words import NOTHING, fixed, millivolt, percent
 
@@ -199,8 +199,8 @@ def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str
         if own.held_out.above_v is not None:
             left += f" ({millivolt(own.held_out.above_v)} above 10 % SOC)"
         names = {part.name for part in result.of_role("identification")}
-        # Records that are not suitable are refused without a test.
-        if own.held_out.is_worth(held[1]) and not unfit(result.warnings) >= names:
+        # Records of too few steps tell no OCV.
+        if own.held_out.is_worth(held[1]) and not are_unfit(names, result.warnings, by_steps=True):
             # Of a folder, the plan chose the test.
             how = "the records alone, in place of their folder" if result.plan else "without `ocv`"
             worth = f"; that predicts better: try {how}"

@@ -138,7 +138,11 @@ def _usual_currents(believed: "Believed", names: Sequence[str]) -> str:
 def design_screen(
     design: "Design", with_cli_options: Callable[[str], str] = str
 ) -> Iterator[RenderableType]:
-    """The test's hours and predicted intervals, its pieces, and the steps to take before it."""
+    """The test's hours and predicted intervals, its pieces, and the steps to take before it; or
+    that none is needed."""
+    if not design.is_needed:
+        yield from known_screen(design, with_cli_options)
+        return
     yield Text()
     yield indented(_widths_table(design))
     yield Text()

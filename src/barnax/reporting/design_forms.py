@@ -47,7 +47,9 @@ def before(design: "Design") -> str:
 
 
 def design_files(design: "Design") -> dict[str, bytes]:
-    """The test in all its forms, by the names of their files."""
+    """The test in all its forms, by the names of their files; none where no test is needed."""
+    if not design.is_needed:
+        return {}
     texts = {
         "steps.csv": steps_csv(design),
         "profile.csv": profile_csv(design),

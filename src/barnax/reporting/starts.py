@@ -77,7 +77,9 @@ def offset_sentence(stored: "Result") -> Iterator[str]:
     effect = stored.fit.of_offset
     if not effect:
         return
-    seen = next((own for own in stored.warnings if own.code == OFFSET), None)
+    names = {part.name for part in stored.of_role("identification")}
+    warned = (own for own in stored.warnings if own.code == OFFSET and own.subject in names)
+    seen = next(warned, None)
     offset_a = effect.offset_a if seen is None else float(seen.values["offset_a"])
     # So small a change is in proportion to what makes it.
     times = abs(offset_a) / effect.offset_a

@@ -9,7 +9,7 @@ from ..cell.circuits import Circuit, get_circuit
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
 from ..cell.soc_axis import ABOVE_SOC
-from ..checks.roles import unfit
+from ..checks.roles import are_unfit
 from ..plan.choosing import MAKE_RECORD
 from ..settings import OVER_TEMPERATURE
 from .candidates import held_out_errors, is_pulse_test, tables_pay, unseen_errors
@@ -159,12 +159,13 @@ def next_step(result: "Result") -> Next:
     if result.tables is None and (reason := _no_circuit(result)):
         return Next(f"check the OCV test, `capacity`, the window and `bounds`: {reason}")
     names = {part.name for part in result.of_role("identification")}
-    if unfit(result.warnings) >= names:
+    disagrees = any(warning.code == "ocv-test.disagrees" for warning in result.warnings)
+    if are_unfit(names, result.warnings, by_steps=disagrees):
         return Next(
             f"{MAKE_RECORD}; {joined(sorted(names))} {'is' if len(names) == 1 else 'are'} not "
             "suitable for identification"
         )
-    if any(warning.code == "ocv-test.disagrees" for warning in result.warnings):
+    if disagrees:
         what = "see what the records tell without the OCV test, which disagrees with them"
         return Next(what, without=("ocv",))
     others = _other_temperatures(result)

@@ -106,9 +106,17 @@ def test_tables_of_one_node_are_the_constant_circuit(bundled_cell, circuit, answ
 
 
 @pytest.mark.parametrize(("circuit", "answer", "near"), CASES)
-def test_intervals_and_exports_know_the_element(bundled_cell, tmp_path, circuit, answer, near):
+def test_intervals_searches_and_exports_know_the_element(
+    bundled_cell, tmp_path, circuit, answer, near
+):
     problem = made_problem(bundled_cell, circuit, answer, noise_v=1e-3)
-    result = identify_problem(problem, barnax.Settings(seeds=0))
+    result = identify_problem(problem, barnax.Settings(seeds=1, population=8, iterations=5))
+    refined, optimum = result.constant.refined, result.constant.global_optimum
+    (seed,) = result.constant.search.seeds
+    assert optimum.rmse_v * (1 - 1e-9) < refined.rmse_v < seed.rmse_v
+    assert seed.parameters.elements == problem.bounds.elements
+    found = evaluate(problem.prepared, seed.parameters)
+    assert found.metrics.rmse_v == pytest.approx(seed.rmse_v, rel=1e-6)
     resistance, tau, _ = problem.bounds.element_names[1]
     known = {each.name: each for each in result.constant.assessment.uncertainty.estimates}
     assert known[tau].low < TAU_S[1] < known[tau].high

@@ -421,6 +421,17 @@ def test_many_cells_in_one_call_are_each_cell_alone(circuit, slow):
             np.testing.assert_allclose(each[cell], one_by_one, rtol=0, atol=1e-12)
 
 
+@in_float64
+def test_a_noisier_voltage_is_believed_less():
+    model = straight_model()
+    drive, _ = simulated(model, jax.random.key(0), 0.6, samples=80)
+    noisier = eqx.tree_at(lambda each: each.white_sd_v, model, 5 * model.white_sd_v)
+    quiet, noisy = (filtered(each, drive, "ekf", soc=0.5) for each in (model, noisier))
+    assert np.all(noisy.soc_sd > quiet.soc_sd)
+    # The first voltage brings a start that is 10 % off less near to the truth.
+    assert abs(noisy.soc[0] - 0.5) < abs(quiet.soc[0] - 0.5)
+
+
 def test_a_short_record_has_fewer_lags():
     found = examine_innovations(np.random.default_rng(0).normal(size=11))
     assert (found.samples, found.lags) == (11, 5)

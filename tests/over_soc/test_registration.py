@@ -23,6 +23,7 @@ from barnax.over_soc.registration import FAR_V
 from barnax.pipeline import _between_ends
 from barnax.records import read_record
 from barnax.reporting.starts import registered_sentences
+from helpers import known_cell
 from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import drop_v, filtered_response, make_record
@@ -328,6 +329,18 @@ def test_records_of_different_rates_tell_an_offset_of_their_current(offset_a):
         # 95 % of the time within this; the sign is that of the files, which charge positive.
         assert each.values["error_a"] < 4e-3
         assert each.values["offset_a"] == pytest.approx(offset_a, abs=each.values["error_a"])
+
+
+@pytest.mark.parametrize("offset_a", [0.0, 0.02])
+def test_short_records_of_different_rates_tell_an_offset_of_their_current(monkeypatch, offset_a):
+    monkeypatch.setattr(known_cell, "SAMPLES", 1500)
+    fast, slow = made(0, 0.98, 1.2)[0], made(1, 0.98, 2.4, scale=0.5)[0]
+    records = [replace(each, current_a=each.current_a + offset_a) for each in (fast, slow)]
+    found = identified(records, folds=0)
+    told = [each.values for each in found.warnings if each.code == "answer.current-offset"]
+    assert len(told) == (offset_a > 0)
+    for each in told:
+        assert each["offset_a"] == pytest.approx(offset_a, abs=each["error_a"])
 
 
 @pytest.mark.slow

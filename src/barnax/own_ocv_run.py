@@ -108,8 +108,9 @@ def _with_pairs(
         return fitted(tables, beside=beside)
     found = fitted(tables)
     held_out = found.fit.cross_validation
-    unproved = found.unproved if held_out is not None else None
-    if beside is not None and unproved is not None and shows_more(beside, *unproved):
+    if beside is None or held_out is None or found.unproved is None:
+        return found
+    if shows_more(beside, *found.unproved):
         # Starts of several records are found with each circuit: at those of two pairs a third one
         # is not worth what it is at its own. A short record may be enough for two alone.
         with suppress(InputError):

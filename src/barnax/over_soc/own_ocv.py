@@ -8,6 +8,7 @@ the record holds, or from its own span.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -253,9 +254,11 @@ def _fitted(
         with one_blas_thread():
             objective, best = searched(prepared, settings)
             if beside is not None and shows_more(beside, objective, best):
-                tried = _worth_more(prepared_for(beside), settings, objective, best)
-                if tried is not None:
-                    (objective, best), circuit = tried, beside
+                # A fast log may be too short for a further pair.
+                with suppress(InputError):
+                    tried = _worth_more(prepared_for(beside), settings, objective, best)
+                    if tried is not None:
+                        (objective, best), circuit = tried, beside
         cell = _cell_of(objective, best, capacity_ah, origin)
         return _told(objective, Proof(0.0, 0, best), cell, windows, circuit)
     cells: list[CellModel] = []

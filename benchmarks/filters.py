@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import barnax
-from barnax.execution import in_float64
+from barnax.execution import compile_for, in_float64
 from barnax.filters import Drive, ErrorModel, make_model, run_filter
 from barnax.filters.kalman import PARTS
 from barnax.model.prepared import prepare_record
@@ -187,8 +187,8 @@ def times(folder: Path, result: barnax.Result) -> Iterator[str]:
     model = model_of(result, ("offset", "capacity"))
     start = model.start(0.9, 0.1, 1.0, 0.0)
     for kind in ("sum", "ekf", "ukf"):
-        single = jax.jit(lambda each, start, drive, kind=kind: run_filter(each, start, drive, kind))
-        alone_s = best_s(single, model, start, repeated)
+        single = compile_for(run_filter, model, start, repeated, kind)
+        alone_s = best_s(single, model, start, repeated, kind)
         yield f"| {kind}, one cell, {SAMPLES:,} samples | {1e3 * alone_s:.1f} ms |"
     for count in (PARTS, 1):
         for precision in ("double", "float"):

@@ -3,6 +3,7 @@
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,14 @@ import pytest
 from threadpoolctl import ThreadpoolController
 
 from barnax.blas import _take_control, one_blas_thread
-from barnax.execution import compile_for, in_float64, run_blocks, seed_blocks, wanted_rows
+from barnax.execution import (
+    compile_for,
+    in_float64,
+    in_one_function,
+    run_blocks,
+    seed_blocks,
+    wanted_rows,
+)
 
 
 @pytest.mark.parametrize("is_double", [False, True])
@@ -64,6 +72,39 @@ def test_threads_that_ask_at_once_compile_once():
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(lambda _: compile_for(doubled, jnp.zeros(5), False), range(8)))
     assert len(traces) == 1
+
+
+def summed(values):
+    """A running sum of cosines, by a scan."""
+
+    def step(total, value):
+        total = total + jnp.cos(value) * jnp.cos(total)
+        return total, total
+
+    return in_one_function(lambda given: jax.lax.scan(step, 0.0, given)[1])(values)
+
+
+@in_float64
+def test_a_scan_in_one_function_gives_what_it_gives_turn_by_turn():
+    values, total, wanted = np.linspace(0, 3, 1000), 0.0, []
+    for value in values:
+        total += np.cos(value) * np.cos(total)
+        wanted.append(total)
+    program: Any = compile_for(summed, values)
+    np.testing.assert_allclose(program(values), wanted, rtol=1e-14)
+    plain: Any = jax.jit(summed).lower(values).compile()
+    texts = program.compiled.as_text(), plain.as_text()
+    assert ['inlineable="false"' in text for text in texts] == [True, False]
+
+
+@in_float64
+def test_what_the_compiler_takes_in_no_one_function_is_compiled_all_the_same():
+    def factors(matrices):
+        return in_one_function(lambda given: jax.lax.map(jnp.linalg.cholesky, given))(matrices)
+
+    matrices = np.array([[[4.0, 2.0], [2.0, 5.0]]] * 3)
+    found = compile_for(factors, matrices)(matrices)
+    np.testing.assert_allclose(found, np.linalg.cholesky(matrices), rtol=1e-14)
 
 
 def test_blocks_have_one_size_and_hold_every_seed():

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.random as jr
@@ -23,10 +22,10 @@ def generations(
 ) -> Callable[[], object]:
     """The errors of a population `count` times over, in one compiled call as in a search."""
     populations = jnp.stack([points] * count)
-    return lambda: jax.block_until_ready(_generations(populations, objective))
+    program = compile_for(_generations, populations, objective)
+    return lambda: jax.block_until_ready(program(populations, objective))
 
 
-@eqx.filter_jit
 def _generations(populations: Float[Array, "count points free"], objective: Objective):
     evaluate = jax.vmap(rmse, in_axes=(0, None))
     return jax.lax.map(lambda points: evaluate(points, objective), populations)

@@ -5,11 +5,13 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
 import numpy as np
+from jax.experimental.xla_metadata import set_xla_metadata
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -62,8 +64,7 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         lock = _making.setdefault(wanted, threading.Lock())
     with lock:
         if wanted not in _programs:
-            jitted: Any = eqx.filter_jit(function)
-            compiled = jitted.lower(*arguments).compile()
+            compiled = _compile(function, arguments)
             with _guard:
                 _programs[wanted] = compiled
                 while len(_programs) > PROGRAMS_KEPT:
@@ -71,6 +72,49 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
                     del _programs[oldest]
                     _making.pop(oldest, None)
         return _programs[wanted]
+
+
+def _compile(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:
+    def compiled() -> Callable[..., Outcome]:
+        # A new function each time: JAX remembers what it traced of one that it knows.
+        jitted: Any = eqx.filter_jit(functools.partial(function))
+        return jitted.lower(*arguments).compile()
+
+    if jax.default_backend() != "cpu":
+        return compiled()
+    asked = _in_one_function.set(True)
+    try:
+        return compiled()
+    except jax.errors.JaxRuntimeError:
+        # What XLA takes in one function can change with its version.
+        _in_one_function.set(False)
+        return compiled()
+    finally:
+        _in_one_function.reset(asked)
+
+
+# Whether a program may be asked for in one function, while it is traced; and how XLA is asked.
+_in_one_function: ContextVar[bool] = ContextVar("in one function", default=False)
+_ASKED = {"xla_cpu_small_call": "true", "inlineable": "false"}
+
+
+def in_one_function(function: Callable[P, R]) -> Callable[P, R]:
+    """`function`, compiled as one machine function where `compile_for` compiles for a CPU.
+
+    For a scan whose turns are short. XLA makes some kernels of a turn and starts each of them anew
+    in every turn, which takes longer than what they compute: filters and simulations of a few
+    states take two to six times as long. A turn must not call a library, so it can have neither a
+    product of large matrices nor a decomposition.
+    """
+
+    @functools.wraps(function)
+    def called(*args: P.args, **kwargs: P.kwargs) -> R:
+        if not _in_one_function.get():
+            return function(*args, **kwargs)
+        with set_xla_metadata(**_ASKED):
+            return jax.jit(function)(*args, **kwargs)
+
+    return called
 
 
 def seed_blocks(seeds: int, size: int = SEEDS_PER_BLOCK) -> list[list[int]]:

@@ -18,13 +18,14 @@ which keeps all weights positive.
 """
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Scalar
 
+from ..execution import in_one_function
 from .model import Drive, Estimate, FilterModel
 
 Kind = Literal["sum", "ekf", "ukf"]
@@ -80,7 +81,7 @@ def run_filter(
     if kind == "dual" and model.slow:
         beliefs = Gaussian(mean, jnp.diag(variance)), Gaussian(slow, jnp.diag(model.slow_sd**2))
         carry = *beliefs, jnp.ones_like(mean[0])
-        rows = lax.scan(_dual_step(model, adapting), carry, (drive, walks))[1]
+        rows = _along(_dual_step(model, adapting), carry, (drive, walks))
     else:
         parts = _parts(
             jnp.concatenate([mean, slow]),
@@ -88,8 +89,13 @@ def run_filter(
             PARTS if kind == "sum" else 1,
         )
         step = _joint_step(model, "ukf" if kind == "dual" else kind)
-        rows = lax.scan(step, parts, (drive, walks))[1]
+        rows = _along(step, parts, (drive, walks))
     return _estimate(model, rows)
+
+
+def _along(step: Callable[[Any, Any], Any], carry: Any, given: Any) -> Any:
+    """What every turn of a scan gives."""
+    return in_one_function(lambda carry, given: lax.scan(step, carry, given)[1])(carry, given)
 
 
 def _estimate(model: FilterModel, rows: Float[Array, "samples kept"]) -> Estimate:

@@ -19,7 +19,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int, PyTree, Scalar
 
 from ..cell.elements import rungs_of
-from ..execution import as_input
+from ..execution import as_input, in_one_function
 from .intervals import Intervals
 
 
@@ -167,7 +167,8 @@ class SimulationInput(AbstractEvaluator):
         total = jnp.zeros_like(rc.r0)
         state = (total,) * len(rc.pairs), total
         if blocks:
-            (state, total), _ = lax.scan(turn, (state, total), (before, moving, counting))
+            scan = in_one_function(lambda carry, samples: lax.scan(turn, carry, samples)[0])
+            state, total = scan((state, total), (before, moving, counting))
             state = circuit.advance(state, jax.tree.map(lambda array: array[-1], moving), BLOCK)
         moving, counting = jax.tree.map(lambda array: array[blocks * BLOCK :], samples)
         return circuit.add_errors(total, state, moving, counting, left)
@@ -231,7 +232,8 @@ def respond(
     def step(state, sample):
         return pair.advance(state, *sample), state
 
-    return lax.scan(step, state, _clocked(held, intervals), unroll=UNROLL_STACKED)
+    scan = in_one_function(lambda state, held: lax.scan(step, state, held, unroll=UNROLL_STACKED))
+    return scan(state, _clocked(held, intervals))
 
 
 @unit_response.defjvp

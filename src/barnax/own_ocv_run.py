@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from .candidates import THREE_PAIRS, WEIGHED, is_better, spans_enough
+from .candidates import FOLLOWING, THREE_PAIRS, WEIGHED, spans_enough
 from .cell import get_circuit
 from .cell.parameters import ANYWHERE, OHMIC
 from .errors import InputError
@@ -17,9 +17,11 @@ from .over_soc import (
     OwnOcv,
     TableFit,
     TableSettings,
+    is_supported,
     proved,
     search_with_ocv,
     shows_more,
+    with_own_ocv,
 )
 from .records import Record
 from .settings import OVER_TEMPERATURE
@@ -41,7 +43,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     is asked for needs one."""
     circuit = get_circuit(job.model or WEIGHED[0])
     asked = {
-        f"the hysteresis of {circuit.name}": circuit.has_hysteresis,
+        f"the hysteresis of {circuit.name}": circuit.has_hysteresis and not circuit.has_rate,
         "an OCV polynomial": job.ocv_fit == "polynomial",
     }
     for what, is_asked in asked.items():
@@ -50,10 +52,10 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     windows = {record.name: window_of(job.window, record.name).as_told for record in records}
     is_over = job.over == OVER_TEMPERATURE
     is_open = job.model is None and not (is_over or job.bounds or job.fix)
-    beside = THREE_PAIRS if is_open else None
+    beside = (THREE_PAIRS, FOLLOWING) if is_open else ()
 
     def fitted(
-        tables: TableSettings, circuit: str = circuit.name, beside: str | None = None
+        tables: TableSettings, circuit: str = circuit.name, beside: Sequence[str] = ()
     ) -> OwnOcv:
         return search_with_ocv(records, circuit, windows, tables, job.capacity, is_over, beside)
 
@@ -62,7 +64,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     alike = replace(tables, nodes=ANYWHERE)
     if job.model is not None and job.over is None:
         return proved(fitted(alike))
-    found = _with_pairs(fitted, tables, beside, len(records) == 1)
+    found = _with_more(fitted, tables, beside, len(records) == 1)
     crossed = found.fit.cross_validation
     is_chosen = job.over is not None or tables.nodes != TableSettings.nodes
     if is_chosen or crossed is None:
@@ -70,7 +72,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     is_narrow = not spans_enough(found.fit)
     if not is_narrow and not crossed.constant.is_no_worse(crossed.tables):
         return proved(found)
-    constant = _with_pairs(fitted, alike, beside, len(records) == 1)
+    constant = _with_more(fitted, alike, beside, len(records) == 1)
     fits_as_well = all(
         constant_errors.is_close_to(errors)
         for constant_errors, errors in zip(constant.fit.errors, found.fit.errors, strict=True)
@@ -100,22 +102,25 @@ def _with_r0_over_soc(constant: TableFit, tables: TableFit) -> Iterator[NodeInte
         yield node.spanning(apart_ohm) if node.name == OHMIC and apart_ohm else node
 
 
-def _with_pairs(
-    fitted: Callable[..., OwnOcv], tables: TableSettings, beside: str | None, is_single: bool
+def _with_more(
+    fitted: Callable[..., OwnOcv], tables: TableSettings, beside: Sequence[str], is_single: bool
 ) -> OwnOcv:
-    """What is fitted with these settings, of two pairs or of those beside them."""
+    """What is fitted with these settings, of two pairs or of a circuit beside them."""
     if is_single:
         return fitted(tables, beside=beside)
     found = fitted(tables)
-    held_out = found.fit.cross_validation
-    if beside is None or held_out is None or found.unproved is None:
-        return found
-    if shows_more(beside, *found.unproved):
-        # Starts of several records are found with each circuit: at those of two pairs a third one
-        # is not worth what it is at its own. A short record may be enough for two alone.
-        with suppress(InputError):
-            tried = fitted(tables, beside)
-            errors = tried.fit.cross_validation
-            if is_better(errors and errors.tables, held_out.tables):
-                return tried
+    for circuit in beside:
+        held_out = found.fit.cross_validation
+        if held_out is None or found.unproved is None:
+            break
+        if shows_more(circuit, *found.unproved, with_own_ocv(tables, circuit)):
+            # Starts of several records are found with each circuit: at those of two pairs a third
+            # one is not worth what it is at its own. A short record may be enough for two alone.
+            with suppress(InputError):
+                tried = fitted(tables, circuit)
+                errors = tried.fit.cross_validation
+                if tried.unproved is not None and is_supported(
+                    tried.unproved, errors and errors.tables, found.unproved, held_out.tables
+                ):
+                    found = tried
     return found

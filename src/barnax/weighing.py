@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from .candidates import THREE_PAIRS, TWO_PAIRS, WEIGHED, tabulated_circuit
+from .cell import get_circuit
 from .display import Brief
 from .errors import InputError
 from .global_optimum import with_better_directions, with_better_hold, without_sweep_drop
@@ -79,7 +80,10 @@ def weigh(
         for name in models
     ]
     first = without_sweep_drop(_problem(inputs, windows, settings, models[0], source, *known[0]))
-    first = with_better_hold(with_better_directions(first))
+    if own_ocv is None or not get_circuit(tabulated).has_rate:
+        # A hysteresis of the records' own was fitted to the directions that they have.
+        first = with_better_directions(first)
+    first = with_better_hold(first)
     # All have the OCV that the first circuit finds at rest, and the hold that it tells.
     records = [prepared.record for prepared in first.prepared_records]
     inputs, problems = replace(inputs, cell=first.cell, records=records), [first]

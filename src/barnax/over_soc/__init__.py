@@ -9,6 +9,8 @@ from .fit import constant_held_out as constant_held_out
 from .fit import errors_on as errors_on
 from .fit import fit_tables as fit_tables
 from .intervals import NodeInterval as NodeInterval
+from .level import with_own_ocv as with_own_ocv
+from .more_pairs import is_supported as is_supported
 from .more_pairs import is_worth_trying as is_worth_trying
 from .more_pairs import shows_more as shows_more
 from .own_ocv import OwnOcv as OwnOcv

@@ -276,7 +276,7 @@ def _warnings(objective: TableObjective, fit: TableFit) -> tuple[Notice, ...]:
     if not is_fitted and tables.gamma is None:
         return tuple(found)
     moved, ranges = least_travel_soc(objective.prepared_records), objective.settings.ranges
-    if moved < BOTH_WAYS_SOC and is_fitted:
+    if moved < BOTH_WAYS_SOC and is_fitted and OCV not in objective.names:
         found.append(notice("tables.one-direction", moved_soc=moved))
     elif moved < BOTH_WAYS_SOC and tables.gamma is not None and RATE not in ranges:
         found.append(notice("tables.gamma-held", moved_soc=moved, gamma=HELD_GAMMA))

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..cell import CellModel, OcvPoint
+from ..cell import CellModel, OcvPoint, get_circuit
 from ..cell.curves import InterpolatedCurve, SegmentedHysteresis
 from ..cell.model import FitError
+from ..cell.parameters import RATE
 from ..model.prepared import PreparedRecord
+from ..model.search_space import RATE_RANGE
 from ..settings import NODES
 from .settings import TableSettings
 
@@ -22,10 +24,16 @@ OCV_NODES = (
 # It is measured from a line that says nothing.
 FREE_RIDGE = 1e-12
 NEARLY_LEVEL_V = 1e-6
+# A hysteresis that turns more slowly cannot be told from an OCV.
+OWN_RATES = (10.0, RATE_RANGE[1])
 
 
-def with_own_ocv(settings: TableSettings) -> TableSettings:
-    """The same with a table of the OCV in place of its correction."""
+def with_own_ocv(settings: TableSettings, circuit: str | None = None) -> TableSettings:
+    """The same with a table of the OCV in place of its correction, and with one of a dynamic
+    hysteresis where the circuit has that."""
+    if circuit is not None and get_circuit(circuit).has_rate:
+        bounds = {**settings.bounds, **({} if RATE in settings.ranges else {RATE: OWN_RATES})}
+        settings = replace(settings, half_hysteresis=True, bounds=bounds)
     return replace(
         settings,
         ocv_nodes=settings.ocv_nodes or OCV_NODES,

@@ -28,6 +28,7 @@ from ..model.descent import LogScales, Solved
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced, together
 from ..model.search_space import Range
+from ..settings import VOLTAGE_RIDGE
 from .facts import Facts, LowEnd
 from .settings import TableSettings
 
@@ -200,9 +201,15 @@ class TableObjective:
     @cached_property
     def weights(self) -> list[tuple[float, float]]:
         """Every table's w, of resistances the capacity in Ah over 1 h, and its ridge."""
-        settings, others = self.settings, self.tables - self.pairs - 1
+        settings, layout = self.settings, self.reduced.layout
         resistance = self.facts[0].capacity_ah, settings.resistance_ridge
-        return [resistance] * (self.pairs + 1) + [(1.0, settings.voltage_ridge)] * others
+        # An OCV of its own is measured from nothing, a hysteresis from none.
+        gap_ridge = max(settings.voltage_ridge, VOLTAGE_RIDGE)
+        return [
+            *[resistance] * (self.pairs + 1),
+            *[(1.0, settings.voltage_ridge)] * layout.has_correction,
+            *[(1.0, gap_ridge)] * layout.has_amplitude,
+        ]
 
     @cached_property
     def ridges(self) -> list[Float[np.ndarray, "nodes"]]:

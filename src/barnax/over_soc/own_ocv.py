@@ -18,7 +18,9 @@ from ..cell import CellModel, OcvPoint, OcvTable, characterize, get_circuit
 from ..cell.characterize import over_temperatures
 from ..cell.elements import names_of
 from ..cell.model import group_near
-from ..cell.parameters import OCV
+from ..cell.ocv_table import EITHER
+from ..cell.parameters import HALF_HYSTERESIS, OCV
+from ..cell.soc_axis import CHARGE, DISCHARGE
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
@@ -37,7 +39,7 @@ from .dependence import searched
 from .fit import OcvCompared, TableFit, constant_with_ocv_held_out, fit_of
 from .intervals import NodeInterval
 from .level import level_cell, leveled, with_own_ocv
-from .more_pairs import shows_more
+from .more_pairs import is_supported, shows_more
 from .objective import Solution, TableObjective
 from .own_axis import Axis, axis_capacity, axis_of, require_on_axis, span_ah_of
 from .problem import box_of, reduced_objective
@@ -86,7 +88,7 @@ def search_with_ocv(
     settings: TableSettings,
     capacity_ah: float | None = None,
     over_temperature: bool = False,
-    beside: str | None = None,
+    beside: Sequence[str] = (),
 ) -> OwnOcv:
     """Tables over SOC and the OCV that fit some records of one cell best, together.
 
@@ -96,19 +98,20 @@ def search_with_ocv(
 
     Args:
         records: The records.
-        circuit: Name of the circuit; one without hysteresis, of which such records tell nothing.
+        circuit: Name of the circuit. A dynamic hysteresis is one more table; of a switched one such
+            records tell nothing.
         windows: The window of each record by its name.
         settings: How tables are fitted; the OCV stands at `ocv_nodes`, by default closer ones.
         capacity_ah: The capacity; None takes what the records span.
         over_temperature: Whether records of each temperature are fitted by themselves.
-        beside: A circuit that takes the other's place where what is held out speaks for it, at the
-            same starts; a record that is too short for it leaves the other.
+        beside: Circuits that each take the place of what was best before where what is held out
+            speaks for them, at the same starts; a record that is too short for one leaves it out.
 
     Raises `InputError` where a start or a temperature is not known, and as `fit_tables` and
     `fit_temperatures` do.
     """
     axis_ah, origin = axis_capacity(records, windows, capacity_ah)
-    own = with_own_ocv(settings)
+    own = with_own_ocv(settings, circuit)
     groups: list[Sequence[Record]] = [records]
     if over_temperature:
         known: list[tuple[float, Record]] = []
@@ -178,7 +181,8 @@ def compare_with_own(
     def without_ocv(prepared: PreparedRecord) -> PreparedRecord:
         return leveled(prepared, level).following(fit.tables.dependence)
 
-    objective = reduced_objective(prepared_records, with_own_ocv(settings), ranges, without_ocv)
+    settings = with_own_ocv(settings)
+    objective = reduced_objective(prepared_records, settings, ranges, without_ocv)
     with one_blas_thread():
         log_scales = tuple(math.log(low) for low, _ in ranges.values())
         best = objective.solve(log_scales, exact=True)
@@ -242,7 +246,7 @@ def _fitted(
     capacity_ah: float,
     origin: str,
     over_temperature: bool = False,
-    beside: str | None = None,
+    beside: Sequence[str] = (),
 ) -> OwnOcv:
     level = level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
 
@@ -253,12 +257,15 @@ def _fitted(
     if not over_temperature:
         with one_blas_thread():
             objective, best = searched(prepared, settings)
-            if beside is not None and shows_more(beside, objective, best):
+            for other in beside:
+                own = with_own_ocv(settings, other)
+                if not shows_more(other, objective, best, own):
+                    continue
                 # A fast log may be too short for a further pair.
                 with suppress(InputError):
-                    tried = _worth_more(prepared_for(beside), settings, objective, best)
+                    tried = _worth_more(prepared_for(other), own, objective, best)
                     if tried is not None:
-                        (objective, best), circuit = tried, beside
+                        (objective, best), circuit = tried, other
         cell = _cell_of(objective, best, capacity_ah, origin)
         return _told(objective, Proof(0.0, 0, best), cell, windows, circuit)
     cells: list[CellModel] = []
@@ -289,7 +296,7 @@ def _worth_more(
         return None
     tried = searched(prepared, settings, objective)
     errors = held_out_errors(*tried)
-    return tried if errors is not None and errors.is_worth(held_out) else None
+    return tried if is_supported(tried, errors, (objective, best), held_out) else None
 
 
 def proved(own: OwnOcv) -> OwnOcv:
@@ -380,12 +387,19 @@ def _cell_of(
     )
     at = np.unique([low, *fine[(fine > low) & (fine < high)], high])
     name = " + ".join(prepared.record.name for prepared in objective.prepared_records)
-    voltage_v = np.interp(at, nodes, ocv_v)
-    points = tuple(
-        OcvPoint(*pair, name, row=0, rest_s=0.0)
-        for pair in zip(at.tolist(), voltage_v.tolist(), strict=True)
-    )
-    table = OcvTable(name, {0: points}, sha256="")
+    ocv_v, half_v = np.interp(at, nodes, ocv_v), 0.0
+    if HALF_HYSTERESIS in objective.names:
+        place = objective.names.index(HALF_HYSTERESIS)
+        half_v = np.interp(at, objective.nodes_of[place], best.values[place])
+    directions = (DISCHARGE, CHARGE) if np.any(half_v) else (EITHER,)
+    branches = {
+        direction: tuple(
+            OcvPoint(*pair, name, row=0, rest_s=0.0)
+            for pair in zip(at.tolist(), (ocv_v + direction * half_v).tolist(), strict=True)
+        )
+        for direction in directions
+    }
+    table = OcvTable(name, branches, sha256="")
     cell = characterize([table], capacity_ah=capacity_ah, ocv_fit="interpolated")
     # What a table of a measured OCV would be asked is not asked.
     return replace(cell, capacity_origin=origin, warnings=())

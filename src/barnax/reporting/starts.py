@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+from ..cell.parameters import HALF_HYSTERESIS
 from ..settings import MAX_MOVED_SOC
 from .words import extent, figures, joined, millivolt, percent
 
@@ -48,10 +49,16 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     names = [part.name for part in parts]
     whole = joined(names) if len(names) <= MAX_NAMES else f"these {len(names)} records"
     slowest_s = max(high for _, high in stored.fit.tau_ranges_s)
+    slower = f"what relaxes slower than {slowest_s:.0f} s"
+    if HALF_HYSTERESIS in stored.fit.tables.tables:
+        found = f"the OCV and the hysteresis were identified from {whole}; in them is {slower}"
+    else:
+        found = (
+            f"the OCV was identified from {whole}; in it are {slower}, and half of the hysteresis, "
+            "unless the current charges as much as it discharges"
+        )
     yield (
-        f"no OCV test: the OCV was identified from {whole}; in it are what relaxes slower than "
-        f"{slowest_s:.0f} s, and half of the hysteresis, unless the current charges as much as it "
-        "discharges. SOC is counted over "
+        f"no OCV test: {found}. SOC is counted over "
         f"{cell.capacity_ah:.4g} Ah, {cell.capacity_origin}; {whose}{start}. `capacity` and "
         "`initial_soc` set another axis."
     )

@@ -109,18 +109,21 @@ def _with_more(
     if is_single:
         return fitted(tables, beside=beside)
     found = fitted(tables)
+    held_out = found.fit.cross_validation
+    if held_out is None or found.unproved is None:
+        return found
+    supported = [(found.unproved[1].rms_v, found)]
     for circuit in beside:
-        held_out = found.fit.cross_validation
-        if held_out is None or found.unproved is None:
-            break
-        if shows_more(circuit, *found.unproved, with_own_ocv(tables, circuit)):
-            # Starts of several records are found with each circuit: at those of two pairs a third
-            # one is not worth what it is at its own. A short record may be enough for two alone.
-            with suppress(InputError):
-                tried = fitted(tables, circuit)
-                errors = tried.fit.cross_validation
-                if tried.unproved is not None and is_supported(
-                    tried.unproved, errors and errors.tables, found.unproved, held_out.tables
-                ):
-                    found = tried
-    return found
+        if not shows_more(circuit, *found.unproved, with_own_ocv(tables, circuit)):
+            continue
+        # Starts of several records are found with each circuit: at those of two pairs a third one
+        # is not worth what it is at its own. A short record may be enough for two alone.
+        with suppress(InputError):
+            tried = fitted(tables, circuit)
+            errors = tried.fit.cross_validation
+            if tried.unproved is not None and is_supported(
+                tried.unproved, errors and errors.tables, found.unproved, held_out.tables
+            ):
+                supported.append((tried.unproved[1].rms_v, tried))
+    # A further pair and a hysteresis can each imitate the other.
+    return min(supported[1:] or supported, key=lambda more: more[0])[1]

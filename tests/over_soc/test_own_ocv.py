@@ -29,7 +29,7 @@ from barnax.reporting.pulses import fit_csv
 from barnax.reporting.render import to_markdown
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
-from helpers.reference import make_record
+from helpers.reference import filtered_response, make_record
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
 QUICK = TableSettings(max_boxes=0, folds=0)
@@ -188,7 +188,7 @@ def test_the_cell_has_the_ocv_of_every_sample():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"model": "esc"}, "the hysteresis of esc needs an OCV test"),
+        ({"model": "takacs"}, "the hysteresis of takacs needs an OCV test"),
         ({"setup": "li2023"}, "the hysteresis of iso-rc needs an OCV test"),
         ({"ocv_fit": "polynomial"}, "an OCV polynomial needs an OCV test"),
     ],
@@ -196,6 +196,67 @@ def test_the_cell_has_the_ocv_of_every_sample():
 def test_what_needs_an_ocv_test_says_so(options, message):
     with pytest.raises(InputError, match=message):
         barnax.identify(read_record(BUNDLED.record), **options)
+
+
+def hysteretic(half_gap_v, gamma=30.0, samples=4000):
+    """A drive that often charges, on a cell of known resistances whose hysteresis follows the
+    charge (Plett, J. Power Sources 134 (2004) 262, Eq. 15), and its SOC."""
+    draw = np.random.default_rng(4)
+    current_a = np.repeat(
+        draw.gamma(0.8, 1.0, samples) * draw.choice([1, 1, 1, -0.6, 0], samples),
+        draw.integers(2, 40, samples),
+    )[:samples]
+    current_a[: samples // 5] = np.abs(current_a[: samples // 5])
+    current_a *= 1.8 * 3600 / current_a.sum()
+    current_a[:60] = 0.0
+    time_s = np.arange(samples, dtype=float)
+    soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 7200
+    states, state = np.empty(samples), 1.0
+    for at, passed in enumerate(np.diff(soc, prepend=soc[0])):
+        kept = np.exp(-gamma * abs(passed))
+        state = kept * state + (1 - kept) * np.sign(passed)
+        states[at] = state
+    voltage_v = ocv_v(soc) - R0_OHM * current_a + half_gap_v * states
+    voltage_v += draw.normal(0.0, 3e-4, samples)
+    for r_ohm, tau_s in zip(R_OHM, TAU_S, strict=True):
+        voltage_v -= r_ohm * filtered_response(1.0, current_a, tau_s, "forward")
+    return make_record(time_s, current_a, voltage_v), soc
+
+
+@pytest.fixture(scope="module", params=[0.0, 0.006])
+def turning(request):
+    record, soc = hysteretic(request.param)
+    given = {"window": Window(initial_soc=1.0, capacity_ah=2.0), "trust": "none", "max_boxes": 0}
+    return request.param, soc, barnax.identify(record, seeds=0, advise=False, **given)
+
+
+def test_a_hysteresis_is_found_with_the_ocv_where_there_is_one(turning):
+    """Else the slow pair takes it up, and its resistance is 20 % too high."""
+    half_gap_v, soc, result = turning
+    assert result.model == ("esc" if half_gap_v else "so-rc")
+    inside = np.linspace(max(0.1, soc.min()), 0.9, 50)
+    for name, r_ohm in (("R0 [Ohm]", R0_OHM), ("R1 [Ohm]", R_OHM[0]), ("R2 [Ohm]", R_OHM[1])):
+        found_ohm = np.median(result.fit.tables.at(name, inside))
+        assert found_ohm == pytest.approx(r_ohm, rel=0.03), name
+    assert np.median(np.abs(result.cell_model.average_ocv_v(inside) - ocv_v(inside))) < 1e-3
+    if half_gap_v:
+        gap_v = result.fit.tables.at("half hysteresis [V]", inside)
+        assert np.median(gap_v) == pytest.approx(half_gap_v, rel=0.15)
+        assert result.fit.tables.gamma == pytest.approx(30.0, rel=0.2)
+
+
+def test_a_hysteresis_without_an_ocv_test_is_told_stored_and_exported(turning, tmp_path):
+    half_gap_v, _, result = turning
+    path = tmp_path / "result.json"
+    path.write_text(result.to_json())
+    again = barnax.Result.from_json(path)
+    drive = {"Time [s]": np.arange(600.0), "Current [A]": np.repeat([2.0, -2.0], 300)}
+    simulated_v, stored_v = (own.simulate(drive)["Voltage [V]"] for own in (result, again))
+    np.testing.assert_array_equal(simulated_v, stored_v)
+    (axis,) = [line for line in guess_sentences(again) if "no OCV test" in line]
+    assert ("the OCV and the hysteresis were identified" in axis) is bool(half_gap_v)
+    assert ("half of the hysteresis" in axis) is not bool(half_gap_v)
+    assert (tables_of(again).hysteresis is not None) is bool(half_gap_v)
 
 
 LG, CALCE = "lg-hg2-18650", "calce-inr18650-20r"

@@ -13,8 +13,8 @@ from .level import with_own_ocv as with_own_ocv
 from .more_pairs import is_supported as is_supported
 from .more_pairs import is_worth_trying as is_worth_trying
 from .more_pairs import shows_more as shows_more
+from .ocv_compared import compare_with_own as compare_with_own
 from .own_ocv import OwnOcv as OwnOcv
-from .own_ocv import compare_with_own as compare_with_own
 from .own_ocv import proved as proved
 from .own_ocv import search_with_ocv as search_with_ocv
 from .problem import HELD_GAMMA as HELD_GAMMA

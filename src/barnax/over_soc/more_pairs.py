@@ -85,7 +85,8 @@ def is_supported(
     A pair is where it lowers the errors on blocks that are held out. These are mostly of an OCV
     that the other blocks do not show, and may hardly fall where the errors of all fits do, and a
     hysteresis that is none may lower them where such an OCV bends. So what lowers most blocks'
-    errors in the fit is preferred too, or alone, unless it raises those on what is held out.
+    errors in the fit is preferred too, or alone, unless it raises those on what is held out by as
+    much.
     """
     if errors is None or simpler_errors is None:
         return False
@@ -93,5 +94,7 @@ def is_supported(
     if not is_hysteresis and errors.is_worth(simpler_errors):
         return True
     own_v2, simpler_v2 = (squared_errors(*fitted)[0].sum(axis=1) for fitted in (more, simpler))
-    is_lower = float(np.median(np.sqrt(own_v2 / simpler_v2))) < 1 - LEAST_LOWERED
-    return is_lower and errors.is_close_to(simpler_errors)
+    lowered = float(np.median(np.sqrt(own_v2 / simpler_v2)))
+    pairs = (errors.rmse_v, simpler_errors.rmse_v), (errors.above_v, simpler_errors.above_v)
+    raised = max(own / other for own, other in pairs if own and other)
+    return lowered < 1 - LEAST_LOWERED and lowered * raised < 1

@@ -28,7 +28,6 @@ from ..model.descent import LogScales, Solved
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced, together
 from ..model.search_space import Range
-from ..settings import VOLTAGE_RIDGE
 from .facts import Facts, LowEnd
 from .settings import TableSettings
 
@@ -37,6 +36,9 @@ from .settings import TableSettings
 LEAST_SHARE = 1 / 3
 # A ridge is not lowered further: the limits that it sets would be too wide for a proof.
 LEAST_RIDGE = 1e-12
+# A hysteresis beside an OCV that is fitted with it is measured from none: one that turns slowly
+# can be any part of the OCV.
+GAP_RIDGE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,13 +205,9 @@ class TableObjective:
         """Every table's w, of resistances the capacity in Ah over 1 h, and its ridge."""
         settings, layout = self.settings, self.reduced.layout
         resistance = self.facts[0].capacity_ah, settings.resistance_ridge
-        # An OCV of its own is measured from nothing, a hysteresis from none.
-        gap_ridge = max(settings.voltage_ridge, VOLTAGE_RIDGE)
-        return [
-            *[resistance] * (self.pairs + 1),
-            *[(1.0, settings.voltage_ridge)] * layout.has_correction,
-            *[(1.0, gap_ridge)] * layout.has_amplitude,
-        ]
+        ocv, gap = (1.0, settings.voltage_ridge), (1.0, max(settings.voltage_ridge, GAP_RIDGE))
+        gaps = [gap if OCV in self.names else ocv] * layout.has_amplitude
+        return [resistance] * (self.pairs + 1) + [ocv] * layout.has_correction + gaps
 
     @cached_property
     def ridges(self) -> list[Float[np.ndarray, "nodes"]]:

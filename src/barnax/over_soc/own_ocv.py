@@ -6,7 +6,6 @@ capacity and its start only name the axis, and are taken from what is given, fro
 the record holds, or from its own span.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -23,7 +22,6 @@ from ..cell.parameters import HALF_HYSTERESIS, OCV
 from ..cell.soc_axis import CHARGE, DISCHARGE
 from ..display import Brief
 from ..errors import InputError
-from ..execution import in_float64
 from ..global_optimum.proof import Proof
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.start import find_start, require_whole_log
@@ -36,21 +34,18 @@ from .certificate import certify
 from .cross_validation import held_out_errors
 from .current_offset import offset_effect
 from .dependence import searched
-from .fit import OcvCompared, TableFit, constant_with_ocv_held_out, fit_of
+from .fit import TableFit, constant_with_ocv_held_out, fit_of
 from .intervals import NodeInterval
-from .level import level_cell, leveled, with_own_ocv
+from .level import level_cell, with_own_ocv
 from .more_pairs import is_supported, shows_more
 from .objective import Solution, TableObjective
 from .own_axis import Axis, axis_capacity, axis_of, require_on_axis, span_ah_of
-from .problem import box_of, reduced_objective
 from .registration import MEANS_S, register
 from .settings import TableSettings
 from .temperature import TableFits, fit_temperatures, group_by_temperature
 
 # Between two nodes the OCV is a straight line: so many points of it make a curve of that.
 POINTS_A_NODE = 8
-# Where it is compared with that of an OCV test.
-COMPARED_SOC = np.linspace(0.1, 0.9, 81)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,8 +99,8 @@ def search_with_ocv(
         settings: How tables are fitted; the OCV stands at `ocv_nodes`, by default closer ones.
         capacity_ah: The capacity; None takes what the records span.
         over_temperature: Whether records of each temperature are fitted by themselves.
-        beside: Circuits that each take the place of what was best before where what is held out
-            speaks for them, at the same starts; a record that is too short for one leaves it out.
+        beside: Circuits of which the best takes the other's place where the records speak for it,
+            at the same starts; a record that is too short for one leaves it out.
 
     Raises `InputError` where a start or a temperature is not known, and as `fit_tables` and
     `fit_temperatures` do.
@@ -167,42 +162,6 @@ def _started(
     return found, told
 
 
-@in_float64
-def compare_with_own(
-    prepared_records: Sequence[PreparedRecord], fit: TableFit, settings: TableSettings
-) -> OcvCompared | None:
-    """The errors with an OCV of the records' own in place of their cell's, at the time constants of
-    tables that were fitted to them, without search or proof; None where they visit too little."""
-    first = prepared_records[0]
-    level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
-    found = fit.tables.constants
-    ranges = {name: (found[name], found[name]) for name in box_of(prepared_records, settings)}
-
-    def without_ocv(prepared: PreparedRecord) -> PreparedRecord:
-        return leveled(prepared, level).following(fit.tables.dependence)
-
-    settings = with_own_ocv(settings)
-    objective = reduced_objective(prepared_records, settings, ranges, without_ocv)
-    with one_blas_thread():
-        log_scales = tuple(math.log(low) for low, _ in ranges.values())
-        best = objective.solve(log_scales, exact=True)
-        held_out = held_out_errors(objective, best)
-    nodes, own_v = objective.ocv_at(best)
-    seen = nodes[objective.visited_of(objective.names.index(OCV))]
-    soc = COMPARED_SOC[(seen.min() <= COMPARED_SOC) & (seen.max() >= COMPARED_SOC)]
-    if not len(soc):
-        return None
-    apart_v = np.interp(soc, nodes, own_v) - first.cell.average_ocv_v(soc)
-    largest = int(np.argmax(np.abs(apart_v)))
-    return OcvCompared(
-        own_v=float(np.sqrt(best.error @ best.error)),
-        held_out=held_out,
-        median_v=float(np.median(np.abs(apart_v))),
-        largest_v=float(apart_v[largest]),
-        largest_soc=float(soc[largest]),
-    )
-
-
 def _on_axes(
     records: Sequence[Record],
     windows: Mapping[str, Window],
@@ -257,6 +216,7 @@ def _fitted(
     if not over_temperature:
         with one_blas_thread():
             objective, best = searched(prepared, settings)
+            supported = []
             for other in beside:
                 own = with_own_ocv(settings, other)
                 if not shows_more(other, objective, best, own):
@@ -264,8 +224,10 @@ def _fitted(
                 # A fast log may be too short for a further pair.
                 with suppress(InputError):
                     tried = _worth_more(prepared_for(other), own, objective, best)
-                    if tried is not None:
-                        (objective, best), circuit = tried, other
+                    supported += [(*tried, other)] if tried is not None else []
+            if supported:
+                # A further pair and a hysteresis can each imitate the other.
+                objective, best, circuit = min(supported, key=lambda more: more[1].rms_v)
         cell = _cell_of(objective, best, capacity_ah, origin)
         return _told(objective, Proof(0.0, 0, best), cell, windows, circuit)
     cells: list[CellModel] = []

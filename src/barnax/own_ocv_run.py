@@ -11,7 +11,7 @@ from .cell.parameters import ANYWHERE, OHMIC
 from .errors import InputError
 from .inputs import ranges_of, window_of
 from .job import Job
-from .notices import notice
+from .notices import Notice, notice
 from .over_soc import (
     NodeInterval,
     OwnOcv,
@@ -65,6 +65,8 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     if job.model is not None and job.over is None:
         return proved(fitted(alike))
     found = _with_more(fitted, tables, beside, len(records) == 1)
+    if job.model is not None:
+        found = replace(found, warnings=(*found.warnings, *_shown_hysteresis(found, tables)))
     crossed = found.fit.cross_validation
     is_chosen = job.over is not None or tables.nodes != TableSettings.nodes
     if is_chosen or crossed is None:
@@ -88,6 +90,15 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
         intervals=tuple(_with_r0_over_soc(constant.fit, found.fit)),
     )
     return replace(constant, found=replace(constant.found, fits=(fit,)))
+
+
+def _shown_hysteresis(found: OwnOcv, tables: TableSettings) -> Iterator[Notice]:
+    """The warning where a circuit that was asked for leaves out a hysteresis that records show."""
+    circuit, following = get_circuit(found.circuit), get_circuit(FOLLOWING)
+    if found.unproved is None or circuit.has_rate or circuit.elements != following.elements:
+        return
+    if shows_more(FOLLOWING, *found.unproved, with_own_ocv(tables, FOLLOWING)):
+        yield notice("tables.hysteresis-left-out", circuit=circuit.name, instead=FOLLOWING)
 
 
 def _with_r0_over_soc(constant: TableFit, tables: TableFit) -> Iterator[NodeInterval]:

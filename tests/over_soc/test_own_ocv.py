@@ -259,6 +259,15 @@ def test_a_hysteresis_without_an_ocv_test_is_told_stored_and_exported(turning, t
     assert (tables_of(again).hysteresis is not None) is bool(half_gap_v)
 
 
+@pytest.mark.parametrize("half_gap_v", [0.0, 0.006])
+def test_a_circuit_that_was_asked_for_without_the_hysteresis_shown_says_so(half_gap_v):
+    record, _ = hysteretic(half_gap_v)
+    window = Window(initial_soc=1.0, capacity_ah=2.0)
+    result = barnax.identify(record, window=window, **SMALL)
+    told = [warning.code for warning in result.warnings]
+    assert ("tables.hysteresis-left-out" in told) is bool(half_gap_v)
+
+
 LG, CALCE = "lg-hg2-18650", "calce-inr18650-20r"
 TESTED = f"{CALCE}/ocv-incremental_25degC_SP20-3"
 FULL = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))

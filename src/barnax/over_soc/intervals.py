@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
 from ..cell.elements import rungs_of
-from ..cell.parameters import CircuitParameters
+from ..cell.parameters import HALF_HYSTERESIS, CircuitParameters
 from ..execution import in_float64
 from ..model.exponentials import span_through
 from ..model.prepared import PreparedRecord
@@ -152,7 +152,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         around = interval(
             name, soc, row, value, own, own + sag, *(values[row] for values in beside)
         )
-        if name.startswith("R") and around.low is not None:
+        if name.startswith(("R", HALF_HYSTERESIS)) and around.low is not None:
             around = replace(around, low=max(around.low, 0.0))
         found.append(around)
     of_numbers = {name: math.log(value) for name, value in numbers.items()}

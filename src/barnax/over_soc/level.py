@@ -9,7 +9,6 @@ from ..cell.curves import InterpolatedCurve, SegmentedHysteresis
 from ..cell.model import FitError
 from ..cell.parameters import RATE
 from ..model.prepared import PreparedRecord
-from ..model.search_space import RATE_RANGE
 from ..settings import NODES
 from .settings import TableSettings
 
@@ -27,8 +26,9 @@ OCV_NODES = (
 # It is measured from a line that says nothing.
 FREE_RIDGE = 1e-12
 NEARLY_LEVEL_V = 1e-6
-# A hysteresis that turns more slowly cannot be told from an OCV.
-OWN_RATES = (10.0, RATE_RANGE[1])
+# A hysteresis that turns more slowly cannot be told from an OCV; one that turns faster has turned
+# after 0.3 % SOC.
+OWN_RATES = (10.0, 1000.0)
 
 
 def with_own_ocv(settings: TableSettings, circuit: str | None = None) -> TableSettings:

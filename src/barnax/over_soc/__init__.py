@@ -8,11 +8,11 @@ from .fit import TableFit as TableFit
 from .fit import constant_held_out as constant_held_out
 from .fit import errors_on as errors_on
 from .fit import fit_tables as fit_tables
+from .further_terms import is_supported as is_supported
+from .further_terms import is_worth_trying as is_worth_trying
+from .further_terms import shows_more as shows_more
 from .intervals import NodeInterval as NodeInterval
 from .level import with_own_ocv as with_own_ocv
-from .more_pairs import is_supported as is_supported
-from .more_pairs import is_worth_trying as is_worth_trying
-from .more_pairs import shows_more as shows_more
 from .ocv_compared import compare_with_own as compare_with_own
 from .own_ocv import OwnOcv as OwnOcv
 from .own_ocv import proved as proved

@@ -35,9 +35,9 @@ from .cross_validation import held_out_errors
 from .current_offset import offset_effect
 from .dependence import searched
 from .fit import TableFit, constant_with_ocv_held_out, fit_of
+from .further_terms import is_supported, shows_more
 from .intervals import NodeInterval
 from .level import level_cell, with_own_ocv
-from .more_pairs import is_supported, shows_more
 from .objective import Solution, TableObjective
 from .own_axis import Axis, axis_capacity, axis_of, require_on_axis, span_ah_of
 from .registration import MEANS_S, register

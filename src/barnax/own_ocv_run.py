@@ -21,6 +21,7 @@ from .over_soc import (
     proved,
     search_with_ocv,
     shows_more,
+    turning_at_once,
     with_own_ocv,
 )
 from .records import Record
@@ -120,21 +121,28 @@ def _with_more(
     if is_single:
         return fitted(tables, beside=beside)
     found = fitted(tables)
-    held_out = found.fit.cross_validation
-    if held_out is None or found.unproved is None:
+    held_out, simpler = found.fit.cross_validation, found.unproved
+    if held_out is None or simpler is None:
         return found
-    supported = [(found.unproved[1].rms_v, found)]
+    supported, against = list[tuple[float, OwnOcv]](), list[Notice]()
     for circuit in beside:
-        if not shows_more(circuit, *found.unproved, with_own_ocv(tables, circuit)):
+        if not shows_more(circuit, *simpler, with_own_ocv(tables, circuit)):
             continue
         # Starts of several records are found with each circuit: at those of two pairs a third one
         # is not worth what it is at its own. A short record may be enough for two alone.
         with suppress(InputError):
             tried = fitted(tables, circuit)
             errors = tried.fit.cross_validation
-            if tried.unproved is not None and is_supported(
-                tried.unproved, errors and errors.tables, found.unproved, held_out.tables
+            more = tried.unproved
+            if more is None or not is_supported(
+                more, errors and errors.tables, simpler, held_out.tables
             ):
-                supported.append((tried.unproved[1].rms_v, tried))
+                continue
+            if told := list(turning_at_once(*more)):
+                against += told
+            else:
+                supported.append((more[1].rms_v, tried))
+    if not supported:
+        return replace(found, warnings=(*found.warnings, *against))
     # A further pair and a hysteresis can each imitate the other.
-    return min(supported[1:] or supported, key=lambda more: more[0])[1]
+    return min(supported, key=lambda more: more[0])[1]

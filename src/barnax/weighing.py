@@ -80,8 +80,10 @@ def weigh(
         for name in models
     ]
     first = without_sweep_drop(_problem(inputs, windows, settings, models[0], source, *known[0]))
-    if own_ocv is None or not get_circuit(tabulated).has_rate:
-        # A hysteresis of the records' own was fitted to the directions that they have.
+    if own_ocv is not None and get_circuit(tabulated).has_rate:
+        # A hysteresis of the records' own was fitted with the directions that fit better.
+        first = _with_directions(first, own_ocv.directions)
+    else:
         first = with_better_directions(first)
     first = with_better_hold(first)
     # All have the OCV that the first circuit finds at rest, and the hold that it tells.
@@ -133,6 +135,17 @@ def weigh(
         validation,
         None if own_ocv is None else own_ocv.found,
     )
+
+
+def _with_directions(problem: Problem, others: Mapping[str, float]) -> Problem:
+    """The problem whose records say which directions before the start were found to fit better."""
+    records = tuple(
+        prepared.fitting_better(others[prepared.record.name])
+        if prepared.record.name in others
+        else prepared
+        for prepared in problem.prepared_records
+    )
+    return problem.keeping_computed(prepared_records=records)
 
 
 def _problem(

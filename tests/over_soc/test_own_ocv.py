@@ -198,26 +198,26 @@ def test_what_needs_an_ocv_test_says_so(options, message):
         barnax.identify(read_record(BUNDLED.record), **options)
 
 
-def hysteretic(half_gap_v, gamma=30.0, samples=4000):
+def hysteretic(half_gap_v, gamma=30.0, samples=4000, noise_v=3e-4, start=1.0, state=1.0):
     """A drive that often charges, on a cell of known resistances whose hysteresis follows the
-    charge (Plett, J. Power Sources 134 (2004) 262, Eq. 15), and its SOC."""
+    charge (Plett, J. Power Sources 134 (2004) 262, Eq. 15) from a state on, and its SOC."""
     draw = np.random.default_rng(4)
     current_a = np.repeat(
         draw.gamma(0.8, 1.0, samples) * draw.choice([1, 1, 1, -0.6, 0], samples),
         draw.integers(2, 40, samples),
     )[:samples]
     current_a[: samples // 5] = np.abs(current_a[: samples // 5])
-    current_a *= 1.8 * 3600 / current_a.sum()
+    current_a *= (start - 0.1) * 7200 / current_a.sum()
     current_a[:60] = 0.0
     time_s = np.arange(samples, dtype=float)
-    soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 7200
-    states, state = np.empty(samples), 1.0
+    soc = start - np.append(0.0, np.cumsum(current_a[:-1])) / 7200
+    states = np.empty(samples)
     for at, passed in enumerate(np.diff(soc, prepend=soc[0])):
         kept = np.exp(-gamma * abs(passed))
         state = kept * state + (1 - kept) * np.sign(passed)
         states[at] = state
     voltage_v = ocv_v(soc) - R0_OHM * current_a + half_gap_v * states
-    voltage_v += draw.normal(0.0, 3e-4, samples)
+    voltage_v += draw.normal(0.0, noise_v, samples)
     for r_ohm, tau_s in zip(R_OHM, TAU_S, strict=True):
         voltage_v -= r_ohm * filtered_response(1.0, current_a, tau_s, "forward")
     return make_record(time_s, current_a, voltage_v), soc
@@ -266,6 +266,23 @@ def test_a_circuit_that_was_asked_for_without_the_hysteresis_shown_says_so(half_
     result = barnax.identify(record, window=window, **SMALL)
     told = [warning.code for warning in result.warnings]
     assert ("tables.hysteresis-left-out" in told) is bool(half_gap_v)
+
+
+@pytest.mark.parametrize(
+    ("noise_v", "start", "state"),
+    [(2e-3, 1.0, 1.0), pytest.param(5e-4, 0.8, -1.0, marks=pytest.mark.slow)],
+)
+def test_a_hysteresis_is_found_under_noise_and_from_the_other_direction(noise_v, start, state):
+    """Of errors that are mostly noise it lowers little; and a cell at rest may come from either
+    direction, which the fit tells."""
+    record, _ = hysteretic(0.01, 20.0, 9000, noise_v, start, state)
+    given = {"window": Window(initial_soc=start, capacity_ah=2.0), "trust": "none", "max_boxes": 0}
+    result = barnax.identify(record, seeds=0, advise=False, **given)
+    assert result.model == "esc"
+    (part,) = result.of_role("identification")
+    assert part.start.direction == state
+    r2_ohm = np.median(result.fit.tables.at("R2 [Ohm]", np.linspace(0.2, 0.7, 20)))
+    assert r2_ohm == pytest.approx(R_OHM[1], rel=0.05)
 
 
 LG, CALCE = "lg-hg2-18650", "calce-inr18650-20r"

@@ -1,8 +1,9 @@
 """Whether a circuit with a pair or a hysteresis more may be worth it, before it is searched for."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -10,11 +11,13 @@ from ..cell import get_circuit
 from ..cell.parameters import RATE
 from ..errors import InputError
 from ..execution import in_float64
+from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord, prepare_record
+from ..notices import Notice, notice
 from .cross_validation import SocErrors, squared_errors
 from .facts import LowEnd
 from .objective import Solution, TableObjective
-from .problem import held_at, reduced_objective
+from .problem import box_of, reduced_objective
 from .search import find_best
 from .settings import TableSettings
 
@@ -25,7 +28,13 @@ FAST_S = 0.25
 # pairs predict as well, by 1 to 5 %.
 LEAST_LOWERED = 0.06
 # Rates of a hysteresis that are tried: it is told nearly as well at half or twice its own.
-TRIED_RATES = (20.0, 60.0, 300.0)
+TRIED_RATES = (20.0, 60.0, 200.0)
+
+# So many times what further unknowns lower by chance, and the share of the noise that is taken for
+# sure, from so many differences on.
+BY_CHANCE, NOISE_SHARE, FEWEST_STEADY = 4.0, 0.98, 100
+# A rate is at its highest from this share of it on.
+NEARLY = 0.95
 
 Fitted = tuple[TableObjective, Solution]
 
@@ -71,16 +80,60 @@ def shows_more(
         ]
         if not get_circuit(circuit).has_rate:
             return is_worth_trying(records, settings, best.rms_v, objective.low_end, objective)
-        quick, known = replace(settings, folds=0), held_at(objective, best.log_scales)
-        for rate in TRIED_RATES:
-            tried = reduced_objective(records, quick, known | {RATE: (rate, rate)})
-            tried = replace(tried, low_end=objective.low_end)
-            found = tried.solve((*best.log_scales, math.log(rate)), exact=True)
-            if found.rms_v < (1 - LEAST_LOWERED / 2) * best.rms_v:
+        records, _ = directed(records, settings, best.log_scales)
+        samples, noise_v2 = objective.reduced.scored, _noise_v2(records)
+        for tried in _at_rates(records, settings, best.log_scales, objective.low_end):
+            found_v2 = tried.objective_v2
+            gained_v2 = samples * (best.objective_v2 - found_v2)
+            further = len(tried.unknowns) - len(best.unknowns)
+            left = _left(found_v2, best.objective_v2, noise_v2)
+            if left < 1 - LEAST_LOWERED / 2 and gained_v2 > BY_CHANCE * further * noise_v2:
                 return True
         return False
     except InputError:
         return False
+
+
+def directed(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings, log_scales: LogScales
+) -> tuple[list[PreparedRecord], dict[str, float]]:
+    """Records made ready for a circuit with a hysteresis, those whose direction before the start is
+    not known with the one that fits better at some scales; and the RMSE in V, by name, with the
+    other one."""
+    found, others = list(prepared_records), dict[str, float]()
+
+    def left_v(records: Sequence[PreparedRecord]) -> float:
+        tried = _at_rates(records, settings, log_scales)
+        return min(float(np.linalg.norm(solution.error)) for solution in tried)
+
+    for place, one in enumerate(prepared_records):
+        if one.start.direction_source != "assumed":
+            continue
+        window = replace(one.window, initial_direction=-one.start.direction)
+        turned = prepare_record(one.record, one.cell, one.circuit, window)
+        tried = [*found[:place], turned.following(one.dependence), *found[place + 1 :]]
+        own_v, other_v = left_v(found), left_v(tried)
+        if other_v < own_v:
+            found, other_v = tried, own_v
+        others[one.record.name] = other_v
+    return found, others
+
+
+def _at_rates(
+    records: Sequence[PreparedRecord],
+    settings: TableSettings,
+    log_scales: LogScales,
+    low_end: LowEnd | None = None,
+) -> Iterator[Solution]:
+    """The best tables at known scales, without a known rate at each of those that are tried."""
+    quick = replace(settings, folds=0)
+    names = list(box_of(records, quick))
+    known = dict(zip(names, map(math.exp, log_scales), strict=False))
+    for rate in [known[RATE]] if RATE in known else TRIED_RATES:
+        scales = {**known, RATE: rate}
+        held = {name: (scales[name], scales[name]) for name in names}
+        tried = replace(reduced_objective(records, quick, held), low_end=low_end)
+        yield tried.solve(tuple(math.log(scales[name]) for name in names), exact=True)
 
 
 def is_supported(
@@ -92,15 +145,52 @@ def is_supported(
     that the other blocks do not show, and may hardly fall where the errors of all fits do, and a
     hysteresis that is none may lower them where such an OCV bends. So what lowers most blocks'
     errors in the fit is preferred too, or alone, unless it raises those on what is held out by as
-    much.
+    much. The voltage's noise is no error of a circuit.
     """
     if errors is None or simpler_errors is None:
         return False
     is_hysteresis = more[0].reduced.layout.has_amplitude
     if not is_hysteresis and errors.is_worth(simpler_errors):
         return True
-    own_v2, simpler_v2 = (squared_errors(*fitted)[0].sum(axis=1) for fitted in (more, simpler))
-    lowered = float(np.median(np.sqrt(own_v2 / simpler_v2)))
+    (own_v2, counts), (simpler_v2, _) = (squared_errors(*fitted) for fitted in (more, simpler))
+    own_v2, simpler_v2, counts = (sums.sum(axis=1) for sums in (own_v2, simpler_v2, counts))
+    noise_v2 = _noise_v2(more[0].prepared_records)
+    further = len(more[1].unknowns) - len(simpler[1].unknowns)
+    if np.sum(simpler_v2 - own_v2) <= BY_CHANCE * further * noise_v2:
+        return False
+    lowered = float(np.median(_left(own_v2 / counts, simpler_v2 / counts, noise_v2)))
     pairs = (errors.rmse_v, simpler_errors.rmse_v), (errors.above_v, simpler_errors.above_v)
     raised = max(own / other for own, other in pairs if own and other)
     return lowered < 1 - LEAST_LOWERED and lowered * raised < 1
+
+
+def turning_at_once(objective: TableObjective, best: Solution) -> Iterator[Notice]:
+    """The warning where a hysteresis that the records support ends at the fastest rate: then it is
+    none, for resistances that fall with the current look the same."""
+    if not objective.reduced.layout.has_amplitude:
+        return
+    highest = objective.ranges[RATE][1]
+    if math.exp(best.log_scales[-1]) > NEARLY * highest:
+        yield notice("tables.turns-at-once", turned_soc=3 / highest)
+
+
+def _left(own_v2: Any, simpler_v2: Any, noise_v2: float) -> Any:
+    """The ratio of what two circuits leave beside the noise, as voltages, of one or of many blocks:
+    none of them leaves less than the noise."""
+    noise_v2 = NOISE_SHARE * min(noise_v2, float(np.min(own_v2)))
+    return np.sqrt((own_v2 - noise_v2) / (simpler_v2 - noise_v2))
+
+
+def _noise_v2(prepared_records: Sequence[PreparedRecord]) -> float:
+    """The variance of the voltage's white noise in V^2, the least of some records: by the third
+    differences of even samples under one current, which have twenty times that; zero where there
+    are few of them."""
+    found = []
+    for prepared in prepared_records:
+        is_even = np.abs(np.diff(prepared.time_s, 2)) < 1e-6
+        is_steady = np.diff(prepared.current_a) == 0
+        here = is_even[:-1] & is_even[1:] & is_steady[:-2] & is_steady[1:-1] & is_steady[2:]
+        thirds_v = np.diff(prepared.voltage_v, 3)[here]
+        spread_v = 1.4826 * np.median(np.abs(thirds_v)) if len(thirds_v) >= FEWEST_STEADY else 0.0
+        found.append(float(spread_v**2) / 20)
+    return min(found)

@@ -26,9 +26,9 @@ OCV_NODES = (
 # It is measured from a line that says nothing.
 FREE_RIDGE = 1e-12
 NEARLY_LEVEL_V = 1e-6
-# A hysteresis that turns more slowly cannot be told from an OCV; one that turns faster has turned
-# after 0.3 % SOC.
-OWN_RATES = (10.0, 1000.0)
+# A hysteresis that turns more slowly cannot be told from an OCV; one that turns faster, within 1 %
+# SOC, from resistances that fall with the current.
+OWN_RATES = (10.0, 300.0)
 
 
 def with_own_ocv(settings: TableSettings, circuit: str | None = None) -> TableSettings:

@@ -8,7 +8,7 @@ the record holds, or from its own span.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from .cross_validation import held_out_errors
 from .current_offset import offset_effect
 from .dependence import searched
 from .fit import TableFit, constant_with_ocv_held_out, fit_of
-from .further_terms import is_supported, shows_more
+from .further_terms import directed, is_supported, shows_more, turning_at_once
 from .intervals import NodeInterval
 from .level import level_cell, with_own_ocv
 from .objective import Solution, TableObjective
@@ -60,6 +60,8 @@ class OwnOcv(Brief):
         circuit: Name of the circuit that they are of.
         warnings: What speaks against the starts.
         unproved: The objective and its best tables; None once that is proved.
+        directions: Of the records whose direction before the start was found by the fit, the RMSE
+            in V with the other one.
     """
 
     cell: CellModel
@@ -69,6 +71,7 @@ class OwnOcv(Brief):
     circuit: str
     warnings: tuple[Notice, ...] = ()
     unproved: tuple[TableObjective, Solution] | None = None
+    directions: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def fit(self) -> TableFit:
@@ -121,7 +124,7 @@ def search_with_ocv(
         of_group, against = _started(alike, circuit, windows, own, axis_ah, origin)
         started, told = started | of_group, told + against
     found = _fitted(records, circuit, started, own, axis_ah, origin, over_temperature, beside)
-    return replace(found, warnings=tuple(told))
+    return replace(found, warnings=(*told, *found.warnings))
 
 
 def _started(
@@ -216,20 +219,34 @@ def _fitted(
     if not over_temperature:
         with one_blas_thread():
             objective, best = searched(prepared, settings)
-            supported = []
+            directions: Mapping[str, float] = {}
+            if get_circuit(circuit).has_rate:
+                turned, directions = directed(prepared, settings, best.log_scales)
+                if any(one is not other for one, other in zip(turned, prepared, strict=True)):
+                    objective, best = searched(turned, settings)
+            supported, warnings = [], list[Notice]()
             for other in beside:
                 own = with_own_ocv(settings, other)
                 if not shows_more(other, objective, best, own):
                     continue
                 # A fast log may be too short for a further pair.
                 with suppress(InputError):
-                    tried = _worth_more(prepared_for(other), own, objective, best)
-                    supported += [(*tried, other)] if tried is not None else []
+                    further, others = prepared_for(other), {}
+                    if get_circuit(other).has_rate:
+                        further, others = directed(further, own, best.log_scales)
+                    tried = _worth_more(further, own, objective, best)
+                    against = list(turning_at_once(*tried)) if tried is not None else []
+                    warnings += against
+                    if tried is not None and not against:
+                        supported.append((*tried, other, others))
             if supported:
                 # A further pair and a hysteresis can each imitate the other.
-                objective, best, circuit = min(supported, key=lambda more: more[1].rms_v)
+                found = min(supported, key=lambda more: more[1].rms_v)
+                objective, best, circuit, directions = found
         cell = _cell_of(objective, best, capacity_ah, origin)
-        return _told(objective, Proof(0.0, 0, best), cell, windows, circuit)
+        windows = {prepared.record.name: prepared.window for prepared in objective.prepared_records}
+        told = _told(objective, Proof(0.0, 0, best), cell, windows, circuit)
+        return replace(told, directions=directions, warnings=() if supported else tuple(warnings))
     cells: list[CellModel] = []
 
     def at_home(objective: TableObjective, best: Solution) -> list[PreparedRecord]:
@@ -274,7 +291,7 @@ def proved(own: OwnOcv) -> OwnOcv:
     # A better circuit was met on the way.
     cell = _cell_of(objective, proof.best, own.cell.capacity_ah, own.cell.capacity_origin)
     better = _told(objective, proof, cell, own.windows, own.circuit)
-    return replace(better, warnings=own.warnings, unproved=None)
+    return replace(better, warnings=own.warnings, unproved=None, directions=own.directions)
 
 
 def _told(

@@ -186,7 +186,12 @@ def ocv_sentences(cell: CellModel) -> Iterator[str]:
         yield (
             "The open-circuit voltage was identified with the circuit, from "
             f"{cell.discharge_points[0].source}: straight lines between its nodes, held constant "
-            "beyond the samples. It is one curve for both directions, without hysteresis."
+            "beyond the samples. It is "
+            + (
+                "the mean of both directions."
+                if cell.charge_points
+                else "one curve for both directions, without hysteresis."
+            )
         )
         return
     curve = cell.discharge

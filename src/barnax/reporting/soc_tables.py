@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 NOT_DETERMINED = "not determined"
 # A value within this share of its interval from an end is marked.
 AT_EDGE, EDGE = 0.01, "(*)"
-SHORT = {OCV_CORRECTION: "OCV correction", HALF_HYSTERESIS: "hysteresis"}
+SHORT = {OCV_CORRECTION: "OCV correction", HALF_HYSTERESIS: "half hysteresis"}
 GRID = "verified on a grid of time constants"
 
 

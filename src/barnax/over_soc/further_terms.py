@@ -158,6 +158,7 @@ def is_supported(
     further = len(more[1].unknowns) - len(simpler[1].unknowns)
     if np.sum(simpler_v2 - own_v2) <= BY_CHANCE * further * noise_v2:
         return False
+    own_v2, simpler_v2, counts = (sums[counts > 0] for sums in (own_v2, simpler_v2, counts))
     lowered = float(np.median(_left(own_v2 / counts, simpler_v2 / counts, noise_v2)))
     pairs = (errors.rmse_v, simpler_errors.rmse_v), (errors.above_v, simpler_errors.above_v)
     raised = max(own / other for own, other in pairs if own and other)
@@ -177,8 +178,12 @@ def turning_at_once(objective: TableObjective, best: Solution) -> Iterator[Notic
 def _left(own_v2: Any, simpler_v2: Any, noise_v2: float) -> Any:
     """The ratio of what two circuits leave beside the noise, as voltages, of one or of many blocks:
     none of them leaves less than the noise."""
-    noise_v2 = NOISE_SHARE * min(noise_v2, float(np.min(own_v2)))
-    return np.sqrt((own_v2 - noise_v2) / (simpler_v2 - noise_v2))
+    least_v2 = float(min(np.min(own_v2), np.min(simpler_v2)))
+    own_v2, simpler_v2 = (
+        each - NOISE_SHARE * min(noise_v2, least_v2) for each in (own_v2, simpler_v2)
+    )
+    tiny = np.finfo(float).tiny
+    return np.sqrt((own_v2 + tiny) / (simpler_v2 + tiny))
 
 
 def _noise_v2(prepared_records: Sequence[PreparedRecord]) -> float:

@@ -1,4 +1,5 @@
-"""Whether a circuit with a pair or a hysteresis more may be worth it, before it is searched for."""
+"""Whether records support a circuit with a pair or a hysteresis more: before it is searched for,
+and by what it then leaves."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -29,7 +30,6 @@ FAST_S = 0.25
 LEAST_LOWERED = 0.06
 # Rates of a hysteresis that are tried: it is told nearly as well at half or twice its own.
 TRIED_RATES = (20.0, 60.0, 200.0)
-
 # So many times what further unknowns lower by chance, and the share of the noise that is taken for
 # sure, from so many differences on.
 BY_CHANCE, NOISE_SHARE, FEWEST_STEADY = 4.0, 0.98, 100
@@ -161,7 +161,7 @@ def is_supported(
     own_v2, simpler_v2, counts = (sums[counts > 0] for sums in (own_v2, simpler_v2, counts))
     lowered = float(np.median(_left(own_v2 / counts, simpler_v2 / counts, noise_v2)))
     pairs = (errors.rmse_v, simpler_errors.rmse_v), (errors.above_v, simpler_errors.above_v)
-    raised = max(own / other for own, other in pairs if own and other)
+    raised = max((own / other for own, other in pairs if own and other), default=1.0)
     return lowered < 1 - LEAST_LOWERED and lowered * raised < 1
 
 

@@ -14,6 +14,13 @@ TWO_PAIRS, THREE_PAIRS = "so-rc", "3rc"
 # Its hysteresis follows the charge: where that is the best constant circuit, its tables are weighed
 # too.
 FOLLOWING = "esc"
+# Where records show their OCV themselves, what is tried beside each circuit that is the answer so
+# far: a pair more, and a hysteresis, which can each imitate the other, and both.
+FURTHER = {
+    TWO_PAIRS: (THREE_PAIRS, FOLLOWING),
+    THREE_PAIRS: (f"{FOLLOWING}+rc",),
+    FOLLOWING: (f"{FOLLOWING}+rc",),
+}
 # A constant circuit that leaves so many times the error of another is contradicted by the data:
 # its intervals, which take its structure for granted, do not hold.
 CONTRADICTED = 1.5

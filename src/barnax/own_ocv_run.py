@@ -1,14 +1,12 @@
 """Cells without an OCV test: the OCV of their records, with tables or one value at every SOC."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from .candidates import FOLLOWING, THREE_PAIRS, WEIGHED, spans_enough
+from .candidates import FOLLOWING, FURTHER, WEIGHED, spans_enough
 from .cell import get_circuit
 from .cell.parameters import ANYWHERE, OHMIC
-from .errors import InputError
 from .inputs import ranges_of, window_of
 from .job import Job
 from .notices import Notice, notice
@@ -21,7 +19,6 @@ from .over_soc import (
     proved,
     search_with_ocv,
     shows_more,
-    turning_at_once,
     with_own_ocv,
 )
 from .records import Record
@@ -53,19 +50,18 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     windows = {record.name: window_of(job.window, record.name).as_told for record in records}
     is_over = job.over == OVER_TEMPERATURE
     is_open = job.model is None and not (is_over or job.bounds or job.fix)
-    beside = (THREE_PAIRS, FOLLOWING) if is_open else ()
 
-    def fitted(
-        tables: TableSettings, circuit: str = circuit.name, beside: Sequence[str] = ()
-    ) -> OwnOcv:
-        return search_with_ocv(records, circuit, windows, tables, job.capacity, is_over, beside)
+    def fitted(tables: TableSettings) -> OwnOcv:
+        given = windows, tables, job.capacity, is_over
+        return search_with_ocv(records, circuit.name, *given, FURTHER if is_open else None)
 
     tables = bounded_tables(job)
     # The same at every SOC: a constant circuit with an OCV.
     alike = replace(tables, nodes=ANYWHERE)
     if job.model is not None and job.over is None:
-        return proved(fitted(alike))
-    found = _with_more(fitted, tables, beside, len(records) == 1)
+        found = fitted(alike)
+        return proved(replace(found, warnings=(*found.warnings, *_shown_hysteresis(found, alike))))
+    found = fitted(tables)
     if job.model is not None:
         found = replace(found, warnings=(*found.warnings, *_shown_hysteresis(found, tables)))
     crossed = found.fit.cross_validation
@@ -75,13 +71,19 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     is_narrow = not spans_enough(found.fit)
     if not is_narrow and not crossed.constant.is_no_worse(crossed.tables):
         return proved(found)
-    constant = _with_more(fitted, alike, beside, len(records) == 1)
+    constant = fitted(alike)
     fits_as_well = all(
         constant_errors.is_close_to(errors)
         for constant_errors, errors in zip(constant.fit.errors, found.fit.errors, strict=True)
     )
-    if not (is_narrow or fits_as_well or crossed.constant.is_worth(crossed.tables)):
-        # What both predict badly tells them apart too little, as a flat OCV's ends.
+    # What both predict badly tells them apart too little, as a flat OCV's ends, or an OCV that a
+    # record alone visits: then what they leave of all records does.
+    is_worth = crossed.constant.is_worth(crossed.tables) and not (
+        found.unproved
+        and constant.unproved
+        and is_supported(found.unproved, crossed.tables, constant.unproved, crossed.constant)
+    )
+    if not (is_narrow or fits_as_well or is_worth):
         return proved(found)
     constant = proved(constant)
     held = constant.fit.cross_validation
@@ -96,10 +98,14 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
 def _shown_hysteresis(found: OwnOcv, tables: TableSettings) -> Iterator[Notice]:
     """The warning where a circuit that was asked for leaves out a hysteresis that records show."""
     circuit, following = get_circuit(found.circuit), get_circuit(FOLLOWING)
-    if found.unproved is None or circuit.has_rate or circuit.elements != following.elements:
+    further = circuit.elements[following.pairs :]
+    instead = "+".join((FOLLOWING, *further))
+    if found.unproved is None or circuit.has_rate:
         return
-    if shows_more(FOLLOWING, *found.unproved, with_own_ocv(tables, FOLLOWING)):
-        yield notice("tables.hysteresis-left-out", circuit=circuit.name, instead=FOLLOWING)
+    if circuit.elements != (*following.elements, *further):
+        return
+    if shows_more(instead, found.unproved, with_own_ocv(tables, instead)):
+        yield notice("tables.hysteresis-left-out", circuit=circuit.name, instead=instead)
 
 
 def _with_r0_over_soc(constant: TableFit, tables: TableFit) -> Iterator[NodeInterval]:
@@ -112,37 +118,3 @@ def _with_r0_over_soc(constant: TableFit, tables: TableFit) -> Iterator[NodeInte
     ]
     for node in constant.intervals:
         yield node.spanning(apart_ohm) if node.name == OHMIC and apart_ohm else node
-
-
-def _with_more(
-    fitted: Callable[..., OwnOcv], tables: TableSettings, beside: Sequence[str], is_single: bool
-) -> OwnOcv:
-    """What is fitted with these settings, of two pairs or of a circuit beside them."""
-    if is_single:
-        return fitted(tables, beside=beside)
-    found = fitted(tables)
-    held_out, simpler = found.fit.cross_validation, found.unproved
-    if held_out is None or simpler is None:
-        return found
-    supported, against = list[tuple[float, OwnOcv]](), list[Notice]()
-    for circuit in beside:
-        if not shows_more(circuit, *simpler, with_own_ocv(tables, circuit)):
-            continue
-        # Starts of several records are found with each circuit: at those of two pairs a third one
-        # is not worth what it is at its own. A short record may be enough for two alone.
-        with suppress(InputError):
-            tried = fitted(tables, circuit)
-            errors = tried.fit.cross_validation
-            more = tried.unproved
-            if more is None or not is_supported(
-                more, errors and errors.tables, simpler, held_out.tables
-            ):
-                continue
-            if told := list(turning_at_once(*more)):
-                against += told
-            else:
-                supported.append((more[1].rms_v, tried))
-    if not supported:
-        return replace(found, warnings=(*found.warnings, *against))
-    # A further pair and a hysteresis can each imitate the other.
-    return min(supported, key=lambda more: more[0])[1]

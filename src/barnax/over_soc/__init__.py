@@ -11,7 +11,6 @@ from .fit import fit_tables as fit_tables
 from .further_terms import is_supported as is_supported
 from .further_terms import is_worth_trying as is_worth_trying
 from .further_terms import shows_more as shows_more
-from .further_terms import turning_at_once as turning_at_once
 from .intervals import NodeInterval as NodeInterval
 from .level import with_own_ocv as with_own_ocv
 from .ocv_compared import compare_with_own as compare_with_own

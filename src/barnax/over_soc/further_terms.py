@@ -2,9 +2,10 @@
 and by what it then leaves."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,9 +15,12 @@ from ..errors import InputError
 from ..execution import in_float64
 from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord, prepare_record
+from ..model.window import Window
 from ..notices import Notice, notice
-from .cross_validation import SocErrors, squared_errors
+from .cross_validation import SocErrors, held_out_errors, squared_errors
+from .dependence import searched
 from .facts import LowEnd
+from .level import with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
 from .search import find_best
@@ -36,7 +40,81 @@ BY_CHANCE, NOISE_SHARE, FEWEST_STEADY = 4.0, 0.98, 100
 # A rate is at its highest from this share of it on.
 NEARLY = 0.95
 
-Fitted = tuple[TableObjective, Solution]
+
+class Fitted(NamedTuple):
+    """The best tables of some records' circuit, and the RMSE in V with the other direction of
+    records whose direction before the start was found with them."""
+
+    objective: TableObjective
+    best: Solution
+    directions: Mapping[str, float] = {}
+
+    @property
+    def circuit(self) -> str:
+        return self.objective.prepared_records[0].circuit
+
+
+def best_tables(
+    prepared_records: Sequence[PreparedRecord],
+    settings: TableSettings,
+    simpler: Fitted | None = None,
+    turned: Mapping[str, Window] | None = None,
+) -> Fitted:
+    """The best tables of some records, with the directions before the start that fit better where
+    the circuit has a dynamic hysteresis, unless a simpler circuit's are known; `turned` as
+    `directed` has it."""
+    like, directions = (None, {}) if simpler is None else (simpler.objective, simpler.directions)
+    has_rate = get_circuit(prepared_records[0].circuit).has_rate
+    if not has_rate or (like is not None and RATE in like.ranges):
+        return Fitted(*searched(prepared_records, settings, like), directions)
+    if simpler is not None:
+        found, directions = directed(prepared_records, settings, simpler.best.log_scales)
+        return Fitted(*searched(found, settings, like), directions)
+    objective, best = searched(prepared_records, settings)
+    found, directions = directed(prepared_records, settings, best.log_scales, turned)
+    if any(one is not other for one, other in zip(found, prepared_records, strict=True)):
+        objective, best = searched(found, settings)
+    return Fitted(objective, best, directions)
+
+
+def with_further(
+    found: Fitted,
+    settings: TableSettings,
+    beside: Mapping[str, Sequence[str]],
+    begun: Callable[[str, TableSettings, Fitted], list[PreparedRecord]],
+) -> tuple[Fitted, list[Notice]]:
+    """The best tables of the circuit with as much more as the records support, and what speaks
+    against what it leaves out.
+
+    Args:
+        found: The best tables of the simplest circuit.
+        settings: How they were fitted.
+        beside: By circuit, those that have more. A pair and a hysteresis can each imitate the
+            other: of several that the records support, the one that leaves less is taken, and those
+            beside it are tried.
+        begun: Called with a circuit, its settings and what is fitted so far; gives the records
+            made ready for it. One may be too short for it, with an `InputError`.
+    """
+    supported, against = list[Fitted](), list[Notice]()
+    for circuit in beside.get(found.circuit, ()):
+        own = with_own_ocv(settings, circuit)
+        if not shows_more(circuit, found, own):
+            continue
+        if (held_out := held_out_errors(found.objective, found.best)) is None:
+            continue
+        with suppress(InputError):
+            more = best_tables(begun(circuit, own, found), own, found)
+            errors = held_out_errors(more.objective, more.best)
+            if not is_supported(more, errors, found, held_out):
+                continue
+            if told := list(turning_at_once(more)):
+                against += told
+            else:
+                supported.append(more)
+    if not supported:
+        return found, against
+    found = min(supported, key=lambda more: more.best.rms_v)
+    return with_further(found, settings, beside, begun)
 
 
 @in_float64
@@ -67,18 +145,17 @@ def is_worth_trying(
     return found.rms_v < (1 - LEAST_LOWERED) * simpler_v
 
 
-def shows_more(
-    circuit: str, objective: TableObjective, best: Solution, settings: TableSettings
-) -> bool:
+def shows_more(circuit: str, simpler: Fitted, settings: TableSettings) -> bool:
     """The same on the records of an objective, for another circuit than that of its best tables,
     with its settings; they may be too short for it. A hysteresis is tried at the time constants
     known and at a few rates, and half as much is asked of it."""
+    objective, best, _ = simpler
     try:
         records = [
             prepare_record(told.record, told.cell, circuit, told.window).following(told.dependence)
             for told in objective.prepared_records
         ]
-        if not get_circuit(circuit).has_rate:
+        if not get_circuit(circuit).has_rate or RATE in objective.ranges:
             return is_worth_trying(records, settings, best.rms_v, objective.low_end, objective)
         records, _ = directed(records, settings, best.log_scales)
         samples, noise_v2 = objective.reduced.scored, _noise_v2(records)
@@ -95,11 +172,14 @@ def shows_more(
 
 
 def directed(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings, log_scales: LogScales
+    prepared_records: Sequence[PreparedRecord],
+    settings: TableSettings,
+    log_scales: LogScales,
+    turned: Mapping[str, Window] | None = None,
 ) -> tuple[list[PreparedRecord], dict[str, float]]:
     """Records made ready for a circuit with a hysteresis, those whose direction before the start is
     not known with the one that fits better at some scales; and the RMSE in V, by name, with the
-    other one."""
+    other one. Their windows with the other direction may be known, by name."""
     found, others = list(prepared_records), dict[str, float]()
 
     def left_v(records: Sequence[PreparedRecord]) -> float:
@@ -110,8 +190,9 @@ def directed(
         if one.start.direction_source != "assumed":
             continue
         window = replace(one.window, initial_direction=-one.start.direction)
-        turned = prepare_record(one.record, one.cell, one.circuit, window)
-        tried = [*found[:place], turned.following(one.dependence), *found[place + 1 :]]
+        window = (turned or {}).get(one.record.name, window)
+        other = prepare_record(one.record, one.cell, one.circuit, window)
+        tried = [*found[:place], other.following(one.dependence), *found[place + 1 :]]
         own_v, other_v = left_v(found), left_v(tried)
         if other_v < own_v:
             found, other_v = tried, own_v
@@ -149,13 +230,17 @@ def is_supported(
     """
     if errors is None or simpler_errors is None:
         return False
-    is_hysteresis = more[0].reduced.layout.has_amplitude
-    if not is_hysteresis and errors.is_worth(simpler_errors):
+    is_hysteresis, was_hysteresis = (
+        fitted.objective.reduced.layout.has_amplitude for fitted in (more, simpler)
+    )
+    if is_hysteresis == was_hysteresis and errors.is_worth(simpler_errors):
         return True
-    (own_v2, counts), (simpler_v2, _) = (squared_errors(*fitted) for fitted in (more, simpler))
+    (own_v2, counts), (simpler_v2, _) = (
+        squared_errors(fitted.objective, fitted.best) for fitted in (more, simpler)
+    )
     own_v2, simpler_v2, counts = (sums.sum(axis=1) for sums in (own_v2, simpler_v2, counts))
-    noise_v2 = _noise_v2(more[0].prepared_records)
-    further = len(more[1].unknowns) - len(simpler[1].unknowns)
+    noise_v2 = _noise_v2(more.objective.prepared_records)
+    further = len(more.best.unknowns) - len(simpler.best.unknowns)
     if np.sum(simpler_v2 - own_v2) <= BY_CHANCE * further * noise_v2:
         return False
     own_v2, simpler_v2, counts = (sums[counts > 0] for sums in (own_v2, simpler_v2, counts))
@@ -165,9 +250,10 @@ def is_supported(
     return lowered < 1 - LEAST_LOWERED and lowered * raised < 1
 
 
-def turning_at_once(objective: TableObjective, best: Solution) -> Iterator[Notice]:
+def turning_at_once(found: Fitted) -> Iterator[Notice]:
     """The warning where a hysteresis that the records support ends at the fastest rate: then it is
     none, for resistances that fall with the current look the same."""
+    objective, best, _ = found
     if not objective.reduced.layout.has_amplitude:
         return
     highest = objective.ranges[RATE][1]

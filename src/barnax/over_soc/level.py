@@ -1,15 +1,19 @@
-"""A cell whose OCV says nothing: what a table then finds is the OCV of the records alone."""
+"""A cell whose OCV says nothing: what a table then finds is the OCV of the records alone; and the
+cell with that OCV."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from ..cell import CellModel, OcvPoint, get_circuit
+from ..cell import CellModel, OcvPoint, OcvTable, characterize, get_circuit
 from ..cell.curves import InterpolatedCurve, SegmentedHysteresis
 from ..cell.model import FitError
-from ..cell.parameters import RATE
+from ..cell.ocv_table import EITHER
+from ..cell.parameters import HALF_HYSTERESIS, RATE
+from ..cell.soc_axis import CHARGE, DISCHARGE
 from ..model.prepared import PreparedRecord
 from ..settings import NODES
+from .objective import Solution, TableObjective
 from .settings import TableSettings
 
 # An OCV bends more than resistances do: closer nodes, and the closest near full, where that of LFP
@@ -29,6 +33,8 @@ NEARLY_LEVEL_V = 1e-6
 # A hysteresis that turns more slowly cannot be told from an OCV; one that turns faster, within 1 %
 # SOC, from resistances that fall with the current.
 OWN_RATES = (10.0, 300.0)
+# Between two nodes the OCV is a straight line: so many points of it make a curve of that.
+POINTS_A_NODE = 8
 
 
 def with_own_ocv(settings: TableSettings, circuit: str | None = None) -> TableSettings:
@@ -60,3 +66,36 @@ def leveled(prepared: PreparedRecord, level: CellModel) -> PreparedRecord:
     """The record with such a cell, and the hysteresis that it has."""
     known_v, level_v = (cell.average_ocv_v(prepared.soc) for cell in (prepared.cell, level))
     return replace(prepared, cell=level, source_v=prepared.source_v - known_v + level_v)
+
+
+def cell_of(
+    objective: TableObjective, best: Solution, capacity_ah: float, origin: str
+) -> CellModel:
+    """The cell with the OCV of a solution, as far as samples go."""
+    nodes, ocv_v = objective.ocv_at(best)
+    soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
+    # Straight lines between nodes are the fit; a cubic through the nodes would be another one.
+    low, high = max(nodes[0], float(soc.min())), min(nodes[-1], float(soc.max()))
+    fine = np.interp(
+        np.arange(POINTS_A_NODE * (len(nodes) - 1) + 1) / POINTS_A_NODE,
+        np.arange(len(nodes)),
+        nodes,
+    )
+    at = np.unique([low, *fine[(fine > low) & (fine < high)], high])
+    name = " + ".join(prepared.record.name for prepared in objective.prepared_records)
+    ocv_v, half_v = np.interp(at, nodes, ocv_v), 0.0
+    if HALF_HYSTERESIS in objective.names:
+        place = objective.names.index(HALF_HYSTERESIS)
+        half_v = np.interp(at, objective.nodes_of[place], best.values[place])
+    directions = (DISCHARGE, CHARGE) if np.any(half_v) else (EITHER,)
+    branches = {
+        direction: tuple(
+            OcvPoint(*pair, name, row=0, rest_s=0.0)
+            for pair in zip(at.tolist(), (ocv_v + direction * half_v).tolist(), strict=True)
+        )
+        for direction in directions
+    }
+    table = OcvTable(name, branches, sha256="")
+    cell = characterize([table], capacity_ah=capacity_ah, ocv_fit="interpolated")
+    # What a table of a measured OCV would be asked is not asked.
+    return replace(cell, capacity_origin=origin, warnings=())

@@ -17,15 +17,16 @@ from .objective import Solution, TableObjective
 from .settings import TableSettings
 
 # An OCV bends more than resistances do: closer nodes, and the closest near full, where that of LFP
-# falls within 1 % and a hysteresis would take up what it has between nodes; but not near empty,
-# where no circuit follows and the fall of one record would be taken for that of all.
+# falls within 1 % and a hysteresis would take up what it has between nodes, and a little beyond,
+# for full is the mean of what several records call so; but not near empty, where no circuit follows
+# and the fall of one record would be taken for that of all.
 OCV_NODES = (
     *(node for node in NODES if node < 0.05),
     *(place / 80 for place in range(4, 16)),
     *(place / 40 for place in range(8, 36)),
     *(place / 80 for place in range(72, 78)),
     *(place / 160 for place in range(156, 158)),
-    *(place / 320 for place in range(316, 321)),
+    *(place / 320 for place in range(316, 324)),
 )
 # It is measured from a line that says nothing.
 FREE_RIDGE = 1e-12

@@ -93,7 +93,7 @@ def _starts_of(
     known = known or [max(records, key=span_ah_of)]
     for record in known:
         require_on_axis(record, windows[record.name], axes[record.name].initial_soc, axis_ah)
-    quick, told = replace(own, folds=0, max_boxes=0), list[Notice]()
+    quick, warnings = replace(own, folds=0, max_boxes=0), list[Notice]()
     turned = dict[str, Window]()
     if len(known) < len(records):
         at_axes = _on_axes(known, windows, axes, axis_ah)
@@ -108,7 +108,7 @@ def _starts_of(
                 except InputError as unknown:
                     require_whole_log(record, records, unknown)
                     raise
-                told += against
+                warnings += against
                 axes[record.name] = Axis(start.soc, "rest elsewhere")
                 if not get_circuit(circuit).has_rate or start.direction_source != "assumed":
                     continue
@@ -123,10 +123,12 @@ def _starts_of(
     if len(records) > 1 and not own.keep_starts:
         # A start moves to make up for a direction that is wrong.
         cell, fitted = _cell_found(records, circuit, found, quick, axis_ah, origin, turned)
-        found, directions = windows_of(fitted.objective.prepared_records), fitted.directions
-        alone = [prepare_record(record, cell, circuit, found[record.name]) for record in records]
-        found = windows_of(register(alone, own))
-    return Starts(found, tuple(told), directions)
+        told, directions = windows_of(fitted.objective.prepared_records), fitted.directions
+        # An OCV of starts that differ is less steep than any record's.
+        once = windows_of(register(_prepared(records, cell, circuit, told), own, rounds=1))
+        cell, _ = _cell_found(records, circuit, once, quick, axis_ah, origin)
+        found = windows_of(register(_prepared(records, cell, circuit, told), own))
+    return Starts(found, tuple(warnings), directions)
 
 
 def _on_axes(
@@ -153,6 +155,12 @@ def windows_of(prepared_records: Sequence[PreparedRecord]) -> dict[str, Window]:
     return {prepared.record.name: prepared.window for prepared in prepared_records}
 
 
+def _prepared(
+    records: Sequence[Record], cell: CellModel, circuit: str, windows: Mapping[str, Window]
+) -> list[PreparedRecord]:
+    return [prepare_record(record, cell, circuit, windows[record.name]) for record in records]
+
+
 def _cell_found(
     records: Sequence[Record],
     circuit: str,
@@ -165,7 +173,7 @@ def _cell_found(
     """The cell of records, and its tables before anything else is asked of them."""
     level = level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
     means = [in_means(record, MEANS_S) for record in records]
-    prepared = [prepare_record(record, level, circuit, windows[record.name]) for record in means]
+    prepared = _prepared(means, level, circuit, windows)
     with one_blas_thread():
         found = best_tables(prepared, settings, turned=turned)
     return cell_of(found.objective, found.best, capacity_ah, origin), found

@@ -55,19 +55,21 @@ LEAST_REST_S, FAR_V = 240.0, 0.1
 COUNTED_SD, FURTHEST, FIRST_STEPS, LOOKS = 0.03, 2.5, (-0.003, 0.005), 40
 # Fast records are registered in means over this.
 MEANS_S = 1.0
-# The tables change with it: registered again until nothing moves by more than this, or so often.
-SETTLED, ROUNDS = 5e-4, 2
+# The tables change with it: registered again until nothing moves by more than this share of its
+# standard error, or so often.
+SETTLED, ROUNDS = 0.2, 5
 
 
 @in_float64
 def register(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings, rounds: int = ROUNDS
 ) -> list[PreparedRecord]:
     """Several records of one cell with their starts and capacities registered, in their windows.
 
     Args:
         prepared_records: The records as they were told, with the cell's OCV.
         settings: How tables are fitted to them, with a table of the OCV or its correction.
+        rounds: How often at most; the first is nearly all of it.
 
     Where the records leave the axis of SOC so, they stay as they were told.
     """
@@ -84,7 +86,7 @@ def register(
         dependence = objective.prepared_records[0].dependence
         objective = replace(objective, settings=plain)
         as_told = objective, best
-        for number in range(ROUNDS):
+        for number in range(rounds):
             if number:
                 objective = reduced_objective(found, plain, held_at(objective, best.log_scales))
                 best = objective.solve(best.log_scales)
@@ -95,7 +97,7 @@ def register(
             )
             # SOC is scaled so that what was told is right on average.
             moved = moved - np.average(moved, axis=0, weights=prior**-2.0)
-            is_settled = np.max(np.abs(moved - shifts)) < SETTLED
+            is_settled = np.all(np.abs(moved - shifts) < SETTLED * errors)
             shifts = moved
             rows = np.hstack([told, shifts, errors]).tolist()
             try:

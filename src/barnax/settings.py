@@ -20,7 +20,8 @@ HysteresisFit = Literal["continuous", "independent"]
 Over = Literal["soc", "soc,temperature"]
 # What resistances follow beside SOC.
 Follow = Literal[
-    "auto", "none", "temperature", "heating", "current", "temperature,current", "heating,current"
+    "auto", "none", "temperature", "heating", "current", "direction", "temperature,current",
+    "heating,current", "temperature,direction", "current,direction",
 ]  # fmt: skip
 Trust = Literal["none", "basic", "full"]
 # How the state of charge at a start is known, where it was not given.
@@ -188,8 +189,8 @@ class TableOptions:
             lowest.
         max_boxes: At most so many boxes of time constants for the proof; 0 means no proof.
         resistances_follow: What resistances follow beside SOC: the measured temperature, the cell's
-            heating by its current, the current (Butler and Volmer), or none; auto takes what lowers
-            the held-out errors.
+            heating by its current, the current (Butler and Volmer), its direction, or none; auto
+            takes what lowers the held-out errors.
         keep_starts: Keep every record's start and capacity as told. Otherwise several records of
             one cell tell each other's, within some tenths of a percent.
         folds: Folds of the cross-validation, blocks held out in turn; 0 means none.

@@ -61,7 +61,9 @@ def test_without_corrections_it_simulates_tables_over_soc(circuit):
 
 
 def test_without_corrections_its_resistances_follow_heat_and_current_too():
-    beside = Dependence(kappa_per_a2=0.05, heating_tau_s=200.0, reference_a2=1.0, onset_a=1.5)
+    beside = Dependence(
+        kappa_per_a2=0.05, heating_tau_s=200.0, reference_a2=1.0, onset_a=1.5, charge_ratio=1.2
+    )
     tables = CircuitParameters.over_soc(
         NODES, (20.0, 300.0), (0.09, 0.06, 0.05, 0.05),
         ((0.03, 0.02, 0.01, 0.01), (0.05, 0.02, 0.02, 0.03)),

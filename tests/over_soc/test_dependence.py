@@ -60,6 +60,16 @@ def by_current(onset_a):
     return driven
 
 
+def by_direction(ratio):
+    """Resistances on charge are so many times those on discharge."""
+
+    def driven(time_s, current_a):
+        flowing_a = current_a * np.where(current_a < 0, ratio, 1.0)
+        return None, flowing_a, flowing_a
+
+    return driven
+
+
 def identified(records, **options):
     window = Window(initial_soc=1.0, capacity_ah=2.0)
     return barnax.identify(records, window=window, **SMALL, keep_starts=True, **options)
@@ -174,6 +184,23 @@ def test_a_current_of_butler_and_volmer_is_found():
     assert known.numbers.keys() == {"i0 [A]"}
 
 
+@pytest.mark.parametrize("ratio", [1.0, 1.3])
+def test_resistances_that_differ_with_the_direction_are_told_from_one_record(ratio):
+    """Else an OCV of the record's own is too high by half the difference."""
+    fit = identified([made(driven=by_direction(ratio))[0]]).fit
+    known = fit.tables.dependence
+    if ratio == 1:
+        assert known is None
+    else:
+        assert known.charge_ratio == pytest.approx(ratio, rel=0.01)
+        found = interval(fit, "charge ratio [1]")
+        assert found.low < ratio < found.high
+        r0_ohm = [each.value for each in fit.of_table("R0 [Ohm]") if each.low is not None]
+        np.testing.assert_allclose(r0_ohm, R0_OHM * math.sqrt(ratio), rtol=0.02)
+    apart_v = [each.value - ocv_v(each.soc) for each in fit.of_table("OCV [V]") if each.low]
+    assert abs(np.median(apart_v)) < 1e-3
+
+
 @pytest.mark.slow
 def test_a_temperature_that_stands_still_is_as_good_as_none():
     def driven(time_s, current_a):
@@ -227,6 +254,10 @@ def test_between_two_temperatures_what_is_followed_changes_without_a_jump():
     alone = TemperatureTables((0.0, 40.0), (at(0.0, cold), at(40.0, None)))
     half = alone.at(20.0).dependence
     assert half is not None
+    one_way = TemperatureTables(
+        (0.0, 40.0), (at(0.0, Dependence(charge_ratio=1.44)), at(40.0, None))
+    )
+    assert one_way.at(20.0).dependence.charge_ratio == pytest.approx(1.44**0.5, rel=0.1)
     assert half.beta_per_k == pytest.approx(cold.beta_per_k / 2)
     assert alone.at(39.999).dependence.beta_per_k == pytest.approx(0.0, abs=1e-5)
 

@@ -84,10 +84,12 @@ def test_ocv_and_circuit_of_a_known_cell_are_found_and_proved(known):
 
 def test_intervals_of_ocv_and_r0_hold_the_truth(known):
     _, _, own = known
-    nodes = [each for each in own.fit.intervals if each.name == OCV and 0.23 < each.soc < 0.98]
+    # The record is charged a little beyond where it started.
+    nodes = [each for each in own.fit.intervals if each.name == OCV and each.soc > 0.23]
     assert len(nodes) > 30
+    assert max(each.soc for each in nodes) > 1
     assert np.mean([each.low <= ocv_v(each.soc) <= each.high for each in nodes]) >= 0.9
-    assert max(each.high - each.low for each in nodes) < 1e-3
+    assert max(each.high - each.low for each in nodes) < 3e-3
     r0 = [each for each in own.fit.of_table("R0 [Ohm]") if 0.23 < each.soc < 0.98]
     assert np.mean([each.low <= R0_OHM <= each.high for each in r0]) >= 0.9
 
@@ -198,10 +200,19 @@ def test_what_needs_an_ocv_test_says_so(options, message):
         barnax.identify(read_record(BUNDLED.record), **options)
 
 
-def hysteretic(half_gap_v, gamma=30.0, samples=4000, noise_v=3e-4, start=1.0, state=1.0):
+def hysteretic(
+    half_gap_v,
+    gamma=30.0,
+    samples=4000,
+    noise_v=3e-4,
+    start=1.0,
+    state=1.0,
+    pairs=(R_OHM, TAU_S),
+    seed=4,
+):
     """A drive that often charges, on a cell of known resistances whose hysteresis follows the
     charge (Plett, J. Power Sources 134 (2004) 262, Eq. 15) from a state on, and its SOC."""
-    draw = np.random.default_rng(4)
+    draw = np.random.default_rng(seed)
     current_a = np.repeat(
         draw.gamma(0.8, 1.0, samples) * draw.choice([1, 1, 1, -0.6, 0], samples),
         draw.integers(2, 40, samples),
@@ -218,7 +229,7 @@ def hysteretic(half_gap_v, gamma=30.0, samples=4000, noise_v=3e-4, start=1.0, st
         states[at] = state
     voltage_v = ocv_v(soc) - R0_OHM * current_a + half_gap_v * states
     voltage_v += draw.normal(0.0, noise_v, samples)
-    for r_ohm, tau_s in zip(R_OHM, TAU_S, strict=True):
+    for r_ohm, tau_s in zip(*pairs, strict=True):
         voltage_v -= r_ohm * filtered_response(1.0, current_a, tau_s, "forward")
     return make_record(time_s, current_a, voltage_v), soc
 
@@ -281,6 +292,40 @@ def test_a_hysteresis_is_found_under_noise_and_from_the_other_direction(noise_v,
     assert result.model == "esc"
     (part,) = result.of_role("identification")
     assert part.start.direction == state
+    r2_ohm = np.median(result.fit.tables.at("R2 [Ohm]", np.linspace(0.2, 0.7, 20)))
+    assert r2_ohm == pytest.approx(R_OHM[1], rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_hysteresis_is_found_beside_a_third_pair():
+    """Either alone imitates the other, and the slow resistances are 30 to 45 % too high."""
+    r_ohm, tau_s = (0.010, 0.012, 0.014), (4.0, 40.0, 300.0)
+    record, _ = hysteretic(0.008, 40.0, 12_000, pairs=(r_ohm, tau_s))
+    given = {"window": Window(initial_soc=1.0, capacity_ah=2.0), "trust": "none", "max_boxes": 0}
+    result = barnax.identify(record, seeds=0, advise=False, **given)
+    assert result.model == "esc+rc"
+    inside = np.linspace(0.2, 0.8, 20)
+    assert result.fit.tables.tau_s == pytest.approx(tau_s, rel=0.1)
+    for place, ohm in enumerate(r_ohm, 1):
+        found_ohm = np.median(result.fit.tables.at(f"R{place} [Ohm]", inside))
+        assert found_ohm == pytest.approx(ohm, rel=0.05)
+    gap_v = result.fit.tables.at("half hysteresis [V]", inside)
+    assert np.median(gap_v) == pytest.approx(0.008, rel=0.1)
+
+
+@pytest.mark.slow
+def test_of_several_records_the_direction_is_found_with_the_start():
+    """A rest tells the start by the branch that it is on: the gap is 2 % SOC there, and a start
+    wrong by that leaves a slow resistance 40 % too high."""
+    first, _ = hysteretic(0.012, 40.0, 9000)
+    second, _ = hysteretic(0.012, 40.0, 6000, start=0.5, state=-1.0, seed=5)
+    second = replace(second, name="second.csv")
+    given = {"window": Window(capacity_ah=2.0), "trust": "none", "max_boxes": 0}
+    result = barnax.identify([first, second], seeds=0, advise=False, **given)
+    assert result.model == "esc"
+    _, part = result.of_role("identification")
+    assert part.start.direction == -1
+    assert part.start.soc == pytest.approx(0.5, abs=2e-3)
     r2_ohm = np.median(result.fit.tables.at("R2 [Ohm]", np.linspace(0.2, 0.7, 20)))
     assert r2_ohm == pytest.approx(R_OHM[1], rel=0.05)
 

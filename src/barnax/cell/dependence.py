@@ -1,4 +1,5 @@
-"""Resistances that follow more than the state of charge: temperature, own heat, current."""
+"""Resistances that follow more than the state of charge: temperature, own heat, current, and its
+direction."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +15,14 @@ from ..settings import CELL_DEGC
 ZERO_DEGC_K = 273.15
 
 BETA, KAPPA, HEATING, ONSET = "beta [1/K]", "kappa [1/A2]", "heating tau [s]", "i0 [A]"
-FIELDS = {BETA: "beta_per_k", KAPPA: "kappa_per_a2", HEATING: "heating_tau_s", ONSET: "onset_a"}
+CHARGE = "charge ratio [1]"
+FIELDS = {
+    BETA: "beta_per_k",
+    KAPPA: "kappa_per_a2",
+    HEATING: "heating_tau_s",
+    ONSET: "onset_a",
+    CHARGE: "charge_ratio",
+}
 Samples = Float[np.ndarray, "samples"]
 
 
@@ -27,7 +35,8 @@ class Dependence(Brief):
     with T measured; where it is not, they are R(s) exp(-kappa (h - h_ref)), with h the heating: tau
     dh/dt = i^2 - h, and h = 0 at the start of the record. The current through the RC pairs is i0
     asinh(i / i0) in place of i, as by Butler and Volmer with transfer coefficients of a half
-    (Plett, Battery Management Systems, Vol. I, 2015, Sec. 3.11).
+    (Plett, Battery Management Systems, Vol. I, 2015, Sec. 3.11). Where resistances on charge are
+    rho times those on discharge, they are R(s) sqrt(rho) and R(s) / sqrt(rho).
 
     Attributes:
         beta_per_k: Share by which resistances fall a kelvin; 0 where no temperature drives them.
@@ -36,6 +45,7 @@ class Dependence(Brief):
         heating_tau_s: Its time constant; None where self-heating does not drive them.
         reference_a2: The low-passed square at which the tables are.
         onset_a: i0, the current from which on the pairs' resistances fall; None where they do not.
+        charge_ratio: rho; None where resistances are the same in both directions.
     """
 
     beta_per_k: float = 0.0
@@ -44,12 +54,14 @@ class Dependence(Brief):
     heating_tau_s: float | None = None
     reference_a2: float = 0.0
     onset_a: float | None = None
+    charge_ratio: float | None = None
 
     @property
     def numbers(self) -> dict[str, float]:
         """Its numbers by name with unit; all positive."""
         found = {BETA: self.beta_per_k, KAPPA: self.kappa_per_a2}
         found |= {HEATING: self.heating_tau_s or 0.0, ONSET: self.onset_a or 0.0}
+        found |= {CHARGE: self.charge_ratio or 0.0}
         return {name: value for name, value in found.items() if value}
 
     @property
@@ -81,9 +93,16 @@ class Dependence(Brief):
 
     def through_pairs(self, current_a: Samples) -> Samples:
         """The current that counts in the RC pairs."""
-        if self.onset_a is None:
+        if self.onset_a is not None:
+            current_a = self.onset_a * np.arcsinh(current_a / self.onset_a)
+        return self.by_direction(current_a)
+
+    def by_direction(self, current_a: Samples) -> Samples:
+        """The current, discharge positive, so much larger or smaller as resistances are in its
+        direction."""
+        if self.charge_ratio is None:
             return current_a
-        return self.onset_a * np.arcsinh(current_a / self.onset_a)
+        return current_a * self.charge_ratio ** np.where(current_a < 0, 0.5, -0.5)
 
 
 @dataclass(frozen=True)
@@ -100,8 +119,8 @@ class Usual:
 def between(
     cold: Dependence | None, warm: Dependence | None, degc: float, share: float
 ) -> Dependence | None:
-    """The dependence at a share of the way from a cold temperature to a warm one: beta, kappa and
-    1 / i0 are linear in it, and zero where nothing is followed."""
+    """The dependence at a share of the way from a cold temperature to a warm one: beta, kappa,
+    1 / i0 and the logarithm of rho are linear in it, and zero where nothing is followed."""
     if cold is None and warm is None:
         return None
     first, second = (end or Dependence() for end in (cold, warm))
@@ -113,6 +132,7 @@ def between(
     rate = mixed(cold_rate, warm_rate)
     taus_s = [end.heating_tau_s for end in (first, second) if end.heating_tau_s]
     beta_per_k = mixed(first.beta_per_k, second.beta_per_k)
+    ratio = math.exp(mixed(*(math.log(end.charge_ratio or 1.0) for end in (first, second))))
     return Dependence(
         beta_per_k=beta_per_k,
         reference_degc=degc if beta_per_k else None,
@@ -120,6 +140,7 @@ def between(
         heating_tau_s=mixed(taus_s[0], taus_s[-1]) if taus_s else None,
         reference_a2=mixed(first.reference_a2, second.reference_a2),
         onset_a=1 / rate if rate else None,
+        charge_ratio=None if ratio == 1 else ratio,
     )
 
 

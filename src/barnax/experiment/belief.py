@@ -12,7 +12,7 @@ from jaxtyping import Float
 from ..bundled import bundled_file
 from ..cell import CellModel, CircuitParameters, characterize, get_circuit
 from ..cell.curves import InterpolatedCurve
-from ..cell.dependence import BETA, KAPPA, ONSET, Dependence
+from ..cell.dependence import BETA, CHARGE, KAPPA, ONSET, Dependence
 from ..cell.elements import RC
 from ..cell.model import MIXED_POINTS
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
@@ -344,7 +344,12 @@ def believed_of_fit(
 
 def followed(dependence: Dependence | None) -> tuple[str, ...]:
     """What resistances follow beside SOC, in words."""
-    words = {ONSET: "the current", KAPPA: "the cell's own heat", BETA: "the temperature"}
+    words = {
+        ONSET: "the current",
+        CHARGE: "its direction",
+        KAPPA: "the cell's own heat",
+        BETA: "the temperature",
+    }
     numbers = {} if dependence is None else dependence.numbers
     return tuple(word for name, word in words.items() if numbers.get(name))
 

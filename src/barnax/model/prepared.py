@@ -215,7 +215,7 @@ class PreparedRecord(Brief):
 
         ohmic_a, through_pairs_a = self.current_a, self.held_a
         if self.dependence is not None and self.resistance_factor is not None:
-            ohmic_a = self.resistance_factor * ohmic_a
+            ohmic_a = self.resistance_factor * self.dependence.by_direction(ohmic_a)
             through_pairs_a = self.resistance_factor * self.dependence.through_pairs(self.held_a)
         weight, intervals = (
             self.scored.astype(float),

@@ -1,4 +1,4 @@
-"""Resistances that follow the cell's temperature, its own heat or the current.
+"""Resistances that follow the cell's temperature, its own heat, the current or its direction.
 
 The numbers of a `Dependence` have no grid as time constants have. One Gauss-Newton step from none
 tells what each could gain; further steps follow in the logarithms of the numbers and of all time
@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..cell import Dependence
-from ..cell.dependence import BETA, KAPPA, ONSET, Usual, arrhenius_beta, heat_of
+from ..cell.dependence import BETA, CHARGE, KAPPA, ONSET, Usual, arrhenius_beta, heat_of
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.box_least_squares import least_in_box
@@ -31,12 +31,15 @@ from .settings import TableSettings
 
 # Temperatures that move by less than this tell nothing of what follows them.
 LEAST_SPREAD_K = 1.0
-# A first step has to promise more than this share of sqrt(J).
-PROMISING = 0.01
+# A first step has to promise more than this share of sqrt(J). Resistances that differ with the
+# direction by so little that they promise less move an OCV of the records' own by some mV.
+PROMISING = {"temperature": 0.01, "heating": 0.01, "current": 0.01, "direction": 0.1}
 # A further dependence lowers the held-out RMSE by this share, and does not raise it above 10 % SOC.
 WORTHWHILE = 0.02
 # Self-heating is tried with these time constants, by this exponent at its largest.
 HEATING_TAUS_S, TRIED_EXPONENT = (300.0, 1000.0, 3000.0), 0.3
+# Resistances on charge are tried so many times as large as on discharge, and as small.
+TRIED_RATIO = 1.2
 # Limits of the first step, in multiples of what is tried: it extrapolates a straight line.
 FEWEST, MOST = 0.05, 4.0
 # Most steps, the gain as a share of J that ends them, the furthest move of a logarithm in one, and
@@ -78,7 +81,8 @@ def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObj
     the errors on what is held out.
 
     Within one record a cell gets warmer and emptier together, so that its own heat needs several,
-    each left out in turn; the current, which is tried beside a temperature, changes at every SOC.
+    each left out in turn; the current, which is tried beside a temperature, changes at every SOC,
+    and its direction more often.
     """
     settings, records = objective.settings, objective.prepared_records
     asked = settings.resistances_follow
@@ -86,27 +90,32 @@ def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObj
         return objective, best
     is_measured = _spread_k(records) >= LEAST_SPREAD_K
     kinds = ["temperature", "current"] if is_measured else ["heating", "current"]
-    kinds = kinds if is_measured or len(records) > 1 else []
+    kinds = [*(kinds if is_measured or len(records) > 1 else []), "direction"]
     if asked != "auto":
         for what in asked.split(","):
             tried = _following(objective, best, what, is_asked=True)
             if tried is not None:
                 objective, best = _searched_anew(objective, tried[0])
         return objective, best
-    held = held_out_errors(objective, best) if kinds else None
-    while kinds and held is not None:
+    while kinds:
         worth: dict[str, tuple[SocErrors, TableObjective]] = {}
-        for what in kinds:
-            tried = _following(objective, best, what)
-            errors = tried and held_out_errors(*tried)
-            if tried and errors and is_worth(errors, held):
-                worth[what] = errors, tried[0]
+        tried = [(what, _following(objective, best, what)) for what in kinds]
+        if "current" not in kinds and _is_current(objective, best, dict(tried).get("direction")):
+            break
+        if not any(found for _, found in tried):
+            break
+        if (held := held_out_errors(objective, best)) is None:
+            break
+        for what, found in tried:
+            errors = found and held_out_errors(*found)
+            if found and errors and is_worth(errors, held):
+                worth[what] = errors, found[0]
         if not worth:
             break
         # The one that saves most, then what else saves more beside it.
         what = min(worth, key=lambda kind: worth[kind][0].rmse_v)
         objective, best = _searched_anew(objective, worth.pop(what)[1])
-        held, kinds = held_out_errors(objective, best), list(worth)
+        kinds = list(worth)
     return objective, best
 
 
@@ -122,6 +131,16 @@ def _following(
     records = [prepared.following(dependence) for prepared in objective.prepared_records]
     tried = reduced_objective(records, objective.settings, held_at(objective, log_scales))
     return tried, tried.solve(log_scales)
+
+
+def _is_current(
+    objective: TableObjective, best: Solution, by_direction: tuple[TableObjective, Solution] | None
+) -> bool:
+    """True where the current itself explains better what its direction does: one record, whose
+    charges are smaller than its discharges, may not tell it, but it is no difference between the
+    two."""
+    other = _following(objective, best, "current") if by_direction else None
+    return bool(other and by_direction and other[1].objective_v2 < by_direction[1].objective_v2)
 
 
 def _searched_anew(
@@ -145,8 +164,8 @@ def propose(
     """A further dependence of resistances, from the best tables without it, and the logarithms of
     the time constants with it.
 
-    `what` is "temperature" where that was measured, "heating" or "current". None where a first step
-    promises too little, unless it is asked for.
+    `what` is "temperature" where that was measured, "heating", "current" or "direction". None where
+    a first step promises too little, unless it is asked for.
 
     Raises `InputError` where a temperature is asked for and not measured.
     """
@@ -162,7 +181,7 @@ def propose(
     promised = []
     for place, trial in enumerate(trials):
         step, gain = normal.step(at, [*others, len(others) + place])
-        if is_asked or (step[-1] > 0 and gain - without > 2 * PROMISING * at.objective_v2):
+        if is_asked or (step[-1] > 0 and gain - without > 2 * PROMISING[what] * at.objective_v2):
             promised.append((gain - without, float(step[-1]), trial))
     if not promised:
         return None
@@ -178,6 +197,8 @@ def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> lis
                 onset_a=max(float(np.max(np.abs(prepared.current_a))) for prepared in records)
             )
         ]
+    if what == "direction":
+        return [Dependence(charge_ratio=ratio) for ratio in (TRIED_RATIO, 1 / TRIED_RATIO)]
     if what == "heating":
         found = []
         for tau_s in HEATING_TAUS_S:
@@ -229,9 +250,12 @@ def _joined(known: Dependence | None, other: Dependence) -> Dependence:
 
 def _scaled(tried: Dependence, share: float, what: str) -> Dependence:
     """The trial so many times as strong."""
-    name = {"temperature": BETA, "heating": KAPPA, "current": ONSET}[what]
+    name = {"temperature": BETA, "heating": KAPPA, "current": ONSET, "direction": CHARGE}[what]
+    number = tried.numbers[name]
+    if what == "direction":
+        return tried.with_numbers({name: number**share})
     times = share**-0.5 if name == ONSET else share
-    return tried.with_numbers({name: times * tried.numbers[name]})
+    return tried.with_numbers({name: times * number})
 
 
 def _polished(

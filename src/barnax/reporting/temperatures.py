@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from ..cell.dependence import BETA, KAPPA, ONSET
+from ..cell.dependence import BETA, CHARGE, KAPPA, ONSET
 from ..cell.model import NEAR_DEGC
 from .words import degrees, duration, figures, joined, millivolt
 
@@ -58,11 +58,12 @@ def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
     numbers = known.numbers
     ends = {node.name: node for node in fit.intervals if node.name in numbers}
 
-    def interval(name: str, times: float, unit: str) -> str:
+    def interval(name: str, times: float, unit: str, digits: int = 2) -> str:
         node = ends.get(name)
         if node is None or node.low is None or node.high is None:
             return "not determined"
-        return f"95 %: {figures(times * node.low, 2)} to {figures(times * node.high, 2)}{unit}"
+        ends_in_unit = (figures(times * end, digits) for end in (node.low, node.high))
+        return f"95 %: {' to '.join(ends_in_unit)}{unit}"
 
     if BETA in numbers and known.reference_degc is not None:
         yield (
@@ -84,6 +85,12 @@ def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
         yield (
             f"{where}those of the pairs fall with the current: i0 asinh(i / i0) flows in place of "
             f"i, with i0 = {figures(numbers[ONSET])} A ({interval(ONSET, 1, ' A')})."
+        )
+    if CHARGE in numbers:
+        yield (
+            f"{where}all of them on charge are {figures(numbers[CHARGE])} times those on discharge "
+            f"({interval(CHARGE, 1, '', 3)}); tables are between the two. A hysteresis that turns "
+            "at once looks much the same."
         )
 
 

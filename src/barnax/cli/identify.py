@@ -333,7 +333,7 @@ def _command(plan: "Plan") -> list[str]:
     for part in served:
         for asked, (name, *_) in WINDOW_OPTIONS.items():
             value = getattr(part.window, name)
-            if value not in (None, common[name]):
+            if value not in (None, common[name], options.get(asked)):
                 words += _words(asked, value, f"{part.name}=")
     return ["barnax", plan.command, *words, *last]
 

@@ -104,9 +104,10 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
         windows = ((replace(window, capacity_ah=None), name) for window, name in windows)
     for window, names in gathered(windows).items():
         yield from window_sentences(window, names)
+    has_direction = not cell.is_of_records or bool(cell.hysteresis.points)
     for part in simulated:
         if part.start is not None:
-            yield start_sentence(part, part.name in planned, not cell.is_of_records)
+            yield start_sentence(part, part.name in planned, has_direction)
 
 
 def _low_end_sentence(stored: "Result") -> Iterator[str]:

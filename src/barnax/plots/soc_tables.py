@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..cell.elements import names_beside
-from ..cell.parameters import OCV
+from ..cell.parameters import HALF_HYSTERESIS, OCV
 from ..errors import counted
 from .pictures import illustration
 from .style import (
@@ -43,6 +43,8 @@ WIDEST: Final = 1.6
 FAR: Final = 8.0
 # What is off a scale stands beside a time constant, in lines of so many letters.
 LETTERS: Final = 34
+# What a hysteresis is called on its axis.
+HALF: Final = HALF_HYSTERESIS.partition(" [")[0]
 
 Values = Float[np.ndarray, "nodes"]
 
@@ -76,7 +78,7 @@ class DrawnTable:
 
 
 def scale_of(tables: Sequence[DrawnTable]) -> tuple[float, float]:
-    """One scale for tables at the nodes that samples visit, from zero for resistances: of those
+    """One scale for tables at the nodes that samples visit, from zero but for OCVs: of those
     that the data determine, with an interval narrower than the value, and that are not far above
     the others."""
     seen = [table.seen if table.is_visited.any() else table for table in tables]
@@ -92,7 +94,7 @@ def scale_of(tables: Sequence[DrawnTable]) -> tuple[float, float]:
     ends = np.clip(np.concatenate([low[sets], high[sets]]), -span, span)
     reached = np.concatenate([ends, values[np.abs(values) <= span]])
     bottom, top = float(np.nanmin(reached)), float(np.nanmax(reached))
-    if is_resistance:
+    if is_resistance or tables[0].label.startswith(HALF):
         return 0.0, 1.08 * top or 1.0
     margin = 0.08 * (top - bottom or 1.0)
     return bottom - margin, top + margin
@@ -191,7 +193,10 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
         _draw_table(axes, table)
         if value is not None:
             label = "constant circuit"
-            axes.axhline(value, color=GREY, linewidth=1.4, zorder=1, label=label)
+            # It says something where the records do.
+            soc = table.seen.nodes if table.is_visited.any() else table.nodes
+            ends = soc[[0, -1]]
+            axes.plot(ends, [value] * 2, color=GREY, linewidth=1.4, zorder=1, label=label)
         limits = scale_of([table])
         axes.set_ylim(limits)
         outside = off_the_scale([table], limits, value)

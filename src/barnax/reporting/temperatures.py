@@ -89,8 +89,8 @@ def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
     if CHARGE in numbers:
         yield (
             f"{where}all of them on charge are {figures(numbers[CHARGE])} times those on discharge "
-            f"({interval(CHARGE, 1, '', 3)}); tables are between the two. A hysteresis that turns "
-            "at once looks much the same."
+            f"({interval(CHARGE, 1, '', 4)}), unless a hysteresis turns at once, which looks much "
+            "the same; tables are between the two."
         )
 
 

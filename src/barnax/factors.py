@@ -25,7 +25,7 @@ from .model.layout import Layout
 from .model.reduced import Reduced
 from .over_soc.kept import Grid, Kept, KeptOcv, OcvSource
 
-VERSION = 1
+VERSION = 2
 # What may be in a file: enough for any record, and little enough to hold.
 LARGEST_FILE = 2_000_000_000
 LONGEST_HEADER, MOST_NUMBERS = 100_000_000, 250_000_000

@@ -21,7 +21,8 @@ Over = Literal["soc", "soc,temperature"]
 # What resistances follow beside SOC.
 Follow = Literal[
     "auto", "none", "temperature", "heating", "current", "direction", "temperature,current",
-    "heating,current", "temperature,direction", "current,direction",
+    "heating,current", "temperature,direction", "heating,direction", "current,direction",
+    "temperature,current,direction", "heating,current,direction",
 ]  # fmt: skip
 Trust = Literal["none", "basic", "full"]
 # How the state of charge at a start is known, where it was not given.

@@ -18,7 +18,7 @@ from barnax.cell import (
     TemperatureTables,
     characterize,
 )
-from barnax.cell.dependence import arrhenius_beta, heat_of
+from barnax.cell.dependence import arrhenius_beta, between, heat_of
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import TableSettings
@@ -197,8 +197,28 @@ def test_resistances_that_differ_with_the_direction_are_told_from_one_record(rat
         assert found.low < ratio < found.high
         r0_ohm = [each.value for each in fit.of_table("R0 [Ohm]") if each.low is not None]
         np.testing.assert_allclose(r0_ohm, R0_OHM * math.sqrt(ratio), rtol=0.02)
-    apart_v = [each.value - ocv_v(each.soc) for each in fit.of_table("OCV [V]") if each.low]
+    apart_v = [
+        each.value - ocv_v(each.soc) for each in fit.of_table("OCV [V]") if each.low is not None
+    ]
     assert abs(np.median(apart_v)) < 1e-3
+
+
+def test_beside_an_ocv_test_a_switched_hysteresis_is_no_difference_of_resistances():
+    """A test of one direction leaves it to the records, where it looks the same."""
+    record, _ = made()
+    soc = np.linspace(0.0, 1.0, 201)
+    test = {"SOC": soc, "OCV [V]": ocv_v(soc) - 0.01}
+    moving = np.flatnonzero(record.current_a)
+    last = moving[np.maximum(np.searchsorted(moving, np.arange(record.samples), "right") - 1, 0)]
+    voltage_v = record.voltage_v - 0.01 * np.sign(record.current_a[last])
+    known = identified([replace(record, voltage_v=voltage_v)], ocv=test).fit.tables.dependence
+    assert known is None
+
+
+def test_a_record_that_only_discharges_tells_no_difference_of_resistances():
+    record = replace(record := made()[0], current_a=np.abs(record.current_a))
+    with pytest.raises(InputError, match="hardly a current flows in one of the directions"):
+        identified([record], resistances_follow="direction")
 
 
 @pytest.mark.slow
@@ -254,10 +274,9 @@ def test_between_two_temperatures_what_is_followed_changes_without_a_jump():
     alone = TemperatureTables((0.0, 40.0), (at(0.0, cold), at(40.0, None)))
     half = alone.at(20.0).dependence
     assert half is not None
-    one_way = TemperatureTables(
-        (0.0, 40.0), (at(0.0, Dependence(charge_ratio=1.44)), at(40.0, None))
-    )
-    assert one_way.at(20.0).dependence.charge_ratio == pytest.approx(1.44**0.5, rel=0.1)
+    one_way = between(Dependence(charge_ratio=1.44), None, 20.0, 0.5)
+    assert one_way is not None
+    assert one_way.charge_ratio == pytest.approx(1.2)
     assert half.beta_per_k == pytest.approx(cold.beta_per_k / 2)
     assert alone.at(39.999).dependence.beta_per_k == pytest.approx(0.0, abs=1e-5)
 

@@ -314,13 +314,15 @@ def test_a_hysteresis_is_found_beside_a_third_pair():
 
 
 @pytest.mark.slow
-def test_of_several_records_the_direction_is_found_with_the_start():
+@pytest.mark.parametrize("keep_starts", [False, True])
+def test_of_several_records_the_direction_is_found_with_the_start(keep_starts):
     """A rest tells the start by the branch that it is on: the gap is 2 % SOC there, and a start
     wrong by that leaves a slow resistance 40 % too high."""
     first, _ = hysteretic(0.012, 40.0, 9000)
     second, _ = hysteretic(0.012, 40.0, 6000, start=0.5, state=-1.0, seed=5)
     second = replace(second, name="second.csv")
     given = {"window": Window(capacity_ah=2.0), "trust": "none", "max_boxes": 0}
+    given |= {"keep_starts": keep_starts}
     result = barnax.identify([first, second], seeds=0, advise=False, **given)
     assert result.model == "esc"
     _, part = result.of_role("identification")

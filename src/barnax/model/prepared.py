@@ -92,7 +92,7 @@ class PreparedRecord(Brief):
         return self.again(capacity_ah=capacity_ah, **start, **known)
 
     def following(self, dependence: Dependence | None) -> "PreparedRecord":
-        """The same with resistances that follow temperature or current so; None for not."""
+        """The same with resistances that follow more than SOC so; None for not."""
         if dependence == self.dependence:
             return self
         factor = None

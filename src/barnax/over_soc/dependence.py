@@ -40,6 +40,8 @@ WORTHWHILE = 0.02
 HEATING_TAUS_S, TRIED_EXPONENT = (300.0, 1000.0, 3000.0), 0.3
 # Resistances on charge are tried so many times as large as on discharge, and as small.
 TRIED_RATIO = 1.2
+# So much of the charge moves in either direction where records tell them apart.
+LEAST_SHARE = 0.01
 # Limits of the first step, in multiples of what is tried: it extrapolates a straight line.
 FEWEST, MOST = 0.05, 4.0
 # Most steps, the gain as a share of J that ends them, the furthest move of a logarithm in one, and
@@ -90,7 +92,12 @@ def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObj
         return objective, best
     is_measured = _spread_k(records) >= LEAST_SPREAD_K
     kinds = ["temperature", "current"] if is_measured else ["heating", "current"]
-    kinds = [*(kinds if is_measured or len(records) > 1 else []), "direction"]
+    kinds = kinds if is_measured or len(records) > 1 else []
+    # One record may not tell a dependence on the current, but it is no difference in direction.
+    has_rival = "current" not in kinds
+    if records[0].cell.is_of_records:
+        # With an OCV test a switched hysteresis looks the same.
+        kinds = [*kinds, "direction"]
     if asked != "auto":
         for what in asked.split(","):
             tried = _following(objective, best, what, is_asked=True)
@@ -99,16 +106,17 @@ def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObj
         return objective, best
     while kinds:
         worth: dict[str, tuple[SocErrors, TableObjective]] = {}
-        tried = [(what, _following(objective, best, what)) for what in kinds]
-        if "current" not in kinds and _is_current(objective, best, dict(tried).get("direction")):
-            break
-        if not any(found for _, found in tried):
-            break
-        if (held := held_out_errors(objective, best)) is None:
-            break
-        for what, found in tried:
-            errors = found and held_out_errors(*found)
-            if found and errors and is_worth(errors, held):
+        tried = {
+            what: found
+            for what in kinds
+            if (found := _following(objective, best, what)) is not None
+        }
+        if has_rival and "direction" in tried and _is_current(objective, best, tried["direction"]):
+            del tried["direction"]
+        held = held_out_errors(objective, best) if tried else None
+        for what, found in tried.items():
+            errors = held_out_errors(*found)
+            if errors and held and is_worth(errors, held):
                 worth[what] = errors, found[0]
         if not worth:
             break
@@ -134,13 +142,12 @@ def _following(
 
 
 def _is_current(
-    objective: TableObjective, best: Solution, by_direction: tuple[TableObjective, Solution] | None
+    objective: TableObjective, best: Solution, by_direction: tuple[TableObjective, Solution]
 ) -> bool:
-    """True where the current itself explains better what its direction does: one record, whose
-    charges are smaller than its discharges, may not tell it, but it is no difference between the
-    two."""
-    other = _following(objective, best, "current") if by_direction else None
-    return bool(other and by_direction and other[1].objective_v2 < by_direction[1].objective_v2)
+    """True where the current itself explains better what its direction does, charges being smaller
+    than discharges."""
+    other = _following(objective, best, "current")
+    return other is not None and other[1].objective_v2 < by_direction[1].objective_v2
 
 
 def _searched_anew(
@@ -198,6 +205,14 @@ def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> lis
             )
         ]
     if what == "direction":
+        if _least_share(records) < LEAST_SHARE:
+            if is_asked:
+                raise InputError(
+                    f"{records[0].record.name}: hardly a current flows in one of the directions, "
+                    "so nothing tells a difference between them; leave `direction` out of "
+                    "`resistances_follow`"
+                )
+            return []
         return [Dependence(charge_ratio=ratio) for ratio in (TRIED_RATIO, 1 / TRIED_RATIO)]
     if what == "heating":
         found = []
@@ -230,6 +245,13 @@ def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> lis
         np.mean([degc for prepared in records if (degc := prepared.temperature_degc) is not None])
     )
     return [Dependence(beta_per_k=arrhenius_beta(middle_degc), reference_degc=middle_degc)]
+
+
+def _least_share(records: Sequence[PreparedRecord]) -> float:
+    """The share of the charge that moves in the direction in which less does."""
+    held_a = np.concatenate([prepared.held_a for prepared in records])
+    charged = -float(np.sum(held_a[held_a < 0])) / max(float(np.sum(np.abs(held_a))), 1e-300)
+    return min(charged, 1 - charged)
 
 
 def _spread_k(records: Sequence[PreparedRecord]) -> float:

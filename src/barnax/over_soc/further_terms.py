@@ -108,7 +108,8 @@ def with_further(
             if not is_supported(more, errors, found, held_out):
                 continue
             if told := list(turning_at_once(more)):
-                against += told
+                # Beside a hysteresis that they support it says nothing.
+                against += [] if RATE in found.objective.ranges else told
             else:
                 supported.append(more)
     if not supported:
@@ -258,7 +259,7 @@ def turning_at_once(found: Fitted) -> Iterator[Notice]:
         return
     highest = objective.ranges[RATE][1]
     if math.exp(best.log_scales[-1]) > NEARLY * highest:
-        yield notice("tables.turns-at-once", turned_soc=3 / highest)
+        yield notice("tables.turns-at-once", turned_soc=3 / highest, instead=found.circuit)
 
 
 def _left(own_v2: Any, simpler_v2: Any, noise_v2: float) -> Any:

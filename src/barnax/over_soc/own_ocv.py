@@ -40,7 +40,8 @@ class OwnOcv(Brief):
     """A cell whose OCV the records themselves show, and the tables that were fitted with it.
 
     Attributes:
-        cell: The cell; one OCV for both directions, no hysteresis. Over temperature, one for each.
+        cell: The cell, with the branches of a hysteresis that was found. Over temperature, one for
+            each.
         windows: The windows of the records, each with its start on the axis.
         found: The tables over SOC, and the OCV among their intervals.
         settings: How they were fitted.
@@ -90,7 +91,7 @@ def search_with_ocv(
         capacity_ah: The capacity; None takes what the records span.
         over_temperature: Whether records of each temperature are fitted by themselves.
         beside: By circuit, others of which the best takes its place where the records speak for
-            it, at the same starts; a record that is too short for one leaves it out.
+            it; a record that is too short for one leaves it out.
 
     Raises `InputError` where a start or a temperature is not known, and as `fit_tables` and
     `fit_temperatures` do.
@@ -117,14 +118,15 @@ def search_with_ocv(
     prepared = begun(circuit, own)
     if over_temperature:
         found = _over_temperature(prepared, own, *axis)
-        return replace(found, warnings=starts[circuit].warnings)
+        begun_so = starts[circuit]
+        return replace(found, warnings=begun_so.warnings, directions=begun_so.directions)
     with one_blas_thread():
         found, against = with_further(best_tables(prepared, own), own, beside or {}, begun)
     own_starts = starts[found.circuit]
     objective, best, _ = found
     return replace(
         _told(objective, Proof(0.0, 0, best), cell_of(objective, best, *axis)),
-        directions={**own_starts.directions, **found.directions},
+        directions={**found.directions, **own_starts.directions},
         warnings=(*own_starts.warnings, *against),
     )
 

@@ -120,10 +120,18 @@ def _starts_of(
                     )
     found = _on_axes(records, windows, axes, axis_ah)
     directions: Mapping[str, float] = {}
-    if len(records) > 1 and not own.keep_starts:
+    if turned or (len(records) > 1 and not own.keep_starts):
         # A start moves to make up for a direction that is wrong.
         cell, fitted = _cell_found(records, circuit, found, quick, axis_ah, origin, turned)
-        told, directions = windows_of(fitted.objective.prepared_records), fitted.directions
+        directions = fitted.directions
+        told = {
+            one.record.name: replace(one.window, initial_direction=one.start.direction)
+            if one.record.name in directions
+            else one.window
+            for one in fitted.objective.prepared_records
+        }
+        if own.keep_starts:
+            return Starts(told, tuple(warnings), directions)
         # An OCV of starts that differ is less steep than any record's.
         once = windows_of(register(_prepared(records, cell, circuit, told), own, rounds=1))
         cell, _ = _cell_found(records, circuit, once, quick, axis_ah, origin)

@@ -97,7 +97,7 @@ def register(
             )
             # SOC is scaled so that what was told is right on average.
             moved = moved - np.average(moved, axis=0, weights=prior**-2.0)
-            is_settled = np.all(np.abs(moved - shifts) < SETTLED * errors)
+            is_settled = np.all(np.abs(moved - shifts) <= SETTLED * errors)
             shifts = moved
             rows = np.hstack([told, shifts, errors]).tolist()
             try:

@@ -107,7 +107,8 @@ def search_with_ocv(
             # Starts of several records are found with each circuit: at those of two pairs a third
             # one is not worth what it is at its own.
             given = windows, settings, *axis, over_temperature
-            starts[circuit] = find_starts(records, circuit, *given)
+            near = None if simpler is None else starts[simpler.circuit]
+            starts[circuit] = find_starts(records, circuit, *given, near)
         else:
             turned = windows_of(simpler.objective.prepared_records)
             starts[circuit] = starts[simpler.circuit]._replace(windows=turned)

@@ -50,6 +50,7 @@ def find_starts(
     capacity_ah: float,
     origin: str,
     over_temperature: bool = False,
+    near: Starts | None = None,
 ) -> Starts:
     """The starts of records of one cell, over temperature by the OCV of each temperature.
 
@@ -61,9 +62,16 @@ def find_starts(
         capacity_ah: The capacity of the axis.
         origin: Where it comes from.
         over_temperature: Whether records of each temperature are taken by themselves.
+        near: Those of a simpler circuit, where they are known.
 
     Raises `InputError` where a start or a temperature is not known.
     """
+    if near is not None and not _has_open_directions(records, circuit, near.windows):
+        if settings.keep_starts:
+            return near
+        given = settings, capacity_ah, origin
+        told = {name: window.as_told for name, window in near.windows.items()}
+        return near._replace(windows=_registered(records, circuit, told, near.windows, *given))
     groups: list[Sequence[Record]] = [records]
     if over_temperature:
         known: list[tuple[float, Record]] = []
@@ -133,10 +141,39 @@ def _starts_of(
         if own.keep_starts:
             return Starts(told, tuple(warnings), directions)
         # An OCV of starts that differ is less steep than any record's.
-        once = windows_of(register(_prepared(records, cell, circuit, told), own, rounds=1))
-        cell, _ = _cell_found(records, circuit, once, quick, axis_ah, origin)
-        found = windows_of(register(_prepared(records, cell, circuit, told), own))
+        roughly = replace(own, resistances_follow="none")
+        once = windows_of(register(_prepared(records, cell, circuit, told), roughly, rounds=1))
+        found = _registered(records, circuit, told, once, own, axis_ah, origin)
     return Starts(found, tuple(warnings), directions)
+
+
+def _registered(
+    records: Sequence[Record],
+    circuit: str,
+    told: Mapping[str, Window],
+    near: Mapping[str, Window],
+    settings: TableSettings,
+    capacity_ah: float,
+    origin: str,
+) -> dict[str, Window]:
+    """The windows with starts and capacities that the records tell each other, from what was told
+    and on the OCV that they have near these."""
+    quick = replace(settings, folds=0, max_boxes=0)
+    cell, _ = _cell_found(records, circuit, near, quick, capacity_ah, origin)
+    return windows_of(register(_prepared(records, cell, circuit, told), settings))
+
+
+def _has_open_directions(
+    records: Sequence[Record], circuit: str, windows: Mapping[str, Window]
+) -> bool:
+    """True where a dynamic hysteresis starts from a direction that is not known."""
+    if not get_circuit(circuit).has_rate:
+        return False
+    level = level_cell(1.0, float(records[0].voltage_v[0]))
+    return any(
+        one.start.direction_source == "assumed"
+        for one in _prepared(records, level, circuit, windows)
+    )
 
 
 def _on_axes(

@@ -21,7 +21,7 @@ from ..records.record import in_means
 from .further_terms import Fitted, best_tables
 from .level import cell_of, level_cell
 from .own_axis import Axis, axis_of, require_on_axis, span_ah_of
-from .registration import MEANS_S, register
+from .registration import MEANS_S, ROUNDS, register
 from .settings import TableSettings
 
 
@@ -69,9 +69,9 @@ def find_starts(
     if near is not None and not _has_open_directions(records, circuit, near.windows):
         if settings.keep_starts:
             return near
-        given = settings, capacity_ah, origin
         told = {name: window.as_told for name, window in near.windows.items()}
-        return near._replace(windows=_registered(records, circuit, told, near.windows, *given))
+        given = told, near.windows, settings, capacity_ah, origin
+        return near._replace(windows=_registered(records, circuit, *given))
     groups: list[Sequence[Record]] = [records]
     if over_temperature:
         known: list[tuple[float, Record]] = []
@@ -126,25 +126,20 @@ def _starts_of(
                     turned |= _on_axes(
                         [record], {record.name: window}, {record.name: axis}, axis_ah
                     )
-    found = _on_axes(records, windows, axes, axis_ah)
-    directions: Mapping[str, float] = {}
-    if turned or (len(records) > 1 and not own.keep_starts):
-        # A start moves to make up for a direction that is wrong.
-        cell, fitted = _cell_found(records, circuit, found, quick, axis_ah, origin, turned)
-        directions = fitted.directions
+    told, directions = _on_axes(records, windows, axes, axis_ah), dict[str, float]()
+    if turned or (_has_open_directions(records, circuit, told) and not own.keep_starts):
+        # A start would move to make up for a direction that is wrong.
+        _, fitted = _cell_found(records, circuit, told, quick, axis_ah, origin, turned)
+        directions = {**fitted.directions}
         told = {
             one.record.name: replace(one.window, initial_direction=one.start.direction)
             if one.record.name in directions
             else one.window
             for one in fitted.objective.prepared_records
         }
-        if own.keep_starts:
-            return Starts(told, tuple(warnings), directions)
-        # An OCV of starts that differ is less steep than any record's.
-        roughly = replace(own, resistances_follow="none")
-        once = windows_of(register(_prepared(records, cell, circuit, told), roughly, rounds=1))
-        found = _registered(records, circuit, told, once, own, axis_ah, origin)
-    return Starts(found, tuple(warnings), directions)
+    if len(records) > 1 and not own.keep_starts:
+        told = _registered(records, circuit, told, told, own, axis_ah, origin)
+    return Starts(told, tuple(warnings), directions)
 
 
 def _registered(
@@ -158,9 +153,12 @@ def _registered(
 ) -> dict[str, Window]:
     """The windows with starts and capacities that the records tell each other, from what was told
     and on the OCV that they have near these."""
-    quick = replace(settings, folds=0, max_boxes=0)
-    cell, _ = _cell_found(records, circuit, near, quick, capacity_ah, origin)
-    return windows_of(register(_prepared(records, cell, circuit, told), settings))
+    quick, found = replace(settings, folds=0, max_boxes=0), dict(near)
+    # An OCV of starts that differ is less steep than any record's.
+    for how, rounds in ((replace(settings, resistances_follow="none"), 1), (settings, ROUNDS)):
+        cell, _ = _cell_found(records, circuit, found, quick, capacity_ah, origin)
+        found = windows_of(register(_prepared(records, cell, circuit, told), how, rounds))
+    return found
 
 
 def _has_open_directions(

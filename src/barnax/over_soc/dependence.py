@@ -205,15 +205,14 @@ def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> lis
             )
         ]
     if what == "direction":
-        if _least_share(records) < LEAST_SHARE:
-            if is_asked:
-                raise InputError(
-                    f"{records[0].record.name}: hardly a current flows in one of the directions, "
-                    "so nothing tells a difference between them; leave `direction` out of "
-                    "`resistances_follow`"
-                )
-            return []
-        return [Dependence(charge_ratio=ratio) for ratio in (TRIED_RATIO, 1 / TRIED_RATIO)]
+        is_told = _least_share(records) >= LEAST_SHARE
+        if is_asked and not is_told:
+            raise InputError(
+                f"{records[0].record.name}: hardly a current flows in one of the directions, which "
+                "tells no difference between them; leave 'direction' out of `resistances_follow`"
+            )
+        ratios = (TRIED_RATIO, 1 / TRIED_RATIO) if is_told else ()
+        return [Dependence(charge_ratio=ratio) for ratio in ratios]
     if what == "heating":
         found = []
         for tau_s in HEATING_TAUS_S:

@@ -13,6 +13,7 @@ from barnax.model.prepared import Window, prepare_record
 from barnax.model.reference import simulate_circuit
 from barnax.over_soc import TableSettings
 from barnax.over_soc.dependence import searched
+from barnax.over_soc.further_terms import at_rates
 from barnax.over_soc.intervals import intervals_of
 from barnax.over_soc.low_end import without_low_end
 
@@ -134,3 +135,15 @@ def test_a_record_whose_low_end_is_fitted_as_well_counts_evenly(emptied):
     objective, best = searched([alike], PLAIN)
     assert objective.low_end is None
     assert without_low_end(objective, best) == (objective, best)
+
+
+def test_a_hysteresis_is_looked_for_with_what_counts_less_below_10_percent(emptied, weighed):
+    """With one more table the weighed errors can only fall; counted evenly they are larger."""
+    objective, best = weighed
+    record = prepare_record(emptied.record, emptied.cell, "esc", emptied.window)
+    settings = replace(PLAIN, half_hysteresis=True)
+    evenly, less = (
+        next(at_rates([record], settings, best.log_scales, low_end)).objective_v2
+        for low_end in (None, objective.low_end)
+    )
+    assert less <= best.objective_v2 * (1 + 1e-6) < evenly

@@ -160,7 +160,7 @@ def shows_more(circuit: str, simpler: Fitted, settings: TableSettings) -> bool:
             return is_worth_trying(records, settings, best.rms_v, objective.low_end, objective)
         records, _ = directed(records, settings, best.log_scales)
         samples, noise_v2 = objective.reduced.scored, _noise_v2(records)
-        for tried in _at_rates(records, settings, best.log_scales, objective.low_end):
+        for tried in at_rates(records, settings, best.log_scales, objective.low_end):
             found_v2 = tried.objective_v2
             gained_v2 = samples * (best.objective_v2 - found_v2)
             further = len(tried.unknowns) - len(best.unknowns)
@@ -184,7 +184,7 @@ def directed(
     found, others = list(prepared_records), dict[str, float]()
 
     def left_v(records: Sequence[PreparedRecord]) -> float:
-        tried = _at_rates(records, settings, log_scales)
+        tried = at_rates(records, settings, log_scales)
         return min(float(np.linalg.norm(solution.error)) for solution in tried)
 
     for place, one in enumerate(prepared_records):
@@ -201,14 +201,16 @@ def directed(
     return found, others
 
 
-def _at_rates(
+def at_rates(
     records: Sequence[PreparedRecord],
     settings: TableSettings,
     log_scales: LogScales,
     low_end: LowEnd | None = None,
 ) -> Iterator[Solution]:
     """The best tables at known scales, without a known rate at each of those that are tried."""
-    quick = replace(settings, folds=0)
+    # What counts less below 10 % SOC is apart only where blocks are.
+    is_even = low_end is None or low_end.weight == 1
+    quick = replace(settings, folds=0) if is_even else settings
     names = list(box_of(records, quick))
     known = dict(zip(names, map(math.exp, log_scales), strict=False))
     for rate in [known[RATE]] if RATE in known else TRIED_RATES:
@@ -248,7 +250,14 @@ def is_supported(
     lowered = float(np.median(_left(own_v2 / counts, simpler_v2 / counts, noise_v2)))
     pairs = (errors.rmse_v, simpler_errors.rmse_v), (errors.above_v, simpler_errors.above_v)
     raised = max((own / other for own, other in pairs if own and other), default=1.0)
-    return lowered < 1 - LEAST_LOWERED and lowered * raised < 1
+    # One that turns as slowly as can be told from an OCV may be a part of that.
+    most = 1.0 if is_hysteresis and not was_hysteresis and _turns_slowly(more) else 1 / lowered
+    return lowered < 1 - LEAST_LOWERED and raised < most
+
+
+def _turns_slowly(found: Fitted) -> bool:
+    """True where a hysteresis ends at the slowest rate."""
+    return math.exp(found.best.log_scales[-1]) < found.objective.ranges[RATE][0] / NEARLY
 
 
 def turning_at_once(found: Fitted) -> Iterator[Notice]:

@@ -155,9 +155,9 @@ def _registered(
     and on the OCV that they have near these."""
     quick, found = replace(settings, folds=0, max_boxes=0), dict(near)
     # An OCV of starts that differ is less steep than any record's.
-    for how, rounds in ((replace(settings, resistances_follow="none"), 1), (settings, ROUNDS)):
+    for rounds in (1, ROUNDS):
         cell, _ = _cell_found(records, circuit, found, quick, capacity_ah, origin)
-        found = windows_of(register(_prepared(records, cell, circuit, told), how, rounds))
+        found = windows_of(register(_prepared(records, cell, circuit, told), settings, rounds))
     return found
 
 

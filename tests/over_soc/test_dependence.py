@@ -193,7 +193,7 @@ def test_resistances_that_differ_with_the_direction_are_told_from_one_record(rat
         assert known is None
     else:
         assert known.charge_ratio == pytest.approx(ratio, rel=0.01)
-        found = interval(fit, "charge ratio [1]")
+        found = interval(fit, "charge ratio")
         assert found.low < ratio < found.high
         r0_ohm = [each.value for each in fit.of_table("R0 [Ohm]") if each.low is not None]
         np.testing.assert_allclose(r0_ohm, R0_OHM * math.sqrt(ratio), rtol=0.02)

@@ -15,7 +15,7 @@ from ..settings import CELL_DEGC
 ZERO_DEGC_K = 273.15
 
 BETA, KAPPA, HEATING, ONSET = "beta [1/K]", "kappa [1/A2]", "heating tau [s]", "i0 [A]"
-CHARGE = "charge ratio [1]"
+CHARGE = "charge ratio"
 FIELDS = {
     BETA: "beta_per_k",
     KAPPA: "kappa_per_a2",

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.circuits import Circuit
 from ..cell.curves import KNOTS, SegmentedHysteresis
+from ..cell.dependence import CHARGE
 from ..cell.elements import get_element, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
 from ..errors import InputError, escaped
@@ -313,6 +314,7 @@ def _caveats(
     for known in (tables.dependence for tables in own if tables.dependence is not None):
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in known.numbers.items())
         at = "" if known.reference_degc is None else f", at {known.reference_degc:.3g} degC"
+        at += ", the geometric mean of charge and discharge" if CHARGE in known.numbers else ""
         told.append(
             f"Resistances are those of the reference{at}; what they follow beside SOC is not "
             f"exported ({numbers})."

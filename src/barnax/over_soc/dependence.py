@@ -31,9 +31,9 @@ from .settings import TableSettings
 
 # Temperatures that move by less than this tell nothing of what follows them.
 LEAST_SPREAD_K = 1.0
-# A first step has to promise more than this share of sqrt(J). Resistances that differ with the
-# direction by so little that they promise less move an OCV of the records' own by some mV.
-PROMISING = {"temperature": 0.01, "heating": 0.01, "current": 0.01, "direction": 0.1}
+# A first step has to promise more than this share of sqrt(J). A hysteresis that the records hardly
+# show looks like resistances that differ with the direction by a little.
+PROMISING = {"temperature": 0.01, "heating": 0.01, "current": 0.01, "direction": 0.3}
 # A further dependence lowers the held-out RMSE by this share, and does not raise it above 10 % SOC.
 WORTHWHILE = 0.02
 # Self-heating is tried with these time constants, by this exponent at its largest.

@@ -40,8 +40,9 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
         "given": "the initial SOC is as given",
     }
     # The other records start by their rested voltage on this one's OCV.
+    planned = {file.name for file in getattr(stored, "plan", ()) if file.plans_soc}
     name, start = next(
-        (part.name, starts[source])
+        (part.name, "it starts full" if part.name in planned else starts[source])
         for part in parts
         if part.start is not None and (source := part.start_source) in starts
     )
@@ -51,11 +52,11 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     slowest_s = max(high for _, high in stored.fit.tau_ranges_s)
     slower = f"what relaxes slower than {slowest_s:.0f} s"
     if HALF_HYSTERESIS in stored.fit.tables.tables:
-        found = f"the OCV and the hysteresis were identified from {whole}; in them is {slower}"
+        found = f"the OCV and the hysteresis were identified from {whole}; they include {slower}"
     else:
         found = (
-            f"the OCV was identified from {whole}; in it are {slower}, and half of the hysteresis, "
-            "unless the current charges as much as it discharges"
+            f"the OCV was identified from {whole}; it includes {slower} and, unless the current "
+            "charges as much as it discharges, half of the hysteresis"
         )
     yield (
         f"no OCV test: {found}. SOC is counted over "

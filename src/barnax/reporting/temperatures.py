@@ -90,7 +90,7 @@ def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
         yield (
             f"{where}all of them on charge are {figures(numbers[CHARGE])} times those on discharge "
             f"({interval(CHARGE, 1, '', 4)}), unless a hysteresis turns at once, which looks much "
-            "the same; tables are between the two."
+            "the same; tables are the geometric mean of the two."
         )
 
 

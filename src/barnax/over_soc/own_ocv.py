@@ -107,8 +107,7 @@ def search_with_ocv(
             # Starts of several records are found with each circuit: at those of two pairs a third
             # one is not worth what it is at its own.
             given = windows, settings, *axis, over_temperature
-            near = None if simpler is None else starts[simpler.circuit]
-            starts[circuit] = find_starts(records, circuit, *given, near)
+            starts[circuit] = find_starts(records, circuit, *given)
         else:
             turned = windows_of(simpler.objective.prepared_records)
             starts[circuit] = starts[simpler.circuit]._replace(windows=turned)

@@ -50,7 +50,6 @@ def find_starts(
     capacity_ah: float,
     origin: str,
     over_temperature: bool = False,
-    near: Starts | None = None,
 ) -> Starts:
     """The starts of records of one cell, over temperature by the OCV of each temperature.
 
@@ -62,16 +61,9 @@ def find_starts(
         capacity_ah: The capacity of the axis.
         origin: Where it comes from.
         over_temperature: Whether records of each temperature are taken by themselves.
-        near: Those of a simpler circuit, where they are known.
 
     Raises `InputError` where a start or a temperature is not known.
     """
-    if near is not None and not _has_open_directions(records, circuit, near.windows):
-        if settings.keep_starts:
-            return near
-        told = {name: window.as_told for name, window in near.windows.items()}
-        given = told, near.windows, settings, capacity_ah, origin
-        return near._replace(windows=_registered(records, circuit, *given))
     groups: list[Sequence[Record]] = [records]
     if over_temperature:
         known: list[tuple[float, Record]] = []
@@ -138,7 +130,7 @@ def _starts_of(
             for one in fitted.objective.prepared_records
         }
     if len(records) > 1 and not own.keep_starts:
-        told = _registered(records, circuit, told, told, own, axis_ah, origin)
+        told = _registered(records, circuit, told, own, axis_ah, origin)
     return Starts(told, tuple(warnings), directions)
 
 
@@ -146,14 +138,12 @@ def _registered(
     records: Sequence[Record],
     circuit: str,
     told: Mapping[str, Window],
-    near: Mapping[str, Window],
     settings: TableSettings,
     capacity_ah: float,
     origin: str,
 ) -> dict[str, Window]:
-    """The windows with starts and capacities that the records tell each other, from what was told
-    and on the OCV that they have near these."""
-    quick, found = replace(settings, folds=0, max_boxes=0), dict(near)
+    """The windows with starts and capacities that the records tell each other."""
+    quick, found = replace(settings, folds=0, max_boxes=0), dict(told)
     # An OCV of starts that differ is less steep than any record's.
     for rounds in (1, ROUNDS):
         cell, _ = _cell_found(records, circuit, found, quick, capacity_ah, origin)

@@ -119,7 +119,8 @@ def _starts_of(
                         [record], {record.name: window}, {record.name: axis}, axis_ah
                     )
     told, directions = _on_axes(records, windows, axes, axis_ah), dict[str, float]()
-    if turned or (_has_open_directions(records, circuit, told) and not own.keep_starts):
+    is_registered = len(records) > 1 and not own.keep_starts
+    if turned or (is_registered and _has_open_directions(records, circuit, told)):
         # A start would move to make up for a direction that is wrong.
         _, fitted = _cell_found(records, circuit, told, quick, axis_ah, origin, turned)
         directions = {**fitted.directions}
@@ -129,7 +130,7 @@ def _starts_of(
             else one.window
             for one in fitted.objective.prepared_records
         }
-    if len(records) > 1 and not own.keep_starts:
+    if is_registered:
         told = _registered(records, circuit, told, own, axis_ah, origin)
     return Starts(told, tuple(warnings), directions)
 

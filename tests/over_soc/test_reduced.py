@@ -8,7 +8,6 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from barnax.cell.parameters import OCV_CORRECTION
-from barnax.cell.tables import hats
 from barnax.errors import InputError
 from barnax.execution import in_float64
 from barnax.model import prepared as preparing
@@ -16,7 +15,7 @@ from barnax.model import reduced, reference
 from barnax.model.prepared import Window, prepare_record
 from barnax.model.reference import simulate_circuit
 from barnax.over_soc import TableSettings, fit_tables
-from barnax.over_soc.intervals import linearized, sag_of
+from barnax.over_soc.intervals import linearized
 from barnax.over_soc.problem import box_of, reduced_objective
 from barnax.over_soc.search import find_best, polish
 from barnax.records.samples import record_resistance_ohm
@@ -289,9 +288,3 @@ def test_intervals_are_of_visited_nodes_and_hold_their_values(prepared):
             assert each.low is None or each.high is None or each.low <= each.value <= each.high
     assert [each.name for each in fit.intervals[-2:]] == ["tau1 [s]", "tau2 [s]"]
     assert fit.parameters == 4 * len(nodes) + 2
-
-
-def test_sag_is_what_least_squares_lines_miss_of_a_parabola_at_their_nodes():
-    nodes, soc = np.linspace(0.2, 1.0, 9), np.linspace(0.2, 1.0, 8001)
-    values = np.linalg.lstsq(hats(soc, nodes), 1 - 3 * soc**2)[0]
-    np.testing.assert_allclose(sag_of(nodes, values), 1 - 3 * nodes**2 - values, rtol=2e-3)

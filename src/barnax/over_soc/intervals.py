@@ -5,7 +5,8 @@ with the weights of the objective is smooth where the data say little, so its ow
 are too small. They are taken of a fit with a hundredth of the weights, as the sandwich
 H^-1 J' G J H^-1 with G the covariance of the noise that `uncertainty.noise` fits to the residuals,
 time constants included. That fit is where the interval lies; it reaches on to the value where the
-weights have moved it further, and to the curve of which the lines between nodes are chords.
+weights have moved it further, and to the curve of which the table is lines (`curves`), less what
+these lines have moved other values.
 """
 
 import math
@@ -26,6 +27,7 @@ from ..model.reduced import Columns, blocks
 from ..model.reference import errors_along
 from ..uncertainty.covariance import CONFIDENCE, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
+from .curves import TableCurve, curves_of
 from .objective import Solution, TableObjective
 
 # Of the smoothing weights, those of the fit that standard errors are of.
@@ -107,8 +109,11 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     dependence, numbers = objective.facts[0].dependence, objective.numbers
     of_constants = block_diag(np.eye(len(is_open))[:, is_open], np.eye(len(numbers)))
     ways = np.asarray(block_diag(of_tables, of_constants))
-    values, rows = np.concatenate(light.values)[:, None], linearized(lighter, light)
-    (noise,), to_noise, products, _ = noises_behind(lighter, values, ways, rows)
+    values, curves = np.concatenate(light.values)[:, None], [*curves_of(objective, best)]
+    # Beside the error, the one that lines leave of the curves.
+    sides = np.hstack([values, np.zeros_like(values)])
+    rows = _with_curves(objective, curves, linearized(lighter, light))
+    (noise, _), to_noise, products, slopes = noises_behind(lighter, sides, ways, rows)
     normal = with_penalty(lighter, products, of_tables)
     usual = {} if dependence is None else dependence.usual
     places = [len(normal) - len(numbers) + [*numbers].index(name) for name in usual]
@@ -119,6 +124,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     # By least squares, for a short record leaves some of them undetermined.
     moved = ways @ np.linalg.lstsq(normal, to_noise.T)[0]
     variance = np.einsum("ij,jk,ik->i", moved, noise.spread_v2, moved)
+    moved_by_lines = ways @ np.linalg.lstsq(normal, slopes[:, 1])[0]
     if places:
         # What is usual is itself uncertain.
         back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, places])[0]
@@ -141,17 +147,12 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     found, both = [], np.column_stack([np.concatenate(best.values), values]).tolist()
     less = objective.less_below
     beside = [] if less is None else [np.concatenate(less.values).tolist()]
-    sags = [
-        sag_of(nodes[seen], table[seen])
-        for number, (nodes, table) in enumerate(zip(objective.nodes_of, best.values, strict=True))
-        for seen in [objective.visited_of(number)]
-    ]
-    places = zip(objective.visited_rows.items(), np.concatenate(sags).tolist(), strict=True)
+    sags = np.concatenate([curve.sags for curve in curves]).tolist()
+    places = zip(objective.visited_rows.items(), sags, strict=True)
     for ((name, soc), row), sag in places:
         value, own = both[row]
-        around = interval(
-            name, soc, row, value, own, own + sag, *(values[row] for values in beside)
-        )
+        on_curve = own + sag - float(moved_by_lines[row])
+        around = interval(name, soc, row, value, own, on_curve, *(table[row] for table in beside))
         if name.startswith(("R", HALF_HYSTERESIS)) and around.low is not None:
             around = replace(around, low=max(around.low, 0.0))
         found.append(around)
@@ -180,27 +181,21 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     return tuple(found)
 
 
-def sag_of(
-    nodes: Float[np.ndarray, "nodes"], values: Float[np.ndarray, "nodes"]
-) -> Float[np.ndarray, "nodes"]:
-    """Distances of a curve above the best lines along it, at their nodes.
-
-    Least squares put a line between nodes below a chord of the curve, so that the table is low
-    where the curve bends upward: by a twelfth of the second difference on even nodes. The curve's
-    own is taken for that of the values, at the ends for their neighbors', and samples for even.
-
-    >>> sag_of(np.array([0.0, 0.5, 1.0, 1.5]), np.array([0.0, 0.25, 1.0, 2.25])).round(6).tolist()
-    [0.041667, 0.041667, 0.041667, 0.041667]
-    """
-    if len(nodes) < 3:
-        return np.zeros(len(nodes))
-    step = np.diff(nodes)
-    inner = 2 * np.diff(np.diff(values) / step) / (step[:-1] + step[1:])
-    second = np.concatenate([inner[:1], inner, inner[-1:]])
-    cubes = np.append(step**3, 0.0) + np.append(0.0, step**3)
-    lengths = np.append(step, 0.0) + np.append(0.0, step)
-    products = np.diag(lengths / 3) + np.diag(step / 6, 1) + np.diag(step / 6, -1)
-    return np.linalg.solve(products, second * cubes / 24)
+def _with_curves(
+    objective: TableObjective, curves: Sequence[TableCurve], rows: Iterable[Rows]
+) -> Iterator[Rows]:
+    """The rows with one more side: the errors that would be, were the tables' curves the truth."""
+    soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
+    above = np.stack([curve.above_lines(soc) for curve in curves])
+    first = 0
+    for columns, base, informed in rows:
+        here = above[:, first : first + len(base)]
+        first += len(base)
+        left = sum(
+            (columns[:, objective.block(table)].sum(axis=1) * own)[:, None]
+            for table, own in enumerate(here)
+        )
+        yield columns, np.hstack([base, left]), informed
 
 
 def unsmoothed(objective: TableObjective, found: Solution) -> tuple[TableObjective, Solution]:

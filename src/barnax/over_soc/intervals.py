@@ -186,16 +186,15 @@ def _with_curves(
 ) -> Iterator[Rows]:
     """The rows with one more side: the errors that would be, were the tables' curves the truth."""
     soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
-    above = np.stack([curve.above_lines(soc) for curve in curves])
     first = 0
     for columns, base, informed in rows:
-        here = above[:, first : first + len(base)]
+        here = soc[first : first + len(base)]
         first += len(base)
         left = sum(
-            (columns[:, objective.block(table)].sum(axis=1) * own)[:, None]
-            for table, own in enumerate(here)
+            columns[:, objective.block(table)].sum(axis=1) * curve.above_lines(here)
+            for table, curve in enumerate(curves)
         )
-        yield columns, np.hstack([base, left]), informed
+        yield columns, np.column_stack([base, left]), informed
 
 
 def unsmoothed(objective: TableObjective, found: Solution) -> tuple[TableObjective, Solution]:

@@ -1,5 +1,7 @@
 """Triangular factors of many rows: what sums of squares of all combinations of columns need."""
 
+from collections.abc import Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -37,13 +39,14 @@ def update_triangular(factor: Triangle, rows: Rows) -> Triangle:
     return factor
 
 
-def join_triangles(own: Triangle, other: Triangle) -> Triangle:
-    """The triangular factor of two triangular ones, whose empty columns stay so."""
-    used = np.flatnonzero(np.any(own, axis=0) | np.any(other, axis=0))
-    tpqrt: Any = get_lapack_funcs("tpqrt", (own,))
-    at, joined = np.ix_(used, used), np.zeros_like(own)
-    joined[at] = tpqrt(len(used), reflectors(len(used)), own[at], other[at])[0]
-    return joined
+def join_triangles(triangles: Sequence[Triangle]) -> Triangle:
+    """The triangular factor of some triangular ones."""
+    tpqrt: Any = get_lapack_funcs("tpqrt", triangles[:1])
+
+    def joined(own: Triangle, other: Triangle) -> Triangle:
+        return tpqrt(len(own), reflectors(len(own)), own, other)[0]
+
+    return reduce(joined, triangles)
 
 
 def append_rows(factor: Triangle, rows: Rows) -> Triangle:
@@ -58,9 +61,11 @@ def shorten(
     factor: Float[np.ndarray, "rows columns"], negligible: float
 ) -> Float[np.ndarray, "fewer columns"]:
     """The same lengths of all combinations of columns with fewer rows, up to `negligible`."""
-    decomposed: Any = qr(factor, mode="r", pivoting=True)
-    triangle, order = decomposed[0][: min(factor.shape)], decomposed[1]
-    lengths = np.sqrt(np.cumsum(triangle[::-1] ** 2, axis=0)[::-1].max(axis=1))
+    columns, rows = np.any(factor, axis=0), np.any(factor, axis=1)
+    decomposed: Any = qr(factor[np.ix_(rows, columns)], mode="r", pivoting=True)
+    order = np.flatnonzero(columns)[decomposed[1]]
+    triangle = decomposed[0][: len(order)]
+    lengths = np.sqrt(np.cumsum(triangle[::-1] ** 2, axis=0)[::-1].max(axis=1, initial=0.0))
     wanted = int(np.count_nonzero(lengths > negligible))
     shorter = np.zeros((-(-max(wanted, 1) // ROW_STEP) * ROW_STEP, factor.shape[1]))
     kept = triangle[: len(shorter)]

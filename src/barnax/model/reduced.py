@@ -122,7 +122,7 @@ def reduce_records(
             done = [chain.result() for (own, _), chain in chains.items() if own == group]
             own = [triangle.reduced(layout, number) for triangle in done]
             own = own or [_Triangle.empty(layout, order).reduced(layout, number)]
-            found.append(replace(reduce(_added, own), scored=number))
+            found.append(replace(_joined(own), scored=number))
         return found
 
 
@@ -141,7 +141,7 @@ class _Triangle:
         fixed = layout.sides
         if not layout.has_amplitude:
             fixed += layout.places["hysteresis_response"].size
-        return cls(order, fixed, 0, np.zeros((layout.width,) * 2))
+        return cls(order, fixed, 0, np.zeros((layout.width,) * 2, order="F"))
 
     def joined_by(self, block: "Block", is_own: Bool[np.ndarray, "_"]) -> "_Triangle":
         """This one, with those samples of a block that are its own."""
@@ -178,18 +178,19 @@ class _Triangle:
         self.factor[at] = update_triangular(self.factor[at], wide[:, own])
 
     def reduced(self, layout: Layout, scored: int) -> Reduced:
-        factor = np.empty_like(self.factor)
-        factor[:, self.order] = self.factor
-        return Reduced(layout, scored, factor, self.order)
+        # By whole columns, which are contiguous.
+        return Reduced(layout, scored, self.factor.T[np.argsort(self.order)].T, self.order)
 
 
-def _added(one: Reduced, other: Reduced) -> Reduced:
-    """The factor of the samples of both, triangular as theirs."""
-    order = one.order
+def _joined(parts: Sequence[Reduced]) -> Reduced:
+    """The factor of the samples of all, triangular as theirs."""
+    order = parts[0].order
     assert order is not None
-    factor = np.empty_like(one.factor)
-    factor[:, order] = join_triangles(one.factor[:, order], other.factor[:, order])
-    return Reduced(one.layout, one.scored + other.scored, factor, order)
+    used = np.flatnonzero(np.any([part.factor.any(axis=0) for part in parts], axis=0)[order])
+    at, columns = np.ix_(order[used], used), np.zeros_like(parts[0].factor.T)
+    if used.size:
+        columns[at] = join_triangles([part.factor.T[at].T for part in parts]).T
+    return Reduced(parts[0].layout, sum(part.scored for part in parts), columns.T, order)
 
 
 def together(parts: Sequence[Reduced]) -> Reduced:
@@ -197,7 +198,7 @@ def together(parts: Sequence[Reduced]) -> Reduced:
     first = parts[0]
     with one_blas_thread():
         if all(part.order is not None and part.order is first.order for part in parts):
-            factor = reduce(_added, parts).factor
+            factor = _joined(parts).factor
         else:
             factor = reduce(append_rows, [part.factor for part in parts])
         scored = sum(part.scored for part in parts)

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.sparse import csr_array
 from scipy.special import stdtrit
 
 from ..cell.parameters import ANYWHERE
@@ -242,11 +243,12 @@ def _held_out(
 def _at(objective: TableObjective, best: Solution, parts: Sequence[Reduced]):
     """Every group's columns at the best time constants, and its base errors."""
     layout = objective.reduced.layout
-    # From those of the factor, by one product for each group.
+    # From those of the factor, each of which adds to few: by one sparse product for each group.
     own = Reduced(layout, 1, np.eye(layout.width))
     columns, base = replace(objective, reduced=own, low_end=None).columns(best.log_scales)
-    factors = [part.factor / math.sqrt(max(part.scored, 1)) for part in parts]
-    return [factor @ columns for factor in factors], [factor @ base for factor in factors]
+    few = csr_array(np.column_stack([columns, base]).T)
+    found = [(few @ part.factor.T).T / math.sqrt(max(part.scored, 1)) for part in parts]
+    return [both[:, :-1] for both in found], [both[:, -1] for both in found]
 
 
 def _fitted_to(

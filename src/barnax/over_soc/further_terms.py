@@ -3,8 +3,8 @@ and by what it then leaves."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from ..cell import get_circuit
 from ..cell.parameters import RATE
 from ..errors import InputError
-from ..execution import in_float64
+from ..execution import in_float64, threads
 from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.window import Window
@@ -95,25 +95,31 @@ def with_further(
         begun: Called with a circuit, its settings and what is fitted so far; gives the records
             made ready for it. One may be too short for it, with an `InputError`.
     """
-    supported, against = list[Fitted](), list[Notice]()
-    for circuit in beside.get(found.circuit, ()):
+    circuits = beside.get(found.circuit, ())
+    held_out = held_out_errors(found.objective, found.best) if circuits else None
+    if held_out is None:
+        return found, []
+
+    def tried(circuit: str) -> tuple[Fitted | None, list[Notice]]:
         own = with_own_ocv(settings, circuit)
         if not shows_more(circuit, found, own):
-            continue
-        if (held_out := held_out_errors(found.objective, found.best)) is None:
-            continue
-        with suppress(InputError):
+            return None, []
+        try:
             more = best_tables(begun(circuit, own, found), own, found)
-            errors = held_out_errors(more.objective, more.best)
-            if not is_supported(more, errors, found, held_out):
-                continue
-            if told := list(turning_at_once(more)):
-                # Beside a hysteresis that they support it says nothing.
-                against += [] if RATE in found.objective.ranges else told
-            else:
-                supported.append(more)
+        except InputError:
+            return None, []
+        if not is_supported(more, held_out_errors(more.objective, more.best), found, held_out):
+            return None, []
+        if told := list(turning_at_once(more)):
+            # Beside a hysteresis that they support it says nothing.
+            return None, [] if RATE in found.objective.ranges else told
+        return more, []
+
+    with threads(len(circuits)) as beside_each_other:
+        supported, against = zip(*beside_each_other.map(tried, circuits), strict=True)
+    supported = [more for more in supported if more is not None]
     if not supported:
-        return found, against
+        return found, list(chain.from_iterable(against))
     found = min(supported, key=lambda more: more.best.rms_v)
     return with_further(found, settings, beside, begun)
 

@@ -154,7 +154,8 @@ class TableObjective:
             return self.reduced
         weights = [self.weight_below, 1.0] * (len(self.parts) // 2)
         groups = zip(self.parts, weights, strict=True)
-        return together([replace(own, factor=w * own.factor) for own, w in groups if own.scored])
+        weighed = [own if w == 1 else replace(own, factor=w * own.factor) for own, w in groups]
+        return together([own for own in weighed if own.scored])
 
     @property
     def weight_below(self) -> float:

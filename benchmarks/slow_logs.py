@@ -67,7 +67,7 @@ def offset_found_a(cell: Cell, offset_a: float) -> tuple[float, float] | None:
         records.append(record_of(current_a + offset_a, voltage_v, f"log{number + 1}"))
     window = barnax.Window(initial_soc=1.0, capacity_ah=NOMINAL_AH)
     result = barnax.identify(
-        records, window=window, seeds=0, trust="none", advise=False, max_boxes=0, folds=0
+        records, window=window, seeds=0, trust="none", advise=False, max_boxes=0
     )
     for told in result.warnings:
         if told.code == "answer.current-offset":

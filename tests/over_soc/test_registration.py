@@ -1,6 +1,7 @@
 """Starts and capacities that records of one cell tell of each other, against a known truth."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from barnax.over_soc import (
     register_alone,
     rest_warnings,
 )
+from barnax.over_soc.current_offset import reads_zero_at_rest
 from barnax.over_soc.registration import FAR_V
 from barnax.pipeline import _between_ends
 from barnax.records import read_record
@@ -344,19 +346,23 @@ def test_short_records_of_different_rates_tell_an_offset_of_their_current(monkey
         assert each["offset_a"] == pytest.approx(offset_a, abs=each["error_a"])
 
 
+@pytest.mark.parametrize(("rest_a", "is_zero"), [(0.0, True), (0.02, False), (None, False)])
+def test_a_load_that_passes_zero_is_no_rest_that_reads_zero(rest_a, is_zero):
+    draw = np.random.default_rng(3)
+    current_a = draw.normal(0, 0.5, 9000)
+    if rest_a is not None:
+        current_a[::4] = rest_a + draw.normal(0, 5e-4, 2250)
+    assert np.count_nonzero(np.abs(current_a) < 0.01) > 60
+    read = SimpleNamespace(current_a=current_a, capacity_ah=2.0, median_interval_s=1.0)
+    assert reads_zero_at_rest(read) is is_zero
+
+
 @pytest.mark.slow
 def test_a_current_that_reads_zero_at_rest_has_no_offset_whatever_the_voltages_say():
-    fast, slow = made(0, 0.98, 2.4, 1e-3)[0], made(1, 0.98, 4.8, 1e-3, scale=0.5)[0]
-    rest = np.arange(1, 121)
+    records = [made(0, 0.98, 2.4, 1e-3)[0], made(1, 0.98, 4.8, 1e-3, scale=0.5)[0]]
     records = [
-        replace(
-            each,
-            time_s=np.append(each.time_s, each.time_s[-1] + rest),
-            current_a=np.append(each.current_a + 0.02, 0.0 * rest),
-            voltage_v=np.append(each.voltage_v, np.full(len(rest), each.voltage_v[-1])),
-            row=np.append(each.row, each.row[-1] + rest),
-        )
-        for each in (fast, slow)
+        replace(each, current_a=np.where(each.current_a == 0, 0.0, each.current_a + 0.03))
+        for each in records
     ]
     windows = {each.name: Window(initial_soc=0.98, capacity_ah=2.0) for each in records}
     found = barnax.identify(records, window=windows, folds=0, **ALONE)

@@ -31,8 +31,10 @@ TRIED_PER_H, SD_PER_H = (-0.015, -0.01, -0.005, 0.005, 0.01, 0.015), 0.02
 # limit, and where a later round finds less than so many standard errors.
 TOLD_ERRORS, LEAST_PER_H, LEAVES = 3.0, 1 / 300, 0.85
 OPEN_PER_H, DOUBTED_ERRORS = 0.0075, 1.5
-# A current that reads no more than this for so long at rest has no offset.
+# A current that reads no more than this for so long at rest has no offset. Of the currents up to
+# `SMALL_PER_H`, a rest's are more than this share, within a quarter of that.
 ZERO_PER_H, LEAST_REST_S = LEAST_PER_H / 2, 60.0
+SMALL_PER_H, STAYS = 0.02, 0.6
 # An offset that testers commonly have: its effect is reported where nothing shows the offset.
 DOUBTED_PER_H = 1 / 200
 # It moves time constants by no more than this factor.
@@ -100,7 +102,7 @@ def shared_offset(
         prior: Standard deviations of what was told of starts, and of capacities as shares.
         registered_v: sqrt(J) with starts and capacities registered, and no offset.
     """
-    if any(map(_reads_zero_at_rest, objective.prepared_records)):
+    if any(map(reads_zero_at_rest, objective.prepared_records)):
         return None
     capacity_ah = objective.prepared_records[0].capacity_ah
     lowest, highest = np.transpose([[axis.low, axis.high] for axis in objective.axes])
@@ -145,13 +147,17 @@ def shared_offset(
     return CurrentOffset(now.offset_a, error_a) if is_told else None
 
 
-def _reads_zero_at_rest(prepared: PreparedRecord) -> bool:
+def reads_zero_at_rest(prepared: PreparedRecord) -> bool:
     """True where rests show that the current has no offset. What is left of a hysteresis looks
     like one on a flat OCV, so what the voltages tell does not count against it."""
-    is_rest = np.abs(prepared.current_a) < prepared.rest_current_a
-    if np.count_nonzero(is_rest) * prepared.median_interval_s < LEAST_REST_S:
+    per_h = prepared.current_a / prepared.capacity_ah
+    small = per_h[np.abs(per_h) < SMALL_PER_H]
+    if len(small) * prepared.median_interval_s < LEAST_REST_S:
         return False
-    return abs(float(np.mean(prepared.current_a[is_rest]))) < ZERO_PER_H * prepared.capacity_ah
+    # A load passes zero too, and stays nowhere; a rest with an offset stays beside it.
+    level = float(np.median(small))
+    stays = np.mean(np.abs(small - level) < SMALL_PER_H / 4) > STAYS
+    return bool(stays) and abs(level) < ZERO_PER_H
 
 
 def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | None:

@@ -36,12 +36,6 @@ def few():
     return barnax.identify(window=SHORT, **SMALL)
 
 
-@pytest.fixture(scope="module")
-def many():
-    more = {"seeds": 6, "population": 20, "iterations": 60}
-    return barnax.identify(window=SHORT, **(SMALL | more))
-
-
 def test_nothing_behind_a_result_is_shown_by_pages(few):
     run = few.run
     record = run.problem.prepared.record
@@ -51,26 +45,11 @@ def test_nothing_behind_a_result_is_shown_by_pages(few):
     assert f"time_s=<array {record.samples}>" in repr(record)
 
 
-@pytest.mark.slow
-def test_one_seed_of_one_generation_gives_the_answer_of_many(few, many):
-    assert few.parameters == pytest.approx(many.parameters, rel=1e-6)
-    assert few.metrics.validation[0].rmse_v == pytest.approx(
-        many.metrics.validation[0].rmse_v, rel=1e-6
-    )
-
-
 def test_no_answer_lies_above_the_proved_optimum(few):
     optimum = few.constant.global_optimum
     assert optimum.status == "certified"
     assert few.metrics.identification.rmse_v <= optimum.rmse_v * (1 + 1e-9)
     assert few.constant.refined.rmse_v >= optimum.lower_bound_v
-
-
-@pytest.mark.slow
-def test_what_the_seeds_did_stays_told(many):
-    assert len(many.constant.search.seeds) == len(many.constant.refined.seeds) == 6
-    assert 1 <= many.constant.global_optimum.seeds_there <= 6
-    assert many.constant.global_optimum.best_gap >= 0
 
 
 def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch):
@@ -203,13 +182,13 @@ def test_every_input_is_checked_and_every_warning_names_its_file(tmp_path):
         assert (path.name, 42) in {(each.subject, each.row) for each in result.notes}
 
 
-def test_a_figure_is_drawn_by_its_name_and_a_stored_result_says_it_has_no_run(many, tmp_path):
-    assert many.figure("voltage").axes
+def test_a_figure_is_drawn_by_its_name_and_a_stored_result_says_it_has_no_run(few, tmp_path):
+    assert few.figure("voltage").axes
     with pytest.raises(InputError, match="there is no figure 'volts'; there are "):
-        many.figure("volts")
-    (tmp_path / "result.json").write_text(many.to_json())
+        few.figure("volts")
+    (tmp_path / "result.json").write_text(few.to_json())
     stored = Result.from_json(tmp_path / "result.json")
-    assert stored.to_json() == many.to_json()
+    assert stored.to_json() == few.to_json()
     with pytest.raises(InputError, match=r"without its records; `Result\.load`"):
         stored.figure("voltage")
 

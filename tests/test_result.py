@@ -56,6 +56,8 @@ def test_the_search_is_stored_as_it_was_run(document, result):
     assert (search["key"], search["evaluations"]) == (3, found.evaluations)
     for stored, seed in zip(search["seeds"], found.seeds, strict=True):
         assert stored["rmse [V]"] == seed.rmse_v == pytest.approx(stored["history"][-1], rel=1e-9)
+    optimum = constant["global_optimum"]
+    assert (optimum["seeds_there"], optimum["best_gap"] >= 0) == (2, True)
     assert constant["fixed"] == {"tau1 [s]": 10.0}
     assert constant["bounds"]["R0 [Ohm]"] == [0.01, 0.1]
 

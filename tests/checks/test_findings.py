@@ -539,17 +539,25 @@ def test_a_gap_between_two_rests_is_not_in_doubt(tmp_path):
     assert "nothing seems to happen" in found(outcome, "gaps").what
 
 
-def test_an_interval_as_long_as_the_usual_ones_elsewhere_is_no_gap(tmp_path):
-    """A log every 5 s, and every 0.1 s on both sides of some of its intervals."""
-    interval_s = np.full(len(DRIVE) - 1, 5.0)
+def in_bursts(usual_s, within_s):
+    """Intervals of a drive, often short for a while, with a long one in the middle of that."""
+    interval_s = np.full(len(DRIVE) - 1, usual_s)
     for start in range(1000, 9000, 200):
         interval_s[start : start + 20] = 0.1
-        interval_s[start + 10] = 5.018
-    slow = changed(DRIVE, TIME, np.concatenate([[0], np.cumsum(interval_s)]))
-    assert "gaps" not in {each.check for each in checked(tmp_path, slow).findings}
+        interval_s[start + 10] = within_s(start)
+    return interval_s
+
+
+def spaced(folder, interval_s):
+    return checked(folder, changed(DRIVE, TIME, np.concatenate([[0], np.cumsum(interval_s)])))
+
+
+def test_an_interval_as_long_as_the_usual_ones_elsewhere_is_no_gap(tmp_path):
+    """A log every 5 s, and every 0.1 s on both sides of some of its intervals."""
+    interval_s = in_bursts(5.0, lambda start: 5.018)
+    assert "gaps" not in {each.check for each in spaced(tmp_path, interval_s).findings}
     interval_s[3010] = 31.0
-    holed = changed(DRIVE, TIME, np.concatenate([[0], np.cumsum(interval_s)]))
-    assert "a gap of 31 s" in found(checked(tmp_path, holed), "gaps").what
+    assert "a gap of 31 s" in found(spaced(tmp_path, interval_s), "gaps").what
 
 
 def test_a_gap_in_which_a_rested_cell_was_moved_is_a_warning(tmp_path):
@@ -567,15 +575,10 @@ def test_the_integrated_charge_is_that_of_a_plain_sum(tmp_path):
 
 def test_an_interval_no_longer_than_most_is_no_gap(tmp_path):
     """Logged every 10 s, and at once where the voltage moves: what is between may be anything."""
-    interval_s = np.full(len(DRIVE) - 1, 10.0)
-    for start in range(1000, 9000, 200):
-        interval_s[start : start + 20] = 0.1
-        interval_s[start + 10] = 4 + start / 2000
-    table = changed(DRIVE, TIME, np.concatenate([[0], np.cumsum(interval_s)]))
-    assert "gaps" not in {each.check for each in checked(tmp_path, table).findings}
+    interval_s = in_bursts(10.0, lambda start: 4 + start / 2000)
+    assert "gaps" not in {each.check for each in spaced(tmp_path, interval_s).findings}
     interval_s[1:-1:2] = 0.004
-    table = changed(DRIVE, TIME, np.concatenate([[0], np.cumsum(interval_s)]))
-    assert "gaps" not in {each.check for each in checked(tmp_path, table).findings}
+    assert "gaps" not in {each.check for each in spaced(tmp_path, interval_s).findings}
 
 
 def test_no_more_charge_is_in_doubt_than_passed(tmp_path):

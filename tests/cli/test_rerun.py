@@ -112,19 +112,20 @@ def test_files_are_found_where_the_plan_beside_a_result_says(run, moved, repeats
     assert "box.toml: not found in" in outcome.err
 
 
+PIPE = pytest.param(
+    None,
+    id="pipe",
+    marks=pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes"),
+)
+
+
 @pytest.mark.parametrize(
-    "plan", ["files = 3", "reasons = 3", "a = " + 3000 * "[", "a = " + "9" * 5000]
+    "plan", ["files = 3", "reasons = 3", "a = " + 3000 * "[", "a = " + "9" * 5000, PIPE]
 )
 def test_a_plan_that_cannot_be_read_names_no_folders(run, moved, plan):
     result, *_ = moved
-    (result.parent / "plan.toml").write_text(plan)
-    assert "not found in" in run("rerun", result).err
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
-def test_no_pipe_is_waited_for_as_a_plan(run, moved):
-    result, *_ = moved
-    os.mkfifo(result.parent / "plan.toml")
+    place = result.parent / "plan.toml"
+    os.mkfifo(place) if plan is None else place.write_text(plan)
     assert "not found in" in run("rerun", result).err
 
 

@@ -44,36 +44,30 @@ def test_without_corrections_it_simulates_the_circuit(circuit):
     assert np.abs(open_loop(model, prepared) - expected_v).max() < GRID_V
 
 
-@pytest.mark.parametrize("circuit", ["so-rc", "iso-rc", "esc"])
-def test_without_corrections_it_simulates_tables_over_soc(circuit):
+HEATED = Dependence(
+    kappa_per_a2=0.05, heating_tau_s=200.0, reference_a2=1.0, onset_a=1.5, charge_ratio=1.2
+)
+
+
+@pytest.mark.parametrize(
+    ("circuit", "followed"), [("so-rc", None), ("iso-rc", None), ("esc", None), ("so-rc", HEATED)]
+)
+def test_without_corrections_it_simulates_tables_and_what_they_follow(circuit, followed):
     gamma = 60.0 if circuit == "esc" else None
     tables = CircuitParameters.over_soc(
         NODES, (20.0, 300.0), (0.09, 0.06, 0.05, 0.05),
         ((0.03, 0.02, 0.01, 0.01), (0.05, 0.02, 0.02, 0.03)),
         ocv_correction_v=(0.01, -0.01, 0.0, 0.02),
         half_hysteresis_v=None if gamma is None else (0.02, 0.01, 0.01, 0.0),
-        gamma=gamma, visited=(True,) * 4,
+        gamma=gamma, visited=(True,) * 4, dependence=followed,
     )  # fmt: skip
     prepared = prepare_record(make_record(600), make_cell(), circuit, Window(initial_soc=0.9))
     model = in_float64(make_model)(make_cell(), circuit, tables, ErrorModel(1e-3))
     expected_v = simulate_circuit(prepared, tables)
+    if followed is not None:
+        assert np.abs(open_loop(model, prepared) - expected_v).max() > 1e-3
+        prepared = prepared.following(followed)
     assert np.abs(open_loop(model, prepared) - expected_v).max() < GRID_V
-
-
-def test_without_corrections_its_resistances_follow_heat_and_current_too():
-    beside = Dependence(
-        kappa_per_a2=0.05, heating_tau_s=200.0, reference_a2=1.0, onset_a=1.5, charge_ratio=1.2
-    )
-    tables = CircuitParameters.over_soc(
-        NODES, (20.0, 300.0), (0.09, 0.06, 0.05, 0.05),
-        ((0.03, 0.02, 0.01, 0.01), (0.05, 0.02, 0.02, 0.03)),
-        visited=(True,) * 4, dependence=beside,
-    )  # fmt: skip
-    prepared = prepare_record(make_record(600), make_cell(), "so-rc", Window(initial_soc=0.9))
-    model = in_float64(make_model)(make_cell(), "so-rc", tables, ErrorModel(1e-3))
-    expected_v = simulate_circuit(prepared, tables)
-    assert np.abs(open_loop(model, prepared.following(beside)) - expected_v).max() < GRID_V
-    assert np.abs(open_loop(model, prepared) - expected_v).max() > 1e-3
 
 
 def test_a_result_without_an_assessment_is_refused():

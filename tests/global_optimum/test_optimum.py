@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from functools import partial
 
 import jax
 import numpy as np
@@ -14,6 +15,7 @@ from barnax.model.window import Window
 from barnax.records import read_record
 from barnax.search.refine import AtBound, refine
 from barnax.search.seeds import search_seeds
+from helpers.problems import other_problem
 from helpers.reference import drop_v, filtered_response, fit_circuit
 
 SAME = 1e-8
@@ -28,16 +30,7 @@ def short_optimum(short_problem):
 def problem_of(short_problem):
     """The bundled record's problem with another voltage, circuit or box; one shape for all."""
 
-    def make(circuit="so-rc", voltage_v=None, **given):
-        record, prepared = short_problem.prepared.record, short_problem.prepared
-        if voltage_v is not None:
-            whole_v = record.voltage_v.copy()
-            whole_v[prepared.span] = voltage_v
-            record = replace(record, voltage_v=whole_v)
-        window = Window(initial_soc=prepared.start.soc, score_to_s=1500.5)
-        return make_problem(record, short_problem.cell, circuit, window=window, **given)
-
-    return make
+    return partial(other_problem, short_problem)
 
 
 def made_voltage_v(problem, r, tau, noise_v=1e-3):

@@ -1,7 +1,11 @@
 """What a made record says of a cell: its voltage on a drive, by the reference alone."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from barnax.model.problem import make_problem
+from barnax.model.window import Window
 from helpers.reference import drop_v, looped_response, make_record
 
 CLOCKS = ("even", "uneven", "gaps")
@@ -42,3 +46,14 @@ def simulated_record(cell, time_s, current_a, soc, direction, **changes):
     source_v = cell.average_ocv_v(soc) + np.array(directions) * cell.hysteresis_v(soc) / 2
     drop = drop_v(looped_response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
     return make_record(time_s, current_a, source_v - drop, **changes)
+
+
+def other_problem(problem, circuit="so-rc", voltage_v=None, **given):
+    """The problem of the same 1,500 s with another voltage, circuit or box."""
+    record, prepared = problem.prepared.record, problem.prepared
+    if voltage_v is not None:
+        whole_v = record.voltage_v.copy()
+        whole_v[prepared.span] = voltage_v
+        record = replace(record, voltage_v=whole_v)
+    window = Window(initial_soc=prepared.start.soc, score_to_s=1500.5)
+    return make_problem(record, problem.cell, circuit, window=window, **given)

@@ -12,21 +12,20 @@ from barnax.records import read_record
 # Few nodes and a narrow box, so that a factor is small.
 NODES = (0.3, 0.5, 0.7, 0.85, 1.0)
 BOX = {"tau1 [s]": (5.0, 20.0), "tau2 [s]": (40.0, 200.0)}
+BEGIN = Window(score_from_s=200.0, score_to_s=4000.5)
 SMALL = TableSettings(nodes=NODES, bounds=BOX, folds=0, max_boxes=0)
 
 
 @pytest.fixture(scope="session")
 def prepared(bundled_record, bundled_cell):
     """The first 4,000 s of the bundled record."""
-    window = Window(score_from_s=200.0, score_to_s=4000.5)
-    return prepare_record(bundled_record, bundled_cell, "so-rc", window)
+    return prepare_record(bundled_record, bundled_cell, "so-rc", BEGIN)
 
 
 @pytest.fixture(scope="session")
 def with_hysteresis(bundled_record, bundled_cell):
     """The same with dynamic hysteresis."""
-    window = Window(score_from_s=200.0, score_to_s=4000.5)
-    return prepare_record(bundled_record, bundled_cell, "esc", window)
+    return prepare_record(bundled_record, bundled_cell, "esc", BEGIN)
 
 
 @pytest.fixture(scope="session")

@@ -23,13 +23,7 @@ SMALL = {
 }
 # Its dates are of microseconds, and the bundled clock has both sides of a step closer together.
 TOO_COARSE = ("NewareNDA CSV",)
-# Of makes that are not among the default tests' two.
-QUICK = ("Maccor text", "BioLogic .mpt, German")
-CASES = [
-    pytest.param(write, id=name, marks=() if name in QUICK else pytest.mark.slow)
-    for name, write in WRITERS.items()
-    if name not in TOO_COARSE
-]
+CASES = {name: write for name, write in WRITERS.items() if name not in TOO_COARSE}
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +37,7 @@ def by_hand():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("write", CASES)
+@pytest.mark.parametrize("write", CASES.values(), ids=CASES)
 def test_a_folder_in_a_dialect_gives_the_same_circuit(by_hand, tmp_path, write):
     for name, path in FILES.items():
         (tmp_path / name).write_bytes(write(pl.read_parquet(path)))

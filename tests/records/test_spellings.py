@@ -124,6 +124,14 @@ def test_markup_is_no_table(tmp_path, start):
         read(tmp_path, (start + "Time,Current,Voltage\n0,0,3.7\n"), "cell.xls")
 
 
+ISO = date("%Y-%m-%d")
+
+
+def in_two_columns(time_s, day, time, header="Date,Time"):
+    rows = (f"{day(s)},{time(s)},{k % 2},3.{7 + k % 2}" for k, s in enumerate(time_s.tolist()))
+    return "\n".join([f"{header},Current (A),Voltage (V)", *rows, ""])
+
+
 PAUSED = {"%d.%m.%Y": "%H:%M:%S", "%Y-%m-%d": "%I:%M:%S %p", "%m/%d/%Y": "%H:%M:%S.000"}
 
 
@@ -131,12 +139,8 @@ PAUSED = {"%d.%m.%Y": "%H:%M:%S", "%Y-%m-%d": "%I:%M:%S %p", "%m/%d/%Y": "%H:%M:
 def test_a_date_and_a_time_of_day_in_two_columns_are_one_clock(tmp_path, day):
     """Over midnight, and over a pause of 31 hours, in which the time of day rises."""
     time_s = np.cumsum(np.where(np.arange(300) == 200, 31 * 3600, 60.0)) + 79_000
-    rows = "".join(
-        f"{date(day)(s)},{date(PAUSED[day])(s)},{k % 2},3.{7 + k % 2}\n"
-        for k, s in enumerate(time_s.tolist())
-    )
     for header in ("Date,Time", "Date,Time of Day"):
-        record = read(tmp_path, (f"{header},Current (A),Voltage (V)\n" + rows))
+        record = read(tmp_path, in_two_columns(time_s, date(day), date(PAUSED[day]), header))
         np.testing.assert_array_equal(np.diff(record.time_s), np.diff(time_s))
         assert "columns.time-of-day" in {each.code for each in record.notes}
         began = BEGIN.replace(tzinfo=datetime.UTC).timestamp() + time_s[0]
@@ -148,20 +152,12 @@ def test_a_clock_of_the_test_beside_dates_runs_on(tmp_path, interval_s):
     """Also where it is logged every minute at midnight, and mostly every second."""
     time_s = np.cumsum(np.where(np.arange(300) < 200, interval_s, 60))
     seconds = clock("{h:02d}:{m:02d}:{s:02d}")
-    rows = "".join(
-        f"{date('%Y-%m-%d')(s + 4_000)},{seconds(s)},{k % 2},3.{7 + k % 2}\n"
-        for k, s in enumerate(time_s.tolist())
-    )
-    record = read(tmp_path, ("Date,Time,Current (A),Voltage (V)\n" + rows))
+    record = read(tmp_path, in_two_columns(time_s, lambda s: ISO(s + 4_000), seconds))
     np.testing.assert_array_equal(record.time_s, time_s)
 
 
 def test_a_date_that_jumps_by_days_is_no_clock_of_the_test(tmp_path):
     """The time of day rises throughout; no clock of a test takes so many days over it."""
     time_s = np.cumsum(np.where(np.arange(300) == 200, 49 * 3600, 60)) + 10_000
-    rows = "".join(
-        f"{date('%Y-%m-%d')(s)},{date('%H:%M:%S')(s)},{k % 2},3.{7 + k % 2}\n"
-        for k, s in enumerate(time_s.tolist())
-    )
-    record = read(tmp_path, ("Date,Time,Current (A),Voltage (V)\n" + rows))
+    record = read(tmp_path, in_two_columns(time_s, ISO, date("%H:%M:%S")))
     np.testing.assert_array_equal(np.diff(record.time_s), np.diff(time_s))

@@ -15,7 +15,8 @@ from barnax.model.window import Window
 from barnax.optimizers import OPTIMIZERS, make_optimizer
 from barnax.search.refine import AtBound, refine
 from barnax.search.seeds import key_integer, search_seeds
-from helpers.reference import banded_response, drop_v, filtered_response
+from helpers.problems import other_problem
+from helpers.reference import banded_response, drop_v, filtered_response, looped_response
 
 # Li et al. (2023), Table 3: R, Rpa, Rpb in ohm, Cpa, Cpb in farad, and the circuit it was for.
 TABLE_3 = {
@@ -138,12 +139,7 @@ def checked_on(short_problem, found):
     """Search and refinement on the bundled current with another voltage."""
 
     def run(circuit, voltage_v):
-        record, prepared = short_problem.prepared.record, short_problem.prepared
-        whole_v = record.voltage_v.copy()
-        whole_v[prepared.span] = voltage_v
-        record = replace(record, voltage_v=whole_v)
-        window = Window(initial_soc=prepared.start.soc, score_to_s=1500.5)
-        problem = make_problem(record, short_problem.cell, circuit, window=window)
+        problem = other_problem(short_problem, circuit, voltage_v)
         return refine(search_seeds(problem, found.optimizer, key=jax.random.key(0), seeds=8))
 
     return run
@@ -203,10 +199,12 @@ def test_a_pair_far_faster_than_the_sampling_is_reported_at_its_bound(checked_on
     assert (found.r[1], found.c[1]) == pytest.approx((r2, c2), rel=5e-3)
 
 
-def test_the_two_references_agree():
+def test_the_references_agree():
     time_s = np.arange(200.0)
     current_a = np.sin(time_s / 7)
     for hold in ("forward", "backward"):
         banded = banded_response(time_s, current_a, 5.0, hold)
         filtered = filtered_response(1.0, current_a, 5.0, hold)
+        looped = looped_response(time_s, current_a, 5.0, hold)
         np.testing.assert_allclose(banded, filtered, atol=1e-13)
+        np.testing.assert_allclose(looped, filtered, atol=1e-13)

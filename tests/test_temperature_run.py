@@ -36,10 +36,6 @@ def at(degc):
     return made_record(2.0, factor=arrhenius(degc), degc=degc, lift_v=1e-3 * (degc - 25))
 
 
-def in_kelvin(record):
-    return replace(record, temperature_degc=record.temperature_degc + 273.15)
-
-
 @pytest.fixture(scope="module")
 def result() -> Result:
     return hppc(

@@ -172,8 +172,8 @@ def test_the_state_of_charge_falls_by_the_ampere_hours_taken_from_the_start_on(h
     assert soc[99] - soc[90] == pytest.approx(90 * 1 / 3600 / 2.0, rel=1e-9)
 
 
-@pytest.mark.parametrize(("given_ah", "scale"), [(None, 1.0), (1.0, 2.0)])
-def test_the_capacity_of_a_window_is_the_records_own(bundled_cell, given_ah, scale):
+@pytest.mark.parametrize("given_ah", [None, 1.0])
+def test_the_capacity_of_a_window_is_the_records_own(bundled_cell, given_ah):
     course = prepared(bundled_cell, Window(initial_soc=0.8, capacity_ah=given_ah))
     expected_ah = given_ah or bundled_cell.capacity_ah
     assert course.capacity_ah == expected_ah

@@ -79,7 +79,7 @@ def test_a_charge_beside_a_drive_leaves_blocks_out_and_not_the_drive(records, re
     assert len(registered.fit.cross_validation.by_record) == 3
 
 
-def test_starts_and_capacities_are_found_up_to_the_axis(records, registered):
+def test_starts_and_capacities_are_found_up_to_the_axis(registered):
     windows = [each.window for each in registered.of_role("identification")]
     soc = np.array([each.initial_soc for each in windows])
     capacity_ah = np.array([each.capacity_ah for each in windows])

@@ -107,7 +107,7 @@ def test_states_and_counters_of_a_step_are_read(tmp_path):
     np.testing.assert_allclose(record.charge_ah, flowed_ah, atol=1e-12)
 
 
-def test_a_clock_of_the_steps_is_joined_with_a_warning(tmp_path):
+def test_a_clock_of_the_steps_is_joined_with_a_warning():
     table = TABLE.with_columns(pl.Series("Step Index / 1", np.arange(300) // 50))
     steps = np.arange(300) % 50 + (np.arange(300) >= 50)
     record = record_from_frame(table.with_columns(pl.Series(TIME, steps)))

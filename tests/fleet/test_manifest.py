@@ -120,27 +120,17 @@ def test_a_pattern_without_a_file_is_missing_and_no_error(folder):
         ("id,records\nC:\\x,b.csv\n", "an id is the name of a folder"),
         ("id,records\n..,b.csv\n", "an id is the name of a folder"),
         ("id,records,error,age\nx,b.csv,alarm,3\n", "the dataset has its own error; rename"),
-    ],
-)
-def test_what_is_wrong_is_named_with_its_row(folder, content, message):
-    (folder / "m.csv").write_text(content)
-    with pytest.raises(InputError, match=message):
-        read_manifest(folder / "m.csv")
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
         ("cells = [", r"m\.toml: cannot be read"),
         ("cell = [1, 2]", "must contain .* in another form"),
         ('[[cell]]\nid = "a"\nrecords = 5', r"row 1 \(a\): `records` '5': write names of files"),
         ('[[cell]]\nid = "a"\nrecords = "b.csv"\nocv = [5]', r"`ocv` '\[5\]': write names"),
     ],
 )
-def test_a_manifest_that_is_no_table_of_files_is_refused(folder, content, message):
-    (folder / "m.toml").write_text(content)
+def test_what_is_wrong_is_named_with_its_row(folder, content, message):
+    path = folder / ("m.toml" if " = " in content else "m.csv")
+    path.write_text(content)
     with pytest.raises(InputError, match=message):
-        read_manifest(folder / "m.toml")
+        read_manifest(path)
 
 
 def test_a_fingerprint_follows_inputs_and_settings(folder):

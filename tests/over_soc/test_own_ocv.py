@@ -33,6 +33,8 @@ from helpers.reference import filtered_response, make_record
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
 QUICK = TableSettings(max_boxes=0, folds=0)
+FROM_FULL = Window(initial_soc=1.0, capacity_ah=2.0)
+FAST = {"seeds": 0, "trust": "none", "advise": False, "max_boxes": 0}
 
 
 @pytest.mark.parametrize(
@@ -67,7 +69,7 @@ def test_given_time_constants_give_the_accepted_errors(
 @pytest.fixture(scope="module")
 def known():
     record, soc = made()
-    window = {record.name: Window(initial_soc=1.0, capacity_ah=2.0)}
+    window = {record.name: FROM_FULL}
     return record, soc, proved(search_with_ocv([record], "so-rc", window, TableSettings(folds=0)))
 
 
@@ -96,7 +98,7 @@ def test_intervals_of_ocv_and_r0_hold_the_truth(known):
 
 def test_resistances_of_a_pair_that_ends_at_the_slowest_are_not_determined():
     record, _ = made()
-    window = {record.name: Window(initial_soc=1.0, capacity_ah=2.0)}
+    window = {record.name: FROM_FULL}
     bounds = {"tau1 [s]": (5.0, 20.0), "tau2 [s]": (20.0, 0.5 * TAU_S[1])}
     own = search_with_ocv([record], "so-rc", window, replace(QUICK, bounds=bounds))
     assert [hit.name for hit in own.fit.at_bound if hit.side == "upper"] == ["tau2 [s]"]
@@ -146,7 +148,7 @@ def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
     part = make_record(
         interval_s * 40 * np.arange(len(current_a)) / 40, current_a, voltage_v, name="part.csv"
     )
-    windows = {whole.name: Window(initial_soc=1.0, capacity_ah=2.0), part.name: Window()}
+    windows = {whole.name: FROM_FULL, part.name: Window()}
     own = proved(search_with_ocv([whole, part], "so-rc", windows, QUICK))
     assert own.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
     # It may go deeper than the record whose OCV tells its start.
@@ -164,7 +166,7 @@ def test_a_start_beyond_full_that_a_rest_tells_is_told():
     voltage_v = np.concatenate([drive.voltage_v, np.full(3000, ocv_v(soc[-1]))])
     time_s = (drive.time_s[1] - drive.time_s[0]) * np.arange(len(counted_a))
     part = make_record(time_s, counted_a, voltage_v, name="part.csv")
-    windows = {whole.name: Window(initial_soc=1.0, capacity_ah=2.0), part.name: Window()}
+    windows = {whole.name: FROM_FULL, part.name: Window()}
     own = proved(search_with_ocv([whole, part], "so-rc", windows, replace(QUICK, keep_starts=True)))
     (told,) = own.warnings
     assert (told.code, told.subject) == ("start.beyond-an-end", part.name)
@@ -237,8 +239,7 @@ def hysteretic(
 @pytest.fixture(scope="module", params=[0.0, 0.006])
 def turning(request):
     record, soc = hysteretic(request.param)
-    given = {"window": Window(initial_soc=1.0, capacity_ah=2.0), "trust": "none", "max_boxes": 0}
-    return request.param, soc, barnax.identify(record, seeds=0, advise=False, **given)
+    return request.param, soc, barnax.identify(record, window=FROM_FULL, **FAST)
 
 
 def test_a_hysteresis_is_found_with_the_ocv_where_there_is_one(turning):
@@ -273,8 +274,7 @@ def test_a_hysteresis_without_an_ocv_test_is_told_stored_and_exported(turning, t
 @pytest.mark.parametrize("half_gap_v", [0.0, 0.006])
 def test_a_circuit_that_was_asked_for_without_the_hysteresis_shown_says_so(half_gap_v):
     record, _ = hysteretic(half_gap_v)
-    window = Window(initial_soc=1.0, capacity_ah=2.0)
-    result = barnax.identify(record, window=window, **SMALL)
+    result = barnax.identify(record, window=FROM_FULL, **SMALL)
     told = [warning.code for warning in result.warnings]
     assert ("tables.hysteresis-left-out" in told) is bool(half_gap_v)
 
@@ -287,8 +287,8 @@ def test_a_hysteresis_is_found_under_noise_and_from_the_other_direction(noise_v,
     """Of errors that are mostly noise it lowers little; and a cell at rest may come from either
     direction, which the fit tells."""
     record, _ = hysteretic(0.01, 20.0, 9000, noise_v, start, state)
-    given = {"window": Window(initial_soc=start, capacity_ah=2.0), "trust": "none", "max_boxes": 0}
-    result = barnax.identify(record, seeds=0, advise=False, **given)
+    window = Window(initial_soc=start, capacity_ah=2.0)
+    result = barnax.identify(record, window=window, **FAST)
     assert result.model == "esc"
     (part,) = result.of_role("identification")
     assert part.start.direction == state
@@ -301,8 +301,7 @@ def test_a_hysteresis_is_found_beside_a_third_pair():
     """Either alone imitates the other, and the slow resistances are 30 to 45 % too high."""
     r_ohm, tau_s = (0.010, 0.012, 0.014), (4.0, 40.0, 300.0)
     record, _ = hysteretic(0.008, 40.0, 12_000, pairs=(r_ohm, tau_s))
-    given = {"window": Window(initial_soc=1.0, capacity_ah=2.0), "trust": "none", "max_boxes": 0}
-    result = barnax.identify(record, seeds=0, advise=False, **given)
+    result = barnax.identify(record, window=FROM_FULL, **FAST)
     assert result.model == "esc+rc"
     inside = np.linspace(0.2, 0.8, 20)
     assert result.fit.tables.tau_s == pytest.approx(tau_s, rel=0.1)
@@ -321,9 +320,8 @@ def test_of_several_records_the_direction_is_found_with_the_start(keep_starts):
     first, _ = hysteretic(0.012, 40.0, 9000)
     second, _ = hysteretic(0.012, 40.0, 6000, start=0.5, state=-1.0, seed=5)
     second = replace(second, name="second.csv")
-    given = {"window": Window(capacity_ah=2.0), "trust": "none", "max_boxes": 0}
-    given |= {"keep_starts": keep_starts}
-    result = barnax.identify([first, second], seeds=0, advise=False, **given)
+    given = {"window": Window(capacity_ah=2.0), "keep_starts": keep_starts, **FAST}
+    result = barnax.identify([first, second], **given)
     assert result.model == "esc"
     _, part = result.of_role("identification")
     assert part.start.direction == -1
@@ -362,10 +360,8 @@ def with_a_test(record, wrong):
     """The record identified with a test whose SOC is wrong by a share of the charge that is out."""
     soc = np.linspace(0, 1, 101)
     test = {"SOC": soc, "OCV [V]": ocv_v(1 - (1 - wrong) * (1 - soc))}
-    window = Window(initial_soc=1.0, capacity_ah=2.0)
-    given = {"model": "so-rc", "over": "soc", "capacity": 2.0, "window": window, "advise": False}
-    given |= {"max_boxes": 0, "resistances_follow": "none"}
-    return barnax.identify([record], ocv=test, seeds=0, trust="none", **given)
+    given = {"model": "so-rc", "over": "soc", "capacity": 2.0, "resistances_follow": "none"}
+    return barnax.identify([record], ocv=test, window=FROM_FULL, **given, **FAST)
 
 
 def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, tmp_path):
@@ -446,9 +442,7 @@ def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, ove
     record, soc = made(1, noise_v=1e-3)
     fallen_v = rise_ohm * (1 - soc) * record.current_a
     record = replace(record, voltage_v=record.voltage_v - fallen_v)
-    quick = {"seeds": 0, "trust": "none", "advise": False, "max_boxes": 0}
-    window = Window(initial_soc=1.0, capacity_ah=2.0)
-    result = barnax.identify(record, window=window, **quick)
+    result = barnax.identify(record, window=FROM_FULL, **FAST)
     assert result.over == over
     fit = result.fit
     nodes = [node for node in fit.of_table("R0 [Ohm]") if node.low is not None]
@@ -457,7 +451,7 @@ def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, ove
     assert np.mean(held) >= 0.8
     if over == "ocv":
         assert fit.cross_validation.tables.is_no_worse(fit.cross_validation.over_soc)
-        asked = barnax.identify(record, window=window, over="soc", **quick)
+        asked = barnax.identify(record, window=FROM_FULL, over="soc", **FAST)
         assert len(asked.fit.tables.nodes) > 1
     else:
         assert fit.cross_validation.over_soc is None
@@ -467,13 +461,7 @@ def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, ove
 def narrow():
     """One value of each resistance at every SOC, for samples visit a fifth of it."""
     record, soc = made(1, hours=0.6)
-    window = Window(initial_soc=1.0, capacity_ah=2.0)
-    given = {
-        "seeds": 0,
-        "advise": False,
-        "max_boxes": 0,
-    }
-    result = barnax.identify(record, window=window, **given)
+    result = barnax.identify(record, window=FROM_FULL, seeds=0, advise=False, max_boxes=0)
     assert result.over == "ocv"
     return result, soc
 
@@ -523,15 +511,15 @@ def test_one_node_beside_an_ocv_test_is_a_table_of_one_row():
     points = tuple(
         OcvPoint(at, volt, "ocv.csv", 0, 0.0) for at, volt in zip(soc, ocv_v(soc), strict=True)
     )
-    quick = {"seeds": 0, "trust": "none", "advise": False, "max_boxes": 0, "folds": 0}
     result = barnax.identify(
         record,
         ocv=[OcvTable("ocv.csv", {0: points}, sha256="")],
-        window=Window(initial_soc=1.0, capacity_ah=2.0),
+        window=FROM_FULL,
         bounds={"tau2 [s]": (60.0, TAU_S[1] / 2)},
         over="soc",
         nodes=(0.5,),
-        **quick,
+        folds=0,
+        **FAST,
     )
     assert result.over == "soc"
     (row,) = result.to_frame().iter_rows(named=True)
@@ -547,13 +535,13 @@ def test_one_node_beside_an_ocv_test_is_a_table_of_one_row():
 @pytest.mark.parametrize("chosen", [{"model": "so-rc"}, {"over": "soc", "nodes": (0.5,)}])
 def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
     """Those that take the OCV for known would miss the slow pair."""
-    window, held = Window(initial_soc=1.0, capacity_ah=2.0), []
+    held = []
     truth = {"R0 [Ohm]": R0_OHM, "R1 [Ohm]": R_OHM[0], "R2 [Ohm]": R_OHM[1]}
     truth |= {"tau1 [s]": TAU_S[0], "tau2 [s]": TAU_S[1]}
     quick = {"seeds": 0, "trust": "none", "advise": False}
     for seed in (0, 1, 2):
         record, _ = made(seed, noise_v=1e-3)
-        result = barnax.identify(record, window=window, **chosen, **quick)
+        result = barnax.identify(record, window=FROM_FULL, **chosen, **quick)
         assert result.over == "ocv"
         known = {node.name: node for node in result.fit.intervals if node.name in truth}
         held += [known[name].low <= value <= known[name].high for name, value in truth.items()]
@@ -574,16 +562,14 @@ def test_only_the_answer_is_proved(monkeypatch):
 
     monkeypatch.setattr(own_ocv, "certify", counted)
     record, _ = made(1, noise_v=1e-3)
-    given = {"window": Window(initial_soc=1.0, capacity_ah=2.0), "advise": False, "seeds": 0}
-    result = barnax.identify(record, trust="none", **given)
+    result = barnax.identify(record, window=FROM_FULL, advise=False, seeds=0, trust="none")
     assert result.fit.status == "certified"
     assert seen == [len(result.fit.tables.nodes)] == [1]
 
 
 def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):
     record, _, _ = known
-    window = Window(initial_soc=1.0, capacity_ah=2.0)
-    prepared = prepare_record(record, level_cell(2.0, 3.7), "so-rc", window)
+    prepared = prepare_record(record, level_cell(2.0, 3.7), "so-rc", FROM_FULL)
     objective, best = searched([prepared], QUICK)
     assert offset_effect(objective, best) is not None
     assert offset_effect(objective, replace(best, values=0 * best.values)) is None

@@ -61,11 +61,13 @@ def shorten(
     factor: Float[np.ndarray, "rows columns"], negligible: float
 ) -> Float[np.ndarray, "fewer columns"]:
     """The same lengths of all combinations of columns with fewer rows, up to `negligible`."""
+    if not np.any(factor):
+        return np.zeros((ROW_STEP, factor.shape[1]))
     columns, rows = np.any(factor, axis=0), np.any(factor, axis=1)
     decomposed: Any = qr(factor[np.ix_(rows, columns)], mode="r", pivoting=True)
     order = np.flatnonzero(columns)[decomposed[1]]
     triangle = decomposed[0][: len(order)]
-    lengths = np.sqrt(np.cumsum(triangle[::-1] ** 2, axis=0)[::-1].max(axis=1, initial=0.0))
+    lengths = np.sqrt(np.cumsum(triangle[::-1] ** 2, axis=0)[::-1].max(axis=1))
     wanted = int(np.count_nonzero(lengths > negligible))
     shorter = np.zeros((-(-max(wanted, 1) // ROW_STEP) * ROW_STEP, factor.shape[1]))
     kept = triangle[: len(shorter)]

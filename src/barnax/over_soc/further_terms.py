@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..blas import one_blas_thread
 from ..cell import get_circuit
 from ..cell.parameters import RATE
 from ..errors import InputError
@@ -100,11 +101,12 @@ def with_further(
     if held_out is None:
         return found, []
 
+    @one_blas_thread()
     def tried(circuit: str) -> tuple[Fitted | None, list[Notice]]:
         own = with_own_ocv(settings, circuit)
-        if not shows_more(circuit, found, own):
-            return None, []
         try:
+            if not shows_more(circuit, found, own):
+                return None, []
             more = best_tables(begun(circuit, own, found), own, found)
         except InputError:
             return None, []

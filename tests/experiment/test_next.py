@@ -29,7 +29,7 @@ from barnax.reporting.design import (
 )
 from barnax.reporting.design_forms import design_files
 from barnax.reporting.design_promised import promised_lines, promised_table, reached_half
-from barnax.reporting.starts import own_ocv_sentences
+from barnax.reporting.starts import axis_sentences
 from barnax.reporting.verdict import next_step
 from barnax.reporting.words import joined
 from barnax.search.refine import AtBound
@@ -473,7 +473,7 @@ def test_an_answer_of_one_value_at_every_soc_is_believed_with_its_own_values():
     result = barnax.identify(made()[0], window=window, **quick)
     assert result.answer == "so-rc with a fitted OCV"
     # How the capacity is told may have brackets of its own.
-    (told, *_) = own_ocv_sentences(result)
+    (told, *_) = axis_sentences(result)
     assert "SOC is counted over 2 Ah, given; the initial SOC is as given." in told
     tables = believed_of(result, None).tables
     for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):

@@ -296,3 +296,11 @@ def test_the_files_stand_with_the_beginning_of_their_hash():
     assert files_table(STORED).rows[0] == (
         first.name, "identification", "charge-positive", first.sha256[:16]
     )  # fmt: skip
+
+
+def test_a_capacity_that_only_the_record_tells_is_told_as_assumed():
+    sweep = {"direction": "discharge", "first_v": 4.2, "last_v": 3.9, "passed_ah": 1.0}
+    assumed = notice("ocv-test.capacity-assumed", "hppc.csv", **sweep, ends="full")
+    told = screen(STORED.model_copy(update={"warnings": (assumed,)}))
+    assert "the discharge of hppc.csv" in told
+    assert "--capacity" in told

@@ -11,7 +11,7 @@ from ..cell.parameters import OHMIC
 from ..cell.soc_axis import ABOVE_SOC
 from ..notices import Notice, sentences_of
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
-from .starts import CAME_FROM, offset_sentence, own_ocv_sentences, start_sentence
+from .starts import CAME_FROM, offset_sentence, axis_sentences, start_sentence
 from .words import (
     NOTHING,
     figures,
@@ -130,7 +130,7 @@ def _low_end_sentence(stored: "Result") -> Iterator[str]:
 def guess_sentences(stored: "Result") -> Iterator[str]:
     """The decisions that were guesses and that the answer depends on, with how to settle them."""
     simulated = [part for part in stored.inputs if part.start is not None]
-    yield from own_ocv_sentences(stored)
+    yield from axis_sentences(stored)
     yield from offset_sentence(stored)
     yield from _low_end_sentence(stored)
     guessed = [part for part in simulated if part.hold and part.hold.strength == "assumed"]

@@ -26,12 +26,21 @@ HARDLY_MOVED = 1e-3
 MOVES_MORE = "start.moves-more"
 # That of rests whose current is not zero.
 OFFSET = "rests.offset"
+# That of an OCV test whose charge is taken for the capacity.
+CAPACITY_ASSUMED = "ocv-test.capacity-assumed"
 
 
-def own_ocv_sentences(stored: "Result") -> Iterator[str]:
-    """The axis of SOC where there is no OCV test."""
+def axis_sentences(stored: "Result") -> Iterator[str]:
+    """What 0 and 100 % SOC are where that is assumed, and the OCV where there is no test of it."""
     cell = stored.cell_model
     if not cell.is_of_records:
+        for told in stored.warnings:
+            if told.code == CAPACITY_ASSUMED:
+                yield (
+                    f"SOC is counted over {cell.capacity_ah:.4g} Ah, the {told.values['direction']}"
+                    f" of {told.subject}; where the cell holds more, every SOC is off. `capacity` "
+                    "sets another axis."
+                )
         return
     parts = stored.of_role("identification")
     starts = {
@@ -59,10 +68,10 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
             "charges as much as it discharges, half of the hysteresis"
         )
     yield (
-        f"no OCV test: {found}. SOC is counted over "
-        f"{cell.capacity_ah:.4g} Ah, {cell.capacity_origin}; {whose}{start}. `capacity` and "
-        "`initial_soc` set another axis."
+        f"SOC is counted over {cell.capacity_ah:.4g} Ah, {cell.capacity_origin}; {whose}{start}. "
+        "`capacity` and `initial_soc` set another axis."
     )
+    yield f"no OCV test: {found}."
 
 
 def beyond_sentence(extents: Mapping[str, tuple[float, float]], whole: str) -> str:

@@ -65,6 +65,14 @@ def test_a_value_that_is_no_choice_is_refused_with_those_there_are(options):
         Job(**options)
 
 
+def test_a_value_that_is_no_number_is_refused_with_its_option_and_what_to_give():
+    for option, value, kind in (("capacity", "x", "number"), ("seeds", 1.5, "whole number")):
+        with pytest.raises(InputError, match=f"`{option}` {value!r} is not a {kind}; give one"):
+            Job(**{option: value})
+    with pytest.raises(InputError, match="`start_time` '5 s' is not a number; give one"):
+        barnax.Window(start_time_s="5 s")
+
+
 def test_a_comparison_refuses_what_is_of_one_circuit():
     with pytest.raises(InputError, match="`model` is of one circuit"):
         barnax.compare_files(model="esc")

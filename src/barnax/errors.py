@@ -5,7 +5,7 @@ import textwrap
 import unicodedata
 from collections.abc import Iterable
 from itertools import islice
-from typing import Any
+from typing import Any, get_args
 
 # The code of a refusal that has none of its own.
 REFUSED = "input.refused"
@@ -28,6 +28,20 @@ class InputError(ValueError):
     def code(self) -> str:
         """The code of its notice, `REFUSED` where it has none."""
         return self.notice.code if self.notice else REFUSED
+
+
+def require_number(name: str, value: Any, hint: Any) -> None:
+    """Raise `InputError` where an option of the type `hint` takes a number, and this is none."""
+    kinds = {*(get_args(hint) or (hint,))} - {type(None)}
+    if value is None or not kinds or not kinds <= {int, float}:
+        return
+    own, kind, example = ("__float__", "number", "2.5")
+    if float not in kinds:
+        own, kind, example = ("__index__", "whole number", "3")
+    if isinstance(value, bool) or not hasattr(value, own):
+        raise InputError(
+            f"`{name}` {value!r} is not a {kind}; give one without quotes or unit, such as {example}"
+        )
 
 
 # An option in a message, with its value if it has one.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar, get_type_hints
 
 from .cell import CellModel, get_circuit
 from .display import brief
-from .errors import InputError
+from .errors import InputError, require_number
 from .inputs import Given, Watch, unwatched
 from .model.search_space import Range
 from .model.window import Window
@@ -123,9 +123,9 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
             own["_chosen"] |= {name for name in names if own[name] != getattr(kind, name)}
         if self.setup is not None:
             own["model"], own["ocv_fit"] = self.model or "iso-rc", self.ocv_fit or "polynomial"
-        super().__post_init__()
         for name in own["_chosen"]:
-            require_choice(name, own[name])
+            require_value(name, own[name])
+        super().__post_init__()
         are_own = self.table_settings != TableSettings()
         if are_own and self.over is None and self.model is not None:
             raise InputError("settings of tables need `over` 'soc'; give it too, or no `model`")
@@ -169,12 +169,14 @@ _GROUPS = (Settings, Reading, CellSettings, Scope, TableOptions)
 PLANNED = (*(field.name for kind in _GROUPS for field in fields(kind)), "capacity", "bounds", "fix")
 
 
-def require_choice(name: str, value: Any) -> None:
-    """Raise `InputError` where an option has few values, and this is none of them."""
+def require_value(name: str, value: Any) -> None:
+    """Raise `InputError` where an option takes a number or has few values, and this is none."""
     if name == "model" and value is not None:
-        get_circuit(value)
+        get_circuit(str(value))
         return
-    known = OPTIMIZERS if name == "method" else choices_in(OPTIONS.get(name))
+    hint = OPTIONS.get(name)
+    require_number(name, value, hint)
+    known = OPTIMIZERS if name == "method" else choices_in(hint)
     if value is not None and known and value not in known:
         raise InputError(f"`{name}` {value!r} is not known; there are {', '.join(known)}")
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args, get_origin
 
-from .errors import InputError
+from .errors import InputError, require_number
 
 AutoSign = Literal["auto", "charge-positive", "discharge-positive"]
 AutoHold = Literal["auto", "forward", "backward", "centered"]
@@ -326,6 +326,8 @@ class Window:
         return self if self.registration is None else self.registration.origin.told
 
     def __post_init__(self):
+        for option, (name, *_) in WINDOW_OPTIONS.items():
+            require_number(option, getattr(self, name), Window.__annotations__[name])
         for name in ("score_steps", "score_soc"):
             # As a warning about the file prints them.
             if isinstance(text := getattr(self, name), str):

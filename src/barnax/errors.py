@@ -40,7 +40,7 @@ def require_number(name: str, value: Any, hint: Any) -> None:
         own, kind, example = ("__index__", "whole number", "3")
     if isinstance(value, bool) or not hasattr(value, own):
         raise InputError(
-            f"`{name}` {value!r} is not a {kind}; give one without quotes or unit, such as {example}"
+            f"`{name}` {value!r} is not a {kind}; give one without quotes or unit, as {example}"
         )
 
 

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from barnax.reporting.document import Bullets, Column, Document, Listing, Section, Table, make_table
 from barnax.reporting.first_screen import first_screen
-from barnax.reporting.terminal import next_lines, terminal_table, to_terminal
+from barnax.reporting.terminal import bare_table, next_lines, terminal_table, to_terminal
 from barnax.results import Result
 from helpers.golden import RESULT
 
@@ -96,3 +96,16 @@ def test_options_to_be_copied_stay_in_one_line_in_a_table_and_in_a_sentence(widt
         for block in to_terminal(document):
             console.print(block, crop=False)
     assert sum(options in line for line in seen.get().splitlines()) == 2
+
+
+def test_an_interval_stays_in_one_line_and_its_time_constant_below_where_there_is_no_room():
+    rows = [
+        ("half hysteresis", "4.3 mV", "0 to 13", "0.69 to 9.9", "", "", ""),
+        ("R2", "18 mOhm", "not determined", "13.9 to 18.3", "tau2", "138 s", "2 min to 1.1 h"),
+    ]
+    heads = ["", "at 50 % SOC", "this record", "above 10 % SOC", "", "", ""]
+    numbers = [place in (1, 5) for place in range(7)]
+    lines = lines_of(bare_table(heads, rows, numbers, (5, 6)), 78)
+    (low,) = (line for line in lines if "0 to 13" in line)
+    assert low.endswith("0.69 to 9.9")
+    assert lines[-1].split(maxsplit=2) == ["R2", "tau2", "138 s  2 min to 1.1 h"]

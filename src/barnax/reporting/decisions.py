@@ -11,7 +11,7 @@ from ..cell.parameters import OHMIC
 from ..cell.soc_axis import ABOVE_SOC
 from ..notices import Notice, sentences_of
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
-from .starts import CAME_FROM, offset_sentence, axis_sentences, start_sentence
+from .starts import CAME_FROM, axis_sentences, offset_sentence, start_sentence
 from .words import (
     NOTHING,
     figures,

@@ -206,7 +206,7 @@ def _parameters_table(result: "Result") -> Whole:
         heads, rows = middle_of_tables(result.fits, len(result.of_role("identification")))
         if result.fits.over_temperature is not None:
             return bare_table(heads, rows)
-        return bare_table(heads, rows, [place in (1, 5) for place in range(len(heads))])
+        return bare_table(heads, rows, [place in (1, 5) for place in range(len(heads))], (5, 6))
     constant = result.constant
     estimates = constant.estimates
     circuit = constant.parameters
@@ -226,7 +226,7 @@ def _parameters_table(result: "Result") -> Whole:
     if circuit.gamma is not None:
         value = f"{figures(circuit.gamma)} /SOC"
         rows.append(("gamma", value, _interval("gamma", estimates, bounds), "", "", ""))
-    return bare_table((), rows, [place in (1, 4) for place in range(6)])
+    return bare_table((), rows, [place in (1, 4) for place in range(6)], (4, 5))
 
 
 def _interval(name: str, estimates: "dict[str, Estimate]", bounds: dict[str, str]) -> str:

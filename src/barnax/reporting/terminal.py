@@ -31,9 +31,11 @@ LINED: dict[str, Any] = {
     "header_style": "cyan",
 }
 BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
-# Options with their values, and the character that keeps them on one line.
+# What stays on one line, options with their values, and the character that keeps it there.
 ONE_OPTION = r"--[a-z][\w-]*(?: (?!--)(?:'[^']*'|[^\s']+))?"
-OPTIONS = re.compile(f"{ONE_OPTION}(?: {ONE_OPTION})*")
+# Intervals too, with their units where each end has its own.
+INTERVAL = r"(?<![^ (])[-\d.]+ (?:[A-Za-z]+ )?to [-\d.]+(?: (?:[mu]?Ohm|s|min|h|d)\b)?"
+UNBROKEN = re.compile(f"{ONE_OPTION}(?: {ONE_OPTION})*|{INTERVAL}|not determined")
 GLUE = "\ue000"
 # Longer words, such as file names, may be broken.
 LONGEST_WORD = 24
@@ -70,14 +72,14 @@ def to_text(document: Document) -> str:
 @dataclass(frozen=True)
 class Words:
     """A text without markup, and without what a terminal would obey; its lines stay, and options
-    with their values stay in one line, so that they can be copied."""
+    with their values stay in one line, so that they can be copied, and so do intervals."""
 
     plain: str
     style: str = ""
 
     @property
     def glued(self) -> Text:
-        return Text(OPTIONS.sub(lambda found: found[0].replace(" ", GLUE), self.plain), self.style)
+        return Text(UNBROKEN.sub(lambda found: found[0].replace(" ", GLUE), self.plain), self.style)
 
     @property
     def longest(self) -> int:
@@ -183,7 +185,10 @@ class Whole:
                 width=widths[place],
             )
         for row in self.rows:
-            table.add_row(*(row[place] for place in places))
+            cells = [row[place] for place in places]
+            # Of a part below there is nothing to say of some rows.
+            if places[:2] == [0, 1] or any(cell.plain for cell in cells[1:]):
+                table.add_row(*cells)
         return table
 
 
@@ -217,14 +222,17 @@ def terminal_table(table: Table) -> RenderableType:
 
 
 def bare_table(
-    heads: Sequence[str], rows: Iterable[Sequence[str]], are_numbers: Sequence[bool] | None = None
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    are_numbers: Sequence[bool] | None = None,
+    joined: Iterable[int] = (),
 ) -> Whole:
     """Columns without lines, and without heads where these are none; all but the first are
-    numbers, unless told otherwise."""
+    numbers, unless told otherwise. Those `joined` stay beside the one before them."""
     cells = tuple(tuple(map(plain, row)) for row in rows)
     if are_numbers is None:
         are_numbers = [place > 0 for place in range(len(heads))]
-    return Whole(tuple(map(plain, heads)), cells, tuple(are_numbers), BARE)
+    return Whole(tuple(map(plain, heads)), cells, tuple(are_numbers), BARE, frozenset(joined))
 
 
 def indented(block: RenderableType) -> RenderableType:

@@ -353,7 +353,7 @@ def test_heating_that_moves_next_to_nothing_is_said_to(kappa_per_a2, said):
     assert ("next to nothing" in sentences[-1]) == (said == 2)
     held.by_soc_alone = SimpleNamespace(rmse_v=0.0174)
     told = [*dependence_sentences(TableFits((fit,)))][-1]
-    assert told.endswith("; left out 12.00 mV, without this 17.40 mV.")
+    assert told.endswith("; 12.00 mV left out, against 17.40 mV without.")
 
 
 def test_what_another_record_would_show_is_said_alike_on_the_screen_and_in_full():

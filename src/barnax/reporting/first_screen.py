@@ -84,7 +84,7 @@ def first_screen(
     whole = "the OCV test" if is_whole else "the charge it is counted over"
     over = result.fits.over_temperature
     follow = " ".join(map(capitalized, resistance_sentences(result)))
-    beyond = [] if over is None else [f"at others, {expectation(over)}"]
+    beyond = [] if over is None else [expectation(over)]
     for head, sentences in (
         ("Do not use", unfit),
         ("Best possible", [best_possible(result)]),

@@ -168,10 +168,7 @@ def best_tables(fit: "TableFit", model: str) -> str:
     if fit.lower_bound_v <= 0:
         return f"{GRID}, not proved."
     if fit.tables.dependence is not None:
-        return (
-            f"{GRID}; what the resistances follow was found from one start, and given that it is "
-            f"proved that {gap}"
-        )
+        return f"proved with what the resistances follow held as fitted, from one start: {gap}"
     return f"{GRID}; the proof stopped after {fit.boxes:,} boxes: {gap}"
 
 

@@ -44,18 +44,23 @@ def axis_sentences(stored: "Result") -> Iterator[str]:
         return
     parts = stored.of_role("identification")
     starts = {
-        "own full charge": "100 % is the full charge in it",
-        "own span": "100 % is its fullest point",
+        "own full charge": "100 % is where {it} was charged full",
+        "own span": "100 % is {its} fullest point",
         "given": "the initial SOC is as given",
+        "planned": "{it} starts at {soc:.3g} % SOC",
     }
     # The other records start by their rested voltage on this one's OCV.
     planned = {file.name for file in getattr(stored, "plan", ()) if file.plans_soc}
-    name, start = next(
-        (part.name, "it starts full" if part.name in planned else starts[source])
+    are_several = len(parts) > 1
+    start = next(
+        starts["planned" if part.name in planned else source].format(
+            it=part.name if are_several else "it",
+            its=f"{part.name}'s" if are_several else "its",
+            soc=100 * part.start.soc,
+        )
         for part in parts
         if part.start is not None and (source := part.start_source) in starts
     )
-    whose = f"of {name}, " if len(parts) > 1 else ""
     names = [part.name for part in parts]
     whole = joined(names) if len(names) <= MAX_NAMES else f"these {len(names)} records"
     slowest_s = max(high for _, high in stored.fit.tau_ranges_s)
@@ -68,7 +73,7 @@ def axis_sentences(stored: "Result") -> Iterator[str]:
             "charges as much as it discharges, half of the hysteresis"
         )
     yield (
-        f"SOC is counted over {cell.capacity_ah:.4g} Ah, {cell.capacity_origin}; {whose}{start}. "
+        f"SOC is counted over {cell.capacity_ah:.4g} Ah, {cell.capacity_origin}; {start}. "
         "`capacity` and `initial_soc` set another axis."
     )
     yield f"no OCV test: {found}."

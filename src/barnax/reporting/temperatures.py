@@ -21,7 +21,7 @@ def resistance_sentences(result: "Result") -> Iterator[str]:
     held = result.fit.cross_validation
     if held is not None and held.over_soc is not None:
         tables, own = millivolt(held.over_soc.rmse_v), millivolt(held.tables.rmse_v)
-        yield f"the same at every SOC; left out {own}, with tables over SOC {tables}."
+        yield f"the same at every SOC: {own} left out, against {tables} with tables over SOC."
     elif held is not None and result.over == "soc" and result.cell_model.is_of_records:
         tables, one = millivolt(held.tables.rmse_v), millivolt(held.constant.rmse_v)
         why = end = ""
@@ -30,7 +30,7 @@ def resistance_sentences(result: "Result") -> Iterator[str]:
             why, end = ", which fits the records better", f"; `model={result.model}` gives that"
         elif held.constant.rmse_v < held.tables.rmse_v and None not in above:
             end = f", but above 10 % SOC {' and '.join(map(millivolt, filter(None, above)))}"
-        yield f"over SOC{why}; left out {tables}, with one value at every SOC {one}{end}."
+        yield f"over SOC{why}: {tables} left out, against {one} with one value at every SOC{end}."
     yield from dependence_sentences(result.fits)
 
 
@@ -42,7 +42,7 @@ def dependence_sentences(found: "TableFits") -> Iterator[str]:
         if told and held is not None and held.by_soc_alone is not None:
             errors_v = held.tables.rmse_v, held.by_soc_alone.rmse_v
             own, without = map(millivolt, errors_v)
-            told[-1] = f"{told[-1].removesuffix('.')}; left out {own}, without this {without}."
+            told[-1] = f"{told[-1].removesuffix('.')}; {own} left out, against {without} without."
         yield from told
 
 
@@ -68,7 +68,7 @@ def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
     if BETA in numbers and known.reference_degc is not None:
         yield (
             f"{where}all of them fall by {100 * known.beta_per_k:.2g} % a kelvin with the measured "
-            f"temperature ({interval(BETA, 100, ' %')}); tables are at "
+            f"temperature ({interval(BETA, 100, ' %')}); the tables are those at "
             f"{degrees(known.reference_degc)}."
         )
     if KAPPA in numbers and known.heating_tau_s is not None:
@@ -76,8 +76,8 @@ def _sentences(fit: "TableFit", where: str) -> Iterator[str]:
         yield (
             f"{where}all of them fall by {percent_a2:.2g} % an A^2 of the squared current, as in a "
             f"cell that heats itself ({interval(KAPPA, 100, ' %')}), in "
-            f"{duration(known.heating_tau_s)}; tables are at {figures(known.reference_a2)} A^2, "
-            "the average."
+            f"{duration(known.heating_tau_s)}; the tables are those at the average, "
+            f"{figures(known.reference_a2)} A^2."
         )
         if known.kappa_per_a2 * known.reference_a2 < NEXT_TO_NOTHING:
             yield f"{where}at that average this is next to nothing: the data show no heating."
@@ -126,10 +126,10 @@ def expectation(over: "OverTemperature") -> str:
             left_out.errors.rmse_v, worst.get(left_out.is_between, 0.0)
         )
     told = [f"{millivolt(worst[True])} between the measured ones"] if True in worst else []
-    told.append(f"{millivolt(worst[False])} beyond")
+    told.append(f"{millivolt(worst[False])} beyond them")
     text = (
-        f"each temperature left out in turn, the error at it was at most {joined(told)}; on "
-        "another record it may be more."
+        "left out in turn and predicted from the others, each had an error of at most "
+        f"{joined(told)}; on another record it may be larger."
     )
     if len(over.left_out) == 2:
         text += " A third temperature would show the error between them."

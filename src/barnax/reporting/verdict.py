@@ -60,7 +60,7 @@ def search_sentences(result: "Result") -> Iterator[str]:
     optimum, search = constant.global_optimum, constant.search
     if optimum is None or search is None:
         return
-    whose = f"best {constant.model}" if result.tables is not None else "the optimum"
+    whose = f"the best {constant.model} circuit" if result.tables is not None else "the optimum"
     if result.tables is not None and result.cell_model.is_of_records:
         whose += " with that OCV"
     # The optimum is that of a grid and a proof, which no seed is needed for.

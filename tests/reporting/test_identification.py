@@ -30,7 +30,13 @@ from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document, validation_sentences
 from barnax.reporting.illustrations import identification_illustrations
 from barnax.reporting.render import to_html, to_markdown
-from barnax.reporting.starts import carried_sentences, known_words, start_sentence
+from barnax.reporting.starts import (
+    carried_sentences,
+    known_words,
+    moved_start_sentence,
+    registered_sentences,
+    start_sentence,
+)
 from barnax.reporting.verdict import (
     best_possible,
     next_step,
@@ -39,6 +45,7 @@ from barnax.reporting.verdict import (
 )
 from barnax.results import Result
 from barnax.search.refine import AtBound
+from barnax.settings import Registration
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
 from helpers.report_reader import ReportReader
 from helpers.results import with_constant
@@ -304,3 +311,22 @@ def test_a_capacity_that_only_the_record_tells_is_told_as_assumed():
     told = screen(STORED.model_copy(update={"warnings": (assumed,)}))
     assert "the discharge of hppc.csv" in told
     assert "--capacity" in told
+
+
+def test_what_did_not_move_is_not_said_to_have_moved():
+    part = STORED.metrics.validation[0]
+    for soc, is_told in ((0.01, True), (1e-6, False)):
+        moved = part.model_copy(update={"start_moved_soc": soc, "registered_v": 0.001})
+        assert bool(moved_start_sentence(moved)) is is_told
+    for by, told_ah, told in (
+        ("records", 1.9, "the records' capacities by up to 5.3 %, so"),
+        ("OCV test", 1.9, "capacity of identification.parquet now 2 Ah (was 1.9 Ah), so"),
+        ("records", 2.0, ""),
+        ("OCV test", 2.0, ""),
+    ):
+        soc = STORED.start.soc
+        ends = (soc, soc, 2.0, 2.0)
+        own = Registration(Window(), soc, told_ah, "given", *ends, by=by)
+        found = changed(STORED, window=Window(capacity_ah=2.0, registration=own))
+        assert "".join(registered_sentences(found)).startswith(told)
+        assert bool(told) is bool([*registered_sentences(found)])

@@ -22,6 +22,8 @@ SHOWN_SOC = 0.005
 MAX_NAMES = 2
 # Starts and capacities of records that are adjusted by less, as shares, change no answer.
 HARDLY_MOVED = 1e-3
+# A start that moves by less is told as moved by 0.00 %.
+SHOWN_MOVED = 5e-5
 # The code of a record that is counted over its own charge.
 MOVES_MORE = "start.moves-more"
 # That of rests whose current is not zero.
@@ -138,16 +140,23 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
             for registration in own
         ]
         told_soc, told_ah = zip(*told, strict=True)
-        is_one = len(parts) == 1
-        whose = f"initial SOC of {parts[0].name if is_one else f'{len(parts)} records'}"
+        of = parts[0].name if len(parts) == 1 else f"{len(parts)} records"
         is_for_all = not any(registration.origin.told.capacity_ah for registration in own)
         is_for_all &= len(parts) == len(stored.of_role("identification"))
         others = " The other records use that capacity too." if is_for_all else ""
-        yield (
-            f"{whose} now {extent(soc, 100)} % (was {extent(told_soc, 100)} %), capacity now "
-            f"{extent(capacity_ah)} Ah (was {extent(told_ah)} Ah), so that the rests lie on the "
-            f"OCV; `keep_starts` leaves both as they were.{others}"
-        )
+        moved = [
+            f"{what} now {now} {unit} (was {was} {unit})"
+            for what, now, was, unit in (
+                (f"initial SOC of {of}", extent(soc, 100), extent(told_soc, 100), "%"),
+                (f"capacity of {of}", extent(capacity_ah), extent(told_ah), "Ah"),
+            )
+            if now != was
+        ]
+        if moved:
+            yield (
+                f"{', '.join(moved)}, so that the rests lie on the OCV; `keep_starts` leaves both "
+                f"as they were.{others}"
+            )
     joint = [
         (soc - own.told_soc, capacity_ah / own.told_capacity_ah - 1)
         for _, soc, capacity_ah, own in known
@@ -155,18 +164,23 @@ def registered_sentences(stored: "Result") -> Iterator[str]:
     ]
     if not joint:
         return
-    soc, share = (max(map(abs, own)) for own in zip(*joint, strict=True))
-    if max(soc, share) > HARDLY_MOVED:
+    largest = (max(map(abs, own)) for own in zip(*joint, strict=True))
+    moved = [
+        f"{what} by up to {100 * most:.2g} %"
+        for what, most in zip(("initial SOC", "capacities"), largest, strict=True)
+        if most > HARDLY_MOVED
+    ]
+    if moved:
         yield (
-            f"the records' initial SOC by up to {100 * soc:.2g} % and their capacities by up to "
-            f"{100 * share:.2g} %, so that they agree; `keep_starts` leaves them as they were."
+            f"the records' {joined(moved)}, so that they agree; `keep_starts` leaves them as they "
+            "were."
         )
 
 
 def moved_start_sentence(found: "MetricsPart") -> str:
     """The gain of moving a validation record's start; empty where it is not moved."""
     moved, least_v = found.start_moved_soc, found.registered_v
-    if not moved or least_v is None:
+    if moved is None or least_v is None or abs(moved) < SHOWN_MOVED:
         return ""
     where = "as far as is tried" if abs(moved) >= MAX_MOVED_SOC else "where it fits best"
     return (

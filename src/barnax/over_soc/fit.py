@@ -254,12 +254,15 @@ def _warnings(objective: TableObjective, fit: TableFit) -> tuple[Notice, ...]:
         for bound in fit.at_bound
     ]
     resistances_ohm, nodes = tables.ohm, np.array(tables.nodes)
-    visited, whose = objective.visited, None
+    visited, seen_soc, whose = objective.visited, nodes[objective.visited], None
     if not fit.is_over_soc:
-        visited, whose = objective.visited_of(objective.names.index(OCV)), "ocv"
+        place, whose = objective.names.index(OCV), "ocv"
+        visited = objective.visited_of(place)
+        seen_soc = np.array(objective.nodes_of[place])[visited]
     unvisited = 1 - float(np.mean(visited))
     if unvisited > MOSTLY:
-        found.append(notice("tables.mostly-unvisited", share=unvisited, whose=whose))
+        ends = {"low_soc": float(min(seen_soc)), "high_soc": float(max(seen_soc))}
+        found.append(notice("tables.mostly-unvisited", share=unvisited, whose=whose, **ends))
     if fit.is_over_soc:
         bare = nodes[objective.visited & (resistances_ohm.sum(axis=0) < LEAST_OHM)]
         found += [notice("tables.no-resistance", soc=soc) for soc in bare.tolist()]

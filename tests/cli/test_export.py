@@ -3,6 +3,8 @@
 import importlib.util
 import os
 import re
+import shutil
+from pathlib import Path
 
 import pytest
 
@@ -13,8 +15,10 @@ from .conftest import contents
 
 
 @pytest.fixture
-def stored(finished):
-    return finished.folder / "result.json"
+def stored(finished, tmp_path):
+    folder = tmp_path / "results"
+    folder.mkdir()
+    return Path(shutil.copy(finished.folder / "result.json", folder))
 
 
 @pytest.mark.parametrize("name", EXPORTERS)
@@ -25,8 +29,9 @@ def test_every_target_goes_to_its_own_file(run, stored, tmp_path, name):
     assert outcome.status == 0
     assert exporter.file_name in outcome.out
     assert outcome.err == "".join(f"warning: {caveat}\n" for caveat in caveats)
-    assert (tmp_path / exporter.file_name).read_bytes() == content
-    assert list(contents(tmp_path)) == [exporter.file_name]
+    # Beside the result, so that exports of two results are two files.
+    assert stored.with_name(exporter.file_name).read_bytes() == content
+    assert {*contents(stored.parent)} == {exporter.file_name, "result.json"}
 
 
 def test_out_names_the_file_and_quiet_leaves_the_caveats_alone(run, stored, tmp_path):
@@ -36,12 +41,13 @@ def test_out_names_the_file_and_quiet_leaves_the_caveats_alone(run, stored, tmp_
     assert (tmp_path / "a/b/cell.py").is_file()
 
 
-def test_an_existing_file_is_replaced_only_by_force(run, refuse, stored, tmp_path):
-    (tmp_path / "barnax_cell.h").write_text("mine")
+def test_an_existing_file_is_replaced_only_by_force(run, refuse, stored):
+    place = stored.with_name("barnax_cell.h")
+    place.write_text("mine")
     message = refuse("export", stored, "--to", "c-header")
     assert "barnax_cell.h: exists already; replace it with --force" in message
     assert run("export", stored, "--to", "c-header", "--force").status == 0
-    assert (tmp_path / "barnax_cell.h").read_text().startswith("/*\n * Written by barnax")
+    assert place.read_text().startswith("/*\n * Written by barnax")
 
 
 @pytest.mark.parametrize(

@@ -202,8 +202,9 @@ class ExportChoices:
     out: Path | None = option(
         OUTPUT,
         "FILE",
-        "File to write (default: barnax_pybamm.py, barnax_thevenin.py, barnax_simscape.mat, "
-        "barnax_cell.h, barnax_parameters.csv or .xlsx, barnax_cell.json or barnax_filter.h).",
+        "File to write (default: beside the result, barnax_pybamm.py, barnax_thevenin.py, "
+        "barnax_simscape.mat, barnax_cell.h, barnax_parameters.csv or .xlsx, barnax_cell.json or "
+        "barnax_filter.h).",
     )
     force: bool = FORCE
     verify: bool = flag(
@@ -232,8 +233,9 @@ def export(chosen: ExportChoices) -> None:
     exporter = get_exporter(chosen.to)
     if chosen.verify:
         require_package(exporter)
-    path = chosen.out or Path(exporter.file_name)
-    _require_another(path, result / "result.json" if result.is_dir() else result)
+    file = result / "result.json" if result.is_dir() else result
+    path = chosen.out or file.with_name(exporter.file_name)
+    _require_another(path, file)
     require_free_file(path, chosen.force)
     tell_unfinished(session, path.parent)
     stored = load(result)

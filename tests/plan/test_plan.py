@@ -67,6 +67,18 @@ def test_all_suitable_records_are_identified_on_the_one_of_the_widest_range_firs
     assert [part.window.initial_soc for part in found.parts if part.is_simulated] == [None, None]
 
 
+def test_a_record_given_to_validate_on_too_is_refused_where_no_other_is_left(folder):
+    record, again = folder / "c.parquet", folder / "again.parquet"
+    with pytest.raises(InputError, match="given twice; give each once, and validate on"):
+        plan([record], validate=record)
+    shutil.copy(record, again)
+    with pytest.raises(InputError, match=r"the same as again.*, byte for byte; give each"):
+        plan([record], validate=again)
+    kept = plan([record, folder / "a.parquet"], validate=again)
+    assert roles(kept)["a.parquet"] == "identification"
+    assert roles(kept)["again.parquet"] == "validation"
+
+
 def test_what_cannot_be_read_is_told_and_the_rest_is_planned(folder):
     (folder / "notes.txt").write_text("the cell got warm\n")
     (folder / ".hidden").write_text("x")

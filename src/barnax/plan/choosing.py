@@ -10,6 +10,7 @@ from ..checks.roles import VALIDATION_STEPS
 from ..errors import InputError
 from ..inputs import Given, Watch, listed, unwatched, windows_by_name
 from ..model.window import Window
+from ..notices import Notice, notice
 from ..records.fingerprint import Content
 from ..settings import OVER_TEMPERATURE, Reading
 from .document import Plan
@@ -80,24 +81,25 @@ def plan(
         files_of(found_in(listed(several), listed(sources))) for several in (sources, ocv, validate)
     )
     settled = {Path(file).resolve() for file in (*tests, *others) if isinstance(file, str | Path)}
-    given = [
+    free = [
         file
         for file in given
         if not isinstance(file, str | Path) or Path(file).resolve() not in settled
     ]
+    if others and given and not free:
+        raise notice("role.given-twice", Path(str(given[0])).name, same="name").error()
     windows = windows_by_name(window)
-    looked = list(look([*given, *tests, *others], reading or Reading(), watch, windows))
+    looked = list(look([*free, *tests, *others], reading or Reading(), watch, windows))
     refused = [file.refusal for file in looked if file.refusal]
     if len(refused) == len(looked):
         raise InputError("\n".join(refused))
-    first, last = len(given), len(given) + len(tests)
+    first, last = len(free), len(free) + len(tests)
     # Of a folder some files may be anything; those whose role is given are meant.
     for file in looked[first:]:
         if file.refusal:
             raise InputError(file.refusal)
     with watch("Planning", 0):
-        free = [part for file in looked[:first] for part in split(file)]
-        files = [*free, *looked[first:]]
+        files = [part for file in looked[:first] for part in split(file)] + looked[first:]
         given_ah = windows.get("", Window()).capacity_ah if capacity is None else capacity
         draft = Draft(files, given_ah=given_ah, is_over=over == OVER_TEMPERATURE)
         return _decide(draft, looked[first:last], looked[last:])
@@ -106,30 +108,37 @@ def plan(
 def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[CandidateFile]) -> Plan:
     """The plan of files of which some have their role given."""
     files = draft.files
+    # Given files come first.
+    given, copies = (*tests, *others), list[Notice]()
     first_of: dict[tuple[object, ...], CandidateFile] = {}
-    for file in files:
+    for file in sorted(files, key=lambda one: one not in given):
         # A record that came from no file is only like itself.
         source = (file.source.sha256, file.source.span_s) if file.source else (id(file),)
         if file.refusal:
             draft.take(file, "not used", file.refusal.removeprefix(f"{file.name}: "))
         elif (same := first_of.setdefault(source, file)) is not file:
-            draft.take(file, "not used", f"the same as {same.name}, byte for byte")
-    # Given files come first, and of a record and a part of it the longer one.
+            copies.append(notice("role.given-twice", file.name, same="bytes", other=same.name))
+            draft.take(file, "not used", copies[-1].what)
+    # Of a record and a part of it the longer one.
     unlike: list[Content] = []
-    given = (*tests, *others)
     readable = [file for file in files if file not in draft.taken and file.traits]
     for file in sorted(readable, key=lambda one: (one not in given, -one.record.samples)):
         content = Content(file.record)
         same = next((known for known in unlike if content.is_like(known)), None)
         if same is not None:
-            draft.take(file, "not used", f"of the same samples as {same.record.name}")
+            told = {"same": "samples", "other": same.record.name}
+            copies.append(notice("role.given-twice", file.name, **told))
+            draft.take(file, "not used", copies[-1].what)
         else:
             unlike.append(content)
+    free = [file for file in files if file not in draft.taken and file not in given]
+    # Of a folder copies are left out; what was given to validate on is meant.
+    if copies and others and (not free or any(file in draft.taken for file in others)):
+        raise copies[-1].error()
     for file in others:
         draft.take(file, "validation", "given", file.window)
     for file in tests:
         draft.take(file, "OCV test", "given")
-    free = [file for file in files if file not in draft.taken]
     dynamic = [file for file in free if file.kind(None) == "drive cycle"]
     is_pulsed = not dynamic
     if is_pulsed:

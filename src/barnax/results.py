@@ -234,9 +234,8 @@ class Result(Document):
 
         Of a constant circuit a row is a parameter, with `value`, `low` and `high`. Of tables a row
         is a node, at each temperature: its SOC, and of every table the value, such as `R0 [Ohm]`,
-        `R0 low [Ohm]` and `R0 high [Ohm]`, and of an OCV of the records' own too. Where only that
-        OCV is a table, its nodes are the rows, and resistances are the same in each. Null is what
-        has no interval.
+        `R0 low [Ohm]` and `R0 high [Ohm]`. The nodes of an OCV of the records' own are rows too,
+        at which resistances have no interval. Null is what has none.
         """
         return hook("Result.to_frame")(self)
 

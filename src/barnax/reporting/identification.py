@@ -31,6 +31,7 @@ from .document import (
     more_figures,
     rows_table,
 )
+from .parameters import ocv_section
 from .pulses import pulses_section
 from .sentences import (
     BandQuantity,
@@ -108,6 +109,7 @@ def identification_document(
         *candidates_section(result.candidates, validated),
         *warnings_section(result.warnings),
         *tables_section(result, pictures),
+        *ocv_section(result),
         *([Section(beside, (constant,))] if result.tables and not is_same else []),
         *pulses_section(
             result,

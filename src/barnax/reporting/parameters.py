@@ -105,8 +105,9 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
 
 
 def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
-    """Every node of the resistances, or of the OCV where those have one value at every SOC: its
-    SOC, whether samples visit it, and every value with its interval."""
+    """Every node of the resistances, and of an OCV of the records' own: its SOC, whether samples
+    visit it, and every value with its interval; at nodes of the OCV alone, resistances are what
+    the lines between theirs are there."""
     rows: dict[float, dict[str, Any]] = {}
     everywhere: dict[str, Any] = {}
     for name, soc, value, low, high, is_visited in table_rows(fit):
@@ -115,13 +116,35 @@ def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
         told = dict(zip(heads, (value, low, high), strict=True))
         if soc is None:
             everywhere |= told
-        elif name != OCV or not fit.is_over_soc:
-            row = rows.setdefault(soc, {"SOC": soc, "is visited": bool(is_visited)} | everywhere)
-            row.update(told)
-        elif soc in rows:
-            # Its own nodes are closer; all of them are in tables.csv.
-            rows[soc] |= everywhere | told
-    return [row | everywhere for row in rows.values()]
+            continue
+        row = {"SOC": soc, "is visited": bool(is_visited)}
+        if name == OCV and fit.is_over_soc:
+            tables = fit.tables
+            row |= {own: float(tables.at(own, np.array(soc))) for own in tables.tables}
+        rows.setdefault(soc, row).update(told)
+    return [row | everywhere for _, row in sorted(rows.items())]
+
+
+def ocv_section(result: Result) -> list[Section]:
+    """An OCV of the records' own at the nodes near samples, at each temperature; else none."""
+    tables = [
+        rows_table(
+            f"The OCV{'' if degc is None else f' at {degrees(degc)}'} at the nodes near samples; "
+            "linear between nodes, constant beyond them.",
+            ["SOC [%]", "OCV [V]", "95 %"],
+            [
+                (
+                    f"{100 * (node.soc or 0.0):.4g}",
+                    f"{node.value:.4f}",
+                    NOTHING if node.low is None else f"{node.low:.4f} to {node.high:.4f}",
+                )
+                for node in fit.of_table(OCV)
+            ],
+        )
+        for degc, fit in result.fits.by_degc
+        if fit.of_table(OCV)
+    ]
+    return [Section("OCV identified from the records", tuple(tables))] if tables else []
 
 
 def _constants(result: Result) -> list[Known]:

@@ -2,6 +2,8 @@
 
 import io
 import itertools
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from barnax.cell.curves import KNOTS
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.plots import plot_hysteresis, plot_ocv, plot_pulse_resistances, plot_pulses
+from barnax.plots.cell import plot_own_ocv
 from barnax.pulses import levels, pulses_of
 from barnax.search.evaluate import evaluate
 from helpers.results import labels, line
@@ -69,6 +72,20 @@ def test_curves_through_their_points_have_no_panel_of_residuals():
 def test_a_branch_that_was_not_measured_is_not_drawn():
     drawn = labels(plot_ocv(make_cell(has_charge=False)).axes[0])
     assert drawn == ["discharge curve", "discharge points"]
+
+
+def test_an_ocv_of_the_records_own_is_a_line_with_intervals_and_no_points():
+    made = make_cell(has_charge=False)
+    points = tuple(replace(point, row=0, rest_s=0.0) for point in made.discharge_points)
+    own = replace(made, discharge_points=points)
+    nodes = [SimpleNamespace(soc=soc, low=2.9 + soc, high=3.1 + soc) for soc in SOC]
+    for figure, told in (
+        (plot_own_ocv(own, nodes), ["95 % interval", "identified from the record"]),
+        (plot_ocv(own), ["identified from the record"]),
+    ):
+        (axes,) = figure.axes
+        assert labels(axes) == told
+        assert all(drawn.get_marker() in ("", "None") for drawn in axes.get_lines())
 
 
 def test_the_hysteresis_points_are_those_of_the_fit(bundled_cell):

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from ..cell import CellModel, InterpolatedCurve
 from ..cell.curves import KNOTS
+from ..cell.parameters import OCV
 from ..pulses import STANDARD_S, Pulse, levels, pulse_samples
 from .pictures import illustration
 from .style import (
@@ -37,18 +38,22 @@ from .style import (
 
 if TYPE_CHECKING:
     from ..cell import AbstractCurve, OcvPoint
+    from ..over_soc import NodeInterval
     from ..results import Result
     from ..search.evaluate import Evaluation
 
 
 def cell_of(source: "CellModel | Result | str | Path") -> CellModel:
     """The cell itself, that of a result, or that of a `result.json`."""
-    if isinstance(source, CellModel):
-        return source
-    # A result needs JAX, which a cell does not.
+    return source if isinstance(source, CellModel) else result_of(source).cell_model
+
+
+def result_of(source: "Result | str | Path") -> "Result":
+    """The result itself, or that of a `result.json`."""
+    # It needs JAX, which a cell does not.
     from ..results import Result
 
-    return opened(source, Result).cell_model
+    return opened(source, Result)
 
 
 CURVE_SAMPLES = 1001
@@ -65,7 +70,8 @@ ROUNDING_MV = 1e-3
     is_dense=False,
 )
 def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
-    """OCV points and curves over SOC; below, what each curve leaves at its own points, in mV.
+    """OCV points and curves over SOC; below, what each curve leaves at its own points, in mV. One
+    that was identified from records has no points: it is a line, of a result with its intervals.
 
     Curves through their points leave nothing, and have no panel for it. A branch that was not
     measured is not drawn, and then there is no average either.
@@ -78,7 +84,10 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     >>> [axes.get_ylabel() for axes in plot_ocv(characterize(tests)).axes]
     ['Open-circuit voltage [V]']
     """
-    cell = cell_of(cell)
+    source, cell = cell, cell_of(cell)
+    if cell.is_of_records:
+        nodes = () if isinstance(source, CellModel) else result_of(source).fit.of_table(OCV)
+        return plot_own_ocv(cell, nodes)
     branches: list[tuple[str, AbstractCurve, tuple[OcvPoint, ...], str, str, str]] = [
         ("charge", cell.charge, cell.charge_points, VERMILLION, "^", "--"),
         ("discharge", cell.discharge, cell.discharge_points, BLUE, "v", "-"),
@@ -115,6 +124,35 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
         residual.set_ylabel("Residual [mV]\n(point − curve)")
     panels[-1].set_xlabel(SOC_LABEL)
     return finish(figure, *panels)
+
+
+@illustration(
+    "Open-circuit voltage identified from the record, no OCV test: lines between its nodes, and "
+    "the 95 % interval of each node.",
+    "Open-circuit voltage over the state of charge, identified from the record, with intervals",
+    is_dense=False,
+)
+def plot_own_ocv(cell: CellModel, nodes: "Sequence[NodeInterval]" = ()) -> Figure:
+    """An OCV of the records' own over SOC with the intervals of its nodes; where a hysteresis was
+    identified with it, its branches too."""
+    figure = make_figure()
+    axes = figure.subplots()
+    known = [(node.soc, node.low, node.high) for node in nodes if node.low is not None]
+    if known:
+        soc, low_v, high_v = np.array(known, float).T
+        band = {"color": SKY_BLUE, "alpha": 0.35, "linewidth": 0.0, "label": "95 % interval"}
+        axes.fill_between(soc, low_v, high_v, **band)
+    soc = np.linspace(*cell.soc_range, CURVE_SAMPLES)
+    axes.plot(soc, cell.average_ocv_v(soc), color=BLUE, label="identified from the record")
+    if cell.charge_points and cell.discharge_points:
+        for name, curve, style in (
+            ("charge", cell.charge, "--"),
+            ("discharge", cell.discharge, ":"),
+        ):
+            axes.plot(soc, curve(soc), color=VERMILLION, linestyle=style, label=f"after {name}")
+    axes.set_ylabel("Open-circuit voltage [V]")
+    axes.set_xlabel(SOC_LABEL)
+    return finish(figure, axes)
 
 
 SAME_MV = 0.1

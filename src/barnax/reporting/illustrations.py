@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 from .. import plots
 from ..cell import CircuitParameters
 from ..cell.model import SAME_DEGC
+from ..cell.parameters import OCV
 from ..errors import InputError
+from ..plots.cell import plot_own_ocv
 from ..plots.live import MAX_NUMBERS, live_record
 from ..plots.pictures import Illustration, illustrate, record_roles
 from ..plots.search import has_landscape
@@ -46,7 +48,7 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
     """
     run = result.run
     answered = run if run.tables is None else run.tables
-    found = [_summary(result, answered.identification), *_of_cell(run.problem.cell)]
+    found = [_summary(result, answered.identification), *_of_cell(run.problem.cell, result)]
     roles = record_roles(len(run.identification), len(run.validation))
     for role, evaluation in zip(
         roles, [*answered.identification, *answered.validation], strict=True
@@ -100,7 +102,7 @@ def stored_illustrations(result: "Result") -> Drawn:
     if result.tables is None:
         return _of_cell(result.cell)
     constant = result.constant.parameters
-    return [*_of_cell(result.cell), *_of_tables(result.fits, constant)]
+    return [*_of_cell(result.cell, result), *_of_tables(result.fits, constant)]
 
 
 def replay_illustration(replay: "SocReplay") -> Illustration:
@@ -163,8 +165,12 @@ def _of_record(role: str, drawn: "Evaluation | Mapping[str, Evaluation]", live_o
     ]
 
 
-def _of_cell(cell: "CellModel") -> Drawn:
+def _of_cell(cell: "CellModel", result: "Result | None" = None) -> Drawn:
+    """The figures of a cell; an OCV of the records' own with the intervals of the result."""
     found = [illustrate("ocv", "", plots.plot_ocv, cell)]
+    if cell.is_of_records:
+        nodes = () if result is None else result.fit.of_table(OCV)
+        found = [illustrate("ocv", "", plot_own_ocv, cell, nodes)]
     if cell.hysteresis.points:
         found.append(illustrate("hysteresis", "", plots.plot_hysteresis, cell))
     return found

@@ -1,11 +1,14 @@
 """What holds for every registered exporter and every circuit."""
 
+import io
+import zipfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from barnax.cell import CIRCUITS as REGISTERED
+from barnax.cell.dependence import Dependence
 from barnax.errors import InputError
 from barnax.export import EXPORTERS, get_exporter
 from helpers.results import CIRCUITS, make_cell, make_result, make_table_result, with_constant
@@ -109,3 +112,19 @@ def test_every_export_names_the_measured_temperatures(exporter, over_temperature
         return
     assert "Identified at 0, 25, 45 degC" in told
     assert "at 0, 25, 45 degC it was 1.9, 2, 2.1 Ah" in told
+
+
+@every_exporter
+def test_resistances_that_differ_by_direction_are_told_in_the_file_too(exporter):
+    result = make_table_result()
+    tables = replace(result.fit.tables, dependence=Dependence(charge_ratio=1.25))
+    fits = (replace(result.fit, tables=tables),)
+    part = result.tables.model_copy(update={"fits": fits})
+    content = exporter.write(result.model_copy(update={"tables": part})).content
+    if exporter.name == "xlsx":
+        with zipfile.ZipFile(io.BytesIO(content)) as file:
+            content = b"".join(map(file.read, file.namelist()))
+    words = words_of(content)
+    assert "geometric mean of charge and discharge" in words
+    assert "charge ratio" in words
+    assert "1.25" in words

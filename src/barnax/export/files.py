@@ -14,6 +14,7 @@ from scipy.io import savemat
 from xlsxwriter import Workbook
 
 from ..cell.circuits import TURN_WIDTH, get_circuit
+from ..cell.dependence import CHARGE
 from ..errors import InputError
 from ..execution import in_float64
 from ..files import csv_text
@@ -88,7 +89,7 @@ def write_csv(result: Result) -> Export:
     The hysteresis starts in the initial direction; below the rest current it keeps its own.
     """
     tables = tables_of(result)
-    rows = ((name, repr(value), unit) for name, value, unit in _rows(tables))
+    rows = ((name, repr(value), unit) for name, value, unit in _rows(tables, result))
     return Export(csv_text(("name", "value", "unit"), rows).encode(), tables.caveats)
 
 
@@ -99,7 +100,7 @@ def write_xlsx(result: Result) -> Export:
     soc, ocv_v = tables.ocv.soc, tables.ocv.voltage_v
     half_v = 0 * soc if tables.hysteresis is None else tables.hysteresis(soc) / 2
     sheets = {
-        "parameters": [("name", "value", "unit"), *_rows(tables)],
+        "parameters": [("name", "value", "unit"), *_rows(tables, result)],
         "OCV": [
             ("SOC", "after discharging [V]", "after charging [V]"),
             *zip(soc.tolist(), (ocv_v - half_v).tolist(), (ocv_v + half_v).tolist(), strict=True),
@@ -117,7 +118,7 @@ def write_xlsx(result: Result) -> Export:
     return Export(content.getvalue(), tables.caveats)
 
 
-def _rows(tables: Tables) -> Iterator[tuple[str, float, str]]:
+def _rows(tables: Tables, result: Result) -> Iterator[tuple[str, float, str]]:
     if tables.nodes is None:
         for name, value in tables.parameters.to_dict().items():
             plain, _, unit = name.partition(" ")
@@ -133,9 +134,21 @@ def _rows(tables: Tables) -> Iterator[tuple[str, float, str]]:
     yield "initial SOC", tables.initial_soc, "1"
     yield "initial direction", tables.initial_direction, "1"
     yield "rest current", tables.rest_current_a, "A"
+    yield from _beside(result)
     yield from _points("OCV", tables.ocv.soc, tables.ocv_v, "V", tables.degc)
     if tables.hysteresis is not None:
         yield from _points("W", tables.hysteresis.soc, tables.hysteresis.voltage_v, "V")
+
+
+def _beside(result: Result) -> Iterator[tuple[str, float, str]]:
+    """The numbers of what resistances follow beside SOC, and what those given are then."""
+    for degc, fit in result.fits.by_degc:
+        known = fit.tables.dependence
+        where = "" if degc is None else f", {degc:.4g} degC"
+        for name, value in {} if known is None else known.numbers.items():
+            plain, _, unit = name.removesuffix("]").partition(" [")
+            taken = {CHARGE: " (R: geometric mean of charge and discharge)"}.get(name, "")
+            yield f"{plain}{where}{taken}", value, unit or "1"
 
 
 def _points(

@@ -316,8 +316,8 @@ def _caveats(
         at = "" if known.reference_degc is None else f", at {known.reference_degc:.3g} degC"
         at += ", the geometric mean of charge and discharge" if CHARGE in known.numbers else ""
         told.append(
-            f"Resistances are those of the reference{at}; what they follow beside SOC is not "
-            f"exported ({numbers})."
+            f"Resistances are those of the reference{at}; what they follow beside SOC is left "
+            f"out of them ({numbers})."
         )
     if not over:
         return tuple(told)

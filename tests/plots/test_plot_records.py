@@ -198,6 +198,10 @@ def test_few_samples_far_off_do_not_flatten_the_rest_and_are_counted():
     over_time, over_soc = plot_error(make_evaluation(make_record(1000), error_v=error_v)).axes
     assert over_time.get_ylim()[0] > -100
     assert over_soc.get_title("right") == "off scale: 3 of 1000 samples, up to −600 mV"
+    # An arrow at the edge is where each of them is.
+    for axes in (over_time, over_soc):
+        (arrows,) = [own for own in axes.get_lines() if own.get_marker() == "v"]
+        assert [*arrows.get_ydata()] == [axes.get_ylim()[0]] * 3
     inside = plot_error(make_evaluation(make_record(1000))).axes[1]
     assert inside.get_title("right") == ""
 

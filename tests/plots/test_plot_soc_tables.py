@@ -97,6 +97,9 @@ def test_a_node_that_is_not_determined_sets_no_scale_and_is_said_to_be_off_it():
     assert "1 node at 300 mOhm" in axes.get_title(loc="right").replace("\n", " ")
     summary = plot_summary(make_evaluation(make_record(400)), far).axes[2]
     assert summary.get_ylim()[1] < 150
+    # No marker is cut in half.
+    low, high = summary.get_xlim()
+    assert all(low < min(own.get_xdata()) <= max(own.get_xdata()) < high for own in summary.lines)
     assert summary.get_title(loc="left") == "off scale: 1 node at 300 mOhm"
     # Determined, it is shown.
     known = [

@@ -33,6 +33,7 @@ from .style import (
     finish_bar,
     letters_pt,
     make_figure,
+    mark_outside,
     row_looks,
     show_name,
     space_columns,
@@ -112,7 +113,8 @@ def draw_errors(
         axes.axhline(0.0, color=BLACK, linewidth=0.6)
         axes.axhline(rmse_mv, color=BLACK, linestyle="--", label=labels[2])
         axes.axhline(-rmse_mv, color=BLACK, linestyle="--", label="_lower")
-    over_time.set_ylim(limits)
+    for axes, across in ((over_time, time), (over_soc, soc)):
+        mark_outside(axes, across[scored], error_mv[scored], limits)
     shade_unscored(over_time, time, scored)
 
 
@@ -168,7 +170,7 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
     Samples that do not count are grey and shaded. Dashed: plus and minus the RMSE of all scored
     samples. Over SOC the steps are plus and minus the RMSE of the scored samples in each twentieth
     of SOC that holds at least five of them. The scale leaves out what few scored samples alone
-    would need, and says so.
+    would need: an arrow at the edge for each, and a note of how many and how far.
 
     Many rows have a strip each, left over time, right over SOC, as in Fig. 11 and 13 of Li et al.
     (2023), on the scale of the rows within three times the lowest RMSE; of more than ten rows the

@@ -349,6 +349,15 @@ def draw_points(axes: Axes, x: Any, y: Any, marker: str, size: float, **style: A
     axes.plot(x, y, linestyle="none", marker=marker, markersize=size, **style)
 
 
+def mark_outside(axes: Axes, x: Any, y: Any, limits: tuple[float, float]) -> None:
+    """The limits of the y axis, and an arrow at the edge wherever a value lies beyond them."""
+    axes.set_ylim(limits)
+    for marker, end, beyond in (("v", limits[0], y < limits[0]), ("^", limits[1], y > limits[1])):
+        style = {"color": VERMILLION, "markeredgewidth": 0.0, "clip_on": False, "zorder": 4}
+        if beyond.any():
+            draw_points(axes, x[beyond], np.full(beyond.sum(), end), marker, 3.6, **style)
+
+
 # Cycles of three coprime lengths: 315 rows differ in at least one of them. Neighbors differ in
 # lightness too, so that grey print tells them apart.
 ROW_COLORS: Final = (BLUE, ORANGE, BLACK, VERMILLION, SKY_BLUE, GREEN, PURPLE)

@@ -24,6 +24,7 @@ from .style import (
     finish,
     is_column,
     make_figure,
+    mark_outside,
     row_looks,
     title,
 )
@@ -89,11 +90,12 @@ def plot_summary(
 
 def _draw_error(axes: Axes, evaluation: "Evaluation", time: np.ndarray) -> None:
     error_mv = 1e3 * evaluation.error_v
-    scored = error_mv[evaluation.prepared.scored]
+    is_scored = evaluation.prepared.scored
+    scored = error_mv[is_scored]
     draw_line(axes, time, error_mv, color=BLACK, linewidth=0.5)
     axes.axhline(0.0, color=BLACK, linewidth=0.5)
     limits = scored_limits(scored)
-    axes.set_ylim(limits)
+    mark_outside(axes, time[is_scored], scored, limits)
     title(axes, outside_note(scored, *limits))
     axes.set_ylabel("Error [mV]")
 
@@ -124,7 +126,9 @@ def _draw_resistances(axes: Axes, evaluation: "Evaluation", fit: "TableFit") -> 
         for name, seconds, is_longer in zip(names, tau_s.values(), is_long, strict=True)
     ]
     axes.legend(lines, ["R0", *labels], loc="upper center", title="shaded: 95 % intervals")
-    axes.set_ylim(0.0, top)
+    # Room for the markers at the ends.
+    axes.margins(x=0.03)
+    axes.set_ylim(-0.02 * top, top)
     axes.set_xlabel(SOC_LABEL)
     axes.set_ylabel("Resistance [mOhm]")
     title(axes, off_the_scale(resistances, (0.0, top)))

@@ -21,6 +21,7 @@ from .over_soc import (
     shows_more,
     with_own_ocv,
 )
+from .over_soc.dependence import with_dependence
 from .records import Record
 from .settings import OVER_TEMPERATURE
 
@@ -53,7 +54,8 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
 
     def fitted(tables: TableSettings) -> OwnOcv:
         given = windows, tables, job.capacity, is_over
-        return search_with_ocv(records, circuit.name, *given, FURTHER if is_open else None)
+        found = search_with_ocv(records, circuit.name, *given, FURTHER if is_open else None)
+        return replace(found, warnings=(*found.warnings, *_shown_direction(found)))
 
     tables = bounded_tables(job)
     # The same at every SOC: a constant circuit with an OCV.
@@ -106,6 +108,19 @@ def _shown_hysteresis(found: OwnOcv, tables: TableSettings) -> Iterator[Notice]:
         return
     if shows_more(instead, found.unproved, with_own_ocv(tables, instead)):
         yield notice("tables.hysteresis-left-out", circuit=circuit.name, instead=instead)
+
+
+def _shown_direction(found: OwnOcv) -> Iterator[Notice]:
+    """The warning where resistances were told to follow nothing beside SOC, and records show that
+    they differ between charge and discharge: the OCV takes that up."""
+    if found.settings.resistances_follow != "none" or found.unproved is None:
+        return
+    objective, best, _ = found.unproved
+    settings = replace(objective.settings, resistances_follow="auto")
+    following, _ = with_dependence(replace(objective, settings=settings), best)
+    known = following.prepared_records[0].dependence
+    if known is not None and known.charge_ratio is not None:
+        yield notice("tables.direction-left-out", ratio=known.charge_ratio)
 
 
 def _with_r0_over_soc(constant: TableFit, tables: TableFit) -> Iterator[NodeInterval]:

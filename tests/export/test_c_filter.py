@@ -63,7 +63,8 @@ def in_c(folder, result, precision):
 @in_float64
 def in_python(result, prepared, direction):
     """The same; an unknown direction is halfway between both, with a deviation of one."""
-    before_load = np.arange(len(prepared.soc)) < REST
+    # A record that begins with a rest starts where that ends.
+    before_load = np.cumsum(np.abs(prepared.current_a) > prepared.rest_current_a) == 0
     prepared = replace(prepared, direction=np.where(before_load, direction, prepared.direction))
     model, drive = model_of(result, ("offset", "capacity")), Drive.of(prepared)
     start = model.start(0.7, 0.1, float(direction), 1.0 if direction == 0 else 0.0)

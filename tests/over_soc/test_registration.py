@@ -91,6 +91,9 @@ def test_starts_and_capacities_are_found_up_to_the_axis(registered):
         known = each.registration
         assert known.soc_low < soc - TRUE_SOC.mean() + 1 < known.soc_high
         assert known.capacity_low_ah < 2 * capacity_ah / TRUE_AH.mean() < known.capacity_high_ah
+        # What is left open of the axis itself is no error of a start on it.
+        assert known.soc_high - known.soc_low < 1e-3
+        assert known.capacity_high_ah - known.capacity_low_ah < 5e-3
         assert (known.told_soc, known.told_capacity_ah) == (1.0, 2.0)
         assert each.as_told.initial_soc == 1.0
 

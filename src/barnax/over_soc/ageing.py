@@ -184,12 +184,12 @@ def _averaged(under: Sequence[Estimated]) -> Estimated:
     shares = softmax(evidence)
     stacked = {
         name: np.stack([getattr(own, name) for own in under])
-        for name in ("values", "errors", "moved_scales", "sums", "sum_errors", "by_prior")
+        for name in ("values", "covariance", "moved_scales", "sums", "sum_errors", "by_prior")
     }
     mean = {name: np.tensordot(shares, values, 1) for name, values in stacked.items()}
-    for name, errors in (("values", "errors"), ("sums", "sum_errors")):
-        off = stacked[name] - mean[name]
-        mean[errors] = np.sqrt(shares @ (stacked[errors] ** 2 + off**2))
+    off, sums_off = (stacked[name] - mean[name] for name in ("values", "sums"))
+    mean["covariance"] += np.einsum("s,si,sj->ij", shares, off, off)
+    mean["sum_errors"] = np.sqrt(shares @ (stacked["sum_errors"] ** 2 + sums_off**2))
     return Estimated(**mean, log_evidence=float(np.logaddexp.reduce(evidence)))
 
 

@@ -79,6 +79,9 @@ def register(
     told = np.array([[prepared.start.soc, prepared.capacity_ah] for prepared in prepared_records])
     prior = np.array([told_within(prepared) for prepared in prepared_records])
     shifts = errors = np.zeros_like(told)
+    # SOC is scaled so that what was told is right on average.
+    shares = (prior**-2.0 / np.sum(prior**-2.0, axis=0))[:, :, None] * np.eye(2)
+    to_axis = np.eye(prior.size) - np.tile(shares.reshape(-1, 2).T, (len(prior), 1))
     with one_blas_thread():
         # What resistances follow is known by what is held out, from starts as told.
         objective = reduced_objective(found, settings)
@@ -92,13 +95,11 @@ def register(
                 best = objective.solve(best.log_scales)
                 dependence = adjusted(objective, best)
             estimated = estimate(objective, best, _of_starts, shifts.ravel(), [prior.ravel()])[0]
-            moved, errors = (
-                numbers.reshape(shifts.shape) for numbers in (estimated.values, estimated.errors)
-            )
-            # SOC is scaled so that what was told is right on average.
-            moved = moved - np.average(moved, axis=0, weights=prior**-2.0)
-            is_settled = np.all(np.abs(moved - shifts) <= SETTLED * errors)
-            shifts = moved
+            moved = (to_axis @ estimated.values).reshape(shifts.shape)
+            errors = np.sqrt(np.diag(to_axis @ estimated.covariance @ to_axis.T))
+            errors = errors.reshape(shifts.shape)
+            steps = np.abs(moved - shifts) / estimated.errors.reshape(shifts.shape)
+            is_settled, shifts = np.all(steps <= SETTLED), moved
             rows = np.hstack([told, shifts, errors]).tolist()
             try:
                 found = _all_moved(means, rows, dependence)

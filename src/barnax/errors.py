@@ -38,7 +38,9 @@ def require_number(name: str, value: Any, hint: Any) -> None:
     own, kind, example = ("__float__", "number", "2.5")
     if float not in kinds:
         own, kind, example = ("__index__", "whole number", "3")
-    if isinstance(value, bool) or not hasattr(value, own):
+    if isinstance(value, float) and own == "__index__" and value.is_integer():
+        raise InputError(f"`{name}` {value!r} has a decimal point; give {int(value)}")
+    if isinstance(value, bool) or not hasattr(value, own) or getattr(value, "ndim", 0):
         raise InputError(
             f"`{name}` {value!r} is not a {kind}; give one without quotes or unit, as {example}"
         )

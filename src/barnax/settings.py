@@ -258,7 +258,8 @@ MAX_MOVED_SOC = 0.03
 class Registration:
     """A record's start and capacity by other records of the cell, or by its OCV test, with
     95 % intervals, and what was told of them before: its window, and what that gave. SOC is
-    scaled so that what was told is right on average. An offset of the current that records
+    scaled so that what was told is right on average; by records, intervals are on that axis, and
+    leave out how far the axis itself is off. An offset of the current that records
     share is in A, discharge positive, with its standard error. What resistances follow is found
     with them, by the names of a `Dependence`; empty is SOC alone."""
 

@@ -478,7 +478,7 @@ def test_nodes_of_the_ocv_without_samples_are_told_where_resistances_have_one_va
     nodes = result.tables.settings.ocv_nodes
     seen = [node.soc for node in result.fit.of_table(OCV)]
     assert told.values["share"] == pytest.approx(1 - len(seen) / len(nodes))
-    assert f"at {100 * min(seen):.0f} % to 100 % SOC alone, or add a record" in str(told)
+    assert f"from {100 * min(seen):.0f} % to 100 % SOC only, or add a record" in str(told)
     (caveat,) = [text for text in tables_of(result).caveats if "No sample is near SOC" in text]
     last = float(caveat.partition("SOC 0 to ")[2].partition(":")[0])
     assert soc.min() - 0.05 < last < soc.min()

@@ -86,8 +86,10 @@ def plan(
         for file in given
         if not isinstance(file, str | Path) or Path(file).resolve() not in settled
     ]
-    if others and given and not free:
-        raise notice("role.given-twice", Path(str(given[0])).name, same="name").error()
+    validated = {Path(file).resolve() for file in others if isinstance(file, str | Path)}
+    for file in given if not free else ():
+        if isinstance(file, str | Path) and Path(file).resolve() in validated:
+            raise notice("role.given-twice", Path(file).name, same="name").error()
     windows = windows_by_name(window)
     looked = list(look([*free, *tests, *others], reading or Reading(), watch, windows))
     refused = [file.refusal for file in looked if file.refusal]
@@ -109,7 +111,7 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     """The plan of files of which some have their role given."""
     files = draft.files
     # Given files come first.
-    given, copies = (*tests, *others), list[Notice]()
+    given, copies = (*tests, *others), dict[CandidateFile, Notice]()
     first_of: dict[tuple[object, ...], CandidateFile] = {}
     for file in sorted(files, key=lambda one: one not in given):
         # A record that came from no file is only like itself.
@@ -117,8 +119,8 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         if file.refusal:
             draft.take(file, "not used", file.refusal.removeprefix(f"{file.name}: "))
         elif (same := first_of.setdefault(source, file)) is not file:
-            copies.append(notice("role.given-twice", file.name, same="bytes", other=same.name))
-            draft.take(file, "not used", copies[-1].what)
+            copies[file] = notice("role.given-twice", file.name, same="bytes", other=same.name)
+            draft.take(file, "not used", copies[file].what)
     # Of a record and a part of it the longer one.
     unlike: list[Content] = []
     readable = [file for file in files if file not in draft.taken and file.traits]
@@ -127,14 +129,15 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         same = next((known for known in unlike if content.is_like(known)), None)
         if same is not None:
             told = {"same": "samples", "other": same.record.name}
-            copies.append(notice("role.given-twice", file.name, **told))
-            draft.take(file, "not used", copies[-1].what)
+            copies[file] = notice("role.given-twice", file.name, **told)
+            draft.take(file, "not used", copies[file].what)
         else:
             unlike.append(content)
     free = [file for file in files if file not in draft.taken and file not in given]
     # Of a folder copies are left out; what was given to validate on is meant.
-    if copies and others and (not free or any(file in draft.taken for file in others)):
-        raise copies[-1].error()
+    doubled = [file for file in others if file in copies] or ([] if free else [*copies])
+    if others and doubled:
+        raise copies[doubled[-1]].error()
     for file in others:
         draft.take(file, "validation", "given", file.window)
     for file in tests:

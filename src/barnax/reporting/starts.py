@@ -197,7 +197,7 @@ def start_sentence(part: "InputPart", is_planned: bool = False, has_direction: b
     given = "as the folder's plan says" if is_planned else "given"
     known = {"given": given, **known_words(start)}[part.start_source]
     if part.window and (own := part.window.registration):
-        by = "the OCV test" if own.by == "OCV test" else "all records together"
+        by = "the OCV test" if own.by == "OCV test" else "all records, on their common axis"
         capacity = f"{own.capacity_low_ah:.4g} to {own.capacity_high_ah:.4g}"
         known = (
             f"95 %: {own.soc_low:.3f} to {own.soc_high:.3f}, by {by}; alone "

@@ -1,7 +1,7 @@
 """The contents of cells as numbers: decimal commas, clocks, dates, and words for steps."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import polars as pl
@@ -92,6 +92,24 @@ def _plain(text: pl.Series) -> pl.Series:
     elif with_comma.str.contains(r"\d,\d{3}[.,]").any() or _groups_thousands(with_comma, plain):
         text = text.str.replace_all(",", "", literal=True)
     return text.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
+
+
+_SPELLS_NUMBER = r"^\s*[+\-\u2212]?\d[\d., \u00a0\u202f'\u2019]*([eE][+-]?\d+)?\s*$"
+
+
+def settled(columns: Sequence[pl.Series]) -> tuple[pl.Series, ...]:
+    """The columns, those of text as numbers where every cell spells one."""
+    return tuple(map(_settled, columns))
+
+
+def _settled(column: pl.Series) -> pl.Series:
+    first = column.drop_nulls().head(1)
+    # Most columns of text begin with a word or a clock, and a file may have millions of cells.
+    if first.dtype != pl.String or not first.str.contains(_SPELLS_NUMBER).any():
+        return column
+    plain = _plain(column)
+    is_whole = plain.null_count() == column.null_count() and plain.is_finite().all()
+    return plain if is_whole else column
 
 
 # Blanks and apostrophes between thousands.

@@ -22,6 +22,8 @@ _UNIT = re.compile(
 )
 # "h:min:s.ms", "h min s.ms", "Hours in hh:mm:ss.xxx", "mm:ss" and "ss.xxx" are forms of seconds.
 _CLOCK_FORM = re.compile(r".*\bh+[: ]m.*|m+:s.*|s+\.x+")
+# "Re(Z)/Ohm", "-Im", "|Z|", "Zreal" and "Z''".
+_IMPEDANCE = re.compile(r"[-|]?(re|im|z ?(re|im|real|imag|mod)?)(\b|$)|impedance")
 
 # Aliases that carry their unit in themselves.
 _SELF_EXPLAINING = re.compile("seconds|m?amps|volts|m?amp-hr|chgah|disah|ma|mv")
@@ -242,6 +244,8 @@ def _is_unit(text: str) -> bool:
 def other_table(header: Sequence[str]) -> str | None:
     """The kind of a table that is known to be no record; None for any other."""
     names = _bare(header)
+    if "freq" in names and any(map(_IMPEDANCE.match, names)):
+        return "an impedance spectrum"
     held = (what for mark, what in OTHER_TABLES.items() if names.issuperset(mark.split(" & ")))
     return next(held, None)
 

@@ -372,9 +372,6 @@ PLAIN = Dialect("plain", is_make=False)
 
 # Tables that are no record of one cell over time, by their names, and what to give instead.
 OTHER_TABLES: Mapping[str, str] = {
-    "freq & re & -im": "an impedance spectrum",
-    "freq & zreal & zimag": "an impedance spectrum",
-    "freq & z' & z''": "an impedance spectrum",
     "schedule file name & start datetime": "Arbin's description of a test",
     "cycle & vstart & vend": "a table of one row a cycle",
 }

@@ -15,6 +15,7 @@ import polars as pl
 
 from ..errors import LONGEST_NAME, InputError, cut, printable, reason_of
 from ..notices import Notice, notice
+from .cell_values import settled
 from .column_rules import read_columns
 from .columns import NOTHING
 from .quantities import CELL_RANGE_V
@@ -243,7 +244,7 @@ def _series(column: Any) -> pl.Series:
 
 
 def _clean(source: Source) -> Source:
-    """The source with names that a message can quote."""
+    """The source with names that a message can quote, and columns of numbers as numbers."""
     table = source.table
     header = (" ".join(name.split()) if not name.isprintable() else name for name in table.header)
     return replace(
@@ -251,6 +252,7 @@ def _clean(source: Source) -> Source:
         table=replace(
             table,
             header=tuple(printable(cut(name, LONGEST_NAME)) for name in header),
+            columns=settled(table.columns),
             sheets=tuple((printable(cut(name, LONGEST_NAME)), n) for name, n in table.sheets),
         ),
     )

@@ -238,7 +238,8 @@ def impedance_rows(table: Table) -> Bool[np.ndarray, "lines"]:
     is_spectrum = np.zeros(len(table.row), bool)
     for name, column in zip(table.header, table.columns, strict=True):
         if normal(name).startswith("freq") and other_table(table.header):
-            hertz = column.cast(pl.Float64, strict=False)
+            # Polars takes NaN for the largest number.
+            hertz = column.cast(pl.Float64, strict=False).fill_nan(None)
             is_spectrum |= (hertz > 0).fill_null(False).to_numpy()
     return is_spectrum
 

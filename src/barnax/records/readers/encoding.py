@@ -52,16 +52,19 @@ def as_utf8(content: bytes, file: str) -> bytes:
             raise InputError(
                 f"{file}: starts as UTF-16 text but does not continue as such; save it as UTF-8."
             ) from error
-    content = content.removeprefix(codecs.BOM_UTF8).rstrip(b"\0")
+    # Joined files have more than one mark.
+    content = content.replace(codecs.BOM_UTF8, b"").rstrip(b"\0")
     for encoding, words in _TELLTALES.items():
         if any(word.encode(encoding) in content[:PREAMBLE_BYTES] for word in words):
             content = content.decode(encoding, "replace").encode()
             break
     if b"\0" in content:
         content = content.replace(b"\0", b"")
-    if b"\n" not in content[:PREAMBLE_BYTES]:
-        content = content.replace(b"\r", b"\n")
     head = content[:PREAMBLE_BYTES]
+    if head.count(b"\r") > 2 * head.count(b"\n"):
+        # Lines end in CR alone, but for some, such as the last.
+        content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        head = content[:PREAMBLE_BYTES]
     quoted = [line for line in _QUOTED_LINE.findall(head) if re.search(rb"[,;\t]", line)]
     if len(quoted) > 0.5 * head.count(b"\n"):
         # Novonix, and spreadsheets that took a file for one column.

@@ -65,7 +65,7 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
     if not isinstance(source, Source):
         source = read_source(source)
     columns = find_columns(source.table.header, OCV_QUANTITIES)
-    if not is_ocv_table(source.table.header):
+    if not is_ocv_table(source.table.header, source.columns):
         raise InputError(
             f"{source.name}: not an OCV table; name its columns, for example, 'SOC [-]' and "
             "'OCV [V]', or 'SOC [-]', 'discharge OCV [V]' and 'charge OCV [V]'."
@@ -132,7 +132,7 @@ def read_ocv_test(
     """The OCV test in a file: a table of OCV over SOC, else a record."""
     if not isinstance(source, Source):
         source = read_source(source)
-    if is_ocv_table(source.table.header):
+    if is_ocv_table(source.table.header, source.columns):
         return read_ocv_table(source)
     return read_record(
         source, current_sign=current_sign, current_hold=current_hold, voltage_lag=voltage_lag

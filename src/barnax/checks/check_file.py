@@ -167,7 +167,7 @@ def check_file(
         raise InputError(f"`capacity` must be positive, in Ah; {capacity_ah} was given")
     if not isinstance(source, Source):
         source = read_source(source, columns=columns)
-    if is_ocv_table(source.table.header):
+    if is_ocv_table(source.table.header, source.columns):
         return _check_table(read_ocv_table(source))
     examined = examine(source, capacity_ah)
     findings = [*source.findings, *examined.findings]

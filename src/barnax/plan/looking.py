@@ -206,7 +206,7 @@ def _looked_at(path: Path, source: Source, chosen: Window) -> CandidateFile:
     """A file that was read, checked."""
     file = CandidateFile(path, source.name, source, chosen=chosen)
     try:
-        if is_ocv_table(source.table.header):
+        if is_ocv_table(source.table.header, source.columns):
             _ = file.ocv_test
             return file
         check = check_file(source, rest_current_a=chosen.rest_current_a)

@@ -91,7 +91,7 @@ def examine_columns(
     if not is_like and not is_nameless:
         if wrong:
             raise wrong[0].about(file).error(".")
-        raise _no_record(table).about(file).error(".")
+        raise _no_record(table, given).about(file).error(".")
     findings = [*table.notes, *wrong]
     for name in found.keys() & CLOCKS:
         # Numbers that are dates tell their unit by their size.
@@ -283,9 +283,9 @@ def _is_off_by(ratios: np.ndarray, unit: Unit, column: Column) -> bool:
     return bool(np.mean(np.abs(ratios * column.unit.factor / unit.factor - 1) < 0.01) > 0.5)
 
 
-def _no_record(table: Table) -> Notice:
+def _no_record(table: Table, given: Mapping[str, str]) -> Notice:
     names = listed(name for name in table.header if name) or "none"
-    if is_ocv_table(table.header):
+    if is_ocv_table(table.header, given):
         return notice("columns.none", columns=names, advice="ocv")
     if any(normal(name).startswith(("dod", "depth of discharge")) for name in table.header):
         return notice("columns.none", columns=names, advice="dod")

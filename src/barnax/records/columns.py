@@ -22,6 +22,8 @@ _UNIT = re.compile(
 )
 # "h:min:s.ms", "h min s.ms", "Hours in hh:mm:ss.xxx", "mm:ss" and "ss.xxx" are forms of seconds.
 _CLOCK_FORM = re.compile(r".*\bh+[: ]m.*|m+:s.*|s+\.x+")
+# What the variables of scripts have behind a quantity: "t_data", "V_meas", "tvec".
+_VARIABLE = re.compile(r"(?<=\w)( ?(data|vec|vector)| (meas|exp|array|values?))(?= ?[\[(/]|$)")
 # "Re(Z)/Ohm", "-Im", "|Z|", "Zreal" and "Z''".
 _IMPEDANCE = re.compile(r"[-|]?(re|im|z ?(re|im|real|imag|mod)?)(\b|$)|impedance")
 
@@ -60,7 +62,7 @@ def find_columns(header: Sequence[str], quantities: Sequence[Quantity]) -> dict[
     """
     found: dict[str, Column] = {}
     names = {name: index for index, name in reversed(list(enumerate(header)))}
-    normals = {name: normal(name).replace("<", "").replace(">", "") for name in names}
+    normals = {name: _VARIABLE.sub("", re.sub("[<>]", "", normal(name))) for name in names}
     for quantity in quantities:
         matches = (_match(index, name, normals[name], quantity) for name, index in names.items())
         candidates = [match for match in matches if match is not None]
@@ -95,7 +97,9 @@ def named_column(header: Sequence[str], quantity: Quantity, given: str) -> Colum
     """
     name, _, spelled = given.rpartition(":")
     unit = unit_of(quantity, spelled) if name else None
-    places = {normal(name): index for index, name in reversed(list(enumerate(header)))}
+    names = [(normal(name), index) for index, name in reversed(list(enumerate(header)))]
+    # A unit may have been joined to the name from the row below.
+    places = {name.partition(" [")[0]: index for name, index in names} | dict(names)
     if unit is None or normal(given) in places:
         name, unit = given, None
     if normal(name) not in places:
@@ -111,7 +115,8 @@ def _with_its_unit(index: int, name: str, quantity: Quantity) -> Column:
     """The column with the unit in brackets or behind a slash at its name's end, if any."""
     stated = re.search(r"[/\[(]\s*([^/\[\]()]*?)\s*[\])]?\s*$", normal(name))
     unit = unit_of(quantity, stated[1]) if stated else None
-    return Column(index, name, quantity, unit or quantity.base_unit, unit is None)
+    is_assumed = unit is None and "1" not in quantity.units
+    return Column(index, name, quantity, unit or quantity.base_unit, is_assumed)
 
 
 def _match(index: int, name: str, plain: str, quantity: Quantity) -> tuple[int, Column] | None:
@@ -126,7 +131,8 @@ def _match(index: int, name: str, plain: str, quantity: Quantity) -> tuple[int, 
         alias, _, stated = spelling.partition("=")
         if plain == alias:
             # A bare T is a temperature to some and a time to others; a bare t is a time.
-            if alias == "t" and not stated and (name.strip() != "t" or quantity.name != "time"):
+            is_bare = alias == "t" and not stated
+            if is_bare and (name.strip()[:1] != "t" or quantity.name != "time"):
                 continue
             unit = quantity.units[stated.lower()] if stated else quantity.base_unit
             is_plain = "1" in quantity.units or bool(_SELF_EXPLAINING.fullmatch(alias))
@@ -200,13 +206,17 @@ def columns_of(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> dic
 
     `given` holds the user's own names by quantity, as `columns` takes them, and comes first.
     """
-    found = find_columns(header, dialect_of(header).quantities)
-    for quantity in QUANTITIES:
-        if quantity.name in given:
-            column = named_column(header, quantity, given[quantity.name])
-            if column is not None:
-                found[quantity.name] = column
-    return found
+    return find_columns(header, dialect_of(header).quantities) | find_given(header, given)
+
+
+def find_given(header: Sequence[str], given: Mapping[str, str]) -> dict[str, Column]:
+    """The columns that the user names, by quantity, of those that the header has."""
+    named = {
+        quantity.name: named_column(header, quantity, given[quantity.name])
+        for quantity in QUANTITIES
+        if quantity.name in given
+    }
+    return {name: column for name, column in named.items() if column is not None}
 
 
 def names_record(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> bool:
@@ -215,11 +225,25 @@ def names_record(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> b
     return "voltage" in found and bool(found & _CURRENTS) and bool(found & _CLOCKS)
 
 
-def with_units(header: Sequence[str], below: Sequence[str]) -> tuple[tuple[str, ...], bool]:
+def joined_names(
+    above: Sequence[str], header: Sequence[str], given: Mapping[str, str] = NOTHING
+) -> tuple[str, ...]:
+    """The names of two rows as one: the upper's where the lower names no quantity."""
+    if len(above) != len(header):
+        return tuple(header)
+    lower, upper = (
+        {column.index for column in columns_of(names, given).values()} for names in (header, above)
+    )
+    return tuple(above[k] if k in upper - lower else name for k, name in enumerate(header))
+
+
+def with_units(
+    header: Sequence[str], below: Sequence[str], given: Mapping[str, str] = NOTHING
+) -> tuple[tuple[str, ...], bool]:
     """The names with the units that stand in the cells below them, and whether they do."""
     units = [cell.strip("[]()") for cell in below]
     units += [""] * (len(header) - len(units))
-    own = {column.index: column for column in columns_of(header).values()}
+    own = {column.index: column for column in columns_of(header, given).values()}
     spelled = {
         k: unit_of(own[k].quantity, units[k])
         for k in own
@@ -250,7 +274,9 @@ def other_table(header: Sequence[str]) -> str | None:
     return next(held, None)
 
 
-def is_ocv_table(header: Sequence[str]) -> bool:
-    """True if the header names SOC and a voltage, but no record."""
+def is_ocv_table(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> bool:
+    """True if the header names SOC and a voltage, but no record, nor what the user calls the clock
+    or the current of one."""
     ocv = find_columns(header, OCV_QUANTITIES).keys()
-    return "SOC" in ocv and len(ocv) > 1 and not names_record(header)
+    named = find_given(header, given).keys() & (_CLOCKS | _CURRENTS)
+    return "SOC" in ocv and len(ocv) > 1 and not named and not names_record(header)

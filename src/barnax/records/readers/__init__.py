@@ -68,6 +68,10 @@ def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) ->
     Raises InputError when the file is empty, when no reader knows its content, or when the
     reader that knows it finds it damaged.
     """
+    if file.startswith("~$"):
+        raise InputError(
+            f"{file}: Excel's lock file of an open workbook, not the workbook; give {file[2:]}."
+        )
     content = unzipped(content, file)
     if content.isspace() or not content:
         raise InputError(f"{file}: the file is empty; give a file with measured samples.")

@@ -3,13 +3,16 @@
 import codecs
 import re
 
-from ...errors import InputError
+from ...errors import InputError, counted
 
-# No text above a table is longer.
-PREAMBLE_BYTES = 400_000
+# No text above a table is longer; the longest known are a protocol of some hundred lines, or in one
+# line of 13,000 letters.
+PREAMBLE_BYTES, _PREAMBLE_LINES, _LONGEST_LINE = 400_000, 2000, 1_000_000
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-# The number of stray zero bytes that text may have.
-_STRAY_ZEROS = 4
+# The number of stray zero bytes that text may have beside bytes that are none of its own, and a
+# block of them within a line.
+_STRAY_ZEROS, _LOST = 4, re.compile(rb"(?<=[^\r\n\0])\0{2,}(?=[^\r\n\0])")
+_NO_TEXT = re.compile(rb"[\x01-\x08\x0e-\x1f]")
 # Words that tell a text in the encodings of Chinese, Japanese and Korean computers: voltage,
 # current, discharge.
 _TELLTALES = {
@@ -24,12 +27,13 @@ _QUOTED_LINE = re.compile(rb'(?m)^"((?:[^"\r\n]|"")*)"[,;\t ]*(?=\r?$)')
 
 
 def is_text(content: bytes) -> bool:
-    """Text has no zero bytes but a stray one, and those that a lost power supply left at its end.
+    """Text has no zero bytes but stray ones, and those that a lost power supply left.
 
     UTF-16 has more, and as a rule says so at its start.
     """
     head = content[:65536].rstrip(b"\0")
-    return _utf16(content) != "" or (bool(head) and head.count(0) <= _STRAY_ZEROS)
+    is_plain = bool(head) and (head.count(0) <= _STRAY_ZEROS or not _NO_TEXT.search(head))
+    return is_plain or _utf16(content) != ""
 
 
 def _utf16(content: bytes) -> str:
@@ -59,6 +63,12 @@ def as_utf8(content: bytes, file: str) -> bytes:
             content = content.decode(encoding, "replace").encode()
             break
     if b"\0" in content:
+        if lost := _LOST.search(content):
+            raise InputError(
+                f"{file}: row {content.count(10, 0, lost.start()) + 1} has "
+                f"{counted(len(lost[0]), 'zero byte')} in place of what was written, as after a "
+                "loss of power; delete the rows that are cut there."
+            )
         content = content.replace(b"\0", b"")
     head = content[:PREAMBLE_BYTES]
     if head.count(b"\r") > 2 * head.count(b"\n"):
@@ -70,3 +80,26 @@ def as_utf8(content: bytes, file: str) -> bytes:
         # Novonix, and spreadsheets that took a file for one column.
         content = _QUOTED_LINE.sub(lambda line: line[1].replace(b'""', b'"'), content)
     return content
+
+
+def require_lines(content: bytes, file: str) -> None:
+    """Raise InputError for a line that no table has."""
+    for start in range(0, len(content) - _LONGEST_LINE, _LONGEST_LINE):
+        if content.find(b"\n", start, start + _LONGEST_LINE) < 0:
+            row = content.count(b"\n", 0, start) + 1
+            raise InputError(
+                f"{file}: row {row} has more than {_LONGEST_LINE:,} letters, so this is no table "
+                "of measurements; export the record as CSV, Parquet or a workbook."
+            )
+
+
+def head_lines(content: bytes) -> list[str]:
+    """The first lines."""
+    head = content[:PREAMBLE_BYTES]
+    try:
+        text = head.decode("utf-8")
+    except UnicodeDecodeError as error:
+        # The last letter may be cut.
+        text = head[: error.start].decode() if error.start > len(head) - 4 else ""
+        text = text or head.decode("latin-1")
+    return [line.removesuffix("\r") for line in text.split("\n", _PREAMBLE_LINES)]

@@ -43,6 +43,11 @@ _SCRIPTS = re.compile(r"(?:DYNData|OCVData)\.script(\d)")
 def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     if content.startswith(_OCTAVE):
         raise InputError(f"{file}: Octave's text format; save it with '-v7', or as CSV.")
+    if b"pandas_type" in content:
+        raise InputError(
+            f"{file}: an HDF5 file of pandas, not of MATLAB; write the frame with to_parquet or "
+            "to_csv instead."
+        )
     is_hdf5 = content.startswith((_MARKS[1], _HDF5))
     require_trial(_READS_73 if is_hdf5 else _READS_5, content, file)
     with refusing(
@@ -56,7 +61,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         return _table(chosen)
     columns = dict(map(_columns, structs.items()))
     records = {path: own for path, own in columns.items() if names_record([*own], given)}
-    records = records or {path: own for path, own in columns.items() if is_ocv_table([*own])}
+    records = records or {path: own for path, own in columns.items() if is_ocv_table([*own], given)}
     for path in structs:
         cycles = [k for k in records if k.startswith(f"{path}.cycle(") and k.endswith(").data")]
         if cycles and len(cycles) == len(records) and all(map(_start_s, _begun(structs, cycles))):
@@ -221,12 +226,12 @@ def _joined(
 
 def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -> str:
     """Why no record is taken, and what the file holds."""
-    option = "`columns='time={0}.NAME:s,current={0}.NAME:A,voltage={0}.NAME:V'`"
+    option = "`columns='time={0}NAME:s,current={0}NAME:A,voltage={0}NAME:V'`"
     if records:
         names = ", ".join(
             printable(cut(path or "the workspace", LONGEST_CELL)) for path in records[:_MAX_NAMED]
         )
-        choose = option.format(records[-1]) if records[-1] else "save one of them alone"
+        choose = option.format(f"{records[-1]}.") if records[-1] else "save one of them alone"
         return (
             f"{file}: a MATLAB file of {len(records)} records ({names}), but a record is of one "
             f"test; choose one by where its columns stand, {choose}."
@@ -239,9 +244,10 @@ def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -
     ]
     named = printable(cut(", ".join(held[:_MAX_NAMED]), 1000)) or "no arrays of numbers"
     more = " ..." if len(held) > _MAX_NAMED else ""
+    structure = "STRUCTURE." if any("." in name for name in held) else ""
     return (
         f"{file}: a MATLAB file without a structure of columns of one length for time, current and "
-        f"voltage; it holds {named}{more}. Give the columns as {option.format('STRUCTURE')}, or "
+        f"voltage; it holds {named}{more}. Give the columns as {option.format(structure)}, or "
         "save them as vectors time, current and voltage, or a table of MATLAB's own by writetable."
     )
 

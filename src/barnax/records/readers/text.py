@@ -19,20 +19,25 @@ from jaxtyping import Bool
 from ...errors import InputError, counted
 from ...notices import Notice, notice
 from ..cell_values import numbers, without_groups
-from ..columns import columns_of, is_ocv_table, names_record, other_table, with_units
+from ..columns import (
+    columns_of,
+    is_ocv_table,
+    joined_names,
+    names_record,
+    other_table,
+    with_units,
+)
 from ..quantities import CELL_RANGE_V, NEEDED
 from ..table import Reader, Table
-from .encoding import PREAMBLE_BYTES, as_utf8, is_text
+from .encoding import PREAMBLE_BYTES, as_utf8, head_lines, is_text, require_lines
 from .room import NUMBER_BYTES, require_room
 
 Schema = Mapping[str, type[pl.DataType]]
 
 _DELIMITERS = ",;\t|"
 _BLANK = " "  # Cells in columns, as printed for the eye.
-# The longest preambles known are a protocol of some hundred lines, or in one line of 13,000
-# letters; the widest headers have some 3,000 characters.
-_PREAMBLE_LINES, _LONGEST_HEADER = 2000, 20_000
-_LONGEST_LINE = 1_000_000
+# The widest headers have some 3,000 characters.
+_LONGEST_HEADER = 20_000
 # What Polars guesses the types of columns from.
 _GUESSED_LINES = 1000
 # So many lines tell whether numbers are cut in two, at a whole number before the comma.
@@ -61,17 +66,17 @@ class _Layout:
 
 def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     content = as_utf8(content, file)
-    _require_lines(content, file)
+    require_lines(content, file)
     # The row in the file is kept, so blank lines above the names count.
-    lines = _head_lines(content)
+    lines = head_lines(content)
     layout = _layout(lines, file, given)
     lead = layout.above + 1
     content, breaks = _without_repeats(content, layout.above)
     # Of blank lines below the names the first that is not may hold the units.
     blank = next((k for k, line in enumerate(lines[lead:]) if line.strip()), 0)
     below = "".join(lines[lead + blank : lead + blank + 1])
-    header, has_units = with_units(layout.header, _cells(below, layout.delimiter))
-    _refuse_split_numbers(lines[lead:], layout, file)
+    header, has_units = with_units(layout.header, _cells(below, layout.delimiter), given)
+    _refuse_split_numbers(lines[lead:], layout, file, given)
     if has_units:
         lead += blank + 1
     delimiter, above = layout.delimiter, lead
@@ -87,10 +92,11 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     for place, dropped in reversed(breaks):
         row[row >= place] += dropped
     table = Table((*header, ""), tuple(columns), row, notes=_notes(layout, breaks))
-    return _without_headings(_within_the_names(_records_of_layers(table), file))
+    table = _within_the_names(_records_of_layers(table, given), file, given)
+    return _without_headings(table, given)
 
 
-def _within_the_names(table: Table, file: str) -> Table:
+def _within_the_names(table: Table, file: str, given: Mapping[str, str]) -> Table:
     """The table without its last column, which is of cells beyond the names, and has none.
 
     Raises InputError where rows have more cells than there are names: which cell belongs to which
@@ -104,14 +110,16 @@ def _within_the_names(table: Table, file: str) -> Table:
     if beyond.null_count() == len(beyond):
         return table
     wide = np.flatnonzero(beyond.is_not_null())
-    if not any(column.dtype.is_numeric() for column in columns) and not columns_of(table.header):
+    are_words = not any(column.dtype.is_numeric() for column in columns)
+    if are_words and not columns_of(table.header, given):
         raise InputError(
             f"{file}: no row of names with numbers below, so this is no table of measurements; "
             "export the record as CSV, Parquet or a workbook."
         )
     where, names = f"{file}: row {table.row[wide[0]]}", len(table.header)
     if len(wide) > 0.5 * len(table.row):
-        if _fits(table.header, columns) and not _fits(table.header, [*columns[1:], beyond]):
+        shifted = [*columns[1:], beyond]
+        if _fits(table.header, columns, given) and not _fits(table.header, shifted, given):
             return replace(table, notes=(*table.notes, notice("columns.more-cells", names=names)))
         raise InputError(
             f"{where}: the rows have more cells than the {names} names in row {table.names_row}, "
@@ -124,9 +132,9 @@ def _within_the_names(table: Table, file: str) -> Table:
     )
 
 
-def _fits(header: Sequence[str], columns: Sequence[pl.Series]) -> bool:
+def _fits(header: Sequence[str], columns: Sequence[pl.Series], given: Mapping[str, str]) -> bool:
     """True if the columns are what the names say: a clock that runs, and the voltage of a cell."""
-    found = columns_of(header)
+    found = columns_of(header, given)
     clock = found.get("time") or found.get("date") or found.get("step time")
     if clock is None or "voltage" not in found:
         return True
@@ -139,35 +147,12 @@ def _fits(header: Sequence[str], columns: Sequence[pl.Series]) -> bool:
     return is_cell and bool(np.isfinite(time).all() and rises.sum() > 0.5 * len(rises))
 
 
-def _require_lines(content: bytes, file: str) -> None:
-    """Raise InputError for a line that no table has."""
-    for start in range(0, len(content) - _LONGEST_LINE, _LONGEST_LINE):
-        if content.find(b"\n", start, start + _LONGEST_LINE) < 0:
-            row = content.count(b"\n", 0, start) + 1
-            raise InputError(
-                f"{file}: row {row} has more than {_LONGEST_LINE:,} letters, so this is no table "
-                "of measurements; export the record as CSV, Parquet or a workbook."
-            )
-
-
-def _head_lines(content: bytes) -> list[str]:
-    """The first lines."""
-    head = content[:PREAMBLE_BYTES]
-    try:
-        text = head.decode("utf-8")
-    except UnicodeDecodeError as error:
-        # The last letter may be cut.
-        text = head[: error.start].decode() if error.start > len(head) - 4 else ""
-        text = text or head.decode("latin-1")
-    return [line.removesuffix("\r") for line in text.split("\n", _PREAMBLE_LINES)]
-
-
 def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
     """The first line that names a record or an OCV table, else the first that is not blank.
 
     Some testers write what was tested, by whom and when above their table.
     """
-    fallback, most = None, 1
+    fallback, most, before = None, 1, ()
     for above, line in enumerate(lines):
         # Rows of numbers name nothing, unless names are given, which may be numbers too.
         is_of_numbers = fallback is not None and not given and not any(map(str.isalpha, line))
@@ -176,9 +161,11 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
         delimiter, header = _names(line, given)
         if len(header) == 1 or delimiter not in line:
             delimiter, header = _BLANK, _blank_cells(line, given)
-        found = _Layout(above, header, delimiter)
-        if names_record(header, given) or is_ocv_table(header) or other_table(header):
+        joined, before = joined_names(before, header, given), header
+        found = _Layout(above, joined, delimiter)
+        if names_record(joined, given) or is_ocv_table(header, given) or other_table(header):
             return found
+        found = replace(found, header=header)
         named = len(columns_of(header, given).keys() & NEEDED)
         if fallback is None or named > most:
             fallback, most = found, max(named, most)
@@ -241,7 +228,9 @@ def _without_repeats(content: bytes, above: int) -> tuple[bytes, list[tuple[int,
     return content, breaks
 
 
-def _refuse_split_numbers(lines: list[str], layout: _Layout, file: str) -> None:
+def _refuse_split_numbers(
+    lines: list[str], layout: _Layout, file: str, given: Mapping[str, str]
+) -> None:
     """Raise InputError where commas between cells cut numbers with decimal commas in two.
 
     The cells are more than the names, and fit them where some of them are joined.
@@ -253,7 +242,8 @@ def _refuse_split_numbers(lines: list[str], layout: _Layout, file: str) -> None:
     more = width - len(header)
     if layout.delimiter != "," or not 0 < more <= len(header):
         return
-    if "voltage" not in columns_of(header) or _fits(header, _series([row[more:] for row in rows])):
+    shifted = _series([row[more:] for row in rows])
+    if "voltage" not in columns_of(header, given) or _fits(header, shifted, given):
         return
     cut = [
         k
@@ -267,7 +257,7 @@ def _refuse_split_numbers(lines: list[str], layout: _Layout, file: str) -> None:
             "".join(cell + ("." if k in chosen else ",") for k, cell in enumerate(row)).split(",")
             for row in rows
         ]
-        if _fits(header, _series(joined)):
+        if _fits(header, _series(joined), given):
             at = chosen[-1]
             raise InputError(
                 f"{file}: row {place}: the rows have more cells than the {len(header)} names: "
@@ -355,34 +345,34 @@ def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], lines: str) -> T
     )
 
 
-def _records_of_layers(table: Table) -> Table:
+def _records_of_layers(table: Table, given: Mapping[str, str]) -> Table:
     """The table without the rows that have something in front, where the first columns are blank.
 
     Neware's reports write cycles, steps and records below one another, each indented further.
     """
     blank = next((k for k, name in enumerate(table.header) if name), 0)
-    if not blank or not names_record(table.header):
+    if not blank or not names_record(table.header, given):
         return table
     front = np.any([column.is_not_null().to_numpy() for column in table.columns[:blank]], axis=0)
     header, columns = table.header[blank:], table.columns[blank:]
     # Where all rows have it, it is a column without a name, as an index of pandas.
     if front.all() or not front.any():
         return replace(table, header=header, columns=columns)
-    if "step" not in columns_of(header):
+    if "step" not in columns_of(header, given):
         # Every other row begins a step; that of a cycle stands on one line with its first.
         header, columns = ("Step Count", *header), (pl.Series(np.cumsum(front)), *columns)
     records = replace(table, header=header, columns=columns)
     return _kept(records, front, "layers")
 
 
-def _without_headings(table: Table) -> Table:
+def _without_headings(table: Table, given: Mapping[str, str]) -> Table:
     """The table without the lines between its rows that have words in the first cell alone."""
     first, *others = table.columns
     if first.dtype != pl.String or not all(column.null_count() for column in others):
         return table
     are_bare = np.all([column.is_null().to_numpy() for column in others], axis=0)
     are_headings = are_bare & first.str.contains(_WORD).fill_null(False).to_numpy()
-    if not are_headings.any() or not names_record(table.header):
+    if not are_headings.any() or not names_record(table.header, given):
         return table
     return _kept(table, are_headings, "words")
 

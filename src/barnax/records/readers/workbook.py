@@ -17,7 +17,7 @@ import polars as pl
 from ...errors import InputError, cut, listed
 from ...notices import notice
 from ..cell_values import numbers
-from ..columns import columns_of, is_ocv_table, names_record, with_units
+from ..columns import columns_of, is_ocv_table, joined_names, names_record, with_units
 from ..quantities import NEEDED
 from ..table import Reader, Table
 from .binary import quieted
@@ -84,7 +84,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
                 f"{file}: sheets {listed([chosen[0]])} and {listed([name])} have different columns "
                 "and cannot be joined; give them the same first row."
             )
-    return _joined(bodies, names, ignored=[name for name in sheets if name not in chosen])
+    return _joined(bodies, names, [name for name in sheets if name not in chosen], given)
 
 
 def _names(workbook: fastexcel.ExcelReader, name: str, given: Mapping[str, str]) -> _Names:
@@ -93,8 +93,10 @@ def _names(workbook: fastexcel.ExcelReader, name: str, given: Mapping[str, str])
     rows, height = sheet.to_polars().rows(), sheet.total_height
     headers = [tuple("" if cell is None else cell for cell in row) for row in rows]
     for above, header in enumerate(headers):
-        if names_record(header, given) or is_ocv_table(header):
-            names, has_units = with_units(header, *headers[above + 1 : above + 2] or [()])
+        joined = joined_names(headers[above - 1], header, given) if above else header
+        if names_record(joined, given) or is_ocv_table(header, given):
+            below = headers[above + 1] if above + 1 < len(headers) else ()
+            names, has_units = with_units(joined, below, given)
             return _Names(above, names, 1 + has_units, height)
     return _Names(0, headers[0] if headers else (), height=height)
 
@@ -125,14 +127,14 @@ def _chosen_sheets(
         )
     if ours:
         return list(ours)
-    whole = whole or [name for name, cells in headers.items() if is_ocv_table(cells)]
+    whole = whole or [name for name, cells in headers.items() if is_ocv_table(cells, given)]
     if len(whole) == 1:
         return whole
     if whole:
         raise InputError(
             f"{file}: several sheets could be the record ({listed(whole)}); keep only one of them."
         )
-    partial = [name for name, cells in headers.items() if columns_of(cells).keys() & NEEDED]
+    partial = [name for name, cells in headers.items() if columns_of(cells, given).keys() & NEEDED]
     if len(partial) == 1:
         # The rules on columns say which of them is missing.
         return partial
@@ -144,7 +146,9 @@ def _chosen_sheets(
     )
 
 
-def _joined(bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str]) -> Table:
+def _joined(
+    bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str], given: Mapping[str, str]
+) -> Table:
     """The sheets one after another, in the order of their first lines' clock.
 
     Workbooks do not promise the order of their sheets; the clock does.
@@ -152,7 +156,7 @@ def _joined(bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str]) 
     header, first = names.header, names.body + 1
     filled = {name: body for name, body in bodies.items() if body.height}
     order = list(filled)
-    found = columns_of(header)
+    found = columns_of(header, given)
     clock = found.get("time") or found.get("date")
     if len(order) > 1 and clock is not None:
         starts = {

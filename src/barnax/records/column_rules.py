@@ -26,7 +26,7 @@ from .columns import (
     other_table,
 )
 from .quantities import CELL_RANGE_V, OCV_QUANTITIES, QUANTITIES, Quantity, Unit
-from .table import Table, impedance_rows
+from .table import Table, impedance_rows, one_row_a
 
 Columns = Mapping[str, Column]
 
@@ -85,9 +85,11 @@ def examine_columns(
     if what and (is_mostly or not names_record(table.header, given)):
         raise notice("columns.no-record", file, table=what).error(".")
     found = columns_of(table.header, given)
+    if counted := one_row_a(table, found):
+        raise notice("columns.no-record", file, table=f"a table of one row a {counted}").error(".")
     wrong = list(_not_there(table, found, given))
-    is_nameless = np.mean([False, *map(_is_number, filter(None, table.header))]) >= 0.5
     is_like = any(q.name in found or likely_names(q, table.header) for q in REQUIRED)
+    is_nameless = _is_nameless(table, is_like)
     if not is_like and not is_nameless:
         if wrong:
             raise wrong[0].about(file).error(".")
@@ -146,6 +148,15 @@ def examine_columns(
         there = {**names, "columns": _quoted(list(table.header)), "count": len(missing)}
         findings.append(notice(code, "", table.names_row, **there, **values))
     return found, findings
+
+
+def _is_nameless(table: Table, is_like: bool) -> bool:
+    """True if half of the first row are numbers, or where no name is like one of a record, one of
+    it is, or nothing stands there above numbers."""
+    share = np.mean([False, *map(_is_number, filter(None, table.header))])
+    cells = zip(table.header, table.columns, strict=True)
+    is_bare = any(not name and column.dtype.is_numeric() for name, column in cells)
+    return bool(share >= 0.5 or (not is_like and (share > 0 or is_bare)))
 
 
 def cell_voltages(

@@ -26,7 +26,7 @@ from .samples import Samples, samples_of
 from .sign import decide_sign, examine_direction
 from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
-from .table import examine_cells, take_lines
+from .table import Lines, examine_cells, found_at, take_lines
 from .twins import examine_twins
 from .units import (
     examine_current_unit,
@@ -41,6 +41,8 @@ Frame = Any
 
 _FEWEST_SAMPLES = 5
 _SHORTEST_S = 1e-6
+# The least share of the rows with a current that have a voltage too, or the other way around.
+_COMMON = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +61,12 @@ class Examined:
 def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     """The samples of a source, and what is wrong with them; `capacity_ah` lets charge be judged.
 
-    Raises InputError where no column is like any of a record.
+    Raises InputError where no column is like any of a record, or rows are no samples.
     """
     columns, findings = examine_columns(source.table, source.name, source.columns)
-    lines, found = examine_empty_current(take_lines(source.table, columns))
+    lines = take_lines(source.table, columns)
+    _require_common_rows(lines, source.name)
+    lines, found = examine_empty_current(lines)
     findings += found
     lines, found = examine_cells(lines)
     findings += found
@@ -100,6 +104,18 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     if not any(finding.severity == "error" for finding in findings):
         samples = merge_repeats(samples)
     return Examined(samples, mended if is_usable else None, tuple(findings))
+
+
+def _require_common_rows(lines: Lines, file: str) -> None:
+    """Raise InputError where hardly a row has both a current and a voltage."""
+    if not lines.columns.keys() >= NEEDED:
+        return
+    has_current, has_voltage = ~lines.bad("current"), ~lines.bad("voltage")
+    both = int(np.sum(has_current & has_voltage))
+    least = min(has_current.sum(), has_voltage.sum())
+    if both < _COMMON * least:
+        given = {name: lines.header(name) for name in ("current", "voltage")}
+        raise found_at(lines, has_voltage, "cells.apart", **given, rows=both).about(file).error(".")
 
 
 def _one_cell(source: Source, samples: Samples) -> tuple[Samples, list[Notice]]:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Int
 
 from ..errors import LONGEST_CELL, cut
 from ..notices import Notice, notice
-from .cell_values import DAY_S, dated_numbers
+from .cell_values import DAY_S, dated_numbers, numbers
 from .columns import Column, normal, other_table
 from .counters import inner
 from .quantities import NEEDED
@@ -23,6 +23,9 @@ LARGEST_NUMBER = 1e20
 _LARGEST_WHOLE = 2**31
 _IMPEDANCE = r"^\s*(FRA|EIS|P?EIS|GEIS|ACI|AC ?IMP.*)\s*$"
 LARGEST_FILE = 2_000_000_000
+# Rows are of steps or cycles where there are so many, and so large a share begins another; samples
+# that are counted follow each other this fast.
+_FEWEST_ROWS, _OF_STEPS, _OF_CYCLES, _SAMPLED_S = 4, 0.9, 0.3, 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +245,39 @@ def impedance_rows(table: Table) -> Bool[np.ndarray, "lines"]:
             hertz = column.cast(pl.Float64, strict=False).fill_nan(None)
             is_spectrum |= (hertz > 0).fill_null(False).to_numpy()
     return is_spectrum
+
+
+def one_row_a(table: Table, columns: Mapping[str, Column]) -> str | None:
+    """What each row is of, "step" or "cycle", by the columns that count them; None for samples.
+
+    What counts the rows of a log with short and equal intervals counts samples.
+    """
+    if len(table.row) < _FEWEST_ROWS or not columns.keys() & {"cycle", "step"}:
+        return None
+    is_new = np.zeros(len(table.row) - 1, bool)
+    for name in ("cycle", "step", "state"):
+        if name not in columns:
+            continue
+        cells = table.columns[columns[name].index]
+        if name != "state" and cells.dtype.is_numeric():
+            rises = cells.cast(pl.Float64).diff().drop_nulls()
+            if (rises % 1 > 0).any() or ((rises == 1).all() and _is_sampled(table, columns)):
+                continue
+        is_new |= cells[1:].ne_missing(cells[:-1]).to_numpy()
+        if name == "cycle" and is_new.mean() > _OF_CYCLES:
+            return name
+    return "step" if is_new.mean() > _OF_STEPS else None
+
+
+def _is_sampled(table: Table, columns: Mapping[str, Column]) -> bool:
+    """True if the clock shows short and nearly equal intervals."""
+    clock = columns.get("time") or columns.get("date")
+    if clock is None:
+        return False
+    interval_s = np.diff(numbers(table.columns[clock.index], clock))
+    usual_s = np.median(interval_s)
+    is_usual = np.abs(interval_s - usual_s) < 0.1 * usual_s
+    return bool(usual_s < _SAMPLED_S and is_usual.mean() > _OF_STEPS)
 
 
 def _is_cut_short(lines: Lines) -> bool:

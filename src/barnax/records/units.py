@@ -57,6 +57,8 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
     elif middle_v > _MODULE_V:
         cells = max(2, round(middle_v / _NOMINAL_V))
         samples = mended("voltage-unit.pack", 1 / cells, series=cells)
+    elif 0 < middle_v < _KILOVOLT_V and 1e3 * middle_v < CELL_RANGE_V[0]:
+        samples = mended("voltage-unit.open", 1.0)
     elif 0 < middle_v < _KILOVOLT_V and not is_given:
         samples = mended("voltage-unit.kilo", 1e3)
     return samples, findings

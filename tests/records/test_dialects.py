@@ -216,10 +216,10 @@ EXPORTS = {
     "German dates": ("Datum;Strom [A];Spannung [V]", "01.02.2026 1{clock};{ampere};{volt}"),
     "Chinese": ("总时间(s),电流(A),电压(V)", "{second},{ampere},{volt}"),
     "an index without a name": (f",{TIME},{CURRENT},{VOLTAGE}", "1,{second},{ampere},{volt}"),
-    # Of three electrodes, the cell has the voltage between two.
+    # Of three electrodes, Ewe is the voltage that an .mpr of the same record has too.
     "three electrodes": (
         "time/s\tEwe/V\tEce/V\tEwe-Ece/V\tI/A",
-        "{second}\t3.9\t0.1\t{volt}\t{ampere}",
+        "{second}\t{volt}\t0.1\t3.9\t{ampere}",
     ),
 }
 

@@ -191,7 +191,7 @@ def names_cell_voltage(name: str) -> bool:
 
 def _bare(header: Sequence[str]) -> set[str]:
     """The names as marks give them, each with its unit and without."""
-    names = {normal(name).replace(" (", "(") for name in header}
+    names = {re.sub("[<>]", "", normal(name)).replace(" (", "(") for name in header}
     return names | {re.split(r" *[(\[/#,]", name)[0] for name in names}
 
 

@@ -23,9 +23,10 @@ class Dialect:
 
     `names` gives a quantity's own names, from the most to the least specific; for the others the
     usual ones hold. A unit, in any spelling, may stand behind a name in the file; where none does,
-    "programmdauer=ms" says what it is. `sign` is what the make's currents mean as a rule, and
-    `logs_at_end` that a sample's current flowed before it. Names of a language are no make's, and
-    promise no sign.
+    "programmdauer=ms" says what it is. `sign` is what the make's currents mean as a rule, or always
+    where `is_sign_certain`, which only clear evidence outweighs. `logs_at_end` says that a sample's
+    current flowed before it, and `writes_zero_volts` that 0 V is no measurement. Names of a
+    language are no make's, and promise no sign.
     """
 
     name: str
@@ -34,6 +35,8 @@ class Dialect:
     sign: Sign = CHARGE
     logs_at_end: bool = False
     is_make: bool = True
+    is_sign_certain: bool = False
+    writes_zero_volts: bool = False
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -276,7 +279,9 @@ DIALECTS: tuple[Dialect, ...] = (
     # Text exports of EC-Lab and BT-Lab (.mpt, .txt), and .mpr by the extra `biologic`. Names stand
     # before a slash ("Ewe/V", "<I>/mA", "control/V/mA"). The clock runs from the start of the
     # acquisition, so that a file that goes on from another starts late. `dq` is the charge of the
-    # interval before the row; galvanostatic techniques store it in place of the current.
+    # interval before the row; galvanostatic techniques store it in place of the current. The
+    # voltage is Ewe, for an .mpr has no Ewe-Ece. EC-Lab exports an average voltage that was not
+    # recorded as 0 V.
     Dialect(
         "BioLogic",
         marks=(
@@ -292,7 +297,7 @@ DIALECTS: tuple[Dialect, ...] = (
             "step time": "step time",
             "current": "i",
             "charge of the interval": "dq",
-            "voltage": "ecell|ewe-ece|ewe|u",
+            "voltage": "ecell|ewe|ewe-ece|u",
             "temperature": "temperature",
             "step": "ns",
             "state": "",
@@ -301,6 +306,8 @@ DIALECTS: tuple[Dialect, ...] = (
             "discharging capacity": "",
             "net capacity": "(q-qo)|q-qo|q charge/discharge",
         },
+        is_sign_certain=True,
+        writes_zero_volts=True,
     ),
     # Of its names only that of the voltage is nobody else's.
     Dialect("PyBaMM", marks=("current [a] & terminal voltage [v]",), sign=DISCHARGE),

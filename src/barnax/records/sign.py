@@ -44,11 +44,11 @@ def decide_sign(
     """
     found = _from_data(samples)
     if given == "auto":
-        value = samples.dialect.sign
-        names = (
-            f"the data do not tell, and {samples.dialect.name} column names usually mean {value}"
-        )
+        make, value = samples.dialect, samples.dialect.sign
+        names = f"the data do not tell, and {make.name} column names usually mean {value}"
         decision = found or Decision(value, "assumed", names)
+        if make.is_sign_certain and decision.strength != "strong":
+            decision = Decision(value, "strong", f"{make.name} instruments write it so")
         return decision, _doubts(samples, decision)
     if found is None:
         return Decision(given, "given", "given by the user; the data do not show it"), []

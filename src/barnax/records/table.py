@@ -13,7 +13,7 @@ from jaxtyping import Bool, Int
 from ..errors import LONGEST_CELL, cut
 from ..notices import Notice, notice
 from .cell_values import DAY_S, dated_numbers, numbers
-from .columns import Column, normal, other_table
+from .columns import Column, dialect_of, normal, other_table
 from .counters import inner
 from .quantities import NEEDED
 from .record import OTHER_STATE
@@ -182,6 +182,11 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Notice]]:
         given = {"rows": impedance.sum(), "state": word or None}
         findings.append(found_at(lines, impedance, "cells.impedance", **given))
         is_good &= ~impedance
+    is_zero = lines.values.get("voltage", np.ones(len(lines))) == 0
+    if dialect_of(lines.table.header).writes_zero_volts and is_zero.any():
+        given = {"column": lines.header("voltage"), "rows": is_zero.sum()}
+        findings.append(found_at(lines, is_zero, "cells.zero-volts", **given))
+        is_good &= ~is_zero
     if _is_cut_short(lines):
         findings.append(found_at(lines, len(lines) - 1, "cells.cut-short"))
         is_good[-1] = False

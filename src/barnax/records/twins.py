@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ..notices import Notice
+from ..notices import Notice, notice
+from .column_rules import in_volts
 from .columns import Column, find_columns, likely_column, normal
 from .quantities import CELL_RANGE_V, QUANTITIES
 from .samples import Samples
@@ -39,6 +40,7 @@ def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
     table, rows = source.table, samples.row
     if len(table.sheets) > 1:
         return
+    yield from _electrode(source, samples)
     for name, own, judge in (
         ("voltage", samples.voltage_v, _voltages),
         ("current", samples.current_a, _scale),
@@ -53,6 +55,19 @@ def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
             values = lines.values[name][at]
             if np.isfinite(values).all() and np.ptp(values) > 0:
                 yield from judge(samples, own, values, column)
+
+
+def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:
+    """A note where the voltage is that of a working electrode, and the cell's is another."""
+    own = samples.header("voltage")
+    names = {re.sub("[<>]", "", normal(name)): name for name in source.table.header}
+    other = names.get("ewe-ece/v") or names.get("ece/v")
+    if other is None or "voltage" in source.columns or own != names.get("ewe/v"):
+        return
+    other_v = in_volts(source.table, other)[samples.at]
+    apart_v = np.abs(other_v if other == names.get("ece/v") else samples.voltage_v - other_v)
+    if np.any(apart_v > _SAME_V):
+        yield notice("twin-columns.electrode", own=own, apart_v=np.nanmax(apart_v))
 
 
 def _others(table: Table, name: str, own: Column) -> Iterator[Column]:

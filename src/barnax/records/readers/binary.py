@@ -8,18 +8,21 @@ whoever wants .mpr files read installs it, and it is loaded for them only.
 import io
 import itertools
 import logging
+import re
 import tempfile
+import warnings
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from logging.handlers import BufferingHandler
 from typing import Any
 
 import numpy as np
 import polars as pl
+from jaxtyping import Int
 
-from ...errors import InputError, reason_of
-from ...notices import notice
+from ...errors import InputError, cut, printable, reason_of
+from ...notices import Notice, notice
 from ..table import Reader, Table
 from .room import (
     NUMBER_BYTES,
@@ -31,6 +34,9 @@ from .room import (
 )
 
 Columns = Mapping[str, Any]
+_LONGEST_WARNING = 300
+# So many counts at one distance are those of records, which are so long; the next ones may be lost.
+_IN_A_ROW, _RECORD_BYTES, _NEXT = 5, range(20, 256), (2, 6)
 ZIP = b"PK\x03\x04"
 
 
@@ -44,17 +50,24 @@ def _as_file(content: bytes, suffix: str) -> Iterator[str]:
 
 
 @contextmanager
-def quieted(library: str) -> Iterator[list[logging.LogRecord]]:
-    """Keep from the terminal what the library logs meanwhile."""
+def quieted(library: str, notes: list[Notice] | None = None) -> Iterator[list[logging.LogRecord]]:
+    """Keep from the terminal what the library logs meanwhile; what it warns of goes to `notes`."""
     log = logging.getLogger(library)
     handler = BufferingHandler(10_000)
     was_propagating, log.propagate = log.propagate, False
     log.addHandler(handler)
     try:
-        yield handler.buffer
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", UserWarning)
+            yield handler.buffer
     finally:
         log.removeHandler(handler)
         log.propagate = was_propagating
+    caught = [warning for warning in caught if issubclass(warning.category, UserWarning)]
+    texts = dict.fromkeys(" ".join(str(warning.message).split()) for warning in caught)
+    if texts and notes is not None:
+        text = cut(printable("; ".join(texts)), _LONGEST_WARNING)
+        notes.append(notice("columns.library", library=library, text=text))
 
 
 def _read_parquet(content: bytes, file: str, given: Mapping[str, str]) -> Table:
@@ -107,6 +120,40 @@ def _told_length(content: bytes) -> int:
     return max((end for _, end in ends), default=0)
 
 
+def _lost_row(content: bytes, counts: Int[np.ndarray, "rows"]) -> int | None:
+    """The first row that is missing by the file's own counter, if one is.
+
+    What stands behind bytes too many or too few is not read, but its counts go on in the content
+    behind the last that is read, as far apart as before.
+    """
+    steps = np.flatnonzero(np.diff(counts) != 1)
+    if len(steps):
+        return int(counts[steps[0]]) + 1
+
+    def places(count: int) -> set[int]:
+        return {at.start() for at in re.finditer(re.escape(count.to_bytes(4, "little")), content)}
+
+    def runs(count: int, lengths: Iterable[int]) -> Iterator[tuple[int, int]]:
+        """Where that count and the next ones stand at one distance, and the distance."""
+        start, *others = (places(count + k) for k in range(_IN_A_ROW))
+        for length in lengths:
+            for at in start:
+                if all(at + k * length in other for k, other in enumerate(others, 1)):
+                    yield at, length
+
+    first, last = int(counts[0]), int(counts[-1])
+    latest = runs(max(last + 1 - _IN_A_ROW, first), _RECORD_BYTES)
+    length = min((length for _, length in latest), default=0)
+    # A clock in seconds counts too, behind the counter in its record.
+    begin = min((at for at, _ in runs(first, [length])), default=None) if length else None
+    if begin is None:
+        return None
+    ends = [at for at in places(last) if (at - begin) % length == 0]
+    end = max(ends, default=begin + (last - first) * length)
+    later = itertools.chain.from_iterable(runs(last + k, [length]) for k in _NEXT)
+    return last + 1 if any(at > end for at, _ in later) else None
+
+
 def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     # Of the formats only this one needs it, and it takes long to load.
     import fastnda
@@ -122,30 +169,43 @@ def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         f"{file}: the {suffix} file is damaged, cut short or of an unknown version; export the "
         "record as CSV from BTSDA."
     )
+    notes = list[Notice]()
     with refusing(damaged):
         if suffix == ".ndax":
             with zipfile.ZipFile(io.BytesIO(content)) as packed:
                 parts = unpacked(packed, packed.infolist())
                 require_room_to_unpack(parts, content, file)
-        with _as_file(content, suffix) as path, quieted("fastnda") as told:
+        with _as_file(content, suffix) as path, quieted("fastnda", notes) as told:
             frame = fastnda.read(path, cycle_mode="auto")
     if not frame.height:
         raise InputError(f"{file}: this Neware file has no samples; give another.")
-    is_damaged = any(record.exc_info for record in told)
-    notes = (notice("columns.damaged-part"),) if is_damaged else ()
+    if lost := _lost_row(content, frame["index"].cast(pl.Int64).to_numpy()):
+        raise InputError(
+            f"{file}: the {suffix} file is damaged: by its own counter of rows, some are missing "
+            f"from row {lost} on; copy it again from the tester's computer."
+        )
+    if any(record.exc_info for record in told):
+        notes.append(notice("columns.damaged-part"))
     columns = [
         column.cast(pl.String) if column.dtype == pl.Categorical else column
         for column in frame.get_columns()
     ]
     rows = np.arange(2, frame.height + 2)
-    return Table(tuple(frame.columns), tuple(columns), rows, notes=notes, has_known_units=True)
+    return Table(
+        tuple(frame.columns), tuple(columns), rows, notes=tuple(notes), has_known_units=True
+    )
 
 
 NEWARE = Reader("Neware .nda or .ndax", _is_neware, _read_neware)
 
 
 def _by_package(
-    name: str, start: bytes, extra: str, export: str, parse: Callable[[bytes], Columns]
+    name: str,
+    start: bytes,
+    package: str,
+    extra: str,
+    export: str,
+    parse: Callable[[bytes], Columns],
 ):
     """A reader of content that holds `start` near its beginning, by the package of an extra."""
 
@@ -154,17 +214,20 @@ def _by_package(
 
     def read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         del given
-        article = "an" if name[0] in "AEIOU" else "a"
-        with refusing(
+        article, notes = "an" if name[0] in "AEIOU" else "a", list[Notice]()
+        damaged = (
             f"{file}: the {name} file is damaged, cut short or of an unknown version; export "
-            f"the record as {export}.",
+            f"the record as {export}."
+        )
+        missing = (
             f"{file}: this is {article} {name} file; install the package that reads it with "
-            f"pip install 'barnax[{extra}]', or export the record as {export}.",
-        ):
+            f"pip install 'barnax[{extra}]', or export the record as {export}."
+        )
+        with refusing(damaged, missing), quieted(package, notes):
             columns = parse(content)
         series = tuple(pl.Series(key, np.array(values)) for key, values in columns.items())
         rows = np.arange(2, len(series[0]) + 2)
-        return Table(tuple(columns), series, rows, has_known_units=True)
+        return Table(tuple(columns), series, rows, notes=tuple(notes), has_known_units=True)
 
     return Reader(name, recognizes, read)
 
@@ -189,6 +252,7 @@ def _parse_res(content: bytes) -> Columns:
 BIOLOGIC_MPR = _by_package(
     "BioLogic .mpr",
     b"BIO-LOGIC MODULAR FILE",
+    "galvani",
     "biologic",
     "text (.mpt) from EC-Lab or BT-Lab",
     _parse_mpr,
@@ -196,6 +260,7 @@ BIOLOGIC_MPR = _by_package(
 ARBIN_RES = _by_package(
     "Arbin .res",
     b"Standard Jet DB",
+    "access_parser",
     "arbin",
     "a workbook or CSV from Arbin's Data Watcher",
     _parse_res,

@@ -225,18 +225,6 @@ def names_record(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> b
     return "voltage" in found and bool(found & _CURRENTS) and bool(found & _CLOCKS)
 
 
-def joined_names(
-    above: Sequence[str], header: Sequence[str], given: Mapping[str, str] = NOTHING
-) -> tuple[str, ...]:
-    """The names of two rows as one: the upper's where the lower names no quantity."""
-    if len(above) != len(header):
-        return tuple(header)
-    lower, upper = (
-        {column.index for column in columns_of(names, given).values()} for names in (header, above)
-    )
-    return tuple(above[k] if k in upper - lower else name for k, name in enumerate(header))
-
-
 def with_units(
     header: Sequence[str], below: Sequence[str], given: Mapping[str, str] = NOTHING
 ) -> tuple[tuple[str, ...], bool]:

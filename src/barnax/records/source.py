@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any
+from warnings import catch_warnings
 
 import numpy as np
 import polars as pl
@@ -31,6 +32,7 @@ _CONTENT = {
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("a workbook of the kind before OOXML", (".xls",)),
     b"PAR1": ("a Parquet table", (".parquet", ".pq")),
 }
+_LONGEST_WARNING = 200
 # A voltage that no cell has.
 _MAX_IN_SERIES, _LEAST_CELL_V = 1000, 1.0
 
@@ -115,9 +117,13 @@ def read_source(
     # The hash of a large file takes a tenth of the time, and lets another thread work.
     with ThreadPoolExecutor(1) as beside:
         hashing = beside.submit(lambda: hashlib.sha256(content).hexdigest())
-        table = read_table(content, name, given)
+        with catch_warnings(record=True, action="always", category=UserWarning) as caught:
+            table = read_table(content, name, given)
         sha256 = hashing.result()
     found = examine_suffix(name, content)
+    texts = dict.fromkeys(cut(printable(str(one.message)), _LONGEST_WARNING) for one in caught)
+    notes = (*table.notes, *(notice("format.library", text=text) for text in texts))
+    table = replace(table, notes=notes)
     return _clean(Source(name, table, sha256, found, given, series=series))
 
 

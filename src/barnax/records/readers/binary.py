@@ -10,7 +10,6 @@ import itertools
 import logging
 import re
 import tempfile
-import warnings
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,8 +20,8 @@ import numpy as np
 import polars as pl
 from jaxtyping import Int
 
-from ...errors import InputError, cut, printable, reason_of
-from ...notices import Notice, notice
+from ...errors import InputError, reason_of
+from ...notices import notice
 from ..table import Reader, Table
 from .room import (
     NUMBER_BYTES,
@@ -34,8 +33,7 @@ from .room import (
 )
 
 Columns = Mapping[str, Any]
-_LONGEST_WARNING = 300
-# So many counts at one distance are those of records, which are so long; the next ones may be lost.
+# So many counts at one distance are those of records, so many bytes long; the next may be lost.
 _IN_A_ROW, _RECORD_BYTES, _NEXT = 5, range(20, 256), (2, 6)
 ZIP = b"PK\x03\x04"
 
@@ -50,24 +48,17 @@ def _as_file(content: bytes, suffix: str) -> Iterator[str]:
 
 
 @contextmanager
-def quieted(library: str, notes: list[Notice] | None = None) -> Iterator[list[logging.LogRecord]]:
-    """Keep from the terminal what the library logs meanwhile; what it warns of goes to `notes`."""
+def quieted(library: str) -> Iterator[list[logging.LogRecord]]:
+    """Keep from the terminal what the library logs meanwhile."""
     log = logging.getLogger(library)
     handler = BufferingHandler(10_000)
     was_propagating, log.propagate = log.propagate, False
     log.addHandler(handler)
     try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", UserWarning)
-            yield handler.buffer
+        yield handler.buffer
     finally:
         log.removeHandler(handler)
         log.propagate = was_propagating
-    caught = [warning for warning in caught if issubclass(warning.category, UserWarning)]
-    texts = dict.fromkeys(" ".join(str(warning.message).split()) for warning in caught)
-    if texts and notes is not None:
-        text = cut(printable("; ".join(texts)), _LONGEST_WARNING)
-        notes.append(notice("columns.library", library=library, text=text))
 
 
 def _read_parquet(content: bytes, file: str, given: Mapping[str, str]) -> Table:
@@ -136,22 +127,20 @@ def _lost_row(content: bytes, counts: Int[np.ndarray, "rows"]) -> int | None:
     def runs(count: int, lengths: Iterable[int]) -> Iterator[tuple[int, int]]:
         """Where that count and the next ones stand at one distance, and the distance."""
         start, *others = (places(count + k) for k in range(_IN_A_ROW))
-        for length in lengths:
-            for at in start:
-                if all(at + k * length in other for k, other in enumerate(others, 1)):
-                    yield at, length
+        for length, at in itertools.product(lengths, start):
+            if all(at + k * length in other for k, other in enumerate(others, 1)):
+                yield length, at
 
     first, last = int(counts[0]), int(counts[-1])
-    latest = runs(max(last + 1 - _IN_A_ROW, first), _RECORD_BYTES)
-    length = min((length for _, length in latest), default=0)
+    length, _ = min(runs(max(last + 1 - _IN_A_ROW, first), _RECORD_BYTES), default=(0, 0))
     # A clock in seconds counts too, behind the counter in its record.
-    begin = min((at for at, _ in runs(first, [length])), default=None) if length else None
+    _, begin = min(runs(first, [length] if length else []), default=(0, None))
     if begin is None:
         return None
     ends = [at for at in places(last) if (at - begin) % length == 0]
     end = max(ends, default=begin + (last - first) * length)
     later = itertools.chain.from_iterable(runs(last + k, [length]) for k in _NEXT)
-    return last + 1 if any(at > end for at, _ in later) else None
+    return last + 1 if any(at > end for _, at in later) else None
 
 
 def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
@@ -169,13 +158,12 @@ def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         f"{file}: the {suffix} file is damaged, cut short or of an unknown version; export the "
         "record as CSV from BTSDA."
     )
-    notes = list[Notice]()
     with refusing(damaged):
         if suffix == ".ndax":
             with zipfile.ZipFile(io.BytesIO(content)) as packed:
                 parts = unpacked(packed, packed.infolist())
                 require_room_to_unpack(parts, content, file)
-        with _as_file(content, suffix) as path, quieted("fastnda", notes) as told:
+        with _as_file(content, suffix) as path, quieted("fastnda") as told:
             frame = fastnda.read(path, cycle_mode="auto")
     if not frame.height:
         raise InputError(f"{file}: this Neware file has no samples; give another.")
@@ -184,28 +172,21 @@ def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
             f"{file}: the {suffix} file is damaged: by its own counter of rows, some are missing "
             f"from row {lost} on; copy it again from the tester's computer."
         )
-    if any(record.exc_info for record in told):
-        notes.append(notice("columns.damaged-part"))
+    is_damaged = any(record.exc_info for record in told)
+    notes = (notice("columns.damaged-part"),) if is_damaged else ()
     columns = [
         column.cast(pl.String) if column.dtype == pl.Categorical else column
         for column in frame.get_columns()
     ]
     rows = np.arange(2, frame.height + 2)
-    return Table(
-        tuple(frame.columns), tuple(columns), rows, notes=tuple(notes), has_known_units=True
-    )
+    return Table(tuple(frame.columns), tuple(columns), rows, notes=notes, has_known_units=True)
 
 
 NEWARE = Reader("Neware .nda or .ndax", _is_neware, _read_neware)
 
 
 def _by_package(
-    name: str,
-    start: bytes,
-    package: str,
-    extra: str,
-    export: str,
-    parse: Callable[[bytes], Columns],
+    name: str, start: bytes, extra: str, export: str, parse: Callable[[bytes], Columns]
 ):
     """A reader of content that holds `start` near its beginning, by the package of an extra."""
 
@@ -214,20 +195,17 @@ def _by_package(
 
     def read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         del given
-        article, notes = "an" if name[0] in "AEIOU" else "a", list[Notice]()
-        damaged = (
+        article = "an" if name[0] in "AEIOU" else "a"
+        with refusing(
             f"{file}: the {name} file is damaged, cut short or of an unknown version; export "
-            f"the record as {export}."
-        )
-        missing = (
+            f"the record as {export}.",
             f"{file}: this is {article} {name} file; install the package that reads it with "
-            f"pip install 'barnax[{extra}]', or export the record as {export}."
-        )
-        with refusing(damaged, missing), quieted(package, notes):
+            f"pip install 'barnax[{extra}]', or export the record as {export}.",
+        ):
             columns = parse(content)
         series = tuple(pl.Series(key, np.array(values)) for key, values in columns.items())
         rows = np.arange(2, len(series[0]) + 2)
-        return Table(tuple(columns), series, rows, notes=tuple(notes), has_known_units=True)
+        return Table(tuple(columns), series, rows, has_known_units=True)
 
     return Reader(name, recognizes, read)
 
@@ -252,7 +230,6 @@ def _parse_res(content: bytes) -> Columns:
 BIOLOGIC_MPR = _by_package(
     "BioLogic .mpr",
     b"BIO-LOGIC MODULAR FILE",
-    "galvani",
     "biologic",
     "text (.mpt) from EC-Lab or BT-Lab",
     _parse_mpr,
@@ -260,7 +237,6 @@ BIOLOGIC_MPR = _by_package(
 ARBIN_RES = _by_package(
     "Arbin .res",
     b"Standard Jet DB",
-    "access_parser",
     "arbin",
     "a workbook or CSV from Arbin's Data Watcher",
     _parse_res,

@@ -19,14 +19,7 @@ from jaxtyping import Bool
 from ...errors import InputError, counted
 from ...notices import Notice, notice
 from ..cell_values import numbers, without_groups
-from ..columns import (
-    columns_of,
-    is_ocv_table,
-    joined_names,
-    names_record,
-    other_table,
-    with_units,
-)
+from ..columns import Column, columns_of, is_ocv_table, names_record, other_table, with_units
 from ..quantities import CELL_RANGE_V, NEEDED
 from ..table import Reader, Table
 from .encoding import PREAMBLE_BYTES, as_utf8, head_lines, is_text, require_lines
@@ -76,7 +69,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     blank = next((k for k, line in enumerate(lines[lead:]) if line.strip()), 0)
     below = "".join(lines[lead + blank : lead + blank + 1])
     header, has_units = with_units(layout.header, _cells(below, layout.delimiter), given)
-    _refuse_split_numbers(lines[lead:], layout, file, given)
+    _refuse_split_numbers(lines[lead:], layout, columns_of(header, given), file)
     if has_units:
         lead += blank + 1
     delimiter, above = layout.delimiter, lead
@@ -110,16 +103,15 @@ def _within_the_names(table: Table, file: str, given: Mapping[str, str]) -> Tabl
     if beyond.null_count() == len(beyond):
         return table
     wide = np.flatnonzero(beyond.is_not_null())
-    are_words = not any(column.dtype.is_numeric() for column in columns)
-    if are_words and not columns_of(table.header, given):
+    found = columns_of(table.header, given)
+    if not any(column.dtype.is_numeric() for column in columns) and not found:
         raise InputError(
             f"{file}: no row of names with numbers below, so this is no table of measurements; "
             "export the record as CSV, Parquet or a workbook."
         )
     where, names = f"{file}: row {table.row[wide[0]]}", len(table.header)
     if len(wide) > 0.5 * len(table.row):
-        shifted = [*columns[1:], beyond]
-        if _fits(table.header, columns, given) and not _fits(table.header, shifted, given):
+        if _fits(found, columns) and not _fits(found, [*columns[1:], beyond]):
             return replace(table, notes=(*table.notes, notice("columns.more-cells", names=names)))
         raise InputError(
             f"{where}: the rows have more cells than the {names} names in row {table.names_row}, "
@@ -132,9 +124,8 @@ def _within_the_names(table: Table, file: str, given: Mapping[str, str]) -> Tabl
     )
 
 
-def _fits(header: Sequence[str], columns: Sequence[pl.Series], given: Mapping[str, str]) -> bool:
+def _fits(found: Mapping[str, Column], columns: Sequence[pl.Series]) -> bool:
     """True if the columns are what the names say: a clock that runs, and the voltage of a cell."""
-    found = columns_of(header, given)
     clock = found.get("time") or found.get("date") or found.get("step time")
     if clock is None or "voltage" not in found:
         return True
@@ -152,7 +143,7 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
 
     Some testers write what was tested, by whom and when above their table.
     """
-    fallback, most, before = None, 1, ()
+    fallback, most = None, 1
     for above, line in enumerate(lines):
         # Rows of numbers name nothing, unless names are given, which may be numbers too.
         is_of_numbers = fallback is not None and not given and not any(map(str.isalpha, line))
@@ -161,11 +152,9 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
         delimiter, header = _names(line, given)
         if len(header) == 1 or delimiter not in line:
             delimiter, header = _BLANK, _blank_cells(line, given)
-        joined, before = joined_names(before, header, given), header
-        found = _Layout(above, joined, delimiter)
-        if names_record(joined, given) or is_ocv_table(header, given) or other_table(header):
+        found = _Layout(above, header, delimiter)
+        if names_record(header, given) or is_ocv_table(header, given) or other_table(header):
             return found
-        found = replace(found, header=header)
         named = len(columns_of(header, given).keys() & NEEDED)
         if fallback is None or named > most:
             fallback, most = found, max(named, most)
@@ -229,7 +218,7 @@ def _without_repeats(content: bytes, above: int) -> tuple[bytes, list[tuple[int,
 
 
 def _refuse_split_numbers(
-    lines: list[str], layout: _Layout, file: str, given: Mapping[str, str]
+    lines: list[str], layout: _Layout, found: Mapping[str, Column], file: str
 ) -> None:
     """Raise InputError where commas between cells cut numbers with decimal commas in two.
 
@@ -242,8 +231,7 @@ def _refuse_split_numbers(
     more = width - len(header)
     if layout.delimiter != "," or not 0 < more <= len(header):
         return
-    shifted = _series([row[more:] for row in rows])
-    if "voltage" not in columns_of(header, given) or _fits(header, shifted, given):
+    if "voltage" not in found or _fits(found, _series([row[more:] for row in rows])):
         return
     cut = [
         k
@@ -257,7 +245,7 @@ def _refuse_split_numbers(
             "".join(cell + ("." if k in chosen else ",") for k, cell in enumerate(row)).split(",")
             for row in rows
         ]
-        if _fits(header, _series(joined), given):
+        if _fits(found, _series(joined)):
             at = chosen[-1]
             raise InputError(
                 f"{file}: row {place}: the rows have more cells than the {len(header)} names: "

@@ -17,7 +17,7 @@ import polars as pl
 from ...errors import InputError, cut, listed
 from ...notices import notice
 from ..cell_values import numbers
-from ..columns import columns_of, is_ocv_table, joined_names, names_record, with_units
+from ..columns import columns_of, is_ocv_table, names_record, with_units
 from ..quantities import NEEDED
 from ..table import Reader, Table
 from .binary import quieted
@@ -93,10 +93,9 @@ def _names(workbook: fastexcel.ExcelReader, name: str, given: Mapping[str, str])
     rows, height = sheet.to_polars().rows(), sheet.total_height
     headers = [tuple("" if cell is None else cell for cell in row) for row in rows]
     for above, header in enumerate(headers):
-        joined = joined_names(headers[above - 1], header, given) if above else header
-        if names_record(joined, given) or is_ocv_table(header, given):
+        if names_record(header, given) or is_ocv_table(header, given):
             below = headers[above + 1] if above + 1 < len(headers) else ()
-            names, has_units = with_units(joined, below, given)
+            names, has_units = with_units(header, below, given)
             return _Names(above, names, 1 + has_units, height)
     return _Names(0, headers[0] if headers else (), height=height)
 

@@ -227,6 +227,9 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Notice]]:
             continue
         findings.append(notice("cells.not-whole", column=lines.columns[name].header))
         lines = lines.without(name)
+    if len(lines) and np.all(lines.values.get("state", 0) == OTHER_STATE):
+        given = {"column": lines.header("state"), "stands": str(lines.cell("state", 0))}
+        findings.append(found_at(lines, 0, "cells.state-words", **given))
     return lines, findings
 
 

@@ -103,7 +103,7 @@ LINE_ENDS = {
     "CR, the last CR LF": lambda text: text[:-1].replace(b"\n", b"\r") + b"\r\n",
     "CR below a line with CR LF": lambda text: b"Logger 5\r\n" + text.replace(b"\n", b"\r"),
     "CR CR LF": lambda text: text.replace(b"\n", b"\r\r\n"),
-    "zeros before line ends": lambda text: text.replace(b"\n", b"\0\0\n"),
+    "a zero before each line end": lambda text: text.replace(b"\n", b"\0\n"),
     "a block of zeros between lines": lambda text: text.replace(
         b"\n99.0", b"\n" + bytes(512) + b"\n99.0"
     ),

@@ -94,24 +94,6 @@ def _plain(text: pl.Series) -> pl.Series:
     return text.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
 
 
-_SPELLS_NUMBER = r"^\s*[+\-\u2212]?\d[\d., \u00a0\u202f'\u2019]*([eE][+-]?\d+)?\s*$"
-
-
-def settled(columns: Sequence[pl.Series]) -> tuple[pl.Series, ...]:
-    """The columns, those of text as numbers where every cell spells one."""
-    return tuple(map(_settled, columns))
-
-
-def _settled(column: pl.Series) -> pl.Series:
-    first = column.drop_nulls().head(1)
-    # Most columns of text begin with a word or a clock, and a file may have millions of cells.
-    if first.dtype != pl.String or not first.str.contains(_SPELLS_NUMBER).any():
-        return column
-    plain = _plain(column)
-    is_whole = plain.null_count() == column.null_count() and plain.is_finite().all()
-    return plain if is_whole else column
-
-
 # Blanks and apostrophes between thousands.
 _GROUPS = "(\\d)[ \u00a0\u202f'\u2019](\\d{3})"
 
@@ -122,8 +104,11 @@ def _groups_thousands(with_comma: pl.Series, plain: pl.Series) -> bool:
     return bool(are_groups) and (plain.abs().max() or 0) >= 100  # type: ignore[operator]
 
 
-def without_groups(columns: list[pl.Series]) -> list[pl.Series]:
-    """The columns, "1,005" as a thousand where points in other columns are the decimal mark."""
+def settled(columns: Sequence[pl.Series]) -> tuple[pl.Series, ...]:
+    """The columns, those of text as numbers where every cell spells one.
+
+    "1,005" is a thousand where points in other columns are the decimal mark.
+    """
     grouped = [
         column.dtype == pl.String
         and bool(column.drop_nulls().head(1).str.contains(r"^[\s\d.,+-]+$").any())
@@ -131,12 +116,25 @@ def without_groups(columns: list[pl.Series]) -> list[pl.Series]:
         and with_comma.str.contains(r"^\s*[+-]?[1-9]\d{0,2}(,\d{3})+\s*$").all()
         for column in columns
     ]
-    if not any(grouped) or not any(map(_has_points, columns)):
-        return columns
-    return [
-        column.str.replace_all(",", "", literal=True) if is_grouped else column
-        for column, is_grouped in zip(columns, grouped, strict=True)
-    ]
+    if any(grouped) and any(map(_has_points, columns)):
+        columns = [
+            column.str.replace_all(",", "", literal=True) if is_grouped else column
+            for column, is_grouped in zip(columns, grouped, strict=True)
+        ]
+    return tuple(map(_settled, columns))
+
+
+_SPELLS_NUMBER = r"^\s*[+\-\u2212]?\d[\d., \u00a0\u202f'\u2019]*([eE][+-]?\d+)?\s*$"
+
+
+def _settled(column: pl.Series) -> pl.Series:
+    first = column.drop_nulls().head(1)
+    # Most columns of text begin with a word or a clock, and a file may have millions of cells.
+    if first.dtype != pl.String or not first.str.contains(_SPELLS_NUMBER).any():
+        return column
+    plain = _plain(column)
+    is_whole = plain.null_count() == column.null_count() and plain.is_finite().all()
+    return plain if is_whole else column
 
 
 _LOOKED_AT, _WITH_POINT = 1000, r"^\s*[+-]?\d[\d,]*\.\d+\s*$"

@@ -227,9 +227,10 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Notice]]:
             continue
         findings.append(notice("cells.not-whole", column=lines.columns[name].header))
         lines = lines.without(name)
-    if len(lines) and np.all(lines.values.get("state", 0) == OTHER_STATE):
-        given = {"column": lines.header("state"), "stands": str(lines.cell("state", 0))}
-        findings.append(found_at(lines, 0, "cells.state-words", **given))
+    state = lines.values.get("state", np.zeros(0))
+    if np.any(is_other := state == OTHER_STATE) and not np.any(np.abs(state) == 1):
+        given = {"column": lines.header("state"), "word": lines.cell("state", is_other.argmax())}
+        findings.append(found_at(lines, is_other, "cells.state-words", **given))
     return lines, findings
 
 

@@ -11,7 +11,7 @@ PREAMBLE_BYTES, _PREAMBLE_LINES, _LONGEST_LINE = 400_000, 2000, 1_000_000
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 # The number of stray zero bytes that text may have beside bytes that are none of its own, and a
 # block of them within a line.
-_STRAY_ZEROS, _LOST = 4, re.compile(rb"(?<=[^\r\n\0])\0{2,}(?=[^\r\n\0])")
+_STRAY_ZEROS, _LOST = 4, re.compile(rb"(?<![\r\n\0])\0{2,}|\0{2,}(?!\0*$|[\r\n\0])")
 _NO_TEXT = re.compile(rb"[\x01-\x08\x0e-\x1f]")
 # Words that tell a text in the encodings of Chinese, Japanese and Korean computers: voltage,
 # current, discharge.
@@ -57,13 +57,14 @@ def as_utf8(content: bytes, file: str) -> bytes:
                 f"{file}: starts as UTF-16 text but does not continue as such; save it as UTF-8."
             ) from error
     # Joined files have more than one mark.
-    content = content.replace(codecs.BOM_UTF8, b"").rstrip(b"\0")
+    content = content.replace(codecs.BOM_UTF8, b"")
     for encoding, words in _TELLTALES.items():
         if any(word.encode(encoding) in content[:PREAMBLE_BYTES] for word in words):
             content = content.decode(encoding, "replace").encode()
             break
     if b"\0" in content:
-        if lost := _LOST.search(content):
+        lost = _LOST.search(content)
+        if lost and not _NO_TEXT.search(content[:PREAMBLE_BYTES]):
             raise InputError(
                 f"{file}: row {content.count(10, 0, lost.start()) + 1} has "
                 f"{counted(len(lost[0]), 'zero byte')} in place of what was written, as after a "

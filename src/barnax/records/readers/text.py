@@ -18,7 +18,7 @@ from jaxtyping import Bool
 
 from ...errors import InputError, counted
 from ...notices import Notice, notice
-from ..cell_values import numbers, without_groups
+from ..cell_values import numbers
 from ..columns import Column, columns_of, is_ocv_table, names_record, other_table, with_units
 from ..quantities import CELL_RANGE_V, NEEDED
 from ..table import Reader, Table
@@ -293,8 +293,8 @@ def _columns(
             # Without a copy of the content, and nothing beyond the names.
             frame = parsed(text, {name: guessed[name] for name in names[:-1]}, skip_lines=above)
             beyond = pl.lit(None, pl.String).alias(names[-1])
-            return without_groups(frame.with_columns(beyond).get_columns())
-        return without_groups(of_any_width(guessed))
+            return frame.with_columns(beyond).get_columns()
+        return of_any_width(guessed)
     # A word among the numbers, or a quote within a cell: as text, a message can quote it.
     try:
         columns = of_any_width(dict.fromkeys(names, pl.String))
@@ -303,7 +303,7 @@ def _columns(
             f"{file}: cannot be split into columns at {delimiter!r}; export it as plain CSV without"
             " quotes inside cells."
         ) from error
-    return without_groups([column.str.strip_chars().replace("", None) for column in columns])
+    return [column.str.strip_chars().replace("", None) for column in columns]
 
 
 def _guessed(content: bytes, names: list[str], delimiter: str) -> Schema:

@@ -37,7 +37,7 @@ TIMES, AMPS, VOLTS = (FRAME[name].to_numpy() for name in (TIME, CURRENT, VOLTAGE
 needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="needs the shared cases")
 
 
-def require_the_record(record, rows=slice(None)):
+def require_the_record(record, rows: slice | np.ndarray = slice(None)):
     np.testing.assert_array_equal(record.time_s, TIMES[rows])
     np.testing.assert_allclose(record.current_a, -AMPS[rows], atol=1e-12)
     np.testing.assert_allclose(record.voltage_v, VOLTS[rows], atol=1e-12)

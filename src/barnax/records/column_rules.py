@@ -85,15 +85,13 @@ def examine_columns(
     if what and (is_mostly or not names_record(table.header, given)):
         raise notice("columns.no-record", file, table=what).error(".")
     found = columns_of(table.header, given)
-    if counted := one_row_a(table, found):
-        raise notice("columns.no-record", file, table=f"a table of one row a {counted}").error(".")
     wrong = list(_not_there(table, found, given))
+    if counted := one_row_a(table, found):
+        wrong.insert(0, notice("columns.no-record", table=f"a table of one row a {counted}"))
     is_like = any(q.name in found or likely_names(q, table.header) for q in REQUIRED)
     is_nameless = _is_nameless(table, is_like)
     if not is_like and not is_nameless:
-        if wrong:
-            raise wrong[0].about(file).error(".")
-        raise _no_record(table, given).about(file).error(".")
+        raise [*wrong, _no_record(table, given)][0].about(file).error(".")
     findings = [*table.notes, *wrong]
     for name in found.keys() & CLOCKS:
         # Numbers that are dates tell their unit by their size.

@@ -182,7 +182,7 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Notice]]:
         given = {"rows": impedance.sum(), "state": word or None}
         findings.append(found_at(lines, impedance, "cells.impedance", **given))
         is_good &= ~impedance
-    is_zero = lines.values.get("voltage", np.ones(len(lines))) == 0
+    is_zero = is_good & (lines.values.get("voltage", 1) == 0)
     if dialect_of(lines.table.header).writes_zero_volts and is_zero.any():
         given = {"column": lines.header("voltage"), "rows": is_zero.sum()}
         findings.append(found_at(lines, is_zero, "cells.zero-volts", **given))
@@ -229,7 +229,10 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Notice]]:
         lines = lines.without(name)
     state = lines.values.get("state", np.zeros(0))
     if np.any(is_other := state == OTHER_STATE) and not np.any(np.abs(state) == 1):
-        given = {"column": lines.header("state"), "word": lines.cell("state", is_other.argmax())}
+        given = {
+            "column": lines.header("state"),
+            "word": str(lines.cell("state", is_other.argmax())),
+        }
         findings.append(found_at(lines, is_other, "cells.state-words", **given))
     return lines, findings
 

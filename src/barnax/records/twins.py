@@ -59,15 +59,15 @@ def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
 
 def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:
     """A note where the voltage is that of a working electrode, and the cell's is another."""
-    own = samples.header("voltage")
+    column = samples.header("voltage")
     names = {re.sub("[<>]", "", normal(name)): name for name in source.table.header}
     other = names.get("ewe-ece/v") or names.get("ece/v")
-    if other is None or "voltage" in source.columns or own != names.get("ewe/v"):
+    if other is None or "voltage" in source.columns or column != names.get("ewe/v"):
         return
     other_v = in_volts(source.table, other)[samples.at]
     apart_v = np.abs(other_v if other == names.get("ece/v") else samples.voltage_v - other_v)
     if np.any(apart_v > _SAME_V):
-        yield notice("twin-columns.electrode", own=own, apart_v=np.nanmax(apart_v))
+        yield notice("twin-columns.electrode", column=column, apart_v=np.nanmax(apart_v))
 
 
 def _others(table: Table, name: str, own: Column) -> Iterator[Column]:

@@ -121,12 +121,12 @@ def _lost_row(content: bytes, counts: Int[np.ndarray, "rows"]) -> int | None:
     if len(steps):
         return int(counts[steps[0]]) + 1
 
-    def places(count: int) -> set[int]:
+    def positions(count: int) -> set[int]:
         return {at.start() for at in re.finditer(re.escape(count.to_bytes(4, "little")), content)}
 
     def runs(count: int, lengths: Iterable[int]) -> Iterator[tuple[int, int]]:
         """Where that count and the next ones stand at one distance, and the distance."""
-        start, *others = (places(count + k) for k in range(_IN_A_ROW))
+        start, *others = (positions(count + k) for k in range(_IN_A_ROW))
         for length, at in itertools.product(lengths, start):
             if all(at + k * length in other for k, other in enumerate(others, 1)):
                 yield length, at
@@ -137,7 +137,7 @@ def _lost_row(content: bytes, counts: Int[np.ndarray, "rows"]) -> int | None:
     _, begin = min(runs(first, [length] if length else []), default=(0, None))
     if begin is None:
         return None
-    ends = [at for at in places(last) if (at - begin) % length == 0]
+    ends = [at for at in positions(last) if (at - begin) % length == 0]
     end = max(ends, default=begin + (last - first) * length)
     later = itertools.chain.from_iterable(runs(last + k, [length]) for k in _NEXT)
     return last + 1 if any(at > end for _, at in later) else None

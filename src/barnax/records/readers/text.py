@@ -103,15 +103,15 @@ def _within_the_names(table: Table, file: str, given: Mapping[str, str]) -> Tabl
     if beyond.null_count() == len(beyond):
         return table
     wide = np.flatnonzero(beyond.is_not_null())
-    found = columns_of(table.header, given)
-    if not any(column.dtype.is_numeric() for column in columns) and not found:
+    named = columns_of(table.header, given)
+    if not any(column.dtype.is_numeric() for column in columns) and not named:
         raise InputError(
             f"{file}: no row of names with numbers below, so this is no table of measurements; "
             "export the record as CSV, Parquet or a workbook."
         )
     where, names = f"{file}: row {table.row[wide[0]]}", len(table.header)
     if len(wide) > 0.5 * len(table.row):
-        if _fits(found, columns) and not _fits(found, [*columns[1:], beyond]):
+        if _fits(named, columns) and not _fits(named, [*columns[1:], beyond]):
             return replace(table, notes=(*table.notes, notice("columns.more-cells", names=names)))
         raise InputError(
             f"{where}: the rows have more cells than the {names} names in row {table.names_row}, "
@@ -124,14 +124,14 @@ def _within_the_names(table: Table, file: str, given: Mapping[str, str]) -> Tabl
     )
 
 
-def _fits(found: Mapping[str, Column], columns: Sequence[pl.Series]) -> bool:
+def _fits(named: Mapping[str, Column], columns: Sequence[pl.Series]) -> bool:
     """True if the columns are what the names say: a clock that runs, and the voltage of a cell."""
-    clock = found.get("time") or found.get("date") or found.get("step time")
-    if clock is None or "voltage" not in found:
+    clock = named.get("time") or named.get("date") or named.get("step time")
+    if clock is None or "voltage" not in named:
         return True
     time, voltage = (
         numbers(columns[column.index].head(_GUESSED_LINES), column)
-        for column in (clock, found["voltage"])
+        for column in (clock, named["voltage"])
     )
     is_cell = bool(np.isfinite(voltage).all() and 0 < np.median(voltage) < CELL_RANGE_V[1])
     rises = np.diff(time) > 0
@@ -218,7 +218,7 @@ def _without_repeats(content: bytes, above: int) -> tuple[bytes, list[tuple[int,
 
 
 def _refuse_split_numbers(
-    lines: list[str], layout: _Layout, found: Mapping[str, Column], file: str
+    lines: list[str], layout: _Layout, named: Mapping[str, Column], file: str
 ) -> None:
     """Raise InputError where commas between cells cut numbers with decimal commas in two.
 
@@ -231,7 +231,7 @@ def _refuse_split_numbers(
     more = width - len(header)
     if layout.delimiter != "," or not 0 < more <= len(header):
         return
-    if "voltage" not in found or _fits(found, _series([row[more:] for row in rows])):
+    if "voltage" not in named or _fits(named, _series([row[more:] for row in rows])):
         return
     cut = [
         k
@@ -245,7 +245,7 @@ def _refuse_split_numbers(
             "".join(cell + ("." if k in chosen else ",") for k, cell in enumerate(row)).split(",")
             for row in rows
         ]
-        if _fits(found, _series(joined)):
+        if _fits(named, _series(joined)):
             at = chosen[-1]
             raise InputError(
                 f"{file}: row {place}: the rows have more cells than the {len(header)} names: "

@@ -18,7 +18,6 @@ from .draft import Draft, another_cell, named_degc, reach_ah, why_useless, words
 from .looking import CandidateFile, by_temperature, files_of, found_in, is_same_degc, look, split
 from .ocv import (
     DIGITS,
-    OCV_KINDS,
     SHOWN,
     OcvChoice,
     ocv_at,
@@ -27,6 +26,8 @@ from .ocv import (
     started,
 )
 
+# What is identified on, the kinds that show the most of a load first.
+_LOADS = ("drive cycle", "pulse test", "OCV test")
 # Ranges of charge within this share of the widest count as equal, and other things decide.
 _AS_WIDE = 0.9
 # A record that moves so many times the capacity is of another cell, or in another unit.
@@ -142,19 +143,20 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         draft.take(file, "validation", "given", file.window)
     for file in tests:
         draft.take(file, "OCV test", "given")
-    dynamic = [file for file in free if file.kind(None) == "drive cycle"]
-    is_pulsed = not dynamic
-    if is_pulsed:
-        dynamic = [file for file in free if file.kind(None) == "pulse test"]
+    records = [file for file in free if file.serves("identification")]
+    # An OCV test with enough pulses is a record too where there is no other.
+    dynamic = [file for file in records if file.kind(None) != "OCV test"] or records
     groups = list(by_temperature(dynamic or free))
-    # An OCV test of its own temperature comes before many records.
+    # An OCV test of its own temperature comes before many records, and a drive before pulses.
     chosen = [(group, ocv_at(degc, free, tests, draft.given_ah)) for degc, group in groups]
+    chosen.sort(key=lambda pair: not _holds_drive(pair[0]))
     with_test = [(group, test) for group, test in chosen if test]
     if not with_test:
-        groups = [group for _, group in by_temperature(dynamic)]
+        groups = [group for group, _ in chosen if dynamic]
         return _on_records(draft, groups) or _without_record(draft, free)
-    choice, runs = with_test[0][1], []
+    choice, is_pulsed, runs = with_test[0][1], False, []
     for group, choice in with_test if dynamic else []:
+        is_pulsed = not _holds_drive(group)
         runs = _runnable(draft, group, choice, is_pulsed)
         if runs:
             break
@@ -173,7 +175,8 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     draft.take(record, "identification", why + words_of(draft, record), window)
     draft.take_tests(choice)
     if draft.is_over or is_pulsed:
-        _choose_validation(draft, record, runs[1:], is_given=bool(others))
+        others_left = [run for run in runs[1:] if run[0] not in draft.taken]
+        _choose_validation(draft, record, others_left, is_given=bool(others))
         _take_other_temperatures(draft, record, chosen, choice, is_pulsed)
     else:
         _take_others(draft, runs[1:], choice.cell.capacity_ah)
@@ -279,6 +282,7 @@ def _runnable(
         file = run[0]
         is_wide = reach_ah(file) >= _AS_WIDE * widest_ah
         return (
+            _LOADS.index(file.kind(None)),
             bool(file.missing_for(choice.cell.capacity_ah)),
             not is_wide,
             file.warnings if is_wide else 0,
@@ -287,6 +291,10 @@ def _runnable(
         )
 
     return sorted(found, key=rank)
+
+
+def _holds_drive(files: Sequence[CandidateFile]) -> bool:
+    return any(file.kind(None) == "drive cycle" for file in files)
 
 
 def _choose_validation(
@@ -361,9 +369,10 @@ def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
             if file in usable:
                 reason = f"measured{at}: for tables over temperature (`over=soc,temperature`)"
             draft.take(file, "not used", reason)
-        elif file.kind(None) in OCV_KINDS:
+        elif file.serves("OCV test"):
             names = " and ".join(test.name for test in choice.tests)
-            reason = f"also an OCV test ({ocv_reason([file])}), but {names} is better"
+            verb = "is" if len(choice.tests) == 1 else "are"
+            reason = f"also an OCV test ({ocv_reason([file])}), but {names} {verb} better"
             draft.take(file, "not used", reason)
         else:
             draft.take(file, "not used", why_useless(file, draft.capacity_ah))

@@ -74,6 +74,12 @@ class CandidateFile:
         roles = self.check.roles if self.check else ()
         return next((role for role in roles if role.name == name), None)
 
+    def serves(self, name: str) -> bool:
+        """True if it can serve in a role, as the checks say."""
+        role = self.role(name)
+        # A table has one role.
+        return role.is_usable if role else name == "OCV test"
+
     def kind(self, capacity_ah: float | None) -> str:
         """The kind of file, for a cell of that capacity."""
         if self.refusal:

@@ -15,7 +15,6 @@ from ..model.window import Window
 from ..records.record import pause_s
 from .looking import CandidateFile, is_same_degc
 
-OCV_KINDS = ("OCV test", "slow sweep", "pulse test", "OCV table")
 # A rested cell so near full is full: the last digits of a voltage there tell of the rest before.
 _FULL = 0.005
 # A quarter of the charge without a point is a hole in an OCV test.
@@ -62,8 +61,8 @@ def ocv_at(
         return _choose_ocv(own or tests, capacities_ah, is_given=True)
     own = [file for file in near if is_same_degc(file.temperature_degc, degc, is_strict=True)]
     for candidates in (own, near):
-        of_kind = [file for file in candidates if file.kind(None) in OCV_KINDS]
-        choice = _choose_ocv(of_kind, capacities_ah)
+        serving = [file for file in candidates if file.serves("OCV test")]
+        choice = _choose_ocv(serving, capacities_ah)
         if choice is not None:
             return choice
     return None
@@ -77,7 +76,7 @@ def _choose_ocv(
     """The best OCV test of some files, None where none of them makes a cell; all where given.
 
     Tests without holes come before others, both directions before one, tests that close before
-    others, rests before slow sweeps, tests of their own before pulse tests, and many points before
+    others, tests of their own before pulse tests, rests before slow sweeps, and many points before
     few. The first of the capacities counts with which a test makes a cell. Raises `InputError`
     where given tests make none.
     """
@@ -133,8 +132,8 @@ def _rank(tests: tuple[CandidateFile, ...], max_ah: float) -> tuple:
         not _closes(sweeps),
         # A table comes last: it has no charge.
         not sweeps,
-        any(sweep.kind == "slow" for sweep in sweeps),
         any(test.kind(None) == "pulse test" for test in tests),
+        any(sweep.kind == "slow" for sweep in sweeps),
         sum(test.warnings for test in tests),
         -sum(len(sweep.points) for sweep in sweeps),
     )

@@ -246,18 +246,16 @@ def test_a_charge_of_a_flat_ocv_is_identified_on_beside_the_drive(real_data):
     assert "for the other direction" in reason(found, "dyn-s3_25degC.parquet")
 
 
-def test_a_folder_in_a_folder_is_named(folder):
+def test_a_folder_in_a_folder_is_looked_into_unless_it_holds_a_result(folder):
     (folder / "cold").mkdir()
-    shutil.copy(BUNDLED.record, folder / "cold")
+    shutil.move(folder / "a.parquet", folder / "cold")
+    (folder / "cold" / "back").symlink_to(folder)
     (folder / "barnax-out").mkdir()
     (folder / "barnax-out" / "result.json").write_text("{}")
+    shutil.copy(BUNDLED.record, folder / "barnax-out")
     found = plan(folder)
-    assert "give its files too" in reason(found, "cold")
-    assert roles(found).keys() == {*NAMES, "cold"}
-    for name in NAMES:
-        (folder / name).unlink()
-    with pytest.raises(InputError, match=r"has no files; give '.*cold'$"):
-        plan(folder)
+    assert roles(found).keys() == NAMES.keys()
+    assert roles(found)["a.parquet"] == "identification"
 
 
 def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_path):

@@ -13,6 +13,7 @@ from ..model.window import Window
 from ..notices import Notice, notice
 from ..records.fingerprint import Content
 from ..settings import OVER_TEMPERATURE, Reading
+from .cells import of_other_cells
 from .document import Plan
 from .draft import Draft, another_cell, named_degc, reach_ah, why_useless, words_of
 from .looking import CandidateFile, by_temperature, files_of, found_in, is_same_degc, look, split
@@ -143,6 +144,9 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         draft.take(file, "validation", "given", file.window)
     for file in tests:
         draft.take(file, "OCV test", "given")
+    for file, why in ({} if tests else of_other_cells(free, draft.given_ah)).items():
+        draft.take(file, "not used", why)
+    free = [file for file in free if file not in draft.taken]
     records = [file for file in free if file.serves("identification")]
     # An OCV test with enough pulses is a record too where there is no other.
     dynamic = [file for file in records if file.kind(None) != "OCV test"] or records
@@ -158,6 +162,10 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     for group, choice in with_test if dynamic else []:
         is_pulsed = not _holds_drive(group)
         runs = _runnable(draft, group, choice, is_pulsed)
+        if not runs:
+            is_pulsed = True
+            pulses = [test for test in choice.tests if test.kind(None) == "pulse test"]
+            runs = _runnable(draft, pulses, choice, is_pulsed)
         if runs:
             break
     draft.capacity_ah = choice.cell.capacity_ah

@@ -23,8 +23,9 @@ _HOLE = 0.25
 DIGITS = 4
 # What one test takes more out of a cell than another does; a larger cell takes more than that.
 _LITTLE_MORE = 1.15
-# A file goes on from another where its counters agree to this share of the capacity, so soon after.
-_SAME_COUNT, _PAUSE_S = 1e-3, 3600.0
+# A file goes on from another so many intervals after it, or where its counters agree to this share
+# of the capacity, so soon after.
+_SAME_LOG, _SAME_COUNT, _PAUSE_S = 2.0, 1e-3, 3600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +193,7 @@ def started(
         if full is not None:
             return Started(replace(window, capacity_ah=full.capacity_ah), is_full=True)
         before = next((other for other in files if _goes_on(other, file, choice)), None)
-        soc = None if before is None else _final_soc(before, choice)
+        soc = None if before is None else _final_soc(files, before, choice)
         if before is None or soc is None or window.is_chosen:
             raise
         prepare_record(file.record, choice.cell, "so-rc", replace(own, initial_soc=soc))
@@ -217,10 +218,12 @@ def _fuller(file: CandidateFile, window: Window, choice: OcvChoice) -> Window | 
 
 
 def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> bool:
-    """True if a file's clock and counters continue where those of another end."""
+    """True if a file's clock, or its counters, continue where those of another end."""
     if before.traits is None or file.traits is None or before is file:
         return False
     first, second = before.record, file.record
+    if 0 <= pause_s(first, second) <= _SAME_LOG * float(np.median(second.interval_s)):
+        return True
     if first.charge_ah is None or second.charge_ah is None or not second.charge_ah[0]:
         return False
     apart_ah = abs(float(second.charge_ah[0] - first.charge_ah[-1]))
@@ -228,10 +231,13 @@ def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> b
     return is_soon and apart_ah <= _SAME_COUNT * choice.cell.capacity_ah
 
 
-def _final_soc(file: CandidateFile, choice: OcvChoice) -> float | None:
-    """The state of charge at the end of a file, where it shows that anywhere."""
+def _final_soc(
+    files: Sequence[CandidateFile], file: CandidateFile, choice: OcvChoice
+) -> float | None:
+    """The state of charge at the end of a file, where it or the one before it shows that."""
     try:
-        prepared = prepare_record(file.record, choice.cell, "so-rc")
+        window = started(files, file, file.window, choice).window
+        prepared = prepare_record(file.record, choice.cell, "so-rc", window)
     except InputError:
         return None
     return float(f"{prepared.soc[-1]:.{DIGITS}g}")

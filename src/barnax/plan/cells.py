@@ -1,4 +1,4 @@
-"""The files of a folder that are of other cells: by their folders, and by what their tests hold."""
+"""The files of a folder that are copies, or of other cells: by folders, and by what tests hold."""
 
 import math
 from collections.abc import Sequence
@@ -6,11 +6,40 @@ from itertools import combinations
 from pathlib import Path
 
 from ..checks.roles import LEAST_SHARE
+from ..notices import Notice, notice
+from ..records.fingerprint import Content
 from .looking import CandidateFile, is_same_degc
 
 # Between the same voltages, one cell passes the same charge up to this factor. A test over less of
 # the voltage may be a part of another.
 _SAME_CELL, _SAME_RANGE = 1.5, 0.9
+
+
+def copies_of(
+    files: Sequence[CandidateFile], given: Sequence[CandidateFile]
+) -> dict[CandidateFile, Notice]:
+    """The files whose bytes or samples another one has, and what says so.
+
+    What was given is kept, and of a record and a part of it the longer one.
+    """
+    copies: dict[CandidateFile, Notice] = {}
+    first_of: dict[tuple[object, ...], CandidateFile] = {}
+    for file in sorted(files, key=lambda one: one not in given):
+        # A record that came from no file is only like itself.
+        source = (file.source.sha256, file.source.span_s) if file.source else (id(file),)
+        if (same := first_of.setdefault(source, file)) is not file:
+            copies[file] = notice("role.given-twice", file.name, same="bytes", other=same.name)
+    unlike: list[Content] = []
+    records = [file for file in files if file not in copies and file.traits]
+    for file in sorted(records, key=lambda one: (one not in given, -one.record.samples)):
+        content = Content(file.record)
+        alike = next((other for other in unlike if content.is_like(other)), None)
+        if alike is None:
+            unlike.append(content)
+        else:
+            other = alike.record.name
+            copies[file] = notice("role.given-twice", file.name, same="samples", other=other)
+    return copies
 
 
 def of_other_cells(

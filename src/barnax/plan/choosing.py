@@ -10,10 +10,9 @@ from ..checks.roles import VALIDATION_STEPS
 from ..errors import InputError
 from ..inputs import Given, Watch, listed, unwatched, windows_by_name
 from ..model.window import Window
-from ..notices import Notice, notice
-from ..records.fingerprint import Content
+from ..notices import notice
 from ..settings import OVER_TEMPERATURE, Reading
-from .cells import of_other_cells
+from .cells import copies_of, of_other_cells
 from .document import Plan
 from .draft import Draft, another_cell, named_degc, reach_ah, why_useless, words_of
 from .looking import CandidateFile, by_temperature, files_of, found_in, is_same_degc, look, split
@@ -113,28 +112,13 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     """The plan of files of which some have their role given."""
     files = draft.files
     # Given files come first.
-    given, copies = (*tests, *others), dict[CandidateFile, Notice]()
-    first_of: dict[tuple[object, ...], CandidateFile] = {}
-    for file in sorted(files, key=lambda one: one not in given):
-        # A record that came from no file is only like itself.
-        source = (file.source.sha256, file.source.span_s) if file.source else (id(file),)
+    given = (*tests, *others)
+    for file in files:
         if file.refusal:
             draft.take(file, "not used", file.refusal.removeprefix(f"{file.name}: "))
-        elif (same := first_of.setdefault(source, file)) is not file:
-            copies[file] = notice("role.given-twice", file.name, same="bytes", other=same.name)
-            draft.take(file, "not used", copies[file].what)
-    # Of a record and a part of it the longer one.
-    unlike: list[Content] = []
-    readable = [file for file in files if file not in draft.taken and file.traits]
-    for file in sorted(readable, key=lambda one: (one not in given, -one.record.samples)):
-        content = Content(file.record)
-        same = next((known for known in unlike if content.is_like(known)), None)
-        if same is not None:
-            told = {"same": "samples", "other": same.record.name}
-            copies[file] = notice("role.given-twice", file.name, **told)
-            draft.take(file, "not used", copies[file].what)
-        else:
-            unlike.append(content)
+    copies = copies_of([file for file in files if file not in draft.taken], given)
+    for file, same in copies.items():
+        draft.take(file, "not used", same.what)
     free = [file for file in files if file not in draft.taken and file not in given]
     # Of a folder copies are left out; what was given to validate on is meant.
     doubled = [file for file in others if file in copies] or ([] if free else [*copies])

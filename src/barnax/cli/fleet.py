@@ -169,7 +169,7 @@ def fleet(given: FleetOptions) -> None:
     apply to cells whose row does not set them.
     """
     session = Session(is_quiet=given.quiet)
-    from ..fleet.manifest import parse_shard, read_manifest
+    from ..fleet.manifest import read_manifest
     from ..fleet.worker import prepare_process
     from ..reporting.fleet import closing_lines, problem_lines, progress_remark
     from ..reporting.words import counted
@@ -204,7 +204,7 @@ def fleet(given: FleetOptions) -> None:
             raise InputError(f"{manifest}: {count} to correct")
         return
     from ..fleet.dataset import dataset_path, parts_folder
-    from ..fleet.engine import identify_fleet
+    from ..fleet.engine import identify_fleet, parse_shard
 
     require_platform()
     page = out / "report.html"

@@ -393,22 +393,3 @@ def _stored(
         found = sorted(folder.glob(pattern), key=str)
         missing += [] if found else [f"{pattern} does not exist"]
     yield from map(str, found)
-
-
-def in_shard(cell: FleetCell, shard: tuple[int, int] | None) -> bool:
-    """True if a cell belongs to the k-th of N shards, by its id alone."""
-    if shard is None:
-        return True
-    number, count = shard
-    return int(hashlib.sha256(cell.id.encode()).hexdigest()[:12], 16) % count == number - 1
-
-
-def parse_shard(text: str) -> tuple[int, int]:
-    """The shard and the number of shards, from "3/10". Raises `InputError` for anything else."""
-    try:
-        number, count = map(int, text.split("/"))
-    except ValueError:
-        number = count = 0
-    if not 1 <= number <= count:
-        raise InputError(f"`shard` {text!r}: write part/parts, counting from 1, such as 3/10")
-    return number, count

@@ -71,10 +71,10 @@ def test_a_unit_in_the_name_counts(name, factor, unit):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        (["2024-01-15", "15.02.2024"], "row 2 is '15.02.2024', neither a number nor a date"),
-        (["2024-01-15", "12.5"], "some rows are dates and some numbers"),
+        (["2024-01-15", "15.02.2024"], "row 2 is '15.02.2024'; give a number"),
+        (["2024-01-15", "12.5"], "row 2 is '12.5'; give a number in every row, or a date"),
         ([2020.5, 2021.0], "2020.5 may be a year or a day"),
-        ([20240115, 20240231], "row 2 is '2024-02-31', neither a number"),
+        ([20240115, 20240231], "row 2 is '2024-02-31'"),
         ([float("nan"), None], "no row has a finite age"),
     ],
 )

@@ -204,10 +204,10 @@ def test_a_test_of_a_cell_of_44_ah_serves_no_small_one(scale, stays, tmp_path):
         "b.csv": "identification",
         "c.csv": "OCV test",
     }
-    assert "of another cell: a.csv holds 43.8 Ah" in reason(planned, "a.csv")
+    assert reason(planned, "a.csv").startswith("of a cell of 43.8 Ah, and ")
     other = plan(tmp_path, capacity=44.0)
     assert other.missing
-    assert reason(other, "b.csv").startswith("of another cell: c.csv holds")
+    assert "the one identified holds 43.8 Ah" in reason(other, "b.csv")
 
 
 def test_a_log_that_is_cut_into_files_starts_each_where_the_one_before_ends(tmp_path):

@@ -2,7 +2,6 @@
 
 import datetime
 import re
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -11,10 +10,10 @@ from jaxtyping import Float
 from ..errors import InputError, cut
 
 Ages = Float[np.ndarray, "rows"]
-# What a column's name says of its unit: a word, or an abbreviation that stands alone; the unit that
-# ages are told in, and how much of it that is.
+# What a column's name says of its unit, by a word or an abbreviation that stands alone: the unit
+# that ages are told in, and how much of it that is.
 _UNITS = (
-    ("efc|cycle", "-", "cycle", 1.0),
+    ("efc|cycle", "cyc", "cycle", 1.0),
     ("throughput", r"a\W?h", "A.h", 1.0),
     ("hour", "hr?s?", "day", 1 / 24),
     ("minute", "min", "day", 1 / 1440),
@@ -36,65 +35,42 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
     them; without a time zone they are in UTC. Raises `InputError` for a value that is neither a
     number nor a date, and where it may be either.
     """
+    if column.dtype == pl.String:
+        column = column.replace("", None)
+        number = column.cast(pl.Float64, strict=False)
+        # One text that is no number makes all of them dates.
+        if number.null_count() > column.null_count():
+            number = pl.Series([_date(text, row, name) for row, text in enumerate(column, 1)])
+        column = number
     if column.dtype.is_temporal():
-        return _since_first(column.cast(pl.Datetime("us")).cast(pl.Int64).cast(pl.Float64) / 1e6)
-    values, are_dates = [], []
-    for row, given in enumerate(column, 1):
-        try:
-            value, is_date = _read(given)
-        except ValueError as problem:
-            raise InputError(
-                f"`age` {name}: row {row} is {cut(str(given), 40)!r}, neither a number nor a date; "
-                "write dates as 2024-01-15"
-            ) from problem
-        values.append(value)
-        are_dates += [is_date] if np.isfinite(value) else []
-    if not are_dates:
+        days = column.cast(pl.Datetime("us")).cast(pl.Int64) / 86_400e6
+        return (days - days.min()).cast(pl.Float64).to_numpy(), "day"  # pyright: ignore
+    number = column.cast(pl.Float64, strict=False).to_numpy()
+    number = np.where(np.isfinite(number), number, np.nan)
+    if np.isnan(number).all():
         raise InputError(f"`age` {name}: no row has a finite age; give the column that has them")
-    if len(set(are_dates)) > 1:
-        raise InputError(f"`age` {name}: some rows are dates and some numbers; write all alike")
-    number = pl.Series(values, dtype=pl.Float64)
-    return _since_first(number) if any(are_dates) else _numbers(_finite(number), name)
-
-
-def _read(given: Any) -> tuple[float, bool]:
-    """A number, or the seconds since 1970 of a date, and which it is; NaN for nothing."""
-    text = "" if given is None else str(given).strip()
-    try:
-        return float(text or "nan"), False
-    except ValueError:
-        date = datetime.datetime.fromisoformat(text)
-        return (date if date.tzinfo else date.replace(tzinfo=datetime.UTC)).timestamp(), True
-
-
-def _finite(values: pl.Series) -> Ages:
-    number = values.to_numpy().astype(float)
-    return np.where(np.isfinite(number), number, np.nan)
-
-
-def _since_first(seconds: pl.Series) -> tuple[Ages, str]:
-    days = _finite(seconds) / 86_400
-    return days - np.nanmin(days, initial=np.inf), "day"
-
-
-def _numbers(number: Ages, name: str) -> tuple[Ages, str]:
-    """Ages that are numbers, by the unit in the column's name, or else by how large they are."""
     lower = name.lower()
     for word, short, unit, factor in _UNITS:
         if re.search(rf"{word}|(?<![a-z])({short})(?![a-z])", lower):
             return factor * number, unit
-    there = number[np.isfinite(number)]
-
-    def lie(low: float, high: float) -> bool:
-        return bool(len(there)) and bool(np.all((there >= low) & (there < high)))
-
-    if lie(*_COMPACT):
+    low, high = np.nanmin(number), np.nanmax(number)
+    if _COMPACT[0] <= low and high <= _COMPACT[1]:
         texts = ["" if np.isnan(value) else f"{value:.0f}" for value in number]
-        return ages_of(pl.Series([re.sub(r"(..)(..)$", r"-\1-\2", one) for one in texts]), name)
-    for power in range(4):
-        low, high = (end * 1e3**power for end in _EPOCH_S)
-        if lie(low, high):
-            return _since_first(pl.Series(number / 1e3**power))
-    if lower.startswith("date") and lie(*_YEARS):
-        raise InputError(f"`age` {name}: {there[0]:g} may be a year or a day; write 2024-01-15")
+        return ages_of(pl.Series([re.sub(r"(..)(..)$", r"-\1-\2", text) for text in texts]), name)
+    for parts in (1.0, 1e3, 1e6, 1e9):
+        if _EPOCH_S[0] * parts <= low and high < _EPOCH_S[1] * parts:
+            return (number - low) / (86_400 * parts), "day"
+    if lower.startswith("date") and _YEARS[0] <= low and high < _YEARS[1]:
+        raise InputError(f"`age` {name}: {low:g} may be a year or a day; write it as 2024-01-15")
     return number, "day"
+
+
+def _date(text: str | None, row: int, name: str) -> datetime.datetime | None:
+    try:
+        date = datetime.datetime.fromisoformat(text) if text else None
+    except ValueError as problem:
+        raise InputError(
+            f"`age` {name}: row {row} is {cut(str(text), 40)!r}; give a number in every row, or a "
+            "date, as 2024-01-15"
+        ) from problem
+    return date if date is None or date.tzinfo else date.replace(tzinfo=datetime.UTC)

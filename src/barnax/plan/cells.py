@@ -2,16 +2,16 @@
 
 import math
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import pairwise, permutations
 from pathlib import Path
 
+from ..cell.soc_axis import Sweep
 from ..checks.roles import LEAST_SHARE
 from ..notices import Notice, notice
 from ..records.fingerprint import Content
 from .looking import CandidateFile, is_same_degc
 
-# Between the same voltages, one cell passes the same charge up to this factor. A test over less of
-# the voltage may be a part of another.
+# Tests of one cell between the same voltages, to this share, differ by less than this factor.
 _SAME_CELL, _SAME_RANGE = 1.5, 0.9
 
 
@@ -56,36 +56,31 @@ def of_other_cells(
 
 
 def _in_other_folders(files: Sequence[CandidateFile]) -> dict[CandidateFile, str]:
-    """Folders that each hold a record, and an OCV test as another one's, are of different cells."""
-    tests = [file for file in files if file.traits and file.serves("OCV test")]
-    folders: dict[Path, list[CandidateFile]] = {}
-    for pair in combinations(tests, 2):
-        if _repeats(*pair):
-            for test, other in (pair, pair[::-1]):
-                apart = [one for one in test.path.parents if one not in other.path.parents]
-                folders |= {one: [] for one in apart[-1:]}
+    """Folders that each hold a record, and the same OCV test, are of different cells."""
+    folders: set[Path] = set()
+    for one, other in permutations([file for file in files if _sweeps(file)], 2):
+        if _is_repeated(one, other):
+            apart = [folder for folder in one.path.parents if folder not in other.path.parents]
+            folders |= set(apart[-1:])
     # Of folders in each other the inner ones.
-    folders = {
+    folders -= {outer for inner in folders for outer in inner.parents}
+    cells = {
         folder: [file for file in files if folder in file.path.parents]
-        for folder in folders
-        if not any(folder in inner.parents for inner in folders)
+        for folder in sorted(folders)
     }
-    cells = {folder: inside for folder, inside in folders.items() if _records(inside)}
-    if len(cells) < 2:
-        return {}
-    kept = max(cells, key=lambda folder: _records(cells[folder]))
-    why = f"of another cell than {kept.name}, by the OCV test of its folder {{}}; identify that "
-    why += "folder by itself, or all with barnax fleet"
+    cells = {folder: inside for folder, inside in cells.items() if _records(inside)}
+    kept = max(cells, key=lambda folder: _records(cells[folder]), default=None)
     return {
-        file: why.format(folder.name)
+        file: f"of another cell than {kept.name}, by the OCV test of its folder {folder.name}; "
+        "identify that folder by itself, or all with barnax fleet"
         for folder, inside in cells.items()
         for file in inside
-        if folder != kept
+        if kept and folder != kept
     }
 
 
-def _repeats(one: CandidateFile, other: CandidateFile) -> bool:
-    """True if two OCV tests are the same test, of different cells or done twice."""
+def _is_repeated(one: CandidateFile, other: CandidateFile) -> bool:
+    """True if two OCV tests are of one kind, temperature and direction."""
     same = is_same_degc(one.temperature_degc, other.temperature_degc, is_strict=True)
     directions = [{sweep.direction for sweep in _sweeps(test)} for test in (one, other)]
     return same and one.kind(None) == other.kind(None) and directions[0] == directions[1]
@@ -95,56 +90,49 @@ def _records(files: Sequence[CandidateFile]) -> int:
     return sum(file.serves("identification") for file in files)
 
 
-def _sweeps(test: CandidateFile) -> tuple:
-    return test.traits.sweeps if test.traits else ()
-
-
-def _capacity_ah(test: CandidateFile) -> float:
-    return max(sweep.passed_ah for sweep in _sweeps(test))
+def _sweeps(file: CandidateFile) -> tuple[Sweep, ...]:
+    """The sweeps of an OCV test, none of another file."""
+    return file.traits.sweeps if file.traits and file.serves("OCV test") else ()
 
 
 def _of_other_capacity(
     files: Sequence[CandidateFile], given_ah: float | None
 ) -> dict[CandidateFile, str]:
-    """Tests of cells that hold another charge, each with the records that fit it best."""
-    tests = [file for file in files if _sweeps(file) and file.serves("OCV test")]
-    cells: list[list[CandidateFile]] = []
-    for test in sorted(tests, key=_capacity_ah):
-        if not cells or not _is_one_cell(cells[-1][-1], test):
-            cells.append([])
-        cells[-1].append(test)
-    if len(cells) < 2:
-        return {}
-    largest = [cell[-1] for cell in cells]
-    for file in files:
-        if file.traits and file not in tests:
-            span_ah = file.traits.span_ah / _SAME_CELL
-            fits = (k for k, test in enumerate(largest) if span_ah <= _capacity_ah(test))
-            cells[next(fits, -1)].append(file)
+    """OCV tests of cells that hold another charge, each with the records that fit it."""
+    tests = {
+        file: max(sweep.passed_ah for sweep in _sweeps(file)) for file in files if _sweeps(file)
+    }
+    ranked = sorted(tests, key=lambda test: tests[test])
+    largest_ah = [tests[one] for one, next_one in pairwise(ranked) if _is_other(one, next_one)]
+    largest_ah += [tests[test] for test in ranked[-1:]]
+    cells: dict[float, list[CandidateFile]] = {ah: [] for ah in largest_ah}
+    for file in files if len(cells) > 1 else ():
+        if file.traits:
+            span_ah = tests.get(file, file.traits.span_ah / _SAME_CELL)
+            cells[next((ah for ah in largest_ah if span_ah <= ah), largest_ah[-1])].append(file)
 
-    def rank(k: int) -> tuple[float, int, int]:
-        apart = abs(math.log(_capacity_ah(largest[k]) / given_ah)) if given_ah else 0.0
-        return -apart, _records(cells[k]), len(cells[k])
+    def rank(ah: float) -> tuple[float, int, int]:
+        apart = abs(math.log(ah / given_ah)) if given_ah else 0.0
+        return -apart, _records(cells[ah]), len(cells[ah])
 
-    kept = max(range(len(cells)), key=rank)
-    holds = [f"{test.name} holds {_capacity_ah(test):.3g} Ah" for test in largest]
+    kept_ah = max(cells, key=rank, default=0.0)
     return {
-        file: f"of another cell: {holds[k]}, and {holds[kept]}; identify it by itself"
-        for k, cell in enumerate(cells)
+        file: f"of a cell of {ah:.3g} Ah, and the one identified holds {kept_ah:.3g} Ah; "
+        "identify its files by themselves"
+        for ah, cell in cells.items()
         for file in cell
-        if k != kept
+        if ah != kept_ah
     }
 
 
-def _is_one_cell(smaller: CandidateFile, larger: CandidateFile) -> bool:
-    """True if two OCV tests may be of one cell."""
-    ratio = _capacity_ah(larger) / _capacity_ah(smaller)
-    if ratio <= _SAME_CELL or ratio >= 1 / LEAST_SHARE:
-        return ratio <= _SAME_CELL
-    volts = [
-        [p.voltage_v for sweep in _sweeps(test) for p in sweep.points] for test in (smaller, larger)
-    ]
-    lows_v, highs_v = [min(one) for one in volts], [max(one) for one in volts]
-    is_same_range = min(highs_v) - max(lows_v) >= _SAME_RANGE * (max(highs_v) - min(lows_v))
-    same_degc = is_same_degc(smaller.temperature_degc, larger.temperature_degc)
-    return not (is_same_range and same_degc)
+def _is_other(smaller: CandidateFile, larger: CandidateFile) -> bool:
+    """True if two OCV tests are of different cells; one over less of the voltage may be a part."""
+    passed_ah, spans_v = [], []
+    for test in (smaller, larger):
+        passed_ah.append(max(sweep.passed_ah for sweep in _sweeps(test)))
+        volts = [point.voltage_v for sweep in _sweeps(test) for point in sweep.points]
+        spans_v.append(max(volts) - min(volts))
+    is_alike = min(spans_v) >= _SAME_RANGE * max(spans_v) and is_same_degc(
+        smaller.temperature_degc, larger.temperature_degc
+    )
+    return passed_ah[1] > (_SAME_CELL if is_alike else 1 / LEAST_SHARE) * passed_ah[0]

@@ -62,18 +62,17 @@ FORMS = {
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_c20_hppc_and_drive_are_ocv_test_and_two_records(form, tmp_path):
+def test_c20_hppc_and_drive_are_ocv_test_record_and_validation(form, tmp_path):
     for name, test in FORMS[form].items():
         write(tmp_path / f"{name}.csv", test)
     planned = plan(tmp_path)
     sweeps = {f"{name}.csv" for name, test in FORMS[form].items() if len(test[0]) < 2000}
     assert (planned.command, planned.missing) == ("identify", "")
     assert {part.name for part in planned.of_role("OCV test")} == sweeps
-    records = planned.of_role("identification")
-    assert {part.kind for part in records} == {"drive cycle", "pulse test"}
-    assert all("current steps" in part.reason for part in records)
-    # One alone, the drive, and the pulses to validate on.
-    assert [part.kind for part in planned.on_one.of_role("validation")] == ["pulse test"]
+    (record,), (other,) = map(planned.of_role, ("identification", "validation"))
+    assert (record.kind, other.kind) == ("drive cycle", "pulse test")
+    assert "current steps" in record.reason
+    assert "pulses, to predict from the drive" in other.reason
 
 
 def test_a_small_current_before_a_drive_is_no_offset(tmp_path):
@@ -88,7 +87,7 @@ def test_measured_c20_hppc_and_drive_are_combined(real_data):
     planned = plan(files)
     assert roles(planned) == {
         "us06_25degC.parquet": "identification",
-        "hppc_25degC.parquet": "identification",
+        "hppc_25degC.parquet": "validation",
         "c20_25degC.parquet": "OCV test",
     }
 
@@ -176,7 +175,7 @@ def test_tests_in_folders_of_their_own_are_of_one_cell(tmp_path):
         write(tmp_path / f"{name}.csv", test)
     assert roles(plan(tmp_path)) == {
         "deep/a.csv": "identification",
-        "pulses/a.csv": "identification",
+        "pulses/a.csv": "validation",
         "ocv/a.csv": "OCV test",
     }
 

@@ -203,7 +203,7 @@ def test_what_is_said_of_a_record_is_known_before_roles_are_chosen(folder):
     assert reason(apart, "c.parquet") == "measured at -10 degC, the OCV test at 25 degC"
 
 
-def test_a_slow_sweep_comes_before_a_pulse_test_which_is_identified_on(tmp_path):
+def test_a_slow_sweep_comes_before_a_pulse_test_which_is_validated_on(tmp_path):
     shutil.copy(BUNDLED.record, tmp_path / "record.parquet")
     whole = pl.read_parquet(bundled_file("hppc_25degC"))[:, :3]
     sweep = slow_sweep(-1)
@@ -214,7 +214,8 @@ def test_a_slow_sweep_comes_before_a_pulse_test_which_is_identified_on(tmp_path)
         part.write_parquet(tmp_path / "pulses.parquet")
         served = roles(plan(tmp_path))
         assert served["sweep.parquet"] == "OCV test"
-        assert served["record.parquet"] == served["pulses.parquet"] == "identification"
+        assert served["record.parquet"] == "identification"
+        assert served["pulses.parquet"] == "validation"
 
 
 def test_a_table_is_an_ocv_test_whose_capacity_a_discharge_or_the_user_tells(tmp_path):

@@ -147,9 +147,8 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         is_pulsed = not _holds_drive(group)
         runs = _runnable(draft, group, choice, is_pulsed)
         if not runs:
-            is_pulsed = True
             pulses = [test for test in choice.tests if test.kind(None) == "pulse test"]
-            runs = _runnable(draft, pulses, choice, is_pulsed)
+            is_pulsed, runs = True, _runnable(draft, pulses, choice, True)
         if runs:
             break
     draft.capacity_ah = choice.cell.capacity_ah
@@ -167,8 +166,8 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     draft.take(record, "identification", why + words_of(draft, record), window)
     draft.take_tests(choice)
     if draft.is_over or is_pulsed:
-        others_left = [run for run in runs[1:] if run[0] not in draft.taken]
-        _choose_validation(draft, record, others_left, is_given=bool(others))
+        runs = [runs[0], *(run for run in runs[1:] if run[0] not in draft.taken)]
+        _choose_validation(draft, record, runs[1:], is_given=bool(others))
         _take_other_temperatures(draft, record, chosen, choice, is_pulsed)
     else:
         _take_others(draft, runs[1:], choice.cell.capacity_ah)
@@ -310,6 +309,9 @@ def _take_others(draft: Draft, others: Sequence[Runnable], capacity_ah: float | 
     for file, window in others:
         if missing := file.missing_for(capacity_ah):
             draft.take(file, "validation", f"too little to identify on: {missing}", window)
+        elif file.kind(None) == "pulse test":
+            reason = f"pulses, to predict from the drive: {words_of(draft, file)}"
+            draft.take(file, "validation", reason, window)
         else:
             draft.take(file, "identification", words_of(draft, file), window)
 

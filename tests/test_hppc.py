@@ -91,5 +91,5 @@ def test_without_any_record_it_is_the_bundled_test_validated_on_the_trips(asked)
 
 
 def test_a_record_without_pulses_is_refused():
-    with pytest.raises(InputError, match=r"identification\.parquet: found no pulses"):
+    with pytest.raises(InputError, match=r"identification\.parquet: has no pulses"):
         hppc(bundled_file("identification"))

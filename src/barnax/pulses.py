@@ -16,8 +16,10 @@ if TYPE_CHECKING:
 # After how many seconds of a pulse its resistance is usually told: at once, and as in USABC (1996),
 # the FreedomCAR manuals and ISO 12405-4 (2018).
 STANDARD_S = (0.0, 2.0, 10.0, 18.0, 30.0)
-# A longer load moves the cell to another SOC; a rest from here on settles it before pulses.
-LONGEST_S, SETTLED_S = 120.0, 300.0
+# Beside pulses of up to this long, a longer load moves the cell to another SOC. Without them it is
+# a pulse itself, as in a GITT, up to this share of the charge of the record. A rest from here on
+# settles the cell before pulses.
+LONGEST_S, MOST_SHARE, SETTLED_S = 120.0, 0.25, 300.0
 # After so many long rests there must be pulses for a record to be a pulse test.
 FEWEST_LEVELS = 3
 # Pulses of less than this share of the largest discharge are no test's.
@@ -87,8 +89,10 @@ def find_pulses(
 ) -> tuple[Pulse, ...]:
     """Every pulse of a record, in order of time, whatever its direction and rate.
 
-    A pulse is a load of up to 2 min out of a rest, where since a rest of at least 5 min nothing
-    but pulses and rests came; the cell rests below `threshold_a`. `soc` is that of every sample.
+    A pulse is a load out of a rest, where since a rest of at least 5 min nothing but pulses and
+    rests came; the cell rests below `threshold_a`. It takes up to 2 min (HPPC), or in a record
+    with fewer than three of these moves up to a quarter of its charge (GITT). `soc` is that of
+    every sample.
 
     >>> from barnax import bundled_file, read_record
     >>> record = read_record(bundled_file("hppc_25degC"))
@@ -96,23 +100,34 @@ def find_pulses(
     >>> [round(pulse.current_a, 1) for pulse in pulses[-4:]]
     [2.0, -1.5, 4.0, -3.0]
     """
-    found: list[Pulse] = []
-    rest: _Load | None = None
-    is_settled = False
     step_a = np.abs(np.diff(record.current_a))
     is_quiet = step_a < STEADY_SHARE * np.abs(record.current_a).max()
     noise_v = voltage_noise_v(np.diff(record.voltage_v)[is_quiet])
-    for load in _loads(record, threshold_a):
+    loads, discharged_ah = tuple(_loads(record, threshold_a)), record.discharged_ah
+    most_ah = MOST_SHARE * float(np.ptp(discharged_ah))
+    may_count = [load.duration_s <= LONGEST_S for load in loads]
+    pairs = list(_out_of_rest(loads, may_count))
+    if len(pairs) < FEWEST_LEVELS:
+        passed_ah = (abs(discharged_ah[load.last] - discharged_ah[load.first]) for load in loads)
+        may_count = [ah <= most_ah or brief for ah, brief in zip(passed_ah, may_count, strict=True)]
+        pairs = list(_out_of_rest(loads, may_count))
+    return tuple(_pulse(record, soc, load, rest, noise_v) for rest, load in pairs)
+
+
+def _out_of_rest(
+    loads: Sequence[_Load], may_count: Sequence[bool]
+) -> Iterator[tuple[_Load, _Load]]:
+    """Each pulse of those loads that may count as one, behind the rest that it comes out of."""
+    rest: _Load | None = None
+    is_settled = False
+    for load, is_pulse in zip(loads, may_count, strict=True):
         if load.way == 0:
             rest, is_settled = load, is_settled or load.duration_s >= SETTLED_S
             continue
-        is_brief = load.duration_s <= LONGEST_S and load.last - load.first + 1 >= FEWEST_SAMPLES
-        if rest is not None and is_settled and is_brief:
-            found.append(_pulse(record, soc, load, rest, noise_v))
-        else:
-            is_settled = False
+        is_settled &= rest is not None and is_pulse and load.last - load.first + 1 >= FEWEST_SAMPLES
+        if rest is not None and is_settled:
+            yield rest, load
         rest = None
-    return tuple(found)
 
 
 def _loads(record: Record, threshold_a: float) -> Iterator[_Load]:

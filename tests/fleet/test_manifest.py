@@ -7,11 +7,13 @@ import zlib
 import polars as pl
 import pytest
 
-from barnax.errors import InputError
+from barnax.bundled import BUNDLED
+from barnax.errors import InputError, as_keys
 from barnax.fleet import read_manifest
-from barnax.fleet.manifest import in_shard, parse_shard
+from barnax.fleet.engine import in_shard, parse_shard
 from barnax.fleet.rows import identify_rows
 from barnax.records.readers import room
+from barnax.reporting.fleet import problem_lines
 
 ROWS = [
     {"id": "007", "record": "a*.csv", "capacity": 2.0, "age": 10, "circuit": "so-rc"},
@@ -175,3 +177,52 @@ def test_a_manifest_that_is_packed_twice_or_has_too_many_rows_is_refused(tmp_pat
     path.write_bytes(text)
     with pytest.raises(InputError, match="need more than the limit"):
         read_manifest(path)
+
+
+WORSE = """id,records,ocv,capacity,initial_soc,age_days
+c00,{0},{1},2.0,0.8,0
+m1,none.parquet,{1},2.0,0.8,1
+c00,{0},{1},2.0,0.8,1
+a/b,{0},{1},2.0,eight,1
+n1,{0},{1},-2,0.8,1
+n2,{0},{1},zwei,0.8,1
+=cmd,{0},{1},2,0.8,1
+,{0},{1},2,0.8,1
+"""
+PROBLEMS = [
+    "m1: none.parquet does not exist",
+    "row 4: the id 'c00' occurs twice, first in row 2",
+    "row 5 (a/b): an id is the name of a folder too",
+    "row 5 (a/b): initial_soc 'eight': write it like",
+    "n1: capacity -2.0 must be positive",
+    "row 7 (n2): capacity 'zwei': write it like",
+    "row 8 (=cmd): spreadsheets take this id for a formula",
+    "row 9: no id",
+]
+
+
+def test_a_dry_run_lists_all_that_is_wrong_and_a_run_names_the_first(tmp_path):
+    path = tmp_path / "worse.csv"
+    path.write_text(WORSE.format(BUNDLED.record, BUNDLED.ocv[0]))
+    problems = []
+    cells, _ = read_manifest(path, problems=problems)
+    lines = [*map(as_keys, problems), *problem_lines(cells)]
+    assert len(lines) == len(PROBLEMS)
+    for text in PROBLEMS:
+        assert sum(text in line for line in lines) == 1, text
+    with pytest.raises(InputError, match=r"row 4: the id 'c00'.*`dry_run` lists 5 more"):
+        read_manifest(path)
+
+
+def test_the_manifest_of_the_case_has_six_problems(real_data, tmp_path):
+    case = real_data.parent / "cases" / "systems" / "fleet_worse.csv"
+    if not case.is_file():
+        pytest.skip("the cases are not here")
+    (tmp_path / "rec").mkdir()
+    for name in ("c00", "c01", "c02"):
+        (tmp_path / "rec" / f"{name}.parquet").touch()
+    (tmp_path / "ocv.csv").touch()
+    (tmp_path / case.name).write_bytes(case.read_bytes())
+    problems = []
+    cells, _ = read_manifest(tmp_path / case.name, problems=problems)
+    assert len([*problems, *problem_lines(cells)]) == 6

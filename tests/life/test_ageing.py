@@ -123,7 +123,7 @@ def test_a_dataset_without_ageing_or_column_is_refused():
         life_of(dataset().select("id", "error", "specimen", "date"))
     with pytest.raises(InputError, match="`by` nosuch: no such column; the dataset has"):
         life_of(dataset(), by="nosuch")
-    with pytest.raises(InputError, match="neither numbers nor dates"):
+    with pytest.raises(InputError, match="row 1 is 'soon'; give a number in every row"):
         life_of(dataset(date="soon"))
 
 

@@ -118,11 +118,19 @@ def test_an_ocv_test_at_0_degc_has_a_temperature(folder):
     assert reason(found, "warm.parquet") == "measured at 25 degC, the OCV test at 0 degC"
 
 
-def test_a_record_alone_shows_its_own_ocv_and_a_test_alone_lacks_a_record():
+def test_a_record_alone_shows_its_own_ocv_and_a_slow_sweep_alone_lacks_a_record(tmp_path):
+    sweep = slow_sweep(-1)
     lone = plan(BUNDLED.record)
     assert not lone.missing
     assert "its OCV is identified with it" in reason(lone, "identification.parquet")
-    assert "measure a drive" in plan(BUNDLED.ocv).missing
+    # Its pulses are enough of a load; a slow sweep has none.
+    both = plan(BUNDLED.ocv)
+    assert both.command == "hppc"
+    assert [part.name for part in both.of_role("identification")] == ["ocv_discharge.parquet"]
+    assert {part.name for part in both.of_role("OCV test")} == {path.name for path in BUNDLED.ocv}
+    columns = {TIME: sweep.time_s, CURRENT: -sweep.current_a, VOLTAGE: sweep.voltage_v}
+    pl.DataFrame(columns).write_parquet(tmp_path / "sweep.parquet")
+    assert "measure a drive" in plan(tmp_path).missing
 
 
 def test_a_pulse_test_alone_is_both(folder):
@@ -195,16 +203,19 @@ def test_what_is_said_of_a_record_is_known_before_roles_are_chosen(folder):
     assert reason(apart, "c.parquet") == "measured at -10 degC, the OCV test at 25 degC"
 
 
-def test_a_whole_sweep_comes_before_a_pulse_test_with_a_hole(tmp_path):
+def test_a_slow_sweep_comes_before_a_pulse_test_which_is_validated_on(tmp_path):
     shutil.copy(BUNDLED.record, tmp_path / "record.parquet")
     whole = pl.read_parquet(bundled_file("hppc_25degC"))[:, :3]
     sweep = slow_sweep(-1)
     columns = {TIME: sweep.time_s, CURRENT: -sweep.current_a, VOLTAGE: sweep.voltage_v}
     pl.DataFrame(columns).write_parquet(tmp_path / "sweep.parquet")
     whole.write_parquet(tmp_path / "pulses.parquet")
-    assert roles(plan(tmp_path))["pulses.parquet"] == "OCV test"
-    whole[: len(whole) // 2].write_parquet(tmp_path / "pulses.parquet")
-    assert roles(plan(tmp_path))["sweep.parquet"] == "OCV test"
+    for part in (whole, whole[: len(whole) // 2]):
+        part.write_parquet(tmp_path / "pulses.parquet")
+        served = roles(plan(tmp_path))
+        assert served["sweep.parquet"] == "OCV test"
+        assert served["record.parquet"] == "identification"
+        assert served["pulses.parquet"] == "validation"
 
 
 def test_a_table_is_an_ocv_test_whose_capacity_a_discharge_or_the_user_tells(tmp_path):
@@ -236,18 +247,16 @@ def test_a_charge_of_a_flat_ocv_is_identified_on_beside_the_drive(real_data):
     assert "for the other direction" in reason(found, "dyn-s3_25degC.parquet")
 
 
-def test_a_folder_in_a_folder_is_named(folder):
+def test_a_folder_in_a_folder_is_looked_into_unless_it_holds_a_result(folder):
     (folder / "cold").mkdir()
-    shutil.copy(BUNDLED.record, folder / "cold")
+    shutil.move(folder / "a.parquet", folder / "cold")
+    (folder / "cold" / "back").symlink_to(folder)
     (folder / "barnax-out").mkdir()
     (folder / "barnax-out" / "result.json").write_text("{}")
+    shutil.copy(BUNDLED.record, folder / "barnax-out")
     found = plan(folder)
-    assert "give its files too" in reason(found, "cold")
-    assert roles(found).keys() == {*NAMES, "cold"}
-    for name in NAMES:
-        (folder / name).unlink()
-    with pytest.raises(InputError, match=r"has no files; give '.*cold'$"):
-        plan(folder)
+    assert roles(found).keys() == NAMES.keys()
+    assert roles(found)["a.parquet"] == "identification"
 
 
 def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_path):

@@ -258,11 +258,13 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Notice]:
     offset_a = float(values_a[order[middle]])
     near_a = _SPREAD * abs(offset_a) + 2 * given.resolution_a
     is_alike = np.abs(values_a - offset_a) <= near_a
-    is_zero = np.abs(values_a) <= near_a
-    alike_s, zero_s = lengths_s[is_alike].sum(), lengths_s[is_zero].sum()
+    # Zero counts in the shortest rests too: a small current beside it is a load.
+    record = given.record
+    is_zero = np.abs(record.current_a) <= near_a
+    zero_s = record.interval_s[is_zero[1:] & is_zero[:-1]].sum()
+    alike_s = lengths_s[is_alike].sum()
     if alike_s < _MOST * lengths_s.sum() or zero_s > _FEW * lengths_s.sum():
         return
-    record = given.record
     if abs(offset_a) <= max(_OFFSET_QUANTA * given.resolution_a, _doubt_a(given, rests)):
         return
     turnover_ah = _turnover_ah(given)

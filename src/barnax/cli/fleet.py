@@ -169,7 +169,7 @@ def fleet(given: FleetOptions) -> None:
     apply to cells whose row does not set them.
     """
     session = Session(is_quiet=given.quiet)
-    from ..fleet.manifest import parse_shard, read_manifest
+    from ..fleet.manifest import read_manifest
     from ..fleet.worker import prepare_process
     from ..reporting.fleet import closing_lines, problem_lines, progress_remark
     from ..reporting.words import counted
@@ -178,8 +178,10 @@ def fleet(given: FleetOptions) -> None:
     if where is None or (given.manifest and given.kept.fleet):
         raise InputError("give a manifest, or the folder of a fleet with `from`")
     out, manifest = located(given.out), located(where)
+    lines = list[str]()
     if given.manifest:
-        cells, carried = read_manifest(where, given.defaults, given.addresses or ())
+        problems = lines if engine.dry_run else None
+        cells, carried = read_manifest(where, given.defaults, given.addresses or (), problems)
     elif manifest.resolve() == out.resolve():
         raise InputError(f"{out}: is the fleet that is regrouped; give `out` another folder")
     else:
@@ -195,14 +197,14 @@ def fleet(given: FleetOptions) -> None:
     settings = given.settings
     _ = job_of(settings)
     if engine.dry_run:
-        lines = problem_lines(cells)
+        lines = list(map(as_keys, lines)) + problem_lines(cells)
         session.show(map(shown, lines[:MAX_LISTED]))
         if lines:
             count = counted(len(lines), "problem")
             raise InputError(f"{manifest}: {count} to correct")
         return
     from ..fleet.dataset import dataset_path, parts_folder
-    from ..fleet.engine import identify_fleet
+    from ..fleet.engine import identify_fleet, parse_shard
 
     require_platform()
     page = out / "report.html"

@@ -5,6 +5,7 @@ that ran say which cell each was at; those run once more, alone, and the rest of
 before. So the cell that kills its worker is known after one more death.
 """
 
+import hashlib
 import itertools
 import multiprocessing
 import os
@@ -28,7 +29,7 @@ from typing import Any
 from ..errors import InputError
 from ..files import located, undisturbed
 from .dataset import Shard, compact, finished, marked_place, write_rows, writing
-from .manifest import FleetCell, Options, cell_of, distinct, in_shard
+from .manifest import FleetCell, Options, cell_of, distinct
 from .worker import Counts, batch_name, run_batch, start_worker
 
 # A batch takes long enough that handing it over is no cost, and few enough cells to lose.
@@ -329,3 +330,22 @@ def _dask(address: str, workers: int) -> Iterator[tuple[Executor, int]]:
                 f"`scheduler` {address!r} stopped; start it again, and the same command continues "
                 "where it stopped"
             ) from problem
+
+
+def in_shard(cell: FleetCell, shard: tuple[int, int] | None) -> bool:
+    """True if a cell belongs to the k-th of N shards, by its id alone."""
+    if shard is None:
+        return True
+    number, count = shard
+    return int(hashlib.sha256(cell.id.encode()).hexdigest()[:12], 16) % count == number - 1
+
+
+def parse_shard(text: str) -> tuple[int, int]:
+    """The shard and the number of shards, from "3/10". Raises `InputError` for anything else."""
+    try:
+        number, count = map(int, text.split("/"))
+    except ValueError:
+        number = count = 0
+    if not 1 <= number <= count:
+        raise InputError(f"`shard` {text!r}: write part/parts, counting from 1, such as 3/10")
+    return number, count

@@ -110,6 +110,8 @@ def short_name(path: str) -> str:
     return path.rpartition("/")[2] if is_address(path) else Path(path).name
 
 
+# What a spreadsheet takes for a formula begins so.
+FORMULA = ("=", "+", "-", "@")
 # Columns that name files; `record` and `circuit` are other names for what they say.
 FILES = ("records", "ocv", "validate")
 ALIKE = {"record": "records", "circuit": "model"}
@@ -131,7 +133,10 @@ OWN = re.compile(
 
 
 def read_manifest(
-    path: str | Path, defaults: Options | None = None, addresses: Iterable[str] = ()
+    path: str | Path,
+    defaults: Options | None = None,
+    addresses: Iterable[str] = (),
+    problems: list[str] | None = None,
 ) -> tuple[list[FleetCell], tuple[str, ...]]:
     """The cells of a manifest, and the names of the columns that are copied to their rows.
 
@@ -145,6 +150,7 @@ def read_manifest(
         addresses: What its rows may read besides files: all below these addresses, such as
             `s3://bucket/logs`. A manifest that lies in a store itself reads what is below its own
             folder there, and no files of this machine.
+        problems: Takes all that is wrong with rows, one a line; without it the first is raised.
 
     Raises `InputError` where the manifest cannot be used; files that are none are in each cell's
     `missing`.
@@ -164,41 +170,49 @@ def read_manifest(
         return cells, ()
     rows, own_defaults = _rows(place)
     given = {**_renamed(defaults or {}), **_renamed(own_defaults)}
-    found = (
-        cell_of(given | _filled(row), place.parent, f"{place.name}: row {number}")
-        for number, row in enumerate(rows, 2 if place.suffix.lower() != ".toml" else 1)
-    )
     allowed = [*addresses, *([] if isinstance(place, Path) else [str(place.parent)])]
-    cells = list(distinct(_confined(found, allowed, place.name), f"{place.name}: "))
+    cells, faults, row_of = [], list[str](), dict[str, int]()
+    for number, row in enumerate(rows, 2 if place.suffix.lower() != ".toml" else 1):
+        where = f"{place.name}: row {number}"
+        cell = cell_of(given | _filled(row), place.parent, where, faults)
+        faults += _unconfined(cell, allowed, place.name)
+        if row_of.setdefault(cell.id, number) == number:
+            cells.append(cell)
+        elif cell.id:
+            first = f"{cut(cell.id, LONGEST_NAME)!r} occurs twice, first in row {row_of[cell.id]}"
+            faults.append(f"{where}: the id {first}; give each row its own")
+    if faults and problems is None:
+        more = f"; `dry_run` lists {len(faults) - 1} more" if len(faults) > 1 else ""
+        raise InputError(faults[0] + more)
+    if problems is not None:
+        problems += faults
     if not cells:
         raise InputError(f"{place}: has no cells; add a row for each")
     return cells, tuple(dict.fromkeys(name for cell in cells for name in cell.carried))
 
 
-def _confined(cells: Iterable[FleetCell], allowed: list[str], where: str) -> Iterator[FleetCell]:
-    """The cells; raises `InputError` where one reads at an address that is not allowed: a manifest
-    of somebody else could ask servers that only this machine reaches."""
+def _unconfined(cell: FleetCell, allowed: list[str], where: str) -> Iterator[str]:
+    """What a cell reads at addresses that are not allowed: a manifest of somebody else could ask
+    servers that only this machine reaches."""
     roots = tuple(address.rstrip("/") + "/" for address in allowed)
-    for cell in cells:
-        for address in filter(is_address, cell.files):
-            # fsspec chains addresses with ::, and servers resolve what is escaped.
-            is_plain = "::" not in address and ".." not in re.split(r"[/\\]", unquote(address))
-            if not (is_plain and address.startswith(roots)):
-                raise InputError(
-                    f"{where}: {cut(cell.id, LONGEST_NAME)} reads {cut(address, LONGEST_NAME)}, "
-                    "which is not below an address that you allowed; if you trust the manifest, "
-                    "allow it with `addresses`, as in s3://bucket/logs"
-                )
-        yield cell
+    for address in filter(is_address, cell.files):
+        # fsspec chains addresses with ::, and servers resolve what is escaped.
+        is_plain = "::" not in address and ".." not in re.split(r"[/\\]", unquote(address))
+        if not (is_plain and address.startswith(roots)):
+            yield (
+                f"{where}: {cut(cell.id, LONGEST_NAME)} reads {cut(address, LONGEST_NAME)}, "
+                "which is not below an address that you allowed; if you trust the manifest, "
+                "allow it with `addresses`, as in s3://bucket/logs"
+            )
 
 
-def distinct(cells: Iterable[FleetCell], where: str = "") -> Iterator[FleetCell]:
+def distinct(cells: Iterable[FleetCell]) -> Iterator[FleetCell]:
     """The cells; raises `InputError` where one has the id of another, for their rows could not be
     told apart."""
     seen: set[str] = set()
     for cell in cells:
         if cell.id in seen:
-            raise InputError(f"{where}the id {cell.id!r} occurs twice; give each row its own")
+            raise InputError(f"the id {cell.id!r} occurs twice; give each row its own")
         seen.add(cell.id)
         yield cell
 
@@ -261,33 +275,47 @@ def _filled(row: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -> FleetCell:
+def cell_of(
+    row: Mapping[str, Any],
+    folder: Path = Path(),
+    where: str = "row",
+    problems: list[str] | None = None,
+) -> FleetCell:
     """A cell from a row's values by their names; what is not known is carried through.
 
-    Paths are relative to `folder`. Raises `InputError` where a value cannot be used; `where` says
-    in messages which row it was.
+    Paths are relative to `folder`. `where` says in messages which row it was; `problems` takes
+    them, one a line. Without it, raises `InputError` where a value cannot be used.
     """
-    row = _filled(row)
-    identity = row.get("id")
-    if identity is None or not str(identity).strip():
-        raise InputError(f"{where}: no id; give each cell its own")
-    name = str(identity)
-    where = f"{where} ({cut(name, LONGEST_NAME)})"
+    row, faults = _filled(row), list[str]()
+    name = str(row.get("id", ""))
+    if not name.strip():
+        faults.append(f"{where}: no id; give each cell its own")
+    else:
+        where = f"{where} ({cut(name, LONGEST_NAME)})"
     if name in (".", "..") or "/" in name or "\\" in name:
-        raise InputError(
+        faults.append(
             f"{where}: an id is the name of a folder too; write one without / and \\, not . or .."
+        )
+    if name.startswith(FORMULA):
+        faults.append(
+            f"{where}: spreadsheets take this id for a formula; begin it with a letter or a digit"
         )
     carried = {name: row[name] for name in row if name not in KNOWN and name != "problem"}
     taken = listed([name for name in carried if OWN.fullmatch(name)])
     if taken:
-        raise InputError(f"{where}: the dataset has its own {taken}; rename the column")
+        faults.append(f"{where}: the dataset has its own {taken}; rename the column")
     missing: list[str] = []
     records, ocv, validate, models, bounds = (
-        tuple(_found(row.get(column), folder, missing, f"{where}: `{column}`"))
+        tuple(_found(row.get(column), folder, missing, faults, f"{where}: `{column}`"))
         for column in (*FILES, "cell", "bounds")
     )
     if not row.get("records") and "problem" not in row:
-        raise InputError(f"{where}: no record; give files in the column records")
+        faults.append(f"{where}: no record; give files in the column records")
+    windows = [_window(row, where, faults, whose) for whose in ("", OF_VALIDATION)]
+    if faults and problems is None:
+        raise InputError("\n".join(faults))
+    if problems is not None:
+        problems += faults
     return FleetCell(
         id=name,
         records=records,
@@ -295,8 +323,8 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
         validate=validate,
         cell=next(iter(models), None),
         bounds=next(iter(bounds), None),
-        window=_window(row, where),
-        validate_window=_window(row, where, OF_VALIDATION),
+        window=windows[0],
+        validate_window=windows[1],
         options={option: row[option] for option in OPTIONS if option in row},
         carried=carried,
         missing=tuple(missing),
@@ -304,7 +332,7 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
     )
 
 
-def _window(row: Mapping[str, Any], where: str, whose: str = "") -> dict[str, Any]:
+def _window(row: Mapping[str, Any], where: str, faults: list[str], whose: str) -> dict[str, Any]:
     found = {}
     for option, (name, parse, example) in WINDOW_OPTIONS.items():
         asked = whose + option
@@ -314,28 +342,30 @@ def _window(row: Mapping[str, Any], where: str, whose: str = "") -> dict[str, An
         text = ",".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
         try:
             found[name] = parse(text.removesuffix(".0") if parse is int else text)
-        except ValueError as problem:
-            raise InputError(
-                f"{where}: `{asked}` {cut(text, LONGEST_NAME)!r}: write it like {example}"
-            ) from problem
+        except ValueError:
+            shown = cut(text, LONGEST_NAME)
+            faults.append(f"{where}: `{asked}` {shown!r}: write it like {example}")
     return found
 
 
-def _found(value: Any, folder: Path, missing: list[str], where: str) -> Iterator[str]:
+def _found(
+    value: Any, folder: Path, missing: list[str], faults: list[str], where: str
+) -> Iterator[str]:
     """The files that a column names, a pattern's by their names; what is not there is noted."""
     if value is None:
         return
     texts = value.split(SEPARATOR) if isinstance(value, str) else value
     texts = [texts] if isinstance(texts, Path) else texts
     if not isinstance(texts, list | tuple) or not all(isinstance(t, str | Path) for t in texts):
-        raise InputError(f"{where} {cut(str(value), LONGEST_NAME)!r}: write names of files")
+        faults.append(f"{where} {cut(str(value), LONGEST_NAME)!r}: write names of files")
+        return
     for text in texts:
         pattern = str(text).strip()
         if is_address(pattern):
             yield pattern
             continue
         if not isinstance(folder, Path):
-            yield from _stored(pattern, folder, missing, where)
+            yield from _stored(pattern, folder, missing, faults, where)
             continue
         place = folder / pattern
         # The folder's own name is none.
@@ -348,34 +378,18 @@ def _found(value: Any, folder: Path, missing: list[str], where: str) -> Iterator
         yield from (path for path in found if path not in odd)
 
 
-def _stored(pattern: str, folder: Any, missing: list[str], where: str) -> Iterator[str]:
+def _stored(
+    pattern: str, folder: Any, missing: list[str], faults: list[str], where: str
+) -> Iterator[str]:
     """The same beside a manifest in a store; whether a single one is there, its reader finds."""
     if pattern.startswith(("/", "~")) or ".." in re.split(r"[/\\]", pattern):
-        raise InputError(
+        faults.append(
             f"{where} {cut(pattern, LONGEST_NAME)!r}: a manifest in a store names what is below "
             "its own folder; write it without .. and a leading /"
         )
+        return
     found = [folder / pattern]
     if glob.has_magic(pattern):
         found = sorted(folder.glob(pattern), key=str)
         missing += [] if found else [f"{pattern} does not exist"]
     yield from map(str, found)
-
-
-def in_shard(cell: FleetCell, shard: tuple[int, int] | None) -> bool:
-    """True if a cell belongs to the k-th of N shards, by its id alone."""
-    if shard is None:
-        return True
-    number, count = shard
-    return int(hashlib.sha256(cell.id.encode()).hexdigest()[:12], 16) % count == number - 1
-
-
-def parse_shard(text: str) -> tuple[int, int]:
-    """The shard and the number of shards, from "3/10". Raises `InputError` for anything else."""
-    try:
-        number, count = map(int, text.split("/"))
-    except ValueError:
-        number = count = 0
-    if not 1 <= number <= count:
-        raise InputError(f"`shard` {text!r}: write part/parts, counting from 1, such as 3/10")
-    return number, count

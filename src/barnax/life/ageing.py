@@ -1,6 +1,6 @@
 """Ageing of the cells of a fleet's dataset: trends with intervals, and odd cells."""
 
-import datetime
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,6 +12,7 @@ from jaxtyping import Float
 from ..errors import InputError, listed
 from ..over_soc.ageing import CAPACITY, R0, SHIFT, R
 from ..over_soc.registration import REACH
+from .ages import ages_of
 from .shapes import with_pooled_shapes
 from .trends import Judged, Series, judge
 
@@ -68,7 +69,8 @@ class Life:
     """A fleet over its ages, which are counted in `unit` from the first. `judged` has the models,
     by quantity. `cycles` are equivalent full cycles of each cell at its last record, as far as
     `cycles_known`; otherwise those within the records alone. Of so many rows whose capacity is told
-    no record from full to a rest near empty tells it, `without_empty`."""
+    no record from full to a rest near empty tells it, `without_empty`. So many rows without a name
+    or an age are left out, `without_age`, and `twice` are those of one cell at one age."""
 
     unit: str
     first_age: float
@@ -85,6 +87,8 @@ class Life:
     failed: tuple[tuple[str, str], ...]
     rows: int
     without_empty: int
+    without_age: int
+    twice: tuple[str, ...]
 
     def of(self, quantity: str, cell: str | None = None) -> list[Trend]:
         """Trends of a quantity, of all cells or one."""
@@ -127,13 +131,16 @@ def life_of(
     if OCV not in rows.columns:
         raise InputError("the dataset says nothing of ageing; identify the fleet with `ageing`")
     names, ages = _column(rows, by, NAMES, "by"), _column(rows, age, AGES, "age")
-    rows = rows.filter(pl.col(names).is_not_null() & pl.col(ages).is_not_null())
-    at, unit = _ages(rows[ages], ages)
-    rows = rows.with_columns(pl.col(names).cast(pl.String), pl.Series("_age", at)).sort("_age")
+    at, unit = ages_of(rows[ages], ages)
+    rows = rows.with_columns(pl.col(names).cast(pl.String), pl.Series("_age", at))
+    without_age = len(rows)
+    rows = rows.filter(pl.col(names).is_not_null() & pl.col("_age").is_not_nan()).sort("_age")
+    without_age -= len(rows)
     bad = rows.filter(pl.col("error").is_not_null())
     good = rows.filter(pl.col("error").is_null())
     if not len(good):
         raise InputError("no row of the dataset was identified; see the column error")
+    twice = good.filter(pl.struct(names, "_age").is_duplicated())
     cells = tuple(good[names].unique().sort())
     good = with_pooled_shapes(good, names, "_age", QUANTITIES)
     own = {name: good.filter(pl.col(names) == name) for name in cells}
@@ -169,43 +176,20 @@ def life_of(
         tuple(sorted(faults, key=lambda fault: -abs(fault.deviations))), judged, reference_degc,
         {name: ah / (2 * nominal_ah[name]) for name, ah in passed.items()}, column is not None,
         tuple(zip(bad[names], bad["error"], strict=True)), len(rows),
-        without_empty,
+        without_empty, without_age, tuple(twice["id"].cast(pl.String)),
     )  # fmt: skip
 
 
 def _column(rows: pl.DataFrame, chosen: str | None, usual: Iterable[str], option: str) -> str:
     """The chosen column, else the first whose name is usual."""
-    own = [name for name in rows.columns if name not in ("id", "record throughput [A.h]")]
+    measured = re.compile(r"id|record throughput \[A\.h\]|aged .*")
+    own = [name for name in rows.columns if not measured.fullmatch(name)]
     found = [name for start in usual for name in own if name.lower().startswith(start)]
     if chosen in rows.columns or (chosen is None and found):
         return chosen or found[0]
     raise InputError(
         f"`{option}` {chosen or 'is not given'}: no such column; the dataset has {listed(own)}"
     )
-
-
-def _ages(column: pl.Series, name: str) -> tuple[np.ndarray, str]:
-    """Ages and their unit; of dates, days since the first."""
-    if column.dtype == pl.String:
-        dates = pl.Series([_date(text) for text in column], dtype=pl.Datetime("us"))
-        column = column.cast(pl.Float64, strict=False) if dates.has_nulls() else dates
-    if column.dtype.is_temporal():
-        days = column.cast(pl.Datetime("us")).cast(pl.Int64).to_numpy() / 86_400e6
-        return days - days.min(), "day"
-    if not column.dtype.is_numeric() or column.has_nulls():
-        raise InputError(f"`age` {name}: its values are neither numbers nor dates; correct them")
-    units = {**dict.fromkeys(YEARS), "cycle": None, "efc": None}
-    unit = next((known for known in reversed(units) if known in name.lower()), None)
-    if unit is None:
-        unit = "A.h" if "throughput" in name.lower() or "ah" in name.lower() else "day"
-    return column.cast(pl.Float64).to_numpy(), {"efc": "cycle"}.get(unit, unit)
-
-
-def _date(text: str) -> datetime.datetime | None:
-    try:
-        return datetime.datetime.fromisoformat(text).replace(tzinfo=None)
-    except ValueError:
-        return None
 
 
 def _judged(

@@ -10,15 +10,14 @@ from ..checks.roles import VALIDATION_STEPS
 from ..errors import InputError
 from ..inputs import Given, Watch, listed, unwatched, windows_by_name
 from ..model.window import Window
-from ..notices import Notice, notice
-from ..records.fingerprint import Content
+from ..notices import notice
 from ..settings import OVER_TEMPERATURE, Reading
+from .cells import copies_of, of_other_cells
 from .document import Plan
 from .draft import Draft, another_cell, named_degc, reach_ah, why_useless, words_of
 from .looking import CandidateFile, by_temperature, files_of, found_in, is_same_degc, look, split
 from .ocv import (
     DIGITS,
-    OCV_KINDS,
     SHOWN,
     OcvChoice,
     ocv_at,
@@ -27,6 +26,8 @@ from .ocv import (
     started,
 )
 
+# What is identified on, the kinds that show the most of a load first.
+_LOADS = ("drive cycle", "pulse test", "OCV test")
 # Ranges of charge within this share of the widest count as equal, and other things decide.
 _AS_WIDE = 0.9
 # A record that moves so many times the capacity is of another cell, or in another unit.
@@ -111,28 +112,13 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     """The plan of files of which some have their role given."""
     files = draft.files
     # Given files come first.
-    given, copies = (*tests, *others), dict[CandidateFile, Notice]()
-    first_of: dict[tuple[object, ...], CandidateFile] = {}
-    for file in sorted(files, key=lambda one: one not in given):
-        # A record that came from no file is only like itself.
-        source = (file.source.sha256, file.source.span_s) if file.source else (id(file),)
+    given = (*tests, *others)
+    for file in files:
         if file.refusal:
             draft.take(file, "not used", file.refusal.removeprefix(f"{file.name}: "))
-        elif (same := first_of.setdefault(source, file)) is not file:
-            copies[file] = notice("role.given-twice", file.name, same="bytes", other=same.name)
-            draft.take(file, "not used", copies[file].what)
-    # Of a record and a part of it the longer one.
-    unlike: list[Content] = []
-    readable = [file for file in files if file not in draft.taken and file.traits]
-    for file in sorted(readable, key=lambda one: (one not in given, -one.record.samples)):
-        content = Content(file.record)
-        same = next((known for known in unlike if content.is_like(known)), None)
-        if same is not None:
-            told = {"same": "samples", "other": same.record.name}
-            copies[file] = notice("role.given-twice", file.name, **told)
-            draft.take(file, "not used", copies[file].what)
-        else:
-            unlike.append(content)
+    copies = copies_of([file for file in files if file not in draft.taken], given)
+    for file, same in copies.items():
+        draft.take(file, "not used", same.what)
     free = [file for file in files if file not in draft.taken and file not in given]
     # Of a folder copies are left out; what was given to validate on is meant.
     doubled = [file for file in others if file in copies] or ([] if free else [*copies])
@@ -142,20 +128,27 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         draft.take(file, "validation", "given", file.window)
     for file in tests:
         draft.take(file, "OCV test", "given")
-    dynamic = [file for file in free if file.kind(None) == "drive cycle"]
-    is_pulsed = not dynamic
-    if is_pulsed:
-        dynamic = [file for file in free if file.kind(None) == "pulse test"]
+    for file, why in ({} if tests else of_other_cells(free, draft.given_ah)).items():
+        draft.take(file, "not used", why)
+    free = [file for file in free if file not in draft.taken]
+    records = [file for file in free if file.serves("identification")]
+    # An OCV test with enough pulses is a record too where there is no other.
+    dynamic = [file for file in records if file.kind(None) != "OCV test"] or records
     groups = list(by_temperature(dynamic or free))
-    # An OCV test of its own temperature comes before many records.
+    # An OCV test of its own temperature comes before many records, and a drive before pulses.
     chosen = [(group, ocv_at(degc, free, tests, draft.given_ah)) for degc, group in groups]
+    chosen.sort(key=lambda pair: not _holds_drive(pair[0]))
     with_test = [(group, test) for group, test in chosen if test]
     if not with_test:
-        groups = [group for _, group in by_temperature(dynamic)]
+        groups = [group for group, _ in chosen if dynamic]
         return _on_records(draft, groups) or _without_record(draft, free)
-    choice, runs = with_test[0][1], []
+    choice, is_pulsed, runs = with_test[0][1], False, []
     for group, choice in with_test if dynamic else []:
+        is_pulsed = not _holds_drive(group)
         runs = _runnable(draft, group, choice, is_pulsed)
+        if not runs:
+            pulses = [test for test in choice.tests if test.kind(None) == "pulse test"]
+            is_pulsed, runs = True, _runnable(draft, pulses, choice, True)
         if runs:
             break
     draft.capacity_ah = choice.cell.capacity_ah
@@ -173,6 +166,7 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     draft.take(record, "identification", why + words_of(draft, record), window)
     draft.take_tests(choice)
     if draft.is_over or is_pulsed:
+        runs = [runs[0], *(run for run in runs[1:] if run[0] not in draft.taken)]
         _choose_validation(draft, record, runs[1:], is_given=bool(others))
         _take_other_temperatures(draft, record, chosen, choice, is_pulsed)
     else:
@@ -279,6 +273,7 @@ def _runnable(
         file = run[0]
         is_wide = reach_ah(file) >= _AS_WIDE * widest_ah
         return (
+            _LOADS.index(file.kind(None)),
             bool(file.missing_for(choice.cell.capacity_ah)),
             not is_wide,
             file.warnings if is_wide else 0,
@@ -287,6 +282,10 @@ def _runnable(
         )
 
     return sorted(found, key=rank)
+
+
+def _holds_drive(files: Sequence[CandidateFile]) -> bool:
+    return any(file.kind(None) == "drive cycle" for file in files)
 
 
 def _choose_validation(
@@ -310,6 +309,9 @@ def _take_others(draft: Draft, others: Sequence[Runnable], capacity_ah: float | 
     for file, window in others:
         if missing := file.missing_for(capacity_ah):
             draft.take(file, "validation", f"too little to identify on: {missing}", window)
+        elif file.kind(None) == "pulse test":
+            reason = f"pulses, to predict from the drive: {words_of(draft, file)}"
+            draft.take(file, "validation", reason, window)
         else:
             draft.take(file, "identification", words_of(draft, file), window)
 
@@ -361,9 +363,10 @@ def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
             if file in usable:
                 reason = f"measured{at}: for tables over temperature (`over=soc,temperature`)"
             draft.take(file, "not used", reason)
-        elif file.kind(None) in OCV_KINDS:
+        elif file.serves("OCV test"):
             names = " and ".join(test.name for test in choice.tests)
-            reason = f"also an OCV test ({ocv_reason([file])}), but {names} is better"
+            verb = "is" if len(choice.tests) == 1 else "are"
+            reason = f"also an OCV test ({ocv_reason([file])}), but {names} {verb} better"
             draft.take(file, "not used", reason)
         else:
             draft.take(file, "not used", why_useless(file, draft.capacity_ah))

@@ -24,6 +24,7 @@ class Draft:
     is_over: bool = False
     taken: dict[CandidateFile, tuple[Use, str, Window]] = field(default_factory=dict)
     capacity_ah: float | None = None
+    tests: dict[CandidateFile, None] = field(default_factory=dict)
     starts: dict[CandidateFile, Started] = field(default_factory=dict)
 
     def take(
@@ -34,6 +35,7 @@ class Draft:
 
     def take_tests(self, choice: OcvChoice) -> None:
         """Settle the files of an OCV test."""
+        self.tests |= dict.fromkeys(choice.tests)
         for test in choice.tests:
             self.take(test, "OCV test", ocv_reason([test]))
 
@@ -46,9 +48,13 @@ class Draft:
                 self.taken[file] = role, reason, window
 
     def parts(self) -> tuple[Part, ...]:
-        """Every file: those that serve first, by their role, the best to identify on first."""
+        """Every file: those that serve first, by their role, the best to identify on first.
+
+        Pulse tests have the OCV of their rests, but beside an OCV test they are named as one too.
+        """
         parts = []
         best = [file for file, (role, *_) in self.taken.items() if role == "identification"]
+        is_given = any(role == "OCV test" for role, *_ in self.taken.values())
         for file in (*best, *(file for file in self.files if file not in best)):
             role, reason, window = self.taken[file]
             kept = None if role == "not used" else file.source
@@ -56,7 +62,11 @@ class Draft:
             planned = window.initial_soc is not None and file.chosen.initial_soc is None
             known = (file.source and file.source.span_s, file.temperature_degc, planned, kept)
             digest = file.source.sha256 if file.source else ""
-            parts.append(Part(file.path, file.name, *what, *known, sha256=digest))
+            part = Part(file.path, file.name, *what, *known, sha256=digest)
+            parts.append(part)
+            if is_given and role == "identification" and file in self.tests:
+                why = ocv_reason([file])
+                parts.append(replace(part, role="OCV test", reason=why, window=Window()))
         return tuple(sorted(parts, key=lambda part: ROLES.index(part.role)))
 
 

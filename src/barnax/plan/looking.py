@@ -74,6 +74,12 @@ class CandidateFile:
         roles = self.check.roles if self.check else ()
         return next((role for role in roles if role.name == name), None)
 
+    def serves(self, name: str) -> bool:
+        """True if it can serve in a role, as the checks say."""
+        role = self.role(name)
+        # A table has one role.
+        return role.is_usable if role else name == "OCV test"
+
     def kind(self, capacity_ah: float | None) -> str:
         """The kind of file, for a cell of that capacity."""
         if self.refusal:
@@ -139,27 +145,31 @@ class CandidateFile:
 
 
 def files_of(sources: Sequence[Any]) -> list[Any]:
-    """The files of what was given, folders replaced by the files and the folders in them.
+    """The files of what was given, folders replaced by the files in them and in their folders.
 
     Raises `InputError` for a folder without files.
     """
-    found: list[Any] = []
+    files: list[Any] = []
     for source in sources:
-        if not isinstance(source, str | Path) or not os.path.isdir(source):
-            found.append(source)
+        is_folder = isinstance(source, str | Path) and os.path.isdir(source)
+        inside = list(_inside(Path(source))) if is_folder else [source]
+        if not inside:
+            name = printable(str(source))
+            raise InputError(f"{name}: has no files; give the folder with the records of a cell")
+        files += inside
+    return files
+
+
+def _inside(folder: Path) -> Iterator[Path]:
+    """The files in a folder and in its folders, but for results."""
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(_TEMPORARY):
             continue
-        inside = [
-            path
-            for path in sorted(Path(source).iterdir())
-            if not path.name.startswith(_TEMPORARY)
-            and (path.suffix.lower() not in _BESIDE if path.is_file() else _is_of_files(path))
-        ]
-        if not any(path.is_file() for path in inside):
-            within = " or ".join(f"'{path}'" for path in inside)
-            remedy = f"give {within}" if inside else "give the folder with the records of a cell"
-            raise InputError(f"{printable(str(source))}: has no files; {printable(remedy)}")
-        found += inside
-    return found
+        if not path.is_dir():
+            yield from [path] if path.suffix.lower() not in _BESIDE else []
+        elif os.access(path, os.R_OK) and not (path / "result.json").exists():
+            # A link may lead back.
+            yield from [] if folder.resolve().is_relative_to(path.resolve()) else _inside(path)
 
 
 def found_in(given: Sequence[Any], sources: Sequence[Any]) -> list[Any]:
@@ -175,13 +185,6 @@ def found_in(given: Sequence[Any], sources: Sequence[Any]) -> list[Any]:
     return [found(source) for source in given]
 
 
-def _is_of_files(path: Path) -> bool:
-    """True for a folder with something in it, other than a result."""
-    if not path.is_dir() or not os.access(path, os.R_OK) or (path / "result.json").exists():
-        return False
-    return any(path.iterdir())
-
-
 def look(
     sources: Sequence[Any], reading: Reading, watch: Watch, windows: Mapping[str, Window]
 ) -> Iterator[CandidateFile]:
@@ -191,10 +194,6 @@ def look(
     for source in sources:
         name = source.name if isinstance(source, Source) else names[Path(source)]
         path = Path(name if isinstance(source, Source) else source)
-        if path.is_dir():
-            refusal = f"{name}: a folder in the folder is not looked into; give its files too"
-            yield CandidateFile(path, name, refusal=refusal)
-            continue
         with watch(f"Looking at {name}", 0):
             try:
                 yield _looked_at(path, source_of(source, names, reading), window_of(windows, name))

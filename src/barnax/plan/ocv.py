@@ -15,7 +15,6 @@ from ..model.window import Window
 from ..records.record import pause_s
 from .looking import CandidateFile, is_same_degc
 
-OCV_KINDS = ("OCV test", "slow sweep", "pulse test", "OCV table")
 # A rested cell so near full is full: the last digits of a voltage there tell of the rest before.
 _FULL = 0.005
 # A quarter of the charge without a point is a hole in an OCV test.
@@ -24,8 +23,9 @@ _HOLE = 0.25
 DIGITS = 4
 # What one test takes more out of a cell than another does; a larger cell takes more than that.
 _LITTLE_MORE = 1.15
-# A file goes on from another where its counters agree to this share of the capacity, so soon after.
-_SAME_COUNT, _PAUSE_S = 1e-3, 3600.0
+# A file goes on from another so many intervals after it, or where its counters agree to this share
+# of the capacity, so soon after.
+_SAME_LOG, _SAME_COUNT, _PAUSE_S = 2.0, 1e-3, 3600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +62,8 @@ def ocv_at(
         return _choose_ocv(own or tests, capacities_ah, is_given=True)
     own = [file for file in near if is_same_degc(file.temperature_degc, degc, is_strict=True)]
     for candidates in (own, near):
-        of_kind = [file for file in candidates if file.kind(None) in OCV_KINDS]
-        choice = _choose_ocv(of_kind, capacities_ah)
+        serving = [file for file in candidates if file.serves("OCV test")]
+        choice = _choose_ocv(serving, capacities_ah)
         if choice is not None:
             return choice
     return None
@@ -77,7 +77,7 @@ def _choose_ocv(
     """The best OCV test of some files, None where none of them makes a cell; all where given.
 
     Tests without holes come before others, both directions before one, tests that close before
-    others, rests before slow sweeps, tests of their own before pulse tests, and many points before
+    others, tests of their own before pulse tests, rests before slow sweeps, and many points before
     few. The first of the capacities counts with which a test makes a cell. Raises `InputError`
     where given tests make none.
     """
@@ -133,8 +133,8 @@ def _rank(tests: tuple[CandidateFile, ...], max_ah: float) -> tuple:
         not _closes(sweeps),
         # A table comes last: it has no charge.
         not sweeps,
-        any(sweep.kind == "slow" for sweep in sweeps),
         any(test.kind(None) == "pulse test" for test in tests),
+        any(sweep.kind == "slow" for sweep in sweeps),
         sum(test.warnings for test in tests),
         -sum(len(sweep.points) for sweep in sweeps),
     )
@@ -193,7 +193,7 @@ def started(
         if full is not None:
             return Started(replace(window, capacity_ah=full.capacity_ah), is_full=True)
         before = next((other for other in files if _goes_on(other, file, choice)), None)
-        soc = None if before is None else _final_soc(before, choice)
+        soc = None if before is None else _final_soc(files, before, choice)
         if before is None or soc is None or window.is_chosen:
             raise
         prepare_record(file.record, choice.cell, "so-rc", replace(own, initial_soc=soc))
@@ -218,10 +218,12 @@ def _fuller(file: CandidateFile, window: Window, choice: OcvChoice) -> Window | 
 
 
 def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> bool:
-    """True if a file's clock and counters continue where those of another end."""
+    """True if a file's clock, or its counters, continue where those of another end."""
     if before.traits is None or file.traits is None or before is file:
         return False
     first, second = before.record, file.record
+    if 0 <= pause_s(first, second) <= _SAME_LOG * float(np.median(second.interval_s)):
+        return True
     if first.charge_ah is None or second.charge_ah is None or not second.charge_ah[0]:
         return False
     apart_ah = abs(float(second.charge_ah[0] - first.charge_ah[-1]))
@@ -229,10 +231,13 @@ def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> b
     return is_soon and apart_ah <= _SAME_COUNT * choice.cell.capacity_ah
 
 
-def _final_soc(file: CandidateFile, choice: OcvChoice) -> float | None:
-    """The state of charge at the end of a file, where it shows that anywhere."""
+def _final_soc(
+    files: Sequence[CandidateFile], file: CandidateFile, choice: OcvChoice
+) -> float | None:
+    """The state of charge at the end of a file, where it or the one before it shows that."""
     try:
-        prepared = prepare_record(file.record, choice.cell, "so-rc")
+        window = started(files, file, file.window, choice).window
+        prepared = prepare_record(file.record, choice.cell, "so-rc", window)
     except InputError:
         return None
     return float(f"{prepared.soc[-1]:.{DIGITS}g}")

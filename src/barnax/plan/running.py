@@ -194,8 +194,8 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
         pulse = first_pulse(record)
         if pulse is None:
             raise InputError(
-                f"{record.name}: found no pulses of up to 2 min after rests of at least 5 min; "
-                "barnax check says what it can be used for"
+                f"{record.name}: has no pulses, of up to 2 min or a quarter of its charge, out of "
+                "rests of at least 5 min; barnax check says what it can be used for"
             )
         tests.append(_Test(source, record, pulse))
     return tests

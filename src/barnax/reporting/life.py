@@ -58,6 +58,7 @@ def life_lines(life: "Life") -> list[str]:
     return [
         f"{counted(len(life.cells), 'cell')}, {counted(life.rows, 'row')}, "
         f"{counted(round(life.exposure), 'cell year')}.",
+        *_left_out(life),
         *told,
         *_assumed(life),
         _judging_sentence(life),
@@ -65,6 +66,15 @@ def life_lines(life: "Life") -> list[str]:
         *([f"  {len(life.faults) - 10} more on the page"] if len(life.faults) > 10 else []),
         *_failed(life)[:3],
     ]
+
+
+def _left_out(life: "Life") -> list[str]:
+    """Rows that say nothing, and those that may say the same thing twice."""
+    rows = counted(life.without_age, "row")
+    more = f" and {len(life.twice) - 10} more" if len(life.twice) > 10 else ""
+    twice = f"Of one cell at one age, both counted: {', '.join(life.twice[:10])}{more}."
+    without = f"{rows} without a finite age, or without a cell: left out."
+    return [*[without] * bool(life.without_age), *[twice] * bool(life.twice)]
 
 
 def life_document(life: "Life", drawn: Sequence[Any]) -> Document:
@@ -77,7 +87,7 @@ def life_document(life: "Life", drawn: Sequence[Any]) -> Document:
             Section("Trends", (*map(picture, drawn), _fleet_table(life))),
             Section("Odd cells", (Paragraph(_judging_sentence(life)), *odd)),
             Section("What is not determined", _untold(life)),
-            Section("How it is made", (Bullets(tuple(_method(life))),)),
+            Section("How it is made", (Bullets((*_left_out(life), *_method(life))),)),
         ),
     )
 

@@ -1,0 +1,95 @@
+"""Ages of rows: dates however they are written, units, and what is left out or refused."""
+
+import datetime
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barnax.errors import InputError
+from barnax.life import life_of
+from barnax.life.ages import ages_of
+from barnax.reporting.life import life_lines
+
+from .test_ageing import dataset
+
+UTC = datetime.UTC
+DATES = st.datetimes(datetime.datetime(2001, 9, 10), datetime.datetime(2099, 12, 31))
+WRITTEN = {
+    "ISO texts": lambda one: one.isoformat(),
+    "texts with a time zone": lambda one: (
+        one.replace(tzinfo=UTC)
+        .astimezone(datetime.timezone(datetime.timedelta(hours=-7)))
+        .isoformat()
+    ),
+    "dates": lambda one: one,
+    "seconds since 1970": lambda one: one.replace(tzinfo=UTC).timestamp(),
+    "milliseconds since 1970": lambda one: round(one.replace(tzinfo=UTC).timestamp() * 1e3),
+    "numbers as texts": lambda one: str(one.replace(tzinfo=UTC).timestamp()),
+}
+
+
+@given(dates=st.lists(DATES, min_size=2, max_size=5), how=st.sampled_from([*WRITTEN]))
+def test_dates_are_the_same_however_they_are_written(dates, how):
+    days, unit = ages_of(pl.Series([WRITTEN[how](one) for one in dates]), "date")
+    expected = [(one - min(dates)).total_seconds() / 86_400 for one in dates]
+    assert unit == "day"
+    np.testing.assert_allclose(days, expected, atol=1e-6)
+
+
+@given(dates=st.lists(DATES, min_size=2, max_size=5), kind=st.sampled_from([int, float, str]))
+def test_compact_dates_are_dates_and_no_numbers(dates, kind):
+    column = pl.Series([kind(one.strftime("%Y%m%d")) for one in dates])
+    days, unit = ages_of(column, "date")
+    expected = [(one.date() - min(dates).date()).days for one in dates]
+    assert (days.tolist(), unit) == (expected, "day")
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "unit"),
+    [
+        ("age [h]", 1 / 24, "day"),
+        ("age_hours", 1 / 24, "day"),
+        ("age (s)", 1 / 86_400, "day"),
+        ("age / d", 1.0, "day"),
+        ("age", 1.0, "day"),
+        ("age_months", 1.0, "month"),
+        ("year", 1.0, "year"),
+        ("ncycles", 1.0, "cycle"),
+        ("throughput [A.h]", 1.0, "A.h"),
+        ("moved_ah", 1.0, "A.h"),
+    ],
+)
+def test_a_unit_in_the_name_counts(name, factor, unit):
+    ages, told_unit = ages_of(pl.Series([0, 10, 480]), name)
+    np.testing.assert_allclose(ages, factor * np.array([0, 10, 480]))
+    assert told_unit == unit
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (["2024-01-15", "15.02.2024"], "row 2 is '15.02.2024'; give a number"),
+        (["2024-01-15", "12.5"], "row 2 is '12.5'; give a number in every row, or a date"),
+        ([2020.5, 2021.0], "2020.5 may be a year or a day"),
+        ([20240115, 20240231], "row 2 is '2024-02-31'"),
+        ([float("nan"), None], "no row has a finite age"),
+    ],
+)
+def test_what_is_neither_or_may_be_either_is_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        ages_of(pl.Series(values), "date")
+
+
+def test_rows_without_a_finite_age_are_counted_and_those_of_one_age_named():
+    ages = pl.Series("age [h]", [float("nan"), float("inf"), 24.0, 24.0, None])
+    frame = dataset(cells=3).with_columns(
+        pl.Series("age [h]", [*ages, *[24.0 * k for k in range(1, 11)]])
+    )
+    life = life_of(frame, age="age [h]")
+    lines = life_lines(life)
+    assert "3 rows without a finite age, or without a cell: left out." in lines
+    assert "Of one cell at one age, both counted: 0-2, 0-3." in lines
+    assert (life.rows, life.unit, life.span) == (15 - 3, "day", 9.0)

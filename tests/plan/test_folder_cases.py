@@ -1,0 +1,228 @@
+"""Folders as the field has them: C/20, HPPC and drive; long pulses; folders in folders; cells."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import barnax
+from barnax.checks import check_file
+from barnax.plan import plan, plan_from_toml, plan_to_toml
+from barnax.pulses import first_pulse
+from barnax.records import read_record
+from helpers.three_tests import (
+    CAPACITY_AH,
+    R0_OHM,
+    R_OHM,
+    TAU_S,
+    drive,
+    long_pulses,
+    made,
+    pulses,
+    slow_sweep,
+    write,
+)
+
+
+@pytest.fixture(scope="module")
+def cases() -> Path:
+    """The folder of small inputs with right answers, beside the measured cells."""
+    data = os.environ.get("BARNAX_SHARED_DATA")
+    shared = Path(data).parent if data else Path(__file__).parents[3] / "shared"
+    if not (shared / "cases").is_dir():
+        pytest.skip("the cases are not here")
+    return shared / "cases"
+
+
+def roles(planned):
+    return {part.name: part.role for part in planned.parts}
+
+
+def reason(planned, name):
+    return next(part.reason for part in planned.parts if part.name == name)
+
+
+ONE, BOTH, HPPC, DRIVE = slow_sweep(), slow_sweep(back=True), pulses(), drive(small_s=300)
+# Names say nothing, and come in any order.
+FORMS = {
+    "both directions in one file": {"a": DRIVE, "b": BOTH, "c": HPPC},
+    "both directions in two files": {
+        "a": ONE,
+        "b": HPPC,
+        "c": DRIVE,
+        "d": slow_sweep(only_back=True),
+    },
+    "a discharge alone": {"a": HPPC, "b": ONE, "c": DRIVE},
+    "pulses after a charge": {"a": pulses(charged=True), "b": DRIVE, "c": BOTH},
+    "a drive after a rest": {"a": drive(rest_s=600), "b": BOTH, "c": HPPC},
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_c20_hppc_and_drive_are_ocv_test_record_and_validation(form, tmp_path):
+    for name, test in FORMS[form].items():
+        write(tmp_path / f"{name}.csv", test)
+    planned = plan(tmp_path)
+    sweeps = {f"{name}.csv" for name, test in FORMS[form].items() if len(test[0]) < 2000}
+    assert (planned.command, planned.missing) == ("identify", "")
+    assert {part.name for part in planned.of_role("OCV test")} == sweeps
+    (record,), (other,) = map(planned.of_role, ("identification", "validation"))
+    assert (record.kind, other.kind) == ("drive cycle", "pulse test")
+    assert "current steps" in record.reason
+    assert "pulses, to predict from the drive" in other.reason
+
+
+def test_a_small_current_before_a_drive_is_no_offset(tmp_path):
+    write(tmp_path / "drive.csv", DRIVE)
+    assert not [one for one in check_file(tmp_path / "drive.csv").findings if one.counts]
+
+
+def test_measured_c20_hppc_and_drive_are_combined(real_data):
+    files = [
+        real_data / "lg-hg2-18650" / f"{name}_25degC.parquet" for name in ("c20", "hppc", "us06")
+    ]
+    planned = plan(files)
+    assert roles(planned) == {
+        "us06_25degC.parquet": "identification",
+        "hppc_25degC.parquet": "validation",
+        "c20_25degC.parquet": "OCV test",
+    }
+
+
+FAST = {"model": "so-rc", "over": "soc", "seeds": 0, "trust": "none", "advise": False}
+
+
+def check_cell(result, soc):
+    """The result is of the made cell, and its pulses have the resistances of the closed form."""
+    tables = result.fit.tables
+    assert tables.tau_s == pytest.approx(TAU_S, rel=0.05)
+    for name, ohm in zip(("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"), (R0_OHM, *R_OHM), strict=True):
+        assert np.mean(tables.at(name, soc)) == pytest.approx(ohm, rel=0.05)
+    at_30_s = R0_OHM + sum(r * -np.expm1(-30 / t) for r, t in zip(R_OHM, TAU_S, strict=True))
+    middle = next(pulse for pulse in result.pulses if pulse.soc < 0.55)
+    # The OCV moves by some millivolts in 30 s of C/2 or 1C.
+    assert middle.resistance_ohm[-1] == pytest.approx(at_30_s, abs=4e-3)
+
+
+def test_pulses_of_12_min_show_the_circuit_and_their_resistances(tmp_path):
+    time_s, current_a, voltage_v = long_pulses(minutes=12.0, rate=0.5)
+    # In other units than the case, too.
+    test = time_s / 3600, current_a, voltage_v
+    write(tmp_path / "x.csv", test, ("time [h]", "current [mA]", "voltage [V]"), scale=1e3)
+    result = barnax.identify(tmp_path / "x.csv", max_boxes=0, **FAST)
+    assert len(result.pulses) == 10
+    check_cell(result, np.linspace(0.2, 0.9, 20))
+
+
+@pytest.mark.parametrize("run", [barnax.identify, barnax.hppc])
+def test_pulses_of_6_min_show_the_circuit_either_way(run, cases):
+    result = run(cases / "cells" / "01_pulse_discharge_6min" / "pulses.csv", max_boxes=0, **FAST)
+    assert len(result.pulses) == 10
+    check_cell(result, np.linspace(0.2, 0.9, 20))
+
+
+def test_the_measured_incremental_test_is_ocv_test_and_record(real_data):
+    path = real_data / "calce-inr18650-20r" / "ocv-incremental_25degC_SP20-3.parquet"
+    planned = plan(path)
+    assert (planned.command, planned.missing) == ("hppc", "")
+    assert [part.role for part in planned.parts] == ["identification"]
+    pulse = first_pulse(read_record(path))
+    assert pulse is not None
+    # After 2 and 10 s at 1 A, as the record shows.
+    assert pulse.resistance_ohm[1:3] == pytest.approx((0.106, 0.114), abs=2e-3)
+
+
+@given(count=st.integers(5, 14), minutes=st.sampled_from([6.0, 8.0, 12.0]))
+@settings(max_examples=8)
+def test_check_identify_and_hppc_agree_what_long_pulses_serve_as(count, minutes, tmp_path_factory):
+    path = tmp_path_factory.mktemp("pulses") / "x.csv"
+    write(path, long_pulses(minutes, rate=0.95 / count / minutes * 60, count=count))
+    identification = next(role for role in check_file(path).roles if role.name == "identification")
+    planned = plan(path)
+    assert bool(planned.missing) != identification.is_usable
+    if identification.is_usable:
+        assert (planned.command, planned.parts[0].role) == ("hppc", "identification")
+        pulse = first_pulse(read_record(path))
+        assert pulse is not None
+        assert pulse.duration_s == pytest.approx(60 * minutes, rel=0.01)
+    else:
+        assert identification.reason
+
+
+def test_long_pulses_down_and_up_in_two_files_are_one_ocv_test_and_a_record(tmp_path):
+    down = long_pulses()
+    loads = [(1900, 0.0, 10), *[(360, -CAPACITY_AH, 1.0), (2400, 0.0, 10)] * 10]
+    write(tmp_path / "a.csv", down)
+    write(tmp_path / "b.csv", made(loads, 0.0))
+    planned = plan(tmp_path)
+    assert planned.command == "hppc"
+    assert {part.name for part in planned.of_role("OCV test")} == {"a.csv", "b.csv"}
+    (record,) = planned.of_role("identification")
+    path = tmp_path / "plan.toml"
+    path.write_text(plan_to_toml(planned))
+    again = plan_from_toml(path)
+    assert [(part.name, part.role) for part in again.parts] == [
+        (part.name, part.role) for part in planned.parts
+    ]
+    assert "current steps" in record.reason
+
+
+def test_tests_in_folders_of_their_own_are_of_one_cell(tmp_path):
+    for name, test in {"ocv/a": BOTH, "pulses/a": HPPC, "load/deep/a": drive(rest_s=60)}.items():
+        write(tmp_path / f"{name}.csv", test)
+    assert roles(plan(tmp_path)) == {
+        "deep/a.csv": "identification",
+        "pulses/a.csv": "validation",
+        "ocv/a.csv": "OCV test",
+    }
+
+
+def test_folders_with_an_ocv_test_and_a_record_each_are_cells(tmp_path):
+    for cell, capacity_ah in (("A", 2.5), ("B", 2.4)):
+        write(tmp_path / cell / "slow" / "x.csv", slow_sweep(capacity_ah, back=True))
+        write(tmp_path / cell / "fast.csv", drive(capacity_ah, rest_s=60, seed=ord(cell)))
+    write(tmp_path / "B" / "more.csv", drive(2.4, rest_s=60, seed=9))
+    planned = plan(tmp_path)
+    served = {part.name for part in planned.parts if part.role != "not used"}
+    assert served == {"B/slow/x.csv", "B/fast.csv", "more.csv"}
+    for name in ("A/slow/x.csv", "A/fast.csv"):
+        assert reason(planned, name).startswith("of another cell than B, by the OCV test")
+
+
+@pytest.mark.parametrize(("scale", "stays"), [(1.0, 2.5), (6.8e-4, 1.7e-3)])
+def test_a_test_of_a_cell_of_44_ah_serves_no_small_one(scale, stays, tmp_path):
+    write(tmp_path / "a.csv", slow_sweep(44.0, back=True))
+    write(tmp_path / "b.csv", drive(2.5, rest_s=60), scale=scale)
+    write(tmp_path / "c.csv", slow_sweep(2.5), scale=scale)
+    planned = plan(tmp_path)
+    assert roles(planned) == {
+        "a.csv": "not used",
+        "b.csv": "identification",
+        "c.csv": "OCV test",
+    }
+    assert reason(planned, "a.csv").startswith("of a cell of 43.8 Ah, and ")
+    other = plan(tmp_path, capacity=44.0)
+    assert other.missing
+    assert "the one identified holds 43.8 Ah" in reason(other, "b.csv")
+
+
+def test_a_log_that_is_cut_into_files_starts_each_where_the_one_before_ends(tmp_path):
+    test = drive(rest_s=600, minutes=120)
+    write(tmp_path / "ocv.csv", BOTH)
+    for number, part in enumerate(np.array_split(np.arange(len(test[0])), 3)):
+        write(tmp_path / f"log{number}.csv", tuple(values[part] for values in test))
+    planned = plan(tmp_path)
+    windows = {part.name: part.window for part in planned.of_role("identification")}
+    assert windows.keys() == {"log0.csv", "log1.csv", "log2.csv"}
+    passed_ah = np.append(0.0, np.cumsum(test[1][:-1] * np.diff(test[0]))) / 3600
+    first, second = (windows[f"log{number}.csv"].initial_soc for number in (1, 2))
+    assert first is not None
+    assert second is not None
+    begin = len(np.array_split(np.arange(len(test[0])), 3)[0])
+    assert first == pytest.approx(1 + passed_ah[begin] / CAPACITY_AH, abs=0.02)
+    # The sweep counts 99.5 % of the capacity.
+    moved_ah = passed_ah[2 * begin] - passed_ah[begin]
+    assert second - first == pytest.approx(moved_ah / (0.995 * CAPACITY_AH), abs=1e-3)

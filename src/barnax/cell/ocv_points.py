@@ -1,5 +1,6 @@
 """The points of an OCV test: rested voltages between pulses, or a slow sweep thinned."""
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -16,8 +17,6 @@ MINIMUM_REST_S = 1800.0
 MINIMUM_POINTS = 4
 # A rest programmed as 30 min ends some hundredths of a second early on the tester's clock.
 CLOCK_SLACK_S = 1.0
-# And one that is sampled every some seconds up to so many before its end, but by no more than this.
-_LARGEST_SLACK_S = 180.0
 # As fractions of the charge the record spans: rests closer than the first are one rest; a swing
 # beyond both neighboring rests larger than the second is a cycle, not the pulses of an HPPC test.
 SAME_SOC = 1e-3
@@ -40,7 +39,11 @@ def find_rest_sweeps(record: Record, rest_current_a: float) -> list[Sweep]:
     """
     discharged_ah = record.discharged_ah
     blocks = rest_blocks(record, rest_current_a)
-    rests_s = {last: _rest_s(record, first, last) for first, last in blocks}
+    rests_s = {last: rest_duration_s(record, first, last) for first, last in blocks}
+    at_end = record.samples - 1
+    if any(map(is_long, rests_s.values())) and not is_long(rests_s.get(at_end, math.inf)):
+        # No sample after it shows its last interval.
+        rests_s[at_end] += float(record.interval_s[-1])
     lasts = _point_samples(record, blocks, rests_s, discharged_ah)
     directions = _directions(discharged_ah, lasts)
     sweeps = []
@@ -56,7 +59,7 @@ def find_rest_sweeps(record: Record, rest_current_a: float) -> list[Sweep]:
         )
         sweeps.append(Sweep("rests", direction, record.name, start_ah, end_ah, points))
     if not sweeps:
-        raise _no_test(record, _nothing_found(record, rests_s, directions))
+        raise _no_test(record, _nothing_found(list(rests_s.values()), directions))
     return sweeps
 
 
@@ -73,20 +76,16 @@ def _point(
     return SweepPoint(charge_ah, ocv_v, record.name, row, rest_s, float(current_a))
 
 
-def _rest_s(record: Record, first: int, last: int) -> float:
+def rest_duration_s(record: Record, first: int, last: int) -> float:
     """The time without current, the interval of the hold at one end included."""
     if record.hold.value == "backward":
         return float(record.time_s[last] - record.time_s[max(first - 1, 0)])
     return float(record.time_s[min(last + 1, record.samples - 1)] - record.time_s[first])
 
 
-def is_long_rest(record: Record, rest_s: float, last: int) -> bool:
-    """True for a rest of 30 min that ends at the sample `last`, less the interval that a record's
-    clock may not show."""
-    interval_s = float(record.time_s[last] - record.time_s[max(last - 1, 0)])
-    slack_s = max(CLOCK_SLACK_S, min(interval_s, _LARGEST_SLACK_S))
-    # Clocks are sums of intervals that are not exact.
-    return rest_s >= MINIMUM_REST_S - slack_s - 1e-6
+def is_long(rest_s: float) -> bool:
+    """True for a rest after which the voltage is the OCV."""
+    return rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
 
 
 def _point_samples(
@@ -96,7 +95,7 @@ def _point_samples(
     span_ah = float(np.ptp(discharged_ah))
     samples: list[int] = []
     for _, last in blocks:
-        if not is_long_rest(record, rests_s[last], last):
+        if not is_long(rests_s[last]):
             continue
         if samples:
             net_ah = abs(discharged_ah[last] - discharged_ah[samples[-1]])
@@ -164,13 +163,13 @@ def _no_test(record: Record, reason: str) -> InputError:
     return notice("ocv-test.none", **told).error(".")
 
 
-def _nothing_found(record: Record, rests_s: dict[int, float], directions: list[int]) -> str:
+def _nothing_found(rests_s: list[float], directions: list[int]) -> str:
     """The reason why the rests make no sweep."""
     if not rests_s:
         return "it has no rests"
-    long = sum(is_long_rest(record, rest_s, last) for last, rest_s in rests_s.items())
+    long = sum(is_long(rest_s) for rest_s in rests_s)
     if not long:
-        return f"its longest rest is {max(rests_s.values()) / 60:.1f} min"
+        return f"its longest rest is {max(rests_s) / 60:.1f} min"
     found = _runs(directions, DISCHARGE) + _runs(directions, CHARGE)
     most = max((last - first + 1 for first, last in found), default=1)
     max_in_one = f", at most {most} in one direction" if most < long else ""

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from ..cell.ocv_points import SETTLED_V, is_long_rest
+from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
 from ..records.segments import FULL_CHARGE, equal_runs, runs
 from .check_input import CheckInput
 
+# A rest of this length settles the cell.
+_LONG_REST_S = MINIMUM_REST_S - CLOCK_SLACK_S
 # Current steps inside a step of the tester that make it a profile.
 _FEWEST_STEPS = 10
 # A record that is profile to this share needs no window.
@@ -67,7 +69,7 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     outside = np.concatenate([record.step[:first], record.step[last + 1 :]])
     own = tuple(np.setdiff1d(record.step[first : last + 1], outside).tolist())
     at, rest_s = _rest_before(given, first)
-    is_settled = is_long_rest(record, rest_s, at)
+    is_settled = rest_s >= _LONG_REST_S
     rest = f"after {_duration(rest_s)} of rest" + ("" if is_settled else ", too short to settle")
     if not rest_s:
         rest = "without a rest before it"
@@ -101,7 +103,7 @@ def _after_charge(given: CheckInput) -> SuggestedWindow | None:
             return None
         at, rest_s = _rest_before(given, end + 1)
         charge_s = record.time_s[end] - record.time_s[start]
-        if is_long_rest(record, rest_s, at) and charge_s >= FULL_CHARGE.least_s:
+        if rest_s >= _LONG_REST_S and charge_s >= FULL_CHARGE.least_s:
             charge = f"the charge that ends in row {record.row[end]}"
             reason = f"the profile follows {charge}, after {_duration(rest_s)} of rest"
             return SuggestedWindow(reason, _clock_before(given, at))

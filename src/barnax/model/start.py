@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from ..cell import CellModel
-from ..cell.ocv_points import MINIMUM_REST_S, is_long_rest
+from ..cell.ocv_points import MINIMUM_REST_S, is_long, rest_duration_s
 from ..cell.soc_axis import BEYOND_SOC
 from ..errors import InputError
 from ..notices import Notice, notice
@@ -129,7 +129,7 @@ def _counted(record: Record, capacity_ah: float) -> Iterator[KnownSoc]:
 def _rests(record: Record, cell: CellModel, rest_a: float) -> Iterator[KnownSoc]:
     """The last samples of rests that are long enough, and come after a load."""
     for first, last in rest_blocks(record, rest_a):
-        if first and is_long_rest(record, record.time_s[last] - record.time_s[first], last):
+        if first and is_long(rest_duration_s(record, first, last)):
             direction = -1 if record.current_a[first - 1] > 0 else 1
             try:
                 rest = cell_at_rest(record, cell, last, rest_a, direction)
@@ -293,7 +293,7 @@ def _unrested(record: Record, first: int, rest_a: float) -> Notice | None:
     is_single = len(before) == first == 0 and not is_rested(record, rest_a)[1]
     if len(before) or is_single:
         rest_s = record.time_s[first] - record.time_s[before[-1]] if len(before) else 0.0
-        if not is_long_rest(record, rest_s, first):
+        if not is_long(rest_s):
             rests_s = {"rest_s": rest_s, "needed_s": MINIMUM_REST_S}
             return notice("start.short-rest", record.name, start_row=row, **rests_s)
     return None

@@ -27,7 +27,7 @@ from jaxtyping import Float
 from scipy.special import softmax
 
 from ..blas import one_blas_thread
-from ..cell.ocv_points import is_long_rest
+from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S
 from ..cell.tables import hats
 from ..errors import InputError
 from ..execution import in_float64
@@ -275,8 +275,7 @@ def _steep_rests(prepared: PreparedRecord) -> Iterator[tuple[int, int, float, fl
     SOC within `FULL_SD`, that SOC, and the slope."""
     resting = np.abs(prepared.current_a) < prepared.rest_current_a
     for first, last in zip(*runs(resting), strict=True):
-        rest_s = float(prepared.time_s[last] - prepared.time_s[first])
-        if not is_long_rest(prepared.record, rest_s, prepared.first + int(last)):
+        if prepared.time_s[last] - prepared.time_s[first] < MINIMUM_REST_S - CLOCK_SLACK_S:
             continue
         with suppress(InputError):
             rested = prepared.cell.soc_from_rest_voltage(float(prepared.voltage_v[last]))

@@ -21,8 +21,6 @@ _TRIED_SOC = 101
 _OCV_SD_V, _LARGEST_V = 0.005, 0.05
 # A start that is known no better is not known.
 LEAST_KNOWN_SD = 0.05
-# The OCV's slope is a difference over so much SOC.
-_STEP_SOC = 1e-3
 
 
 def fitted_soc(
@@ -54,10 +52,7 @@ def fitted_soc(
     ends = max(best - step, low), min(best + step, high)
     soc = float(minimize_scalar(loss_v2, bounds=ends, method="bounded").x)
     error_v = errors_v(soc)
-    above_v, below_v = (
-        cell.average_ocv_v(soc - moved + side * _STEP_SOC / 2) for side in (1.0, -1.0)
-    )
-    slope_v = (above_v - below_v) / _STEP_SOC
+    slope_v = cell.ocv_slope(soc - moved)
     # What resistances cannot make up for.
     told_v = slope_v - columns @ np.linalg.lstsq(columns, slope_v)[0]
     size_v2 = float(error_v @ error_v)

@@ -362,5 +362,7 @@ def _denied_by_rest(
         rest = cell_at_rest(record, cell, at, rest_a, direction)
         where = {"voltage_v": voltage_v, "start_row": record.row[at]}
         socs = {"rested_soc": rest.soc, "rested_sd": rest.soc_sd}
-        given = {"given_soc": window.initial_soc, "counted_soc": given_soc}
+        before = record.discharged_ah[first] / capacity_ah
+        before = before if window.soc_source == "given earlier" else 0.0
+        given = {"given_soc": window.initial_soc + before, "counted_soc": given_soc}
         yield notice("start.other-soc", record.name, **where, **socs, **given)

@@ -17,10 +17,11 @@ from ..records import Record
 # Time constants that stand for any circuit's, and samples that tell as much as all of them.
 _TAUS_S, _SAMPLES = (5.0, 50.0, 500.0), 2000
 _TRIED_SOC = 101
-# The OCV is known within this, and a fit that leaves more is of another cell.
-_OCV_SD_V, _LARGEST_V = 0.005, 0.05
+# The OCV of a slow sweep is so far from that of a drive, and a fit that leaves more is of another
+# cell.
+_OCV_SD_V, _LARGEST_V = 0.015, 0.05
 # A start that is known no better is not known.
-LEAST_KNOWN_SD = 0.05
+LEAST_KNOWN_SD = 0.1
 
 
 def fitted_soc(
@@ -29,6 +30,7 @@ def fitted_soc(
     """The SOC at the sample `first` and its standard error; None where the record from there on
     does not tell it."""
     discharged_ah = record.discharged_ah[first:]
+    branch = cell.discharge if discharged_ah[-1] > discharged_ah[0] else cell.charge
     every = slice(None, None, 1 + len(discharged_ah) // _SAMPLES)
     moved = (discharged_ah - discharged_ah[0])[every] / capacity_ah
     voltage_v = record.voltage_v[first:][every]
@@ -41,7 +43,7 @@ def fitted_soc(
         return None
 
     def errors_v(soc: float) -> Float[np.ndarray, "samples"]:
-        over_v = cell.average_ocv_v(soc - moved) - voltage_v
+        over_v = branch(soc - moved) - voltage_v
         return over_v - columns @ nnls(columns, over_v)[0]
 
     def loss_v2(soc: float) -> float:

@@ -21,7 +21,7 @@ _TRIED_SOC = 101
 # cell.
 _OCV_SD_V, _LARGEST_V = 0.015, 0.05
 # A start that is known no better is not known.
-LEAST_KNOWN_SD = 0.1
+_LARGEST_SD = 0.2
 
 
 def fitted_soc(
@@ -65,7 +65,7 @@ def fitted_soc(
     with np.errstate(divide="ignore"):
         sd = np.sqrt((variance_v2 + _OCV_SD_V**2) / np.mean(told_v**2))
     return (
-        (soc, float(sd)) if sd <= LEAST_KNOWN_SD and np.sqrt(loss_v2(soc)) <= _LARGEST_V else None
+        (soc, float(sd)) if sd <= _LARGEST_SD and np.sqrt(loss_v2(soc)) <= _LARGEST_V else None
     )
 
 

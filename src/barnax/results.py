@@ -373,9 +373,9 @@ class Result(Document):
         where they were given for all records alike. A start and scored samples are one file's."""
         first, *others = [part.window.as_told for part in self.inputs if part.window]
         agreed = {
-            name: value
+            name: getattr(first, name)
             for name in ("capacity_ah", "rest_current_a")
-            if all(getattr(window, name) == (value := getattr(first, name)) for window in others)
+            if all(getattr(window, name) == getattr(first, name) for window in others)
         }
         return Window(**agreed)
 

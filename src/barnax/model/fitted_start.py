@@ -64,9 +64,7 @@ def fitted_soc(
     variance_v2 = size_v2 / len(moved) / samples
     with np.errstate(divide="ignore"):
         sd = np.sqrt((variance_v2 + _OCV_SD_V**2) / np.mean(told_v**2))
-    return (
-        (soc, float(sd)) if sd <= _LARGEST_SD and np.sqrt(loss_v2(soc)) <= _LARGEST_V else None
-    )
+    return (soc, float(sd)) if sd <= _LARGEST_SD and np.sqrt(loss_v2(soc)) <= _LARGEST_V else None
 
 
 def _through_pair(record: Record, first: int, tau_s: float) -> Float[np.ndarray, "simulated"]:

@@ -24,7 +24,7 @@ from barnax.filters import Drive, ErrorModel, make_model, run_filter
 from barnax.filters.kalman import PARTS
 from barnax.model.prepared import prepare_record
 from barnax.replay import BAND, HOLDS_S, ScenarioPart, SocReplay
-from barnax.result_filter import model_of, window_of
+from barnax.result_filter import model_of
 from barnax.scenarios import SCENARIOS, Scenario, case_of, first_with_room
 from benchmarks.pages import provenance, publish, save_page
 
@@ -51,12 +51,11 @@ class Case:
     changed: tuple[tuple[str, object], ...] = ()
     capacity_ah: float | None = None
 
-    def own(self, result: barnax.Result) -> barnax.Window:
+    def own(self, result: barnax.Result) -> barnax.Window | None:
         """The window of the replay, with the capacity of the record identified on."""
         if not self.changed:
-            return window_of(result, self.replayed.name)
-        window = window_of(result, self.identified[0].name)
-        return replace(window, registration=None, **dict(self.changed))
+            return self.window
+        return replace(result.window, registration=None, **dict(self.changed))
 
     def result(self) -> barnax.Result:
         """The answer of `barnax identify`, whatever circuit that is."""

@@ -220,7 +220,8 @@ def cut_record(bundled_cell):
     # It rests first, and was discharged before.
     current_a[:400] = 0.0
     passed_ah = np.append(0.0, np.cumsum(current_a[:-1] * np.diff(time_s))) / 3600
-    soc = 0.6 - passed_ah / bundled_cell.capacity_ah
+    # The discharge branch as it was fitted is there where the hysteresis puts it.
+    soc = 0.592 - passed_ah / bundled_cell.capacity_ah
     last, signs = -1.0, []
     for each in current_a:
         last = last if each == 0 else -np.sign(each)
@@ -234,8 +235,6 @@ def cut_record(bundled_cell):
         bundled_cell.average_ocv_v(soc) + np.array(signs) * bundled_cell.hysteresis_v(soc) / 2
     )
     voltage_v = source_v - drop_v + 5e-4 * rng.standard_normal(len(time_s))
-    # The rested voltage is on the discharge branch as this was fitted.
-    voltage_v[0] = bundled_cell.discharge(np.array([0.6]))[0]
     return make_record(time_s, current_a, voltage_v, name="cut.csv")
 
 

@@ -80,13 +80,14 @@ def test_before_a_scenario_starts_there_is_no_estimate_and_nothing_is_scored():
 def test_a_measured_cell_is_tracked_from_starts_too_low_and_too_high(real_data, degc, rms):
     """Identified on DST and replayed on US06; at 0 and 45 degC with the OCV test of 25 degC."""
     folder = real_data / "calce-inr18650-20r"
+    window = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
     result = identify(
         folder / f"dst_{degc}degC_80soc_SP20-2.parquet",
         ocv=folder / "ocv-incremental_25degC_SP20-3.parquet",
-        window=Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8)),
+        window=window,
         capacity=2.0, seeds=0, over="soc", model="so-rc", folds=0,
     )  # fmt: skip
-    replay = replay_soc(result, folder / f"us06_{degc}degC_80soc_SP20-2.parquet")
+    replay = replay_soc(result, folder / f"us06_{degc}degC_80soc_SP20-2.parquet", window)
     found = {each.name: each for each in replay.scenarios}
     for name in ("start 20 % too low", "start 20 % too high"):
         part = found[name]

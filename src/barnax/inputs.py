@@ -220,19 +220,21 @@ def telling(warnings: Sequence[Notice]) -> Iterator[None]:
 def read_validation(
     given: Given,
     reading: Reading,
-    window: Window | Mapping[str, Window] | None,
+    window: Window | Callable[[Record], Window] | None,
     cell: CellModel,
     identified: Sequence[tuple[str, float | None]] = (),
 ) -> tuple[Record, list[Notice]]:
     """A record to validate a cell's circuit on, and what the checks have against it.
 
-    `identified` are names and temperatures of the records that the circuit is of.
+    `window` may depend on what is read. `identified` are names and temperatures of the records that
+    the circuit is of.
     """
     if isinstance(given, Record):
         return given, []
     source = source_of(given, {}, reading)
     record = read_record(source, **how_read(reading, source.name, "validation"))
     looked_at = [("validation", source, record)]
+    window = window(record) if callable(window) else window
     return record, _checked(looked_at, cell, None, window, reading, identified)
 
 

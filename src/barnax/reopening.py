@@ -26,6 +26,7 @@ from .over_soc import rest_warnings
 from .plan import plan_from_toml
 from .records import Record, find_file, folders_around, read_record
 from .records.fingerprint import Content, read_fingerprint
+from .result_filter import window_of
 from .result_parts import InputPart, MetricsBlock, MetricsPart
 from .results import Result
 from .run import Answer, Run
@@ -262,9 +263,9 @@ def validated(
     """`Result.validate`: a stored circuit on another record."""
     signs = {"validate_current_sign": read.pop("current_sign", "auto")}
     reading = Reading(**signs, **read)
-    window = window or stored.common_window
-    cell = stored.cell_model
-    measured, warnings = read_validation(record, reading, window, cell, stored.measured_at)
+    choose, cell = partial(window_of, stored, chosen=window), stored.cell_model
+    measured, warnings = read_validation(record, reading, choose, cell, stored.measured_at)
+    window = choose(measured)
     content = Content(measured)
     for own in stored.of_role("identification"):
         if own.sha256 == measured.sha256 or (own.fingerprint and content.holds(own.fingerprint)):

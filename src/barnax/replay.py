@@ -6,7 +6,7 @@ counts with an offset, or takes a wrong capacity, and has the voltage to notice 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import equinox as eqx
@@ -215,8 +215,8 @@ def replay_soc(
     Args:
         result: The identified circuit; its assessment gives the filter its noise.
         record: A file, `Record` or data frame.
-        window: The part of the record that is replayed; by default its own if it was identified
-            on, else that on which those identified on agree.
+        window: The part of the record that is replayed; by default its own if the result is of
+            it, else all of it.
         settings: The filter.
         scenarios: Errors of a battery manager's knowledge; by default four cases.
         current_sign: The sign of the file's current; "auto" decides from the data.
@@ -228,14 +228,15 @@ def replay_soc(
     Raises `InputError` if record, window or `settings.estimate` are no use, or without assessment.
     """
     settings = settings or FilterSettings()
-    window = window or window_of(result, Path(str(getattr(record, "name", record))).name)
+    choose = partial(window_of, result, chosen=window)
     reading = Reading(
         validate_current_sign=current_sign, current_hold=current_hold,
         voltage_lag=voltage_lag, columns=columns, series=series,
     )  # fmt: skip
     measured, warnings = read_validation(
-        record, reading, window, result.cell_model, result.measured_at
+        record, reading, choose, result.cell_model, result.measured_at
     )
+    window = choose(measured)
     used = result if settings.tables else result.without_tables()
     prepared = prepare_record(measured, used.cell_model, used.model, window)
     low, high = used.cell_model.soc_range

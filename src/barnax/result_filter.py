@@ -9,8 +9,9 @@ from .cell.parameters import OCV_CORRECTION
 from .errors import InputError
 from .filters import Kind
 from .filters.model import CAPACITY, GRID, OFFSET, ErrorModel, FilterModel, make_model
-from .model.window import Window
+from .model.window import Window, merged
 from .over_soc.registration import FULL_SD
+from .records import Record, Source
 from .results import Result
 
 # No tester resolves less, and a measurement without any noise would be believed without limit.
@@ -71,10 +72,12 @@ class ElsewhereError:
 ELSEWHERE = ElsewhereError()
 
 
-def window_of(result: Result, name: str) -> Window:
-    """The window of a record: its own, as it was registered, if it was identified on."""
-    own = (part.window for part in result.inputs if part.window and part.name == name)
-    return next(own, None) or result.common_window
+def window_of(result: Result, record: Record | Source, chosen: Window | None = None) -> Window:
+    """The window of a record: the one chosen; else its own, as it was registered, if it is among
+    the result's inputs by its content; else all of it. The capacity and the rest current are those
+    of all records of the result where nothing else is given."""
+    own = (part.window for part in result.inputs if part.window and part.is_of(record))
+    return merged(result.common_window, chosen or next(own, None) or Window())
 
 
 def axis_sd_of(result: Result, capacity_ah: float) -> float:

@@ -18,8 +18,8 @@ from .over_soc import (
     TableFit,
     TableSettings,
 )
-from .records import Decision
-from .records.fingerprint import read_fingerprint
+from .records import Decision, Record, Source
+from .records.fingerprint import Content, read_fingerprint
 from .schema import Count, MaybeInfinite, Parameters, Part, Volts
 from .search.refine import AtBound, Optimum, RefinedSeed
 from .search.seeds import SeedAnswer
@@ -210,6 +210,12 @@ class InputPart(Part):
         if text:
             read_fingerprint(text)
         return text
+
+    def is_of(self, record: Record | Source) -> bool:
+        """True for the same samples; of a source, for the same file as a whole."""
+        if isinstance(record, Record) and self.fingerprint:
+            return Content(record).fingerprint == self.fingerprint
+        return self.sha256 == record.sha256 != "" and "#" not in self.name
 
     @property
     def start_source(self) -> str:

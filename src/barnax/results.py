@@ -212,8 +212,8 @@ class Result(Document):
 
         Args:
             record: A file, `Record` or data frame.
-            window: The part of the record that is simulated; by default the window on which the
-                records identified on agree.
+            window: The part of the record that is simulated; by default its own if the result is of
+                it, else all of it.
             current_sign: The sign of the file's current; "auto" decides from the data.
             current_hold, voltage_lag, columns, series: As for `read_record`.
 
@@ -369,13 +369,13 @@ class Result(Document):
 
     @property
     def common_window(self) -> Window:
-        """The values on which the windows of all simulated records agree: what is one's alone is no
-        other's."""
+        """The window of a record that the result is not of: the cell's capacity and rest current,
+        where they were given for all records alike. A start and scored samples are one file's."""
         first, *others = [part.window.as_told for part in self.inputs if part.window]
         agreed = {
-            name: value
-            for name, value in vars(first).items()
-            if all(getattr(window, name) == value for window in others)
+            name: getattr(first, name)
+            for name in ("capacity_ah", "rest_current_a")
+            if all(getattr(window, name) == getattr(first, name) for window in others)
         }
         return Window(**agreed)
 

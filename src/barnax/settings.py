@@ -28,7 +28,7 @@ Trust = Literal["none", "basic", "full"]
 # How the state of charge at a start is known, where it was not given.
 SocSource = Literal[
     "full end", "empty end", "full voltage", "counters", "rest elsewhere", "own full charge",
-    "own span", "registered",
+    "own span", "registered", "fitted", "given earlier",
 ]  # fmt: skip
 OVER_TEMPERATURE: Over = "soc,temperature"
 # The section of a docstring that explains arguments.

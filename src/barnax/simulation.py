@@ -182,9 +182,14 @@ def simulate_current(
         circuit = replace(circuit, dependence=None)
     start = result.start
     start_soc = start.soc if initial_soc is None else initial_soc
+    # Counted charge may put a start a little beyond full or empty.
+    parts = result.of_role("identification")
+    ends = [start.soc, *(soc for part in parts for soc in part.soc_range or ())]
+    is_shown = min(ends) <= start_soc <= max(ends)
     window = Window(
         start_time_s=float(time_s[0]),
         initial_soc=start_soc,
+        soc_source="registered" if is_shown else None,
         initial_direction=start.direction if initial_direction is None else initial_direction,
         rest_current_a=result.start_rest_current_a,
         temperature_degc=temperature_degc,

@@ -82,7 +82,6 @@ OPTIONS = [
     ("--start-after-step", "3"),
     ("--start-time", "-5"),
     ("--start-time", "5", "--start-after-step", "3"),
-    ("--start-time", "700"),
     ("--initial-soc", "80"),
     ("--initial-soc", "0.02"),
     ("--initial-soc", "other.csv=0.9"),

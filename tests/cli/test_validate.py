@@ -81,27 +81,28 @@ def test_options_change_the_stored_window(run, stored, drive, rewritten):
     outcome = run("validate", stored, drive, "--whole-record", "--score-to", "900", "--json")
     assert json.loads(outcome.out)["samples"] == 901
     narrow = rewritten(**{"start_time [s]": 5.0, "initial_soc": 0.5, "score_steps": [7]})
-    outcome = run("validate", narrow, drive, "--whole-record", "--json")
+    outcome = run("validate", narrow, BUNDLED.validation, "--whole-record", "--json")
     assert outcome.status == 0, outcome.err
-    assert json.loads(outcome.out)["samples"] == 1700
+    assert json.loads(outcome.out)["samples"] == pl.read_parquet(BUNDLED.validation).height
 
 
-def test_the_stored_last_direction_applies_unless_another_is_given(run, stored, drive, rewritten):
-    charged = rmse_v(run, stored, drive, "--initial-soc", "0.9", "--initial-direction", "1")
+def test_the_stored_last_direction_applies_unless_another_is_given(run, stored, rewritten):
+    own = BUNDLED.validation
+    charged = rmse_v(run, stored, own, "--initial-soc", "0.9", "--initial-direction", "1")
     discharged = rewritten(initial_direction=-1, initial_soc=0.9)
-    kept = rmse_v(run, discharged, drive)
+    kept = rmse_v(run, discharged, own)
     assert kept != charged
-    assert rmse_v(run, discharged, drive, "--initial-direction", "1") == charged
+    assert rmse_v(run, discharged, own, "--initial-direction", "1") == charged
 
 
-def test_a_new_start_drops_the_stored_step_and_state_of_charge(run, stored, drive, rewritten):
-    start = ("--start-time", "5")
-    from_the_voltage = rmse_v(run, stored, drive, *start)
+def test_a_new_start_drops_the_stored_step_and_state_of_charge(run, stored, rewritten):
+    own, start = BUNDLED.validation, ("--start-time", "5")
+    from_the_voltage = rmse_v(run, stored, own, *start)
     stepped = rewritten(start_after_step=3, initial_soc=0.5)
-    assert "step column" in run("validate", stepped, drive).err
-    assert rmse_v(run, stepped, drive, *start) == from_the_voltage
-    given = rmse_v(run, stepped, drive, *start, "--initial-soc", "0.9")
-    assert given == rmse_v(run, stored, drive, *start, "--initial-soc", "0.9") != from_the_voltage
+    assert "step column" in run("validate", stepped, own).err
+    assert rmse_v(run, stepped, own, *start) == from_the_voltage
+    given = rmse_v(run, stepped, own, *start, "--initial-soc", "0.9")
+    assert given == rmse_v(run, stored, own, *start, "--initial-soc", "0.9") != from_the_voltage
 
 
 def test_a_result_of_the_python_interface_validates_alike(stored):
@@ -143,11 +144,25 @@ def test_what_cannot_be_used_is_refused(refuse, stored, tmp_path, words, message
 
 
 def test_what_was_said_of_one_record_is_not_another_s(run, stored, drive, tmp_path):
-    """A third record takes what the windows of all stored records agree on."""
+    """A start that was given for all records of a run is not that of another record either."""
     document = json.loads(stored.read_text())
-    document["inputs"][0]["window"]["initial_soc"] = 0.5
+    for part in document["inputs"]:
+        if part["window"] is not None:
+            part["window"] |= {"initial_soc": 0.5, "initial_direction": -1, "score_to [s]": 500.0}
     (tmp_path / "own.json").write_text(json.dumps(document))
     assert rmse_v(run, "own.json", drive) == rmse_v(run, stored, drive)
+
+
+def test_a_window_is_known_by_content_and_not_by_name(run, rewritten, stored, drive, tmp_path):
+    narrow = rewritten(**{"initial_soc": 0.5})
+    again = tmp_path / "again.parquet"
+    again.write_bytes(BUNDLED.validation.read_bytes())
+    assert rmse_v(run, narrow, again) == rmse_v(run, narrow, BUNDLED.validation)
+    plain = rmse_v(run, stored, drive)
+    other = tmp_path / "other" / BUNDLED.validation.name
+    other.parent.mkdir()
+    other.write_bytes((tmp_path / drive).read_bytes())
+    assert rmse_v(run, narrow, other) == plain
 
 
 def test_two_results_are_shown_side_by_side(run, stored, tmp_path):

@@ -195,8 +195,8 @@ def test_a_rested_voltage_is_read_on_the_branch_of_the_last_direction(bundled_ce
 @pytest.mark.parametrize(
     ("window", "voltage_v", "message"),
     [
-        (Window(start_time_s=300.0), 3.7, r"row 27 under \+2 A .* give `initial_soc`"),
-        (Window(start_time_s=600.0), 3.7, r"row 57, .* has rested for only 60 s.*`initial_soc`"),
+        (Window(start_time_s=300.0), 2.0, r"row 27 under \+2 A .* give `initial_soc`"),
+        (Window(start_time_s=600.0), 2.0, r"row 57, .* has rested for only 60 s.*`initial_soc`"),
         (Window(), 5.0, r"row 2: .* 5\.0000 V is outside .* `initial_soc`"),
     ],
 )

@@ -30,6 +30,9 @@ REFERENCE_DEGC = 25.0
 Soc = Float[np.ndarray, "*any"]
 Item = TypeVar("Item")
 
+# The OCV's slope is a difference over so much SOC.
+STEP_SOC = 1e-3
+
 
 @dataclass(frozen=True)
 class FitError:
@@ -99,6 +102,13 @@ class CellModel(Brief):
     def average_ocv_v(self, soc: Soc) -> Soc:
         """The mean of both branches in V, each constant beyond its end points."""
         return np.asarray((self.charge(soc) + self.discharge(soc)) / 2)
+
+    def ocv_slope(self, soc: Soc, step_soc: float = STEP_SOC) -> Soc:
+        """The slope of the average OCV in V by SOC, a difference over such a step."""
+        above_v, below_v = (
+            self.average_ocv_v(soc + step) for step in (step_soc / 2, -step_soc / 2)
+        )
+        return (above_v - below_v) / step_soc
 
     def ocv_around_v(self, soc: float) -> tuple[float, float]:
         """The average OCV in V at the measured points below and above a SOC, between which it is

@@ -1,5 +1,6 @@
 """The points of an OCV test: rested voltages between pulses, or a slow sweep thinned."""
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -38,7 +39,11 @@ def find_rest_sweeps(record: Record, rest_current_a: float) -> list[Sweep]:
     """
     discharged_ah = record.discharged_ah
     blocks = rest_blocks(record, rest_current_a)
-    rests_s = {last: _rest_s(record, first, last) for first, last in blocks}
+    rests_s = {last: rest_duration_s(record, first, last) for first, last in blocks}
+    at_end = record.samples - 1
+    if any(map(is_long, rests_s.values())) and not is_long(rests_s.get(at_end, math.inf)):
+        # No sample after it shows its last interval.
+        rests_s[at_end] += float(record.interval_s[-1])
     lasts = _point_samples(record, blocks, rests_s, discharged_ah)
     directions = _directions(discharged_ah, lasts)
     sweeps = []
@@ -71,14 +76,15 @@ def _point(
     return SweepPoint(charge_ah, ocv_v, record.name, row, rest_s, float(current_a))
 
 
-def _rest_s(record: Record, first: int, last: int) -> float:
+def rest_duration_s(record: Record, first: int, last: int) -> float:
     """The time without current, the interval of the hold at one end included."""
     if record.hold.value == "backward":
         return float(record.time_s[last] - record.time_s[max(first - 1, 0)])
     return float(record.time_s[min(last + 1, record.samples - 1)] - record.time_s[first])
 
 
-def _is_long(rest_s: float) -> bool:
+def is_long(rest_s: float) -> bool:
+    """True for a rest after which the voltage is the OCV."""
     return rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
 
 
@@ -89,7 +95,7 @@ def _point_samples(
     span_ah = float(np.ptp(discharged_ah))
     samples: list[int] = []
     for _, last in blocks:
-        if not _is_long(rests_s[last]):
+        if not is_long(rests_s[last]):
             continue
         if samples:
             net_ah = abs(discharged_ah[last] - discharged_ah[samples[-1]])
@@ -161,7 +167,7 @@ def _nothing_found(rests_s: list[float], directions: list[int]) -> str:
     """The reason why the rests make no sweep."""
     if not rests_s:
         return "it has no rests"
-    long = sum(_is_long(rest_s) for rest_s in rests_s)
+    long = sum(is_long(rest_s) for rest_s in rests_s)
     if not long:
         return f"its longest rest is {max(rests_s) / 60:.1f} min"
     found = _runs(directions, DISCHARGE) + _runs(directions, CHARGE)

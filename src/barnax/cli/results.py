@@ -6,7 +6,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from ..errors import InputError
-from ..settings import Reading
+from ..settings import Reading, Window
 from .options import (
     DATA,
     FILTER,
@@ -39,7 +38,7 @@ from .output import Output, drawn_files, require_free_file, write_file
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
-    from ..model.window import Window
+    from ..records import Source
     from ..reopening import Places
     from ..replay import SocReplay
     from ..reporting.document import Table
@@ -50,20 +49,18 @@ if TYPE_CHECKING:
 REPRODUCED_RMSE = 1e-9
 FINDINGS = 1
 SOC_FOLDER = Path("barnax-soc")
-START = ("start_time_s", "start_after_step", "initial_soc", "initial_direction")
-SCORING = ("score_steps", "score_from_s", "score_to_s", "score_soc")
 
 
 @group
 class OnRecord:
-    """A stored result and another record; the stored window applies, unless options change it."""
+    """A stored result and a record; the window stored of it applies, unless changed."""
 
     result: Path = STORED
     record: Path = argument("RECORD", "Record to simulate.")
     of_records: RecordOptions
     read: Given = options_of(Reading(), INPUT, *HOW_READ)
     whole_record: bool = flag(
-        WINDOW, "--whole-record", "Use the whole record, ignoring the stored window."
+        WINDOW, "--whole-record", "Use the whole record, ignoring its stored window."
     )
 
     @property
@@ -75,25 +72,24 @@ class OnRecord:
         require_records(lags, {self.record.name})
         return {**self.read, "voltage_lag": lags.get(self.record.name, lags.get(""))}
 
-    def window(self, stored: "Result") -> "Window":
-        """The window in which the stored circuit meets the record.
+    def meeting(self, stored: "Result") -> "tuple[Source, Window | None]":
+        """The record's file, and its window where options change that.
 
         Raises `InputError` for an option that is given for another record.
         """
+        from ..inputs import source_of
+        from ..model.window import merged
         from ..result_filter import window_of
 
         name, chosen = self.record.name, self.of_records.chosen()
         unknown = sorted(chosen.keys() - {"", name})
         if unknown:
             raise InputError(f"an option is given for {unknown[0]!r}; the record is {name}")
-        given = {**chosen.get("", {}), **chosen.get(name, {})}
-        # What was given for one record alone is not another's, and another start makes more void.
-        void: tuple[str, ...] = ()
+        given = Window(**{**chosen.get("", {}), **chosen.get(name, {})})
+        source = source_of(self.record, {}, Reading(**self.read))
         if self.whole_record:
-            void = START + SCORING
-        elif given.keys() & {"start_time_s", "start_after_step"}:
-            void = START
-        return replace(window_of(stored, name), **(dict.fromkeys(void) | given))
+            return source, given
+        return source, merged(window_of(stored, source), given) if chosen else None
 
 
 def load(path: Path) -> "Result":
@@ -157,8 +153,8 @@ class Errors:
 def validate(on: OnRecord, output: Errors) -> None:
     """Simulate an identified circuit on another record, and print its errors.
 
-    The window of the identification applies, unless options change it.
-    With another start, the stored state of charge is not used.
+    The window of a record that the result is of applies, unless options
+    change it; of another record all is simulated.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     with session.watch("Loading JAX"):
@@ -172,9 +168,9 @@ def validate(on: OnRecord, output: Errors) -> None:
     if output.report is not None:
         require_free_file(output.report, output.force)
     stored = load(on.result)
-    window = on.window(stored)
+    record, window = on.meeting(stored)
     with session.watch("Simulating"):
-        evaluation = stored.validate(on.record, window, **on.how)
+        evaluation = stored.validate(record, window, **on.how)
     metrics = metrics_part(evaluation)
     if output.as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
@@ -240,8 +236,8 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     """Replay a record through a Kalman filter, and say how well the circuit tracks its SOC.
 
     The filter runs from a right start, from starts 20 % too low and too high,
-    with a current offset, and with a wrong capacity. The window of the
-    identification applies, unless options change it.
+    with a current offset, and with a wrong capacity. The window of a
+    record that the result is of applies, unless options change it.
     """
     session, folder = output.begun(SOC_FOLDER, (on.result, on.record))
     with session.watch("Loading JAX"):
@@ -251,11 +247,11 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
         from ..result_filter import FilterSettings
 
     stored = load(on.result)
-    window = on.window(stored)
+    record, window = on.meeting(stored)
     names = tuple(name.strip() for name in chosen.estimate.split(",") if name.strip())
     settings = FilterSettings(chosen.filter, names, tables=chosen.tables)
     with session.watch("Replaying"):
-        replay = replay_soc(stored, on.record, window, settings, **on.how)
+        replay = replay_soc(stored, record, window, settings, **on.how)
     draw = partial(_soc_figures, replay, chosen.report, chosen.paper)
     folder, written = output.deliver(session, folder, "soc.json", replay.to_json(), draw)
     session.show(soc_screen(replay))

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from ..cell import CellModel
-from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S
+from ..cell.ocv_points import MINIMUM_REST_S, is_long, rest_duration_s
 from ..cell.soc_axis import BEYOND_SOC
 from ..errors import InputError
 from ..notices import Notice, notice
@@ -16,6 +16,8 @@ from ..records.record import pause_s
 from ..records.samples import record_resistance_ohm
 from ..records.segments import held_charges, rest_blocks, runs
 from ..settings import SocSource
+from .fitted_start import fitted_soc
+from .rest import cell_at_rest, mean_at_rest
 from .window import Window, relaxing_rest
 
 # A discharge ends empty after so long, at up to C/1.8, for many tests make it at C/2. The voltage
@@ -33,11 +35,13 @@ _BEYOND_AN_END = 0.005
 
 @dataclass(frozen=True)
 class KnownSoc:
-    """The state of charge at one sample, how it is known, and where: at the sample `known_at`."""
+    """The state of charge at one sample, how it is known, and where: at the sample `known_at`, by
+    whose voltage it has the standard error `soc_sd`."""
 
     soc: float
     source: SocSource
     known_at: int
+    soc_sd: float = 0.0
 
 
 def known_soc(
@@ -125,20 +129,21 @@ def _counted(record: Record, capacity_ah: float) -> Iterator[KnownSoc]:
 def _rests(record: Record, cell: CellModel, rest_a: float) -> Iterator[KnownSoc]:
     """The last samples of rests that are long enough, and come after a load."""
     for first, last in rest_blocks(record, rest_a):
-        is_long = record.time_s[last] - record.time_s[first] >= MINIMUM_REST_S - CLOCK_SLACK_S
-        if first and is_long:
+        if first and is_long(rest_duration_s(record, first, last)):
             direction = -1 if record.current_a[first - 1] > 0 else 1
             try:
-                soc = cell.soc_from_rest_voltage(float(record.voltage_v[last]), direction)
+                rest = cell_at_rest(record, cell, last, rest_a, direction)
             except InputError:  # beyond the OCV
                 continue
-            yield KnownSoc(soc, "rest elsewhere", int(last))
+            yield KnownSoc(rest.soc, "rest elsewhere", int(last), rest.soc_sd)
 
 
 # So near full or empty, the last current was the one that leads there.
 NEAR_AN_END = 0.02
 # A given SOC is in doubt where the rested voltage is so far from its OCV, and tells another SOC.
 DOUBTFUL_V, DOUBTFUL_SOC = 0.01, 0.02
+# Charge is counted within this share of it.
+_COUNTED_SD = 0.02
 # A rested voltage so far above or below the OCV is not of this cell, or of another temperature.
 BEYOND_OCV_V = 0.005
 
@@ -154,8 +159,9 @@ class Start:
     """The state in which a simulation starts, and where that is known from.
 
     `voltage_v` and `row` are those of the sample that the SOC comes from, at rest or at an end of
-    the state of charge. `direction` is the last current before the start, +1 charging, -1
-    discharging; where both were tried, the RMSE with the other is `other_rmse_v`.
+    the state of charge; of a rest the voltage is its mean. `direction` is the last current before
+    the start, +1 charging, -1 discharging; where both were tried, the RMSE with the other is
+    `other_rmse_v`. `soc_sd` is the standard error of a SOC that voltages tell, by their noise.
     """
 
     soc: float
@@ -165,6 +171,7 @@ class Start:
     row: int
     voltage_v: float
     other_rmse_v: float | None = None
+    soc_sd: float = 0.0
 
 
 def find_start(
@@ -173,7 +180,8 @@ def find_start(
     """The state at the start, the capacity that the record is counted over, and what speaks
     against them.
 
-    Raises `InputError` where the SOC is neither given nor shown.
+    Raises `InputError` where the SOC is neither given nor shown, nor told by the record as a whole.
+    A SOC that is given is that of the first row, or of the start where that is given too.
     Between an end and the start the record may move more charge than the capacity has room for.
     The end stays where the data show it: the record is counted over that charge, or, where its
     capacity was given, starts beyond the other end.
@@ -185,8 +193,10 @@ def find_start(
     direction, source = _direction_before(record, window, first, rest_a)
     if source == "assumed" and is_relaxing:
         direction, source = -1 if rise_v > 0 else 1, "load before"
-    row, voltage_v = int(record.row[first]), float(record.voltage_v[first])
-    unrested = _unrested(record, first, rest_a)
+    row, voltage_v, soc_sd = int(record.row[first]), float(record.voltage_v[first]), 0.0
+    unrested, sd_v = _unrested(record, first, rest_a), 0.0
+    if not unrested:
+        voltage_v, sd_v = mean_at_rest(record, first, rest_a)
     is_short = record.time_s[first] - record.time_s[0] < MINIMUM_REST_S
     known: KnownSoc | None = None
     told: list[Notice] = []
@@ -195,12 +205,14 @@ def find_start(
         # that still relaxes whatever does.
         only = not (unrested or is_relaxing)
         known = known_soc(record, cell, capacity_ah, first, rest_a, only_counters=only)
-        if only and known is not None and _denies(cell, voltage_v, known.soc):
+        if only and known is not None and _denies(cell, voltage_v, sd_v, known.soc):
             known = None
     if window.initial_soc is not None:
         soc, soc_source = window.initial_soc, window.soc_source or "given"
+        if soc_source == "given":
+            soc -= _counted_soc(record, window, first, capacity_ah)
     elif known is not None:
-        soc, soc_source = known.soc, known.source
+        soc, soc_source, soc_sd = known.soc, known.source, known.soc_sd
         row, voltage_v = int(record.row[known.known_at]), float(record.voltage_v[known.known_at])
         if (room := abs(soc - 0.5) + 0.5) > 1 + _BEYOND_AN_END:
             moved = {"soc": soc, "known_row": row, "capacity_ah": capacity_ah}
@@ -211,15 +223,23 @@ def find_start(
             else:
                 told = [notice("start.beyond-an-end", record.name, **moved)]
     elif not unrested:
-        soc, soc_source = _soc_from_rest(record, cell, first, direction), "rested voltage"
+        rest = cell_at_rest(record, cell, first, rest_a, direction)
+        soc, soc_source, soc_sd = rest.soc, "rested voltage", rest.soc_sd
+    elif fitted := None if cell.is_of_records else fitted_soc(record, cell, capacity_ah, first):
+        (soc, soc_sd), soc_source = fitted, "fitted"
+        told = [notice("start.fitted", record.name, start_row=row, soc=soc, soc_sd=soc_sd)]
     else:
         raise unrested.error()
     if source == "assumed" and min(soc, 1 - soc) < NEAR_AN_END:
         direction, source = (1 if soc > 0.5 else -1), "full or empty"
         if soc_source == "rested voltage":
-            soc = _soc_from_rest(record, cell, first, direction)
-    start = Start(soc, soc_source, direction, source, row, voltage_v)
-    told += [] if unrested else _doubts(record, cell, window, start)
+            soc = cell_at_rest(record, cell, first, rest_a, direction).soc
+    start = Start(soc, soc_source, direction, source, row, voltage_v, soc_sd=soc_sd)
+    if unrested is None:
+        told += _beyond_ocv(record, cell, start, sd_v)
+    rests = (known.known_at for known in _rests(record, cell, rest_a)) if unrested else [first]
+    for at in sorted(rests, key=lambda at: abs(at - first))[:1]:
+        told += _denied_by_rest(record, cell, window, capacity_ah, first, at, rest_a)
     if is_relaxing:
         told.append(_relaxing(record, first, soc_source == "rested voltage"))
     return start, capacity_ah, told
@@ -268,9 +288,12 @@ def _unrested(record: Record, first: int, rest_a: float) -> Notice | None:
     if is_loaded[first]:
         current_a = record.current_a[first]
         return notice("start.under-load", record.name, start_row=row, current_a=current_a)
-    if np.any(is_loaded):
-        rest_s = record.time_s[first] - record.time_s[np.flatnonzero(is_loaded)[-1]]
-        if rest_s < MINIMUM_REST_S:
+    before = np.flatnonzero(is_loaded)
+    # One sample without current, at the beginning of a record, is no rest.
+    is_single = len(before) == first == 0 and not is_rested(record, rest_a)[1]
+    if len(before) or is_single:
+        rest_s = record.time_s[first] - record.time_s[before[-1]] if len(before) else 0.0
+        if not is_long(rest_s):
             rests_s = {"rest_s": rest_s, "needed_s": MINIMUM_REST_S}
             return notice("start.short-rest", record.name, start_row=row, **rests_s)
     return None
@@ -285,39 +308,61 @@ def _relaxing(record: Record, first: int, tells_soc: bool) -> Notice:
     return notice(code, record.name, **ends_v, start_row=record.row[first], rest_s=rest_s)
 
 
-def _soc_from_rest(record: Record, cell: CellModel, first: int, direction: int) -> float:
-    try:
-        return cell.soc_from_rest_voltage(float(record.voltage_v[first]), direction)
-    except InputError as problem:
-        raise InputError(f"{record.name}: row {record.row[first]}: {problem}") from problem
+def _counted_soc(record: Record, window: Window, first: int, capacity_ah: float) -> float:
+    """What is taken out from where a SOC was given, the first row unless the start is given too,
+    to the start of the simulation."""
+    is_moved = window.start_time_s is None and window.start_after_step is None
+    return float(record.discharged_ah[first]) / capacity_ah if is_moved else 0.0
 
 
-def _denies(cell: CellModel, voltage_v: float, soc: float) -> bool:
+def _denies(
+    cell: CellModel, voltage_v: float, voltage_sd_v: float, soc: float, soc_sd: float = 0.0
+) -> bool:
     """True where a rested voltage lies off both branches at a SOC, by voltage and by SOC."""
+    doubtful_v, doubtful_soc = DOUBTFUL_V + 3 * voltage_sd_v, DOUBTFUL_SOC + 3 * soc_sd
     try:
         ends = [cell.soc_from_rest_voltage(voltage_v, direction) for direction in (-1, 1)]
     except InputError:  # far from where the other branch ends
         return False
     expected_v = [float(curve(np.array([soc]))[0]) for curve in (cell.discharge, cell.charge)]
-    is_far = not min(expected_v) - DOUBTFUL_V <= voltage_v <= max(expected_v) + DOUBTFUL_V
-    return is_far and not min(ends) - DOUBTFUL_SOC <= soc <= max(ends) + DOUBTFUL_SOC
+    is_far = not min(expected_v) - doubtful_v <= voltage_v <= max(expected_v) + doubtful_v
+    return is_far and not min(ends) - doubtful_soc <= soc <= max(ends) + doubtful_soc
 
 
-def _doubts(record: Record, cell: CellModel, window: Window, start: Start) -> list[Notice]:
-    """Warnings where the rested voltage at the start contradicts the SOC that is taken."""
-    if cell.is_of_records:
-        return []
+def _beyond_ocv(record: Record, cell: CellModel, start: Start, sd_v: float) -> Iterator[Notice]:
+    """A warning where the rested voltage at the start lies beyond the OCV."""
     branch = cell.charge if start.direction > 0 else cell.discharge
     low_v, high_v = (float(branch(np.array([end]))[0]) for end in cell.soc_range)
     beyond_v = max(start.voltage_v - high_v, low_v - start.voltage_v)
-    place = {"voltage_v": start.voltage_v, "start_row": start.row}
-    if beyond_v > BEYOND_OCV_V:
+    if beyond_v > BEYOND_OCV_V + 3 * sd_v and not cell.is_of_records:
+        where = {"voltage_v": start.voltage_v, "start_row": start.row}
         ends = {"beyond_v": beyond_v, "low_v": low_v, "high_v": high_v}
-        return [notice("start.beyond-ocv", record.name, **place, **ends)]
+        yield notice("start.beyond-ocv", record.name, **where, **ends)
+
+
+def _denied_by_rest(
+    record: Record,
+    cell: CellModel,
+    window: Window,
+    capacity_ah: float,
+    first: int,
+    at: int,
+    rest_a: float,
+) -> Iterator[Notice]:
+    """A warning where the rest around the sample `at` contradicts the SOC that was given."""
     # What other records of the cell made of it is no doubt of what was given.
-    given_soc = window.as_told.initial_soc
-    if given_soc is None or not _denies(cell, start.voltage_v, given_soc):
-        return []
-    soc = cell.soc_from_rest_voltage(start.voltage_v, start.direction)
-    socs = {"rested_soc": soc, "given_soc": given_soc}
-    return [notice("start.other-soc", record.name, **place, **socs)]
+    window = window.as_told
+    if cell.is_of_records or window.initial_soc is None:
+        return
+    counted = float(record.discharged_ah[at] - record.discharged_ah[first]) / capacity_ah
+    given_soc = window.initial_soc - counted - _counted_soc(record, window, first, capacity_ah)
+    voltage_v, sd_v = mean_at_rest(record, at, rest_a)
+    if _denies(cell, voltage_v, sd_v, given_soc, _COUNTED_SD * abs(counted)):
+        direction = _direction_before(record, window, at, rest_a)[0]
+        rest = cell_at_rest(record, cell, at, rest_a, direction)
+        where = {"voltage_v": voltage_v, "start_row": record.row[at]}
+        socs = {"rested_soc": rest.soc, "rested_sd": rest.soc_sd}
+        before = record.discharged_ah[first] / capacity_ah
+        before = before if window.soc_source == "given earlier" else 0.0
+        given = {"given_soc": window.initial_soc + before, "counted_soc": given_soc}
+        yield notice("start.other-soc", record.name, **where, **socs, **given)

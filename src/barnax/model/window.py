@@ -1,5 +1,7 @@
 """The part of a record that is simulated, and the samples at which errors count."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -19,6 +21,27 @@ NO_MARGIN, SAME_FULL = 1e-4, 0.01
 _INSIDE_V = 0.1
 # Samples, beside one, whose median is the voltage at an end of a rest.
 _FEW = 10
+
+
+# What says where a simulation starts: one such option of the user's replaces all planned ones.
+START = ("start_time_s", "start_after_step", "initial_soc")
+
+
+def merged(planned: Window, chosen: Window) -> Window:
+    """A planned window with what was chosen in its place."""
+    given = {
+        field.name: value
+        for field in fields(Window)
+        if (value := getattr(chosen, field.name)) is not None
+    }
+    if given.keys() & {"start_time_s", "start_after_step"}:
+        given = {**dict.fromkeys((*START, "initial_direction")), **given}
+    if given.keys() & {"initial_soc", "capacity_ah"}:
+        # What is registered goes with the start and the capacity that it was registered from.
+        planned = planned.as_told
+    if "initial_soc" in given:
+        given = {"soc_source": None, **given}
+    return replace(planned, **given)
 
 
 def first_sample(record: Record, window: Window, rest_a: float) -> int:

@@ -37,7 +37,7 @@ from ..records.segments import runs
 from .nuisances import Estimated, Measured, estimate, of_starts
 from .objective import Solution, TableObjective
 from .problem import box_of, held_at, reduced_objective
-from .registration import FROM_VOLTAGE, FULL_SD, REACH, REST_SD_V, slope_of, told_within
+from .registration import FROM_VOLTAGE, FULL_SD, REACH, REST_SD_V, told_within
 from .search import find_best
 from .settings import TableSettings
 
@@ -255,7 +255,7 @@ def _slope(
     """The slope of the OCV over such a step, beside its ends as there."""
     low, high = prepared.cell.soc_range
     inside = np.clip(soc, max(low, 0.0) + step_soc / 2, min(high, 1.0) - step_soc / 2)
-    return slope_of(prepared, inside, step_soc)
+    return prepared.cell.ocv_slope(inside, step_soc)
 
 
 def shows_both_ends(prepared_records: Sequence[PreparedRecord], capacity_ah: float) -> bool:

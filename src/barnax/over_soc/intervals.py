@@ -25,7 +25,7 @@ from ..model.exponentials import span_through
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, blocks
 from ..model.reference import errors_along
-from ..uncertainty.covariance import CONFIDENCE, one_clock
+from ..uncertainty.covariance import CONFIDENCE, by_start_v, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .curves import TableCurve, curves_of
 from .objective import Solution, TableObjective
@@ -110,10 +110,11 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     of_constants = block_diag(np.eye(len(is_open))[:, is_open], np.eye(len(numbers)))
     ways = np.asarray(block_diag(of_tables, of_constants))
     values, curves = np.concatenate(light.values)[:, None], [*curves_of(objective, best)]
-    # Beside the error, the one that lines leave of the curves.
-    sides = np.hstack([values, np.zeros_like(values)])
+    # Beside the error, the one that lines leave of the curves, and those that starts may make.
+    starts = sum(prepared.start.soc_sd > 0 for prepared in objective.prepared_records)
+    sides = np.hstack([values, np.zeros((len(values), 1 + starts))])
     rows = _with_curves(objective, curves, linearized(lighter, light))
-    (noise, _), to_noise, products, slopes = noises_behind(lighter, sides, ways, rows)
+    (noise, *_), to_noise, products, slopes = noises_behind(lighter, sides, ways, rows)
     normal = with_penalty(lighter, products, of_tables)
     usual = {} if dependence is None else dependence.usual
     places = [len(normal) - len(numbers) + [*numbers].index(name) for name in usual]
@@ -124,7 +125,8 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     # By least squares, for a short record leaves some of them undetermined.
     moved = ways @ np.linalg.lstsq(normal, to_noise.T)[0]
     variance = np.einsum("ij,jk,ik->i", moved, noise.spread_v2, moved)
-    moved_by_lines = ways @ np.linalg.lstsq(normal, slopes[:, 1])[0]
+    moved_by_lines, *moved_by_starts = (ways @ np.linalg.lstsq(normal, slopes[:, 1:])[0]).T
+    variance += np.sum(np.square(moved_by_starts), axis=0)
     if places:
         # What is usual is itself uncertain.
         back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, places])[0]
@@ -184,17 +186,21 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
 def _with_curves(
     objective: TableObjective, curves: Sequence[TableCurve], rows: Iterable[Rows]
 ) -> Iterator[Rows]:
-    """The rows with one more side: the errors that would be, were the tables' curves the truth."""
+    """The rows with more sides: the errors that would be, were the tables' curves the truth, and
+    those that a standard error of a record's start makes."""
     soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
+    starts_v = block_diag(*map(by_start_v, objective.prepared_records))
+    starts_v = starts_v[:, np.any(starts_v, axis=0)]
     first = 0
     for columns, base, informed in rows:
         here = soc[first : first + len(base)]
+        weighted_v = objective.weights_at(here)[:, None] * starts_v[first : first + len(base)]
         first += len(base)
         left = sum(
             columns[:, objective.block(table)].sum(axis=1) * curve.above_lines(here)
             for table, curve in enumerate(curves)
         )
-        yield columns, np.column_stack([base, left]), informed
+        yield columns, np.column_stack([base, left, weighted_v]), informed
 
 
 def unsmoothed(objective: TableObjective, found: Solution) -> tuple[TableObjective, Solution]:

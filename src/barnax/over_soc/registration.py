@@ -43,9 +43,7 @@ from .settings import TableSettings
 # Standard deviations of what is told: of a start at a full charge, of the voltage at a rest, of the
 # start that this tells at most, and of a capacity.
 FULL_SD, REST_SD_V, MAX_SD, CAPACITY_SD = 0.004, 0.005, 0.05, 0.002
-FROM_VOLTAGE = ("rested voltage", "rest elsewhere")
-# The OCV's slope is a difference over so much SOC.
-STEP_SOC = 1e-3
+FROM_VOLTAGE = ("rested voltage", "rest elsewhere", "fitted")
 # Standard errors from a value to either end of its interval.
 REACH = float(ndtri((1 + CONFIDENCE) / 2))
 # One record alone: the shortest rest and the least distance of its end from the OCV; the standard
@@ -283,23 +281,14 @@ def told_within(prepared: PreparedRecord, level_v: float = 0.0) -> tuple[float, 
     whose level is known within `level_v`."""
     start_sd = FULL_SD
     if prepared.start.soc_source in FROM_VOLTAGE:
-        slope = abs(float(slope_of(prepared, np.array([prepared.start.soc]))[0]))
+        slope = abs(float(prepared.cell.ocv_slope(np.array([prepared.start.soc]))[0]))
         start_sd = min(max(start_sd, (REST_SD_V + level_v) / max(slope, 1e-9)), MAX_SD)
+    start_sd = min(float(np.hypot(start_sd, prepared.start.soc_sd)), MAX_SD)
     # A capacity that contradicts the cell's is in doubt by as much.
     capacity_sd, is_given = CAPACITY_SD, prepared.window.capacity_ah is not None
     if not is_given:
         capacity_sd = max(capacity_sd, abs(prepared.capacity_ah / prepared.cell.capacity_ah - 1))
     return start_sd, capacity_sd
-
-
-def slope_of(
-    prepared: PreparedRecord, soc: Float[np.ndarray, "_"], step_soc: float = STEP_SOC
-) -> Float[np.ndarray, "_"]:
-    """The slope of the cell's OCV in V by SOC, a difference over such a step."""
-    above_v, below_v = (
-        prepared.cell.average_ocv_v(soc + step) for step in (step_soc / 2, -step_soc / 2)
-    )
-    return (above_v - below_v) / step_soc
 
 
 def _moved(
@@ -342,4 +331,4 @@ def _of_starts(
 ) -> Float[np.ndarray, "samples nuisances"]:
     """The columns of starts and capacities, with the slope of the cell's own OCV."""
     prepared = objective.prepared_records[place]
-    return of_starts(objective, place, slope_of(prepared, prepared.soc[prepared.scored]))
+    return of_starts(objective, place, prepared.cell.ocv_slope(prepared.soc[prepared.scored]))

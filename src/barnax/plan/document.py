@@ -15,6 +15,7 @@ from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
 from ..inputs import file_names, window_of, windows_by_name
 from ..job import OPTIONS, PLANNED, Job
+from ..model.window import START, merged
 from ..notices import Notice
 from ..records import Source
 from ..records.source import find_planned
@@ -22,8 +23,6 @@ from ..result_parts import PlannedFile, Use
 from ..settings import WINDOW_OPTIONS, Window
 
 ROLES: tuple[Use, ...] = get_args(Use)
-# What says where a simulation starts: one such option of the user's replaces all planned ones.
-_START = ("start_time_s", "start_after_step", "initial_soc")
 
 # Why an option is so where a user chose it.
 GIVEN = "given"
@@ -142,18 +141,6 @@ class Plan(Brief):
             reasons=reasons,
             window=merged(self.window, windows.get("", Window())),
         )
-
-
-def merged(planned: Window, chosen: Window) -> Window:
-    """A planned window with what was chosen in its place."""
-    given = {
-        field.name: value
-        for field in fields(Window)
-        if (value := getattr(chosen, field.name)) is not None
-    }
-    if given.keys() & {"start_time_s", "start_after_step"}:
-        given = {**dict.fromkeys(_START), **given}
-    return replace(planned, **given)
 
 
 _HEAD = (
@@ -276,7 +263,7 @@ def _table(part: Part, common: Mapping[str, Any]) -> Table:
         table.add("name", part.name)
         table.add("span", list(part.span_s))
     own = _known(part.window)
-    if not any(own.get(_OPTION_OF[name]) != common.get(_OPTION_OF[name]) for name in _START):
+    if not any(own.get(_OPTION_OF[name]) != common.get(_OPTION_OF[name]) for name in START):
         own = {option: value for option, value in own.items() if value != common.get(option)}
     for option, value in own.items():
         table.add(option, value)

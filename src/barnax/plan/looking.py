@@ -19,7 +19,7 @@ from ..checks import FileCheck, Role, check_file
 from ..checks.roles import STEPS, Traits
 from ..errors import InputError, printable
 from ..inputs import Watch, file_names, source_of, window_of
-from ..model.window import Window
+from ..model.window import START, Window
 from ..records import Record, Source, read_record, rest_current_a
 from ..records.columns import is_ocv_table
 from ..records.segments import FULL_CHARGE
@@ -119,7 +119,10 @@ class CandidateFile:
         role = self.role("validation")
         suggested = role.window if role else None
         window = Window(**suggested.options) if suggested else Window()
-        if suggested and self.starts_full and window.start_after_step is None:
+        if self.chosen.initial_soc is not None:
+            # It is that of the first row, or of the start that is chosen with it.
+            window = replace(window, **dict.fromkeys(START))
+        elif suggested and self.starts_full and window.start_after_step is None:
             window = replace(window, start_time_s=None, initial_soc=1.0)
         return merged(window, self.chosen)
 

@@ -186,18 +186,23 @@ def started(
     own = replace(
         window, capacity_ah=record_capacity_ah(file, window, choice, window.initial_soc == 1.0)
     )
+    start, unknown = None, None
     try:
         start = prepare_record(file.record, choice.cell, "so-rc", own).start
-    except InputError:
+    except InputError as problem:
         full = _fuller(file, own, choice)
         if full is not None:
             return Started(replace(window, capacity_ah=full.capacity_ah), is_full=True)
+        unknown = problem
+    if start is None or start.soc_source == "fitted":
         before = next((other for other in files if _goes_on(other, file, choice)), None)
         soc = None if before is None else _final_soc(files, before, choice)
-        if before is None or soc is None or window.is_chosen:
-            raise
-        prepare_record(file.record, choice.cell, "so-rc", replace(own, initial_soc=soc))
-        return Started(replace(window, initial_soc=soc), f", where {before.name} ends")
+        if before is not None and soc is not None and not window.is_chosen:
+            prepare_record(file.record, choice.cell, "so-rc", replace(own, initial_soc=soc))
+            return Started(replace(window, initial_soc=soc), f", where {before.name} ends")
+    if start is None:
+        assert unknown is not None, "why there is no start"
+        raise unknown
     # What the record shows is read from it where it is run, as without a plan.
     shown = f", at full: {start.voltage_v:.4f} V" if start.soc_source == "full voltage" else ""
     is_full = window.initial_soc is None and start.soc >= 1 - _FULL

@@ -223,7 +223,14 @@ def _own_window(test: _Test, cell: CellModel | None, window: Window) -> Window:
     if cell is not None and points:
         first: OcvPoint = min(points, key=lambda point: point.row)
         at = int(np.searchsorted(record.row, first.row))
-        soc = min(max(first.soc, 0.0), 1.0) if window.initial_soc is None else window.initial_soc
-        return replace(window, start_time_s=float(record.time_s[at]), initial_soc=soc)
+        begun = replace(window, start_time_s=float(record.time_s[at]))
+        if window.initial_soc is None:
+            return replace(begun, initial_soc=min(max(first.soc, 0.0), 1.0))
+        # It is that of the first row.
+        capacity_ah = window.capacity_ah or cell.capacity_ah
+        soc = window.initial_soc - float(record.discharged_ah[at]) / capacity_ah
+        return replace(begun, initial_soc=soc, soc_source="given earlier")
+    if window.initial_soc is not None:
+        return window
     at = int(np.searchsorted(record.row, test.pulse.row)) - 1
     return replace(window, start_time_s=float(record.time_s[at]))

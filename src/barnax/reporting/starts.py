@@ -231,6 +231,8 @@ def known_words(start: "Start") -> dict[str, str]:
         "rest elsewhere": f"{rested} at {row}, and the ampere-hours since",
         "own full charge": "counted in ampere-hours from the full charge in the record",
         "own span": "100 % being its highest charge",
+        "fitted": f"fitted to the record with a standard error of {100 * start.soc_sd:.2g} %",
+        "given earlier": "given for its first row, and the ampere-hours since",
     }
 
 

@@ -15,6 +15,7 @@ from typing import Literal
 import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
+from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
 from ..cell import CircuitParameters
@@ -51,13 +52,15 @@ class Linearization(Brief):
     scored samples, measured minus simulated like `error_v`. `held` says of every other parameter
     why it is not free. `time_s` joins the clocks of all records, further apart than `longest_s`,
     the duration of the longest of them. `informed` are the samples that say something of the
-    circuit: those of a rest before the first load do not.
+    circuit: those of a rest before the first load do not. `by_start_v` is what a standard error of
+    each record's start makes of the errors.
     """
 
     point: Float[np.ndarray, "coordinates"]
     free: tuple[int, ...]
     names: tuple[str, ...]
     held: dict[str, Held]
+    by_start_v: Float[np.ndarray, "scored starts"]
     time_s: Float[np.ndarray, "scored"]
     longest_s: float
     error_v: Float[np.ndarray, "scored"]
@@ -152,6 +155,7 @@ def linearize(
         free=free,
         names=tuple(box.names[index] for index in free),
         held=held,
+        by_start_v=block_diag(*map(by_start_v, problem.prepared_records)),
         time_s=one_clock(problem.prepared_records),
         longest_s=max(prepared.scored_duration_s for prepared in problem.prepared_records),
         error_v=error_v,
@@ -160,6 +164,12 @@ def linearize(
             [prepared.informed[prepared.scored] for prepared in problem.prepared_records]
         ),
     )
+
+
+def by_start_v(prepared: PreparedRecord) -> Float[np.ndarray, "scored 1"]:
+    """What a standard error of a record's start makes of its errors."""
+    soc = prepared.soc[prepared.scored]
+    return -prepared.start.soc_sd * prepared.cell.ocv_slope(soc)[:, None]
 
 
 @in_float64
@@ -314,10 +324,11 @@ class Covariance(Brief):
         to_noise = np.linalg.inv(values).T
         free = len(error_v) - len(linearization.names)
         variance_v2 = float(error_v @ error_v) / max(free, 1)
+        by_start = to_noise.T @ vectors.T @ linearization.by_start_v[here]
         return cls(
             linearization=linearization,
             noise=noise,
-            matrix=to_noise.T @ noise.spread_v2 @ to_noise,
+            matrix=to_noise.T @ noise.spread_v2 @ to_noise + by_start @ by_start.T,
             white_noise_matrix=variance_v2 * to_noise.T @ to_noise,
             _to_noise=to_noise,
         )

@@ -286,8 +286,10 @@ def _prepared_again(problem: Problem, circuit: str, **changes: float) -> Problem
     Raises `InputError` where the state of charge then leaves the OCV curve."""
     prepared_records = []
     for prepared in problem.prepared_records:
-        present = {
+        present: dict[str, Any] = {
             "initial_soc": prepared.start.soc,
+            # What is suggested must be what can be given.
+            "soc_source": None if "initial_soc" in changes else "registered",
             "rest_current_a": prepared.rest_current_a,
             "capacity_ah": prepared.capacity_ah,
         }

@@ -1,0 +1,251 @@
+"""Starts that files of the field begin with: noise, loads, a given SOC, and what a result is of."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import barnax
+from barnax.bundled import BUNDLED
+from barnax.cell import characterize, read_ocv_test
+from barnax.cell.ocv_points import find_rest_sweeps
+from barnax.job import Job
+from barnax.model.prepared import prepare_record
+from barnax.model.rest import cell_at_rest
+from barnax.model.window import Window
+from barnax.plan.running import prepare_pulse_tests
+from barnax.records import read_record
+from helpers.problems import drive_a, simulated_record
+from helpers.reference import make_record
+from helpers.results import make_result
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def cases():
+    """The folder of small cells with known answers, which is not part of the project."""
+    shared = os.environ.get("BARNAX_SHARED_DATA", REPOSITORY.parent / "shared" / "data")
+    folder = Path(shared).parent / "cases" / "cells"
+    if not folder.is_dir():
+        pytest.skip("the cases are not here; set BARNAX_SHARED_DATA to the folder beside theirs")
+    return folder
+
+
+def codes(prepared):
+    return {told.code for told in prepared.warnings}
+
+
+def loaded(cell, soc, rest_s=0, samples=1500, interval_s=2.0):
+    """A drive that begins with so long a rest, and its true state of charge."""
+    current_a = np.append(np.zeros(round(rest_s / interval_s)), drive_a(samples, seed=4) + 0.1)
+    record = simulated_record(cell, interval_s * np.arange(len(current_a)), current_a, soc, 1.0)
+    return record, soc - record.discharged_ah / cell.capacity_ah
+
+
+# The rest at the start
+
+
+def test_a_noisy_rest_tells_the_start_by_its_mean_and_denies_no_given_one(cases):
+    folder = cases / "03_noisy_start"
+    record = read_record(folder / "noisy.csv")
+    cell = characterize([read_ocv_test(folder / "ocv.csv")], capacity_ah=2.5)
+    start = prepare_record(record, cell, "so-rc").start
+    assert start.soc == pytest.approx(0.9, abs=0.005)
+    assert 0.004 < start.soc_sd < 0.015
+    given_soc = prepare_record(record, cell, "so-rc", Window(initial_soc=0.9))
+    assert codes(given_soc) == set()
+    # 30 mV of noise move no mean of ten samples by 0.1.
+    doubted = prepare_record(record, cell, "so-rc", Window(initial_soc=0.8))
+    assert codes(doubted) == {"start.other-soc"}
+
+
+def test_the_start_s_error_is_in_the_intervals(cases):
+    folder = cases / "03_noisy_start"
+    options = {"model": "1rc", "capacity": 2.5, "seeds": 0, "advise": False}
+    found = barnax.identify(folder / "noisy.csv", ocv=folder / "ocv.csv", **options)
+    for name, truth in (("R0 [Ohm]", 0.025), ("R1 [Ohm]", 0.015), ("tau1 [s]", 20.0)):
+        estimate = found.constant.estimates[name]
+        assert estimate.low < truth < estimate.high
+    assert not any(told.code.startswith("start.") for told in found.warnings)
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 10**6), st.integers(2, 400), st.floats(1e-4, 0.05), st.floats(0.2, 0.9))
+def test_the_mean_of_a_rest_is_within_its_error(bundled_cell, seed, samples, noise_v, soc):
+    noise = np.random.default_rng(seed).standard_normal(samples)
+    voltage_v = float(bundled_cell.average_ocv_v(np.array([soc]))[0]) + noise_v * noise
+    current_a = np.append(np.zeros(samples), 1.0)
+    record = make_record(np.arange(samples + 1.0), current_a, np.append(voltage_v, 3.0))
+    rest = cell_at_rest(record, bundled_cell, 0, 0.02, 1)
+    # By the noise that is there, for that of two samples is hardly known.
+    assert abs(rest.voltage_v - voltage_v.mean() + noise_v * noise.mean()) < 10 * noise_v
+    if samples >= 30:
+        assert rest.voltage_sd_v < 4 * noise_v / np.sqrt(samples) or rest.voltage_sd_v <= 1e-4
+        true_v = float(bundled_cell.average_ocv_v(np.array([soc]))[0])
+        assert abs(rest.voltage_v - true_v) < 7 * rest.voltage_sd_v
+
+
+def test_a_rest_that_drifts_is_read_near_the_start():
+    time_s = np.arange(2001.0)
+    voltage_v = 3.8 - 0.1 * np.exp(-time_s / 400)
+    cell = characterize([read_record(path) for path in BUNDLED.ocv])
+    record = make_record(time_s, np.where(time_s < 2000, 0.0, 1.0), voltage_v)
+    for at in (0, 500, 1999):
+        rest = cell_at_rest(record, cell, at, 0.02, 1)
+        assert rest.voltage_v == pytest.approx(voltage_v[at], abs=1e-3)
+
+
+def test_one_sample_without_current_is_no_rest(real_data):
+    """A cycler's first row, measured at once after something else; all reach full later."""
+    folder = real_data / "calce-inr18650-20r"
+    test = folder / "ocv-incremental_25degC_SP20-3.parquet"
+    cell = characterize([read_record(test)], capacity_ah=2.0, ocv_fit="interpolated")
+    for name in ("dst_25degC_50soc", "us06_25degC_80soc", "dst_25degC_80soc"):
+        record = read_record(folder / f"{name}_SP20-2.parquet")
+        prepared = prepare_record(record, cell, "so-rc")
+        assert prepared.start.soc_source == "full end"
+        # The charges end full.
+        assert prepared.soc.max() == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_last_rest_of_a_test_may_lack_the_interval_that_no_sample_shows():
+    # Every 10 s: 30 min of rest, 6 min of 1 A, five times, and the last row is of the last rest.
+    current_a = np.append(np.zeros(180), np.tile(np.repeat([1.0, 0.0], [36, 180]), 5))
+    time_s = 10.0 * np.arange(len(current_a))
+    soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 360 / 0.6
+    points = {}
+    for short in (0, 2):
+        rows = slice(0, len(time_s) - short)
+        record = make_record(time_s[rows], current_a[rows], 3.2 + soc[rows])
+        points[short] = len(find_rest_sweeps(record, 0.01)[0].points)
+    # 1,790 s by the stamps, and 1,770 s.
+    assert points == {0: 6, 2: 5}
+
+
+# A SOC that is given
+
+
+def test_a_given_soc_is_kept_without_a_rest(cases):
+    folder = cases / "08_cc_known_ocv"
+    columns = "time=Experimental_Time(s):s,current=It:A,voltage=Experimental_Voltage(v)"
+    record = read_record(folder / "Data.xlsx", columns=columns)
+    cell = characterize([read_ocv_test(folder / "ocv.csv")], capacity_ah=2.5)
+    prepared = prepare_record(record, cell, "so-rc", Window(initial_soc=1.0))
+    assert (prepared.first, prepared.start.soc, prepared.start.soc_source) == (0, 1.0, "given")
+    assert not codes(prepared) & {"start.other-soc", "start.fitted"}
+
+
+def test_a_given_soc_is_that_of_the_first_row_where_a_pulse_test_starts_later():
+    record = read_record(BUNDLED.hppc[1])
+    job = prepare_pulse_tests(Job(records=BUNDLED.hppc[1], window=Window(initial_soc=0.9)))
+    window = job.window[record.name]
+    at = int(np.searchsorted(record.time_s, window.start_time_s))
+    assert 0 < at < record.samples
+    moved_ah = float(np.sum(record.current_a[:at] * np.diff(record.time_s)[:at])) / 3600
+    capacity_ah = characterize([record], ocv_fit="interpolated").capacity_ah
+    assert window.initial_soc == pytest.approx(0.9 - moved_ah / capacity_ah, abs=1e-4)
+
+
+def test_a_given_soc_is_counted_to_a_start_that_is_moved(bundled_cell):
+    record, _ = loaded(bundled_cell, 0.6, rest_s=2000)
+    relaxing_v = record.voltage_v - 0.03 * np.exp(-record.time_s / 300) * (record.time_s < 2000)
+    current_a = np.where(record.time_s < 2000, 0.003, record.current_a)
+    record = replace(record, current_a=current_a, voltage_v=relaxing_v)
+    prepared = prepare_record(record, bundled_cell, "so-rc", Window(initial_soc=0.6))
+    assert prepared.first == 999
+    counted = 0.003 * 999 * 2.0 / 3600 / bundled_cell.capacity_ah
+    assert prepared.start.soc == pytest.approx(0.6 - counted, abs=1e-9)
+    at_start = Window(initial_soc=0.6, start_time_s=float(record.time_s[999]))
+    assert prepare_record(record, bundled_cell, "so-rc", at_start).start.soc == 0.6
+
+
+@pytest.mark.parametrize(("given_soc", "is_denied"), [(0.7, False), (0.5, True)])
+def test_a_later_rest_denies_a_given_soc(bundled_cell, given_soc, is_denied):
+    first, _ = loaded(bundled_cell, 0.7)
+    rest = [np.zeros(1000), np.ones(50)]
+    current_a = np.concatenate([first.current_a, *rest])
+    record = simulated_record(bundled_cell, 2.0 * np.arange(len(current_a)), current_a, 0.7, 1.0)
+    prepared = prepare_record(record, bundled_cell, "so-rc", Window(initial_soc=given_soc))
+    assert ("start.other-soc" in codes(prepared)) == is_denied
+    for told in prepared.warnings if is_denied else ():
+        if told.code == "start.other-soc":
+            assert told.values["start_row"] == record.row[2499]
+            counted = record.discharged_ah[2499] / bundled_cell.capacity_ah
+            assert told.values["rested_soc"] == pytest.approx(0.7 - counted, abs=0.01)
+
+
+# A record under load
+
+
+@pytest.mark.parametrize("soc", [0.9, 0.6])
+def test_a_record_that_begins_under_load_has_its_start_fitted(bundled_cell, soc):
+    record, _ = loaded(bundled_cell, soc)
+    prepared = prepare_record(record, bundled_cell, "so-rc")
+    start = prepared.start
+    assert start.soc_source == "fitted"
+    assert "start.fitted" in codes(prepared)
+    assert abs(start.soc - soc) < 2 * start.soc_sd
+    assert start.soc_sd < 0.2
+
+
+def test_what_tells_no_start_is_still_asked_for(bundled_cell):
+    record, _ = loaded(bundled_cell, 0.6)
+    record = replace(record, voltage_v=np.full(record.samples, 2.0))
+    with pytest.raises(barnax.InputError, match="give `initial_soc`"):
+        prepare_record(record, bundled_cell, "so-rc")
+
+
+# A result's windows and starts
+
+
+@pytest.fixture(scope="module")
+def result():
+    own = {BUNDLED.record.name: Window(initial_soc=0.98, score_to_s=1500.5)}
+    return barnax.identify(
+        BUNDLED.record, ocv=BUNDLED.ocv, validate=BUNDLED.validation, window=own,
+        model="so-rc", seeds=0, advise=False,
+    )  # fmt: skip
+
+
+def test_every_way_to_a_record_gives_the_same_start(result):
+    (identified,), (validated,) = map(result.of_role, ("identification", "validation"))
+    assert (identified.start.soc, identified.samples) == (0.98, 1501)
+    for part, path in ((identified, BUNDLED.record), (validated, BUNDLED.validation)):
+        frame = pl.read_parquet(path)
+        for given_record in (path, frame, read_record(path)):
+            prepared = result.validate(given_record).prepared
+            assert prepared.start.soc == part.start.soc
+            assert prepared.scored.sum() == part.samples
+        replayed = barnax.replay_soc(result, path)
+        assert replayed.start.soc == part.start.soc
+    assert validated.start.soc != 0.98
+
+
+def test_another_record_has_a_start_of_its_own(result, tmp_path):
+    path = tmp_path / BUNDLED.record.name
+    pl.read_parquet(BUNDLED.validation).head(9000).write_parquet(path)
+    prepared = result.validate(path).prepared
+    alone = prepare_record(read_record(path), result.cell_model, result.model)
+    assert prepared.start.soc == alone.start.soc
+    assert prepared.scored.sum() == 9000
+    assert result.common_window == Window()
+
+
+@pytest.mark.parametrize("soc", [1.0000347, -2e-5])
+def test_a_result_s_own_start_is_simulated(soc):
+    result = make_result("so-rc")
+    (part, *others) = result.inputs
+    own = part.model_copy(update={"start": replace(part.start, soc=soc)})
+    result = result.model_copy(update={"inputs": (own, *others)})
+    time_s, current_a = np.arange(50.0), np.where(soc > 0.5, 1.0, -1.0) * np.ones(50)
+    for initial_soc in (None, soc):
+        found = result.simulate(current_a, time_s, initial_soc=initial_soc)
+        assert found["SOC"][0] == pytest.approx(soc, abs=1e-12)
+    with pytest.raises(barnax.InputError, match="is not a fraction"):
+        result.simulate(current_a, time_s, initial_soc=1.2)

@@ -145,7 +145,7 @@ def measure_alone(manifest: str, count: str, kind: str = "one circuit") -> dict:
         programs.append(sum(name.startswith("Compiling") for name in names))
     large = {"_descend", "_respond", "rmse_of_all", "_errors_and_slopes", "terminal_voltage"}
     compiled = [name for name in names if name.startswith("Compiling")]
-    count = sum(name.partition("jit(")[2].strip(")") in large for name in compiled)
+    large_programs = sum(name.partition("jit(")[2].strip(")") in large for name in compiled)
     half = len(cells) // 2
     failed = [row["error"] for row in rows if row["error"]]
     assert not failed, failed[0]
@@ -153,7 +153,7 @@ def measure_alone(manifest: str, count: str, kind: str = "one circuit") -> dict:
         "first_s": spent[0],
         "cell_s": statistics.median(spent[half:]),
         "programs": programs[-1],
-        "large": count,
+        "large": large_programs,
         "later_programs": programs[-1] - programs[half],
         "row_bytes": pl.DataFrame(rows, infer_schema_length=None).estimated_size() / len(rows),
     }

@@ -86,14 +86,16 @@ class Filtered:
         Gram matrix, and a descent from the best (Golub and Pereyra, 1973). Nothing is proved."""
         log_tau = np.linspace(self.lower[2], self.upper[2], nodes)
         signals = [self.current_a, *map(self.answer, np.exp(log_tau)), self.base_v]
-        gram = np.matmul(signals, np.transpose(signals))
         fast, slow = np.triu_indices(nodes, 1)
         columns = np.stack([np.zeros_like(fast), fast + 1, slow + 1], axis=1)
-        products = gram[columns[:, :, None], columns[:, None, :]]
-        with_base = gram[columns, -1]
-        # Neighbors on the grid are nearly one signal.
-        damping = 1e-10 * gram[0, 0] * np.eye(3)
-        ohm = np.linalg.solve(products + damping, -with_base[:, :, None])[:, :, 0]
+        # One thread, as for the descent.
+        with threadpool_limits(1, "blas"):
+            gram = np.matmul(signals, np.transpose(signals))
+            products = gram[columns[:, :, None], columns[:, None, :]]
+            with_base = gram[columns, -1]
+            # Neighbors on the grid are nearly one signal.
+            damping = 1e-10 * gram[0, 0] * np.eye(3)
+            ohm = np.linalg.solve(products + damping, -with_base[:, :, None])[:, :, 0]
         resistances = [0, 1, 3]
         ohm = ohm.clip(np.exp(self.lower[resistances]), np.exp(self.upper[resistances]))
         squares = np.einsum("pi,pij,pj->p", ohm, products, ohm)

@@ -1,4 +1,4 @@
-"""A good engineer's twenty lines: SciPy's lfilter under SciPy's optimizers."""
+"""A good engineer's lines: SciPy's lfilter under SciPy's optimizers, CMA-ES and a grid."""
 
 import numpy as np
 from scipy.optimize import OptimizeResult, differential_evolution, least_squares
@@ -25,9 +25,13 @@ class Filtered:
         r0, r1, tau1, r2, tau2 = np.exp(point)
         error_v = self.base_v + r0 * self.current_a
         for r, tau in ((r1, tau1), (r2, tau2)):
-            decay = np.exp(-1 / tau)
-            error_v += lfilter([0, r * (1 - decay)], [1, -decay], self.current_a)
+            error_v += self.answer(tau, r)
         return error_v
+
+    def answer(self, tau_s: float, r_ohm: float = 1.0) -> np.ndarray:
+        """Voltage across an RC pair at every sample, one a second, in V."""
+        decay = np.exp(-1 / tau_s)
+        return lfilter([0, r_ohm * (1 - decay)], [1, -decay], self.current_a)
 
     def rmse(self, point: np.ndarray) -> float:
         """Root mean square error, in V."""
@@ -59,3 +63,45 @@ class Filtered:
                 least_squares(self.errors, start, bounds=(self.lower, self.upper), method="trf")
                 for start in starts
             ]
+
+    def adapt(self) -> OptimizeResult:
+        """CMA-ES at its defaults in the box scaled to one, from a random point, until it stops."""
+        # Only who times it needs the extra `benchmark`.
+        from cmaes import CMA
+
+        width = self.upper - self.lower
+        start = np.random.default_rng(KEY).uniform(size=len(width))
+        limits = np.array([[0.0, 1.0]] * len(width))
+        search, tried = CMA(start, sigma=0.3, bounds=limits, seed=KEY), []
+        while not search.should_stop():
+            points = [search.ask() for _ in range(search.population_size)]
+            told = [(point, self.rmse(self.lower + width * point)) for point in points]
+            search.tell(told)
+            tried += told
+        point, least = min(tried, key=lambda one: one[1])
+        return OptimizeResult(x=self.lower + width * point, fun=least, nfev=len(tried))
+
+    def project(self, nodes: int = 64) -> OptimizeResult:
+        """Variable projection: the best resistances of every two time constants of a grid, from one
+        Gram matrix, and a descent from the best (Golub and Pereyra, 1973). Nothing is proved."""
+        log_tau = np.linspace(self.lower[2], self.upper[2], nodes)
+        signals = [self.current_a, *map(self.answer, np.exp(log_tau)), self.base_v]
+        fast, slow = np.triu_indices(nodes, 1)
+        columns = np.stack([np.zeros_like(fast), fast + 1, slow + 1], axis=1)
+        # One thread, as for the descent.
+        with threadpool_limits(1, "blas"):
+            gram = np.matmul(signals, np.transpose(signals))
+            products = gram[columns[:, :, None], columns[:, None, :]]
+            with_base = gram[columns, -1]
+            # Neighbors on the grid are nearly one signal.
+            damping = 1e-10 * gram[0, 0] * np.eye(3)
+            ohm = np.linalg.solve(products + damping, -with_base[:, :, None])[:, :, 0]
+        resistances = [0, 1, 3]
+        ohm = ohm.clip(np.exp(self.lower[resistances]), np.exp(self.upper[resistances]))
+        squares = np.einsum("pi,pij,pj->p", ohm, products, ohm)
+        best = np.argmin(squares + 2 * np.einsum("pi,pi->p", ohm, with_base))
+        start = np.empty(5)
+        start[resistances] = np.log(ohm[best])
+        start[[2, 4]] = log_tau[[fast[best], slow[best]]]
+        (descended,) = self.descend(start.clip(self.lower + 1e-6, self.upper - 1e-6)[None])
+        return descended

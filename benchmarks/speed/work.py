@@ -1,6 +1,7 @@
 """The rows of the table, all in the same turns."""
 
 import numpy as np
+from scipy.optimize import OptimizeResult
 
 import barnax
 from barnax.search.refine import SEED_TOLERANCE, Descent
@@ -81,6 +82,8 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
             keep("optimum", lambda: barnax.find_global_optimum(bundled_problem(), prove=False))
         ),
         "certified": Run(keep("certified", lambda: barnax.find_global_optimum(bundled_problem()))),
+        "cma": Run(keep("cma", filtered.adapt)),
+        "projection": Run(keep("projection", filtered.project), calls=5),
         "seeds": Run(
             keep("seeds", lambda: identify(bundled_problem("compressed"), sizes, sizes.seeds))
         ),
@@ -94,6 +97,7 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
     alone = f"{name}, {sizes.generations} generations alone"
     after = "compressed, after the reduction"
     optimum = "global optimum, the reduction included"
+    proved = "`make_problem` and `find_global_optimum(problem)`"
     single = "the program of one seed; a search by `identify` runs eight seeds at a time"
     trf = f"lfilter + least_squares TRF, {sizes.starts} starts"
     rows = [
@@ -110,16 +114,26 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
         _faster(f"{optimum}, not proved", taken, "optimum", "de", de, 30.0,
                 note="`make_problem` and `find_global_optimum(problem, prove=False)`"),
         _faster(f"{optimum}, with its certificate", taken, "certified", "de", de, 30.0,
-                note="`make_problem` and `find_global_optimum(problem)`"),
+                note=proved),
+        *(_faster(f"{optimum}, with its certificate", taken, "certified", peer, baseline, None,
+                  note=proved)
+          for peer, baseline in (
+              ("trf", trf), ("cma", "lfilter + CMA-ES, until it stops"),
+              ("projection", "lfilter + variable projection on a grid, unproved"))),
     ]  # fmt: skip
     return rows, _what_was_found(found)
+
+
+def rmse_of(descended: OptimizeResult) -> float:
+    """The root mean square of the errors where SciPy's least squares ended, in V."""
+    return float((2 * descended.cost / len(descended.fun)) ** 0.5)
 
 
 def _what_was_found(found: dict) -> list[str]:
     """The RMSE each method reached: a fast wrong answer is none."""
     optimum = found["certified"]
     descents = [each.rmse_v for each in found["lm"]]
-    filtered = [float((2 * each.cost / len(each.fun)) ** 0.5) for each in found["trf"]]
+    filtered = [rmse_of(each) for each in found["trf"]]
     best = (1 + SAME) * optimum.rmse_v
     return [
         f"global optimum: {1e3 * optimum.rmse_v:.4f} mV, {optimum.status}; without proof "
@@ -130,12 +144,14 @@ def _what_was_found(found: dict) -> list[str]:
         f"{sum(each < best for each in filtered)} of {len(filtered)} starts at the optimum, "
         f"{sum(each.nfev for each in found['trf'])} evaluations without those of its Jacobians",
         f"SciPy DE: {1e3 * found['de'].fun:.4f} mV",
+        f"CMA-ES: {1e3 * found['cma'].fun:.4f} mV, {found['cma'].nfev:,} evaluations",
+        f"variable projection: {1e3 * rmse_of(found['projection']):.4f} mV, unproved",
         f"ibmo, best of all seeds: {1e3 * found['seeds'].best.rmse_v:.4f} mV",
     ]
 
 
 def _faster(
-    work: str, taken: Taken, ours: str, other: str, baseline: str, aim: float, *,
+    work: str, taken: Taken, ours: str, other: str, baseline: str, aim: float | None, *,
     times: int = 1, note: str = "",
 ) -> Row:  # fmt: skip
     ratio = times * taken.ratio(other, ours)

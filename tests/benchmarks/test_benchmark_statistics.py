@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 import scipy.stats
+from benchmarks.design.virtual import SHARES, TABLES, virtual_lines
 from benchmarks.li2023.centre_bias import statistics as paired
 from benchmarks.li2023.table2 import statistics as table
+
+from benchmarks import choice_rules
 
 
 def test_a_z_score_counts_standard_deviations_of_the_groups():
@@ -67,3 +70,39 @@ def test_a_duel_is_won_by_the_smaller_losses_and_tied_by_equal_ones():
     found = paired.duels(results, "shifted", "ours", ["worse", "same", "better"])
     verdicts = {(duel.other, duel.verdict) for duel in found}
     assert verdicts == {("worse", "win"), ("same", "tie"), ("better", "loss")}
+
+
+class Alike(dict):
+    """A row in which all that was measured is one, but what is said."""
+
+    def __missing__(self, _):
+        return 1.0
+
+
+def test_a_designed_test_is_compared_with_an_hppc_that_has_the_drive_cycle_too():
+    """One of four cells is worse than that HPPC; all are better than one without the drive."""
+    test = f"{SHARES[0]} known"
+    alone = {f"{name} hppc": 2.0 for name in ("v", *TABLES)}
+    rows = [Alike(alone), Alike(alone), Alike(alone), Alike(alone | {f"v {test}": 1.2})]
+    lines = virtual_lines(rows)
+    (terms,) = (line for line in lines if line.startswith("On equal terms"))
+    assert terms.endswith(
+        "no wider than HPPC's in 100 % of the cells, an error no larger in 75 %, both in 75 %, and "
+        "an error up to 1.1 times as large in 75 %."
+    )
+    assert "| all: error no larger than HPPC's with the drive | 75 % | 100 % | 100 % |" in lines
+    assert "| all: error no larger than HPPC's without the drive | 100 % | 100 % | 100 % |" in lines
+
+
+def test_the_rules_for_better_are_asked_of_the_same_pairs():
+    """10 (5) to 9.5 (3) mV is worth a law of resistances, and no circuit."""
+    said = {pair: choice_rules.verdicts(pair) for pair in choice_rules.pairs()}
+    (answers,) = {
+        answers
+        for pair, answers in said.items()
+        if (pair.simpler.rmse_v, *vars(pair.more).values()) == pytest.approx((0.01, 0.0095, 0.003))
+    }
+    named = dict(zip(choice_rules.RULES, answers, strict=True))
+    assert (named["candidates.is_better"], named["over_soc.dependence.is_worth"]) == (False, True)
+    page = choice_rules.page()
+    assert "| 10 (5) | 9.5 (3) | no | yes | yes | yes |" in page

@@ -109,3 +109,63 @@ def test_a_flat_voltage_is_refused_by_name(bundled_record, bundled_cell):
     flat = replace(bundled_record, voltage_v=np.full(bundled_record.samples, 4.1))
     with pytest.raises(InputError, match=r"identification\.parquet: the voltage is 4.1 V at every"):
         make_problem(flat, bundled_cell, window=SHORT)
+
+
+def test_other_notes_on_the_same_samples_keep_what_is_computed(short_problem):
+    _ = short_problem.compressed
+    noted = replace(short_problem.prepared, warnings=(notice("ocv-test.mixed"),))
+    kept = short_problem.keeping_computed(prepared_records=(noted,), kind="compressed")
+    assert kept.compressed is short_problem.compressed
+    assert kept.warnings != short_problem.warnings
+
+
+def changed_records(problem):
+    """What differs from the problem's record in one number that its errors are computed from."""
+    prepared, record = problem.prepared, problem.prepared.record
+    voltage_v = record.voltage_v.copy()
+    voltage_v[prepared.first + 700] += 0.1
+    scored = prepared.scored.copy()
+    scored[700] = False
+    start = replace(prepared.start, direction=-prepared.start.direction)
+    return {
+        "voltage": (replace(prepared, record=replace(record, voltage_v=voltage_v)),),
+        "source": (replace(prepared, source_v=prepared.source_v + 1e-3),),
+        "scored": (replace(prepared, scored=scored),),
+        "resting": (replace(prepared, rest_current_a=2 * prepared.rest_current_a),),
+        "start": (replace(prepared, start=start),),
+        "factor": (replace(prepared, resistance_factor=np.ones(len(prepared.soc))),),
+        "shorter": (prepared.part(slice(0, 700)),),
+        "two": (prepared, prepared),
+    }
+
+
+CHANGED = ("voltage", "source", "scored", "resting", "start", "factor", "shorter", "two")
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_nothing_computed_for_other_records_is_kept(short_problem, name):
+    _ = short_problem.compressed, short_problem.all_inputs, short_problem.padded_compressed
+    records = changed_records(short_problem)[name]
+    changed = short_problem.keeping_computed(prepared_records=records)
+    cached = {"compressed", "padded_compressed", "padded_scan", "all_inputs"}
+    assert not cached & set(vars(changed))
+
+
+def test_another_record_has_errors_of_its_own(short_problem):
+    (higher,) = changed_records(short_problem)["voltage"]
+    _ = rmse_by_scan(short_problem, [CIRCUIT]), short_problem.compressed
+    problem = short_problem.keeping_computed(prepared_records=(higher,), kind="compressed")
+    errors_v = looped_error_v(problem, LOGARITHMS)
+    expected = np.sqrt(np.mean(errors_v**2))
+    assert rmse_by_scan(problem, [CIRCUIT])[0] == pytest.approx(expected, rel=1e-11)
+    with jax.enable_x64(True):
+        loss = rmse_jit(jnp.asarray(LOGARITHMS), replace(problem, scale="log").objective)
+    assert float(loss) == pytest.approx(expected, rel=1e-9)
+
+
+def test_another_box_is_computed_anew(short_problem):
+    _ = short_problem.compressed, short_problem.coordinates
+    bounds = short_problem.bounds.with_changes({"tau2 [s]": (20.0, 400.0)}, {}, "")
+    for changes in ({"bounds": bounds}, {"scale": "log"}):
+        changed = short_problem.keeping_computed(**changes)
+        assert not {"compressed", "coordinates"} & set(vars(changed))

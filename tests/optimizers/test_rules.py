@@ -16,6 +16,7 @@ from barnax.optimizers import (
     CoevolvingSwarm,
     Ecosystem,
     GreyWolf,
+    ImprovedGreyWolf,
     MixedSwarm,
     ParticleSwarm,
     SailfishSearch,
@@ -180,6 +181,49 @@ def test_grey_wolf_leaders_change_as_in_a_loop_over_the_wolves(wolf_losses, lead
     who, new_losses = loop_over_wolves(leader_losses, wolf_losses)
     np.testing.assert_array_equal(leaders.losses, new_losses)
     np.testing.assert_array_equal(leaders.positions[:, 0], who)
+
+
+@given(losses, losses)
+@settings(max_examples=30)
+def test_an_improved_grey_wolf_has_the_leaders_of_the_loop(before, after):
+    """The loop runs over what every wolf has kept, its best; not the three best of the pack."""
+    solver, box = ImprovedGreyWolf(population=9), Box(-jnp.ones(1), jnp.full(1, 99.0))
+    first = Swarm(jnp.arange(9.0)[:, None], jnp.array(before))
+    swarm = eqx.filter_jit(solver.prepare)(first, box)
+    _, leading = loop_over_wolves([np.inf] * 3, before)
+    np.testing.assert_array_equal(swarm.memory.losses, leading)
+    offspring = Swarm(jnp.arange(10.0, 28.0)[:, None], jnp.array(after + after), swarm.memory)
+    pack = survived(solver, swarm, offspring)
+    np.testing.assert_array_equal(pack.losses, np.minimum(before, after))
+    np.testing.assert_array_equal(
+        pack.memory.losses, loop_over_wolves(leading, np.minimum(before, after).tolist())[1]
+    )
+    numbers = jnp.full((2, 3, 9, 1), 0.5), jnp.zeros((3, 9, 1))
+    moved, _ = eqx.filter_jit(solver.propose)(numbers, pack, jnp.array(1), box)
+    # Numbers of one half make the step zero: every wolf is taken to the mean of the leaders.
+    np.testing.assert_allclose(moved[:9, 0], np.mean(pack.memory.positions), rtol=1e-6)
+
+
+def test_an_improved_grey_wolf_stops_at_the_bound():
+    """The authors' code puts it halfway back to where the wolf stands."""
+    solver, box = ImprovedGreyWolf(population=9), Box(-jnp.ones(2), jnp.ones(2))
+    positions = jr.uniform(jr.key(0), (9, 2), minval=0.6, maxval=0.9)
+    swarm = solver.prepare(Swarm(positions, jnp.sum(positions, axis=1)), box)
+    # Each place is that of a leader and twice the distance of its double from the wolf: above 1.
+    numbers = jnp.stack([jnp.zeros((3, 9, 2)), jnp.ones((3, 9, 2))])
+    moved, _ = eqx.filter_jit(solver.propose)(
+        (numbers, jnp.zeros((3, 9, 2))), swarm, jnp.array(1), box
+    )
+    np.testing.assert_array_equal(moved[:9], 1)
+
+
+def test_the_random_wolf_of_a_step_is_another_in_every_dimension():
+    """The authors' code takes one for all dimensions."""
+    wolves = jnp.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
+    numbers = jnp.stack([jnp.zeros((3, 2)), jnp.array([[0.0, 0.9]] * 3), jnp.ones((3, 2))])
+    learned = learn_from_neighbors(numbers, wolves, wolves)
+    # No wolf has a neighbor but itself: each is carried to twice itself less the random one.
+    np.testing.assert_allclose(learned, 2 * wolves - jnp.array([0.0, 2.0]))
 
 
 def test_demoted_leaders_are_the_three_best_ever():

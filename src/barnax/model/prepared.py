@@ -137,6 +137,18 @@ class PreparedRecord(Brief):
             inputs = part.simulation_input(shortest_tau_s, highest_gamma, samples)
             yield slice(first, min(first + samples, len(self.soc))), inputs
 
+    def simulates_as(self, other: "PreparedRecord") -> bool:
+        """True where every circuit has the same errors on the other, sample by sample."""
+        return all(map(np.array_equal, self._simulated, other._simulated))
+
+    @property
+    def _simulated(self) -> tuple[Any, ...]:
+        """Everything that errors of a circuit are computed from."""
+        records = self.time_s, self.current_a, self.held_a, self.voltage_v, self.scored
+        states = self.soc, self.source_v, self.direction, self.hysteresis_amplitude_v
+        resistances = self.resistance_factor, self.dependence
+        return *records, *states, *resistances, self.start.direction, self.rest_current_a
+
     @property
     def time_s(self) -> Float[np.ndarray, "simulated"]:
         return self.record.time_s[self.span]

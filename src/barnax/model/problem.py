@@ -103,9 +103,14 @@ class Problem(Brief):
         return sum(int(np.count_nonzero(prepared.scored)) for prepared in self.prepared_records)
 
     def keeping_computed(self, **changes: Any) -> "Problem":
-        """The problem with other fields that leave what is computed already as it is."""
+        """The problem with other fields, and what is computed already where box and scale stay and
+        the records have the same samples."""
         other = replace(self, **changes)
-        vars(other).update(vars(self) | vars(other))
+        ours, theirs = self.prepared_records, other.prepared_records
+        if (other.bounds, other.scale, len(theirs)) == (self.bounds, self.scale, len(ours)) and all(
+            map(PreparedRecord.simulates_as, ours, theirs)
+        ):
+            vars(other).update(vars(self) | vars(other))
         return other
 
     @property

@@ -1,5 +1,6 @@
 """Searches that follow the best met so far: whales, seagulls, sailfish and grey wolves."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -240,8 +241,7 @@ class GreyWolf(AbstractUniformStart):
     demote_leaders: bool = False
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
-        nobody = Swarm(swarm.positions[:3], jnp.full_like(swarm.losses[:3], jnp.inf))
-        return self._follow(Swarm(swarm.positions, swarm.losses, nobody))
+        return self._follow(without_leaders(swarm))
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Array:
         return jr.uniform(key, (2, 3, self.population, len(box.lower)), box.lower.dtype)
@@ -254,8 +254,7 @@ class GreyWolf(AbstractUniformStart):
         return self._follow(offspring)
 
     def _follow(self, swarm: Swarm) -> Swarm:
-        choose = three_best if self.demote_leaders else replace_leaders
-        return Swarm(swarm.positions, swarm.losses, choose(swarm.memory, swarm))
+        return follow(swarm, three_best if self.demote_leaders else replace_leaders)
 
 
 def hunt(
@@ -275,6 +274,17 @@ def hunt(
     prey = leaders[:, None, :]
     about_alpha, about_beta, about_delta = prey - step * jnp.abs(weight * prey - positions)
     return (about_alpha + about_beta + about_delta) / 3
+
+
+def without_leaders(swarm: Swarm) -> Swarm:
+    """The pack before its first leaders: every wolf beats those."""
+    nobody = Swarm(swarm.positions[:3], jnp.full_like(swarm.losses[:3], jnp.inf))
+    return Swarm(swarm.positions, swarm.losses, nobody)
+
+
+def follow(swarm: Swarm, choose: Callable[[Swarm, Swarm], Swarm]) -> Swarm:
+    """The pack with the leaders chosen from its old ones, which are its memory, and its wolves."""
+    return Swarm(swarm.positions, swarm.losses, choose(swarm.memory, swarm))
 
 
 def three_best(leaders: Swarm, swarm: Swarm) -> Swarm:
@@ -310,14 +320,19 @@ class ImprovedGreyWolf(AbstractUniformStart):
 
     Every wolf weighs two places, that of the grey wolf optimizer and one learned from its
     neighbors dimension by dimension, and moves to the better if that beats where it stands. Two
-    evaluations a wolf and generation. The leaders are the three best wolves.
+    evaluations a wolf and generation. The leaders are those of `GreyWolf`, as in the authors' code.
+    That code departs from ours in two things: a coordinate that leaves the box is put halfway
+    between the bound and where the wolf stands, and the random wolf of a step is one for all
+    dimensions, from a permutation of the pack. Here the coordinate is put on the bound, as by every
+    optimizer of this package, and the wolf is drawn anew in every dimension, as the paper's Eq. 12
+    reads.
 
     Li et al. (2023) cite this algorithm, but their Table 2 column of the same name is not its
     work: `benchmarks/results/table2_z_scores.md`. No option here gives that column.
     """
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
-        return swarm
+        return follow(without_leaders(swarm), replace_leaders)
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> tuple[Array, Array]:
         hunt_key, learn_key = jr.split(key)
@@ -329,13 +344,12 @@ class ImprovedGreyWolf(AbstractUniformStart):
         self, drawn: tuple[Array, Array], swarm: Swarm, generation: Generation, box: Box
     ) -> Proposal:
         hunt_numbers, learn_numbers = drawn
-        positions = swarm.positions
-        leaders = positions[best_first(swarm.losses, 3)]
-        hunted = hunt(hunt_numbers, positions, leaders, generation, self.iterations)
+        positions, leaders = swarm.positions, swarm.memory
+        hunted = hunt(hunt_numbers, positions, leaders.positions, generation, self.iterations)
         if self.bounded:
             hunted = box.clip(hunted)
         learned = learn_from_neighbors(learn_numbers, positions, hunted)
-        return jnp.concatenate([hunted, learned]), None
+        return jnp.concatenate([hunted, learned]), leaders
 
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
         stacked = (self.population, 2)
@@ -343,8 +357,8 @@ class ImprovedGreyWolf(AbstractUniformStart):
         positions = offspring.positions.reshape(*stacked[::-1], -1)
         takes_hunted = losses[:, 0] < losses[:, 1]
         chosen = jnp.where(takes_hunted[:, None], positions[0], positions[1])
-        chosen_loss = jnp.min(losses, axis=1)
-        return better_of_each(swarm, Swarm(chosen, chosen_loss))
+        kept = better_of_each(swarm, Swarm(chosen, jnp.min(losses, axis=1)))
+        return follow(Swarm(kept.positions, kept.losses, offspring.memory), replace_leaders)
 
 
 def learn_from_neighbors(

@@ -1,0 +1,114 @@
+"""Tables over SOC by dense algebra: every column written out, every matrix whole."""
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.stats import t as student
+
+from barnax.cell import OcvPoint, OcvTable, characterize
+from barnax.model.prepared import prepare_record
+from barnax.model.window import Window
+from barnax.uncertainty.noise import fit_noise
+from helpers.known_cell import ocv_v
+from helpers.problems import drive_a
+from helpers.reference import banded_response, drop_v, make_record
+
+CAPACITY_AH, NODES, TAU_S = 0.5, (0.55, 0.65, 0.75, 0.85), (8.0, 60.0)
+# Of a difference by the logarithm of a time constant.
+STEP = 1e-4
+
+
+def known_cell():
+    """A cell with the OCV of `known_cell`."""
+    soc = np.linspace(0.0, 1.0, 101)
+    points = zip(soc.tolist(), ocv_v(soc).tolist(), strict=True)
+    table = OcvTable("test", {0: tuple(OcvPoint(*pair, "test", 1, 0.0) for pair in points)}, "")
+    return characterize([table], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+
+
+def made_record(samples=60, seed=0, noise_v=1e-3, start=0.9, interval_s=10.0, scale=1.0, **given):
+    """A drive from 90 to 40 % SOC whose errors are correlated."""
+    time_s = interval_s * np.arange(samples)
+    current_a = scale * drive_a(samples, seed, interval=4)
+    current_a[0] = 1.5
+    soc = start - np.append(0.0, np.cumsum(current_a[:-1]) * interval_s) / 3600 / CAPACITY_AH
+    drop = drop_v(banded_response, time_s, current_a, (0.05, (0.02, 0.03), TAU_S))
+    noise = np.random.default_rng(seed).standard_normal(samples)
+    noise[1:] += noise[:-1]
+    return make_record(time_s, current_a, ocv_v(soc) - drop + noise_v * noise, **given)
+
+
+def prepared_of(record, circuit="so-rc", soc=0.9):
+    return prepare_record(record, known_cell(), circuit, Window(initial_soc=soc))
+
+
+def hats(soc, nodes):
+    """Each node's share of a straight line between nodes, which goes on level."""
+    return np.stack([np.interp(soc, nodes, unit) for unit in np.eye(len(nodes))], axis=1)
+
+
+def columns_of(prepared, nodes, tau_s, ocv_nodes=()):
+    """The derivatives of measured minus simulated by every node of R0, every pair's R and an OCV
+    table, and the error of none."""
+    time_s, current_a = prepared.time_s, prepared.current_a
+    near = hats(prepared.soc, nodes)
+    tables = [near * current_a[:, None]]
+    for tau in tau_s:
+        driven = (near * current_a[:, None]).T
+        tables.append(np.stack([banded_response(time_s, each, tau) for each in driven], axis=1))
+    if len(ocv_nodes):
+        tables.append(-hats(prepared.soc, ocv_nodes))
+    return np.hstack(tables), prepared.voltage_v - prepared.source_v
+
+
+def slopes_of(prepared, nodes, tau_s, values):
+    """The derivatives of the error by the logarithm of every time constant."""
+    slopes = []
+    for place in range(len(tau_s)):
+        ends = []
+        for step in (STEP, -STEP):
+            moved = [tau * np.exp(step * (place == at)) for at, tau in enumerate(tau_s)]
+            columns, _ = columns_of(prepared, nodes, moved)
+            ends.append(columns @ values[: columns.shape[1]])
+        slopes.append((ends[0] - ends[1]) / (2 * STEP))
+    return np.stack(slopes, axis=1)
+
+
+def penalty_of(settings, tables, scale=1.0):
+    """The rows whose squares are added to the mean square; `tables` are pairs of nodes and weight,
+    and ridge."""
+    blocks = []
+    for nodes, weight, ridge in tables:
+        bends = np.zeros((len(nodes) - 2, len(nodes)))
+        for row in range(len(bends)):
+            bends[row, row : row + 3] = 1.0, -2.0, 1.0
+        bends *= np.sqrt(settings.roughness)
+        blocks.append(
+            weight * np.sqrt(scale) * np.vstack([bends, np.sqrt(ridge) * np.eye(len(nodes))])
+        )
+    return block_diag(*blocks)
+
+
+def fitted_noise(columns, error, time_s):
+    """The noise of some errors, and the unit columns by which it is projected."""
+    unit = np.linalg.qr(columns)[0]
+    return fit_noise(error, unit, time_s), unit
+
+
+def covariance_of(columns, error, time_s):
+    """G, the covariance of the noise at every two samples."""
+    noise, _ = fitted_noise(columns, error, time_s)
+    lag_s = np.abs(time_s[:, None] - time_s)
+    parts = zip(noise.variance_v2[1:], noise.correlation_s[1:], strict=True)
+    correlated = sum(variance_v2 * np.exp(-lag_s / within_s) for variance_v2, within_s in parts)
+    return noise.variance_v2[0] * np.eye(len(time_s)) + correlated
+
+
+def reaches_of(directions, columns, penalty, error, time_s):
+    """Standard errors of combinations of what moves the columns, and half their 95 % intervals:
+    Student's t times the root of d' H^-1 J' G J H^-1 d."""
+    normal = columns.T @ columns / len(time_s) + penalty.T @ penalty
+    moved = directions @ np.linalg.solve(normal, columns.T) / len(time_s)
+    noise, unit = fitted_noise(columns, error, time_s)
+    errors = np.sqrt(np.diag(moved @ covariance_of(columns, error, time_s) @ moved.T))
+    freedom = [max(1.0, min(noise.degrees_of_freedom(row), 1e6)) for row in moved @ unit]
+    return errors, student.ppf(0.975, freedom) * errors

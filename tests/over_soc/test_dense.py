@@ -21,6 +21,8 @@ from helpers.dense import (
     NODES,
     TAU_S,
     columns_of,
+    covariance_of,
+    fitted_tables,
     made_record,
     penalty_of,
     prepared_of,
@@ -33,13 +35,6 @@ BOX = {"tau1 [s]": (4.0, 20.0), "tau2 [s]": (30.0, 100.0)}
 HELD = {name: (tau, tau) for name, tau in zip(BOX, TAU_S, strict=True)}
 RESISTANCES = [(NODES, CAPACITY_AH, PLAIN.resistance_ridge)] * 3
 LOG_SCALES = tuple(np.log(TAU_S).tolist())
-
-
-def fitted(columns, penalty, base):
-    """The tables that leave the least, by one least squares."""
-    samples = len(base)
-    rows = np.vstack([columns / math.sqrt(samples), penalty])
-    return np.linalg.lstsq(rows, -np.append(base / math.sqrt(samples), np.zeros(len(penalty))))[0]
 
 
 def solved(jacobian, penalty, pushes):
@@ -57,9 +52,9 @@ def test_an_interval_is_students_t_times_the_root_of_the_sandwich():
     objective = reduced_objective([prepared], PLAIN, BOX)
     best = objective.solve(LOG_SCALES, exact=True)
     columns, base = columns_of(prepared, NODES, TAU_S)
-    smooth = fitted(columns, penalty_of(PLAIN, RESISTANCES), base)
+    smooth = fitted_tables(columns, penalty_of(PLAIN, RESISTANCES), base)
     penalty = penalty_of(PLAIN, RESISTANCES, LIGHT)
-    light = fitted(columns, penalty, base)
+    light = fitted_tables(columns, penalty, base)
     jacobian = np.hstack([columns, slopes_of(prepared, NODES, TAU_S, light)])
     penalty = with_scales(penalty)
     error = base + columns @ light
@@ -101,7 +96,7 @@ def test_the_interval_of_a_cell_of_a_pack_holds_the_circuit_s_own_error_too():
     smooth, light = (penalty_of(PLAIN, weighed, scale) for scale in (1.0, LIGHT))
     level_v = np.median(prepared.voltage_v) + NEARLY_LEVEL_V * prepared.soc
     bases = prepared.voltage_v - level_v + np.column_stack([np.zeros(200), beside_v]).T
-    lightly = [fitted(columns, light, base) for base in bases]
+    lightly = [fitted_tables(columns, light, base) for base in bases]
     errors = [base + columns @ values for base, values in zip(bases, lightly, strict=True)]
     # Derivatives by the time constants are those of the mean cell.
     slopes = slopes_of(prepared, NODES, TAU_S, lightly[0])
@@ -119,7 +114,7 @@ def test_the_interval_of_a_cell_of_a_pack_holds_the_circuit_s_own_error_too():
         pushes = np.append(np.zeros(17), slopes.T @ (errors[0] - error) / 200)
         told, near = (
             directions[:, :17] @ tables + directions @ solved(jacobian, with_scales(rows), pushes)
-            for tables, rows in ((fitted(columns, smooth, base), smooth), (values, light))
+            for tables, rows in ((fitted_tables(columns, smooth, base), smooth), (values, light))
         )
         reach = np.hypot(reach, reaches[0])
         for place, name in enumerate((R0, TOTAL)):
@@ -148,7 +143,7 @@ def test_a_law_ends_where_what_cells_usually_have_and_the_records_pull_alike(mon
         )
         seen = replace(plain, record=warmed)
         columns, base = columns_of(seen, NODES, np.exp(log_taus))
-        values = fitted(columns, penalty, base)
+        values = fitted_tables(columns, penalty, base)
         return np.mean((base + columns @ values) ** 2) + np.sum((penalty @ values) ** 2)
 
     def pulled(numbers):
@@ -161,3 +156,39 @@ def test_a_law_ends_where_what_cells_usually_have_and_the_records_pull_alike(mon
     close = {"xatol": 1e-9, "fatol": 1e-14}
     expected = minimize(pulled, [math.log(0.03), *LOG_SCALES], method="Nelder-Mead", options=close)
     assert [math.log(law.beta_per_k), *log_taus] == pytest.approx(expected.x, abs=1e-5)
+
+
+@in_float64
+def test_the_interval_of_a_law_counts_what_cells_usually_have():
+    place = np.arange(120)
+    degc = 15 + place / 12 + 2 * np.sin(place / 9)
+    record = replace(made_record(120, interval_s=5.0), temperature_degc=degc)
+    beta, plain = 0.03, prepared_of(record)
+    law = Dependence(beta_per_k=beta, reference_degc=20.0)
+    objective = reduced_objective([plain.following(law)], PLAIN, BOX)
+    best = objective.solve(LOG_SCALES, exact=True)
+
+    def columns_at(beta):
+        current_a = np.exp(-beta * (degc - 20)) * plain.current_a
+        return columns_of(replace(plain, record=replace(record, current_a=current_a)), NODES, TAU_S)
+
+    columns, base = columns_at(beta)
+    penalty = penalty_of(PLAIN, RESISTANCES, LIGHT)
+    light = fitted_tables(columns, penalty, base)
+    warmed = replace(record, current_a=np.exp(-beta * (degc - 20)) * plain.current_a)
+    by_tau = slopes_of(replace(plain, record=warmed), NODES, TAU_S, light)
+    ends = [columns_at(beta * np.exp(step))[0] @ light for step in (1e-4, -1e-4)]
+    jacobian = np.column_stack([columns, by_tau, (ends[0] - ends[1]) / 2e-4])
+    # Half the curvature of J exp(pull (ln beta - usual)^2), and what is usual within 0.4.
+    pull = 0.3 * best.objective_v2
+    known = np.vstack([with_scales(penalty, 3), math.sqrt(pull) * np.eye(15)[14]])
+    error = base + columns @ light
+    noise_v2 = covariance_of(jacobian, error, plain.time_s)
+    normal = jacobian.T @ jacobian / 120 + known.T @ known
+    moved = np.linalg.solve(normal, jacobian.T / 120)
+    back = np.linalg.solve(normal, np.eye(15)[:, 14]) * pull
+    variance = np.diag(moved @ noise_v2 @ moved.T) + (0.4 * back) ** 2
+    *nodes, first, second, found = intervals_of(objective, best)
+    errors = [*(node.standard_error for node in nodes),
+              *(each.standard_error / each.value for each in (first, second, found))]  # fmt: skip
+    np.testing.assert_allclose(errors, np.sqrt(variance), rtol=1e-6)

@@ -19,6 +19,7 @@ from helpers.dense import (
     TAU_S,
     columns_of,
     covariance_of,
+    fitted_tables,
     made_record,
     penalty_of,
     prepared_of,
@@ -50,8 +51,7 @@ def test_nuisances_are_the_dense_least_squares_of_everything_at_once(is_measured
     tables = [(NODES, CAPACITY_AH, PLAIN.resistance_ridge)] * 3
     penalty = penalty_of(PLAIN, tables, LIGHT)
     samples = len(base)
-    rows = np.vstack([columns / math.sqrt(samples), penalty])
-    light = np.linalg.lstsq(rows, -np.append(base / math.sqrt(samples), np.zeros(len(penalty))))[0]
+    light = fitted_tables(columns, penalty, base)
     error = base + columns @ light
     jacobian = np.hstack([columns, slopes_of(prepared, NODES, TAU_S, light), -of_start])
     noise_v2 = covariance_of(jacobian, error, prepared.time_s)

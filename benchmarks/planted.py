@@ -54,8 +54,7 @@ def fault(name: str, module: str, text: str, planted: str, *tests: str) -> Fault
 BOX = "tests/global_optimum/test_box_bound.py"
 TABLE_BOX = "tests/over_soc/test_bound_by_hand.py"
 DENSE = "tests/over_soc/test_dense.py"
-NUISANCES = "tests/over_soc/test_nuisances.py"
-HELD_OUT = "tests/over_soc/test_held_out.py"
+OFFSET = "tests/over_soc/test_current_offset.py"
 QUANTILE = "(1 + CONFIDENCE) / 2"
 
 FAULTS = (
@@ -87,20 +86,21 @@ FAULTS = (
           f"stdtrit(freedom, {QUANTILE})", "stdtrit(freedom, CONFIDENCE)",
           "tests/uncertainty/test_covariance.py"),
     fault("one more record", "over_soc/cross_validation.py",
-          "np.sqrt(1 + 1 / len(own))", "np.sqrt(1 / len(own))", HELD_OUT),
+          "np.sqrt(1 + 1 / len(own))", "np.sqrt(1 / len(own))", DENSE),
     fault("smoothing in standard errors", "over_soc/intervals.py",
           "smoothing_scale=LIGHT * objective.smoothing_scale",
           "smoothing_scale=objective.smoothing_scale", DENSE),
     fault("lines for curves", "over_soc/intervals.py",
           "on_curve = own + sag - float(moved_by_lines[row])", "on_curve = own + sag", DENSE),
-    fault("prior of a law's interval", "over_soc/intervals.py",
-          "normal[places, places] += pull", "normal[places, places] += 0 * pull", DENSE),
+    fault("noise that a fit has followed", "uncertainty/noise.py",
+          "_binned(pairs * decays, edges).T + taken]", "_binned(pairs * decays, edges).T]",
+          "tests/uncertainty/test_noise.py"),
     # Nuisances, and what several shapes, cells or parts leave open.
     fault("least gain of an offset", "over_soc/current_offset.py",
           "is_told = abs(now.offset_a) > least_a and leaves < LEAVES",
-          "is_told = abs(now.offset_a) > least_a", NUISANCES),
+          "is_told = abs(now.offset_a) > least_a", OFFSET),
     fault("pull of a start's prior", "over_soc/nuisances.py",
-          "pushed[own] += pull @ known[1]", "pushed[own] += 0 * pull @ known[1]", NUISANCES),
+          "pushed[own] += pull @ known[1]", "pushed[own] += 0 * pull @ known[1]", DENSE),
     fault("spread between shapes", "over_soc/ageing.py",
           'mean["covariance"] += np.einsum("s,si,sj->ij", shares, off, off)',
           'mean["covariance"] += 0 * np.einsum("s,si,sj->ij", shares, off, off)',
@@ -130,13 +130,13 @@ FAULTS = (
     # Choice.
     fault("worth above 10 % SOC", "over_soc/cross_validation.py",
           "return falls(self.rmse_v, simpler.rmse_v) and falls(self.above_v, simpler.above_v)",
-          "return falls(self.rmse_v, simpler.rmse_v)", HELD_OUT),
+          "return falls(self.rmse_v, simpler.rmse_v)", DENSE),
     fault("worth of a law", "over_soc/dependence.py",
           "(1 - WORTHWHILE) * without.rmse_v and above_v <= without_v",
-          "(1 - WORTHWHILE) * without.rmse_v", HELD_OUT),
+          "(1 - WORTHWHILE) * without.rmse_v", DENSE),
     fault("held out and fitted", "over_soc/cross_validation.py",
           "columns, bases, np.where(is_rest, scored, 0))", "columns, bases, scored)",
-          HELD_OUT),
+          DENSE),
     # Starts.
     fault("axis of several records", "over_soc/registration.py",
           "moved = (to_axis @ estimated.values).reshape", "moved = estimated.values.reshape",

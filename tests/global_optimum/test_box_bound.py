@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear
 
 from barnax.global_optimum.certificate import _bound
 from barnax.global_optimum.objective import ConstantObjective
-from barnax.global_optimum.remainders import THIRD_DERIVATIVE
+from barnax.global_optimum.remainders import THIRD_DERIVATIVE, beyond_parabola
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from helpers.problems import drive_record
@@ -107,3 +107,13 @@ def test_the_remainder_is_that_of_the_current_before_every_sample(objective):
         third, rounding = found[:, 0]
         assert third == pytest.approx(THIRD_DERIVATIVE * rms_a, rel=1e-12)
         assert rounding == pytest.approx(axis.span.error * largest_a, rel=1e-12)
+
+
+def test_between_three_points_a_parabola_is_off_by_its_remainder_and_their_errors():
+    at = np.linspace(-1, 1, 200_001)
+    # A cubic and the parabola through it differ by a sixth of its third derivative times these.
+    beyond = np.max(np.abs((at + 1) * at * (at - 1))) / 6
+    shares = at * (at - 1) / 2, 1 - at**2, at * (at + 1) / 2
+    adding_up = np.max(sum(map(np.abs, shares)))
+    found = beyond_parabola(np.array([[2.0], [0.3]]), np.array([0.5]))
+    assert found[0] == pytest.approx(2.0 * 0.5**3 * beyond + 0.3 * adding_up, rel=1e-8)

@@ -7,12 +7,16 @@ from scipy.stats import t as student
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
+from barnax.over_soc import TableSettings
 from barnax.uncertainty.noise import fit_noise
 from helpers.known_cell import ocv_v
 from helpers.problems import drive_a
 from helpers.reference import banded_response, drop_v, make_record
 
 CAPACITY_AH, NODES, TAU_S = 0.5, (0.55, 0.65, 0.75, 0.85), (8.0, 60.0)
+SETTINGS = TableSettings(nodes=NODES, folds=0, max_boxes=0, ocv_correction=False)
+BOX = {"tau1 [s]": (2.0, 30.0), "tau2 [s]": (20.0, 200.0)}
+LOG_SCALES = tuple(np.log(TAU_S).tolist())
 # Of a difference by the logarithm of a time constant.
 STEP = 1e-4
 
@@ -46,18 +50,16 @@ def hats(soc, nodes):
     return np.stack([np.interp(soc, nodes, unit) for unit in np.eye(len(nodes))], axis=1)
 
 
-def columns_of(prepared, nodes, tau_s, ocv_nodes=()):
+def columns_of(prepared, ocv_nodes=(), tau_s=TAU_S):
     """The derivatives of measured minus simulated by every node of R0, every pair's R and an OCV
     table, and the error of none."""
-    time_s, current_a = prepared.time_s, prepared.current_a
-    near = hats(prepared.soc, nodes)
-    tables = [near * current_a[:, None]]
-    for tau in tau_s:
-        driven = (near * current_a[:, None]).T
-        tables.append(np.stack([banded_response(time_s, each, tau) for each in driven], axis=1))
-    if len(ocv_nodes):
-        tables.append(-hats(prepared.soc, ocv_nodes))
-    return np.hstack(tables), prepared.voltage_v - prepared.source_v
+    driven = hats(prepared.soc, NODES) * prepared.current_a[:, None]
+    pairs = [
+        np.stack([banded_response(prepared.time_s, column, tau) for column in driven.T], axis=1)
+        for tau in tau_s
+    ]
+    ocv = [-hats(prepared.soc, ocv_nodes)] if ocv_nodes else []
+    return np.hstack([driven, *pairs, *ocv]), prepared.voltage_v - prepared.source_v
 
 
 def fitted_tables(columns, penalty, base):
@@ -67,31 +69,24 @@ def fitted_tables(columns, penalty, base):
     return np.linalg.lstsq(rows, -np.append(base / root, np.zeros(len(penalty))))[0]
 
 
-def slopes_of(prepared, nodes, tau_s, values):
+def slopes_of(prepared, values):
     """The derivatives of the error by the logarithm of every time constant."""
     slopes = []
-    for place in range(len(tau_s)):
-        ends = []
-        for step in (STEP, -STEP):
-            moved = [tau * np.exp(step * (place == at)) for at, tau in enumerate(tau_s)]
-            columns, _ = columns_of(prepared, nodes, moved)
-            ends.append(columns @ values[: columns.shape[1]])
-        slopes.append((ends[0] - ends[1]) / (2 * STEP))
+    for moves in STEP * np.eye(len(TAU_S)):
+        above, below = (columns_of(prepared, (), TAU_S * np.exp(way * moves))[0] for way in (1, -1))
+        slopes.append((above - below) @ values[: above.shape[1]] / (2 * STEP))
     return np.stack(slopes, axis=1)
 
 
-def penalty_of(settings, tables, scale=1.0):
-    """The rows whose squares are added to the mean square; `tables` are pairs of nodes and weight,
-    and ridge."""
+def penalty_of(scale=1.0, ocv_nodes=(), ocv_ridge=0.0):
+    """The rows whose squares are added to the mean square: bends, and a ridge at every node."""
+    tables = [(NODES, CAPACITY_AH, SETTINGS.resistance_ridge)] * 3
+    tables += [(ocv_nodes, 1.0, ocv_ridge)] if ocv_nodes else []
     blocks = []
     for nodes, weight, ridge in tables:
-        bends = np.zeros((len(nodes) - 2, len(nodes)))
-        for row in range(len(bends)):
-            bends[row, row : row + 3] = 1.0, -2.0, 1.0
-        bends *= np.sqrt(settings.roughness)
-        blocks.append(
-            weight * np.sqrt(scale) * np.vstack([bends, np.sqrt(ridge) * np.eye(len(nodes))])
-        )
+        eye = np.eye(len(nodes))
+        bends = np.sqrt(SETTINGS.roughness) * (eye[2:] - 2 * eye[1:-1] + eye[:-2])
+        blocks.append(weight * np.sqrt(scale) * np.vstack([bends, np.sqrt(ridge) * eye]))
     return block_diag(*blocks)
 
 

@@ -5,26 +5,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog, lsq_linear
+from scipy.optimize import linprog
 
 from barnax.execution import in_float64
-from barnax.over_soc import TableSettings
-from barnax.over_soc.certificate import RIDGE, _Relaxation, _Side
+from barnax.over_soc.certificate import _Relaxation, _Side
 from barnax.over_soc.problem import reduced_objective
 from barnax.over_soc.search import find_best
-from helpers.dense import CAPACITY_AH, NODES, made_record, prepared_of
+from helpers.dense import BOX, CAPACITY_AH, SETTINGS, made_record, prepared_of
 
-BOX = {"tau1 [s]": (4.0, 20.0), "tau2 [s]": (30.0, 100.0)}
-SETTINGS = TableSettings(nodes=NODES, folds=0, max_boxes=0)
 THIRD, ERROR = 1 / (9 * math.sqrt(3)), 1.25
 
 
 @pytest.fixture(scope="module")
 def relaxation():
-    with_steps = in_float64(reduced_objective)([prepared_of(made_record(200, interval_s=3.0))],
-                                               SETTINGS, BOX)  # fmt: skip
-    assert with_steps.settings.rising_ocv
-    return _Relaxation(with_steps)
+    settings = replace(SETTINGS, ocv_correction=True)
+    prepared = prepared_of(made_record(200, interval_s=3.0))
+    return _Relaxation(in_float64(reduced_objective)([prepared], settings, BOX))
 
 
 def allowance(objective, remainders, place, node, half_width):
@@ -76,8 +72,8 @@ def by_hand(relaxation, box, error, bent, objective_v2, taxes=None, signs=(0.0, 
 
 def limits_by_hand(objective, objective_v2):
     """The furthest that an unknown goes where no ridge alone costs more, by linear programs."""
-    settings, widths = objective.settings, [len(nodes) for nodes in objective.nodes_of]
-    ridges = [settings.resistance_ridge] * 3 + [settings.voltage_ridge]
+    widths = [len(nodes) for nodes in objective.nodes_of]
+    ridges = [SETTINGS.resistance_ridge] * 3 + [SETTINGS.voltage_ridge]
     weights = [CAPACITY_AH] * 3 + [1.0]
     furthest = np.repeat(
         [math.sqrt(objective_v2 / ridge) / weight
@@ -99,45 +95,6 @@ def limits_by_hand(objective, objective_v2):
 def test_the_limits_of_unknowns_are_those_of_the_tables_that_a_penalty_allows(relaxation):
     expected = limits_by_hand(relaxation.objective, 3e-6)
     np.testing.assert_allclose(relaxation._limits(3e-6), expected, rtol=1e-9)
-
-
-@in_float64
-@pytest.mark.parametrize("width", [0.05, 0.12])
-def test_the_bound_of_a_box_is_the_formula_s(relaxation, width):
-    objective = relaxation.objective
-    middle = (math.log(9.0), math.log(50.0))
-    box = [(middle[0] - width / 2, middle[0] + width / 2), (middle[1] - width, middle[1] + width)]
-    at_middle, best_v2 = objective.solve(middle), find_best(objective).objective_v2
-    # The first convex program: both ends' columns, tilted by what the remainder takes.
-    size = np.linalg.norm(at_middle.error)
-    lower, upper = ([axis.columns(np.array([end]))[0] for axis, end in zip(objective.axes, ends,
-                    strict=True)] for ends in zip(*box, strict=True))  # fmt: skip
-    count, nodes = len(objective.penalty[0]), objective.nodes
-    columns, twice = np.zeros((len(objective.base), count + 2 * nodes)), objective.penalty
-    for table, fixed in objective.fixed_columns.items():
-        columns[:, objective.block(table)] = fixed
-    tilt = np.zeros(count + 2 * nodes)
-    low, high = np.pad(objective.box[0], (0, 2 * nodes)), np.full(count + 2 * nodes, np.inf)
-    for place in range(2):
-        first = objective.block(1 + place)
-        second = slice(count + place * nodes, count + (place + 1) * nodes)
-        columns[:, first], columns[:, second] = lower[place], upper[place]
-        twice = np.hstack([twice, objective.penalty[:, first]])
-        half = (box[place][1] - box[place][0]) / 2
-        short = [allowance(objective, relaxation.remainders, place, node, half)
-                 for node in range(nodes)]  # fmt: skip
-        tilt[first] = tilt[second] = -2 * size * np.array(short)
-    # Least squares with a linear cost: complete the square on the rows that make it definite.
-    normal = columns.T @ columns + twice.T @ twice
-    normal += RIDGE * np.diag(np.diag(normal))
-    root = np.linalg.cholesky(normal).T
-    target = -np.linalg.solve(root.T, columns.T @ objective.base + tilt / 2)
-    x = lsq_linear(root, target, (low, high), method="bvls", tol=1e-15, max_iter=1000).x
-    error, bent = objective.base + columns @ x, twice @ x
-    expected, _ = by_hand(relaxation, box, error, bent, best_v2)
-    found = relaxation.bound(box, at_middle, best_v2, 1e-30 * best_v2)
-    assert expected > 0
-    assert found == pytest.approx(expected, rel=1e-6)
 
 
 @in_float64

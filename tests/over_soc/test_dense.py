@@ -6,19 +6,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from scipy.stats import t as student
 
 from barnax.cell import CircuitParameters, Dependence
 from barnax.execution import in_float64
-from barnax.over_soc import TableSettings, dependence
+from barnax.over_soc import dependence
+from barnax.over_soc.cross_validation import SocErrors, held_out_errors, with_spread
 from barnax.over_soc.curves import curves_of
-from barnax.over_soc.intervals import LIGHT, intervals_of
+from barnax.over_soc.intervals import LIGHT, NodeInterval, intervals_of
 from barnax.over_soc.level import FREE_RIDGE, NEARLY_LEVEL_V
+from barnax.over_soc.nuisances import Measured, estimate
 from barnax.over_soc.pack import R0, TOTAL, fit_pack
 from barnax.over_soc.problem import reduced_objective
 from barnax.over_soc.search import find_best
 from helpers.dense import (
-    CAPACITY_AH,
+    BOX,
+    LOG_SCALES,
     NODES,
+    SETTINGS,
     TAU_S,
     columns_of,
     covariance_of,
@@ -30,11 +35,7 @@ from helpers.dense import (
     slopes_of,
 )
 
-PLAIN = TableSettings(nodes=NODES, folds=0, max_boxes=0, ocv_correction=False)
-BOX = {"tau1 [s]": (4.0, 20.0), "tau2 [s]": (30.0, 100.0)}
 HELD = {name: (tau, tau) for name, tau in zip(BOX, TAU_S, strict=True)}
-RESISTANCES = [(NODES, CAPACITY_AH, PLAIN.resistance_ridge)] * 3
-LOG_SCALES = tuple(np.log(TAU_S).tolist())
 
 
 def solved(jacobian, penalty, pushes):
@@ -49,13 +50,13 @@ def with_scales(penalty, count=2):
 @in_float64
 def test_an_interval_is_students_t_times_the_root_of_the_sandwich():
     prepared = prepared_of(made_record())
-    objective = reduced_objective([prepared], PLAIN, BOX)
+    objective = reduced_objective([prepared], SETTINGS, BOX)
     best = objective.solve(LOG_SCALES, exact=True)
-    columns, base = columns_of(prepared, NODES, TAU_S)
-    smooth = fitted_tables(columns, penalty_of(PLAIN, RESISTANCES), base)
-    penalty = penalty_of(PLAIN, RESISTANCES, LIGHT)
+    columns, base = columns_of(prepared)
+    smooth = fitted_tables(columns, penalty_of(), base)
+    penalty = penalty_of(LIGHT)
     light = fitted_tables(columns, penalty, base)
-    jacobian = np.hstack([columns, slopes_of(prepared, NODES, TAU_S, light)])
+    jacobian = np.hstack([columns, slopes_of(prepared, light)])
     penalty = with_scales(penalty)
     error = base + columns @ light
     errors, reaches = reaches_of(np.eye(14), jacobian, penalty, error, prepared.time_s)
@@ -90,16 +91,15 @@ def test_the_interval_of_a_cell_of_a_pack_holds_the_circuit_s_own_error_too():
     beside_v = noise_v - [0.0, 5e-3] * prepared.current_a[:, None]
     ocv_nodes = (0.5, 0.6, 0.7, 0.8, 0.9)
     tables = CircuitParameters.over_soc(NODES, TAU_S, (0.05,) * 4, ((0.02,) * 4, (0.03,) * 4))
-    pack = fit_pack(prepared, tables, beside_v, ["A", "B"], replace(PLAIN, ocv_nodes=ocv_nodes))
-    columns, _ = columns_of(prepared, NODES, TAU_S, ocv_nodes)
-    weighed = [*RESISTANCES, (ocv_nodes, 1.0, FREE_RIDGE)]
-    smooth, light = (penalty_of(PLAIN, weighed, scale) for scale in (1.0, LIGHT))
+    pack = fit_pack(prepared, tables, beside_v, ["A", "B"], replace(SETTINGS, ocv_nodes=ocv_nodes))
+    columns, _ = columns_of(prepared, ocv_nodes)
+    smooth, light = (penalty_of(scale, ocv_nodes, FREE_RIDGE) for scale in (1.0, LIGHT))
     level_v = np.median(prepared.voltage_v) + NEARLY_LEVEL_V * prepared.soc
     bases = prepared.voltage_v - level_v + np.column_stack([np.zeros(200), beside_v]).T
     lightly = [fitted_tables(columns, light, base) for base in bases]
     errors = [base + columns @ values for base, values in zip(bases, lightly, strict=True)]
     # Derivatives by the time constants are those of the mean cell.
-    slopes = slopes_of(prepared, NODES, TAU_S, lightly[0])
+    slopes = slopes_of(prepared, lightly[0])
     jacobian = np.hstack([columns, slopes])
     directions = np.zeros((2, 19))
     directions[0, :4], directions[1, :12] = 1 / 4, 1 / 4
@@ -133,16 +133,15 @@ def test_a_law_ends_where_what_cells_usually_have_and_the_records_pull_alike(mon
     degc = 15 + place / 12 + 2 * np.sin(place / 9)
     record = replace(made_record(120, interval_s=5.0), temperature_degc=degc)
     plain, first = prepared_of(record), Dependence(beta_per_k=0.03, reference_degc=20.0)
-    box = {"tau1 [s]": (2.0, 30.0), "tau2 [s]": (20.0, 200.0)}
-    objective = reduced_objective([plain.following(first)], PLAIN, box)
-    penalty = penalty_of(PLAIN, RESISTANCES)
+    objective = reduced_objective([plain.following(first)], SETTINGS, BOX)
+    penalty = penalty_of()
 
     def least_v2(log_beta, *log_taus):
         warmed = replace(
             record, current_a=np.exp(-np.exp(log_beta) * (degc - 20)) * plain.current_a
         )
         seen = replace(plain, record=warmed)
-        columns, base = columns_of(seen, NODES, np.exp(log_taus))
+        columns, base = columns_of(seen, (), np.exp(log_taus))
         values = fitted_tables(columns, penalty, base)
         return np.mean((base + columns @ values) ** 2) + np.sum((penalty @ values) ** 2)
 
@@ -159,36 +158,120 @@ def test_a_law_ends_where_what_cells_usually_have_and_the_records_pull_alike(mon
 
 
 @in_float64
-def test_the_interval_of_a_law_counts_what_cells_usually_have():
-    place = np.arange(120)
-    degc = 15 + place / 12 + 2 * np.sin(place / 9)
-    record = replace(made_record(120, interval_s=5.0), temperature_degc=degc)
-    beta, plain = 0.03, prepared_of(record)
-    law = Dependence(beta_per_k=beta, reference_degc=20.0)
-    objective = reduced_objective([plain.following(law)], PLAIN, BOX)
+@pytest.mark.parametrize("is_measured", [False, True])
+def test_nuisances_are_the_dense_least_squares_of_everything_at_once(is_measured):
+    prepared = prepared_of(made_record(), soc=0.905)
+    objective = reduced_objective([prepared], SETTINGS, BOX)
     best = objective.solve(LOG_SCALES, exact=True)
+    slope = 0.7 + np.sin(prepared.time_s / 90)
+    of_start = np.column_stack([slope, slope * (prepared.soc[0] - prepared.soc)])
+    now, prior = np.array([2e-3, -1e-3]), np.array([4e-3, 1e-2])
+    beside = Measured(np.array([[30.0, 5.0]]), np.array([0.8])) if is_measured else None
+    wanted = np.zeros((1, 12))
+    wanted[0, [1, 5, 9]] = 1.0
+    (found,) = estimate(objective, best, lambda *_: of_start, now, [prior], wanted, beside)
 
-    def columns_at(beta):
-        current_a = np.exp(-beta * (degc - 20)) * plain.current_a
-        return columns_of(replace(plain, record=replace(record, current_a=current_a)), NODES, TAU_S)
-
-    columns, base = columns_at(beta)
-    penalty = penalty_of(PLAIN, RESISTANCES, LIGHT)
+    columns, base = columns_of(prepared)
+    penalty, samples = penalty_of(LIGHT), len(base)
     light = fitted_tables(columns, penalty, base)
-    warmed = replace(record, current_a=np.exp(-beta * (degc - 20)) * plain.current_a)
-    by_tau = slopes_of(replace(plain, record=warmed), NODES, TAU_S, light)
-    ends = [columns_at(beta * np.exp(step))[0] @ light for step in (1e-4, -1e-4)]
-    jacobian = np.column_stack([columns, by_tau, (ends[0] - ends[1]) / 2e-4])
-    # Half the curvature of J exp(pull (ln beta - usual)^2), and what is usual within 0.4.
-    pull = 0.3 * best.objective_v2
-    known = np.vstack([with_scales(penalty, 3), math.sqrt(pull) * np.eye(15)[14]])
     error = base + columns @ light
-    noise_v2 = covariance_of(jacobian, error, plain.time_s)
-    normal = jacobian.T @ jacobian / 120 + known.T @ known
-    moved = np.linalg.solve(normal, jacobian.T / 120)
-    back = np.linalg.solve(normal, np.eye(15)[:, 14]) * pull
-    variance = np.diag(moved @ noise_v2 @ moved.T) + (0.4 * back) ** 2
-    *nodes, first, second, found = intervals_of(objective, best)
-    errors = [*(node.standard_error for node in nodes),
-              *(each.standard_error / each.value for each in (first, second, found))]  # fmt: skip
-    np.testing.assert_allclose(errors, np.sqrt(variance), rtol=1e-6)
+    jacobian = np.hstack([columns, slopes_of(prepared, light), -of_start])
+    noise_v2 = covariance_of(jacobian, error, prepared.time_s)
+    unit = np.linalg.qr(jacobian)[0]
+    weight = np.trace(unit.T @ noise_v2 @ unit) / 16 / samples
+    # Of what is known, in standard deviations: by how much it moves, and by how much it is off.
+    known, off = np.zeros((2, 16)), now / prior
+    known[[0, 1], [14, 15]] = 1 / prior
+    if is_measured:
+        known, off = np.vstack([known, [0.0] * 14 + [30.0, 5.0]]), np.append(off, -0.8)
+    penalty = np.pad(penalty, ((0, 0), (0, 4)))
+    stiff = jacobian.T @ jacobian / samples + penalty.T @ penalty + weight * known.T @ known
+    pushes = jacobian.T @ error / samples + weight * known.T @ off
+    moved = np.linalg.solve(stiff, pushes)
+    by_noise = np.linalg.solve(stiff, jacobian.T / samples)
+    by_known = np.linalg.solve(stiff, weight * known.T)
+    covariance = by_noise @ noise_v2 @ by_noise.T + by_known @ by_known.T
+    total = np.pad(wanted, ((0, 0), (0, 4)))[0]
+    np.testing.assert_allclose(found.values, now - moved[14:], rtol=1e-7)
+    np.testing.assert_allclose(found.covariance, covariance[14:, 14:], rtol=1e-7)
+    np.testing.assert_allclose(found.moved_scales, -moved[12:14], rtol=1e-6)
+    assert found.sums[0] == pytest.approx(wanted[0] @ light - total @ moved, rel=1e-8)
+    assert found.sum_errors[0] == pytest.approx(math.sqrt(total @ covariance @ total), rel=1e-8)
+    np.testing.assert_allclose(found.by_prior[:2], by_known[14:, :2], rtol=1e-7)
+    misfit = off @ off - pushes @ moved / weight
+    evidence = -(misfit + np.linalg.slogdet(stiff)[1]) / 2 - np.log(prior).sum()
+    assert found.log_evidence == pytest.approx(evidence, rel=1e-7)
+
+
+@in_float64
+@pytest.mark.parametrize("folds", [2, 3])
+def test_every_fold_is_predicted_by_the_tables_of_the_others(folds):
+    prepared = prepared_of(made_record(240, interval_s=3.0))
+    objective = reduced_objective([prepared], replace(SETTINGS, folds=folds), HELD)
+    columns, base = columns_of(prepared)
+    # Five blocks of a fold fill the record.
+    block_s = (prepared.time_s[-1] - prepared.time_s[0]) / (5 * folds)
+    fold = np.floor(prepared.time_s / block_s).astype(int) % folds
+    squares_v2 = 0.0
+    for held in range(folds):
+        others = fold != held
+        tables = fitted_tables(columns[others], penalty_of(), base[others])
+        squares_v2 += np.sum((base + columns @ tables)[~others] ** 2)
+    found = held_out_errors(objective, objective.solve(LOG_SCALES))
+    assert found.rmse_v == pytest.approx(math.sqrt(squares_v2 / len(base)), rel=1e-8)
+    assert found.above_v == found.rmse_v
+
+
+@in_float64
+def test_another_record_is_predicted_by_the_spread_of_those_there_are():
+    records = [
+        prepared_of(made_record(200, seed, interval_s=3.0, name=f"{seed}.csv")) for seed in range(3)
+    ]
+    objective = reduced_objective(records, replace(SETTINGS, folds=2), HELD)
+    own = np.array(
+        [
+            fitted_tables(columns, penalty_of(), base)
+            for columns, base in (columns_of(prepared) for prepared in records)
+        ]
+    )
+    at = 4 + 1
+    assert all(prepared.nearest(np.array(NODES))[1] for prepared in records)
+    joint = NodeInterval("R1 [Ohm]", NODES[1], 0.02, 1e-3, 0.0, 0.0199, 0.0201)
+    (found,) = with_spread(objective, objective.solve(LOG_SCALES), [joint])
+    # Of one more draw from a normal distribution that three are known of.
+    reach = student.ppf(0.975, 2) * np.std(own[:, at], ddof=1) * math.sqrt(1 + 1 / 3)
+    ends = np.mean(own[:, at]) + reach * np.array([-1, 1])
+    assert found.record_low == pytest.approx(min(max(ends[0], 0.0), joint.low), rel=1e-8)
+    assert found.record_high == pytest.approx(max(ends[1], joint.high), rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("one", "simpler", "is_it"),
+    [
+        ((8.9, 4.4), (10.0, 5.0), True),
+        # A tenth of both, or it is not worth it.
+        ((8.9, 4.6), (10.0, 5.0), False),
+        ((9.1, 4.4), (10.0, 5.0), False),
+        ((8.9, None), (10.0, None), True),
+        # What no voltmeter resolves.
+        ((0.15, 0.15), (0.20, 0.20), False),
+    ],
+)
+def test_a_circuit_is_worth_more_if_both_errors_fall_by_a_tenth(one, simpler, is_it):
+    one, simpler = (
+        SocErrors(1e-3 * errors[0], errors[1] and 1e-3 * errors[1]) for errors in (one, simpler)
+    )
+    assert one.is_worth(simpler) is is_it
+
+
+@pytest.mark.parametrize(
+    ("one", "without", "is_it"),
+    [
+        ((9.7, 5.0), (10.0, 5.0), True),
+        ((9.9, 4.0), (10.0, 5.0), False),
+        ((9.7, 5.01), (10.0, 5.0), False),
+        ((9.7, None), (10.0, None), True),
+    ],
+)
+def test_a_law_is_worth_two_percent_and_no_harm_above_10_percent_soc(one, without, is_it):
+    assert dependence.is_worth(SocErrors(*one), SocErrors(*without)) is is_it

@@ -46,7 +46,8 @@ PROFILE = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
 FULL = Window(initial_soc=1.0)
 CHARGE = Window(initial_soc=0.0, initial_direction=-1, score_steps=(11,), score_soc=(0.03, 0.95))
 # Columns of a fleet's rows that are of the machine, or of where the files are.
-UNSTEADY = ("seconds", "time", "version", "record", "fingerprint", "memory", "inputs")
+UNSTEADY = ("seconds", "time", "version", "record", "fingerprint", "memory", "inputs",
+            "warnings")  # fmt: skip
 
 Numbers = dict[str, Any]
 
@@ -91,7 +92,7 @@ def run_of(run: Callable[..., Numbers], options: Numbers) -> Numbers:
 def cells(data: Path) -> dict[str, tuple[list[Path], list[Path], dict[str, Window]]]:
     """Records, OCV tests and the records' windows by cell and temperature."""
     calce, lg, test = data / CALCE, data / LG, "ocv-incremental_25degC_SP20-3"
-    found = {
+    sets = {
         "simulated": (BUNDLED, "identification validation", "ocv_charge ocv_discharge", ()),
         "simulated LFP": (BUNDLED, "lfp_identification lfp_validation",
                           "lfp_ocv_charge lfp_ocv_discharge", ()),
@@ -102,23 +103,23 @@ def cells(data: Path) -> dict[str, tuple[list[Path], list[Path], dict[str, Windo
     half = " dst_25degC_50soc us06_25degC_50soc"
     for degc, more in (("25degC", half), ("0degC", ""), ("45degC", "")):
         names = f"dst_{degc}_80soc us06_{degc}_80soc{more}".replace("soc", "soc_SP20-2")
-        found[f"CALCE {degc}"] = calce, names, test, (PROFILE,) * 4
+        sets[f"CALCE {degc}"] = calce, names, test, (PROFILE,) * 4
     for degc, more in (("25degC", " la92_25degC"), ("0degC", " la92_0degC"), ("minus10degC", "")):
-        found[f"LG {degc}"] = lg, f"us06_{degc} mixed1_{degc}{more}", f"c20_{degc}", (FULL,) * 3
+        sets[f"LG {degc}"] = lg, f"us06_{degc} mixed1_{degc}{more}", f"c20_{degc}", (FULL,) * 3
     return {
         cell: (paths := files(folder, names), files(folder, tests),
                {path.name: window for path, window in zip(paths, windows, strict=False)})
-        for cell, (folder, names, tests, windows) in found.items()
+        for cell, (folder, names, tests, windows) in sets.items()
     }  # fmt: skip
 
 
 def runs(data: Path) -> dict[str, tuple[Callable[..., Numbers], Numbers]]:
     """What makes the numbers of each run, and its options."""
-    known = cells(data)
+    sets = cells(data)
 
     def of(name: str, count: int, **options: Any) -> Numbers:
         """The first records of a cell, validated on the others."""
-        paths, ocv, windows = known[name]
+        paths, ocv, windows = sets[name]
         given = {"records": paths[:count], "validate": paths[count:], "ocv": ocv}
         return {**given, "window": windows, **options}
 
@@ -128,11 +129,11 @@ def runs(data: Path) -> dict[str, tuple[Callable[..., Numbers], Numbers]]:
         "CALCE folder": (result_of, {"records": [data / CALCE], **ALONE}),
         "CALCE single": (result_of, of("CALCE 25degC", 1, **QUICK)),
         "A123": (result_of, of("A123", 1, **ALONE)),
-        **{name: (result_of, of(name, 2, **tables)) for name in known if name.startswith("LG")},
-        "Leaf HPPC": (partial(result_of, barnax.hppc), {"records": known["Leaf"][0][:1], **ALONE}),
+        **{name: (result_of, of(name, 2, **tables)) for name in sets if name.startswith("LG")},
+        "Leaf HPPC": (partial(result_of, barnax.hppc), {"records": sets["Leaf"][0][:1], **ALONE}),
         "pack": (pack_of, {}),
         "fleet": (fleet_of, {"trust": "basic"}),
-        "own OCV": (result_of, {"records": known["simulated"][0][:1], **ALONE}),
+        "own OCV": (result_of, {"records": sets["simulated"][0][:1], **ALONE}),
         "constant circuit": (result_of, {**QUICK, "model": "iso-rc"}),
         "setup li2023": (result_of, {**QUICK, "setup": "li2023"}),
     }
@@ -155,7 +156,10 @@ def plain(value: Any) -> Any:
 
 def numbers_of(result: Result) -> Numbers:
     """The numbers of a result, its choices and its warnings' codes, all from its public face."""
-    constant, known = result.constant, ("name", "sha256", "start", "capacity_ah", "hold", "window")
+    constant, of_input = (
+        result.constant,
+        ("name", "sha256", "start", "capacity_ah", "hold", "window"),
+    )
     of_constant = "model", "parameters", "global_optimum"
     of_fit = ("tables", "errors", "objective_v", "lower_bound_v", "proved_gap", "status",
               "intervals", "cross_validation")  # fmt: skip
@@ -167,7 +171,7 @@ def numbers_of(result: Result) -> Numbers:
             "fits": [{name: getattr(fit, name) for name in of_fit} for fit in result.fits],
             "constant": {name: getattr(constant, name) for name in of_constant},
             "intervals": constant.assessment and constant.assessment.uncertainty.estimates,
-            "inputs": [{name: getattr(part, name) for name in known} for part in result.inputs],
+            "inputs": [{name: getattr(part, name) for name in of_input} for part in result.inputs],
             "warnings": sorted(warning.code for warning in result.warnings),
         }
     )
@@ -176,9 +180,9 @@ def numbers_of(result: Result) -> Numbers:
 def answer_of(paths: list[Path], ocv: list[Path], windows: Mapping[str, Window], count: int):
     """What some of a cell's first records are identified as, and the errors on the others."""
     given = {"ocv": ocv} if ocv else {}
-    own = {path.name: windows[path.name] for path in paths[:count] if path.name in windows}
+    used = {path.name: windows[path.name] for path in paths[:count] if path.name in windows}
     try:
-        result = identify(paths[:count], window=own, **given, **ALONE)
+        result = identify(paths[:count], window=used, **given, **ALONE)
         errors = {
             path.name: result.validate(path, windows.get(path.name)).metrics.rmse_v
             for path in paths[count:]
@@ -233,8 +237,8 @@ def collected(work: Mapping[str, tuple[list[Path], Callable[[], Numbers]]], out:
         numbers[name] = work[name][1]()
         print(f"{name}: {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
     print(f"skipped: {', '.join(skipped) or 'none'}", file=sys.stderr)
-    found = {"made of": made_of, "skipped": skipped, "numbers": numbers}
-    text = json.dumps(found, ensure_ascii=False, separators=(",", ":")) + "\n"
+    document = {"made of": made_of, "skipped": skipped, "numbers": numbers}
+    text = json.dumps(document, ensure_ascii=False, separators=(",", ":")) + "\n"
     save_page(out, text) if out else print(text)
 
 
@@ -255,8 +259,8 @@ def main() -> None:
         sys.exit(bool(rows))
     if options.command == "answers":
         work = {
-            f"{name}, {count} of {len(known[0])}": (known[0], partial(answer_of, *known, count))
-            for name, known in cells(options.data).items()
+            f"{name}, {count} of {len(cell[0])}": (cell[0], partial(answer_of, *cell, count))
+            for name, cell in cells(options.data).items()
             for count in (1, 2)
         }
     else:

@@ -38,15 +38,15 @@ def made_run(hold):
         for soc, ohm in zip(NODES, row, strict=True)
     ]
     intervals += [
-        NodeInterval(f"tau{place} [s]", None, tau, 0.1, 0.0, tau, tau)
-        for place, tau in enumerate(TAU_S, 1)
+        NodeInterval(f"tau{pair} [s]", None, tau, 0.1, 0.0, tau, tau)
+        for pair, tau in enumerate(TAU_S, 1)
     ]
     r0, *pairs = ROWS.values()
     tables = CircuitParameters.over_soc(NODES, TAU_S, r0, tuple(pairs))
     record = SimpleNamespace(hold=SimpleNamespace(value=hold))
     prepared = SimpleNamespace(record=record, median_interval_s=INTERVAL_S)
-    found = TableFits((Fit(intervals=tuple(intervals), tables=tables),))
-    return TableRun(TableSettings(nodes=NODES), found, [SimpleNamespace(prepared=prepared)], [])
+    fits = TableFits((Fit(intervals=tuple(intervals), tables=tables),))
+    return TableRun(TableSettings(nodes=NODES), fits, [SimpleNamespace(prepared=prepared)], [])
 
 
 def regressed(tau, hold, other):
@@ -55,9 +55,9 @@ def regressed(tau, hold, other):
     current_a[0] = 0.0
     answers = {way: filtered_response(INTERVAL_S, current_a, tau, way) for way in (hold, other)}
     columns = np.column_stack([current_a, answers[other]])
-    found, left, *_ = np.linalg.lstsq(columns, answers[hold])
+    fits, left, *_ = np.linalg.lstsq(columns, answers[hold])
     assert left[0] < 1e-20
-    return found
+    return fits
 
 
 @pytest.mark.parametrize(("hold", "other"), [("forward", "backward"), ("backward", "forward")])
@@ -73,16 +73,16 @@ def test_the_other_sampling_moves_r0_and_the_pairs_as_a_regression_does(hold, ot
 
 def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monkeypatch):
     run = made_run("forward")
-    own = CircuitParameters.from_dict(
+    constant = CircuitParameters.from_dict(
         {"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.02, "C1 [F]": 200.0, "R2 [Ohm]": 0.03, "C2 [F]": 2000.0}
     )
-    other = own.with_tables({"R0 [Ohm]": [0.041]})
+    other = constant.with_tables({"R0 [Ohm]": [0.041]})
     uncertainty = SimpleNamespace(beyond=lambda circuit: {}, spanning=lambda others: others)
     monkeypatch.setattr(answering, "replace", lambda given, uncertainty: uncertainty)
     monkeypatch.setattr(TableRun, "hold_warnings", lambda *_: [])
     weighing = SimpleNamespace(problems=["problem"], chosen="so-rc")
     searched = SimpleNamespace(
-        place=0, answer=SimpleNamespace(parameters=own), optima=[None], held_out=[None],
+        place=0, answer=SimpleNamespace(parameters=constant), optima=[None], held_out=[None],
         other_hold=SimpleNamespace(parameters=other, value="backward"), late_ohm=(0.07,),
         more_ohm=(0.048,),
     )  # fmt: skip

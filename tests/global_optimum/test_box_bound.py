@@ -52,16 +52,16 @@ def bound_by_hand(objective, error, places, allowed):
     value, lost = unit @ objective.base, [0.0]
     slope = unit @ objective.current
     value += min(allowed[0][0] * slope, allowed[1][0] * slope)
-    for place, (axis, (low, high)) in enumerate(zip(objective.axes, places, strict=True), 1):
+    for number, (axis, (low, high)) in enumerate(zip(objective.axes, places, strict=True), 1):
         three = [
             unit @ axis.columns(np.array([at]))[0, :, 0] for at in (low, (low + high) / 2, high)
         ]
-        third, rounding = objective.remainders[place - 1][:, 0]
+        third, rounding = objective.remainders[number - 1][:, 0]
         curve = np.polynomial.Polynomial.fit([-1, 0, 1], three, 2, domain=[-1, 1])
         turns = [np.real(at) for at in curve.deriv().roots() if np.isreal(at) and abs(at) < 1]
         least = min(curve(at) for at in [-1.0, 1.0, *turns])
         least -= third * ((high - low) / 2) ** 3 / (9 * np.sqrt(3)) + 1.25 * rounding
-        value += min(allowed[0][place] * least, allowed[1][place] * least)
+        value += min(allowed[0][number] * least, allowed[1][number] * least)
         lost.append(three[1] - least)
     return value, np.array(lost)
 
@@ -103,8 +103,8 @@ def test_the_remainder_is_that_of_the_current_before_every_sample(objective):
     )
     largest_a = np.max(np.abs(held_a))
     rms_a = min(largest_a, np.sqrt(total / len(time_s)))
-    for axis, found in zip(objective.axes, objective.remainders, strict=True):
-        third, rounding = found[:, 0]
+    for axis, bounds in zip(objective.axes, objective.remainders, strict=True):
+        third, rounding = bounds[:, 0]
         assert third == pytest.approx(THIRD_DERIVATIVE * rms_a, rel=1e-12)
         assert rounding == pytest.approx(axis.span.error * largest_a, rel=1e-12)
 
@@ -115,5 +115,5 @@ def test_between_three_points_a_parabola_is_off_by_its_remainder_and_their_error
     beyond = np.max(np.abs((at + 1) * at * (at - 1))) / 6
     shares = at * (at - 1) / 2, 1 - at**2, at * (at + 1) / 2
     adding_up = np.max(sum(map(np.abs, shares)))
-    found = beyond_parabola(np.array([[2.0], [0.3]]), np.array([0.5]))
-    assert found[0] == pytest.approx(2.0 * 0.5**3 * beyond + 0.3 * adding_up, rel=1e-8)
+    bounds = beyond_parabola(np.array([[2.0], [0.3]]), np.array([0.5]))
+    assert bounds[0] == pytest.approx(2.0 * 0.5**3 * beyond + 0.3 * adding_up, rel=1e-8)

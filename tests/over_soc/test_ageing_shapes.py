@@ -20,22 +20,22 @@ def test_an_average_over_shapes_has_the_mean_and_the_variance_of_the_mixture():
     under = [estimated(draw, each) for each in evidence]
     weights = np.exp(evidence + 700.0) * np.array(SHAPE_ODDS[: len(under)])
     weights /= weights.sum()
-    found = _averaged(under)
+    average = _averaged(under)
 
     def mean(of):
-        return sum(weight * of(own) for weight, own in zip(weights, under, strict=True))
+        return sum(weight * of(one) for weight, one in zip(weights, under, strict=True))
 
-    np.testing.assert_allclose(found.values, mean(lambda own: own.values), rtol=1e-12)
-    np.testing.assert_allclose(found.by_prior, mean(lambda own: own.by_prior), rtol=1e-12)
-    np.testing.assert_allclose(found.moved_scales, mean(lambda own: own.moved_scales), rtol=1e-12)
+    np.testing.assert_allclose(average.values, mean(lambda one: one.values), rtol=1e-12)
+    np.testing.assert_allclose(average.by_prior, mean(lambda one: one.by_prior), rtol=1e-12)
+    np.testing.assert_allclose(average.moved_scales, mean(lambda one: one.moved_scales), rtol=1e-12)
     # The mean of squares less the square of the mean.
-    squares = mean(lambda own: own.covariance + np.outer(own.values, own.values))
+    squares = mean(lambda one: one.covariance + np.outer(one.values, one.values))
     np.testing.assert_allclose(
-        found.covariance, squares - np.outer(found.values, found.values), rtol=1e-10
+        average.covariance, squares - np.outer(average.values, average.values), rtol=1e-10
     )
-    squares = mean(lambda own: own.sum_errors**2 + own.sums**2)
-    np.testing.assert_allclose(found.sum_errors**2, squares - found.sums**2, rtol=1e-10)
+    squares = mean(lambda one: one.sum_errors**2 + one.sums**2)
+    np.testing.assert_allclose(average.sum_errors**2, squares - average.sums**2, rtol=1e-10)
     np.testing.assert_allclose(
-        np.exp(found.log_evidence + 700.0),
+        np.exp(average.log_evidence + 700.0),
         sum(np.exp(evidence + 700.0) * np.array(SHAPE_ODDS[: len(under)])),
     )

@@ -23,9 +23,9 @@ def relaxation():
     return _Relaxation(in_float64(reduced_objective)([prepared], settings, BOX))
 
 
-def allowance(objective, remainders, place, node, half_width):
+def allowance(objective, remainders, number, node, half_width):
     """How far y.column can be below its parabola, for any unit y."""
-    third, error = remainders[place][:, node]
+    third, error = remainders[number][:, node]
     return THIRD * third * half_width**3 + ERROR * error
 
 
@@ -51,18 +51,19 @@ def by_hand(relaxation, box, error, bent, objective_v2, taxes=None, signs=(0.0, 
             slope = 2 * bent @ objective.penalty[:, unknown]
             if table in fixed:
                 slope += 2 * error @ fixed[table][:, node]
-            for place, axis in enumerate(objective.axes):
+            for number, axis in enumerate(objective.axes):
                 if axis.table == table:
-                    ends = box[place]
+                    ends = box[number]
                     at = [ends[0], sum(ends) / 2, ends[1]]
                     three = [2 * error @ axis.columns(np.array([u]))[0, :, node] for u in at]
                     if taxes is not None:
-                        tax = taxes[place][node] * (ends[1] - ends[0]) / 2
+                        tax = taxes[number][node] * (ends[1] - ends[0]) / 2
                         three = [
-                            own + tax * where for own, where in zip(three, (-1, 0, 1), strict=True)
+                            lacked + tax * where
+                            for lacked, where in zip(three, (-1, 0, 1), strict=True)
                         ]
-                        slope -= signs[place] * tax
-                    short = allowance(objective, relaxation.remainders, place, node,
+                        slope -= signs[number] * tax
+                    short = allowance(objective, relaxation.remainders, number, node,
                                       (ends[1] - ends[0]) / 2)  # fmt: skip
                     slope += lowest(three) - 2 * np.linalg.norm(error) * short
                     lacking[unknown] = max(-slope, 0.0)
@@ -104,7 +105,7 @@ def test_any_direction_gives_the_bound_of_its_formula_and_what_it_lacks(relaxati
     best = find_best(objective)
     middle = objective.solve((2.1, 4.1))
     given = zip(objective.axes, box, [middle] * 2, relaxation.remainders, (2.1, 4.1), strict=True)
-    plain = [_Side.of(*own) for own in given]
+    plain = [_Side.of(*lacked) for lacked in given]
     np.testing.assert_allclose(
         [side.tax for side in plain],
         [
@@ -125,5 +126,5 @@ def test_any_direction_gives_the_bound_of_its_formula_and_what_it_lacks(relaxati
         value, lacking = relaxation._dual(error, bent, sides, signs, limits)
         expected, lacks = by_hand(relaxation, box, error, bent, best.objective_v2, taxes, signs)
         assert value == pytest.approx(expected, rel=1e-9)
-        for place, own in lacking.items():
-            np.testing.assert_allclose(own, lacks[objective.block(1 + place)], rtol=1e-9)
+        for number, lacked in lacking.items():
+            np.testing.assert_allclose(lacked, lacks[objective.block(1 + number)], rtol=1e-9)

@@ -38,9 +38,9 @@ def test_an_offset_adds_its_charge_along_the_ocv_and_its_drop_over_all_resistanc
         middle = min(max(soc, nodes[0] + 0.01), nodes[-1] - 0.01)
         slope = np.diff(np.interp([middle - 0.01, middle + 0.01], nodes, own_v))[0] / 0.02
         ohm = sum(np.interp(soc, NODES, table) for table in best.values[:3])
-        own = slope, slope * (prepared.soc[0] - soc)
+        by_start = slope, slope * (prepared.soc[0] - soc)
         by_offset = slope * time_s / 3600 / CAPACITY_AH + ohm
-        np.testing.assert_allclose(row, [0.0, 0.0, *own, by_offset], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(row, [0.0, 0.0, *by_start, by_offset], rtol=1e-9, atol=1e-12)
     assert own_v[-1] - own_v[0] == pytest.approx(ocv_v(0.9) - ocv_v(0.5), rel=0.1)
 
 
@@ -79,6 +79,6 @@ def test_an_offset_is_told_by_its_size_its_error_and_what_it_leaves(
     monkeypatch.setattr(current_offset, "reads_zero_at_rest", lambda record: False)
     monkeypatch.setattr(current_offset._Moved, "objective", lambda moved, ranges: solved)
     monkeypatch.setattr(current_offset, "estimate", lambda *_: [estimated])
-    found = shared_offset(objective, best, np.full((2, 2), 3e-3), without_v)
+    offset_found = shared_offset(objective, best, np.full((2, 2), 3e-3), without_v)
     expected = CurrentOffset(offset * capacity_ah, error * capacity_ah)
-    assert found == (expected if is_told else None)
+    assert offset_found == (expected if is_told else None)

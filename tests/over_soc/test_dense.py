@@ -112,25 +112,25 @@ def test_the_interval_of_a_cell_of_a_pack_holds_the_circuit_s_own_error_too():
     ):
         # To first order, tables at the cell's own time constants.
         pushes = np.append(np.zeros(17), slopes.T @ (errors[0] - error) / 200)
-        told, near = (
+        smoothly, near = (
             directions[:, :17] @ tables + directions @ solved(jacobian, with_scales(rows), pushes)
             for tables, rows in ((fitted_tables(columns, smooth, base), smooth), (values, light))
         )
         reach = np.hypot(reach, reaches[0])
-        for place, name in enumerate((R0, TOTAL)):
-            own = cell.values[name]
-            ends = near[place] + reach[place] * np.array([-1, 1])
-            low, high = min(told[place], ends[0]), max(told[place], ends[1])
-            expected = [told[place], low, high]
-            np.testing.assert_allclose([own.value, own.low, own.high], expected, rtol=1e-7)
+        for row, name in enumerate((R0, TOTAL)):
+            value = cell.values[name]
+            ends = near[row] + reach[row] * np.array([-1, 1])
+            low, high = min(smoothly[row], ends[0]), max(smoothly[row], ends[1])
+            expected = [smoothly[row], low, high]
+            np.testing.assert_allclose([value.value, value.low, value.high], expected, rtol=1e-7)
 
 
 @in_float64
 def test_a_law_ends_where_what_cells_usually_have_and_the_records_pull_alike(monkeypatch):
     monkeypatch.setattr(dependence, "SETTLED", 1e-12)
     monkeypatch.setattr(dependence, "ROUNDS", 40)
-    place = np.arange(120)
-    degc = 15 + place / 12 + 2 * np.sin(place / 9)
+    sample = np.arange(120)
+    degc = 15 + sample / 12 + 2 * np.sin(sample / 9)
     record = replace(made_record(120, interval_s=5.0), temperature_degc=degc)
     plain, first = prepared_of(record), Dependence(beta_per_k=0.03, reference_degc=20.0)
     objective = reduced_objective([plain.following(first)], SETTINGS, BOX)
@@ -169,7 +169,7 @@ def test_nuisances_are_the_dense_least_squares_of_everything_at_once(is_measured
     beside = Measured(np.array([[30.0, 5.0]]), np.array([0.8])) if is_measured else None
     wanted = np.zeros((1, 12))
     wanted[0, [1, 5, 9]] = 1.0
-    (found,) = estimate(objective, best, lambda *_: of_start, now, [prior], wanted, beside)
+    (estimated,) = estimate(objective, best, lambda *_: of_start, now, [prior], wanted, beside)
 
     columns, base = columns_of(prepared)
     penalty, samples = penalty_of(LIGHT), len(base)
@@ -180,27 +180,27 @@ def test_nuisances_are_the_dense_least_squares_of_everything_at_once(is_measured
     unit = np.linalg.qr(jacobian)[0]
     weight = np.trace(unit.T @ noise_v2 @ unit) / 16 / samples
     # Of what is known, in standard deviations: by how much it moves, and by how much it is off.
-    known, off = np.zeros((2, 16)), now / prior
-    known[[0, 1], [14, 15]] = 1 / prior
+    priors, off = np.zeros((2, 16)), now / prior
+    priors[[0, 1], [14, 15]] = 1 / prior
     if is_measured:
-        known, off = np.vstack([known, [0.0] * 14 + [30.0, 5.0]]), np.append(off, -0.8)
+        priors, off = np.vstack([priors, [0.0] * 14 + [30.0, 5.0]]), np.append(off, -0.8)
     penalty = np.pad(penalty, ((0, 0), (0, 4)))
-    stiff = jacobian.T @ jacobian / samples + penalty.T @ penalty + weight * known.T @ known
-    pushes = jacobian.T @ error / samples + weight * known.T @ off
+    stiff = jacobian.T @ jacobian / samples + penalty.T @ penalty + weight * priors.T @ priors
+    pushes = jacobian.T @ error / samples + weight * priors.T @ off
     moved = np.linalg.solve(stiff, pushes)
     by_noise = np.linalg.solve(stiff, jacobian.T / samples)
-    by_known = np.linalg.solve(stiff, weight * known.T)
+    by_known = np.linalg.solve(stiff, weight * priors.T)
     covariance = by_noise @ noise_v2 @ by_noise.T + by_known @ by_known.T
     total = np.pad(wanted, ((0, 0), (0, 4)))[0]
-    np.testing.assert_allclose(found.values, now - moved[14:], rtol=1e-7)
-    np.testing.assert_allclose(found.covariance, covariance[14:, 14:], rtol=1e-7)
-    np.testing.assert_allclose(found.moved_scales, -moved[12:14], rtol=1e-6)
-    assert found.sums[0] == pytest.approx(wanted[0] @ light - total @ moved, rel=1e-8)
-    assert found.sum_errors[0] == pytest.approx(math.sqrt(total @ covariance @ total), rel=1e-8)
-    np.testing.assert_allclose(found.by_prior[:2], by_known[14:, :2], rtol=1e-7)
+    np.testing.assert_allclose(estimated.values, now - moved[14:], rtol=1e-7)
+    np.testing.assert_allclose(estimated.covariance, covariance[14:, 14:], rtol=1e-7)
+    np.testing.assert_allclose(estimated.moved_scales, -moved[12:14], rtol=1e-6)
+    assert estimated.sums[0] == pytest.approx(wanted[0] @ light - total @ moved, rel=1e-8)
+    assert estimated.sum_errors[0] == pytest.approx(math.sqrt(total @ covariance @ total), rel=1e-8)
+    np.testing.assert_allclose(estimated.by_prior[:2], by_known[14:, :2], rtol=1e-7)
     misfit = off @ off - pushes @ moved / weight
     evidence = -(misfit + np.linalg.slogdet(stiff)[1]) / 2 - np.log(prior).sum()
-    assert found.log_evidence == pytest.approx(evidence, rel=1e-7)
+    assert estimated.log_evidence == pytest.approx(evidence, rel=1e-7)
 
 
 @in_float64
@@ -217,9 +217,9 @@ def test_every_fold_is_predicted_by_the_tables_of_the_others(folds):
         others = fold != held
         tables = fitted_tables(columns[others], penalty_of(), base[others])
         squares_v2 += np.sum((base + columns @ tables)[~others] ** 2)
-    found = held_out_errors(objective, objective.solve(LOG_SCALES))
-    assert found.rmse_v == pytest.approx(math.sqrt(squares_v2 / len(base)), rel=1e-8)
-    assert found.above_v == found.rmse_v
+    errors = held_out_errors(objective, objective.solve(LOG_SCALES))
+    assert errors.rmse_v == pytest.approx(math.sqrt(squares_v2 / len(base)), rel=1e-8)
+    assert errors.above_v == errors.rmse_v
 
 
 @in_float64
@@ -228,7 +228,7 @@ def test_another_record_is_predicted_by_the_spread_of_those_there_are():
         prepared_of(made_record(200, seed, interval_s=3.0, name=f"{seed}.csv")) for seed in range(3)
     ]
     objective = reduced_objective(records, replace(SETTINGS, folds=2), HELD)
-    own = np.array(
+    alone = np.array(
         [
             fitted_tables(columns, penalty_of(), base)
             for columns, base in (columns_of(prepared) for prepared in records)
@@ -237,12 +237,12 @@ def test_another_record_is_predicted_by_the_spread_of_those_there_are():
     at = 4 + 1
     assert all(prepared.nearest(np.array(NODES))[1] for prepared in records)
     joint = NodeInterval("R1 [Ohm]", NODES[1], 0.02, 1e-3, 0.0, 0.0199, 0.0201)
-    (found,) = with_spread(objective, objective.solve(LOG_SCALES), [joint])
+    (interval,) = with_spread(objective, objective.solve(LOG_SCALES), [joint])
     # Of one more draw from a normal distribution that three are known of.
-    reach = student.ppf(0.975, 2) * np.std(own[:, at], ddof=1) * math.sqrt(1 + 1 / 3)
-    ends = np.mean(own[:, at]) + reach * np.array([-1, 1])
-    assert found.record_low == pytest.approx(min(max(ends[0], 0.0), joint.low), rel=1e-8)
-    assert found.record_high == pytest.approx(max(ends[1], joint.high), rel=1e-8)
+    reach = student.ppf(0.975, 2) * np.std(alone[:, at], ddof=1) * math.sqrt(1 + 1 / 3)
+    ends = np.mean(alone[:, at]) + reach * np.array([-1, 1])
+    assert interval.record_low == pytest.approx(min(max(ends[0], 0.0), joint.low), rel=1e-8)
+    assert interval.record_high == pytest.approx(max(ends[1], joint.high), rel=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -203,7 +203,7 @@ def regressed_lag(record, parts=24):
 
 
 def test_a_lag_is_told_from_four_standard_errors_of_the_jackknife_on():
-    told, near = [], []
+    shown, near = [], []
     for seed, noise_v in enumerate(np.geomspace(5e-3, 0.1, 24)):
         noise = noise_v * np.random.default_rng(100 + seed).standard_normal(1200)
         table = log(1.0, 0.3, seed, samples=1200).with_columns(pl.col(VOLTAGE) + noise)
@@ -213,12 +213,12 @@ def test_a_lag_is_told_from_four_standard_errors_of_the_jackknife_on():
         # Of a mean, the jackknife's squared error is (n - 1) / n times the sum of squares.
         error = np.sqrt(23 / 24 * np.sum((without - np.mean(without)) ** 2))
         is_sure, is_one_sided = 4 * error < samples, abs(first) < 0.25 * last
-        found = find_lag(record)
-        assert (found is not None) == (is_sure and is_one_sided)
-        told.append(found is not None)
+        lag = find_lag(record)
+        assert (lag is not None) == (is_sure and is_one_sided)
+        shown.append(lag is not None)
         near.append(is_one_sided and 2 * error < samples < 4 * error)
-        if found is not None:
-            assert found.samples == pytest.approx(samples, rel=1e-6)
-    # Some are told, and some are left for their error alone.
-    assert sum(told) > 4
+        if lag is not None:
+            assert lag.samples == pytest.approx(samples, rel=1e-6)
+    # Some are shown, and some are left for their error alone.
+    assert sum(shown) > 4
     assert sum(near) > 2

@@ -176,3 +176,49 @@ def test_a_slow_log_shows_a_row_too_late_and_takes_no_average_for_one(every):
         for voltage_v in (volts[:, 0], volts.mean(axis=1)):
             assert lag(current_a, voltage_v) is None
     assert lag(amperes[:-1].mean(axis=1), volts[1:, 0]) is None
+
+
+def regressed_lag(record, parts=24):
+    """What a step answers a sample early, at once and late, by one regression on all samples near
+    steps, and the lags by those without each part of them."""
+    current_a, moved_a = record.current_a, np.diff(record.current_a)
+    is_step = np.abs(moved_a) > 0.05 * np.abs(current_a).max()
+    near = [k for k in range(5, len(moved_a) - 5) if is_step[max(k - 3, 0) : k + 4].any()]
+    kept = np.exp(-1 / np.array([3.0, 10.0, 30.0, 100.0, 300.0]))
+    slow = [np.diff(lagged(current_a - current_a[0], each)) for each in kept]
+    rows = [
+        [*moved_a[k - 1 : k + 2][::-1], *(each[k] for each in slow), current_a[k], 1.0]
+        for k in near
+    ]
+    table, moved_v = np.array(rows), -np.diff(record.voltage_v)[near]
+    every = np.arange(len(near))
+    ohm = np.linalg.lstsq(table, moved_v)[0][:3]
+    lags = []
+    for part in np.array_split(every, np.linspace(0, len(near), parts + 1).astype(int)[1:-1]):
+        first, at_once, last = np.linalg.lstsq(
+            np.delete(table, part, axis=0), np.delete(moved_v, part)
+        )[0][:3]
+        lags.append((last - first) / (first + at_once + last))
+    return ohm, np.array(lags)
+
+
+def test_a_lag_is_told_from_four_standard_errors_of_the_jackknife_on():
+    shown, near = [], []
+    for seed, noise_v in enumerate(np.geomspace(5e-3, 0.1, 24)):
+        noise = noise_v * np.random.default_rng(100 + seed).standard_normal(1200)
+        table = log(1.0, 0.3, seed, samples=1200).with_columns(pl.col(VOLTAGE) + noise)
+        record = record_from_frame(table, voltage_lag=0.0)
+        (first, at_once, last), without = regressed_lag(record)
+        samples = (last - first) / (first + at_once + last)
+        # Of a mean, the jackknife's squared error is (n - 1) / n times the sum of squares.
+        error = np.sqrt(23 / 24 * np.sum((without - np.mean(without)) ** 2))
+        is_sure, is_one_sided = 4 * error < samples, abs(first) < 0.25 * last
+        lag = find_lag(record)
+        assert (lag is not None) == (is_sure and is_one_sided)
+        shown.append(lag is not None)
+        near.append(is_one_sided and 2 * error < samples < 4 * error)
+        if lag is not None:
+            assert lag.samples == pytest.approx(samples, rel=1e-6)
+    # Some are shown, and some are left for their error alone.
+    assert sum(shown) > 4
+    assert sum(near) > 2

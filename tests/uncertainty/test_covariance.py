@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 from scipy.optimize import curve_fit
 from scipy.signal import lfilter
+from scipy.stats import t as student
 
 import barnax
 from barnax.model.problem import make_problem
@@ -58,6 +59,9 @@ def test_intervals_are_symmetric_in_logarithms_and_hold_the_value(white):
         assert each.low < each.value < each.high
         assert each.low * each.high == pytest.approx(each.value**2)
         assert each.standard_error == each.value * each.relative_error
+        # 95 % lie between the quantiles of 2.5 and 97.5 %.
+        quantile = student.ppf(0.975, each.degrees_of_freedom)
+        assert np.log(each.high / each.value) == pytest.approx(quantile * each.relative_error)
         assert each.relative_error == pytest.approx(
             each.inflation * each.white_noise_relative_error
         )

@@ -1,0 +1,230 @@
+"""`python -m benchmarks.planted` plants thirty faults, each alone in a copy of the tree, and prints
+which the tests of its room catch: all of them. `--only NAME` plants one, `--list` names them."""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.pages import as_markdown, provenance, publish
+
+REPOSITORY = Path(__file__).parents[1]
+PACKAGE = Path("src") / "barnax"
+RESULTS = REPOSITORY / "benchmarks" / "results" / "planted.md"
+COPIED, LINKED = ("src", "tests"), ("data", "benchmarks", "pyproject.toml")
+# What pytest ends with where all tests passed, and where one failed.
+PASSED, FAILED = 0, 1
+# A test that takes longer hangs.
+LIMIT_S = 1200
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One exact text of a module, what stands there instead, and the tests that are to notice."""
+
+    name: str
+    module: str
+    text: str
+    planted: str
+    tests: tuple[str, ...]
+
+    def count(self) -> int:
+        """How often its text is in the module: once, or nothing is planted."""
+        return (REPOSITORY / PACKAGE / self.module).read_text(encoding="utf-8").count(self.text)
+
+    def plant(self, tree: Path) -> None:
+        """Put the fault into a copy of the tree."""
+        path = tree / PACKAGE / self.module
+        text = path.read_text(encoding="utf-8")
+        if text.count(self.text) != 1:
+            raise SystemExit(f"{self.name}: {self.text!r} is not once in {self.module}")
+        path.write_text(text.replace(self.text, self.planted), encoding="utf-8")
+
+
+def fault(name: str, module: str, text: str, planted: str, *tests: str) -> Fault:
+    return Fault(name, module, text, planted, tests)
+
+
+BOX = "tests/global_optimum/test_box_bound.py"
+TABLE_BOX = "tests/over_soc/test_bound_by_hand.py"
+DENSE = "tests/over_soc/test_dense.py"
+OFFSET = "tests/over_soc/test_current_offset.py"
+QUANTILE = "(1 + CONFIDENCE) / 2"
+
+FAULTS = (
+    # The proof.
+    fault("remainder of a proof", "global_optimum/certificate.py",
+          "lowest_of_parabola(below, middle, above) - self.remainder",
+          "lowest_of_parabola(below, middle, above)", BOX),
+    fault("remainder of a table's proof", "over_soc/certificate.py",
+          "return lowest - 2 * float(np.linalg.norm(error)) * self.remainder",
+          "return lowest", TABLE_BOX),
+    fault("limits not of the unknowns", "over_soc/certificate.py",
+          "furthest = np.abs(np.linalg.inv(objective.to_tables)) @ furthest",
+          "furthest = 1.0 * furthest", TABLE_BOX),
+    fault("rounding of the parabola's ends", "global_optimum/remainders.py",
+          "LEBESGUE = 1.25", "LEBESGUE = 1.0", BOX, TABLE_BOX),
+    fault("samples after an interval", "global_optimum/remainders.py",
+          "most[run_s] = _most_within(scored_s, run_s)", "most[run_s] = 1", BOX),
+    fault("tax of a node's scale", "over_soc/certificate.py",
+          "own += side.least(error, tax) - sign * tax", "own += side.least(error, tax)",
+          TABLE_BOX),
+    fault("highest bound for lowest", "global_optimum/proof.py",
+          "float(bounds_v[0]) - slack_v", "float(bounds_v[-1]) - slack_v",
+          "tests/global_optimum/test_certificate.py"),
+    # Intervals.
+    fault("quantile of tables", "over_soc/intervals.py",
+          f"stdtrit(np.array(freedom), {QUANTILE})", "stdtrit(np.array(freedom), CONFIDENCE)",
+          DENSE),
+    fault("quantile of constants", "uncertainty/covariance.py",
+          f"stdtrit(freedom, {QUANTILE})", "stdtrit(freedom, CONFIDENCE)",
+          "tests/uncertainty/test_covariance.py"),
+    fault("one more record", "over_soc/cross_validation.py",
+          "np.sqrt(1 + 1 / len(own))", "np.sqrt(1 / len(own))", DENSE),
+    fault("smoothing in standard errors", "over_soc/intervals.py",
+          "smoothing_scale=LIGHT * objective.smoothing_scale",
+          "smoothing_scale=objective.smoothing_scale", DENSE),
+    fault("lines for curves", "over_soc/intervals.py",
+          "on_curve = own + sag - float(moved_by_lines[row])", "on_curve = own + sag", DENSE),
+    fault("noise that a fit has followed", "uncertainty/noise.py",
+          "_binned(pairs * decays, edges).T + taken]", "_binned(pairs * decays, edges).T]",
+          "tests/uncertainty/test_noise.py"),
+    # Nuisances, and what several shapes, cells or parts leave open.
+    fault("least gain of an offset", "over_soc/current_offset.py",
+          "is_told = abs(now.offset_a) > least_a and leaves < LEAVES",
+          "is_told = abs(now.offset_a) > least_a", OFFSET),
+    fault("pull of a start's prior", "over_soc/nuisances.py",
+          "pushed[own] += pull @ known[1]", "pushed[own] += 0 * pull @ known[1]", DENSE),
+    fault("spread between shapes", "over_soc/ageing.py",
+          'mean["covariance"] += np.einsum("s,si,sj->ij", shares, off, off)',
+          'mean["covariance"] += 0 * np.einsum("s,si,sj->ij", shares, off, off)',
+          "tests/over_soc/test_ageing_shapes.py"),
+    fault("spread between a fleet's shapes", "life/shapes.py",
+          "(by_shape[..., 1] ** 2 + off**2)", "by_shape[..., 1] ** 2",
+          "tests/life/test_shapes.py"),
+    fault("prior of a law's step", "over_soc/dependence.py",
+          "range(len(scales)), own_pull, own_pull * (scales - usual))", "range(len(scales)))",
+          DENSE),
+    fault("jackknife of a lag", "records/lag.py",
+          "np.sqrt((_PARTS - 1) * np.var(_share(of_parts.T)))",
+          "np.sqrt(np.var(_share(of_parts.T)))", "tests/records/test_lag.py"),
+    # Packs.
+    fault("error in common of a pack", "over_soc/pack.py",
+          "reach = math.hypot(spread.reach(side, direction), common)",
+          "reach = spread.reach(side, direction)", DENSE),
+    fault("time constants of a pack's cell", "over_soc/pack.py",
+          "by_scales = slopes[:, :1] - slopes", "by_scales = slopes - slopes[:, :1]", DENSE),
+    # Sampling of the current.
+    fault("R0 by the other sampling", "answering.py",
+          "shifts_ohm += [other_hold.parameters.r0 - own.r0, tables.hold_shift_ohm]",
+          "shifts_ohm += [other_hold.parameters.r0 - own.r0]", "tests/test_table_run.py"),
+    fault("pairs by the other sampling", "table_run.py",
+          "shares[name] = own / other - 1", "shares[name] = other / own - 1",
+          "tests/test_table_run.py"),
+    # Choice.
+    fault("worth above 10 % SOC", "over_soc/cross_validation.py",
+          "return falls(self.rmse_v, simpler.rmse_v) and falls(self.above_v, simpler.above_v)",
+          "return falls(self.rmse_v, simpler.rmse_v)", DENSE),
+    fault("worth of a law", "over_soc/dependence.py",
+          "(1 - WORTHWHILE) * without.rmse_v and above_v <= without_v",
+          "(1 - WORTHWHILE) * without.rmse_v", DENSE),
+    fault("held out and fitted", "over_soc/cross_validation.py",
+          "columns, bases, np.where(is_rest, scored, 0))", "columns, bases, scored)",
+          DENSE),
+    # Starts.
+    fault("axis of several records", "over_soc/registration.py",
+          "moved = (to_axis @ estimated.values).reshape", "moved = estimated.values.reshape",
+          "tests/over_soc/test_registration.py"),
+    fault("charge carried to a start", "model/start.py",
+          "passed_ah = discharged_ah[known.known_at] - discharged_ah[at]",
+          "passed_ah = discharged_ah[at] - discharged_ah[known.known_at]",
+          "tests/model/test_start.py"),
+    # Fit and filters.
+    fault("weight of a bend", "over_soc/objective.py",
+          "bent = math.sqrt(self.settings.roughness) *", "bent = self.settings.roughness *",
+          DENSE),
+    fault("spread of a Gaussian sum", "filters/kalman.py",
+          "(variance + (mean - middle) ** 2)", "variance", "tests/filters/test_kalman.py"),
+)  # fmt: skip
+
+
+def copied(folder: Path) -> Path:
+    """A copy of the tree in a new folder, as far as tests need it."""
+    tree = Path(tempfile.mkdtemp(dir=folder))
+    for name in COPIED:
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(REPOSITORY / name, tree / name, ignore=ignored)
+    for name in LINKED:
+        (tree / name).symlink_to(REPOSITORY / name)
+    return tree
+
+
+def run_tests(tree: Path, tests: Iterable[str]) -> int:
+    """What pytest ends with; the first failure ends it."""
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-x", "-q", "-p", "no:cacheprovider"]
+    return subprocess.run(
+        [*command, *tests],
+        cwd=tree,
+        env={**os.environ, "PYTHONPATH": str(tree / "src")},
+        capture_output=True,
+        timeout=LIMIT_S,
+        check=False,
+    ).returncode
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.planted", description=__doc__)
+    parser.add_argument("--only", metavar="NAME", choices=[each.name for each in FAULTS])
+    parser.add_argument("--list", action="store_true", help="name the faults and plant none")
+    options = parser.parse_args(arguments)
+    if options.list:
+        print("\n".join(f"{each.name}: {each.module}" for each in FAULTS))
+        return
+    faults = [each for each in FAULTS if options.only in (None, each.name)]
+    rows, survivors = ["| fault | module | tests | | s |", "|---|---|---|---|---|"], []
+    with tempfile.TemporaryDirectory() as folder:
+        tests = sorted({path for each in faults for path in each.tests})
+        if run_tests(copied(Path(folder)), tests) != PASSED:
+            raise SystemExit(f"these do not pass without a fault: {' '.join(tests)}")
+        for each in faults:
+            tree, started = copied(Path(folder)), time.perf_counter()
+            each.plant(tree)
+            status = run_tests(tree, each.tests)
+            shutil.rmtree(tree)
+            if status not in (PASSED, FAILED):
+                raise SystemExit(f"{each.name}: pytest ends with {status}, and tells nothing")
+            seconds, verdict = time.perf_counter() - started, "caught"
+            if status == PASSED:
+                verdict = "**survived**"
+                survivors.append(each.name)
+            names = ", ".join(f"`{path}`" for path in each.tests)
+            row = f"| {each.name} | `{each.module}` | {names} | {verdict} | {seconds:.0f} |"
+            rows.append(row)
+            print(row, flush=True)
+    if options.only is None:
+        publish(RESULTS, _page(rows, len(faults), survivors))
+    if survivors:
+        raise SystemExit(f"survived: {', '.join(survivors)}")
+
+
+def _page(rows: Sequence[str], count: int, survivors: Sequence[str]) -> str:
+    facts = provenance("python -m benchmarks.planted", 0, "pytest")
+    verdict = f"{len(survivors)} survived" if survivors else "none survived"
+    return "\n".join([
+        "# Planted faults", "",
+        "Each fault replaces one line of the program, alone, in a copy of it. The default tests "
+        "named beside it pass without the fault, and one of them has to fail with it.", "",
+        f"Of {count} faults {verdict}.", "",
+        as_markdown({name: facts[name] for name in ("command", "versions", "machine", "date")}), "",
+        *rows, "",
+    ])  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

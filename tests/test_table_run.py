@@ -1,0 +1,102 @@
+"""What the other sampling of the current does to resistances, against a regression on one pair."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from barnax import answering
+from barnax.cell import CircuitParameters
+from barnax.over_soc import TableSettings
+from barnax.over_soc.intervals import NodeInterval
+from barnax.over_soc.temperature import TableFits
+from barnax.table_run import TableRun
+from helpers.problems import drive_a
+from helpers.reference import filtered_response
+
+INTERVAL_S, NODES, TAU_S = 5.0, (0.3, 0.6, 0.9), (4.0, 60.0)
+ROWS = {"R0 [Ohm]": (0.05, 0.04, 0.06), "R1 [Ohm]": (0.02, 0.03, 0.015), "R2 [Ohm]": (0.03,) * 3}
+
+
+@dataclass(frozen=True)
+class Fit:
+    """As much of a fit as sampling is concerned with."""
+
+    intervals: tuple[NodeInterval, ...]
+    tables: CircuitParameters
+
+    def of_table(self, name):
+        return [interval for interval in self.intervals if interval.name == name]
+
+
+def made_run(hold):
+    """Tables over three nodes, as far as their sampling is concerned."""
+    intervals = [
+        NodeInterval(name, soc, ohm, 0.001, 0.0, ohm - 0.002, ohm + 0.002)
+        for name, row in ROWS.items()
+        for soc, ohm in zip(NODES, row, strict=True)
+    ]
+    intervals += [
+        NodeInterval(f"tau{pair} [s]", None, tau, 0.1, 0.0, tau, tau)
+        for pair, tau in enumerate(TAU_S, 1)
+    ]
+    r0, *pairs = ROWS.values()
+    tables = CircuitParameters.over_soc(NODES, TAU_S, r0, tuple(pairs))
+    record = SimpleNamespace(hold=SimpleNamespace(value=hold))
+    prepared = SimpleNamespace(record=record, median_interval_s=INTERVAL_S)
+    fits = TableFits((Fit(intervals=tuple(intervals), tables=tables),))
+    return TableRun(TableSettings(nodes=NODES), fits, [SimpleNamespace(prepared=prepared)], [])
+
+
+def regressed(tau, hold, other):
+    """R0 and R of a pair of 1 ohm that is sampled one way, where the other is taken for it."""
+    current_a = drive_a(400)
+    current_a[0] = 0.0
+    answers = {way: filtered_response(INTERVAL_S, current_a, tau, way) for way in (hold, other)}
+    columns = np.column_stack([current_a, answers[other]])
+    fits, left, *_ = np.linalg.lstsq(columns, answers[hold])
+    assert left[0] < 1e-20
+    return fits
+
+
+@pytest.mark.parametrize(("hold", "other"), [("forward", "backward"), ("backward", "forward")])
+def test_the_other_sampling_moves_r0_and_the_pairs_as_a_regression_does(hold, other):
+    run = made_run(hold)
+    moved = [regressed(tau, hold, other) for tau in TAU_S]
+    medians = [float(np.median(ROWS[name])) for name in ("R1 [Ohm]", "R2 [Ohm]")]
+    shift_ohm = sum(ohm * r0 for ohm, (r0, _) in zip(medians, moved, strict=True))
+    assert run.hold_shift_ohm == pytest.approx(shift_ohm, rel=1e-9)
+    shares = {name: r - 1 for name, (_, r) in zip(("R1 [Ohm]", "R2 [Ohm]"), moved, strict=True)}
+    assert run.hold_shares == pytest.approx(shares, rel=1e-9)
+
+
+def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monkeypatch):
+    run = made_run("forward")
+    constant = CircuitParameters.from_dict(
+        {"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.02, "C1 [F]": 200.0, "R2 [Ohm]": 0.03, "C2 [F]": 2000.0}
+    )
+    other = constant.with_tables({"R0 [Ohm]": [0.041]})
+    uncertainty = SimpleNamespace(beyond=lambda circuit: {}, spanning=lambda others: others)
+    monkeypatch.setattr(answering, "replace", lambda given, uncertainty: uncertainty)
+    monkeypatch.setattr(TableRun, "hold_warnings", lambda *_: [])
+    weighing = SimpleNamespace(problems=["problem"], chosen="so-rc")
+    searched = SimpleNamespace(
+        place=0, answer=SimpleNamespace(parameters=constant), optima=[None], held_out=[None],
+        other_hold=SimpleNamespace(parameters=other, value="backward"), late_ohm=(0.07,),
+        more_ohm=(0.048,),
+    )  # fmt: skip
+    compared = SimpleNamespace(tables=run, held_out=None)
+    assessment = SimpleNamespace(uncertainty=uncertainty)
+    others, tables = answering._widened(weighing, searched, compared, assessment, [])
+    assert [circuit.r0 for circuit in others] == pytest.approx([0.048, 0.07, 0.041])
+    shares = run.hold_shares
+    for before, after in zip(
+        run.found.fits[0].intervals, tables.found.fits[0].intervals, strict=True
+    ):
+        moved = [0.0, shares.get(before.name, 0.0) * before.value]
+        if before.name == "R0 [Ohm]":
+            # Beside the median: what comes late, the constant circuit's, and the tables' own shift.
+            moved = [0.0, 0.07 - 0.05, 0.041 - 0.05, run.hold_shift_ohm]
+        assert after.low == pytest.approx(max(before.low + min(moved), 0.0), rel=1e-12)
+        assert after.high == pytest.approx(before.high + max(moved), rel=1e-12)

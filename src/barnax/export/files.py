@@ -66,8 +66,8 @@ def write_c_filter(result: Result) -> Export:
         )
     tables, model = tables_of(result, may_remember=True), model_of(result, (OFFSET, CAPACITY))
     is_remembering = get_circuit(result.model).turning is not None
-    # Columns that change with SOC are a table, all others constants. What is in the table is counted
-    # from its middle: in single precision a flat OCV's slope would be lost in its volts.
+    # Columns that change with SOC are a table, all others constants. The table counts from its
+    # middle: in single precision a flat OCV's slope would be lost in its volts.
     table = np.asarray(model.table)
     varies = np.ptp(table, axis=0) > 0
     middle = np.median(table, axis=0)

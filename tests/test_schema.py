@@ -3,16 +3,21 @@
 import copy
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pydantic
 import pytest
 from benchmarks.schema import notices_page
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from barnax.cli.session import as_flags
 from barnax.errors import InputError
 from barnax.notices import notice
+from barnax.reporting.first_screen import first_screen
 from barnax.results import Result
 from helpers.golden import RESULT
 from helpers.results import make_table_result
@@ -91,10 +96,11 @@ def put(place: str, value: Any) -> dict[str, Any]:
     *path, last = place.split("/")
     for step in path:
         part = part[int(step)] if isinstance(part, list) else part[step]
+    at: Any = int(last) if isinstance(part, list) else last
     if value is ...:
-        del part[last]
+        del part[at]
     else:
-        part[last] = value
+        part[at] = value
     return changed
 
 
@@ -122,6 +128,8 @@ TAMPERED = [
     ("constant/parameters/gamma", 50.0),
     ("inputs/0/role", "spy"),
     ("inputs/0/sign/strength", "felt"),
+    ("inputs/0/sign/value", "x"),
+    ("inputs/0/hold/value", "x"),
     ("inputs/0/window/initial_soc", 3.0),
     ("inputs/0/window/start_time [s]", "noon"),
     ("inputs/0/window/surprise", 1),
@@ -227,3 +235,30 @@ def test_tables_of_version_4_are_read_by_their_names(read):
     del document["tables"]["fits"][0]["tables"]["r [Ohm]"]
     with pytest.raises(InputError, match=r"result\.json: .*tables are damaged"):
         read(document)
+
+
+def leaves_of(part: Any, place: str = "") -> Iterator[str]:
+    """The places of everything in a document that is no part of its own."""
+    if isinstance(part, dict) and part:
+        for key, value in part.items():
+            yield from leaves_of(value, f"{place}/{key}" if "/" not in key else "")
+    elif isinstance(part, list) and part:
+        # Of many alike one is enough.
+        yield from leaves_of(part[0], f"{place}/0")
+    elif place:
+        yield place.removeprefix("/")
+
+
+@settings(max_examples=60)
+@given(
+    st.sampled_from(sorted(set(leaves_of(DOCUMENT)))),
+    st.sampled_from(["x", -1, 1e300, None, [], {}, True]),
+)
+def test_any_leaf_of_any_kind_is_read_or_refused_and_then_told(place, value):
+    """Whatever is in a file of others, there is no traceback."""
+    try:
+        result = Result.model_validate(put(place, value))
+    except (ValueError, InputError):
+        return
+    with suppress(InputError):
+        assert list(first_screen(result, as_flags))

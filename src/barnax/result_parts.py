@@ -3,7 +3,7 @@
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from .cell import CircuitParameters, get_circuit
 from .cell.model import SAME_DEGC
@@ -23,6 +23,7 @@ from .records.fingerprint import Content, read_fingerprint
 from .schema import Count, MaybeInfinite, Parameters, Part, Volts
 from .search.refine import AtBound, Optimum, RefinedSeed
 from .search.seeds import SeedAnswer
+from .settings import AutoHold, AutoSign, choices_in
 from .uncertainty import Band, Diagnostics, Estimate, Examination, Identifiability, Uncertainty
 
 Key = Annotated[int, Field(ge=0, lt=2**64)]
@@ -203,6 +204,14 @@ class InputPart(Part):
     soc_range: tuple[float, float] | None = None
     temperature_degc: float | None = None
     peak_current_a: float | None = None
+
+    @field_validator("sign", "hold")
+    @classmethod
+    def _be_decided(cls, decision: Decision | None, info: ValidationInfo) -> Decision | None:
+        values = choices_in(AutoSign if info.field_name == "sign" else AutoHold)[1:]
+        if decision is not None and decision.value not in values:
+            raise ValueError(f"{decision.value!r} is none of {', '.join(values)}")
+        return decision
 
     @field_validator("fingerprint")
     @classmethod

@@ -29,7 +29,7 @@ from pydantic_core import core_schema
 
 from .display import brief
 from .errors import InputError, cut
-from .notices import Notice, Severity, kinds, notice
+from .notices import Notice, Severity, notice
 
 LARGEST_FILE = 200_000_000
 LONGEST_REASON = 500
@@ -216,10 +216,15 @@ def _notice_of(stored: Any, read: Callable[[Any], StoredNotice]) -> Notice:
     part = read(stored)
     values = {_LABEL.sub(_named, key): value for key, value in part.values.items()}
     given = {name: value for name, value in values.items() if value is not None}
-    code = part.code
-    if code not in kinds() or kinds()[code].missing(given):
-        code, given = "stored.text", {"text": "; ".join(filter(None, (part.what, part.remedy)))}
-    return Notice(code, part.subject, given, part.severity, part.row, part.sheet)
+    where = part.severity, part.row, part.sheet
+    found = Notice(part.code, part.subject, given, *where)
+    try:
+        str(found)
+    except (KeyError, TypeError, ValueError):
+        # Of another version, or of nobody's: its words are taken as they are.
+        text = "; ".join(filter(None, (part.what, part.remedy)))
+        return Notice("stored.text", part.subject, {"text": text}, *where)
+    return found
 
 
 def _named(label: re.Match[str]) -> str:

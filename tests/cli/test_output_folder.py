@@ -1,5 +1,6 @@
 """Results are written whole or not at all, and never over anything else."""
 
+import hashlib
 import json
 import os
 import shutil
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from barnax.bundled import BUNDLED
-from barnax.cli.output import write_file, write_folder
+from barnax.cli.output import require_free, write_file, write_folder
 from barnax.errors import InputError
 from barnax.files import aside, unfinished
 
@@ -45,8 +46,7 @@ def written(folder: Path) -> dict[str, bytes]:
     """Every file but the list, which must name all that are ours."""
     files = inside(folder)
     if "files.json" in files:
-        listed = set(json.loads(files.pop("files.json")))
-        assert listed - set(files) == {"files.json"}
+        assert set(json.loads(files.pop("files.json"))) <= set(files)
     return files
 
 
@@ -70,11 +70,44 @@ def test_a_users_file_that_would_be_replaced_stays_and_the_results_go_beside_it(
     assert written(old.with_name("out-2")) == NEW
 
 
-@pytest.mark.parametrize("listed", [None, b"", b"[[]]"], ids=["none", "empty", "nested"])
-def test_a_result_without_a_usable_list_is_replaced_all_the_same(tmp_path, listed):
-    appear(tmp_path / "out", OLD | MINE | ({} if listed is None else {"files.json": listed}))
-    assert write_folder(tmp_path / "out", NEW, True) == tmp_path / "out"
-    assert written(tmp_path / "out") == NEW | MINE
+@pytest.mark.parametrize(
+    "listed", [None, b"", b"[[]]", b'["result.json", "files.json"]', b'{"result.json": ["0"]}']
+)
+def test_a_result_that_barnax_did_not_list_with_its_hash_is_the_users(tmp_path, listed):
+    """A foreign list is not believed, nor a name."""
+    mine = OLD | MINE | ({} if listed is None else {"files.json": listed})
+    appear(tmp_path / "out", mine)
+    assert write_folder(tmp_path / "out", NEW, True) == tmp_path / "out-2"
+    assert inside(tmp_path / "out") == mine
+
+
+def test_a_file_that_was_changed_since_is_the_users(old):
+    (old / "result.json").write_bytes(b"edited")
+    assert write_folder(old, NEW, True) == old.with_name("out-2")
+    assert (old / "result.json").read_bytes() == b"edited"
+    with pytest.raises(InputError, match=r"'result.json' was changed since barnax wrote it"):
+        require_free(old, True)
+
+
+RACE = """
+import sys
+from pathlib import Path
+from barnax.cli.output import write_folder
+for turn in range(15):
+    mark = f"{sys.argv[2]} {turn}".encode()
+    files = {"result.json": mark, **{f"figures/{n}.png": mark for n in range(12)}}
+    write_folder(Path(sys.argv[1]), files, True)
+"""
+
+
+def test_racing_writers_leave_the_files_of_one_of_them(old):
+    command = [sys.executable, "-c", RACE, str(old)]
+    racing = [subprocess.Popen([*command, str(number)]) for number in range(3)]
+    assert [one.wait() for one in racing] == [0, 0, 0]
+    left = written(old)
+    assert len(left) == 13
+    assert len(set(left.values())) == 1
+    assert unfinished(old.parent) == []
 
 
 def stop(monkeypatch, name, cause, nth=0):
@@ -187,8 +220,10 @@ def test_what_a_killed_command_left_is_told_and_stays(run, tmp_path):
 
 def test_a_list_that_names_what_lies_elsewhere_takes_nothing_away(tmp_path, old):
     appear(tmp_path, MINE)
-    names = ["result.json", "../thesis.tex", str(tmp_path / "thesis.tex"), "figures", "."]
-    (old / "files.json").write_text(json.dumps(names))
+    names = ["../thesis.tex", str(tmp_path / "thesis.tex"), "figures", "."]
+    listed = {name: [hashlib.sha256(b"mine").hexdigest()] for name in names}
+    listed["result.json"] = [hashlib.sha256(b"old").hexdigest()]
+    (old / "files.json").write_text(json.dumps(listed))
     write_folder(old, {"result.json": b"new"}, True)
     assert {name: (tmp_path / name).read_bytes() for name in MINE} == MINE
     assert written(old) == {**OLD, "result.json": b"new"}

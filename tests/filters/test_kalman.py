@@ -144,7 +144,7 @@ class Plain:
         return np.concatenate([x[None], x + root.T, x - root.T]), weights
 
     def run(self, kind, x, p, drive):
-        found = []
+        found, rejected_s = [], 0.0
         for dt, held, turning, current, direction, measured in zip(*drive, strict=True):
             if kind == "ekf":
                 x, slope = self.advance(x, dt, held, turning)
@@ -163,8 +163,13 @@ class Plain:
                 with_state = (w * (seen - v)) @ (points - x)
                 variance = w @ (seen - v) ** 2
             s = variance + r
-            x = x + with_state / s * (measured - v)
-            p = p - np.outer(with_state, with_state) / s
+            is_near = abs(measured - v) <= 10 * np.sqrt(s)
+            if is_near or rejected_s > 60:
+                x = x + with_state / s * (measured - v)
+                p = p - np.outer(with_state, with_state) / s
+                rejected_s = 0.0 if is_near else rejected_s
+            else:
+                rejected_s += dt
             found.append((x[0], np.sqrt(p[0, 0] + 4e-3**2), *x[-2:], measured - v, np.sqrt(s)))
         return np.array(found)
 
@@ -442,3 +447,46 @@ def test_correlated_innovations_are_not_white():
     noise = np.random.default_rng(0).normal(size=2001)
     assert not examine_innovations(noise[1:] + 0.3 * noise[:-1]).are_white
     assert examine_innovations(noise).are_white
+
+
+FAULTS = {
+    "0 V": {"voltage_v": 0.0},
+    "no number for V": {"voltage_v": np.nan},
+    "infinite V": {"voltage_v": np.inf},
+    "no number for I": {"held_a": np.nan, "current_a": np.nan},
+    "5 V ten times": {"voltage_v": 5.0},
+}
+
+
+@in_float64
+def with_fault(model, drive, fault, samples):
+    """The drive with some values of other quantities from sample 200 on."""
+    here = slice(200, 200 + samples)
+    changed = {name: getattr(drive, name).at[here].set(value) for name, value in fault.items()}
+    return filtered(model, drive._replace(**changed), "sum")
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_of_the_measurement_corrects_nothing(fault):
+    model = straight_model()
+    drive, _ = simulated(model, jax.random.key(3), 0.6)
+    model = straight_model(SLOW, SLOW_SD)
+    plain = filtered(model, drive, "sum")
+    samples = 10 if "ten" in fault else 1
+    faulty = with_fault(model, drive, FAULTS[fault], samples)
+    apart = np.abs(faulty.soc - plain.soc)
+    assert np.all(apart[:200] == 0.0)
+    assert np.isfinite(faulty.soc).all()
+    # A single sample less tells hardly less; ungated, one of 0 V is worth a tenth of the charge.
+    assert apart.max() < 2e-3
+    assert np.abs(faulty.soc_sd / plain.soc_sd - 1)[-1] < 0.05
+
+
+def test_a_start_that_is_wrong_is_found_although_it_looks_like_a_fault():
+    model = straight_model()
+    drive, truth = simulated(model, jax.random.key(4), 0.6)
+    wrong = filtered(model, drive, "ekf", soc=0.2, sd=0.02)
+    passed_s = np.cumsum(np.asarray(drive.interval_s))
+    late = passed_s > 120
+    assert abs(wrong.soc[0] - 0.2) < 0.02
+    assert np.abs(wrong.soc[late] - np.asarray(truth)[late]).max() < 0.03

@@ -1,11 +1,12 @@
 """A folder of results, or a single file, written whole or not at all."""
 
+import hashlib
 import itertools
 import json
 import os
 import shutil
 import stat
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -20,12 +21,17 @@ from .session import Session, as_flags
 if TYPE_CHECKING:
     from ..reporting.document import Document
 
+try:
+    import fcntl
+except ImportError:  # Not on Windows.
+    fcntl = None
+
 DEFAULT_FOLDER = Path("barnax-out")
-# A folder that holds one of these was written by us.
+# One of these is in every folder of results.
 RESULTS = ("result.json", "comparison.json", "soc.json", "design.json", "life.json")
-# What a folder of results lists as its own; older ones have no list, and these names.
+# What barnax wrote into a folder, each file with its SHA-256: all else is the user's, whatever its
+# name, and so is what was changed since.
 LIST = "files.json"
-OURS = {*RESULTS, "timings.json", "report.html", "report.md", LIST}
 
 
 @group
@@ -145,10 +151,12 @@ def require_free(folder: Path, is_forced: bool) -> None:
                 os.lstat(existing / name)
         with suppress(FileNotFoundError):
             names = sorted(os.listdir(place))
-            if names and not any(name in RESULTS for name in names):
-                raise InputError(
-                    f"{folder}: holds {names[0]!r}, which barnax did not write; {another}"
-                )
+            own, _ = _own_and_others(place)
+            if names and own.isdisjoint(RESULTS):
+                known = sorted({*names, *RESULTS} & _listing(place).keys() & {*RESULTS})
+                what = f"{known[0]!r} was changed since" if known else f"holds {names[0]!r}, which"
+                words = "barnax wrote it" if known else "barnax did not write"
+                raise InputError(f"{folder}: {what} {words}; {another}")
             if names and not is_forced:
                 raise InputError(f"{folder}: holds a result; replace it with `force` or {another}")
 
@@ -156,9 +164,10 @@ def require_free(folder: Path, is_forced: bool) -> None:
 def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> Path:
     """Put all files into `folder`, or leave what was there. Keys are paths below the folder.
 
-    A result that is there is replaced where that is forced, file by file of its own list; a user's
-    own files stay. What has appeared there since `require_free` was asked stays too, and the files
-    go to a new folder beside it, `folder-2` or the next that is free: a long search is not lost.
+    A result that is there is replaced where that is forced, file by file of its own list, if these
+    are as they were written; a user's own files stay. What has appeared there since `require_free`
+    was asked stays too, and the files go to a new folder beside it, `folder-2` or the next that is
+    free: a long search is not lost.
     Gives the folder that they went to.
 
     A new folder is there at once with all its files. An old result is copied aside before the first
@@ -166,13 +175,16 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
     what it left `unfinished`.
     """
     place = folder.resolve()
-    files = {**files, LIST: _listed([*files, LIST])}
-    own, theirs = _own_and_others(place, files)
-    is_replaced = is_forced and any((place / name).is_file() for name in RESULTS)
-    is_replaced &= not any(_is_in_the_way(place, name, theirs) for name in files)
+    hashes = {name: [_hash(content)] for name, content in files.items()}
+    files = {**files, LIST: _listed(hashes)}
     described = _described(folder, "nothing was changed; give `out` another folder")
     with described, undisturbed(), ExitStack() as stack:
         place.parent.mkdir(parents=True, exist_ok=True)
+        # Two commands that end at once write one after the other.
+        stack.enter_context(_locked(place.parent))
+        own, theirs = _own_and_others(place)
+        is_replaced = is_forced and not own.isdisjoint(RESULTS)
+        is_replaced &= not any(_is_in_the_way(place, name, theirs) for name in files)
         workshop = aside(place.parent)
         workshop.mkdir()
         stack.callback(shutil.rmtree, workshop, ignore_errors=True)
@@ -186,7 +198,9 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
             (old / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(place / name, old / name, follow_symlinks=False)
         # After a kill, what is of either result is still known to be ours.
-        _write(workshop / LIST, _listed(own.union(files)))
+        both = _listing(place)
+        both |= {name: both.get(name, []) + own_hash for name, own_hash in hashes.items()}
+        _write(workshop / LIST, _listed(both))
         try:
             os.replace(workshop / LIST, place / LIST)
             for name in sorted(files.keys() - {LIST}, key=lambda name: name in RESULTS):
@@ -205,8 +219,39 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
     return folder
 
 
-def _listed(names: Iterable[str]) -> bytes:
-    return (json.dumps(sorted(names), indent=1) + "\n").encode()
+def _listed(hashes: Mapping[str, Sequence[str]]) -> bytes:
+    return (json.dumps({name: hashes[name] for name in sorted(hashes)}, indent=1) + "\n").encode()
+
+
+def _listing(place: Path) -> dict[str, list[str]]:
+    """What a folder's list says that barnax wrote, with the hashes of each file."""
+    path = place / LIST
+    with suppress(OSError, ValueError):
+        # A pipe would wait for its other end.
+        listed = json.loads(path.read_text()) if path.is_file() else None
+        if isinstance(listed, dict) and all(isinstance(own, list) for own in listed.values()):
+            return listed
+    return {}
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """A block that one process at a time is in, where the system locks folders."""
+    if fcntl is None:
+        yield
+        return
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        # Some file systems lock nothing.
+        with suppress(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(lock)
 
 
 def free_name(place: Path) -> Path:
@@ -238,15 +283,19 @@ def _moved(fresh: Path, place: Path) -> Path:
     raise AssertionError("there is always another number")
 
 
-def _own_and_others(place: Path, files: Iterable[str]) -> tuple[set[str], set[str]]:
-    """Files in a folder of results that are ours, by its list or else by name, and all others."""
-    own = {*OURS, *files}
-    with suppress(OSError, ValueError, TypeError):
-        # A pipe would wait for its other end.
-        own = {LIST, *json.loads((place / LIST).read_text())} if (place / LIST).is_file() else own
+def _own_and_others(place: Path) -> tuple[set[str], set[str]]:
+    """Files in a folder that barnax wrote and nobody changed since, and all others."""
+    listed = _listing(place)
     paths = (path for path in place.rglob("*") if path.is_symlink() or not path.is_dir())
-    found = {path.relative_to(place).as_posix() for path in paths}
-    return found & own, found - own
+    there = {path.relative_to(place).as_posix(): path for path in paths}
+    own = {
+        name
+        for name, path in there.items()
+        if name in listed and not path.is_symlink() and path.is_file()
+        if _hash(path.read_bytes()) in listed[name]
+    }
+    own |= {LIST} & there.keys() if own else set()
+    return own, there.keys() - own
 
 
 def _take_away(place: Path, names: Iterable[str]) -> None:
@@ -300,11 +349,9 @@ def write_file(path: Path, content: bytes) -> None:
 def add_file(path: Path, content: bytes) -> None:
     """`write_file`; in a folder of results the file is listed as one of theirs."""
     write_file(path, content)
-    listed = path.parent / LIST
-    with suppress(OSError, ValueError, TypeError):
-        if listed.is_file():
-            names = {path.name, *json.loads(listed.read_text())}
-            write_file(listed, _listed(names))
+    if listed := _listing(path.parent):
+        with suppress(InputError):
+            write_file(path.parent / LIST, _listed({**listed, path.name: [_hash(content)]}))
 
 
 def tell_unfinished(session: Session, folder: Path) -> None:

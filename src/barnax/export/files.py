@@ -18,7 +18,7 @@ from ..cell.dependence import CHARGE
 from ..errors import InputError
 from ..execution import in_float64
 from ..files import csv_text
-from ..filters.kalman import OUTSIDE_SD, OVERLAP, PARTS, SIDES
+from ..filters.kalman import GATE_S, GATE_SD, OUTSIDE_SD, OVERLAP, PARTS, SIDES
 from ..filters.model import (
     BIAS_SOC,
     CAPACITY,
@@ -66,19 +66,22 @@ def write_c_filter(result: Result) -> Export:
         )
     tables, model = tables_of(result, may_remember=True), model_of(result, (OFFSET, CAPACITY))
     is_remembering = get_circuit(result.model).turning is not None
-    # Columns that change with SOC are a table, all others constants.
+    # Columns that change with SOC are a table, all others constants. The table counts from its
+    # middle: in single precision a flat OCV's slope would be lost in its volts.
     table = np.asarray(model.table)
     varies = np.ptp(table, axis=0) > 0
+    middle = np.median(table, axis=0)
     return from_template(
         "barnax_filter.h.jinja", tables, (*caveats, *tables.caveats),
         model=model,
         kind=REMEMBERS if is_remembering else HYSTERESIS[model.hysteresis],
+        gate_sd=GATE_SD, gate_s=GATE_S,
         parts=PARTS, sides=SIDES, overlap=OVERLAP, outside_sd=OUTSIDE_SD, bias_soc=BIAS_SOC,
         resting=RESTING, resting_s=RESTING_S,
         turn_soc=TURN_WIDTH, walk_s=WALK_S, first_soc=GRID[0], steps_per_soc=STEPS_PER_SOC,
         place=np.where(varies, np.cumsum(varies) - 1, -1),
-        constant=np.where(varies, 0.0, table[0]),
-        rows=table[:, varies].tolist(),
+        constant=middle,
+        rows=(table - middle)[:, varies].tolist(),
     )  # fmt: skip
 
 

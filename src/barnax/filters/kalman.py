@@ -40,6 +40,9 @@ KAPPA = 1.0
 PARTS, SIDES, OVERLAP = 9, 2.25, 0.8
 # A start beyond full or empty by more than this is improbable.
 OUTSIDE_SD = 0.02
+# A voltage further than so many standard deviations from what is expected is a fault of the
+# measurement, and corrects nothing; what lasts longer than this is a wrong start, and does again.
+GATE_SD, GATE_S = 10.0, 60.0
 
 
 class Gaussian(NamedTuple):
@@ -74,13 +77,14 @@ def run_filter(
     renews, from its residual (Mohamed and Schwarz, J. Geodesy 73 (1999) 193).
     """
     mean, variance = start
+    drive = _with_currents(drive)
     slow = jnp.zeros_like(model.slow_sd)
     if not any(name.startswith("tau") for name in model.slow):
         drive = drive._replace(gains=jax.vmap(model.gains, (None, 0))(slow, drive))
     walks = jax.vmap(model.walk)(drive)
     if kind == "dual" and model.slow:
         beliefs = Gaussian(mean, jnp.diag(variance)), Gaussian(slow, jnp.diag(model.slow_sd**2))
-        carry = *beliefs, jnp.ones_like(mean[0])
+        carry = (*beliefs, jnp.ones_like(mean[0])), jnp.zeros_like(mean[0])
         rows = _along(_dual_step(model, adapting), carry, (drive, walks))
     else:
         parts = _parts(
@@ -89,8 +93,33 @@ def run_filter(
             PARTS if kind == "sum" else 1,
         )
         step = _joint_step(model, "ukf" if kind == "dual" else kind)
-        rows = _along(step, parts, (drive, walks))
+        rows = _along(step, (parts, jnp.zeros_like(mean[0])), (drive, walks))
     return _estimate(model, rows)
+
+
+def _with_currents(drive: Drive) -> Drive:
+    """The drive in which the last current flows on while one is not a number."""
+    held_a = drive.held_a
+    last = lax.cummax(jnp.where(jnp.isfinite(held_a), jnp.arange(len(held_a)), -1))
+    held_a = jnp.where(last >= 0, held_a[jnp.maximum(last, 0)], 0.0)
+    return drive._replace(held_a=held_a)
+
+
+def _gated(
+    before: Any,
+    after: Any,
+    rejected_s: Scalar,
+    innovation_v: Scalar,
+    variance_v2: Scalar,
+    drive: Drive,
+) -> tuple[Any, Scalar]:
+    """The beliefs after a measurement, or those before it where that is taken for a fault; and for
+    how long measurements have been rejected."""
+    apart_sd = jnp.abs(innovation_v) / jnp.sqrt(variance_v2)
+    is_near = apart_sd <= GATE_SD
+    is_kept = is_near | ((rejected_s > GATE_S) & jnp.isfinite(apart_sd))
+    kept = jax.tree.map(lambda one, other: jnp.where(is_kept, other, one), before, after)
+    return kept, jnp.where(is_near, 0.0, rejected_s + jnp.where(is_kept, 0.0, drive.interval_s))
 
 
 def _along(step: Callable[[Any, Any], Any], carry: Any, given: Any) -> Any:
@@ -134,8 +163,10 @@ def _joint_step(model: FilterModel, kind: Kind):
     count = model.states
     is_unscented = kind == "ukf"
 
-    def step(carry: Parts, given: tuple[Drive, Walk]) -> tuple[Parts, Vector]:
-        (parts, log_weights, weights), (drive, walks) = carry, given
+    def step(
+        carry: tuple[Parts, Scalar], given: tuple[Drive, Walk]
+    ) -> tuple[tuple[Parts, Scalar], Vector]:
+        ((parts, log_weights, weights), rejected_s), (drive, walks) = carry, given
         walk = jnp.concatenate(walks)
 
         def predict(belief: Gaussian, near: Scalar) -> Gaussian:
@@ -168,16 +199,20 @@ def _joint_step(model: FilterModel, kind: Kind):
         near = jnp.sum(weights * parts.mean[:, 0])
         parts = jax.vmap(predict, (0, None))(parts, near)
         near = jnp.sum(weights * parts.mean[:, 0])
+        before = parts, log_weights
         parts, innovation_v, variance_v2 = jax.vmap(correct, (0, None))(parts, near)
         expected = _moments(weights[:, None], innovation_v[:, None], variance_v2[:, None])
         log_weights = log_weights - (innovation_v**2 / variance_v2 + jnp.log(variance_v2)) / 2
         log_weights = log_weights - jnp.max(log_weights)
+        (parts, log_weights), rejected_s = _gated(
+            before, (parts, log_weights), rejected_s, expected[0][0], expected[1][0], drive
+        )
         weights = jnp.exp(log_weights)
         weights = weights / jnp.sum(weights)
         spread = jnp.diagonal(parts.covariance, axis1=1, axis2=2)
         mean, variance = _moments(weights[:, None], parts.mean, spread)
         row = (mean[:1], expected[0], mean[count:], variance[:1], variance[count:], expected[1])
-        return (parts, log_weights, weights), jnp.concatenate(row)
+        return ((parts, log_weights, weights), rejected_s), jnp.concatenate(row)
 
     return step
 
@@ -200,7 +235,7 @@ def _dual_step(model: FilterModel, adapting: float):
     """
 
     def step(carry, given: tuple[Drive, Walk]):
-        (belief, slow, scale), (drive, (state_walk, slow_walk)) = carry, given
+        ((belief, slow, scale), rejected_s), (drive, (state_walk, slow_walk)) = carry, given
         before = belief.mean
         slow = slow._replace(covariance=slow.covariance + jnp.diag(slow_walk))
 
@@ -221,6 +256,7 @@ def _dual_step(model: FilterModel, adapting: float):
         fitted_v2 = model.noise_v2(near, drive.interval_s)
         noise_v2 = scale * fitted_v2
         variance_v2 = observed.variance_v2 + noise_v2
+        predicted = belief, slow, scale
         belief = _correct(belief, observed.with_state, innovation_v, variance_v2)
         slow = _correct(
             slow,
@@ -228,6 +264,12 @@ def _dual_step(model: FilterModel, adapting: float):
             drive.voltage_v - slow_observed.voltage_v,
             slow_observed.variance_v2 + variance_v2,
         )
+        residual_v = drive.voltage_v - voltage(belief.mean, slow.mean)
+        left_v2 = observed.variance_v2 * noise_v2 / variance_v2
+        adapted = scale + adapting * ((residual_v**2 + left_v2) / fitted_v2 - scale)
+        told = innovation_v, variance_v2, drive
+        corrected = belief, slow, adapted
+        (belief, slow, scale), rejected_s = _gated(predicted, corrected, rejected_s, *told)
         # All that is kept of a sample in one array: each further one costs as much as a product.
         row = jnp.concatenate(
             [
@@ -235,10 +277,7 @@ def _dual_step(model: FilterModel, adapting: float):
                 *(jnp.diag(slow.covariance), variance_v2[None]),
             ]
         )
-        residual_v = drive.voltage_v - voltage(belief.mean, slow.mean)
-        left_v2 = observed.variance_v2 * noise_v2 / variance_v2
-        scale = scale + adapting * ((residual_v**2 + left_v2) / fitted_v2 - scale)
-        return (belief, slow, scale), row
+        return ((belief, slow, scale), rejected_s), row
 
     return step
 

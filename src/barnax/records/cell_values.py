@@ -8,6 +8,7 @@ import polars as pl
 from jaxtyping import Float
 
 from .columns import Column
+from .quantities import Unit
 from .record import OTHER_STATE
 
 Numbers = Float[np.ndarray, "lines"]
@@ -17,7 +18,7 @@ CLOCKS = frozenset({"time", "step time", "date"})
 
 _ABSENT_DEGC = -300.0
 # 1899-12-31, which spreadsheets show for a time of day; and what no test clock comes to.
-_DAY_ZERO_S, _DATED_S = -2_209_075_200.0, 5e8
+_DAY_ZERO_S, DATED_S = -2_209_075_200.0, 5e8
 
 
 def numbers(cells: pl.Series, column: Column) -> Numbers:
@@ -38,12 +39,15 @@ def dated_numbers(cells: pl.Series, column: Column) -> tuple[Numbers, float | No
     if quantity in CLOCKS and not cells.dtype.is_numeric():
         seconds = _seconds(cells)
         if np.isfinite(seconds).any():
+            day_s = np.nanmin(seconds) // DAY_S * DAY_S
+            if quantity != "step time":
+                seconds = day_s + _past_the_end(seconds - day_s, _HALF_DAY_S, _HOUR_S)
             if quantity == "date":
                 return seconds, None
             if quantity == "time":
                 seconds = _past_the_end(seconds, DAY_S)
             zero_s = _zero_of(seconds)
-            return seconds - zero_s, zero_s if zero_s >= _DATED_S else None
+            return seconds - zero_s, zero_s if zero_s >= DATED_S else None
     return (_states(cells) if quantity == "state" else _plain_numbers(cells, column)), None
 
 
@@ -58,8 +62,8 @@ def _plain_numbers(cells: pl.Series, column: Column) -> Numbers:
     # NumPy joins the pieces in larger pages of memory than Polars, of which the first use is slow.
     pieces = cells.cast(pl.Float64).get_chunks()
     values = np.concatenate([piece.to_numpy() for piece in pieces])
-    if quantity == "date":
-        return values * _date_unit_s(values)
+    if quantity == "date" and column.is_unit_assumed:
+        unit = epoch_unit(values) or unit
     if quantity == "temperature":
         # A sensor that is not there is some large negative number.
         values = np.where(values < _ABSENT_DEGC, np.nan, values)
@@ -73,7 +77,7 @@ def _zero_of(seconds: Numbers) -> float:
     first = float(seconds[np.argmax(np.isfinite(seconds))])
     if first < _DAY_ZERO_S + 100 * 86400.0:
         return _DAY_ZERO_S if first < 0 else 0.0
-    return first if first >= _DATED_S else 0.0
+    return first if first >= DATED_S else 0.0
 
 
 def _plain(text: pl.Series) -> pl.Series:
@@ -209,9 +213,10 @@ def _unsteady(clock_s: Numbers) -> int:
     return int(np.sum(np.abs(interval_s - usual_s) > 0.1 * abs(usual_s)))
 
 
-def _past_the_end(clock_s: Numbers, period_s: float) -> Numbers:
-    """The clock made to run on where it shows a time of day past midnight, or of an hour."""
-    if np.any(clock_s >= period_s):
+def _past_the_end(clock_s: Numbers, period_s: float, first_s: float = 0.0) -> Numbers:
+    """The clock made to run on where it shows a time of day past midnight, or of an hour, or of
+    half a day, which begins at one o'clock."""
+    if np.any((clock_s < first_s) | (clock_s >= first_s + period_s)):
         return clock_s
     begins = np.abs(np.diff(clock_s) + period_s) < _NEAR_END * period_s
     return clock_s + period_s * np.cumsum(np.append(False, begins))
@@ -261,7 +266,9 @@ _TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M", "%I:%M %p", "")
 
 def _dates(text: pl.Series) -> pl.Series:
     """The dates that a column of text spells: day or month first as the shorter time tells."""
-    plain = text.str.strip_chars().str.replace(r"(:.*?)(?:Z|[+-]\d\d:?\d\d)$", "$1")
+    text = text.str.strip_chars()
+    offsets = text.str.extract(r":.*?([+-]\d\d:?\d\d)$")
+    plain = text.str.replace(r"(:.*?)(?:Z|[+-]\d\d:?\d\d)$", "$1")
     plain = plain.str.replace("T", " ", literal=True).str.replace(r"(:\d\d:\d\d)[,:]", "$1.")
     first = plain.drop_nulls().head(1)
     read = []
@@ -273,17 +280,65 @@ def _dates(text: pl.Series) -> pl.Series:
         stamps = dates.dt.epoch("us")
         falls = (stamps.diff() < 0).sum()
         read.append(((dates.null_count(), falls, stamps.max() - stamps.min()), dates))  # type: ignore[operator]
-    return min(read, key=lambda candidate: candidate[0])[1] if read else text
+    if not read:
+        return text
+    east_us = pl.Series(1e6 * np.nan_to_num(_by_word(offsets, _east_s)))
+    return min(read, key=lambda candidate: candidate[0])[1] - east_us.cast(pl.Duration("us"))
 
 
-def _date_unit_s(values: Numbers) -> float:
-    """Seconds in the unit of numbers that are dates: spreadsheet or Matlab days, or Unix time.
+def _east_s(offset: str) -> float:
+    """Seconds of an offset from UTC, such as "+01:00"."""
+    hours, minutes = int(offset[1:3]), int(offset[-2:])
+    return float(f"{offset[0]}{60 * (60 * hours + minutes)}")
 
-    NaN where they are no count, as 20240309090000.
+
+# Testers are set to intervals of 1, 2 or 5 in a decade, and of half a minute, and rarely to others;
+# they sample no faster than this.
+_SET, _RARELY = (1.0, 2.0, 5.0), (0.025, 0.04, 0.25, 3.0, 4.0, 6.0, 8.0, 12.0, 15.0, 20.0)
+_PATTERN, _EXACT, FINEST_S = 0.03, 0.003, 5e-4
+
+
+def is_usual(interval_s: float) -> bool:
+    """True for an interval that testers are set to, up to an hour.
+
+    >>> [is_usual(interval_s) for interval_s in (0.1, 1.003, 4.0, 30.0, 240.0, 0.0667, 42.0)]
+    [True, True, True, True, True, False, False]
     """
-    middle = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
-    units = ((1e6, 86400.0), (1e11, 1.0), (1e13, 1e-3), (1e14, np.nan), (1e17, 1e-6))
-    return next((unit for below, unit in units if middle < below), 1e-9)
+    decades = (digit * 10.0**power for digit in _SET for power in (-4, -3, -2, -1, 0))
+    if any(abs(interval_s / own_s - 1) < _PATTERN for own_s in (*decades, 10.0, 30.0)):
+        return True
+    minutes = min(round(interval_s / 60), 60)
+    others = (*_RARELY, 60.0 * max(minutes, 1))
+    return any(abs(interval_s / own_s - 1) < _EXACT for own_s in others)
+
+
+# Dates as numbers: their units, with where they begin, for 1985 to 2100.
+_EPOCHS = (
+    *(
+        (Unit(f"Unix {symbol}", 1 / parts), 4.7e8 * parts, 4.1e9 * parts)
+        for symbol, parts in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
+    ),
+    (Unit("Excel days", 86400.0, -25_569 * 86400.0), 31_048.0, 73_051.0),
+    (Unit("MATLAB days", 86400.0, -719_529 * 86400.0), 725_008.0, 767_011.0),
+    # 20240309090000 is no count of anything.
+    (Unit("", np.nan), 1.9e13, 2.1e13),
+)
+# Days are printed for samples this close, and some at an interval that testers are set to.
+_DAYS_APART = 0.05
+
+
+def epoch_unit(values: Numbers) -> Unit | None:
+    """The unit of numbers that are dates, with its epoch: Unix time in s to ns, or days as
+    spreadsheets and MATLAB count them. None for numbers that are no dates."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return None
+    middle, interval = np.median(known), np.median(np.abs(np.diff(known))) if len(known) > 1 else 0
+    is_close = interval < FINEST_S or (interval < _DAYS_APART and is_usual(interval * DAY_S))
+    for unit, low, high in _EPOCHS:
+        if low <= middle < high and (is_close or unit.factor != DAY_S):
+            return unit
+    return None
 
 
 # Testers' words for what a step does; any other word is another state.

@@ -12,6 +12,11 @@ _DAY_S = 86_400.0
 # More stamps out of line than three, or one in a hundred, are no slips; nor are so many that
 # follow another of the same stamp.
 _SLIPS, _FEW = 3, 0.01
+# The most zeros among a clock's stamps.
+_MOSTLY = 0.5
+# The hour by which clocks are set back in autumn, and how many intervals the next stamp may come
+# late.
+_HOUR_S, _NEAR = 3600.0, 3
 
 Clock = Float[np.ndarray, "samples"]
 
@@ -24,13 +29,10 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
     """
     if not len(samples) or samples.intervals_s.min(initial=0) >= 0:
         return samples, []
-    samples, findings = _by_counter(samples)
-    joined, found = _join_steps(samples)
-    findings += found
-    if joined is not None:
-        return joined, findings
-    samples, found = _without_jitter(samples)
-    findings += found
+    findings = list[Notice]()
+    for mend in (_without_zeros, _through_autumn, _by_counter, _join_steps, _without_jitter):
+        samples, found = mend(samples)
+        findings += found
     for find in (_single_strays, _stray_runs):
         strays = find(samples.time_s)
         if 0 < strays.sum() <= max(_SLIPS, _FEW * len(strays)):
@@ -51,6 +53,30 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
     code = "clock.midnight" if is_midnight else "clock.restart"
     findings.append(found_at(samples, at, code, **given, column=samples.header("time")))
     return samples.having(time=_running_on(time)), findings
+
+
+def _without_zeros(samples: Samples) -> tuple[Samples, list[Notice]]:
+    """The samples without those where the clock shows 0 between values that never fall."""
+    time = samples.time_s
+    is_zero = (time == 0) & (np.arange(len(time)) > 0)
+    if not is_zero.any() or is_zero.mean() > _MOSTLY or np.any(np.diff(time[~is_zero]) < 0):
+        return samples, []
+    given = {"column": samples.header("time"), "rows": is_zero.sum()}
+    return samples.keep(~is_zero), [found_at(samples, is_zero, "clock.zero", **given)]
+
+
+def _through_autumn(samples: Samples) -> tuple[Samples, list[Notice]]:
+    """The samples on a clock that runs on where dates go back an hour, once."""
+    time = samples.time_s
+    falls = np.flatnonzero(samples.intervals_s < 0)
+    if samples.zero_date_s is None or len(falls) != 1:
+        return samples, []
+    back_s = time[falls[0]] - time[falls[0] + 1]
+    if not 0 <= _HOUR_S - back_s <= _NEAR * samples.interval_s:
+        return samples, []
+    mended = samples.having(time=time + _HOUR_S * (np.arange(len(time)) > falls[0]))
+    given = {"column": samples.header("time"), "back_s": back_s}
+    return mended, [found_at(samples, int(falls[0]) + 1, "clock.autumn", **given)]
 
 
 def _by_counter(samples: Samples) -> tuple[Samples, list[Notice]]:
@@ -106,12 +132,12 @@ def _without_jitter(samples: Samples) -> tuple[Samples, list[Notice]]:
 _AT_STEPS, _FROM_ZERO = 0.8, 0.1
 
 
-def _join_steps(samples: Samples) -> tuple[Samples | None, list[Notice]]:
+def _join_steps(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples on the clock of the test, where theirs begins anew with each step."""
     time = samples.time_s
     falls = np.diff(time) < 0
     if not falls.any():
-        return None, []
+        return samples, []
     starts, is_steps = falls, samples.columns["time"].quantity.name == "step time"
     if samples.step is not None:
         changes = np.diff(samples.step) != 0
@@ -123,7 +149,7 @@ def _join_steps(samples: Samples) -> tuple[Samples | None, list[Notice]]:
         is_steps |= bool(is_at_steps and np.mean(falls[changes]) > 0.5)
         starts = falls | changes
     if not is_steps:
-        return None, []
+        return samples, []
     # A step begins where the one before it ended.
     before = np.cumsum(np.where(starts, time[:-1], 0.0))
     joined = samples.having(time=time + np.concatenate([np.zeros(1), before]))

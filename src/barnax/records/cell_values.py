@@ -295,7 +295,7 @@ def _east_s(offset: str) -> float:
 # Testers are set to intervals of 1, 2 or 5 in a decade, and of half a minute, and rarely to others;
 # they sample no faster than this.
 _SET, _RARELY = (1.0, 2.0, 5.0), (0.025, 0.04, 0.25, 3.0, 4.0, 6.0, 8.0, 12.0, 15.0, 20.0)
-_PATTERN, _EXACT, FINEST_S = 0.03, 0.003, 5e-4
+_PATTERN, _EXACT, FINEST_S = 0.03, 0.003, 5e-3
 
 
 def is_usual(interval_s: float) -> bool:
@@ -323,8 +323,8 @@ _EPOCHS = (
     # 20240309090000 is no count of anything.
     (Unit("", np.nan), 1.9e13, 2.1e13),
 )
-# Days are printed for samples this close, and some at an interval that testers are set to.
-_DAYS_APART = 0.05
+# Samples that are dated lie no further apart, but for some that are set so.
+_DATED_APART_S = 500.0
 
 
 def epoch_unit(values: Numbers) -> Unit | None:
@@ -334,9 +334,11 @@ def epoch_unit(values: Numbers) -> Unit | None:
     if not len(known):
         return None
     middle, interval = np.median(known), np.median(np.abs(np.diff(known))) if len(known) > 1 else 0
-    is_close = interval < FINEST_S or (interval < _DAYS_APART and is_usual(interval * DAY_S))
     for unit, low, high in _EPOCHS:
-        if low <= middle < high and (is_close or unit.factor != DAY_S):
+        apart_s = interval * unit.factor
+        # Days are told from seconds by intervals that are too short in those, or set in days.
+        is_close = interval < FINEST_S if unit.factor == DAY_S else apart_s < _DATED_APART_S
+        if low <= middle < high and (is_close or is_usual(apart_s) or np.isnan(apart_s)):
             return unit
     return None
 

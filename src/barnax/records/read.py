@@ -29,7 +29,7 @@ from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
 from .table import Lines, examine_cells, found_at, take_lines
 from .twins import examine_twins
-from .units import examine_voltage_range, examine_voltage_unit
+from .units import examine_voltage_range, examine_voltage_unit, unlikely_series
 
 Values = TypeVar("Values", np.ndarray, np.ndarray | None)
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
@@ -121,8 +121,10 @@ def _one_cell(source: Source, samples: Samples) -> tuple[Samples, list[Notice]]:
     if voltage_v is samples.voltage_v:
         return samples, []
     name = samples.header("voltage")
-    divided = notice("series.divided", column=name, series=source.series)
-    return samples.having(voltage=voltage_v), [divided]
+    findings = [notice("series.divided", column=name, series=source.series)]
+    samples = samples.having(voltage=voltage_v)
+    findings += unlikely_series(samples, source.series)
+    return samples, findings
 
 
 def _too_short(samples: Samples) -> Notice | None:

@@ -106,8 +106,9 @@ def _best(samples: Samples, witnesses: list[Witness]) -> list[Verdict]:
 def _readings(samples: Samples) -> Iterator[Reading]:
     """The other units that a quantity may be in, which the user has not given."""
     time, current = samples.columns["time"], samples.columns["current"]
-    # Dates and clock times have no unit.
-    is_number = not is_clock(samples.table.columns[time.index]) and not time.unit.offset
+    # Clock times have no unit, and dates one of their own.
+    is_number = not is_clock(samples.table.columns[time.index])
+    is_number &= time.unit in time.quantity.units.values()
     if is_number and not (time.is_unit_given or samples.table.has_known_units):
         for unit in dict.fromkeys(_UNITS["time"].values()):
             if unit != time.unit:
@@ -231,11 +232,12 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
     if interval_s > 0:
         # Beside a unit that the name states, the sampling tells little.
         is_free = samples.columns["time"].is_unit_assumed
-        least_s, weight = (FINEST_S, 1.0) if is_free else (0.0, _HALF)
+        finest_s, weight = (FINEST_S, 1.0) if is_free else (0.0, _HALF)
         apart = f"samples lie {interval_s:.5g} s apart"
-        yield Witness(interval_s, once, lambda s: least_s <= s <= _FAR_S, apart, weight)
+        yield Witness(interval_s, once, lambda s: finest_s <= s <= _FAR_S, apart, weight)
         if is_usual(interval_s) or not _FINE_S <= interval_s < _COARSE_S:
-            digits = apart if interval_s > _FAR_S else f"{apart}, which is no usual interval"
+            is_far = not finest_s <= interval_s <= _FAR_S
+            digits = apart if is_far else f"{apart}, which is no usual interval"
             yield Witness(interval_s, once, is_usual, digits, weight)
     if (unit := epoch_unit(samples.time_s)) and unit.factor > 1:
         dates = f"its values are {unit.symbol}"
@@ -247,9 +249,13 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
     least_s = _STEEP_S if is_steep else _SHORT_S
     # A load in a gap was not logged: its charge is missing, and the unit may be right.
     least_s = least_s if samples.hidden_v < travel_v / 2 else 0.0
-    most_s = _BULK_S if interval_s >= _SLOW_S else np.inf
     words = f"the resistance would be so low that all charge could pass in {bulk_s:.3g} s"
-    yield Witness(bulk_s, once, lambda s: least_s <= s <= most_s, words)
+
+    def is_cells(own_s: float) -> bool:
+        is_fine = interval_s * own_s / bulk_s < _SLOW_S
+        return least_s <= own_s and (is_fine or own_s <= _BULK_S)
+
+    yield Witness(bulk_s, once, is_cells, words)
 
 
 def _of_current(samples: Samples) -> Iterator[Witness]:

@@ -18,6 +18,8 @@ _MODULE_V, _MILLIVOLT_V, _IMPOSSIBLE_V = 10.0, 1000.0, 100.0
 # Volts that were divided by a thousand once too often.
 _KILOVOLT_V = 0.01
 _NEARLY_ALL = 0.95
+# Every reading of a cell in use lies within.
+_LEAST_V, _FULL_V = 1.0, 5.0
 # The voltage by which cells in series are counted.
 _NOMINAL_V = 3.6
 
@@ -32,6 +34,14 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
         findings.append(found_at(samples, 0, code, **given))
         return samples.having(voltage=samples.voltage_v * factor)
 
+    current_a, voltage_v = samples.current_a, samples.voltage_v
+    if voltage_v.min() == voltage_v.max():
+        samples = mended("voltage-unit.constant", 1.0)
+    is_cells = _LEAST_V < current_a.min() < current_a.max() < _FULL_V
+    if is_cells and voltage_v.min() < 0 < np.ptp(current_a) < np.ptp(voltage_v):
+        held = {"low_v": current_a.min(), "high_v": current_a.max()}
+        mended("voltage-unit.exchanged", 1.0, current=samples.header("current"), **held)
+        return samples.having(current=voltage_v, voltage=current_a), findings
     if middle_v < 0:
         low_v, high_v = CELL_RANGE_V
         turned_v = -samples.voltage_v
@@ -60,6 +70,24 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
     elif 0 < middle_v < _KILOVOLT_V and not is_given:
         samples = mended("voltage-unit.kilo", 1e3)
     return samples, findings
+
+
+# A cell of LTO is full below the first, one of LFP rests above the second but near empty, and no
+# cell goes above the third; most are full at the fourth.
+_LTO_V, _LFP_V, _HIGHEST_V, _CHARGED_V = 2.95, 3.0, 4.65, 4.2
+_ENDS = (1e-3, 0.5, 0.999)
+
+
+def unlikely_series(samples: Samples, series: int) -> list[Notice]:
+    """A warning where no known lithium-ion cell has the voltage of one of those in series."""
+    low_v, middle_v, high_v = np.quantile(samples.voltage_v, _ENDS)
+    if high_v <= _LTO_V or (middle_v >= _LFP_V and high_v <= _HIGHEST_V):
+        return []
+    fewest = int(np.ceil(series * high_v / _CHARGED_V))
+    most = max(fewest, int(series * middle_v / _NOMINAL_V))
+    told = {"series": series, "fewest": fewest, "most": most, "full_v": _CHARGED_V}
+    ends = {"low_v": low_v, "high_v": high_v, "column": samples.header("voltage")}
+    return [found_at(samples, 0, "series.unlikely", **told, **ends)]
 
 
 def _read_as(samples: Samples, quantity: str, symbol: str) -> dict[str, str | None]:

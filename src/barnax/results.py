@@ -17,10 +17,10 @@ from .display import hook
 from .errors import InputError
 from .model.start import Start
 from .model.window import Window
-from .older_results import upgraded
 from .over_soc import TableFit, TableFits, table_name
 from .pulses import Pulse
 from .result_parts import (
+    SCHEMA_VERSION,
     CircuitName,
     ConstantPart,
     InputPart,
@@ -105,7 +105,15 @@ class Result(Document):
 
     @classmethod
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
-        return upgraded(document, file)
+        version = document.get("schema_version")
+        if isinstance(version, int) and 0 < version < SCHEMA_VERSION:
+            versions = document.get("versions")
+            writer = versions.get("barnax") if isinstance(versions, dict) else None
+            raise InputError(
+                f"{file}: has schema version {version}, written by barnax {writer}; this one reads "
+                f"version {SCHEMA_VERSION}: run its stored command again, or read it with that one"
+            )
+        return document
 
     @property
     def run(self) -> Run:

@@ -58,8 +58,8 @@ def _plain_numbers(cells: pl.Series, column: Column) -> Numbers:
     # NumPy joins the pieces in larger pages of memory than Polars, of which the first use is slow.
     pieces = cells.cast(pl.Float64).get_chunks()
     values = np.concatenate([piece.to_numpy() for piece in pieces])
-    if quantity == "date":
-        return values * _date_unit_s(values)
+    if quantity == "date" and (unit_s := date_unit_s(values)) is not None:
+        return values * unit_s
     if quantity == "temperature":
         # A sensor that is not there is some large negative number.
         values = np.where(values < _ABSENT_DEGC, np.nan, values)
@@ -261,7 +261,9 @@ _TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M", "%I:%M %p", "")
 
 def _dates(text: pl.Series) -> pl.Series:
     """The dates that a column of text spells: day or month first as the shorter time tells."""
-    plain = text.str.strip_chars().str.replace(r"(:.*?)(?:Z|[+-]\d\d:?\d\d)$", "$1")
+    text = text.str.strip_chars()
+    offsets = text.str.extract(r":.*?([+-]\d\d:?\d\d)$").str.replace(":", "", literal=True)
+    plain = text.str.replace(r"(:.*?)(?:Z|[+-]\d\d:?\d\d)$", "$1")
     plain = plain.str.replace("T", " ", literal=True).str.replace(r"(:\d\d:\d\d)[,:]", "$1.")
     first = plain.drop_nulls().head(1)
     read = []
@@ -273,17 +275,30 @@ def _dates(text: pl.Series) -> pl.Series:
         stamps = dates.dt.epoch("us")
         falls = (stamps.diff() < 0).sum()
         read.append(((dates.null_count(), falls, stamps.max() - stamps.min()), dates))  # type: ignore[operator]
-    return min(read, key=lambda candidate: candidate[0])[1] if read else text
+    if not read:
+        return text
+    dates = min(read, key=lambda candidate: candidate[0])[1]
+    if offsets.drop_nulls().n_unique() < 2:
+        return dates
+    # Stamps whose offset changes are instants: local time less what it is ahead.
+    signs = pl.select(pl.when(offsets.str.starts_with("-")).then(-1).otherwise(1)).to_series()
+    hours, minutes = (offsets.str.slice(at, 2).cast(pl.Int64, strict=False) for at in (1, 3))
+    ahead_us = (signs * (60 * hours + minutes) * 60_000_000).fill_null(0)
+    return dates - ahead_us.cast(pl.Duration("us"))
 
 
-def _date_unit_s(values: Numbers) -> float:
-    """Seconds in the unit of numbers that are dates: spreadsheet or Matlab days, or Unix time.
+# Lowest and highest numbers that are dates, and the seconds of their unit: days of spreadsheets and
+# of Matlab from 1950 to 2100; Unix time in s, ms, us and ns; NaN for no count, as 20240309090000.
+_DATED = (
+    (18_000.0, 80_000.0, 86400.0), (690_000.0, 770_000.0, 86400.0), (8e8, 1e11, 1.0),
+    (1e11, 1e13, 1e-3), (1e13, 1e14, np.nan), (1e14, 1e17, 1e-6), (1e17, np.inf, 1e-9),
+)  # fmt: skip
 
-    NaN where they are no count, as 20240309090000.
-    """
+
+def date_unit_s(values: Numbers) -> float | None:
+    """Seconds in the unit of numbers that are dates; None for numbers that count from a start."""
     middle = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
-    units = ((1e6, 86400.0), (1e11, 1.0), (1e13, 1e-3), (1e14, np.nan), (1e17, 1e-6))
-    return next((unit for below, unit in units if middle < below), 1e-9)
+    return next((unit_s for low, high, unit_s in _DATED if low <= middle < high), None)
 
 
 # Testers' words for what a step does; any other word is another state.

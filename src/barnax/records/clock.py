@@ -25,6 +25,11 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
     if not len(samples) or samples.intervals_s.min(initial=0) >= 0:
         return samples, []
     samples, findings = _by_counter(samples)
+    zeros = _zeros(samples.time_s)
+    if zeros.any():
+        column, at = samples.header("time"), int(np.argmax(zeros))
+        findings.append(found_at(samples, at, "clock.zeros", column=column, rows=zeros.sum()))
+        samples = samples.keep(~zeros)
     joined, found = _join_steps(samples)
     findings += found
     if joined is not None:
@@ -45,12 +50,22 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
     given = {"before_s": time[at - 1], "after_s": time[at], "times": len(falls), "files": files}
     fall_s = time[falls] - time[falls + 1]
     is_midnight = bool(np.all(np.abs(fall_s - _DAY_S) < 0.01 * _DAY_S))
+    for back_s, change in ((3600.0, "clock.hour-back"), (_DAY_S / 2, "clock.twelve-hours")):
+        if np.all(np.abs(fall_s + np.median(samples.intervals_s) - back_s) < 0.02 * back_s):
+            column = samples.header("time")
+            return samples, [*findings, found_at(samples, at, change, **given, column=column)]
     if not is_midnight and _is_shuffled(time, len(falls)):
         findings.append(found_at(samples, at, "clock.shuffled", **given))
         return samples.keep(np.argsort(time, kind="stable")), findings
     code = "clock.midnight" if is_midnight else "clock.restart"
     findings.append(found_at(samples, at, code, **given, column=samples.header("time")))
     return samples.having(time=_running_on(time)), findings
+
+
+def _zeros(time: Float[np.ndarray, "samples"]) -> Bool[np.ndarray, "samples"]:
+    """Samples whose clock shows zero between good values: no step begins there."""
+    goes_on = np.append(np.append(False, time[2:] > time[:-2]), False)
+    return (time == 0) & goes_on & np.append(False, time[:-1] > 0)
 
 
 def _by_counter(samples: Samples) -> tuple[Samples, list[Notice]]:

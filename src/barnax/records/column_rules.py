@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..errors import InputError, listed
 from ..notices import Notice, notice
-from .cell_values import CLOCKS, DAY_S, is_clock, numbers
+from .cell_values import CLOCKS, DAY_S, date_unit_s, is_clock, numbers
 from .columns import (
     NOTHING,
     Column,
@@ -95,7 +95,11 @@ def examine_columns(
     findings = [*table.notes, *wrong]
     for name in found.keys() & CLOCKS:
         # Numbers that are dates tell their unit by their size.
-        is_dated = name == "date" or is_clock(table.columns[found[name].index])
+        cells = table.columns[found[name].index]
+        is_dated = is_clock(cells)
+        if name == "date" and not is_dated:
+            plain = replace(found[name], quantity=QUANTITY_OF["time"])
+            is_dated = date_unit_s(numbers(cells, plain)) is not None
         if found[name].is_unit_assumed and is_dated:
             seconds = QUANTITY_OF[name].base_unit
             found[name] = replace(found[name], unit=seconds, is_unit_assumed=False)

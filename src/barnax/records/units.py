@@ -112,8 +112,8 @@ _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
 # second the numbers are as good in seconds.
 _SECONDS, _PATTERN, _SHORT_S = (1.0, 2.0, 5.0, 10.0, 30.0), 0.03, 0.2
 _LONG_S = 500.0
-# MATLAB's dates from 1900 to 2100, in days.
-_DATENUMS = (693_962.0, 767_011.0)
+# Dates from 1900 to 2100 in days, as MATLAB and Excel count them.
+_DATENUMS = ((693_962.0, 767_011.0), (20_000.0, 80_000.0))
 # No record lasts longer.
 _LONGEST_S = 1e8
 # Testers sample no faster.
@@ -122,6 +122,8 @@ _RATIO = 0.15
 # Readings of numbers that are too large for seconds; the first where nothing tells which.
 _SHORTER = (
     ("milliseconds", "ms", 1e-3),
+    ("microseconds", "us", 1e-6),
+    ("nanoseconds", "ns", 1e-9),
     ("hours, converted to seconds twice", "", 1 / 3600),
     ("minutes, converted to seconds twice", "", 1 / 60),
 )
@@ -165,9 +167,11 @@ def _too_fast(samples: Samples) -> _Suspicion | None:
             severity = "error" if is_pattern or is_fast else "warning"
             reason = f"the current integrates to 1/{1 / ratio:.4g} of the tester's Ah"
             return words, symbol, factor, severity, reason
-        is_dated = symbol == "d" and _DATENUMS[0] < samples.time_s[0] < _DATENUMS[1]
-        if is_pattern and (is_fast or is_dated):
-            other = "its values are MATLAB's dates" if is_dated else _bulk(bulk_s)
+        first = samples.time_s[0]
+        is_dated = symbol == "d" and any(low < first < high for low, high in _DATENUMS)
+        is_pattern |= is_bare and _is_bare_pattern(samples.interval_s, factor)
+        if is_pattern and (is_fast or (is_dated and interval_s < _FINEST_S)):
+            other = "its values are dates in days" if is_dated else _bulk(bulk_s)
             return words, symbol, factor, "error", f"{pattern}; {other}"
         is_mute = bulk_s == 0 or (travel_v < _TRAVEL_V and (is_bare or interval_s < _FINEST_S))
         if is_pattern and is_mute:
@@ -190,7 +194,8 @@ def _too_slow(samples: Samples, stated_s: float) -> _Suspicion | None:
         units = [unit for unit in units if abs(ratio * unit[2] - 1) < _RATIO]
         if not units:
             return None
-    fitting = [unit for unit in units if _is_whole(interval_s * unit[2])]
+    is_bare = samples.columns["time"].is_unit_assumed
+    fitting = [unit for unit in units if _is_whole(interval_s * unit[2], is_bare)]
     words, symbol, factor = (fitting or units)[0]
     reason = f"samples lie {interval_s:.5g} s apart"
     if len(fitting) == 1:
@@ -201,14 +206,28 @@ def _too_slow(samples: Samples, stated_s: float) -> _Suspicion | None:
     if bulk_s > _SLOW_S and travel_v >= _TRAVEL_V and interval_s >= _LONG_S / 10:
         severity = "error" if ratio is not None or len(fitting) == 1 else "warning"
         return words, symbol, factor, severity, f"{reason}; {_bulk(bulk_s)}"
+    # A name without a unit says nothing: samples so far apart are in another one.
+    if samples.columns["time"].is_unit_assumed and interval_s >= _LONG_S and fitting:
+        return words, symbol, factor, "error" if len(fitting) == 1 else "warning", reason
     if bulk_s == 0 and interval_s >= _LONG_S:
         return words, symbol, factor, "warning", reason
     return None
 
 
-def _is_whole(interval_s: float) -> bool:
-    """True for an interval that testers are set to."""
-    return any(abs(interval_s / second - 1) < _PATTERN for second in _SECONDS)
+def _is_bare_pattern(interval_s: float, factor: float) -> bool:
+    """True where samples lie whole seconds apart in a longer unit, and at no decimal in seconds."""
+    whole_s = interval_s * factor
+    is_whole = 1 <= round(whole_s) <= 60 and abs(whole_s - round(whole_s)) < 1e-3 * whole_s
+    is_decimal = interval_s > 5e-3 and abs(100 * interval_s - round(100 * interval_s)) < 0.05
+    return is_whole and not is_decimal
+
+
+def _is_whole(interval_s: float, is_bare: bool = False) -> bool:
+    """True for an interval that testers are set to; with a bare name, for whole seconds."""
+    seconds = (*range(1, 61), 0.1, 0.2, 0.5) if is_bare else _SECONDS
+    return any(
+        abs(interval_s / second - 1) < _PATTERN / (10 if is_bare else 1) for second in seconds
+    )
 
 
 def _bulk(bulk_s: float) -> str:

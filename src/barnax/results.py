@@ -20,13 +20,13 @@ from .model.window import Window
 from .over_soc import TableFit, TableFits, table_name
 from .pulses import Pulse
 from .result_parts import (
-    SCHEMA_VERSION,
     CircuitName,
     ConstantPart,
     InputPart,
     MetricsBlock,
     PlannedFile,
     TablesPart,
+    require_version,
 )
 from .run import Run
 from .schema import Document, Told
@@ -105,14 +105,7 @@ class Result(Document):
 
     @classmethod
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
-        version = document.get("schema_version")
-        if isinstance(version, int) and 0 < version < SCHEMA_VERSION:
-            versions = document.get("versions")
-            writer = versions.get("barnax") if isinstance(versions, dict) else None
-            raise InputError(
-                f"{file}: has schema version {version}, written by barnax {writer}; this one reads "
-                f"version {SCHEMA_VERSION}: run its stored command again, or read it with that one"
-            )
+        require_version(document, file)
         return document
 
     @property

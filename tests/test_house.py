@@ -26,7 +26,7 @@ LAYERS = (
     ("global_optimum", "uncertainty", "baselines"),
     ("over_soc",),
     ("candidates", "table_run", "job", "factors"),
-    ("result_parts", "run", "older_results", "own_ocv_run"),
+    ("result_parts", "run", "own_ocv_run"),
     ("results", "plan"),
     ("storing", "simulation", "result_filter", "scenarios"),
     ("reopening", "replay", "experiment"),

@@ -20,7 +20,6 @@ from barnax.notices import notice
 from barnax.reporting.first_screen import first_screen
 from barnax.results import Result
 from helpers.golden import RESULT
-from helpers.results import make_table_result
 
 DOCUMENT = json.loads(RESULT.read_text(encoding="utf-8"))
 DOCS = Path(__file__).parents[1] / "docs"
@@ -174,9 +173,10 @@ def test_what_is_no_file_is_refused(tmp_path, place):
         Result.from_json(tmp_path / place)
 
 
-def test_a_file_of_version_1_says_how_to_get_version_2(read):
-    with pytest.raises(InputError, match="this file has schema version 1; run its stored command"):
-        read({"schema_version": 1, "command": ["barnax", "identify"]})
+@pytest.mark.parametrize("version", [1, 4])
+def test_a_file_of_an_older_version_says_which_barnax_wrote_it(read, version):
+    with pytest.raises(InputError, match=f"schema version {version}, written by barnax 0.1.2; "):
+        read(DOCUMENT | {"schema_version": version, "versions": {"barnax": "0.1.2"}})
 
 
 @pytest.mark.parametrize(
@@ -208,33 +208,9 @@ def test_a_notice_is_stored_with_its_words_and_read_by_its_code(read):
     ],
 )  # fmt: skip
 def test_a_warning_without_a_code_that_is_known_is_read_in_its_words(read, stored):
-    document = put("warnings", [stored]) | {"schema_version": 3 if isinstance(stored, str) else 5}
+    document = put("warnings", [stored])
     (told,) = read(document).warnings
     assert (told.code, str(told)) == ("stored.text", "us06.csv: an old warning; mend it")
-
-
-def test_tables_of_version_4_are_read_by_their_names(read):
-    tables = make_table_result().tables.model_dump(mode="json", by_alias=True)
-    document = json.loads(RESULT.read_text()) | {"model": "so-rc", "tables": tables}
-    result = read(document)
-    document["schema_version"] = 4
-    own = document["tables"]["fits"][0].pop("tables")
-    document["tables"]["fits"][0]["tables"] = {
-        "nodes": own["nodes"],
-        "tau [s]": [own["scales"]["tau1 [s]"], own["scales"]["tau2 [s]"]],
-        "r0 [Ohm]": own["tables"]["R0 [Ohm]"],
-        "r [Ohm]": [own["tables"]["R1 [Ohm]"], own["tables"]["R2 [Ohm]"]],
-        "ocv_correction [V]": own["tables"]["OCV correction [V]"],
-        "half_hysteresis [V]": None,
-        "gamma": None,
-        "visited": own["visited"],
-        "elements": ["rc", "rc"],
-        "dependence": None,
-    }
-    assert read(document).to_json() == result.to_json()
-    del document["tables"]["fits"][0]["tables"]["r [Ohm]"]
-    with pytest.raises(InputError, match=r"result\.json: .*tables are damaged"):
-        read(document)
 
 
 def leaves_of(part: Any, place: str = "") -> Iterator[str]:

@@ -3,8 +3,8 @@
 Known circuits on the bundled cell's current, simulated with SciPy's lfilter, under noise of
 several correlation times: 200 records each, identified again by Levenberg-Marquardt that starts at
 the truth. Counts how often the trusted, the profile's and the plain interval of every parameter
-hold it. Then the bundled cell itself, and measured cells where their folder is given, the block
-bootstrap's standard errors beside: `python -m benchmarks.coverage [FOLDER OF MEASURED CELLS]`.
+hold it. Then the bundled cell itself, and measured cells where their folder is given:
+`python -m benchmarks.coverage [FOLDER OF MEASURED CELLS]`.
 Writes benchmarks/results/coverage.md.
 """
 
@@ -22,7 +22,7 @@ from barnax.reporting.sentences import (
     identifiability_sentences,
     uncertainty_sentence,
 )
-from barnax.uncertainty import assess, bootstrap
+from barnax.uncertainty import assess
 from benchmarks.pages import publish
 
 from .cells import bundled, measured
@@ -73,13 +73,11 @@ def simulated_page() -> list[str]:
 
 
 def cell_page(name: str, problem: Problem) -> list[str]:
-    """Intervals of one cell: plain, trusted, and the block bootstrap's."""
+    """Intervals of one cell, plain and trusted."""
     optimizer = barnax.make_optimizer("ibmo-centered", 30, 200)
     found = barnax.search_seeds(problem, optimizer, key=jax.random.key(KEY), seeds=8)
     refinement = barnax.refine(found)
     assessment = assess(problem, refinement.parameters)
-    key, covariance = jax.random.key(KEY), assessment.covariance
-    resampled = bootstrap(problem, refinement.parameters, key=key, covariance=covariance)
     words = [
         uncertainty_sentence(assessment.uncertainty),
         *identifiability_sentences(assessment.identifiability),
@@ -90,30 +88,21 @@ def cell_page(name: str, problem: Problem) -> list[str]:
         "",
         f"RMSE {1e3 * refinement.rmse_v:.3f} mV. {' '.join(words)}",
         "",
-        "| parameter | value | plain | trusted | inflation | bootstrap | degrees of freedom "
-        "| 95 % interval |",
-        "|---|---|---|---|---|---|---|---|",
+        "| parameter | value | plain | trusted | inflation | degrees of freedom | 95 % interval |",
+        "|---|---|---|---|---|---|---|",
     ]
     for each in assessment.uncertainty.estimates:
         if each.relative_error is None or each.white_noise_relative_error is None:
-            lines.append(f"| {each.name} | {each.value:.4g} | {each.held} | | | | | |")
+            lines.append(f"| {each.name} | {each.value:.4g} | {each.held} | | | | |")
             continue
         ends = "open" if each.low is None else f"{each.low:.4g} to {each.high:.4g}"
-        again = resampled.parameters[each.name].relative_error
         figures = (each.white_noise_relative_error, each.relative_error)
         plain, trusted = (f"{100 * error:.2f} %" for error in figures)
         lines.append(
             f"| {each.name} | {each.value:.4g} | {plain} | {trusted} | {each.inflation:.1f} "
-            f"| {100 * again:.2f} % | {each.degrees_of_freedom:.1f} | {ends} |"
+            f"| {each.degrees_of_freedom:.1f} | {ends} |"
         )
-    cut = ", cut short by the record" if resampled.is_cut else ""
-    return [
-        *lines,
-        "",
-        f"Bootstrap: {resampled.replicates} replicates in blocks of {resampled.block_s:.0f} s"
-        f"{cut}; {resampled.converged} refits converged.",
-        "",
-    ]
+    return [*lines, ""]
 
 
 def main(arguments: Sequence[str]) -> None:

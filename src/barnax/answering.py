@@ -107,9 +107,8 @@ def search_and_assess(
         if tables is not None:
             tables = tables.spanning(tables.means_shifts_ohm)
         if trust == "full" and assessment is not None:
-            key = jax.random.key(settings.key)
             given = problem, answer.parameters, assessment
-            examination = _attempt("answer.no-examination", warnings, examine, *given, key=key)
+            examination = _attempt("answer.no-examination", warnings, examine, *given)
     return Run(
         problem, searched.search, searched.refinement, searched.optima[searched.place], answer,
         compared.identification, compared.validation, assessment, examination, tables,

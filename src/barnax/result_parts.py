@@ -1,12 +1,14 @@
 """The parts of `result.json`: what is stored of the search, the answer, its errors and inputs."""
 
 import math
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from .cell import CircuitParameters, get_circuit
 from .cell.model import SAME_DEGC
+from .errors import InputError
 from .global_optimum import OtherHold
 from .model.problem import Kind
 from .model.start import Start
@@ -26,6 +28,7 @@ from .search.seeds import SeedAnswer
 from .settings import AutoHold, AutoSign, choices_in
 from .uncertainty import Band, Diagnostics, Estimate, Examination, Identifiability, Uncertainty
 
+SCHEMA_VERSION = 5
 Key = Annotated[int, Field(ge=0, lt=2**64)]
 # A state of charge; a record may run beyond full and empty, but not far.
 Soc = Annotated[float, Field(ge=-10, le=10)]
@@ -33,6 +36,17 @@ CircuitName = Annotated[str, AfterValidator(lambda name: get_circuit(name).name)
 # What a file of a folder serves for.
 Use = Literal["identification", "OCV test", "validation", "not used"]
 Setting = bool | int | float | str
+
+
+def require_version(document: Mapping[str, Any], file: str) -> None:
+    """Raise `InputError` for a result of an older version, which says which barnax wrote it."""
+    version, versions = document.get("schema_version"), document.get("versions")
+    if isinstance(version, int) and 0 < version < SCHEMA_VERSION:
+        writer = versions.get("barnax") if isinstance(versions, dict) else None
+        raise InputError(
+            f"{file}: has schema version {version}, written by barnax {writer}; this one reads "
+            f"version {SCHEMA_VERSION}: run its stored command again, or read it with that one"
+        )
 
 
 class SearchPart(Part):

@@ -17,7 +17,6 @@ from .display import hook
 from .errors import InputError
 from .model.start import Start
 from .model.window import Window
-from .older_results import upgraded
 from .over_soc import TableFit, TableFits, table_name
 from .pulses import Pulse
 from .result_parts import (
@@ -27,6 +26,7 @@ from .result_parts import (
     MetricsBlock,
     PlannedFile,
     TablesPart,
+    require_version,
 )
 from .run import Run
 from .schema import Document, Told
@@ -105,7 +105,8 @@ class Result(Document):
 
     @classmethod
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
-        return upgraded(document, file)
+        require_version(document, file)
+        return document
 
     @property
     def run(self) -> Run:

@@ -158,8 +158,7 @@ class Scope:
         setup: The set-up of a paper: li2023 is iso-rc alone on an OCV polynomial, as in Li et al.
             (2023).
         trust: How closely to examine the answer: basic gives intervals, identifiability and
-            residuals; full also gives profile likelihoods, a block bootstrap, and what would lower
-            the error.
+            residuals; full also gives profile likelihoods.
     """
 
     setup: Literal["li2023"] | None = None

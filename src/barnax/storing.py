@@ -14,12 +14,12 @@ from .cell.soc_axis import is_above
 from .global_optimum import GlobalOptimum, optimality_gap
 from .metrics import Metrics
 from .model.problem import Problem
-from .older_results import SCHEMA_VERSION
 from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
 from .pulses import pulses_of
 from .records import Record
 from .records.fingerprint import Content
 from .result_parts import (
+    SCHEMA_VERSION,
     AssessmentPart,
     ConstantPart,
     GlobalPart,

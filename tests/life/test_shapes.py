@@ -4,8 +4,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.life.shapes import EVIDENCE, with_pooled_shapes
-from barnax.over_soc.ageing import CAPACITY, SHAPES_V
+from barnax.life.shapes import EVIDENCE, pooled_shares, with_pooled_shapes
+from barnax.over_soc.ageing import CAPACITY, SHAPES_V, SHIFT
+from barnax.over_soc.registration import REACH
 
 AGES, SEEN, SEEN_SD_V, BY_SHAPE = 10, 8, 2.5e-3, 0.6
 ENDS = "", " low", " high"
@@ -113,3 +114,26 @@ def test_a_row_without_evidence_stays_as_it_is_and_the_others_do_not():
 def test_older_datasets_stay_as_they_are():
     rows = pl.DataFrame({"cell": ["C1"], "age": [0], f"aged {CAPACITY}": [2.0]})
     assert pooled(rows).equals(rows)
+
+
+def test_an_interval_in_a_fleet_holds_the_spread_between_shapes():
+    draw = np.random.default_rng(0)
+    evidence = draw.normal(0.0, 2.0, (2, len(SHAPES_V)))
+    # Value, standard error and what an error of the OCV adds, under every size of a change.
+    by_shape = draw.uniform(0.5, 2.0, (2, len(SHAPES_V), 3))
+    shift = {f"aged {SHIFT}{end}": [0.0, 0.0] for end in ENDS}
+    rows = pl.DataFrame({
+        "cell": ["a", "b"], "age": [0.0, 1.0], EVIDENCE: evidence.tolist(), **shift,
+        f"aged {SHIFT} by shape": by_shape.reshape(2, -1).tolist(),
+        f"aged {SHIFT} by OCV": [[0.0], [0.0]],
+    })  # fmt: skip
+    shaped = with_pooled_shapes(rows, "cell", "age", [SHIFT])
+    shares = pooled_shares(evidence, np.array([0, 1]), np.array([0.0, 1.0]))
+    for row, weights, (value, error, by_ocv) in zip(
+        shaped.to_dicts(), shares, np.moveaxis(by_shape, 2, 1), strict=True
+    ):
+        mean = weights @ value
+        reach = REACH * np.sqrt(weights @ (error**2 + value**2) - mean**2)
+        expected = [mean, mean - reach, mean + reach, weights @ by_ocv]
+        ends = [row[f"aged {SHIFT}{end}"] for end in ENDS]
+        assert [*ends, *row[f"aged {SHIFT} by OCV"]] == pytest.approx(expected, rel=1e-9)

@@ -126,6 +126,11 @@ def test_the_last_rest_of_a_test_may_lack_the_interval_that_no_sample_shows():
         points[short] = len(find_rest_sweeps(record, 0.01)[0].points)
     # 1,790 s by the stamps, and 1,770 s.
     assert points == {0: 6, 2: 5}
+    # What comes after an hour of load has not rested for an hour.
+    time_s, current_a = 3600.0 * np.arange(11), np.append(np.tile([0.0, 0.1], 5), 0.0)
+    soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 0.6
+    record = make_record(time_s, current_a, 3.2 + soc)
+    assert len(find_rest_sweeps(record, 0.01)[0].points) == 5
 
 
 # A SOC that is given

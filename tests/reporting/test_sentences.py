@@ -25,7 +25,6 @@ from barnax.reporting.sentences import (
     identifiability_sentences,
     local_optima_sentence,
     optimum_words,
-    suggestion_sentences,
     uncertainty_sentence,
 )
 from barnax.reporting.soc_tables import constants_table, middle_of_tables, nodes_table
@@ -35,7 +34,6 @@ from barnax.reporting.verdict import next_step, search_sentences
 from barnax.search.refine import Optimum
 from barnax.table_run import TableRun
 from barnax.uncertainty import Band, Diagnostics, Estimate, Identifiability, Undetermined
-from barnax.uncertainty import Suggestion as Change
 from barnax.uncertainty.covariance import NoiseParts, Uncertainty
 from helpers.golden import require_golden
 from helpers.results import NODES, make_fit, make_table_result
@@ -125,22 +123,6 @@ def errors() -> list[str]:
         uncertainty_sentence(replace(uncertainty, estimates=())),
         *diagnostics_sentences(found),
         *diagnostics_sentences(alone),
-    ]
-
-
-def changes() -> list[str]:
-    found = [
-        Change("resistance over SOC", 0.0111, 15, knots=6),
-        Change("capacity", 0.0126, 1, capacity_ah=1.9593, instead_of=1.99972),
-        Change("OCV over SOC", 0.0141, 6, knots=6),
-        Change("initial SOC", 0.0152, 1, initial_soc=0.9832, instead_of=1.0),
-        Change("dynamic hysteresis", 0.0212, 1, circuit="esc", gamma=54.13),
-        Change("one more pair", 0.0232, 2, circuit="3rc", tau_s=(11.8, 91.5, 19_680.0)),
-    ]
-    return [
-        *suggestion_sentences(found, 0.02321),
-        *suggestion_sentences([replace(found[-1], rmse_v=0.01, circuit=None)], 0.02321),
-        *suggestion_sentences([], 0.02321),
     ]
 
 

@@ -17,6 +17,8 @@ MINIMUM_REST_S = 1800.0
 MINIMUM_POINTS = 4
 # A rest programmed as 30 min ends some hundredths of a second early on the tester's clock.
 CLOCK_SLACK_S = 1.0
+# That of a record's end is an interval of its sampling, and no longer than this.
+_LARGEST_SLACK_S = 180.0
 # As fractions of the charge the record spans: rests closer than the first are one rest; a swing
 # beyond both neighboring rests larger than the second is a cycle, not the pulses of an HPPC test.
 SAME_SOC = 1e-3
@@ -43,7 +45,7 @@ def find_rest_sweeps(record: Record, rest_current_a: float) -> list[Sweep]:
     at_end = record.samples - 1
     if any(map(is_long, rests_s.values())) and not is_long(rests_s.get(at_end, math.inf)):
         # No sample after it shows its last interval.
-        rests_s[at_end] += float(record.interval_s[-1])
+        rests_s[at_end] += min(float(record.interval_s[-1]), _LARGEST_SLACK_S)
     lasts = _point_samples(record, blocks, rests_s, discharged_ah)
     directions = _directions(discharged_ah, lasts)
     sweeps = []

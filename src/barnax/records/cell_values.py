@@ -39,9 +39,6 @@ def dated_numbers(cells: pl.Series, column: Column) -> tuple[Numbers, float | No
     if quantity in CLOCKS and not cells.dtype.is_numeric():
         seconds = _seconds(cells)
         if np.isfinite(seconds).any():
-            day_s = np.nanmin(seconds) // DAY_S * DAY_S
-            if quantity != "step time":
-                seconds = day_s + _past_the_end(seconds - day_s, _HALF_DAY_S, _HOUR_S)
             if quantity == "date":
                 return seconds, None
             if quantity == "time":
@@ -213,10 +210,9 @@ def _unsteady(clock_s: Numbers) -> int:
     return int(np.sum(np.abs(interval_s - usual_s) > 0.1 * abs(usual_s)))
 
 
-def _past_the_end(clock_s: Numbers, period_s: float, first_s: float = 0.0) -> Numbers:
-    """The clock made to run on where it shows a time of day past midnight, or of an hour, or of
-    half a day, which begins at one o'clock."""
-    if np.any((clock_s < first_s) | (clock_s >= first_s + period_s)):
+def _past_the_end(clock_s: Numbers, period_s: float) -> Numbers:
+    """The clock made to run on where it shows a time of day past midnight, or of an hour."""
+    if np.any(clock_s >= period_s):
         return clock_s
     begins = np.abs(np.diff(clock_s) + period_s) < _NEAR_END * period_s
     return clock_s + period_s * np.cumsum(np.append(False, begins))

@@ -5,6 +5,7 @@ import polars as pl
 from jaxtyping import Bool, Float
 
 from ..notices import Notice, notice
+from .cell_values import is_clock
 from .samples import Samples
 from .table import found_at
 
@@ -14,9 +15,8 @@ _DAY_S = 86_400.0
 _SLIPS, _FEW = 3, 0.01
 # The most zeros among a clock's stamps.
 _MOSTLY = 0.5
-# The hour by which clocks are set back in autumn, and how many intervals the next stamp may come
-# late.
-_HOUR_S, _NEAR = 3600.0, 3
+# By how much clocks are set back, and how many intervals late the next stamp may come.
+_SET_BACK, _LATE = ((3600.0, "clock.hour-back"), (_DAY_S / 2, "clock.twelve-hours")), 3
 
 Clock = Float[np.ndarray, "samples"]
 
@@ -30,7 +30,7 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
     if not len(samples) or samples.intervals_s.min(initial=0) >= 0:
         return samples, []
     findings = list[Notice]()
-    for mend in (_without_zeros, _through_autumn, _by_counter, _join_steps, _without_jitter):
+    for mend in (_without_zeros, _set_back, _by_counter, _join_steps, _without_jitter):
         samples, found = mend(samples)
         findings += found
     for find in (_single_strays, _stray_runs):
@@ -62,21 +62,34 @@ def _without_zeros(samples: Samples) -> tuple[Samples, list[Notice]]:
     if not is_zero.any() or is_zero.mean() > _MOSTLY or np.any(np.diff(time[~is_zero]) < 0):
         return samples, []
     given = {"column": samples.header("time"), "rows": is_zero.sum()}
-    return samples.keep(~is_zero), [found_at(samples, is_zero, "clock.zero", **given)]
+    return samples.keep(~is_zero), [found_at(samples, is_zero, "clock.zeros", **given)]
 
 
-def _through_autumn(samples: Samples) -> tuple[Samples, list[Notice]]:
-    """The samples on a clock that runs on where dates go back an hour, once."""
-    time = samples.time_s
-    falls = np.flatnonzero(samples.intervals_s < 0)
-    if samples.zero_date_s is None or len(falls) != 1:
+def _set_back(samples: Samples) -> tuple[Samples, list[Notice]]:
+    """The samples on a clock that runs on where it is set back: by the hour of autumn, or by twelve
+    hours where it says neither AM nor PM.
+
+    An error for numbers that are no dates, which may begin anew.
+    """
+    time, late_s = samples.time_s, _LATE * samples.interval_s
+    falls = samples.intervals_s < 0
+    back_s = -samples.intervals_s[falls]
+    is_dated = samples.zero_date_s is not None
+    is_dated |= is_clock(samples.table.columns[samples.columns["time"].index])
+    if not falls.any() or (not is_dated and np.abs(time[1:][falls]).min() <= late_s):
         return samples, []
-    back_s = time[falls[0]] - time[falls[0] + 1]
-    if not 0 <= _HOUR_S - back_s <= _NEAR * samples.interval_s:
-        return samples, []
-    mended = samples.having(time=time + _HOUR_S * (np.arange(len(time)) > falls[0]))
-    given = {"column": samples.header("time"), "back_s": back_s}
-    return mended, [found_at(samples, int(falls[0]) + 1, "clock.autumn", **given)]
+    for period_s, code in _SET_BACK:
+        if np.all((back_s <= period_s) & (period_s <= back_s + late_s)):
+            at = int(np.argmax(falls)) + 1
+            given = {
+                "before_s": time[at - 1],
+                "after_s": time[at],
+                "taken": "true" if is_dated else None,
+            }
+            found = found_at(samples, at, code, column=samples.header("time"), **given)
+            mended = time + period_s * np.append(0, np.cumsum(falls))
+            return samples.having(time=mended), [found.rated("warning" if is_dated else "error")]
+    return samples, []
 
 
 def _by_counter(samples: Samples) -> tuple[Samples, list[Notice]]:

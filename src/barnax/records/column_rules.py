@@ -213,7 +213,9 @@ def _dated(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
             continue
         if is_clock(cells):
             found[name] = replace(column, is_unit_assumed=False)
-        elif name != "step time" and (unit := epoch_unit(numbers(cells, column))):
+            continue
+        plain = numbers(cells, replace(column, quantity=QUANTITY_OF["time"]))
+        if name != "step time" and (unit := epoch_unit(plain)):
             dates = QUANTITY_OF["date"]
             found[name] = replace(column, quantity=dates, unit=unit, is_unit_assumed=False)
             if name == "time":

@@ -288,9 +288,7 @@ def _of_charge(samples: Samples, capacity_ah: float | None) -> Iterator[Witness]
     if capacity_ah:
         least_ah = _TOO_LITTLE * capacity_ah if travel_v >= _TRAVEL_V else 0.0
         words = f"{moves} of a cell of {capacity_ah:.4g} Ah, and its voltage by {travel_v:.2g} V"
-        yield Witness(
-            span_ah, moved, lambda ah: least_ah < ah <= _TOO_MUCH * capacity_ah, words
-        )
+        yield Witness(span_ah, moved, lambda ah: least_ah < ah <= _TOO_MUCH * capacity_ah, words)
     counted_ah = sum(map(gain_ah, samples.counters.both))
     # A counter printed to 0.1 mAh that moved a few times proves nothing.
     if counted_ah > 1e-3:

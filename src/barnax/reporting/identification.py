@@ -1,7 +1,7 @@
 """The report of one identification."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,7 +39,6 @@ from .sentences import (
     diagnostics_sentences,
     held_words,
     identifiability_sentences,
-    suggestion_sentences,
     uncertainty_sentence,
 )
 from .soc_tables import answer_tables, tables_section
@@ -61,7 +60,6 @@ if TYPE_CHECKING:
     from ..result_parts import AssessmentPart, MetricsPart, RefinedPart, SearchPart
     from ..results import Result
     from ..uncertainty import Band, Estimate, Examination
-    from ..uncertainty.profiles import Profile
 
 # Errors within this share of each other are called the same.
 ALIKE = 0.01
@@ -290,31 +288,19 @@ def _uncertainty_section(result: "Result") -> list[Section]:
     sentences += diagnostics_sentences(found.diagnostics)
     blocks = []
     if found.examination is not None:
-        sentences += suggestion_sentences(
-            found.examination.suggestions, result.constant.metrics.identification.rmse_v
-        )
         blocks.append(_examination_table(found.examination))
     told = Bullets(tuple(sentence for sentence in sentences if sentence))
     return [Section("What the data determine", (told, *blocks, _bands_table(found, whose)))]
 
 
 def _examination_table(examination: "Examination") -> Table:
-    again = examination.bootstrap
-    cut = ", cut short by the record" if again.is_cut else ""
-
-    def resampled(profile: "Profile", side: Literal["low", "high"]) -> str:
-        return _end(profile.name, getattr(again.parameters.get(profile.name), side, None))
-
     return make_table(
-        "The same intervals from further fits: by profile likelihood, and by a block "
-        f"bootstrap of {again.replicates} replicates in blocks of {again.block_s:.0f} s{cut}.",
+        "The same intervals from further fits, by profile likelihood.",
         examination.profiles,
         {
             "parameter": lambda profile: _shown(profile.name)[0],
             "profile, from": lambda profile: _end(profile.name, profile.low),
             "profile, to": lambda profile: _end(profile.name, profile.high),
-            "bootstrap, from": lambda profile: resampled(profile, "low"),
-            "bootstrap, to": lambda profile: resampled(profile, "high"),
         },
         ["parameter"],
     )

@@ -15,11 +15,8 @@ from ..search.refine import AtBound
 from ..uncertainty.assessment import Band, Diagnostics
 from ..uncertainty.covariance import WIDEST_FACTOR, Estimate, Held, Uncertainty
 from ..uncertainty.identifiability import Identifiability, Undetermined
-from ..uncertainty.suggestions import Suggestion
 from .words import (
     between,
-    capitalized,
-    counted,
     extent,
     figures,
     joined,
@@ -283,49 +280,6 @@ def _notable(quantity: BandQuantity, bands: Sequence[Band]) -> Iterator[str]:
                 f"{percent(band.samples / samples)} of the samples (RMSE {_mv(band.rmse_v)}, mean "
                 f"{1e3 * band.mean_v:+.3g} mV)."
             )
-
-
-def suggestion_sentences(found: Sequence[Suggestion], rmse_v: float) -> tuple[str, ...]:
-    """Changes that would lower the RMSE, the largest gain first; those without a gain last."""
-    gains = [suggestion for suggestion in found if suggestion.rmse_v < (1 - WORTH_TELLING) * rmse_v]
-    others = [_change(suggestion) for suggestion in found if suggestion not in gains]
-    sentences = []
-    for gain in gains:
-        change = f"RMSE {_mv(gain.rmse_v)} instead of {_mv(rmse_v)}"
-        how = "".join(f", with `{name}={value}`" for name, value in option(gain).items())
-        sentences.append(f"{capitalized(_change(gain))}: {change}{how}.")
-    if others:
-        sentences.append(f"These do not lower the error: {joined(others)}.")
-    return tuple(sentences) or ("There was nothing to try that could lower the error.",)
-
-
-def _change(suggestion: Suggestion) -> str:
-    match suggestion.kind:
-        case "one more pair":
-            ordinal = ORDINALS[len(suggestion.tau_s)]
-            return f"a {ordinal} RC pair ({_taus(suggestion.tau_s)})"
-        case "dynamic hysteresis":
-            return f"dynamic hysteresis (gamma {figures(suggestion.gamma or 0.0)})"
-        case "initial SOC":
-            return f"initial SOC {suggestion.initial_soc:g} instead of {suggestion.instead_of:.4g}"
-        case "capacity":
-            own, new = suggestion.instead_of, suggestion.capacity_ah
-            return f"capacity {new:.10g} Ah instead of {own:.5g} Ah"
-        case "resistance over SOC":
-            return f"resistances over SOC ({counted(suggestion.knots or 0, 'knot')})"
-        case "OCV over SOC":
-            return f"another OCV curve ({counted(suggestion.knots or 0, 'knot')} over SOC)"
-
-
-def option(suggestion: Suggestion) -> dict[str, str]:
-    """The option that makes the change, where there is one."""
-    if suggestion.circuit is not None:
-        return {"model": suggestion.circuit}
-    if suggestion.initial_soc is not None:
-        return {"initial_soc": f"{suggestion.initial_soc:.10g}"}
-    if suggestion.capacity_ah is not None:
-        return {"capacity": f"{suggestion.capacity_ah:.10g}"}
-    return {}
 
 
 def _equation(estimate: Estimate) -> str:

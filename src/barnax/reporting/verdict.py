@@ -14,12 +14,10 @@ from ..plan.choosing import MAKE_RECORD
 from ..settings import OVER_TEMPERATURE
 from .candidates import held_out_errors, is_pulse_test, tables_pay, unseen_errors
 from .sentences import (
-    WORTH_TELLING,
     diagnostics_sentences,
     local_optima_sentence,
     nearly_as_good,
     optimum_words,
-    option,
 )
 from .soc_tables import best_of
 from .words import counted, joined, millivolt, percent, symbol
@@ -204,19 +202,6 @@ def next_step(result: "Result") -> Next:
     found = result.constant.assessment
     if found is None:
         return Next("compute intervals of the parameters", {"trust": "basic"})
-    has_failed = any(warning.code == "answer.no-examination" for warning in result.warnings)
-    if found.examination is None and not has_failed:
-        return Next("find out what would lower the error", {"trust": "full"})
-    rmse_v = result.metrics.identification.rmse_v
-    suggested = () if found.examination is None else found.examination.suggestions
-    for suggestion in suggested:
-        if option(suggestion) and suggestion.rmse_v < (1 - WORTH_TELLING) * rmse_v:
-            options = option(suggestion)
-            names = [part.name for part in result.of_role("identification")]
-            if "initial_soc" in options and len(names) == 1:
-                # The start of this record only; the others keep theirs.
-                options["initial_soc"] = f"{names[0]}={options['initial_soc']}"
-            return Next(f"lower the RMSE to {millivolt(suggestion.rmse_v)}", options)
     names = [part.name for part in result.of_role("validation")]
     return Next(f"compare circuits and methods with barnax compare; validated on {joined(names)}")
 

@@ -1,4 +1,4 @@
-"""Intervals and identifiability of parameters, and changes that would lower the error."""
+"""Intervals and identifiability of parameters, and where the errors are."""
 
 from .assessment import Assessment as Assessment
 from .assessment import Band as Band
@@ -7,8 +7,6 @@ from .assessment import Examination as Examination
 from .assessment import assess as assess
 from .assessment import examine as examine
 from .batch_fit import Refit as Refit
-from .bootstraps import Bootstrap as Bootstrap
-from .bootstraps import bootstrap as bootstrap
 from .covariance import Covariance as Covariance
 from .covariance import Estimate as Estimate
 from .covariance import Uncertainty as Uncertainty
@@ -17,5 +15,3 @@ from .identifiability import Identifiability as Identifiability
 from .identifiability import Undetermined as Undetermined
 from .profiles import Profile as Profile
 from .profiles import profile as profile
-from .suggestions import Suggestion as Suggestion
-from .suggestions import suggestions as suggestions

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Float
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
@@ -16,11 +16,9 @@ from ..display import Brief
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem, rmse_by_scan
 from .batch_fit import Refit
-from .bootstraps import Bootstrap, bootstrap
 from .covariance import Covariance, Uncertainty, linearize
 from .identifiability import Identifiability, identifiability
 from .profiles import Profile, profile
-from .suggestions import Suggestion, suggestions
 
 SOC_EDGES = np.linspace(0, 1, 11)
 # Multiples of the current that empties the cell in an hour.
@@ -173,19 +171,15 @@ class Assessment(Brief):
 
 @dataclass(frozen=True, repr=False)
 class Examination(Brief):
-    """Profiles of all free parameters, a block bootstrap, and changes ranked by their error.
+    """Profiles of all free parameters.
 
     Attributes:
         rmse_v: RMSE of the unchanged circuit.
         profiles: Profile likelihoods.
-        bootstrap: Refits to resampled residuals.
-        suggestions: What might lower the error.
     """
 
     rmse_v: float
     profiles: tuple[Profile, ...]
-    bootstrap: Bootstrap
-    suggestions: tuple[Suggestion, ...]
 
 
 def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
@@ -210,18 +204,13 @@ def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
         )
 
 
-def examine(
-    problem: Problem, parameters: CircuitParameters, assessment: Assessment, *, key: Key[Array, ""]
-) -> Examination:
-    """Profiles, a block bootstrap, and changes that might lower the error, by further fits.
-
-    Two or three programs are compiled, for circuits with one more part.
+def examine(problem: Problem, parameters: CircuitParameters, assessment: Assessment) -> Examination:
+    """Profiles of all free parameters, by further fits.
 
     Args:
         problem: A problem from `make_problem`.
         parameters: An optimum of it.
         assessment: Its assessment from `assess`.
-        key: A key of `jax.random.key`, for the bootstrap.
     """
     refit, covariance = Refit(problem), assessment.covariance
     free = [own.name for own in assessment.uncertainty.estimates if own.relative_error]
@@ -230,6 +219,4 @@ def examine(
         profiles=tuple(
             profile(problem, parameters, name, covariance=covariance, refit=refit) for name in free
         ),
-        bootstrap=bootstrap(problem, parameters, key=key, covariance=covariance, refit=refit),
-        suggestions=suggestions(problem, parameters, refit=refit),
     )

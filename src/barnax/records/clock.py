@@ -65,7 +65,9 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
 def _zeros(time: Float[np.ndarray, "samples"]) -> Bool[np.ndarray, "samples"]:
     """Samples whose clock shows zero between good values: no step begins there."""
     goes_on = np.append(np.append(False, time[2:] > time[:-2]), False)
-    return (time == 0) & goes_on & np.append(False, time[:-1] > 0)
+    zeros = (time == 0) & goes_on & np.append(False, time[:-1] > 0)
+    # One alone may be the first row, out of order.
+    return zeros & (time[0] == 0 or zeros.sum() > 1)
 
 
 def _by_counter(samples: Samples) -> tuple[Samples, list[Notice]]:

@@ -372,7 +372,7 @@ class Result(Document):
     def common_window(self) -> Window:
         """The window of a record that the result is not of: the cell's capacity and rest current,
         where they were given for all records alike. A start and scored samples are one file's."""
-        first, *others = [part.window.as_told for part in self.inputs if part.window]
+        first, *others = [p.window.as_told for p in self.inputs if p.window] or [Window()]
         agreed = {
             name: getattr(first, name)
             for name in ("capacity_ah", "rest_current_a")

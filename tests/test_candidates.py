@@ -69,7 +69,7 @@ def test_the_first_screen_fits_a_terminal_and_nothing_is_to_be_mended(result):
     assert len(lines) <= 21
     assert max(map(len, lines)) <= 80
     text = "\n".join(lines)
-    assert "tables over SOC (so-rc)         7.05 mV     5.11 mV   9.11 mV  <- answer" in text
+    assert "tables over SOC (so-rc)         7.05 mV     5.11 mV   9.14 mV  <- answer" in text
     assert "…" not in text
     assert text.count("Assumed:") == 1
 

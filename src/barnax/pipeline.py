@@ -70,7 +70,7 @@ def identify(job: Job) -> Result:
     >>> import barnax
     >>> result = barnax.identify(model="so-rc", seeds=0, trust="none", advise=False)
     >>> result
-    Result(model='so-rc', rmse_v=0.023392...
+    Result(model='so-rc', rmse_v=0.023172...
     """
     found = plan_of(job)
     if found is None:

@@ -224,7 +224,7 @@ class Result(Document):
         >>> result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
         >>> found = result.validate(barnax.bundled_file("validation"))
         >>> round(1e3 * found.metrics.rmse_v, 1), found.warnings
-        (17.1, ())
+        (16.8, ())
         """
         read: dict[str, Any] = {"current_sign": current_sign, "current_hold": current_hold}
         more: dict[str, Any] = {"voltage_lag": voltage_lag, "columns": columns, "series": series}

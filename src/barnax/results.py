@@ -224,7 +224,7 @@ class Result(Document):
         >>> result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
         >>> found = result.validate(barnax.bundled_file("validation"))
         >>> round(1e3 * found.metrics.rmse_v, 1), found.warnings
-        (17.1, ())
+        (16.8, ())
         """
         read: dict[str, Any] = {"current_sign": current_sign, "current_hold": current_hold}
         more: dict[str, Any] = {"voltage_lag": voltage_lag, "columns": columns, "series": series}
@@ -372,7 +372,7 @@ class Result(Document):
     def common_window(self) -> Window:
         """The window of a record that the result is not of: the cell's capacity and rest current,
         where they were given for all records alike. A start and scored samples are one file's."""
-        first, *others = [part.window.as_told for part in self.inputs if part.window]
+        first, *others = [p.window.as_told for p in self.inputs if p.window] or [Window()]
         agreed = {
             name: getattr(first, name)
             for name in ("capacity_ah", "rest_current_a")

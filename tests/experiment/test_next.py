@@ -263,7 +263,7 @@ def test_what_the_fit_found_otherwise_than_was_promised_is_told(design, result):
     assert "tau2 43.9 s (promise: " in text
     assert "R1 2 times the promise's" in text
     assert "resistances that follow the current, which the promise leaves out" in text
-    assert "errors of 20.00 mV (promise: 7.04 mV)" in text
+    assert "errors of 20.00 mV (promise: 7.05 mV)" in text
 
 
 def test_narrower_than_promised_is_said_to_be_better(design, result):

@@ -191,7 +191,7 @@ def test_a_table_of_ocv_is_one(tmp_path):
 @pytest.mark.usefixtures("untried")
 def test_dates_in_days_are_told(tmp_path):
     tree = {"Time": 738_000 + TIMES / 86_400, "Current": AMPS, "Voltage": VOLTS}
-    assert "MATLAB's dates; rename the column" in refusal(tmp_path, matlab_5(tree))
+    assert "dates in days; rename the column" in refusal(tmp_path, matlab_5(tree))
     record = read(tmp_path, matlab_5(tree), columns="time=Time:d")
     np.testing.assert_allclose(np.diff(record.time_s), 1, atol=1e-4)
 

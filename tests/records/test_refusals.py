@@ -191,7 +191,11 @@ def test_what_is_no_file_is_refused(tmp_path):
     ("text", "columns", "told"),
     [
         ("Zeit,Klemme\n0,3.7\n", "time=Uhr:s", "no column is called 'Uhr:s'.*'Zeit', 'Klemme'"),
-        ("Zeit,Klemme\n0,3.7\n", "time=Zeit:fortnight", "unknown unit 'fortnight'.*s, ms, min"),
+        (
+            "Zeit,Klemme\n0,3.7\n",
+            "time=Zeit:fortnight",
+            "unknown unit 'fortnight'.*s, ms, us, ns, min",
+        ),
         ("Dear Sir, hello\n\nI write, because, of, things\nYours, me\n", "", "no table of meas"),
     ],
 )

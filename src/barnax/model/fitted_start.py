@@ -52,7 +52,7 @@ def fitted_soc(
     tried = np.linspace(low, high, _TRIED_SOC)
     best, step = tried[np.argmin([loss_v2(soc) for soc in tried])], tried[1] - tried[0]
     ends = max(best - step, low), min(best + step, high)
-    soc = float(minimize_scalar(loss_v2, bounds=ends, method="bounded").x)
+    soc: float = minimize_scalar(loss_v2, bounds=ends, method="bounded").x  # pyright: ignore
     error_v = errors_v(soc)
     slope_v = cell.ocv_slope(soc - moved)
     # What resistances cannot make up for.

@@ -59,7 +59,9 @@ def _without_zeros(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples without those where the clock shows 0 between values that never fall."""
     time = samples.time_s
     is_zero = (time == 0) & (np.arange(len(time)) > 0)
-    if not is_zero.any() or is_zero.mean() > _MOSTLY or np.any(np.diff(time[~is_zero]) < 0):
+    # One alone may be the first row, out of order.
+    is_first = is_zero.sum() == 1 and time[0] > 0
+    if is_first or is_zero.mean() > _MOSTLY or np.any(np.diff(time[~is_zero]) < 0):
         return samples, []
     given = {"column": samples.header("time"), "rows": is_zero.sum()}
     return samples.keep(~is_zero), [found_at(samples, is_zero, "clock.zeros", **given)]

@@ -155,7 +155,7 @@ def linearize(
         free=free,
         names=tuple(box.names[index] for index in free),
         held=held,
-        by_start_v=block_diag(*map(by_start_v, problem.prepared_records)),
+        by_start_v=np.asarray(block_diag(*map(by_start_v, problem.prepared_records))),
         time_s=one_clock(problem.prepared_records),
         longest_s=max(prepared.scored_duration_s for prepared in problem.prepared_records),
         error_v=error_v,

@@ -149,7 +149,7 @@ def test_a_clock_beside_a_bare_time_tells_its_unit(unit_s, clock):
     record = barnax.record_from_frame(table)
     np.testing.assert_allclose(record.time_s, seconds)
     (warning,) = [one for one in record.warnings if one.code.startswith("time-unit")]
-    assert f"by '{clock}'" in str(warning)
+    assert f"intervals by '{clock}' are {unit_s:.0f} times as long" in str(warning)
 
 
 def test_stamps_with_an_offset_are_instants():

@@ -334,7 +334,7 @@ def epoch_unit(values: Numbers) -> Unit | None:
         apart_s = interval * unit.factor
         # Days are told from seconds by intervals that are too short in those, or set in days.
         is_close = interval < FINEST_S if unit.factor == DAY_S else apart_s < _DATED_APART_S
-        if low <= middle < high and (is_close or is_usual(apart_s) or np.isnan(apart_s)):
+        if low <= middle < high and (is_close or np.isnan(apart_s) or is_usual(apart_s)):
             return unit
     return None
 

@@ -231,12 +231,11 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
     yield Witness(length_s, once, lambda s: s <= _LONGEST_S, f"it lasts {length_s:.3g} s")
     if interval_s > 0:
         # Beside a unit that the name states, the sampling tells little.
-        is_free = samples.columns["time"].is_unit_assumed
-        finest_s, weight = (FINEST_S, 1.0) if is_free else (0.0, _HALF)
+        weight = 1.0 if samples.columns["time"].is_unit_assumed else _HALF
         apart = f"samples lie {interval_s:.5g} s apart"
-        yield Witness(interval_s, once, lambda s: finest_s <= s <= _FAR_S, apart, weight)
+        yield Witness(interval_s, once, lambda s: FINEST_S <= s <= _FAR_S, apart, weight)
         if is_usual(interval_s) or not _FINE_S <= interval_s < _COARSE_S:
-            is_far = not finest_s <= interval_s <= _FAR_S
+            is_far = not FINEST_S <= interval_s <= _FAR_S
             digits = apart if is_far else f"{apart}, which is no usual interval"
             yield Witness(interval_s, once, is_usual, digits, weight)
     if (unit := epoch_unit(samples.time_s)) and unit.factor > 1:
@@ -262,7 +261,7 @@ def _of_current(samples: Samples) -> Iterator[Witness]:
     """The load, and the resistance at its steps."""
     peak_a, ohm = samples.peak_a, samples.resistance_ohm
     magnitude_a = np.abs(few(samples.current_a))
-    loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * peak_a], axis=None))
+    loaded_a = float(np.median(magnitude_a[magnitude_a >= 0.05 * peak_a], axis=None))
     load = f"the current under load is {loaded_a:.6g} A"
     yield Witness(loaded_a, {"current": 1}, lambda a: a <= _LOADED_A, load)
     if not ohm:
@@ -313,7 +312,7 @@ def _other_clocks(samples: Samples, given: Mapping[str, str]) -> Iterator[Witnes
     By the median of many intervals, for a test may have paused, and steps begin anew.
     """
     table, time = samples.table, samples.columns["time"]
-    lines = np.unique(np.linspace(0, len(samples) - 1, 2 * _PAIRS).astype(int))
+    lines = np.arange(0, len(samples), 1 + len(samples) // (2 * _PAIRS))
     for name, column in columns_of(table.header, given).items():
         if name not in ("date", "step time") or column.index == time.index:
             continue
@@ -321,14 +320,19 @@ def _other_clocks(samples: Samples, given: Mapping[str, str]) -> Iterator[Witnes
             if column.is_unit_assumed and not is_clock(table.columns[column.index]):
                 continue
             lines = np.arange(len(samples))
-        least_s = _DATED_S if name == "date" else 0.0
-        other_s = np.diff(numbers(table.columns[column.index].gather(samples.at[lines]), column))
-        own_s = np.diff(samples.time_s[lines])
-        moved = (own_s > 0) & (other_s > least_s)
+        other_s = numbers(table.columns[column.index].gather(samples.at[lines]), column)
+        lag, least_s, later_s = 1, 0.0, np.diff(other_s)
+        if name == "date" and np.any(later_s > 0):
+            least_s = _DATED_S
+            lag += int(least_s / np.median(later_s[later_s > 0]))
+        apart_s, later_s = (
+            clock_s[lag:] - clock_s[:-lag] for clock_s in (samples.time_s[lines], other_s)
+        )
+        moved = (apart_s > 0) & (later_s > least_s)
         if moved.sum() < 2:
             continue
-        ratios = own_s[moved] / other_s[moved]
+        ratios = apart_s[moved] / later_s[moved]
         usual = float(np.median(ratios))
         if np.mean(np.abs(ratios / usual - 1) < _ALIKE) > _AGREEING:
-            words = f"by '{column.header}' it is {usual:.4g} times too long"
+            words = f"intervals by '{column.header}' are {1 / usual:.4g} times as long"
             yield Witness(usual, {"time": 1}, lambda ratio: abs(ratio - 1) < _ALIKE, words, 2.0)

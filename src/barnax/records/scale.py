@@ -199,7 +199,9 @@ _STEEP_S, _SHORT_S, _BULK_S, _SLOW_S = 0.5, 40.0, 1e4, 50.0
 # The voltage must have moved for that to mean anything, and through more than the steep end.
 _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
 # Between these intervals, numbers that no tester is set to are as good.
-_FINE_S, _COARSE_S = 0.2, 100.0
+_FINE_S, _COARSE_S = 0.2, 90.0
+# The share of an interval by which few digits may change it.
+_ROUNDED = 0.6
 # Charge against the given capacity, in favor of a factor of a thousand either way.
 _TOO_MUCH, _TOO_LITTLE = 20.0, 0.01
 # The largest cells made hold a little over 1000 Ah; 500 A is the load of a large one, and a 2 Ah
@@ -228,6 +230,10 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
     """The length, the sampling and its digits, and the resistance times the charge a volt moves."""
     once = {"time": 1}
     interval_s, length_s = samples.interval_s, samples.length_s
+    if interval_s > 0:
+        # What few digits round to one of two intervals is between them.
+        off_s = np.abs(samples.intervals_s - interval_s)
+        interval_s = float(np.mean(samples.intervals_s[off_s < _ROUNDED * interval_s]))
     yield Witness(length_s, once, lambda s: s <= _LONGEST_S, f"it lasts {length_s:.3g} s")
     if interval_s > 0:
         # Beside a unit that the name states, the sampling tells little.

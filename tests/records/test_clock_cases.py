@@ -138,6 +138,50 @@ def test_a_counter_in_mah_is_the_odd_one_out(name):
     assert not any(code.startswith(("time-unit", "current-unit", "counters")) for code in codes)
 
 
+@pytest.mark.parametrize(
+    ("unit_s", "unit_a", "option"),
+    [(1e-3, 1.0, "time=Time:ms"), (1.0, 1e-3, "current=current:mA")],
+)
+def test_a_counter_without_a_unit_does_not_vouch_for_the_others(unit_s, unit_a, option):
+    """Ten samples a second in ms, or a load in mA, beside a counter in mAh: the product agrees."""
+    seconds = np.arange(2000) * 0.1
+    current_a = np.where(np.arange(2000) // 100 % 2, -2.0, 0.0)
+    counted_mah = np.append(0, np.cumsum(current_a[:-1])) * 0.1 / 3.6
+    table = {
+        "Time": seconds / unit_s,
+        "current": current_a / unit_a,
+        "voltage": 3.9 + 0.05 * current_a,
+        "capacity": counted_mah,
+    }
+    findings = check_file(source_from_frame(table, "log")).findings
+    assert option in " ".join(map(str, findings))
+    record = barnax.record_from_frame(table, columns=option)
+    assert record.time_s[-1] == pytest.approx(seconds[-1])
+    assert record.current_a.max() == pytest.approx(2.0)
+    assert record.charge_ah is not None
+    assert np.ptp(record.charge_ah) == pytest.approx(np.ptp(counted_mah) / 1e3)
+
+
+def test_minutes_of_few_digits_are_told_by_their_mean_interval():
+    seconds = np.arange(2000) * 0.1
+    current_a = np.where(np.arange(2000) // 100 % 2, -2.0, 0.0)
+    voltage_v = 3.9 + 0.05 * current_a
+    table = {"time": np.round(seconds / 60, 3), "current": current_a, "voltage": voltage_v}
+    with pytest.raises(InputError, match=r"columns='time=time:min'` \(samples 0.1 s apart\)"):
+        barnax.record_from_frame(table)
+    record = barnax.record_from_frame(table, columns="time=time:min")
+    np.testing.assert_allclose(record.time_s, seconds, atol=0.04)
+
+
+def test_rows_that_are_logged_twice_are_no_days_of_a_spreadsheet():
+    """The median interval is zero, and a minute is an interval of days as well."""
+    values = np.repeat(np.arange(700) * 60.0 + 20_000, 2)
+    current_a = np.where(np.arange(1400) // 40 % 2, -1.0, 0.0)
+    table = {"time": values, "current": current_a, "voltage": 3.9 + 0.05 * current_a}
+    record = barnax.record_from_frame(table)
+    assert np.ptp(record.time_s) == 699 * 60
+
+
 @pytest.mark.parametrize("unit_s", [60.0, 3600.0])
 @pytest.mark.parametrize("clock", ["Step Time / s", "Date Time"])
 def test_a_clock_beside_a_bare_time_tells_its_unit(unit_s, clock):
@@ -152,12 +196,16 @@ def test_a_clock_beside_a_bare_time_tells_its_unit(unit_s, clock):
     assert f"intervals by '{clock}' are {unit_s:.0f} times as long" in str(warning)
 
 
-def test_stamps_with_an_offset_are_instants():
+OFFSETS = ["+{:02d}:00", "+{:02d}00", "+{:02d}", " +{:02d}:00", " +{:02d}00"]
+
+
+@pytest.mark.parametrize("form", OFFSETS)
+def test_stamps_with_an_offset_are_instants(form):
     stamps = np.datetime64("2024-03-31T00:54:40") + (SECONDS * 1e3).astype("timedelta64[ms]")
     spring = np.datetime64("2024-03-31T01:00:00")
     local = [
         f"{np.datetime_as_string(at + np.timedelta64(2 if at >= spring else 1, 'h'), 's')}"
-        f"{'+02:00' if at >= spring else '+01:00'}"
+        f"{form.format(2 if at >= spring else 1)}"
         for at in stamps
     ]
     np.testing.assert_allclose(time_of("timestamp", local)[0], SECONDS)
@@ -184,6 +232,28 @@ def test_dates_that_are_set_back_run_on_and_that_is_said(back_s, what, interval_
     assert what in " ".join(map(str, record.warnings))
 
 
+@pytest.mark.parametrize(("back_s", "what"), SET_BACK)
+def test_a_clock_of_irregular_intervals_is_set_back_too(back_s, what):
+    """Ten samples a second in a pulse, and one in half a minute at rest, where it is set back."""
+    seconds = np.cumsum(np.where(np.arange(160) % 80 < 60, 0.1, 30.0))
+    shown_ms = 1e3 * (seconds - back_s * (np.arange(160) >= 70))
+    stamps = np.datetime64("2024-10-27T12:30:00") + shown_ms.round().astype("timedelta64[ms]")
+    record = barnax.record_from_frame(frame("Date Time", [str(stamp) for stamp in stamps]))
+    late_s = np.abs(np.diff(record.time_s) - np.diff(seconds))
+    assert late_s.max() < 1e-3
+    assert what in " ".join(map(str, record.warnings))
+
+
+def test_dates_of_twelve_hours_that_leap_at_midnight_are_refused():
+    seconds = np.arange(160) * 600
+    hours = (11 + (seconds + 1800) // 3600) % 12 + 1
+    dates = np.datetime64("2024-03-01T00:30:00") + seconds
+    shown = zip(map(str, dates), hours, strict=True)
+    stamps = [f"{at[:11]}{hour:02d}{at[13:]}" for at, hour in shown]
+    with pytest.raises(InputError, match="a clock of twelve hours"):
+        barnax.record_from_frame(frame("Date Time", stamps))
+
+
 def test_a_time_of_day_runs_on_over_midnight_and_over_one_oclock():
     for first_s, day_s in ((86_100, 86_400), (46_500, 43_200)):
         shown_s = first_s + SECONDS
@@ -198,6 +268,11 @@ def test_single_zeros_of_a_clock_are_no_steps():
     kept_s, codes = time_of("Time [s]", time_s)
     assert (len(kept_s), kept_s[-1]) == (157, SECONDS[-1])
     assert "clock.steps" not in codes
+    unix_s = 1.71e9 + SECONDS
+    unix_s[[20, 31, 90]] = 0.0
+    kept_s, codes = time_of("timestamp", unix_s)
+    assert (len(kept_s), kept_s[-1]) == (157, SECONDS[-1])
+    assert "clock.zeros" in codes
 
 
 def cases():
@@ -287,6 +362,13 @@ def test_exchanged_columns_are_told_and_what_is_advised_reads_them(amplitude_a):
         barnax.record_from_frame(table)
     (option,) = re.findall(r"columns='(.*)'`", str(caught.value))
     np.testing.assert_allclose(barnax.record_from_frame(table, columns=option).voltage_v, voltage_v)
+
+
+def test_a_steady_charge_in_the_column_of_the_voltage_is_told_too():
+    current_a = np.where(np.arange(160) < 150, 1.0, 0.0)
+    table = {"Time [s]": SECONDS, "Current": 3.5 + SECONDS / 1e3, "Voltage": current_a}
+    with pytest.raises(InputError, match="they look exchanged"):
+        barnax.record_from_frame(table)
 
 
 def test_a_voltage_that_never_moves_is_said():

@@ -260,11 +260,14 @@ _DAYS = (
 _TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M", "%I:%M %p", "")
 
 
+_OFFSET = r"([+-]\d\d(?::?\d\d)?)"
+
+
 def _dates(text: pl.Series) -> pl.Series:
     """The dates that a column of text spells: day or month first as the shorter time tells."""
     text = text.str.strip_chars()
-    offsets = text.str.extract(r":.*?([+-]\d\d:?\d\d)$")
-    plain = text.str.replace(r"(:.*?)(?:Z|[+-]\d\d:?\d\d)$", "$1")
+    offsets = text.str.extract(rf":.*?{_OFFSET}$")
+    plain = text.str.replace(rf"(:.*?)\s?(?:Z|UTC|GMT|{_OFFSET})$", "$1")
     plain = plain.str.replace("T", " ", literal=True).str.replace(r"(:\d\d:\d\d)[,:]", "$1.")
     first = plain.drop_nulls().head(1)
     read = []
@@ -284,7 +287,7 @@ def _dates(text: pl.Series) -> pl.Series:
 
 def _east_s(offset: str) -> float:
     """Seconds of an offset from UTC, such as "+01:00"."""
-    hours, minutes = int(offset[1:3]), int(offset[-2:])
+    hours, minutes = int(offset[1:3]), int(offset[3:].lstrip(":") or 0)
     return float(f"{offset[0]}{60 * (60 * hours + minutes)}")
 
 
@@ -317,7 +320,7 @@ _EPOCHS = (
     (Unit("Excel days", 86400.0, -25_569 * 86400.0), 31_048.0, 73_051.0),
     (Unit("MATLAB days", 86400.0, -719_529 * 86400.0), 725_008.0, 767_011.0),
     # 20240309090000 is no count of anything.
-    (Unit("", np.nan), 1.9e13, 2.1e13),
+    (Unit("s", np.nan), 1.9e13, 2.1e13),
 )
 # Samples that are dated lie no further apart, but for some that are set so.
 _DATED_APART_S = 500.0
@@ -329,7 +332,8 @@ def epoch_unit(values: Numbers) -> Unit | None:
     known = values[np.isfinite(values)]
     if not len(known):
         return None
-    middle, interval = np.median(known), np.median(np.abs(np.diff(known))) if len(known) > 1 else 0
+    apart = np.abs(np.diff(known))
+    middle, interval = np.median(known), np.median(apart[apart > 0]) if apart.any() else 0
     for unit, low, high in _EPOCHS:
         apart_s = interval * unit.factor
         # Days are told from seconds by intervals that are too short in those, or set in days.

@@ -15,8 +15,10 @@ _DAY_S = 86_400.0
 _SLIPS, _FEW = 3, 0.01
 # The most zeros among a clock's stamps.
 _MOSTLY = 0.5
-# By how much clocks are set back, and how many intervals late the next stamp may come.
-_SET_BACK, _LATE = ((3600.0, "clock.hour-back"), (_DAY_S / 2, "clock.twelve-hours")), 3
+# By how much clocks are set back, and how late the next stamp may come: so many intervals, or as
+# late as any does, up to a share of that.
+_SET_BACK = (3600.0, "clock.hour-back"), (_DAY_S / 2, "clock.twelve-hours")
+_LATE, _LATEST_SHARE = 3, 0.05
 
 Clock = Float[np.ndarray, "samples"]
 
@@ -58,7 +60,7 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
 def _without_zeros(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples without those where the clock shows 0 between values that never fall."""
     time = samples.time_s
-    is_zero = (time == 0) & (np.arange(len(time)) > 0)
+    is_zero = (time + (samples.zero_date_s or 0.0) == 0) & (np.arange(len(time)) > 0)
     # One alone may be the first row, out of order.
     is_first = is_zero.sum() == 1 and time[0] > 0
     if is_first or is_zero.mean() > _MOSTLY or np.any(np.diff(time[~is_zero]) < 0):
@@ -71,18 +73,21 @@ def _set_back(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples on a clock that runs on where it is set back: by the hour of autumn, or by twelve
     hours where it says neither AM nor PM.
 
-    An error for numbers that are no dates, which may begin anew.
+    An error for numbers that are no dates, which may begin anew, and for dates that also leap: a
+    clock of twelve hours does at midnight.
     """
     time, late_s = samples.time_s, _LATE * samples.interval_s
-    falls = samples.intervals_s < 0
+    latest_s, falls = samples.intervals_s.max(), samples.intervals_s < 0
     back_s = -samples.intervals_s[falls]
     is_dated = samples.zero_date_s is not None
     is_dated |= is_clock(samples.table.columns[samples.columns["time"].index])
     if not falls.any() or (not is_dated and np.abs(time[1:][falls]).min() <= late_s):
         return samples, []
     for period_s, code in _SET_BACK:
+        late_s = max(_LATE * samples.interval_s, min(latest_s, _LATEST_SHARE * period_s))
         if np.all((back_s <= period_s) & (period_s <= back_s + late_s)):
             at = int(np.argmax(falls)) + 1
+            is_dated &= latest_s < 2 * period_s - late_s
             given = {
                 "before_s": time[at - 1],
                 "after_s": time[at],

@@ -28,7 +28,8 @@ _DOUBTFUL, _CERTAIN = 1.0, 1.5
 class Witness:
     """A number, how often each quantity's factor multiplies it, and what it must be.
 
-    `says` is what it tells against the units that it was computed in.
+    `says` is what it tells against the units that it was computed in. Beside a reading in a part of
+    the unit, what has no unit may be in such a part too: `follows` is what that multiplies it by.
     """
 
     value: float
@@ -36,9 +37,14 @@ class Witness:
     holds: Callable[[float], bool]
     says: str
     weight: float = 1.0
+    follows: float = 1.0
 
-    def agrees(self, quantity: str, factor: float) -> bool:
-        return bool(self.holds(self.value * factor ** self.powers.get(quantity, 0)))
+    def agrees(self, quantity: str, factor: float, other: float = 1.0) -> bool:
+        return bool(self.holds(other * self.value * factor ** self.powers.get(quantity, 0)))
+
+    def is_put_off(self, quantity: str, factor: float) -> bool:
+        values = (self.agrees(quantity, factor, other) for other in (1.0, self.follows))
+        return self.holds(self.value) and not any(values)
 
 
 @dataclass(frozen=True)
@@ -95,7 +101,7 @@ def _best(samples: Samples, witnesses: list[Witness]) -> list[Verdict]:
     for reading in _readings(samples) if against else ():
         how = reading.quantity, reading.factor
         brought = [witness for witness in against if witness.agrees(*how)]
-        put_off = [w for w in witnesses if w not in against and not w.agrees(*how)]
+        put_off = [witness for witness in witnesses if witness.is_put_off(*how)]
         weight = sum(w.weight for w in brought) - sum(w.weight for w in put_off)
         if weight >= _DOUBTFUL:
             verdicts.append(Verdict(reading, weight, tuple(w.says for w in brought)))
@@ -187,7 +193,7 @@ def _choices(samples: Samples, best: list[Verdict]) -> Iterator[str]:
             own = _column(samples, reading.quantity)
             name = own.quantity.name if reading.quantity == CHARGE else reading.quantity
             unit = f"{name}={own.header}:{reading.unit.symbol}"
-            apart = f" (samples {samples.interval_s * reading.factor:.3g} s apart)"
+            apart = f" (samples {_interval_s(samples) * reading.factor:.3g} s apart)"
             yield f"`columns='{unit}'`{apart if reading.quantity == 'time' else ''}"
 
 
@@ -226,14 +232,17 @@ def _witnesses(
     yield from _of_charge(samples, capacity_ah)
 
 
+def _interval_s(samples: Samples) -> float:
+    """The usual interval; between two, where few digits round it to either."""
+    usual_s = samples.interval_s
+    is_near = np.abs(samples.intervals_s - usual_s) < _ROUNDED * usual_s
+    return float(np.mean(samples.intervals_s[is_near])) if is_near.any() else usual_s
+
+
 def _of_time(samples: Samples) -> Iterator[Witness]:
     """The length, the sampling and its digits, and the resistance times the charge a volt moves."""
     once = {"time": 1}
-    interval_s, length_s = samples.interval_s, samples.length_s
-    if interval_s > 0:
-        # What few digits round to one of two intervals is between them.
-        off_s = np.abs(samples.intervals_s - interval_s)
-        interval_s = float(np.mean(samples.intervals_s[off_s < _ROUNDED * interval_s]))
+    interval_s, length_s = _interval_s(samples), samples.length_s
     yield Witness(length_s, once, lambda s: s <= _LONGEST_S, f"it lasts {length_s:.3g} s")
     if interval_s > 0:
         # Beside a unit that the name states, the sampling tells little.
@@ -303,8 +312,9 @@ def _of_charge(samples: Samples, capacity_ah: float | None) -> Iterator[Witness]
     if ratio:
         times = f"{ratio:.4g} times" if ratio > 1 else f"1/{1 / ratio:.4g} of"
         words = f"the current integrates to {times} the tester's Ah"
-        powers = {**moved, CHARGE: -1}
-        yield Witness(ratio, powers, lambda share: abs(share - 1) < _RATIO, words)
+        powers, is_free = {**moved, CHARGE: -1}, _column(samples, CHARGE).is_unit_assumed
+        follows = 1e3 if is_free else 1.0
+        yield Witness(ratio, powers, lambda r: abs(r - 1) < _RATIO, words, follows=follows)
 
 
 # The number of intervals that are compared with another clock, and how long those of dates are that

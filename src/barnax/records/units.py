@@ -19,7 +19,7 @@ _MODULE_V, _MILLIVOLT_V, _IMPOSSIBLE_V = 10.0, 1000.0, 100.0
 _KILOVOLT_V = 0.01
 _NEARLY_ALL = 0.95
 # Every reading of a cell in use lies within.
-_LEAST_V, _FULL_V = 1.0, 5.0
+_LEAST_V, _FULL_V = 1.5, 5.0
 # The voltage by which cells in series are counted.
 _NOMINAL_V = 3.6
 
@@ -35,18 +35,16 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
         return samples.having(voltage=samples.voltage_v * factor)
 
     current_a, voltage_v = samples.current_a, samples.voltage_v
-    if voltage_v.min() == voltage_v.max():
-        samples = mended("voltage-unit.constant", 1.0)
+    low_v, high_v = CELL_RANGE_V
+    # With its sign turned, nearly all of it must be a cell's voltage.
+    is_swapped = np.mean((-voltage_v >= low_v) & (-voltage_v <= high_v)) > _NEARLY_ALL
     is_cells = _LEAST_V < current_a.min() < current_a.max() < _FULL_V
-    if is_cells and voltage_v.min() < 0 < np.ptp(current_a) < np.ptp(voltage_v):
+    is_none = middle_v < _LEAST_V or np.mean(voltage_v < 0) > 1 - _NEARLY_ALL
+    if is_cells and is_none and not is_swapped:
         held = {"low_v": current_a.min(), "high_v": current_a.max()}
         mended("voltage-unit.exchanged", 1.0, current=samples.header("current"), **held)
         return samples.having(current=voltage_v, voltage=current_a), findings
     if middle_v < 0:
-        low_v, high_v = CELL_RANGE_V
-        turned_v = -samples.voltage_v
-        # With its sign turned, nearly all of it must be a cell's voltage.
-        is_swapped = np.mean((turned_v >= low_v) & (turned_v <= high_v)) > _NEARLY_ALL
         code = "voltage-unit.swapped" if is_swapped else "voltage-unit.negative"
         samples = mended(code, -1.0 if is_swapped else 1.0)
         middle_v = abs(middle_v)
@@ -69,6 +67,8 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
         samples = mended("voltage-unit.open", 1.0)
     elif 0 < middle_v < _KILOVOLT_V and not is_given:
         samples = mended("voltage-unit.kilo", 1e3)
+    elif voltage_v.min() == voltage_v.max():
+        mended("voltage-unit.constant", 1.0)
     return samples, findings
 
 

@@ -269,7 +269,8 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
         is_fine = interval_s * own_s / bulk_s < _SLOW_S
         return least_s <= own_s and (is_fine or own_s <= _BULK_S)
 
-    yield Witness(bulk_s, once, is_cells, words)
+    # Nothing but another unit is so slow.
+    yield Witness(bulk_s, once, is_cells, words, _CERTAIN if bulk_s > _BULK_S else 1.0)
 
 
 def _of_current(samples: Samples) -> Iterator[Witness]:

@@ -134,8 +134,12 @@ def test_a_counter_in_mah_is_the_odd_one_out(name):
     assert record.charge_ah is not None
     assert np.ptp(record.charge_ah) == pytest.approx(3.4 * SECONDS[-1] / 3600)
     codes = [one.code for one in record.warnings]
-    assert "charge-unit.taken" in codes
     assert not any(code.startswith(("time-unit", "current-unit", "counters")) for code in codes)
+    (warning,) = [one for one in record.warnings if one.code == "charge-unit.taken"]
+    (option,) = re.findall(r"columns='(.*?)'`", str(warning))
+    obeyed = barnax.record_from_frame({**table, name: counted_mah, **others}, columns=option)
+    np.testing.assert_allclose(obeyed.charge_ah, record.charge_ah)
+    assert "unit" not in " ".join(one.code for one in obeyed.warnings)
 
 
 @pytest.mark.parametrize(

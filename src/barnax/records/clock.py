@@ -91,9 +91,9 @@ def _set_back(samples: Samples) -> tuple[Samples, list[Notice]]:
             given = {
                 "before_s": time[at - 1],
                 "after_s": time[at],
-                "taken": "true" if is_dated else None,
+                "column": samples.header("time"),
             }
-            found = found_at(samples, at, code, column=samples.header("time"), **given)
+            found = found_at(samples, at, code, taken="true" if is_dated else None, **given)
             mended = time + period_s * np.append(0, np.cumsum(falls))
             return samples.having(time=mended), [found.rated("warning" if is_dated else "error")]
     return samples, []

@@ -143,45 +143,63 @@ _WORDS = {
 }
 
 
+_CODES = (
+    *("time-unit.open", "time-unit.doubtful", "time-unit.wrong", "time-unit.taken"),
+    *("current-unit.open", "current-unit.doubtful", "current-unit.wrong", "charge-unit.taken"),
+)
+
+
 def _settled(samples: Samples, best: list[Verdict]) -> tuple[Samples, Notice]:
     """The samples in the unit that is told, and the notice of it."""
     reading, kind, weight = best[0].reading, best[0].reading.quantity, best[0].weight
     column = _column(samples, kind)
+    code = {code.partition(".")[2]: code for code in _CODES if code.startswith(kind)}
     is_free = column.is_unit_assumed and kind != "current"
     examples, symbol = column.quantity.examples, reading.unit.symbol if reading.unit else ""
     told = {
         "column": column.header,
-        "quantity": kind if kind != CHARGE else column.quantity.name,
+        "quantity": _quantities(samples, kind)[0],
         "unit": symbol,
         "reading": reading.words,
         "reason": "; ".join(dict.fromkeys(best[0].reasons)),
         "rename": f"{examples[0].partition(' / ')[0]} / {symbol}" if examples else None,
+        "option": _option(samples, reading),
     }
     if not reading.unit:
         told |= {"rename": "divided", "divisor": 1 / reading.factor}
     at = int(np.argmax(np.abs(samples.current_a))) if kind == "current" else 0
     if len(best) > 1 or (weight < _CERTAIN and is_free and kind == "time"):
         told["choices"] = " or ".join(_choices(samples, best))
-        found = found_at(samples, at, f"{kind}-unit.open", **told)
+        found = found_at(samples, at, code["open"], **told)
         return samples, found.rated("error" if is_free else "warning")
     # Where nothing but the counters is in another unit, the current tells which.
     if weight < _CERTAIN and kind != CHARGE:
-        return samples, found_at(samples, at, f"{kind}-unit.doubtful", **told)
-    changed = [own for own in (kind, *_COUNTERS) if own in samples.values]
-    changed = changed[:1] if kind != CHARGE else changed
+        return samples, found_at(samples, at, code["doubtful"], **told)
+    changed = _quantities(samples, kind)
     scaled = {own: samples.values[own] * reading.factor for own in changed}
     mended = samples.having(**scaled)
     if kind != CHARGE and not is_free:
-        return mended, found_at(samples, at, f"{kind}-unit.wrong", **told)
+        return mended, found_at(samples, at, code["wrong"], **told)
     columns = dict(samples.columns)
     for own in changed:
         columns[own] = replace(columns[own], unit=reading.unit, is_unit_assumed=False)
-    return replace(mended, columns=columns), found_at(samples, at, f"{kind}-unit.taken", **told)
+    return replace(mended, columns=columns), found_at(samples, at, code["taken"], **told)
+
+
+def _quantities(samples: Samples, kind: str) -> list[str]:
+    names = _COUNTERS if kind == CHARGE else (kind,)
+    return [name for name in names if name in samples.columns]
 
 
 def _column(samples: Samples, kind: str) -> Column:
-    names = _COUNTERS if kind == CHARGE else (kind,)
-    return next(samples.columns[name] for name in names if name in samples.columns)
+    return samples.columns[_quantities(samples, kind)[0]]
+
+
+def _option(samples: Samples, reading: Reading) -> str:
+    """The columns of a quantity with the unit of a reading, as `columns` takes them."""
+    unit = f":{reading.unit.symbol}" if reading.unit else ""
+    names = _quantities(samples, reading.quantity)
+    return ",".join(f"{name}={samples.columns[name].header}{unit}" for name in names)
 
 
 def _choices(samples: Samples, best: list[Verdict]) -> Iterator[str]:
@@ -190,11 +208,9 @@ def _choices(samples: Samples, best: list[Verdict]) -> Iterator[str]:
     as_it_is = Reading(best[0].reading.quantity, first.unit, 1.0, "")
     for reading in (as_it_is, *(verdict.reading for verdict in best)):
         if reading.unit is not None:
-            own = _column(samples, reading.quantity)
-            name = own.quantity.name if reading.quantity == CHARGE else reading.quantity
-            unit = f"{name}={own.header}:{reading.unit.symbol}"
             apart = f" (samples {_interval_s(samples) * reading.factor:.3g} s apart)"
-            yield f"`columns='{unit}'`{apart if reading.quantity == 'time' else ''}"
+            apart = apart if reading.quantity == "time" else ""
+            yield f"`columns='{_option(samples, reading)}'`{apart}"
 
 
 # No record lasts longer, and of one without a unit no samples lie further apart.

@@ -86,14 +86,11 @@ def _set_back(samples: Samples) -> tuple[Samples, list[Notice]]:
     for period_s, code in _SET_BACK:
         late_s = max(_LATE * samples.interval_s, min(latest_s, _LATEST_SHARE * period_s))
         if np.all((back_s <= period_s) & (period_s <= back_s + late_s)):
-            at = int(np.argmax(falls)) + 1
+            fall = int(np.argmax(falls))
             is_dated &= latest_s < 2 * period_s - late_s
-            given = {
-                "before_s": time[at - 1],
-                "after_s": time[at],
-                "column": samples.header("time"),
-            }
-            found = found_at(samples, at, code, taken="true" if is_dated else None, **given)
+            taken = {"taken": "true" if is_dated else None, "column": samples.header("time")}
+            before_s, after_s = time[fall : fall + 2]
+            found = found_at(samples, fall + 1, code, before_s=before_s, after_s=after_s, **taken)
             mended = time + period_s * np.append(0, np.cumsum(falls))
             return samples.having(time=mended), [found.rated("warning" if is_dated else "error")]
     return samples, []

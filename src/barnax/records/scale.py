@@ -358,9 +358,8 @@ def _other_clocks(samples: Samples, given: Mapping[str, str]) -> Iterator[Witnes
         if name == "date" and np.any(later_s > 0):
             least_s = _DATED_S
             lag += int(least_s / np.median(later_s[later_s > 0]))
-        apart_s, later_s = (
-            clock_s[lag:] - clock_s[:-lag] for clock_s in (samples.time_s[lines], other_s)
-        )
+        later_s = other_s[lag:] - other_s[:-lag]
+        apart_s = samples.time_s[lines][lag:] - samples.time_s[lines][:-lag]
         moved = (apart_s > 0) & (later_s > least_s)
         if moved.sum() < 2:
             continue

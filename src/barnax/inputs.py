@@ -184,7 +184,7 @@ def _checked(
         # What has no one temperature has that told.
         if found.traits and not any(finding.check == "temperature" for finding in found.findings):
             degc[is_test].append((found.file, found.traits.temperature_degc))
-    require_load(kinds)
+    require_load(kinds, has_test=not cell.is_of_records)
     # A charge beside a record under load is there for the other direction.
     charges = {name for name, kind in kinds.items() if kind == "charge"}
     warnings = [
@@ -298,8 +298,8 @@ def input_warnings(
     ]
     for use in found.roles:
         if use.name == role and not use.is_usable:
-            few = {} if use.too_few_steps is None else {"steps": use.too_few_steps}
-            told.insert(0, notice("role.unfit", found.file, role=role, reason=use.reason, **few))
+            loose = {} if use.half_width is None else {"half_width": use.half_width}
+            told.insert(0, notice("role.unfit", found.file, role=role, reason=use.reason, **loose))
         elif use.name == role and use.window and not window_of(window, found.file).is_chosen:
             given = {"reason": use.window.reason, "advice": use.window.advice}
             told += [notice("role.window", found.file, **given)] if given["advice"] else []

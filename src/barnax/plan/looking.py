@@ -16,7 +16,7 @@ from jaxtyping import Float
 from ..cell import OcvTable, read_ocv_test
 from ..cell.model import SAME_DEGC
 from ..checks import FileCheck, Role, check_file
-from ..checks.roles import STEPS, Traits
+from ..checks.roles import Traits
 from ..errors import InputError, printable
 from ..inputs import Watch, file_names, source_of, window_of
 from ..model.window import START, Window
@@ -86,9 +86,9 @@ class CandidateFile:
             return "unreadable"
         return "OCV table" if self.traits is None else self.traits.kind(capacity_ah)
 
-    def missing_for(self, capacity_ah: float | None, fewest: int = STEPS) -> str:
+    def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
         """The reason why it cannot be simulated; empty where it can."""
-        return "" if self.traits is None else self.traits.missing_for(capacity_ah, fewest)
+        return "" if self.traits is None else self.traits.missing_for(capacity_ah, is_validated)
 
     @property
     def warnings(self) -> int:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 # Columns of a replay's table.
 HEADS = (
-    *("errors in % SOC", "within 3 %", "RMS", "above 10 %", "max", "band", "in band"),
-    "counting",
+    *("errors in % SOC", "RMS", "max", "within 3 %", "RMS then", "above 10 %", "max then"),
+    *("band", "in band", "counting"),
 )
 FILTERS = {
     "sum": "Gaussian sum of extended Kalman filters",
@@ -59,9 +59,9 @@ def facts_of(replay: "SocReplay") -> tuple[str, str]:
 def replay_table(replay: "SocReplay") -> Table:
     """The filter's errors in every scenario, beside those of plain counting."""
     return rows_table(
-        "Errors of the filter's SOC in percent, after it has come within 3 %, the mean half width "
-        "of its 95 % band, and how often that holds; on the right the RMS error of plain counting "
-        "over the same samples.",
+        "Errors of the filter's SOC in percent, over the whole record and after it has come within "
+        "3 %, the mean half width of its 95 % band, and how often that holds; on the right the RMS "
+        "error of plain counting after that.",
         HEADS,
         map(_scenario_row, replay.scenarios),
         HEADS[:1],
@@ -80,12 +80,6 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
             "Diverged",
             f"{scenario.name}: after {duration(scenario.diverged_s or 0.0)} the filter returns no "
             "numbers",
-        )
-    before = [own.max_before for own in replay.scenarios if own.max_before is not None]
-    if before:
-        yield (
-            "Converging",
-            f"RMS and max are from within 3 % on; before, up to {_in_percent(max(before))} %",
         )
     right = replay.scenarios[0]
     if right.is_lost:
@@ -146,6 +140,8 @@ def _scenario_row(scenario: "ScenarioPart") -> tuple[str, ...]:
     errors = scenario.rms, scenario.rms_above_10_soc, scenario.max, scenario.band
     return (
         scenario.name,
+        _in_percent(scenario.whole_rms),
+        _in_percent(scenario.whole_max),
         _converged(scenario),
         *(_in_percent(share) for share in errors),
         _in_percent(scenario.in_band, 0),

@@ -1,0 +1,102 @@
+"""What a fit may claim: by an OCV test, records of few steps tell their resistances too."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax import identify
+from barnax.checks.roles import require_load
+from barnax.errors import InputError
+from barnax.model.window import Window
+
+SHARED = Path(os.environ.get("BARNAX_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
+CASES = SHARED.parent / "cases" / "cells"
+QUICK = {"seeds": 0, "model": "1rc", "advise": False}
+
+needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="needs the shared cases")
+
+
+def unfit(result):
+    return [str(one) for one in result.warnings if one.code == "role.unfit"]
+
+
+def interval(result, name):
+    (own,) = [
+        each for each in result.constant.assessment.uncertainty.estimates if each.name == name
+    ]
+    return own.low, own.high
+
+
+@needs_cases
+@pytest.mark.slow
+def test_a_single_resistor_is_answered_by_its_ocv():
+    folder = CASES / "07_single_resistor"
+    window = Window(initial_soc=0.0)
+    found = identify(
+        folder / "raw_data.parquet", ocv=folder / "ocv.csv", capacity=1.0, window=window, **QUICK
+    )
+    assert found.constant.parameters["R0 [Ohm]"] == pytest.approx(0.1, rel=0.02)
+    assert not unfit(found)
+
+
+@needs_cases
+@pytest.mark.slow
+def test_a_discharge_at_one_current_is_answered_by_its_ocv():
+    folder = CASES / "08_cc_known_ocv"
+    columns = "current=It:A,voltage=Experimental_Voltage(v):V,time=Experimental_Time(s):s"
+    found = identify(
+        folder / "Data.xlsx",
+        columns=columns,
+        ocv=folder / "ocv.csv",
+        capacity=2.5,
+        window=Window(initial_soc=1.0),
+        **QUICK,
+    )
+    for name, ohm in (("R0 [Ohm]", 0.030), ("R1 [Ohm]", 0.020)):
+        low, high = interval(found, name)
+        assert low < ohm < high
+    assert not unfit(found)
+
+
+@pytest.fixture(scope="module")
+def charged(tmp_path_factory):
+    """A charge at one current in mA and minutes, of R0 40 mOhm, R1 25 mOhm and tau 40 s, 2 Ah."""
+    folder = tmp_path_factory.mktemp("charge")
+    time_s, current_a = np.arange(0.0, 2700.0, 2.0), 1.5
+    soc = 0.2 + current_a * time_s / 3600 / 2
+    rise_v = current_a * (0.040 + 0.025 * (1 - np.exp(-time_s / 40)))
+    noise_v = np.random.default_rng(2).normal(0, 1e-3, len(time_s))
+    table = {
+        "Time / min": time_s / 60,
+        "Current / mA": np.full(len(time_s), 1e3 * current_a),
+        "Voltage / V": 3.2 + 0.9 * soc + rise_v + noise_v,
+    }
+    pl.DataFrame(table).write_csv(folder / "charge.csv")
+    soc = np.linspace(0, 1, 5)
+    pl.DataFrame({"SOC [-]": soc, "OCV [V]": 3.2 + 0.9 * soc}).write_csv(folder / "ocv.csv")
+    return folder
+
+
+def test_a_charge_at_one_current_is_answered_by_its_ocv(charged):
+    found = identify(
+        charged / "charge.csv",
+        ocv=charged / "ocv.csv",
+        capacity=2.0,
+        window=Window(initial_soc=0.2),
+        current_sign="charge-positive",
+        **QUICK,
+    )
+    for name, ohm in (("R0 [Ohm]", 0.040), ("R1 [Ohm]", 0.025)):
+        low, high = interval(found, name)
+        assert low < ohm < high
+        assert high < 1.2 * low
+    assert not unfit(found)
+
+
+def test_a_charge_alone_without_an_ocv_test_is_refused():
+    with pytest.raises(InputError, match="only charges"):
+        require_load({"charge.csv": "charge"})
+    assert require_load({"charge.csv": "charge"}, has_test=True) is None

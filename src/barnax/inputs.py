@@ -157,6 +157,7 @@ def _checked(
     """
     warnings: list[Notice] = []
     kinds: dict[str, Kind] = {}
+    is_shown = False
     degc: dict[bool, list[tuple[str, float | None]]] = {True: [], False: []}
     for role, source, taken in looked_at:
         if isinstance(taken, OcvTable):
@@ -181,10 +182,12 @@ def _checked(
         warnings += input_warnings(found, role, window)
         if role == "identification" and found.traits:
             kinds[found.file] = found.traits.kind(own_ah)
+            # By an OCV test, the fit's interval of R0 decides whether these steps are enough.
+            is_shown |= not cell.is_of_records and np.isfinite(found.traits.half_width_at_steps)
         # What has no one temperature has that told.
         if found.traits and not any(finding.check == "temperature" for finding in found.findings):
             degc[is_test].append((found.file, found.traits.temperature_degc))
-    require_load(kinds, has_test=not cell.is_of_records)
+    require_load(kinds, is_shown)
     # A charge beside a record under load is there for the other direction.
     charges = {name for name, kind in kinds.items() if kind == "charge"}
     warnings = [

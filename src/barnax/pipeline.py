@@ -293,10 +293,12 @@ def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
     closed = {one.subject for one in told if one.code == "closure.open"}
     told = [one for one in told if one.code != "ocv-test.open" or one.subject not in closed]
     names = {evaluation.prepared.record.name for evaluation in run.identification}
+    is_test_right = all(one.code != "ocv-test.disagrees" for one in told)
     if are_unfit(names, told, by_steps=True):
         # Too few steps of current tell no OCV from slow resistances: the test is not to blame.
         told = [one for one in told if one.code != "ocv-test.disagrees"]
-    if not run.problem.cell.is_of_records and _half_width(run) <= MAX_HALF_WIDTH:
+    is_by_test = is_test_right and not run.problem.cell.is_of_records
+    if is_by_test and _half_width(run) <= MAX_HALF_WIDTH:
         # What an OCV test lets the fit tell, the steps by themselves need not.
         told = [
             one for one in told if not (one.code == "role.unfit" and "half_width" in one.values)

@@ -199,11 +199,11 @@ def _temperature_degc(given: CheckInput) -> float | None:
     return degc_in_name(given.record.name)
 
 
-def require_load(kinds: Mapping[str, Kind], has_test: bool = False) -> None:
+def require_load(kinds: Mapping[str, Kind], is_shown: bool = False) -> None:
     """Raise `InputError` for files, by name, of which one is a slow sweep, or none holds changes of
-    current that a circuit follows from: a charge beside a drive shows the other direction, and by
-    an OCV test it shows its resistances."""
-    is_charged = not has_test and set(kinds.values()) == {"charge"}
+    current that a circuit follows from: a charge beside a drive shows the other direction, and
+    `is_shown` if the steps of one, with an OCV test, show its resistances."""
+    is_charged = not is_shown and set(kinds.values()) == {"charge"}
     for file, kind in kinds.items():
         if kind == "slow sweep" or is_charged:
             raise notice("role.no-load", file, what=kind).error()

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 # Columns of a replay's table.
 HEADS = (
-    *("errors in % SOC", "RMS", "max", "within 3 %", "RMS then", "above 10 %", "max then"),
-    *("band", "in band", "counting"),
+    *("errors in % SOC", "within 3 %", "RMS", "above 10 %", "max", "band", "in band"),
+    "counting",
 )
 FILTERS = {
     "sum": "Gaussian sum of extended Kalman filters",
@@ -59,9 +59,9 @@ def facts_of(replay: "SocReplay") -> tuple[str, str]:
 def replay_table(replay: "SocReplay") -> Table:
     """The filter's errors in every scenario, beside those of plain counting."""
     return rows_table(
-        "Errors of the filter's SOC in percent, over the whole record and after it has come within "
-        "3 %, the mean half width of its 95 % band, and how often that holds; on the right the RMS "
-        "error of plain counting after that.",
+        "Errors of the filter's SOC in percent, after it has come within 3 %, the mean half width "
+        "of its 95 % band, and how often that holds; on the right the RMS error of plain counting "
+        "over the same samples.",
         HEADS,
         map(_scenario_row, replay.scenarios),
         HEADS[:1],
@@ -82,6 +82,13 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
             "numbers",
         )
     right = replay.scenarios[0]
+    whole = [own for own in replay.scenarios if own.whole_max is not None]
+    if whole:
+        rms, largest = map(_in_percent, (whole[0].whole_rms, whole[0].whole_max))
+        worst = max(whole, key=lambda own: own.whole_max or 0.0)
+        worst_rms, worst_max = map(_in_percent, (worst.whole_rms, worst.whole_max))
+        others = "" if worst is whole[0] else f"; {worst.name}: {worst_rms} % and {worst_max} %"
+        yield "Whole record", f"RMS {rms} %, max {largest} %{others}"
     if right.is_lost:
         size = "" if right.max is None else f" by up to {_in_percent(right.max)} %"
         advice = "" if replay.with_tables else "; tables over SOC may"
@@ -140,8 +147,6 @@ def _scenario_row(scenario: "ScenarioPart") -> tuple[str, ...]:
     errors = scenario.rms, scenario.rms_above_10_soc, scenario.max, scenario.band
     return (
         scenario.name,
-        _in_percent(scenario.whole_rms),
-        _in_percent(scenario.whole_max),
         _converged(scenario),
         *(_in_percent(share) for share in errors),
         _in_percent(scenario.in_band, 0),

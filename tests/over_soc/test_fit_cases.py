@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from barnax import identify
+from barnax.checks import check_file
 from barnax.checks.roles import require_load
 from barnax.errors import InputError
 from barnax.model.window import Window
@@ -103,7 +104,9 @@ def test_a_charge_with_one_pause_is_answered_by_its_ocv(charged):
     assert not unfit(found)
 
 
-def test_a_charge_alone_without_an_ocv_test_is_refused():
+def test_a_charge_alone_without_an_ocv_test_is_refused(charged):
+    traits = check_file(charged / "charge.csv", current_sign="charge-positive").traits
+    assert traits.kind(2.0) == "charge"
     with pytest.raises(InputError, match="only charges"):
-        require_load({"charge.csv": "charge"})
-    assert require_load({"charge.csv": "charge"}, is_shown=True) is None
+        require_load({"charge.csv": traits.kind(2.0)})
+    assert require_load({"charge.csv": traits.kind(2.0, has_test=True)}) is None

@@ -85,8 +85,9 @@ class Traits:
         """True if all that it holds are slow sweeps."""
         return bool(self.sweeps) and all(sweep.kind == "slow" for sweep in self.sweeps)
 
-    def kind(self, capacity_ah: float | None) -> Kind:
-        """The kind of test, for a cell of that capacity."""
+    def kind(self, capacity_ah: float | None, has_test: bool = False) -> Kind:
+        """The kind of test, for a cell of that capacity; with an OCV test, the fit's interval of R0
+        decides whether the steps of a charge are enough."""
         if self.sweeps:
             points = sum(len(sweep.points) - 1 for sweep in self.sweeps)
             has_pulses = self.steps >= _STEPS_A_POINT * points
@@ -98,6 +99,8 @@ class Traits:
             return "no test"
         if self.longest_discharge_ah > _MOST * whole_ah:
             return "capacity test"
+        if has_test and self.half_width_at_steps < math.inf:
+            return "drive cycle"
         return "charge" if self.charged_ah > self.discharged_ah else "no test"
 
     def half_width(self, is_validated: bool) -> float:
@@ -107,7 +110,6 @@ class Traits:
 
     def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
         """The reason why no circuit can be identified, or validated, on it; empty if one can."""
-        half_width = self.half_width(is_validated)
         if self.is_slow and self.half_width_at_steps <= MAX_HALF_WIDTH:
             steps = counted(self.steps, "current step")
             return f"it holds a slow sweep beside {steps}; give the part with the steps by itself"
@@ -124,6 +126,11 @@ class Traits:
                 f"it spans {self.span_ah:.3g} Ah, {share:.2g} % of the capacity of "
                 f"{capacity_ah:.4g} Ah"
             )
+        return self.steps_lack(capacity_ah, is_validated)
+
+    def steps_lack(self, capacity_ah: float | None, is_validated: bool) -> str:
+        """What the current steps by themselves lack to tell the resistances, if anything."""
+        half_width = self.half_width(is_validated)
         steps = counted(self.steps, "current step")
         if half_width > MAX_HALF_WIDTH:
             within = f"tell R0 within {100 * half_width:.0f} %"
@@ -199,20 +206,18 @@ def _temperature_degc(given: CheckInput) -> float | None:
     return degc_in_name(given.record.name)
 
 
-def require_load(kinds: Mapping[str, Kind], is_shown: bool = False) -> None:
+def require_load(kinds: Mapping[str, Kind]) -> None:
     """Raise `InputError` for files, by name, of which one is a slow sweep, or none holds changes of
-    current that a circuit follows from: a charge beside a drive shows the other direction, and
-    `is_shown` if the steps of one, with an OCV test, show its resistances."""
-    is_charged = not is_shown and set(kinds.values()) == {"charge"}
+    current that a circuit follows from: a charge beside a drive shows the other direction."""
     for file, kind in kinds.items():
-        if kind == "slow sweep" or is_charged:
+        if kind == "slow sweep" or (kind == "charge" and set(kinds.values()) == {"charge"}):
             raise notice("role.no-load", file, what=kind).error()
 
 
 @dataclass(frozen=True)
 class Role:
     """A role that a record can serve in or not, why, and the window that it then needs, if any;
-    `half_width` is the predicted share of R0 of a record whose steps tell it too loosely."""
+    `half_width` is the predicted share of R0 where only the steps of a record lack something."""
 
     name: str
     is_usable: bool
@@ -300,8 +305,8 @@ def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
     for name in ("identification", "validation"):
         is_validated = name == "validation"
         missing = traits.missing_for(given.capacity_ah, is_validated)
-        half_width = traits.half_width(is_validated)
-        loose = half_width if half_width > MAX_HALF_WIDTH else None
+        lack = traits.steps_lack(given.capacity_ah, is_validated)
+        loose = traits.half_width(is_validated) if missing and missing == lack else None
         unusable = Role(name, False, missing, half_width=loose)
         roles.append(unusable if missing else Role(name, True, moves, window))
     return roles

@@ -44,6 +44,7 @@ from .plan.running import prepare_pulse_tests
 from .records import Record
 from .results import Result
 from .run import Run
+from .search.evaluate import step_warnings
 from .settings import OVER_TEMPERATURE, Settings, Trust
 from .storing import make_result
 from .table_run import R0, table_warnings
@@ -279,6 +280,8 @@ def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
             for evaluation in run.identification
         ]
     )
+    for evaluation in (run.tables or run).identification:
+        told += step_warnings(evaluation)
     for evaluation in run.validation:
         told += [*evaluation.prepared.record.warnings, *evaluation.prepared.warnings]
         told += rest_warnings(evaluation.prepared)

@@ -18,12 +18,15 @@ from ..model.prepared import (
 )
 from ..model.reference import simulate_circuit
 from ..model.window import Window
-from ..notices import Notice
+from ..notices import Notice, notice
 from ..records import Record
+from ..records.samples import STEADY_SHARE, STEP_SHARE
 from ..settings import MAX_MOVED_SOC
 
 # A start is moved by so much to see what that does.
 PROBE_SOC = 0.002
+# Of a circuit's answer to most of at least so many steps, the record shows at least this share.
+_FEWEST_STEPS, _LEAST_SHOWN = 3, 0.9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,6 +117,31 @@ def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
     count = min(len(evaluation.prepared.scored) for evaluation in evaluations)
     scored = np.all([evaluation.prepared.scored[:count] for evaluation in evaluations], axis=0)
     return (evaluation.error_v[:count][scored] for evaluation in evaluations)
+
+
+def step_warnings(evaluation: Evaluation) -> Iterator[Notice]:
+    """A notice where the circuit answers steps of the current by more than the record shows.
+
+    The steps are those between currents that stand still, and their answers those two samples
+    later: on whichever side of its sample a current flows, all of R0 is in these.
+    """
+    prepared = evaluation.prepared
+    moved_a = np.abs(np.diff(prepared.current_a))
+    peak_a = float(np.abs(prepared.current_a).max())
+    is_still = moved_a < STEADY_SHARE * peak_a
+    is_step = is_still[:-2] & (moved_a[1:-1] > STEP_SHARE * peak_a) & is_still[2:]
+    first = np.flatnonzero(is_step & prepared.scored[1:-2] & prepared.scored[3:]) + 1
+    if len(first) < _FEWEST_STEPS:
+        return
+    step_a, after_s = (own[first + 2] - own[first] for own in (prepared.current_a, prepared.time_s))
+    shown_ohm, own_ohm = (
+        (own_v[first] - own_v[first + 2]) / step_a
+        for own_v in (prepared.voltage_v, evaluation.simulated_v)
+    )
+    if np.median(own_ohm) > 0 and np.quantile(shown_ohm / own_ohm, 0.75) < _LEAST_SHOWN:
+        told = {"own_ohm": own_ohm, "shown_ohm": shown_ohm, "after_s": after_s}
+        medians = {name: float(np.median(values)) for name, values in told.items()}
+        yield notice("answer.r0-above-steps", prepared.record.name, **medians)
 
 
 def pooled(evaluations: Sequence[Evaluation]) -> Metrics:

@@ -1,5 +1,6 @@
 """One circuit simulated on one record, with its errors."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,7 +27,7 @@ from ..settings import MAX_MOVED_SOC
 # A start is moved by so much to see what that does.
 PROBE_SOC = 0.002
 # Of a circuit's answer to most of at least so many steps, the record shows at least this share.
-_FEWEST_STEPS, _LEAST_SHOWN = 3, 0.9
+_FEWEST_STEPS, _LEAST_SHOWN, _AFTER_S = 3, 0.9, 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,20 +123,27 @@ def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
 def step_warnings(evaluation: Evaluation) -> Iterator[Notice]:
     """A notice where the circuit answers steps of the current by more than the record shows.
 
-    The steps are those between currents that stand still, and their answers those two samples
-    later: on whichever side of its sample a current flows, all of R0 is in these.
+    The steps are those between currents that stand still, and their answers those after a second,
+    and two samples at least: on whichever side of its sample a current flows, and however little
+    late the voltage is, all of R0 is in these.
     """
     prepared = evaluation.prepared
     moved_a = np.abs(np.diff(prepared.current_a))
     peak_a = float(np.abs(prepared.current_a).max())
-    is_still = moved_a < STEADY_SHARE * peak_a
-    is_step = is_still[:-2] & (moved_a[1:-1] > STEP_SHARE * peak_a) & is_still[2:]
-    first = np.flatnonzero(is_step & prepared.scored[1:-2] & prepared.scored[3:]) + 1
+    after = max(2, math.ceil(_AFTER_S / prepared.median_interval_s))
+    moves = np.append(0, np.cumsum(moved_a >= STEADY_SHARE * peak_a))
+    first = np.flatnonzero(moved_a > STEP_SHARE * peak_a)
+    first = first[(first > 0) & (first + after < len(moves))]
+    # One move within the samples from the one before the step to the last one.
+    first = first[moves[first + after] - moves[first - 1] == 1]
+    first = first[prepared.scored[first] & prepared.scored[first + after]]
     if len(first) < _FEWEST_STEPS:
         return
-    step_a, after_s = (own[first + 2] - own[first] for own in (prepared.current_a, prepared.time_s))
+    step_a, after_s = (
+        own[first + after] - own[first] for own in (prepared.current_a, prepared.time_s)
+    )
     shown_ohm, own_ohm = (
-        (own_v[first] - own_v[first + 2]) / step_a
+        (own_v[first] - own_v[first + after]) / step_a
         for own_v in (prepared.voltage_v, evaluation.simulated_v)
     )
     if np.median(own_ohm) > 0 and np.quantile(shown_ohm / own_ohm, 0.75) < _LEAST_SHOWN:

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -12,6 +13,7 @@ from barnax.checks import check_file
 from barnax.checks.roles import require_load
 from barnax.errors import InputError
 from barnax.model.window import Window
+from barnax.over_soc.intervals import _held_level
 
 SHARED = Path(os.environ.get("BARNAX_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
 CASES = SHARED.parent / "cases" / "cells"
@@ -110,3 +112,62 @@ def test_a_charge_alone_without_an_ocv_test_is_refused(charged):
     with pytest.raises(InputError, match="only charges"):
         require_load({"charge.csv": traits.kind(2.0)})
     assert require_load({"charge.csv": traits.kind(2.0, has_test=True)}) is None
+
+
+CALCE = SHARED / "calce-inr18650-20r"
+FAST_TABLES = {
+    "model": "so-rc",
+    "over": "soc",
+    "seeds": 0,
+    "trust": "none",
+    "max_boxes": 0,
+    "advise": False,
+    "folds": 0,
+}
+
+
+@pytest.mark.skipif(not CALCE.is_dir(), reason="needs the measured cells")
+@pytest.mark.slow
+@pytest.mark.parametrize("has_test", [False, True])
+def test_an_ocv_that_loads_alone_visit_is_not_determined_near_empty(has_test):
+    """A test of the same cell rests at 3.298 V where a drive ends; the drive is fitted with more
+    than 3.4 V there, for no OCV may fall with rising SOC."""
+    test = CALCE / "ocv-incremental_25degC_SP20-3.parquet"
+    drive = CALCE / "dst_25degC_80soc_SP20-2.parquet"
+    found = identify(drive, **FAST_TABLES, **({"ocv": test} if has_test else {}))
+    name = "OCV correction [V]" if has_test else "OCV [V]"
+    low = [node for node in found.fit.of_table(name) if node.soc <= 0.05]
+    assert {node.low for node in low} == {None}
+    assert all(node.low is not None for node in found.fit.of_table(name) if 0.1 < node.soc < 0.9)
+    told = [one for one in found.warnings if one.code == "ocv-test.overruled"]
+    assert len(told) == has_test
+    if told:
+        assert told[0].values["soc"] == 0.0
+        assert told[0].values["moved_v"] == pytest.approx(0.15, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("sides", "rows"),
+    [
+        # Of the level at the first node and the steps from node to node, those at their bound.
+        ([0, 0, 0, 0, 0], []),
+        ([0, 0, -1, 0, 0], [12, 13]),
+        ([0, 0, -1, -1, -1], [12, 13, 14]),
+        ([0, 0, 0, -1, -1], []),
+        ([0, -1, 0, -1, 0], []),
+    ],
+)
+def test_nodes_that_only_a_bound_joins_to_the_lowest_one_are_held(sides, rows):
+    nodes = np.array([-0.02, 0.0, 0.05, 0.08, 0.3])
+    objective = SimpleNamespace(
+        pairs=2,
+        settings=SimpleNamespace(rising_ocv=True),
+        reduced=SimpleNamespace(layout=SimpleNamespace(has_correction=True)),
+        block=lambda table: slice(11, 16),
+        nodes_of=[None, None, None, nodes],
+        visited_of=lambda table: nodes >= 0,
+    )
+    best = SimpleNamespace(sides=np.array([0] * 11 + sides))
+    assert [*_held_level(objective, best)] == rows
+    objective.settings.rising_ocv = False
+    assert not [*_held_level(objective, best)]

@@ -197,7 +197,8 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
             "interval is that of a fit with a hundredth of the smoothing, extended to the value."
         )
     return rows_table(
-        f"The tables{where} at the nodes near samples; linear between nodes, constant beyond them."
+        f"The tables{where} at the nodes near samples; linear between nodes, beyond these "
+        "extrapolated by smoothing."
         f"{mark}",
         heads,
         rows,

@@ -59,6 +59,9 @@ def test_errors_are_against_the_counter_from_convergence_on(replay):
             assert own.whole_max == pytest.approx(np.abs(of_all).max())
             assert own.whole_rms == pytest.approx(np.sqrt(np.mean(of_all**2)))
             assert own.whole_max >= (own.max or 0.0)
+    right = replay.scenarios[0]
+    told = dict(soc_lines(replay))["Whole record"]
+    assert told.startswith(f"RMS {100 * right.whole_rms:.1f} %, max {100 * right.whole_max:.1f} %")
     error = np.asarray(traces.estimate.soc[0]) - traces.truth
     assert part.band == pytest.approx(1.959964 * np.mean(traces.estimate.soc_sd[0]))
     inside = np.abs(error) <= 1.959964 * np.asarray(traces.estimate.soc_sd[0])

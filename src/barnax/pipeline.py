@@ -316,15 +316,15 @@ def _half_width(run: Run) -> float:
         fits = run.tables.found.fits
         intervals = [own for fit in fits for own in fit.intervals if own.name == R0]
     else:
-        found = run.assessment
-        estimates = () if found is None else found.uncertainty.estimates
+        estimates = run.assessment.uncertainty.estimates if run.assessment else ()
         intervals = [own for own in estimates if own.name == R0]
     halves = [
         (own.high - own.low) / (2 * own.value)
-        for own in intervals
         if own.low is not None and own.high is not None and own.value > 0
+        else np.inf
+        for own in intervals
     ]
-    return float(np.median([*halves, *[np.inf] * (len(intervals) - len(halves))] or [np.inf]))
+    return float(np.median(halves or [np.inf]))
 
 
 def _contradictions(run: Run) -> Iterator[Notice]:

@@ -34,9 +34,8 @@ from .search.evaluate import Evaluation, evaluate_from_either, with_registered
 # another cell's test, makes it 32 to 77. In the cold it is up to 40 with the right test, for no OCV
 # tells what relaxes slower than the time constants reach: 12 to 17 % of the drop over all
 # resistances, of which a wrong test makes 24 to 68 %.
-DISAGREES_V, DISAGREES_SHARE = 0.03, 0.2
-# A correction that is not determined is said from here on.
-OVERRULED_V = 0.05
+# A correction that is not determined is said from the last on.
+DISAGREES_V, DISAGREES_SHARE, OVERRULED_V = 0.03, 0.2, 0.05
 R0 = "R0 [Ohm]"
 # A pair that leaves less of itself after a sample is not seen under a current that flowed before.
 GONE = 0.02

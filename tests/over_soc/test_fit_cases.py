@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -17,7 +18,7 @@ from barnax.over_soc.intervals import _held_level
 
 SHARED = Path(os.environ.get("BARNAX_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
 CASES = SHARED.parent / "cases" / "cells"
-QUICK = {"seeds": 0, "model": "1rc", "advise": False}
+QUICK: dict[str, Any] = {"seeds": 0, "model": "1rc", "advise": False}
 
 needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="needs the shared cases")
 
@@ -43,7 +44,7 @@ def test_a_single_resistor_is_answered_by_its_ocv():
     found = identify(
         folder / "raw_data.parquet", ocv=folder / "ocv.csv", capacity=1.0, window=window, **QUICK
     )
-    assert found.constant.parameters.at("R0 [Ohm]", 0.5) == pytest.approx(0.1, rel=0.02)
+    assert found.constant.parameters.tables["R0 [Ohm]"][0] == pytest.approx(0.1, rel=0.02)
     assert not unfit(found)
 
 
@@ -108,6 +109,7 @@ def test_a_charge_with_one_pause_is_answered_by_its_ocv(charged):
 
 def test_a_charge_alone_without_an_ocv_test_is_refused(charged):
     traits = check_file(charged / "charge.csv", current_sign="charge-positive").traits
+    assert traits is not None
     assert traits.kind(2.0) == "charge"
     with pytest.raises(InputError, match="only charges"):
         require_load({"charge.csv": traits.kind(2.0)})
@@ -115,7 +117,7 @@ def test_a_charge_alone_without_an_ocv_test_is_refused(charged):
 
 
 CALCE = SHARED / "calce-inr18650-20r"
-FAST_TABLES = {
+FAST_TABLES: dict[str, Any] = {
     "model": "so-rc",
     "over": "soc",
     "seeds": 0,
@@ -134,11 +136,14 @@ def test_an_ocv_that_loads_alone_visit_is_not_determined_near_empty(has_test):
     than 3.4 V there, for no OCV may fall with rising SOC."""
     test = CALCE / "ocv-incremental_25degC_SP20-3.parquet"
     drive = CALCE / "dst_25degC_80soc_SP20-2.parquet"
-    found = identify(drive, **FAST_TABLES, **({"ocv": test} if has_test else {}))
+    given: dict[str, Any] = FAST_TABLES | ({"ocv": test} if has_test else {})
+    found = identify(drive, **given)
     name = "OCV correction [V]" if has_test else "OCV [V]"
-    low = [node for node in found.fit.of_table(name) if node.soc <= 0.05]
+    low = [node for node in found.fit.of_table(name) if (node.soc or 0.0) <= 0.05]
     assert {node.low for node in low} == {None}
-    assert all(node.low is not None for node in found.fit.of_table(name) if 0.1 < node.soc < 0.9)
+    assert all(
+        node.low is not None for node in found.fit.of_table(name) if 0.1 < (node.soc or 0.0) < 0.9
+    )
     told = [one for one in found.warnings if one.code == "ocv-test.overruled"]
     assert len(told) == has_test
     if told:
@@ -159,7 +164,7 @@ def test_an_ocv_that_loads_alone_visit_is_not_determined_near_empty(has_test):
 )
 def test_nodes_that_only_a_bound_joins_to_the_lowest_one_are_held(sides, rows):
     nodes = np.array([-0.02, 0.0, 0.05, 0.08, 0.3])
-    objective = SimpleNamespace(
+    objective: Any = SimpleNamespace(
         pairs=2,
         settings=SimpleNamespace(rising_ocv=True),
         reduced=SimpleNamespace(layout=SimpleNamespace(has_correction=True)),
@@ -167,7 +172,7 @@ def test_nodes_that_only_a_bound_joins_to_the_lowest_one_are_held(sides, rows):
         nodes_of=[None, None, None, nodes],
         visited_of=lambda table: nodes >= 0,
     )
-    best = SimpleNamespace(sides=np.array([0] * 11 + sides))
+    best: Any = SimpleNamespace(sides=np.array([0] * 11 + sides))
     assert [*_held_level(objective, best)] == rows
     objective.settings.rising_ocv = False
     assert not [*_held_level(objective, best)]

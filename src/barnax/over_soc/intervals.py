@@ -194,10 +194,8 @@ def _held_level(objective: TableObjective, best: Solution) -> range:
         return range(0)
     first, nodes = objective.block(place).start, objective.nodes_of[place]
     low = np.flatnonzero(objective.visited_of(place) & ~is_above(nodes)) + first
-    if len(low) < 2:
-        return range(0)
     free = np.flatnonzero(best.sides[low[1:]] >= 0)
-    held = int(free[0]) if len(free) else len(low) - 1
+    held = int(free[0]) if len(free) else max(0, len(low) - 1)
     return range(int(low[0]), int(low[held]) + 1) if held else range(0)
 
 

@@ -197,8 +197,7 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
             "interval is that of a fit with a hundredth of the smoothing, extended to the value."
         )
     return rows_table(
-        f"The tables{where} at the nodes near samples; linear between nodes, beyond these "
-        "extrapolated by smoothing."
+        f"The tables{where} at the nodes near samples; linear between nodes, beyond by smoothing."
         f"{mark}",
         heads,
         rows,

@@ -159,6 +159,12 @@ class CellModel(Brief):
         rise_v = float(np.ptp(self.average_ocv_v(soc[[0, -1]])))
         return half_gap_v * 0.6 > FLAT * rise_v
 
+    @property
+    def shows_hysteresis(self) -> bool:
+        """True where the test has a gap between its branches."""
+        soc = np.linspace(0.2, 0.8, INVERSION_POINTS)
+        return bool(np.mean(self.charge(soc) - self.discharge(soc)) > 0)
+
     def soc_from_rest_voltage(self, voltage_v: float, direction: int = 0) -> float:
         """The SOC of a rested cell.
 

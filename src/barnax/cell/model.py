@@ -161,9 +161,10 @@ class CellModel(Brief):
 
     @property
     def shows_hysteresis(self) -> bool:
-        """True where the test has a gap between its branches."""
+        """True where a gap between the branches is no polarisation of a sweep under load."""
         soc = np.linspace(0.2, 0.8, INVERSION_POINTS)
-        return bool(np.mean(self.charge(soc) - self.discharge(soc)) > 0)
+        has_gap = np.mean(self.charge(soc) - self.discharge(soc)) > 0
+        return self.has_flat_ocv or (bool(has_gap) and not self.has_sweep_drop)
 
     def soc_from_rest_voltage(self, voltage_v: float, direction: int = 0) -> float:
         """The SOC of a rested cell.

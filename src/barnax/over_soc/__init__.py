@@ -12,6 +12,7 @@ from .level import with_own_ocv as with_own_ocv
 from .ocv_compared import compare_with_own as compare_with_own
 from .own_ocv import OwnOcv as OwnOcv
 from .own_ocv import OwnRecords as OwnRecords
+from .own_ocv import fit_with_ocv as fit_with_ocv
 from .problem import HELD_GAMMA as HELD_GAMMA
 from .registration import counted_alike as counted_alike
 from .registration import register as register

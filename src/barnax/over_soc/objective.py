@@ -100,7 +100,7 @@ class TableObjective:
     @property
     def folds(self) -> int:
         """Folds into which the samples of every record are grouped."""
-        return len(self.parts) // (2 * len(self.facts))
+        return max(len(self.parts) // (2 * len(self.facts)), 1)
 
     @property
     def nodes(self) -> int:

@@ -25,6 +25,8 @@ from ..notices import Notice
 from ..records import Record
 from .certificate import certify
 from .current_offset import offset_effect
+from .dependence import with_asked
+from .directions import best_tables
 from .fit import TableFit, fit_of
 from .intervals import NodeInterval
 from .level import cell_of, level_cell, with_own_ocv
@@ -142,6 +144,34 @@ class OwnRecords:
         prepared = self.prepared(circuit, starts)
         own = _over_temperature(prepared, self.settings_of(circuit), *axis)
         return replace(own, warnings=starts.warnings, directions=starts.directions)
+
+
+def fit_with_ocv(
+    records: Sequence[Record],
+    circuit: str,
+    windows: Mapping[str, Window],
+    settings: TableSettings,
+    capacity_ah: float | None = None,
+) -> OwnOcv:
+    """The tables of one circuit and the OCV that fit some records of one cell best, together.
+
+    Args:
+        records: The records; one without a known start takes it from a rest, on the OCV that the
+            others show.
+        circuit: Name of the circuit. A dynamic hysteresis is one more table; of a switched one such
+            records tell nothing.
+        windows: The window of each record by its name.
+        settings: How tables are fitted; the OCV stands at `ocv_nodes`, by default closer ones.
+        capacity_ah: The capacity; None takes what the records span.
+
+    Raises `InputError` where a start is not known, and as `fit_tables` does.
+    """
+    own = OwnRecords.of(records, windows, settings, capacity_ah)
+    starts = own.starts(circuit)
+    with one_blas_thread():
+        objective, best, _ = best_tables(own.prepared(circuit, starts), own.settings_of(circuit))
+        objective, best = with_asked(objective, best)
+    return own.proved(objective, best, starts)
 
 
 def _over_temperature(

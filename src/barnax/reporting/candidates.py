@@ -18,6 +18,7 @@ ADDS = {
     "pairs": "one RC pair more",
     "hysteresis": "a hysteresis",
     "law": "a law",
+    "without": "simpler again",
     None: "",
 }
 

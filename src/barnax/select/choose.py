@@ -19,10 +19,8 @@ from ..over_soc.dependence import laws_for, propose
 from ..over_soc.intervals import intervals_of
 from ..over_soc.objective import Solution, TableObjective
 from ..over_soc.problem import (
-    BOTH_WAYS_SOC,
     coarsened,
     held_at,
-    least_travel_soc,
     reduced_objective,
 )
 from ..over_soc.search import find_best
@@ -106,6 +104,7 @@ class _Bench:
     tried: list[Tried] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        self._fits: dict[Point, Fitted] = {}
         self._prepared: dict[bool, Sequence[PreparedRecord]] = {}
         self._finest: dict[tuple[bool, Dependence | None], TableObjective] = {}
 
@@ -118,11 +117,25 @@ class _Bench:
             return Choice(chosen, tuple(self.tried))
         laws = laws_for(self._all_prepared(chosen.point)) if self.limits.laws is None else ()
         while True:
-            step = self._best_of(chosen, self._fitted(self._rungs(chosen.point))) or self._best_of(chosen, self._laws(chosen, laws))
+            step = self._best_of(chosen, self._fitted(self._rungs(chosen.point))) or self._best_of(
+                chosen, self._laws(chosen, laws)
+            )
             if step is None:
-                return Choice(chosen, tuple(self.tried))
+                return Choice(self._without_needless(chosen), tuple(self.tried))
             # A law was tried at the time constants of the circuit before.
             chosen = self.fit(step.point) if step.point.law != chosen.point.law else step
+
+    def _without_needless(self, chosen: Fitted) -> Fitted:
+        """The same without rungs that are worth nothing any more beside those kept later."""
+        for point in self.limits.simpler(chosen.point):
+            simpler = self.fit(point)
+            assert chosen.loss is not None
+            assert simpler.loss is not None
+            gain = self.policy.gain(simpler.loss, chosen.loss)
+            if not self.policy.is_better(gain):
+                self.tried.append(replace(_tried("without", simpler, None), kept=True))
+                return self._without_needless(simpler)
+        return chosen
 
     def _with_asked(self, fitted: Fitted) -> Fitted:
         """The same with the laws that were asked for."""
@@ -141,8 +154,6 @@ class _Bench:
         for ladder, richer in self.limits.rungs(point):
             if ladder == "nodes" and not self._spans_enough:
                 continue
-            if ladder == "hysteresis" and not (self.limits.has_ocv or self._goes_both_ways):
-                continue
             yield ladder, richer
 
     @cached_property
@@ -150,10 +161,6 @@ class _Bench:
         records = self._all_prepared(Point(self.limits.start))
         soc = np.concatenate([prepared.soc[prepared.scored] for prepared in records])
         return bool(np.ptp(soc) >= self.policy.least_span_soc)
-
-    @cached_property
-    def _goes_both_ways(self) -> bool:
-        return least_travel_soc(self._all_prepared(Point(self.limits.start))) >= BOTH_WAYS_SOC
 
     def _best_of(self, chosen: Fitted, richer: Iterable[tuple[Ladder, Fitted]]) -> Fitted | None:
         """The one of some richer circuits that lowers the loss most; None where none is better."""
@@ -211,6 +218,11 @@ class _Bench:
 
     def fit(self, point: Point) -> Fitted:
         """The best parameters of a point, from one reduction with the finest nodes."""
+        if point not in self._fits:
+            self._fits[point] = self._fit(point)
+        return self._fits[point]
+
+    def _fit(self, point: Point) -> Fitted:
         finest, key = replace(point, nodes=self.limits.nodes[-1]), (point.has_rate, point.law)
         if key not in self._finest:
             settings = self.limits.settings_of(finest, self.settings)

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from ..cell import CellModel, Dependence, get_circuit
-from ..cell.parameters import ANYWHERE
-from ..over_soc.level import with_own_ocv
+from ..cell.parameters import ANYWHERE, RATE
+from ..over_soc.level import OWN_RATES, with_own_ocv
 from ..over_soc.settings import TableSettings
 from ..settings import NODES
 
-Ladder = Literal["nodes", "pairs", "hysteresis", "law"]
+Ladder = Literal["nodes", "pairs", "hysteresis", "law", "without"]
 # Nodes of resistances, the finest last: each has every second node of the next.
 NODE_LADDER: tuple[tuple[float, ...], ...] = (ANYWHERE, NODES[::4], NODES[::2], NODES)
 # By circuit, those of one RC pair or a hysteresis more. The first is where the ladder starts.
@@ -72,12 +72,24 @@ class Limits:
         for ladder, circuit in self.richer.get(point.circuit, {}).items():
             yield ladder, replace(point, circuit=circuit)
 
+    def simpler(self, point: Point) -> Iterator[Point]:
+        """The circuits of which this one is one rung away, but for laws."""
+        if place := self.nodes.index(point.nodes):
+            yield replace(point, nodes=self.nodes[place - 1])
+        for circuit, others in self.richer.items():
+            if point.circuit in others.values() and circuit != point.circuit:
+                yield replace(point, circuit=circuit)
+
     def settings_of(self, point: Point, settings: TableSettings) -> TableSettings:
         """How the tables of a point are fitted."""
         if self.has_ocv:
             return with_own_ocv(replace(settings, nodes=point.nodes), point.circuit)
         is_corrected = settings.ocv_correction and not point.is_constant
-        return replace(settings, nodes=point.nodes, ocv_correction=is_corrected)
+        bounds = settings.bounds
+        if point.has_rate and not Point(self.start).has_rate and RATE not in settings.ranges:
+            # A hysteresis that has to earn itself has a rate of its own.
+            bounds = {**bounds, RATE: OWN_RATES}
+        return replace(settings, nodes=point.nodes, ocv_correction=is_corrected, bounds=bounds)
 
 
 def limits_of(

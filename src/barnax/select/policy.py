@@ -24,6 +24,7 @@ class Policy:
 
     Args:
         standard_errors: A richer circuit gains more than so many of its gain's standard error.
+        least_gain: And more than this: 1.5 % of the error is no reason for another circuit.
         floor_v: What voltmeters do not resolve is added to every error.
         bands: The lowest SOC of every band.
         least_span_soc: Over less SOC than this, nodes tell nothing of the cell.
@@ -33,6 +34,7 @@ class Policy:
     """
 
     standard_errors: float = 1.5
+    least_gain: float = 0.03
     floor_v: float = 1e-4
     bands: tuple[float, ...] = (-math.inf, 0.03, 0.1)
     least_span_soc: float = 0.3
@@ -58,7 +60,7 @@ class Policy:
 
     def is_better(self, gain: "Gain") -> bool:
         """True where a richer circuit is to be preferred."""
-        return gain.value > self.standard_errors * gain.standard_error
+        return gain.value > max(self.standard_errors * gain.standard_error, self.least_gain)
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,12 @@ from barnax.errors import InputError
 from barnax.export.tables import tables_of
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings, errors_on, own_ocv, fit_with_ocv
+from barnax.over_soc import TableSettings, errors_on, fit_with_ocv, own_ocv
 from barnax.over_soc.certificate import certify
 from barnax.over_soc.current_offset import offset_effect
-from barnax.over_soc.dependence import searched
 from barnax.over_soc.level import level_cell
+from barnax.over_soc.problem import reduced_objective
+from barnax.over_soc.search import find_best
 from barnax.records import read_record
 from barnax.records.record import in_means
 from barnax.reporting.candidates import ocv_test_sentences
@@ -576,7 +577,8 @@ def test_only_the_answer_is_proved(monkeypatch):
 def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):
     record, _, _ = known
     prepared = prepare_record(record, level_cell(2.0, 3.7), "so-rc", FROM_FULL)
-    objective, best = searched([prepared], QUICK)
+    objective = reduced_objective([prepared], QUICK)
+    best = find_best(objective)
     assert offset_effect(objective, best) is not None
     assert offset_effect(objective, replace(best, values=0 * best.values)) is None
 

@@ -161,10 +161,11 @@ class CellModel(Brief):
 
     @property
     def shows_hysteresis(self) -> bool:
-        """True where a gap between the branches is no polarisation of a sweep under load."""
-        soc = np.linspace(0.2, 0.8, INVERSION_POINTS)
-        has_gap = np.mean(self.charge(soc) - self.discharge(soc)) > 0
-        return self.has_flat_ocv or (bool(has_gap) and not self.has_sweep_drop)
+        """True where a gap between the branches is more than the polarisation of a sweep: it was
+        measured at rest, or the OCV is flat."""
+        points = self.charge_points + self.discharge_points
+        is_rested = not any(point.current_a for point in points)
+        return self.has_flat_ocv or (is_rested and bool(self.hysteresis.points))
 
     def soc_from_rest_voltage(self, voltage_v: float, direction: int = 0) -> float:
         """The SOC of a rested cell.

@@ -118,7 +118,8 @@ def limits_of(
     if model is not None:
         return Limits(model, nodes, {}, laws, has_ocv)
     is_bounded = bool(settings.ranges)
-    start = "esc" if cell.has_flat_ocv else "so-rc" if is_bounded else "1rc"
+    # Beside an OCV of the records' own, a slow pair and the OCV can each imitate the other.
+    start = "esc" if cell.has_flat_ocv else "so-rc" if is_bounded or has_ocv else "1rc"
     shows_gap = has_ocv or cell.shows_hysteresis
     richer: dict[str, Mapping[Ladder, str]] = {
         circuit: {

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from barnax.candidates import tabulated_circuit
 
 from barnax.bundled import BUNDLED
-from barnax.candidates import tabulated_circuit
 from barnax.cell import characterize, read_ocv_table
 from barnax.checks import FileCheck, check_file
 from barnax.checks.roles import are_unfit, require_load

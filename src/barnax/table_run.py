@@ -20,10 +20,6 @@ from .over_soc import (
     Reversal,
     TableFits,
     TableSettings,
-    compare_with_own,
-    fit_tables,
-    fit_temperatures,
-    group_by_temperature,
     table_name,
 )
 from .records.record import EARLIER_SHARE
@@ -198,19 +194,6 @@ def _answer(hold: str, kept: float) -> tuple[float, float]:
         later = (1 - kept) / -math.log(kept) if 0 < kept < 1 else 1 - kept
         return 1 - later, later
     return (0.0, 1.0) if hold == "forward" else (1 - kept, kept)
-
-
-def fit_over(
-    over: str, prepared_records: Sequence[PreparedRecord], settings: TableSettings
-) -> TableFits:
-    """The tables over "soc", beside an OCV test with what the records' own gives; or for each
-    temperature over "soc,temperature"."""
-    if over == "soc":
-        fit = fit_tables(prepared_records, settings)
-        if not prepared_records[0].cell.is_of_records:
-            fit = replace(fit, own_ocv=compare_with_own(prepared_records, fit, settings))
-        return TableFits((fit,))
-    return fit_temperatures(group_by_temperature(prepared_records), settings)
 
 
 def table_warnings(run: TableRun) -> Iterator[Notice]:

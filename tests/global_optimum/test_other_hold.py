@@ -19,7 +19,7 @@ from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.over_soc import TableSettings
-from barnax.over_soc.own_ocv import proved, search_with_ocv
+from barnax.over_soc.own_ocv import fit_with_ocv
 from barnax.records import read_record, record_from_frame
 from barnax.search.evaluate import evaluate
 from helpers.records import CURRENT, TIME, VOLTAGE
@@ -114,7 +114,7 @@ def test_an_even_clock_leaves_the_hold_open(pchip_cell):
 def test_an_ocv_of_the_record_itself_leaves_the_hold_open():
     # Of a load that changes between samples 10 s apart, that OCV would speak for a wrong hold.
     record = record_from_frame(pl.read_parquet(BUNDLED.record)[::10])
-    own = proved(search_with_ocv([record], "so-rc", {record.name: Window()}, TableSettings()))
+    own = fit_with_ocv([record], "so-rc", {record.name: Window()}, TableSettings())
     problem = make_problem(record, own.cell, "so-rc", window=own.windows[record.name])
     assert with_better_hold(problem) is problem
     assert try_other_hold(problem) is not None

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-
 from barnax.candidates import Candidate
+
 from barnax.cell import CircuitParameters
 from barnax.cell.dependence import Dependence
 from barnax.cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION

@@ -335,7 +335,6 @@ def believed_of_fit(
         settings=with_own_ocv(settings) if cell.is_of_records else settings,
         known={(one.name, one.soc): half for one, half, _ in told},
         printed=printed,
-        beyond=("fits",) if fit.low_end is not None and fit.low_end.weight == 1 else (),
         follows=followed(found.dependence),
         ocv_reach_v=LEAST_OCV_V + max(corrections, default=0.0),
     )

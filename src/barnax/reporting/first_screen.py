@@ -90,7 +90,7 @@ def first_screen(
         ("Best possible", [best_possible(result)]),
         ("Resistances", [follow[:1].lower() + follow[1:]] if follow else []),
         ("Left out", left_out_sentences(result)),
-        ("OCV test", ocv_test_sentences(result, is_short=True)),
+        ("OCV test", ocv_test_sentences(result)),
         ("Search", search_sentences(result)),
         ("Temperatures", beyond),
         ("", prediction_sentences(result)),

@@ -17,7 +17,7 @@ from .over_soc.own_starts import Starts
 from .over_soc.problem import reduced_objective
 from .over_soc.search import find_best
 from .records import Record
-from .select import Fitted, choose, limits_of
+from .select import Choice, Fitted, choose, limits_of
 from .settings import OVER_TEMPERATURE
 
 # A hysteresis whose rate is at its highest from this share of it on.
@@ -76,7 +76,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     return replace(
         found,
         tried=choice.tried,
-        warnings=(*found.warnings, *_turning_at_once(chosen)),
+        warnings=(*found.warnings, *_left_out(choice), *_turning_at_once(chosen)),
     )
 
 
@@ -84,6 +84,14 @@ def _alike(starts: dict[str, Starts], circuit: str) -> str:
     """The circuit whose starts those of another with such a hysteresis are."""
     rate = get_circuit(circuit).has_rate
     return next(known for known in starts if get_circuit(known).has_rate == rate)
+
+
+def _left_out(choice: Choice) -> Iterator[Notice]:
+    """The warning where a circuit that was asked for leaves out a hysteresis that records show."""
+    missed = [own for own in choice.tried if own.outcome == "not asked for"]
+    for own in missed[-1:]:
+        circuit = choice.chosen.point.circuit
+        yield notice("tables.hysteresis-left-out", circuit=circuit, instead=own.circuit)
 
 
 def _turning_at_once(chosen: Fitted) -> Iterator[Notice]:

@@ -366,19 +366,15 @@ def with_a_test(record, wrong):
 
 
 def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, tmp_path):
-    record, visited, alone = known
+    record, visited, _ = known
     soc = np.linspace(max(visited.min(), 0.1), 0.9, 81)
     right, bad = (with_a_test(record, wrong) for wrong in (0.0, 0.1))
     for result, wrong in ((right, 0.0), (bad, 0.1)):
         own = result.fit.own_ocv
         apart_v = np.median(np.abs(ocv_v(soc) - ocv_v(1 - (1 - wrong) * (1 - soc))))
         assert own.median_v == pytest.approx(apart_v, rel=0.1, abs=1e-3)
-        assert own.own_v == pytest.approx(alone.fit.errors[0].rmse_v, rel=0.02)
         codes = {each.code for each in result.warnings}
         assert ("ocv-test.disagrees" in codes) == (wrong > 0)
-    # What the test says has no part in it but by the time constants.
-    held_v = [each.fit.own_ocv.held_out.rmse_v for each in (right, bad)]
-    assert held_v[1] == pytest.approx(held_v[0], rel=0.1)
     path = tmp_path / "result.json"
     path.write_text(bad.to_json())
     again = barnax.Result.from_json(path)
@@ -445,22 +441,24 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     ("rise_ohm", "over"), [pytest.param(0.0, "ocv", marks=pytest.mark.slow), (0.03, "soc")]
 )
 def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, over):
-    record, soc = made(1, noise_v=1e-3)
+    record, soc = made(2, noise_v=1e-3)
     fallen_v = rise_ohm * (1 - soc) * record.current_a
     record = replace(record, voltage_v=record.voltage_v - fallen_v)
     result = barnax.identify(record, window=FROM_FULL, **FAST)
     assert result.over == over
     fit = result.fit
-    nodes = [node for node in fit.of_table("R0 [Ohm]") if node.low is not None]
-    truth_ohm = [R0_OHM + rise_ohm * (1 - node.soc) * (over == "soc") for node in nodes]
-    held = [node.low <= ohm <= node.high for node, ohm in zip(nodes, truth_ohm, strict=True)]
+    truth = {"R0 [Ohm]": R0_OHM, "R1 [Ohm]": R_OHM[0], "R2 [Ohm]": R_OHM[1]}
+    held = [
+        node.low <= ohm + rise_ohm * (1 - (node.soc or 1)) * (name == "R0 [Ohm]") <= node.high
+        for name, ohm in truth.items()
+        for node in fit.of_table(name)
+        if node.low is not None
+    ]
+    assert len(held) >= 3
     assert np.mean(held) >= 0.8
     if over == "ocv":
-        assert fit.cross_validation.tables.is_no_worse(fit.cross_validation.over_soc)
         asked = barnax.identify(record, window=FROM_FULL, over="soc", **FAST)
         assert len(asked.fit.tables.nodes) > 1
-    else:
-        assert fit.cross_validation.over_soc is None
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 from scipy.special import stdtrit
 
-from ..cell.parameters import ANYWHERE
+from ..cell.parameters import ANYWHERE, OCV
 from ..cell.soc_axis import is_above
 from ..model.box_least_squares import least_in_box
 from ..model.prepared import PreparedRecord
@@ -225,13 +225,44 @@ def tables_without(
     parts: Sequence[Reduced],
 ) -> "list[tuple[int, Float[np.ndarray, 'unknowns']]]":
     """Each label, and the unknowns that fit the groups of all others best, at the time constants
-    of all."""
+    of all.
+
+    An OCV of the records' own is fitted to all samples of a record: where it is alone nothing else
+    visits the SOC of a block, and what the OCV is there is no question of the circuit.
+    """
     columns, bases = _at(objective, best, parts)
     scored = np.array([part.scored for part in parts])
-    return [
-        (label, _fitted_to(objective, best, columns, bases, np.where(labels != label, scored, 0)))
-        for label in np.unique(labels).tolist()
-    ]
+    everywhere = _normal(objective, columns, bases, scored)
+    count = len(np.unique(record_of(objective)[scored > 0]))
+    are_blocks = len(np.unique(labels)) != count or count == 1
+    without = []
+    for label in np.unique(labels).tolist():
+        x = _fitted_to(objective, best, columns, bases, np.where(labels != label, scored, 0))
+        if are_blocks and OCV in objective.names:
+            x = _with_ocv_of_all(objective, best, everywhere, x)
+        without.append((label, x))
+    return without
+
+
+def _with_ocv_of_all(
+    objective: TableObjective,
+    best: Solution,
+    everywhere: tuple[Float[np.ndarray, "unknowns unknowns"], Float[np.ndarray, "unknowns"]],
+    x: Float[np.ndarray, "unknowns"],
+) -> Float[np.ndarray, "unknowns"]:
+    """The unknowns with the OCV that fits all samples best beside these resistances."""
+    (normal, gradient), low_high = everywhere, objective.box
+    ocv = objective.block(objective.names.index(OCV))
+    rest = x.copy()
+    rest[ocv] = 0.0
+    x = x.copy()
+    x[ocv] = least_in_box(
+        normal[ocv, ocv],
+        (gradient + normal @ rest)[ocv],
+        *(end[ocv] for end in low_high),
+        best.sides[ocv],
+    )[0]
+    return x
 
 
 def _held_out(
@@ -271,12 +302,23 @@ def _fitted_to(
     scored: Int[np.ndarray, "groups"],
 ) -> Float[np.ndarray, "unknowns"]:
     """The unknowns that fit some groups of samples best, at the time constants of all."""
+    normal, gradient = _normal(objective, columns, bases, scored)
+    return least_in_box(normal, gradient, *objective.box, best.sides)[0]
+
+
+def _normal(
+    objective: TableObjective,
+    columns: Sequence[Float[np.ndarray, "_ columns"]],
+    bases: Sequence[Float[np.ndarray, "_"]],
+    scored: Int[np.ndarray, "groups"],
+) -> tuple[Float[np.ndarray, "unknowns unknowns"], Float[np.ndarray, "unknowns"]]:
+    """The normal equations of some groups of samples."""
     normal, gradient = objective.penalty_normal.copy(), np.zeros(len(objective.penalty_normal))
     for at in np.flatnonzero(scored).tolist():
         share = scored[at] / scored.sum()
         normal += share * columns[at].T @ columns[at]
         gradient += share * columns[at].T @ bases[at]
-    return least_in_box(normal, gradient, *objective.box, best.sides)[0]
+    return normal, gradient
 
 
 def with_spread(

@@ -191,13 +191,13 @@ def _with_curves(
     first = 0
     for columns, base, informed in rows:
         here = soc[first : first + len(base)]
-        weighted_v = objective.weights_at(here)[:, None] * starts_v[first : first + len(base)]
+        begun_v = starts_v[first : first + len(base)]
         first += len(base)
         left = sum(
             columns[:, objective.block(table)].sum(axis=1) * curve.above_lines(here)
             for table, curve in enumerate(curves)
         )
-        yield columns, np.column_stack([base, left, weighted_v]), informed
+        yield columns, np.column_stack([base, left, begun_v]), informed
 
 
 def unsmoothed(objective: TableObjective, found: Solution) -> tuple[TableObjective, Solution]:

@@ -353,6 +353,14 @@ class TableObjective:
         nodes = self.nodes_of[place]
         return nodes, self.facts[0].cell.average_ocv_v(nodes) + found.values[place]
 
+    def with_ocv(self, prepared: PreparedRecord, found: Solution) -> PreparedRecord:
+        """A record with the OCV of a solution that has one of its own."""
+        if OCV not in self.names:
+            return prepared
+        place = self.names.index(OCV)
+        added_v = hats(prepared.soc, self.nodes_of[place]) @ found.values[place]
+        return replace(prepared, source_v=prepared.source_v + added_v)
+
     def with_unknowns(self, found: Solution, x: Float[np.ndarray, "unknowns"]) -> Solution:
         """A solution with other tables at the same scales."""
         rows = self.to_tables @ x

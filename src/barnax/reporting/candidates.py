@@ -62,7 +62,8 @@ def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str
     )
     cells[""] = lambda candidate: "the answer" if candidate.is_answer else ""
     return make_table(
-        "RMSE in mV, in brackets that above 10 % SOC, of the answer and the constant circuit.",
+        "RMSE in mV, in brackets that above 10 % SOC, of the answer"
+        + (" and the constant circuit." if len(candidates) > 1 else "."),
         ranked(candidates),
         cells,
         ["circuit", "left out [mV]", "identification [mV]", "proved: better by at most", ""],
@@ -84,7 +85,7 @@ def choice_table(tried: "Sequence[Tried]") -> Table:
         "fitted [mV]": lambda own: fixed(1e3 * own.rmse_v, 2),
         "held out [mV]": lambda own: errors_words(own.held_out),
         "gain (standard error)": gain,
-        "": lambda own: "kept" if own.kept else "",
+        "": lambda own: own.outcome,
     }
     return make_table(
         "How the circuit was chosen: errors on held-out blocks, in brackets those above 10 % SOC, "

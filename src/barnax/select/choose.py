@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Int
@@ -39,6 +39,11 @@ class Fitted(NamedTuple):
     loss: Loss | None
 
 
+# What became of a rung: it is kept; it gains too little, or less than the one that was kept; what
+# it adds is not determined; or the circuit was asked for without it.
+Outcome = Literal["kept", "no gain", "less gain", "not determined", "not asked for"]
+
+
 @dataclass(frozen=True)
 class Tried:
     """One rung that was tried.
@@ -51,7 +56,7 @@ class Tried:
         rmse_v: sqrt(J) of its best fit.
         held_out: Errors on blocks that were held out.
         gain: By how much its loss is lower than that of the circuit before; None of the first.
-        kept: True where it took that one's place.
+        outcome: What became of it.
     """
 
     ladder: Ladder | None
@@ -61,7 +66,12 @@ class Tried:
     rmse_v: float
     held_out: SocErrors | None
     gain: Gain | None
-    kept: bool
+    outcome: Outcome = "kept"
+
+    @property
+    def kept(self) -> bool:
+        """True where it took that one's place."""
+        return self.outcome == "kept"
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +143,7 @@ class _Bench:
             assert simpler.loss is not None
             gain = self.policy.gain(simpler.loss, chosen.loss)
             if not self.policy.is_better(gain):
-                self.tried.append(replace(_tried("without", simpler, None), kept=True))
+                self.tried.append(_tried("without", simpler, None))
                 return self._without_needless(simpler)
         return chosen
 
@@ -169,12 +179,22 @@ class _Bench:
             assert chosen.loss is not None
             assert more.loss is not None
             gain = self.policy.gain(chosen.loss, more.loss)
-            self.tried.append(_tried(ladder, more, gain))
-            if gain.value > best_gain and self.policy.is_better(gain) and self._is_told(more):
+            outcome = self._outcome(chosen, more, gain)
+            self.tried.append(_tried(ladder, more, gain, outcome))
+            if outcome == "less gain" and gain.value > best_gain:
                 best, best_gain, place = more, gain.value, len(self.tried) - 1
         if best is not None:
-            self.tried[place] = replace(self.tried[place], kept=True)
+            self.tried[place] = replace(self.tried[place], outcome="kept")
         return best
+
+    def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain) -> Outcome:
+        """What becomes of a richer circuit, unless no other gains more."""
+        if not self.policy.is_better(gain):
+            return "no gain"
+        if not self._is_told(more):
+            return "not determined"
+        is_other = more.point.circuit != chosen.point.circuit
+        return "not asked for" if self.limits.is_asked and is_other else "less gain"
 
     def _is_told(self, more: Fitted) -> bool:
         """False for a hysteresis that turns at once, and a law whose own interval spans decades."""
@@ -240,10 +260,12 @@ class _Bench:
         blocks, count = self._blocks
         squares_v2, counts = np.zeros((len(bands), count)), np.zeros((len(bands), count), int)
         for fold, x in tables_without(objective, best, labels, objective.parts):
-            tables = objective.tables_at(objective.with_unknowns(best, x))
-            for prepared, (block, fold_of_block) in zip(
+            solution = objective.with_unknowns(best, x)
+            tables = objective.tables_at(solution)
+            for told, (block, fold_of_block) in zip(
                 objective.prepared_records, blocks, strict=True
             ):
+                prepared = objective.with_ocv(told, solution)
                 for here, error_v in error_blocks(prepared, tables):
                     is_held = (block[here] >= 0) & (fold_of_block[here] == fold)
                     for band, low_soc in enumerate(bands):
@@ -263,7 +285,9 @@ class _Bench:
         return numbered, first
 
 
-def _tried(ladder: Ladder | None, own: Fitted, gain: Gain | None) -> Tried:
+def _tried(
+    ladder: Ladder | None, own: Fitted, gain: Gain | None, outcome: Outcome = "kept"
+) -> Tried:
     law, point, held = own.point.law, own.point, None
     if own.loss is not None:
         sums, counts = (values.sum(axis=0) for values in (own.loss.squares_v2, own.loss.counts))
@@ -271,4 +295,4 @@ def _tried(ladder: Ladder | None, own: Fitted, gain: Gain | None) -> Tried:
         held = SocErrors(whole_v, above_v if counts[-1] else None)
     follows = tuple(law.numbers) if law else ()
     given = ladder, point.circuit, len(point.nodes), follows, own.best.rms_v, held, gain
-    return Tried(*given, kept=ladder is None)
+    return Tried(*given, outcome)

@@ -56,6 +56,7 @@ class Limits:
         richer: By circuit, those with more.
         laws: What resistances may follow; None leaves it to the records.
         has_ocv: Whether the OCV is a table of the records' own.
+        is_asked: Whether the circuit was asked for: richer ones are tried, and none is kept.
     """
 
     start: str
@@ -63,6 +64,7 @@ class Limits:
     richer: Mapping[str, Mapping[Ladder, str]] = field(default_factory=dict)
     laws: tuple[str, ...] | None = ()
     has_ocv: bool = False
+    is_asked: bool = False
 
     def rungs(self, point: Point) -> Iterator[tuple[Ladder, Point]]:
         """The richer circuits that are one rung away, but for laws, which records propose."""
@@ -116,17 +118,20 @@ def limits_of(
         settings.resistances_follow, tuple(settings.resistances_follow.split(","))
     )
     if model is not None:
-        return Limits(model, nodes, {}, laws, has_ocv)
+        # Beside an OCV of the records' own, a hysteresis that is left out goes into resistances.
+        others = RICHER.get(model, {}) if has_ocv else {}
+        richer = {model: {ladder: other for ladder, other in others.items() if ladder != "pairs"}}
+        return Limits(model, nodes, richer, laws, has_ocv, is_asked=True)
     is_bounded = bool(settings.ranges)
-    # Beside an OCV of the records' own, a slow pair and the OCV can each imitate the other.
-    start = "esc" if cell.has_flat_ocv else "so-rc" if is_bounded or has_ocv else "1rc"
+    start = "esc" if cell.has_flat_ocv else "so-rc" if is_bounded else "1rc"
     shows_gap = has_ocv or cell.shows_hysteresis
-    richer: dict[str, Mapping[Ladder, str]] = {
-        circuit: {
+    richer: dict[str, Mapping[Ladder, str]] = {}
+    reached = [start]
+    for circuit in reached:
+        richer[circuit] = {
             ladder: other
-            for ladder, other in others.items()
+            for ladder, other in RICHER[circuit].items()
             if (ladder != "pairs" or not is_bounded) and (ladder != "hysteresis" or shows_gap)
         }
-        for circuit, others in RICHER.items()
-    }
+        reached += richer[circuit].values()
     return Limits(start, nodes, richer, laws, has_ocv)

@@ -87,11 +87,13 @@ def _alike(starts: dict[str, Starts], circuit: str) -> str:
 
 
 def _left_out(choice: Choice) -> Iterator[Notice]:
-    """The warning where a circuit that was asked for leaves out a hysteresis that records show."""
-    missed = [own for own in choice.tried if own.outcome == "not asked for"]
-    for own in missed[-1:]:
-        circuit = choice.chosen.point.circuit
-        yield notice("tables.hysteresis-left-out", circuit=circuit, instead=own.circuit)
+    """The warnings where what was asked for leaves out what the records show."""
+    left_out = {own.ladder: own for own in choice.tried if own.outcome == "not asked for"}
+    if "hysteresis" in left_out:
+        given = choice.chosen.point.circuit, left_out["hysteresis"].circuit
+        yield notice("tables.hysteresis-left-out", circuit=given[0], instead=given[1])
+    if "law" in left_out:
+        yield notice("tables.direction-left-out")
 
 
 def _turning_at_once(chosen: Fitted) -> Iterator[Notice]:

@@ -24,9 +24,10 @@ def slow_loss(loss):
         for band in range(loss.counts.shape[1])
         if loss.counts[:, band].any()
     ]
-    return sum(map(math.log, mean_v2)) / len(mean_v2) / 2 + sum(map(math.log, bands_v2)) / len(
-        bands_v2
-    ) / 2
+    return (
+        sum(map(math.log, mean_v2)) / len(mean_v2) / 2
+        + sum(map(math.log, bands_v2)) / len(bands_v2) / 2
+    )
 
 
 def drawn(seed, blocks=40):

@@ -9,12 +9,12 @@ from ..cell import CircuitParameters, get_circuit
 from ..checks.step_answers import late_answers_ohm
 from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record
-from ..model.problem import Problem, with_one_more_pair
+from ..model.problem import Problem
 from ..notices import Notice, notice
 from ..records import Decision
 from ..records.record import Hold
 from ..search.evaluate import evaluate
-from .search import best_on_grid, find_global_optimum
+from .search import find_global_optimum
 
 # The errors of both holds are compared in so many parts of each record. A mean logarithm beyond so
 # much, at so many standard errors, was never wrong on 120 simulated cells whose voltage does not
@@ -49,24 +49,6 @@ def try_other_hold(problem: Problem) -> OtherHold | None:
     except InputError:
         return None
     return OtherHold(value, found.rmse_v, found.parameters)
-
-
-def r0_with_one_more_pair(problem: Problem) -> tuple[float, ...]:
-    """R0 in ohm if the circuit had a pair more, on a grid; also with the other hold where one is
-    only assumed, and empty where the box is too wide to look.
-
-    A pair that is missing is shared between R0 and the other pairs, which moves R0 by more than the
-    residuals tell.
-    """
-    turned = _turned(problem, lambda hold, value: Decision(value, "given", "tried"))
-    found = []
-    for tried in (problem, *(() if turned is None else turned[1:])):
-        wider = with_one_more_pair(tried)
-        try:
-            found += [] if wider is None else [best_on_grid(wider).r0]
-        except InputError:
-            continue
-    return tuple(found)
 
 
 def hold_warning(

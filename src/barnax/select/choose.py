@@ -19,6 +19,7 @@ from ..over_soc.dependence import laws_for, propose
 from ..over_soc.intervals import intervals_of
 from ..over_soc.objective import Solution, TableObjective
 from ..over_soc.problem import (
+    box_of,
     coarsened,
     held_at,
     reduced_objective,
@@ -125,7 +126,7 @@ class _Bench:
         if chosen.loss is None:
             # Nothing can be held out, and nothing speaks for more.
             return Choice(chosen, tuple(self.tried))
-        laws = laws_for(self._all_prepared(chosen.point)) if self.limits.laws is None else ()
+        laws = self._laws_to_try(chosen.point)
         while True:
             step = self._best_of(chosen, self._fitted(self._rungs(chosen.point))) or self._best_of(
                 chosen, self._laws(chosen, laws)
@@ -134,6 +135,13 @@ class _Bench:
                 return Choice(self._without_needless(chosen), tuple(self.tried))
             # A law was tried at the time constants of the circuit before.
             chosen = self.fit(step.point) if step.point.law != chosen.point.law else step
+
+    def _laws_to_try(self, point: Point) -> tuple[str, ...]:
+        """The laws that the records can tell. Beside an OCV of the records' own it takes up
+        resistances that differ with the direction, where these are left out."""
+        if self.limits.laws is None:
+            return laws_for(self._all_prepared(point))
+        return ("direction",) if self.limits.has_ocv and not self.limits.laws else ()
 
     def _without_needless(self, chosen: Fitted) -> Fitted:
         """The same without rungs that are worth nothing any more beside those kept later."""
@@ -193,8 +201,9 @@ class _Bench:
             return "no gain"
         if not self._is_told(more):
             return "not determined"
-        is_other = more.point.circuit != chosen.point.circuit
-        return "not asked for" if self.limits.is_asked and is_other else "less gain"
+        is_other = self.limits.is_asked and more.point.circuit != chosen.point.circuit
+        is_law = self.limits.laws is not None and more.point.law != chosen.point.law
+        return "not asked for" if is_other or is_law else "less gain"
 
     def _is_told(self, more: Fitted) -> bool:
         """False for a hysteresis that turns at once, and a law whose own interval spans decades."""
@@ -246,7 +255,10 @@ class _Bench:
         finest, key = replace(point, nodes=self.limits.nodes[-1]), (point.has_rate, point.law)
         if key not in self._finest:
             settings = self.limits.settings_of(finest, self.settings)
-            self._finest[key] = reduced_objective(self.records_of(finest), settings)
+            records = self.records_of(finest)
+            # Beside no correction of the OCV, pairs may be slower.
+            widest = box_of(records, replace(settings, ocv_correction=self.limits.has_ocv))
+            self._finest[key] = reduced_objective(records, settings, widest)
         settings = self.limits.settings_of(point, self.settings)
         objective = coarsened(self._finest[key], self.records_of(point), settings)
         best = find_best(objective)

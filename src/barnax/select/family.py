@@ -114,6 +114,9 @@ def limits_of(
     nodes = NODE_LADDER if settings.nodes == NODES else tuple({ANYWHERE: 0, settings.nodes: 0})
     if over_soc is not None and len(nodes) > 1:
         nodes = nodes[1:] if over_soc else nodes[:1]
+    if not settings.folds:
+        # With nothing held out there is no choice: the standard circuit, with the nodes as given.
+        nodes = nodes[-1:]
     laws = {"auto": None, "none": ()}.get(
         settings.resistances_follow, tuple(settings.resistances_follow.split(","))
     )
@@ -123,7 +126,7 @@ def limits_of(
         richer = {model: {ladder: other for ladder, other in others.items() if ladder != "pairs"}}
         return Limits(model, nodes, richer, laws, has_ocv, is_asked=True)
     is_bounded = bool(settings.ranges)
-    start = "esc" if cell.has_flat_ocv else "so-rc" if is_bounded else "1rc"
+    start = "esc" if cell.has_flat_ocv else "1rc" if settings.folds and not is_bounded else "so-rc"
     shows_gap = has_ocv or cell.shows_hysteresis
     richer: dict[str, Mapping[Ladder, str]] = {}
     reached = [start]

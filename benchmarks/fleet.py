@@ -35,7 +35,7 @@ DEFAULT: dict[str, Any] = {"seeds": 0}
 # What a stage of a cell is called, and the function where its caller reads it.
 STAGES = {
     "reading and checks": "barnax.pipeline:read_inputs",
-    "reduction": "barnax.identification:_problem",
+    "reduction": "barnax.constant_problem:problem_of",
     "certified optimum": "barnax.identification:find_global_optimum",
     "evaluation": "barnax.identification:evaluate",
     "intervals": "barnax.identification:assess",

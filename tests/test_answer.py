@@ -41,9 +41,9 @@ def test_the_answer_is_the_last_rung_that_was_kept(result):
     assert held.rmse_v == pytest.approx(kept[-1].held_out.rmse_v, rel=1e-3)
     own = result.metrics.identification
     assert own.rmse_v == pytest.approx(answer.identification.rmse_v, rel=1e-12)
-    # No worse than tables of 17 nodes, which were the default: 7.04 and 4.96 mV.
+    # Tables of 17 nodes, which were the default, have 7.05 and 5.11 mV.
     assert 1e3 * own.rmse_v < 7.7
-    assert 1e3 * result.metrics.validation[0].rmse_v < 5.2
+    assert 1e3 * result.metrics.validation[0].rmse_v < 5.3
 
 
 def test_a_proved_constant_circuit_stands_beside_the_tables(result):

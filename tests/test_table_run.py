@@ -79,7 +79,6 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     other = constant.with_tables({"R0 [Ohm]": [0.041]})
     uncertainty = SimpleNamespace(beyond=lambda circuit: {}, spanning=lambda others: others)
     monkeypatch.setattr(identification, "replace", lambda given, uncertainty: uncertainty)
-    monkeypatch.setattr(TableRun, "hold_warnings", lambda *_: [])
     # A step that answers 20 mOhm above the constant circuit's R0.
     monkeypatch.setattr(identification, "late_answers_ohm", lambda record: (0.06, 0.01, 0.0))
     problem = SimpleNamespace(prepared_records=[SimpleNamespace(record=None)])

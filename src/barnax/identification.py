@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -14,6 +13,7 @@ import numpy as np
 from .blas import one_blas_thread
 from .cell import Dependence, get_circuit
 from .checks.step_answers import late_answers_ohm
+from .constant_problem import problem_of
 from .errors import InputError
 from .execution import in_float64, threads
 from .global_optimum import (
@@ -23,13 +23,10 @@ from .global_optimum import (
     hold_warning,
     try_other_hold,
     with_better_directions,
-    with_better_hold,
-    without_sweep_drop,
 )
-from .inputs import Inputs, Watch, ranges_of
+from .inputs import Inputs, Watch
 from .model.prepared import PreparedRecord, prepare_record
-from .model.problem import Kind, Problem, make_problem, require_enough
-from .model.search_space import Range
+from .model.problem import Problem
 from .model.window import Window
 from .notices import Notice, notice
 from .over_soc import (
@@ -53,9 +50,6 @@ from .select import Fitted, Tried, choose, limits_of
 from .settings import OVER_TEMPERATURE, Settings
 from .table_run import R0, TableRun
 from .uncertainty import Assessment, assess, compile_linearization, examine
-
-# The circuit that the population searches beside tables.
-CONSTANT = "so-rc"
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,29 +79,6 @@ class Setup:
         """True where the answer is tables, of resistances or of the OCV."""
         is_table = self.chosen is not None and not self.chosen.point.is_constant
         return is_table or self.fits is not None or self.over_temperature
-
-
-def first_problem(
-    inputs: Inputs,
-    windows: Mapping[str, Window],
-    settings: Settings,
-    own: OwnOcv | None,
-    **box: Any,
-) -> Problem:
-    """A constant circuit on the records: with the OCV at rest where sweeps measured it under load,
-    the directions before the start and the sampling of the current that the voltage shows."""
-    circuit = own.circuit if own else settings.model or _start(inputs)
-    problem = without_sweep_drop(_problem(inputs, windows, settings, circuit, **box))
-    if own is not None and get_circuit(circuit).has_rate:
-        # A hysteresis of the records' own was fitted with the directions that fit better.
-        problem = _with_directions(problem, own.directions)
-    else:
-        problem = with_better_directions(problem)
-    return with_better_hold(problem)
-
-
-def _start(inputs: Inputs) -> str:
-    return limits_of(inputs.cell, TableSettings()).start.replace("1rc", CONSTANT)
 
 
 def set_up(
@@ -152,7 +123,7 @@ def set_up(
             ]
         if first.circuit == circuit:
             return first.prepared_records
-        made = _problem(inputs, windows, settings, circuit)
+        made = problem_of(inputs, windows, settings, circuit)
         return with_better_directions(made).prepared_records
 
     choice = choose(prepare, tables, limits)
@@ -160,7 +131,9 @@ def set_up(
     problem, point = first, chosen.point
     prepared = chosen.objective.prepared_records
     if point.is_constant and point.circuit != first.circuit:
-        problem = with_better_directions(_problem(inputs, windows, settings, point.circuit, **box))
+        problem = with_better_directions(
+            problem_of(inputs, windows, settings, point.circuit, **box)
+        )
     problem = _on_windows(problem, prepared)
     return Setup(problem, validation, chosen.objective.settings, chosen, choice.tried)
 
@@ -194,52 +167,6 @@ def _registered(chosen: Fitted, tables: TableSettings) -> Fitted:
     with one_blas_thread():
         best = find_best(objective)
     return Fitted(replace(chosen.point, law=law), objective, best, chosen.loss)
-
-
-def _with_directions(problem: Problem, others: Mapping[str, float]) -> Problem:
-    """The problem whose records say which directions before the start were found to fit better."""
-    records = tuple(
-        prepared.fitting_better(others[prepared.record.name])
-        if prepared.record.name in others
-        else prepared
-        for prepared in problem.prepared_records
-    )
-    return problem.keeping_computed(prepared_records=records)
-
-
-def _problem(
-    inputs: Inputs,
-    windows: Mapping[str, Window],
-    settings: Settings,
-    circuit: str,
-    bounds: Mapping[str, Range] | str | Path | None = None,
-    fix: Mapping[str, float] | None = None,
-) -> Problem:
-    """The problem, compressed where the box allows it unless the objective is chosen."""
-    source, ranges = ranges_of(bounds)
-
-    def make(objective: Kind) -> Problem:
-        return make_problem(
-            inputs.records,
-            inputs.cell,
-            circuit,
-            window=[windows[record.name] for record in inputs.records],
-            bounds=ranges,
-            fixed=fix,
-            coordinates=settings.coordinates,
-            objective=objective,
-            source=source,
-        )
-
-    problem = make("scan" if settings.objective == "auto" else settings.objective)
-    require_enough(problem)
-    if settings.objective != "auto":
-        return problem
-    try:
-        _ = problem.compressed
-    except InputError:
-        return problem
-    return problem.keeping_computed(kind="compressed")
 
 
 def search_and_assess(
@@ -383,7 +310,6 @@ def _widened(
         return assessment, None
     shifts_ohm = [ohm - tables.median_ohm(R0) for ohm in late_ohm]
     if other_hold is not None:
-        warnings += tables.hold_warnings(problem, other_hold)
         shifts_ohm.append(tables.hold_shift_ohm)
     shares = tables.hold_shares if other_hold is not None else None
     return assessment, tables.spanning(shifts_ohm, shares)

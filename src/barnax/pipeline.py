@@ -16,9 +16,10 @@ from .bundled import BUNDLED
 from .cell import CellModel
 from .checks.against_cell import compare_resistances
 from .checks.roles import are_unfit
+from .constant_problem import CONSTANT, first_problem
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
-from .identification import CONSTANT, Setup, first_problem, search_and_assess, set_up
+from .identification import Setup, search_and_assess, set_up
 from .inputs import Inputs, listed, read_inputs, telling, unwatched, windows_by_name, windows_of
 from .job import Job, takes_options
 from .model.prepared import PreparedRecord, prepare_record

@@ -27,11 +27,10 @@ from .result_parts import (
     TablesPart,
     require_version,
 )
-from .run import Candidate, Run
+from .run import Candidate, Run, Tried
 from .schema import Document, Told
 from .search.evaluate import Evaluation
 from .search.refine import AtBound
-from .select import Tried
 
 if TYPE_CHECKING:
     import numpy as np
@@ -86,7 +85,6 @@ class Result(Document):
     versions: dict[str, str]
 
     _run: Run | None = PrivateAttr(None)
-    # Where its records are, for `reopening`.
     _inputs: Any = PrivateAttr(None)
     remedy: ClassVar[str] = "give the result.json that barnax identify wrote"
 

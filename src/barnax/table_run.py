@@ -10,9 +10,7 @@ from .cell import CellModel
 from .cell.dependence import BETA
 from .cell.elements import names_beside, rungs_of
 from .display import Brief
-from .global_optimum import OtherHold, hold_warning
 from .model.prepared import PreparedRecord
-from .model.problem import Problem
 from .model.window import SAME_FULL
 from .notices import Notice, notice
 from .over_soc import (
@@ -145,26 +143,6 @@ class TableRun(Brief):
             tau = taus[rung.element]
             kept = math.exp(-interval_s / (tau.value * rung.ratio))
             yield names_beside(tau.name).resistance, rung.share, kept
-
-    @property
-    def middle_r0(self) -> NodeInterval | None:
-        """R0 at the node nearest to the middle of the SOC, None where no node has an interval."""
-        known = [
-            interval for interval in self.found.reference.of_table(R0) if interval.low is not None
-        ]
-        return min(
-            known, key=lambda interval: abs((interval.soc or 0.0) - MIDDLE_SOC), default=None
-        )
-
-    def hold_warnings(self, problem: Problem, other: OtherHold) -> Iterator[Notice]:
-        """That the other hold would move R0 in the middle of the SOC out of its interval."""
-        middle = self.middle_r0
-        if middle is None or middle.low is None or middle.high is None:
-            return
-        moved_ohm = middle.value + self.hold_shift_ohm
-        if not middle.low <= moved_ohm <= middle.high:
-            soc = middle.soc if self.found.reference.is_over_soc else None
-            yield hold_warning(problem, other.value, middle.value, moved_ohm, soc)
 
     def spanning(
         self, shifts_ohm: Sequence[float], shares: Mapping[str, float] | None = None

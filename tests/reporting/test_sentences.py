@@ -13,7 +13,7 @@ from barnax.cell.dependence import Dependence
 from barnax.cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from barnax.model.start import Start
 from barnax.notices import notice
-from barnax.over_soc import NodeInterval, SocErrors, TableFits, TableSettings
+from barnax.over_soc import NodeInterval, SocErrors, TableFits
 from barnax.over_soc.current_offset import OffsetEffect
 from barnax.records import Decision
 from barnax.reporting.decisions import guess_sentences
@@ -30,11 +30,10 @@ from barnax.reporting.starts import beyond_sentence, carried_sentences, offset_s
 from barnax.reporting.temperatures import dependence_sentences
 from barnax.reporting.verdict import next_step, search_sentences
 from barnax.search.refine import Optimum
-from barnax.table_run import TableRun
 from barnax.uncertainty import Band, Diagnostics, Estimate, Identifiability, Undetermined
 from barnax.uncertainty.covariance import NoiseParts, Uncertainty
 from helpers.golden import require_golden
-from helpers.results import NODES, make_fit, make_table_result
+from helpers.results import make_table_result
 
 GOLDEN = Path(__file__).parent / "sentences.txt"
 CIRCUIT = CircuitParameters.constant(0.05, (0.02, 0.03), (4.1 / 0.02, 150 / 0.03))
@@ -251,21 +250,6 @@ def test_the_other_hold_is_told_of_the_tables_where_these_are_the_answer():
         guess_sentences(result.model_copy(update={"inputs": inputs, "tables": shifted}))
     )
     assert "with `current_hold=backward` R0 would be 1.02 mOhm less." in told
-
-
-@pytest.mark.parametrize(("shift_ohm", "warns"), [(-0.0019, False), (-0.0021, True)])
-def test_a_hold_that_moves_r0_of_the_tables_out_of_its_interval_is_said_of_them(
-    monkeypatch, shift_ohm, warns
-):
-    monkeypatch.setattr(TableRun, "hold_shift_ohm", shift_ohm)
-    run = TableRun(TableSettings(nodes=NODES), TableFits((make_fit(),)), [], [])
-    record = SimpleNamespace(name="a.csv", hold=Decision("forward", "assumed", ""), charge_ah=None)
-    prepared = [SimpleNamespace(record=record)]
-    problem: Any = SimpleNamespace(circuit="so-rc", prepared_records=prepared)
-    other: Any = SimpleNamespace(value="backward")
-    told = " ".join(map(str, run.hold_warnings(problem, other)))
-    assert bool(told) is warns
-    assert not warns or "R0 of the tables at 50 % SOC is 50 mOhm as assumed, and 47.9 mOhm" in told
 
 
 def test_a_start_of_a_record_that_is_counted_over_its_own_charge_says_so():

@@ -10,9 +10,10 @@ from pydantic import ConfigDict
 
 from ..baselines import METHODS, Budget
 from ..cell import CellModel, OcvTable
+from ..constant_problem import first_problem
 from ..errors import InputError
 from ..global_optimum import GlobalOptimum
-from ..identification import first_problem, search_and_assess, set_up
+from ..identification import search_and_assess, set_up
 from ..inputs import listed, ranges_of, read_inputs, unwatched, windows_of
 from ..job import Job, takes_options
 from ..model.problem import Problem

@@ -51,10 +51,8 @@ def try_other_hold(problem: Problem) -> OtherHold | None:
     return OtherHold(value, found.rmse_v, found.parameters)
 
 
-def hold_warning(
-    problem: Problem, other: Hold, own_ohm: float, other_ohm: float, soc: float | None = None
-) -> Notice:
-    """The notice that the other hold would give an R0 outside the interval; of tables, at `soc`."""
+def hold_warning(problem: Problem, other: Hold, own_ohm: float, other_ohm: float) -> Notice:
+    """The notice that the other hold would give an R0 outside the interval."""
     records = [
         prepared.record
         for prepared in problem.prepared_records
@@ -64,9 +62,7 @@ def hold_warning(
         "hold.undecided",
         ", ".join(record.name for record in records),
         counters=None if any(record.charge_ah is None for record in records) else "there",
-        parameter="constant" if soc is None else "tables",
         circuit=problem.circuit,
-        soc=soc,
         own_ohm=own_ohm,
         other_ohm=other_ohm,
         hold=other,

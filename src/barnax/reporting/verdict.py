@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..cell.circuits import Circuit, get_circuit
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
+from ..cell.elements import alike
 from ..cell.model import SAME_DEGC
 from ..cell.soc_axis import ABOVE_SOC
 from ..checks.roles import are_unfit
@@ -185,6 +186,9 @@ def next_step(result: "Result") -> Next:
         lost = any(fit.tables.dependence is not None for fit in result.fits)
         without = ", which has resistances over SOC alone" if lost else ""
         return Next(f"export the tables, for example {what}{without}", exports=to)
+    elements = get_circuit(result.model).elements
+    if not result.tried and alike(elements) < len(elements):
+        return Next("try tables over SOC of this circuit too", {"over": "soc"})
     if not result.tried:
         return Next("try tables over SOC too, without `model`", without=("model", "setup"))
     found = result.constant.assessment

@@ -6,6 +6,7 @@ would decide wall time; ratios are of runs in turn. `TINY CELLS` says how many o
 for the 10,000 that are aimed at; a quarter of them are run as well.
 """
 
+import argparse
 import json
 import logging
 import os
@@ -393,7 +394,9 @@ def main() -> None:
         return
     from benchmarks.pages import publish
 
-    tiny = int(sys.argv[1]) if len(sys.argv) > 1 else TINY
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.fleet", description=__doc__)
+    parser.add_argument("tiny", metavar="TINY CELLS", nargs="?", type=int, default=TINY)
+    tiny = parser.parse_args().tiny
     with tempfile.TemporaryDirectory() as folder:
         text = page(Path(folder), tiny)
     publish(RESULTS, text)

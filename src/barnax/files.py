@@ -1,8 +1,9 @@
 """Files that are there whole or not at all, whoever is killed when.
 
-A file is written beside its place under a name of its own, and put there in one step. What is left
-of a killed process is `unfinished`: it is told and stays, for nobody else knows whether its process
-still runs, perhaps on another machine.
+A file is written beside its place under a name of its own, and put there in one step; a folder that
+replaces another in two, between which `restore` goes on. What is left of a killed process is
+`unfinished`: it is told and stays, for nobody else knows whether its process still runs, perhaps on
+another machine.
 """
 
 import csv
@@ -13,13 +14,18 @@ import signal
 import threading
 import uuid
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 from .errors import InputError, reason_of
+
+try:
+    import fcntl
+except ImportError:  # Not on Windows.
+    fcntl = None
 
 # What ends the name of a file of factors.
 SUFFIX = ".factors.npz"
@@ -118,6 +124,36 @@ def unfinished(folder: Path) -> list[Path]:
         for path in folder.glob(".barnax-*")
         if re.fullmatch(r".barnax-[0-9a-f]{32}", path.name)
     )
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """A block that one process at a time is in, where the system locks folders."""
+    with ExitStack() as stack:
+        # Some file systems lock nothing, and not every folder can be read.
+        with suppress(OSError):
+            if fcntl is not None:
+                lock = os.open(folder, os.O_RDONLY)
+                stack.callback(os.close, lock)
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def restore(path: Path) -> None:
+    """Put a new result in the place of `path` where a process was killed while it replaced it.
+
+    What cannot be restored is missing to whoever looks for it.
+    """
+    with suppress(OSError, RuntimeError):
+        place = path.resolve()
+        while not place.parent.exists():
+            place = place.parent
+        for left in unfinished(place.parent):
+            if (left / "old" / place.name).exists():
+                # A process that still writes ends first.
+                with locked(place.parent):
+                    if not os.path.lexists(place):
+                        os.replace(left / "new", place)
 
 
 @contextmanager

@@ -55,6 +55,8 @@ def test_an_existing_file_is_replaced_only_by_force(run, refuse, stored):
     [
         ((), "Missing option"),
         (("--to", "spice"), "--to 'spice' is not known; there are pybamm, thevenin, simscape, c-h"),
+        (("--to", "c"), "--to 'c' is not known; did you mean c-header or c-filter?"),
+        (("--to", "csv", "--out", "x"), "x: has no ending; give --out a name that ends in .csv"),
         (("--to", "csv", "--verify"), "not for csv"),
         (("--to", "csv", "--out", "{stored}", "--force"), "this is the file to read"),
     ],

@@ -20,7 +20,10 @@ every_circuit = pytest.mark.parametrize("circuit", CIRCUITS)
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 needs_a_compiler = pytest.mark.skipif(COMPILER is None, reason="this system has no C compiler")
-STRICT = ("-pedantic", "-Wall", "-Wextra", "-Wdouble-promotion", "-Werror", "-O2")
+STRICT = (
+    *("-pedantic", "-Wall", "-Wextra", "-Wdouble-promotion", "-Wfloat-conversion", "-Werror"),
+    "-O2",
+)
 
 # Temperatures of tables over both, and the factors of their resistances and OCV corrections.
 DEGC, FACTORS = (0.0, 25.0, 45.0), (2.0, 1.0, 0.5)

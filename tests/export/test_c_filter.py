@@ -30,7 +30,8 @@ int main(int count, char **given)
 {
     barnax_filter f;
     double in[4], out[4];
-    barnax_filter_start(&f, (barnax_real)0.7, (barnax_real)0.1, count > 1 ? atoi(given[1]) : 0);
+    const double soc = count > 2 ? atof(given[2]) : 0.7;
+    barnax_filter_start(&f, (barnax_real)soc, (barnax_real)0.1, count > 1 ? atoi(given[1]) : 0);
     while (fread(in, sizeof(double), 4, stdin) == 4) {
         barnax_filter_step(&f, (barnax_real)in[0], (barnax_real)in[1], (barnax_real)in[2],
                            (barnax_real)in[3]);
@@ -50,10 +51,10 @@ def in_c(folder, result, precision):
     options = ("-std=c99", f"-DBARNAX_REAL={precision}")
     program = compiled(folder, EXPORTERS["c-filter"], result, PROGRAM, *options)
 
-    def run(direction, drive):
+    def run(direction, drive, soc=0.7):
         """SOC, its deviation, innovation and its deviation after every sample."""
         rows = np.stack([drive.interval_s, drive.held_a, drive.current_a, drive.voltage_v], axis=1)
-        command = [program, str(direction)]
+        command = [program, str(direction), str(soc)]
         ran = subprocess.run(command, input=rows.tobytes(), capture_output=True, check=True)
         return np.frombuffer(ran.stdout).reshape(-1, 4)
 
@@ -96,6 +97,21 @@ def test_it_is_the_filter_in_python(tmp_path, circuit, with_tables):
         assert np.abs(in_double(direction, drive) - expected).max() < 1e-9
         single = in_single(direction, drive)
         assert np.abs(single[:, 0] - expected[:, 0]).max() < 2e-3
+
+
+@pytest.mark.parametrize("soc", [0.0, 0.5, 1.0])
+def test_single_precision_is_double_precision_from_a_point_of_the_table_too(tmp_path, soc):
+    """There the OCV's slope is another on either side, at full that beyond it."""
+    result = make_table_result("esc", rest_current_a=0.05)
+    number = np.arange(2000)
+    current_a = np.where(number < REST, 0.0, np.where(number % 20 < 10, 2.0, -1.9))
+    held_a = np.append(0.0, current_a[:-1])
+    voltage_v = result.cell_model.average_ocv_v(np.full(2000, soc)) - 0.05 * current_a
+    drive = SimpleNamespace(
+        interval_s=1.0 * (number > 0), held_a=held_a, current_a=current_a, voltage_v=voltage_v
+    )
+    double, single = (in_c(tmp_path, result, each)(1, drive, soc) for each in ("double", "float"))
+    assert np.abs(single[:, 0] - double[:, 0]).max() < 2e-4
 
 
 BRANCHES = """\

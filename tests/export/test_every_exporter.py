@@ -39,6 +39,14 @@ def test_an_unknown_target_lists_the_known_ones():
         get_exporter("spice")
 
 
+@pytest.mark.parametrize(
+    ("given", "meant"), [("HEADER", "c-header"), ("pybam", "pybamm"), ("simscap", "simscape")]
+)
+def test_an_unknown_target_names_the_ones_that_are_near(given, meant):
+    with pytest.raises(InputError, match=f"is not known; did you mean {meant}\\?$"):
+        get_exporter(given)
+
+
 @every_exporter
 @every_circuit
 def test_equal_results_give_equal_bytes_and_another_gives_others(exporter, circuit):

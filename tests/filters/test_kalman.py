@@ -60,17 +60,18 @@ class Plain:
         self.count = self.first_error + 3
 
     def curves(self, soc):
-        """OCV, half the hysteresis voltage, the scale of errors, the bias, and slopes of each."""
-        place = int(np.clip(np.searchsorted(GRID, soc, side="right") - 1, 0, len(GRID) - 2))
-        nodes = GRID[place : place + 2]
+        """OCV, half the hysteresis voltage, the scale of errors, the bias, and slopes of each:
+        between points of the grid those of chords over two of its steps."""
+        step = GRID[1] - GRID[0]
         for curve in (
-            self.cell.average_ocv_v(nodes),
-            self.half_gap_v(nodes),
-            np.interp(nodes, ERRORS.soc, ERRORS.scale),
-            np.interp(nodes, ERRORS.soc, ERRORS.bias_v),
+            self.cell.average_ocv_v,
+            self.half_gap_v,
+            lambda soc: np.interp(soc, ERRORS.soc, ERRORS.scale),
+            lambda soc: np.interp(soc, ERRORS.soc, ERRORS.bias_v),
         ):
-            slope = (curve[1] - curve[0]) / (nodes[1] - nodes[0])
-            yield curve[0] + slope * (soc - nodes[0]), slope
+            ahead, behind = (np.asarray(curve(GRID + by)) for by in (step, -step))
+            chords = (ahead - behind) / (2 * step)
+            yield np.interp(soc, GRID, curve(GRID)), np.interp(soc, GRID, chords)
 
     def half_gap_v(self, soc):
         """Half of the segments' gap, or with a hysteresis of its own half of the branches'."""
@@ -316,6 +317,15 @@ def test_what_is_estimated_is_found(kind):
         # A dual filter looks one interval ahead, where an offset has moved no SOC yet.
         assert found.slow[-1, 0] == pytest.approx(0.02, abs=0.01)
         assert abs(found.soc[-1] - truth[-1]) < 0.01
+
+
+@in_float64
+def test_where_segments_of_the_ocv_meet_rounding_decides_nothing():
+    """A full cell, whose OCV goes on with another slope, and the nodes of a table of it."""
+    model = make_model(make_cell(), "iso-rc", CIRCUIT, ERRORS)
+    for soc in (0.0, 0.2, 0.5, 0.9, 1.0):
+        below, above = (model.rise(jnp.asarray(soc + by)) for by in (-1e-9, 1e-9))
+        assert np.abs(below - above).max() < 1e-6
 
 
 @in_float64

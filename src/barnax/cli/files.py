@@ -237,6 +237,9 @@ def export(chosen: ExportChoices) -> None:
     path = chosen.out or file.with_name(exporter.file_name)
     _require_another(path, file)
     require_free_file(path, chosen.force)
+    if not path.suffix:
+        ending = Path(exporter.file_name).suffix
+        raise InputError(f"{path}: has no ending; give `out` a name that ends in {ending}")
     tell_unfinished(session, path.parent)
     stored = load(result)
     content, caveats = exporter.write(stored)

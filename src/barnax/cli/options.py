@@ -12,6 +12,7 @@ import typer
 from typer.models import ParameterInfo
 
 from ..errors import InputError
+from ..files import restore
 from ..settings import (
     LIMITS,
     WINDOW_OPTIONS,
@@ -41,7 +42,17 @@ DECLARED = "declared"
 
 def argument(metavar: str, text: str, default: Any = ...) -> Any:
     """A word of the command without a name; required unless it has a default."""
-    return typer.Argument(default, metavar=metavar, help=text, show_default=False)
+    return typer.Argument(
+        default, metavar=metavar, help=text, show_default=False, callback=_restored
+    )
+
+
+def _restored(given: Any) -> Any:
+    """What was given, after `restore` of what it names."""
+    for path in given if isinstance(given, list) else [given]:
+        if isinstance(path, Path):
+            restore(path)
+    return given
 
 
 def option(panel: str, metavar: str, text: str, default: Any = None, **more: Any) -> Any:

@@ -1,5 +1,6 @@
 """A folder of results, or a single file, written whole or not at all."""
 
+import filecmp
 import hashlib
 import itertools
 import json
@@ -14,17 +15,12 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ..errors import InputError
-from ..files import aside, undisturbed, unfinished, write_whole
+from ..files import aside, locked, restore, undisturbed, unfinished, write_whole
 from .options import OUTPUT, QUIET, flag, group, option
 from .session import Session, as_flags
 
 if TYPE_CHECKING:
     from ..reporting.document import Document
-
-try:
-    import fcntl
-except ImportError:  # Not on Windows.
-    fcntl = None
 
 DEFAULT_FOLDER = Path("barnax-out")
 # One of these is in every folder of results.
@@ -145,6 +141,7 @@ def require_free(folder: Path, is_forced: bool) -> None:
                 f"{folder}: results replace their folder as a whole; give `out` one in it"
             )
         existing = _writable(folder, place, another)
+        restore(place)
         for name in place.relative_to(existing).parts:
             # A name that no folder can have is refused now, not when the search is done.
             with suppress(FileNotFoundError):
@@ -164,94 +161,92 @@ def require_free(folder: Path, is_forced: bool) -> None:
 def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> Path:
     """Put all files into `folder`, or leave what was there. Keys are paths below the folder.
 
-    A result that is there is replaced where that is forced, file by file of its own list, if these
-    are as they were written; a user's own files stay. What has appeared there since `require_free`
-    was asked stays too, and the files go to a new folder beside it, `folder-2` or the next that is
-    free: a long search is not lost.
+    A result that is there is replaced where that is forced, if it is as it was written; a user's
+    own files stay. What has appeared there since `require_free` was asked stays too, and the files
+    go to a new folder beside it, `folder-2` or the next that is free: a long search is not lost.
     Gives the folder that they went to.
 
-    A new folder is there at once with all its files. An old result is copied aside before the first
-    of its files is replaced: where the process is killed before the last, old and new are whole in
-    what it left `unfinished`.
+    A folder is there at once with all its files, the user's among them. Where the process is killed
+    between the two steps that replace one, `restore` takes the second.
     """
     place = folder.resolve()
-    hashes = {name: [_hash(content)] for name, content in files.items()}
-    files = {**files, LIST: _listed(hashes)}
+    files = {**files, LIST: _listed({name: _hash(content) for name, content in files.items()})}
     described = _described(folder, "nothing was changed; give `out` another folder")
     with described, undisturbed(), ExitStack() as stack:
         place.parent.mkdir(parents=True, exist_ok=True)
+        restore(place)
         # Two commands that end at once write one after the other.
-        stack.enter_context(_locked(place.parent))
-        own, theirs = _own_and_others(place)
-        is_replaced = is_forced and not own.isdisjoint(RESULTS)
-        is_replaced &= not any(_is_in_the_way(place, name, theirs) for name in files)
+        stack.enter_context(locked(place.parent))
         workshop = aside(place.parent)
         workshop.mkdir()
         stack.callback(shutil.rmtree, workshop, ignore_errors=True)
-        fresh, old = workshop / "new", workshop / "old"
+        fresh, old = workshop / "new", workshop / "old" / place.name
         for name, content in files.items():
             _write(fresh / name, content)
-        if not is_replaced:
+        own, theirs = _own_and_others(place)
+        is_replaced = is_forced and not own.isdisjoint(RESULTS)
+        if not is_replaced or any(_is_in_the_way(place, name, theirs) for name in files):
             found = _moved(fresh, place)
             return folder if found == place else found
-        for name in own:
-            (old / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(place / name, old / name, follow_symlinks=False)
-        # After a kill, what is of either result is still known to be ours.
-        both = _listing(place)
-        both |= {name: both.get(name, []) + own_hash for name, own_hash in hashes.items()}
-        _write(workshop / LIST, _listed(both))
+        _share(place, fresh, own | (_folders(own) - _folders(theirs)))
+        old.parent.mkdir()
+        os.replace(place, old)
         try:
-            os.replace(workshop / LIST, place / LIST)
-            for name in sorted(files.keys() - {LIST}, key=lambda name: name in RESULTS):
-                (place / name).parent.mkdir(parents=True, exist_ok=True)
-                os.replace(fresh / name, place / name)
-            _take_away(place, own.difference(files))
-            os.replace(fresh / LIST, place / LIST)
+            os.replace(fresh, place)
         except BaseException:
-            # Not to go before all is as it was: undoing may be stopped too.
+            # Not to go before it is back: undoing may be stopped too.
             kept = stack.pop_all()
-            _take_away(place, files.keys() - own)
-            for name in own:
-                os.replace(old / name, place / name)
+            os.replace(old, place)
             kept.close()
             raise
+        # What somebody saved there meanwhile.
+        late = [name for name in _own_and_others(old)[1] if not (old / name).is_symlink()]
+        if len(filecmp.cmpfiles(old, place, late)[0]) < len(late):
+            _moved(old, place)
     return folder
 
 
-def _listed(hashes: Mapping[str, Sequence[str]]) -> bytes:
-    return (json.dumps({name: hashes[name] for name in sorted(hashes)}, indent=1) + "\n").encode()
+def _share(place: Path, fresh: Path, but: set[str]) -> None:
+    """Put all of a folder into another too, `but` these paths: as links to the same files, or as
+    copies where the file system has no such links."""
+
+    def left_out(folder: str, names: Sequence[str]) -> list[str]:
+        inside = Path(folder).relative_to(place)
+        return [name for name in names if (inside / name).as_posix() in but]
+
+    def share(file: str, other: str) -> None:
+        try:
+            os.link(file, other)
+        except OSError:
+            shutil.copy2(file, other)
+
+    shutil.copytree(
+        place, fresh, symlinks=True, ignore=left_out, copy_function=share, dirs_exist_ok=True
+    )
 
 
-def _listing(place: Path) -> dict[str, list[str]]:
-    """What a folder's list says that barnax wrote, with the hashes of each file."""
+def _folders(names: Iterable[str]) -> set[str]:
+    """The folders in which files are, by the paths of these."""
+    return {str(folder) for name in names for folder in PurePosixPath(name).parents[:-1]}
+
+
+def _listed(hashes: Mapping[str, str]) -> bytes:
+    return (json.dumps(hashes, indent=1, sort_keys=True) + "\n").encode()
+
+
+def _listing(place: Path) -> dict[str, str]:
+    """What a folder's list says that barnax wrote, with the hash of each file."""
     path = place / LIST
     with suppress(OSError, ValueError):
         # A pipe would wait for its other end.
         listed = json.loads(path.read_text()) if path.is_file() else None
-        if isinstance(listed, dict) and all(isinstance(own, list) for own in listed.values()):
+        if isinstance(listed, dict):
             return listed
     return {}
 
 
 def _hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """A block that one process at a time is in, where the system locks folders."""
-    if fcntl is None:
-        yield
-        return
-    lock = os.open(folder, os.O_RDONLY)
-    try:
-        # Some file systems lock nothing.
-        with suppress(OSError):
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(lock)
 
 
 def free_name(place: Path) -> Path:
@@ -292,25 +287,15 @@ def _own_and_others(place: Path) -> tuple[set[str], set[str]]:
         name
         for name, path in there.items()
         if name in listed and not path.is_symlink() and path.is_file()
-        if _hash(path.read_bytes()) in listed[name]
+        if _hash(path.read_bytes()) == listed[name]
     }
     own |= {LIST} & there.keys() if own else set()
     return own, there.keys() - own
 
 
-def _take_away(place: Path, names: Iterable[str]) -> None:
-    """Delete these files, and the folders that held nothing else."""
-    for name in names:
-        (place / name).unlink(missing_ok=True)
-        with suppress(OSError):
-            for parent in PurePosixPath(name).parents[:-1]:
-                (place / parent).rmdir()
-
-
 def _is_in_the_way(place: Path, name: str, theirs: set[str]) -> bool:
     """True if a file there would take the place of something of the user's."""
-    path = PurePosixPath(name)
-    return (place / name).is_dir() or any(str(part) in theirs for part in (path, *path.parents))
+    return (place / name).is_dir() or not theirs.isdisjoint({name, *_folders([name])})
 
 
 def require_free_file(path: Path, is_forced: bool) -> None:
@@ -348,17 +333,18 @@ def write_file(path: Path, content: bytes) -> None:
 
 def add_file(path: Path, content: bytes) -> None:
     """`write_file`; in a folder of results the file is listed as one of theirs."""
-    write_file(path, content)
-    if listed := _listing(path.parent):
-        with suppress(InputError):
-            write_file(path.parent / LIST, _listed({**listed, path.name: [_hash(content)]}))
+    with locked(path.resolve().parent.parent):
+        write_file(path, content)
+        if listed := _listing(path.parent):
+            with suppress(InputError):
+                write_file(path.parent / LIST, _listed({**listed, path.name: _hash(content)}))
 
 
 def tell_unfinished(session: Session, folder: Path) -> None:
     """Say what killed commands left in a folder, as far as it is there."""
     session.warn(
         f"{path}: left by a command that was stopped while it wrote"
-        + (", with the result that it was to replace" if (path / "old").is_dir() else "")
+        + (", with the result that it was to replace" if any(path.glob("old/*")) else "")
         + "; delete it when no command runs there"
         for path in unfinished(folder.resolve())
     )

@@ -4,6 +4,7 @@
 ['barnax_pybamm.py', 'barnax_thevenin.py']
 """
 
+import difflib
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -70,7 +71,7 @@ EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
 
 
 def get_exporter(name: str) -> Exporter:
-    """The exporter registered as `name`. Raises `InputError` that lists the names.
+    """The exporter registered as `name`. Raises `InputError` that lists the names, or those near.
 
     Args:
         name: One of `EXPORTERS`.
@@ -79,5 +80,10 @@ def get_exporter(name: str) -> Exporter:
     'barnax_parameters.csv'
     """
     if name not in EXPORTERS:
-        raise InputError(f"`to` {name!r} is not known; there are {', '.join(EXPORTERS)}")
+        near = [one for one in EXPORTERS if name.lower() in one.split("-")]
+        near = near or difflib.get_close_matches(name, EXPORTERS, 1, 0.7)
+        remedy = (
+            f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(EXPORTERS)}"
+        )
+        raise InputError(f"`to` {name!r} is not known; {remedy}")
     return EXPORTERS[name]

@@ -24,7 +24,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float, Int, Scalar
+from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
@@ -148,14 +148,22 @@ class FilterModel(eqx.Module):
 
     def at(self, soc: Scalar) -> Float[Array, "rows"]:
         """The table's row at a SOC; it goes on straight beyond the grid."""
-        place = self.place(soc)
+        along = (soc - GRID[0]) * STEPS_PER_SOC
+        place = jnp.clip(lax.stop_gradient(along), 0, len(GRID) - 2).astype(jnp.int32)
         below, above = self.table[place], self.table[place + 1]
-        return below + ((soc - GRID[0]) * STEPS_PER_SOC - place) * (above - below)
+        return below + (along - place) * (above - below)
 
-    def place(self, soc: Scalar) -> Int[Array, ""]:
-        """The row of the table at a SOC or below it."""
-        along = lax.stop_gradient(soc - GRID[0]) * STEPS_PER_SOC
-        return jnp.clip(along, 0, len(GRID) - 2).astype(jnp.int32)
+    def rise(self, soc: Scalar) -> Float[Array, "rows"]:
+        """The slope of the table at a SOC: at a row that of the chord over both neighbors, linear
+        between rows.
+
+        Where it jumped, as that of the table itself does, rounding would decide which one counts:
+        a full cell is at a row.
+        """
+        along = (soc - GRID[0]) * STEPS_PER_SOC
+        place = jnp.clip(along, 1, len(GRID) - 3).astype(jnp.int32)
+        below, above = (self.table[row + 1] - self.table[row - 1] for row in (place, place + 1))
+        return (below + jnp.clip(along - place, 0, 1) * (above - below)) * (STEPS_PER_SOC / 2)
 
     def factor(self, name: str, slow: Float[Array, "slow"]) -> Scalar | float:
         """The factor of a slow parameter; one where it is not estimated."""
@@ -239,10 +247,9 @@ class FilterModel(eqx.Module):
         self, state: Float[Array, "states"], slow: Float[Array, "slow"], drive: Drive, near: Scalar
     ) -> Float[Array, "both"]:
         """The gradient of the voltage by every state and slow parameter, written out,
-        for that of a look-up in a table takes as long as the rest of the filter."""
+        for that of a look-up in a table takes as long as the rest of the filter, and jumps."""
         row, there = self.at(state[0]), self.at(near)
-        place = self.place(state[0])
-        rise = (self.table[place + 1, :2] - self.table[place, :2]) * STEPS_PER_SOC
+        rise = self.rise(state[0])
         if self.hysteresis == "none":
             by_soc = rise[0]
         else:

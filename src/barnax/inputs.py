@@ -155,8 +155,7 @@ def _checked(
 
     Of what was given nothing is advised again, and what is not simulated is left out.
     """
-    warnings: list[Notice] = []
-    kinds: dict[str, Kind] = {}
+    warnings, kinds, charges = list[Notice](), dict[str, Kind](), set[str]()
     degc: dict[bool, list[tuple[str, float | None]]] = {True: [], False: []}
     for role, source, taken in looked_at:
         if isinstance(taken, OcvTable):
@@ -180,18 +179,20 @@ def _checked(
             warnings += [warning.about(found.file) for warning in against]
         warnings += input_warnings(found, role, window)
         if role == "identification" and found.traits:
-            kinds[found.file] = found.traits.kind(own_ah)
+            kinds[found.file] = found.traits.kind(own_ah, has_test=not cell.is_of_records)
+            if found.traits.kind(own_ah) == "charge":
+                charges.add(found.file)
         # What has no one temperature has that told.
         if found.traits and not any(finding.check == "temperature" for finding in found.findings):
             degc[is_test].append((found.file, found.traits.temperature_degc))
     require_load(kinds)
     # A charge beside a record under load is there for the other direction.
-    charges = {name for name, kind in kinds.items() if kind == "charge"}
     warnings = [
         warning
         for warning in warnings
         if warning.code != "role.unfit"
         or warning.subject not in charges
+        or kinds.keys() == charges
         or warning.values["role"] != "identification"
     ]
     return warnings + compare_temperatures(degc[False], degc[True], identified)
@@ -298,8 +299,8 @@ def input_warnings(
     ]
     for use in found.roles:
         if use.name == role and not use.is_usable:
-            few = {} if use.too_few_steps is None else {"steps": use.too_few_steps}
-            told.insert(0, notice("role.unfit", found.file, role=role, reason=use.reason, **few))
+            loose = {} if use.half_width is None else {"half_width": use.half_width}
+            told.insert(0, notice("role.unfit", found.file, role=role, reason=use.reason, **loose))
         elif use.name == role and use.window and not window_of(window, found.file).is_chosen:
             given = {"reason": use.window.reason, "advice": use.window.advice}
             told += [notice("role.window", found.file, **given)] if given["advice"] else []

@@ -15,7 +15,7 @@ import numpy as np
 from .bundled import BUNDLED
 from .cell import CellModel
 from .checks.against_cell import compare_resistances
-from .checks.roles import are_unfit
+from .checks.roles import MAX_HALF_WIDTH, are_unfit
 from .constant_problem import CONSTANT, first_problem
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
@@ -44,9 +44,10 @@ from .plan.running import prepare_pulse_tests
 from .records import Record
 from .results import Result
 from .run import Run
+from .search.evaluate import step_warnings
 from .settings import OVER_TEMPERATURE, Settings, Trust
 from .storing import make_result
-from .table_run import table_warnings
+from .table_run import R0, table_warnings
 
 # The SOC between which a charge counts: on an LFP cell, 1 % that is lost between two testers is
 # worth 100 to 400 mV below 5 % SOC, and a charge stands on the steep end of the OCV above 95 %.
@@ -275,6 +276,8 @@ def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
             for evaluation in run.identification
         ]
     )
+    for evaluation in (run.tables or run).identification:
+        told += step_warnings(evaluation)
     for evaluation in run.validation:
         told += [*evaluation.prepared.record.warnings, *evaluation.prepared.warnings]
         told += rest_warnings(evaluation.prepared)
@@ -288,7 +291,32 @@ def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
     closed = {one.subject for one in told if one.code == "closure.open"}
     told = [one for one in told if one.code != "ocv-test.open" or one.subject not in closed]
     names = {evaluation.prepared.record.name for evaluation in run.identification}
+    is_test_right = all(one.code != "ocv-test.disagrees" for one in told)
     if are_unfit(names, told, by_steps=True):
         # Too few steps of current tell no OCV from slow resistances: the test is not to blame.
         told = [one for one in told if one.code != "ocv-test.disagrees"]
+    is_by_test = is_test_right and not run.problem.cell.is_of_records
+    if is_by_test and _half_width(run) <= MAX_HALF_WIDTH:
+        # What an OCV test lets the fit tell, the steps by themselves need not.
+        told = [
+            one for one in told if not (one.code == "role.unfit" and "half_width" in one.values)
+        ]
     return tuple(dict.fromkeys([*told, *run.warnings]))
+
+
+def _half_width(run: Run) -> float:
+    """The median half-width of the answer's intervals of R0, as a share of it; infinite where most
+    are open."""
+    if run.tables is not None:
+        fits = run.tables.found.fits
+        intervals = [own for fit in fits for own in fit.intervals if own.name == R0]
+    else:
+        estimates = run.assessment.uncertainty.estimates if run.assessment else ()
+        intervals = [own for own in estimates if own.name == R0]
+    halves = [
+        (own.high - own.low) / (2 * own.value)
+        if own.low is not None and own.high is not None and own.value > 0
+        else np.inf
+        for own in intervals
+    ]
+    return float(np.median(halves or [np.inf]))

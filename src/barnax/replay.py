@@ -60,7 +60,7 @@ DOUBT, TOLD = 3.0, 0.5
 class ScenarioPart(Part):
     """The estimates of a filter in one scenario; SOC and errors are fractions.
 
-    Errors are those after convergence, None without.
+    Errors are those after convergence, None without, but for those of the whole record.
 
     Attributes:
         name: The scenario's.
@@ -69,6 +69,8 @@ class ScenarioPart(Part):
         offset_a: The current's offset.
         capacity_ah: The capacity that is believed.
         converged_s: Time after which the error stays within 3 % for ten minutes at least.
+        whole_rms: Root mean square of the error over the whole record.
+        whole_max: The largest error over it.
         rms: Root mean square of the error.
         rms_above_10_soc: The same above 10 % SOC.
         max: The largest error.
@@ -89,6 +91,8 @@ class ScenarioPart(Part):
     offset_a: float
     capacity_ah: float
     converged_s: float | None = None
+    whole_rms: float | None = None
+    whole_max: float | None = None
     rms: float | None = None
     rms_above_10_soc: float | None = None
     max: float | None = None
@@ -339,6 +343,8 @@ def _score(model: FilterModel, case: Case, traces: Traces, place: int) -> Scenar
         return part.model_copy(update={"diverged_s": float(time_s[np.argmin(is_number)])})
     error, counter_error = soc - truth, traces.counted[place][here] - truth
     found: dict[str, Any] = {
+        "whole_rms": _rms(error),
+        "whole_max": float(np.abs(error).max()),
         "in_band": float(np.mean(np.abs(error) <= band)),
         "band": float(np.mean(band)),
         "widest": float(band[time_s >= min(HOLDS_S, time_s[-1])].max()),

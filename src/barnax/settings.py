@@ -355,7 +355,8 @@ class Window:
             if value is not None and not 0 < value < math.inf:
                 raise InputError(f"`{name}` {value} must be positive")
         if not is_temperature(self.temperature_degc or 0.0):
-            raise InputError(f"`temperature` {self.temperature_degc:g} must be the cell's, in degC")
+            given = f"`temperature` {self.temperature_degc:g}"
+            raise InputError(f"{given} is no cell's in degC; subtract 273.15 from kelvin")
         if self.score_soc is not None and not self.score_soc[0] < self.score_soc[1]:
             raise InputError(
                 f"`score_soc` {self.score_soc[0]:g},{self.score_soc[1]:g}: the lower end comes "

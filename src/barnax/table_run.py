@@ -9,6 +9,7 @@ import numpy as np
 from .cell import CellModel
 from .cell.dependence import BETA
 from .cell.elements import names_beside, rungs_of
+from .cell.parameters import OCV_CORRECTION
 from .display import Brief
 from .model.prepared import PreparedRecord
 from .model.window import SAME_FULL
@@ -27,7 +28,8 @@ from .search.evaluate import Evaluation, evaluate_from_either, with_registered
 # another cell's test, makes it 32 to 77. In the cold it is up to 40 with the right test, for no OCV
 # tells what relaxes slower than the time constants reach: 12 to 17 % of the drop over all
 # resistances, of which a wrong test makes 24 to 68 %.
-DISAGREES_V, DISAGREES_SHARE = 0.03, 0.2
+# A correction that is not determined is said from the last on.
+DISAGREES_V, DISAGREES_SHARE, OVERRULED_V = 0.03, 0.2, 0.05
 R0 = "R0 [Ohm]"
 # A pair that leaves less of itself after a sample is not seen under a current that flowed before.
 GONE = 0.02
@@ -192,6 +194,10 @@ def table_warnings(run: TableRun) -> Iterator[Notice]:
         if own is not None and own.median_v > usual_v:
             where = {"largest_v": own.largest_v, "soc": own.largest_soc}
             yield notice("ocv-test.disagrees", median_v=own.median_v, **where)
+        corrections = [node for node in fit.of_table(OCV_CORRECTION) if node.low is None]
+        moved = max(corrections, key=lambda node: abs(node.value), default=None)
+        if moved is not None and abs(moved.value) > OVERRULED_V:
+            yield notice("ocv-test.overruled", moved_v=moved.value, soc=moved.soc)
     yield from _offset_warnings(run)
     yield from _reversal_warnings(run)
     yield from _outside_warnings(run)

@@ -32,8 +32,8 @@ def said(record, cell, **options):
         ("time_s", 1 / 3600, "3600 times the charge: its time is in hours"),
         ("current_a", 1000.0, "0.001 times the charge: its current is in mA"),
         ("current_a", 1e-3, "1000 times the charge: its current is a thousand times too small"),
-        ("current_a", 0.5, "2 times the charge: its current is half of what flowed"),
-        ("current_a", 2.0, "0.5 times the charge: its current is twice what flowed"),
+        ("current_a", 0.5, "held 1 Ah, not 2 Ah, or the current were half of what flowed"),
+        ("current_a", 2.0, "held 4 Ah, not 2 Ah, or the current were twice what flowed"),
     ],
 )
 def test_a_wrong_unit_is_named_by_the_voltage_that_its_charge_should_move(

@@ -244,7 +244,10 @@ FAULTS = {
         scaled(DRIVE, CURRENT, -1).rename({TIME: "time", CURRENT: "current", VOLTAGE: "voltage"}),
         {},
     ),
-    "no evidence of the sign": (silent_voltage(), {"sign": "warning"}),
+    "no evidence of the sign": (
+        silent_voltage(),
+        {"sign": "warning", "voltage unit": "warning"},
+    ),
     "a noisy rest": (noisy_rest(), {}),
     "a cold sensor": (
         DRIVE.with_columns(pl.lit(-273.15).alias(TEMPERATURE)),
@@ -268,7 +271,7 @@ FAULTS = {
     "counters that agree": (with_counters(DRIVE), {}),
     "counters that disagree": (with_counters(DRIVE, 1.06), {"counters": "warning"}),
     "counters a little off": (with_counters(DRIVE, 1.03), {}),
-    "counters in mAh": (with_counters(DRIVE, 1000.0), {"counters": "warning"}),
+    "counters in mAh": (with_counters(DRIVE, 1000.0), {"charge unit": "warning"}),
     "exchanged counters": (exchanged_counters(), {"sign": "warning"}),
     "counters that began before": (
         with_counters(DRIVE).with_columns(pl.col(DISCHARGED) + 1.25),

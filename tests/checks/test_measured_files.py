@@ -104,6 +104,9 @@ def test_what_each_other_file_serves_as(checks):
         LEAVES[1]: ["validation"],
         LEAVES[2]: ["validation"],
         RAW[4]: ["validation"],
+        # Three steps agree; what R0 is between them, a validation need not tell.
+        PART3: ["validation"],
+        RAW[2]: ["validation"],
     }
     assert window(checks[DYNAMIC[0]]).options == {}
 

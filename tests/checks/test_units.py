@@ -132,7 +132,7 @@ def test_a_current_named_in_milliamperes_is_not_taken_for_them_again(tmp_path):
 def test_a_charge_of_the_interval_too_small_for_the_cell_is_told_by_its_own_name():
     table = pulse_frame().select(
         pl.col(TIME).alias("time/s"),
-        (pl.col(CURRENT) * 1e-6).alias("dq/mA.h"),
+        (pl.col(CURRENT) / 3600).alias("dq/mA.h"),
         (pl.col(VOLTAGE) - pl.col(TIME) / 200).alias("Ewe/V"),
     )
     outcome = check_file(source_from_frame(table, "cell"), capacity_ah=CAPACITY_AH)

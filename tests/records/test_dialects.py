@@ -125,9 +125,11 @@ def test_both_sides_of_a_step_are_kept_under_one_stamp():
     np.testing.assert_allclose(record.current_a, -TABLE[CURRENT].to_numpy())
 
 
-@pytest.mark.parametrize("symbol", ["min", "h", "ms"])
-def test_dates_beside_a_clock_name_its_unit(symbol):
-    factor = {"min": 60, "h": 3600, "ms": 1e-3}[symbol]
+UNITS = [("min", "minutes", 60), ("h", "hours", 3600), ("ms", "milliseconds", 1e-3)]
+
+
+@pytest.mark.parametrize(("symbol", "words", "factor"), UNITS)
+def test_dates_beside_a_clock_name_its_unit(symbol, words, factor):
     time = np.arange(300) * 30.0
     dates = pl.Series(time).cast(pl.Int64) * 1000
     table = {
@@ -138,9 +140,14 @@ def test_dates_beside_a_clock_name_its_unit(symbol):
     }
     record = record_from_frame(table)
     np.testing.assert_allclose(record.time_s, time)
-    assert f"is in {symbol}: taken so" in " ".join(map(str, record.warnings))
-    with pytest.raises(InputError, match=f"'Time / s' is in {symbol}, not in s"):
-        record_from_frame({**table, "Time / s": table.pop("Time")})
+    (warning,) = [one for one in record.warnings if one.code == "time-unit.taken"]
+    assert f"is taken in {words}" in str(warning)
+    assert f"intervals by 'Date Time' are {factor:g} times as long" in str(warning)
+    table["Time / s"] = table.pop("Time")
+    with pytest.raises(InputError, match=f"'Time / s' looks like {words}"):
+        record_from_frame(table)
+    record = record_from_frame(table, columns=f"time=Time / s:{symbol}")
+    np.testing.assert_allclose(record.time_s, time)
 
 
 GIVEN = {"time": "Zeit:min", "current": "I2, gemessen:mA", "voltage": "Klemme [V]"}

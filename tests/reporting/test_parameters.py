@@ -78,6 +78,20 @@ def test_tables_are_compared_at_states_of_charge_between_visited_nodes():
     beside = barnax.show(one, other)
     places = tuple(f"R0 at {soc} % SOC" for soc in (10, 30, 50, 70, 90))
     assert beside.differing == {"2: cycle.csv": places}
+    # One node that no sample tells: its value is an accident, and nothing is compared there.
+    (at,) = (each.soc for each in intervals if each.name == "R0 [Ohm]" and each.soc == 0.5)
+    opened = tuple(
+        replace(each, value=3 * each.value, low=None, high=None)
+        if (each.name, each.soc) == ("R0 [Ohm]", at) else each
+        for each in intervals
+    )  # fmt: skip
+    open_fit = replace(changed, intervals=opened)
+    without = other.model_copy(
+        update={"tables": other.tables.model_copy(update={"fits": (open_fit,)})}
+    )
+    beside = barnax.show(one, without)
+    assert "R0 at 50 % SOC" not in beside.differing["2: cycle.csv"]
+    assert "not determined" in repr(beside)
     # Tables and a constant circuit have only the latter in common.
     assert "Constant circuits" in repr(barnax.show(one, make_result("so-rc", record="b.csv")))
 

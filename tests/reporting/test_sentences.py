@@ -207,10 +207,10 @@ def test_the_next_step_follows_from_what_was_held_out():
     assert next_step(found).advice.startswith("validate on another record")
     told = notice("ocv-test.disagrees", median_v=0.08, largest_v=-0.7, soc=0.35)
     assert next_step(found.model_copy(update={"warnings": (told,)})).without == ("ocv",)
-    # Too few steps tell no OCV. Other reasons may come of the capacity of a wrong test.
+    # Loose steps tell no OCV. Other reasons may come of the capacity of a wrong test.
     name = found.of_role("identification")[0].name
     unfit = notice("role.unfit", name, role="identification", reason="why")
-    short = replace(unfit, values={**unfit.values, "steps": 2})
+    short = replace(unfit, values={**unfit.values, "half_width": 0.5})
     for warnings, without in (((short, told), ()), ((unfit, told), ("ocv",)), ((unfit,), ())):
         step = next_step(found.model_copy(update={"warnings": warnings}))
         assert step.without == without

@@ -1,5 +1,7 @@
 """One circuit on one record: what was simulated, and the errors where they count."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -7,9 +9,10 @@ import pytest
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters
 from barnax.model.prepared import prepare_record
+from barnax.model.reference import simulate_circuit
 from barnax.model.window import Window
 from barnax.records import read_record
-from barnax.search.evaluate import evaluate, validate
+from barnax.search.evaluate import evaluate, step_warnings, validate
 from helpers.reference import drop_v, filtered_response
 
 CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
@@ -52,3 +55,35 @@ def test_an_evaluation_leaves_the_callers_precision(bundled_record, bundled_cell
             simulated_v = evaluate(prepared, CIRCUIT).simulated_v
             assert jax.config.jax_enable_x64 is is_double
         assert simulated_v.dtype == np.float64
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward", "centered"])
+def test_an_r0_above_what_the_steps_show_is_told_with_both(bundled_cell, hold):
+    """Levels of a minute at 1 s: the record's answer to their steps is of the closed form."""
+    time_s = np.arange(3000.0)
+    current_a = np.repeat(np.random.default_rng(3).uniform(-1, 2, 50), 60)
+    known = read_record(BUNDLED.validation)
+    flowed = replace(known.hold, value=hold)
+    record = replace(
+        known,
+        time_s=time_s,
+        current_a=current_a,
+        voltage_v=np.full(3000, 3.6),
+        row=np.arange(2, 3002),
+        step=None,
+        temperature_degc=None,
+        hold=flowed,
+    )
+    window = Window(initial_soc=0.8)
+    simulated_v = simulate_circuit(prepare_record(record, bundled_cell, "so-rc", window), CIRCUIT)
+    noise_v = np.random.default_rng(4).normal(0, 1e-3, 3000)
+    record = replace(record, voltage_v=simulated_v + noise_v)
+    prepared = prepare_record(record, bundled_cell, "so-rc", window)
+    assert not [*step_warnings(evaluate(prepared, CIRCUIT))]
+    # As where slow pairs are missing, R0 takes what a pair does not.
+    high = CircuitParameters.constant(r0=0.065, r=(0.001, 0.02), c=(5000.0, 4000.0))
+    (told,) = step_warnings(evaluate(prepared, high))
+    assert told.values["shown_ohm"] == pytest.approx(0.0535, rel=0.04)
+    assert told.values["own_ohm"] == pytest.approx(0.0655, rel=0.04)
+    low = CircuitParameters.constant(r0=0.045, r=(0.01, 0.02), c=(500.0, 4000.0))
+    assert not [*step_warnings(evaluate(prepared, low))]

@@ -15,8 +15,10 @@ from ..records.segments import LEAST_REACH, reach_of_steps
 from .sampling import in_fahrenheit
 
 # A mistake of unit or range multiplies the charge by one of these; a wrong capacity by another.
-_UNITS = {60.0: "minutes", 3600.0: "hours", 1e-3: "milli", 1e3: "small", 2.0: "half", 0.5: "twice"}
-_CAPACITIES = np.geomspace(0.5, 2, 25)
+_UNITS = {60.0: "minutes", 3600.0: "hours", 1e-3: "milli", 1e3: "small"}
+_CAPACITIES = np.geomspace(0.25, 4, 49)
+# What a current that is measured over a wrong range does too, unless the tester counts it.
+_RANGES, _NEAR = {2.0: "half", 0.5: "twice"}, 0.03
 # What most of the voltage must leave the OCV by before anything is said of it, and what share of
 # that must vanish with another charge; and what no unit explains.
 _APART_V, _VANISHES, _ELSEWHERE_V = 0.03, 0.5, 0.15
@@ -109,7 +111,10 @@ def compare_with_cell(
         told |= {"best_v": best_v, "factor": factor}
         if factor in _UNITS:
             return [notice("cell.charge-unit", mistake=_UNITS[factor], **told)]
-        return [notice("cell.capacity", capacity_ah=capacity_ah / factor, **told)]
+        ranges = (word for ratio, word in _RANGES.items() if abs(factor / ratio - 1) < _NEAR)
+        told["current"] = next(ranges, None) if record.charge_ah is None else None
+        capacities = {"capacity_ah": capacity_ah / factor, "given_ah": capacity_ah}
+        return [notice("cell.capacity", **capacities, **told)]
     if own_v > _ELSEWHERE_V:
         is_assumed = any(told.code == "ocv-test.capacity-assumed" for told in cell.warnings)
         span_ah = float(np.ptp(record.discharged_ah))

@@ -78,9 +78,7 @@ def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Itera
         yield given.at(0, "counters.exchanged", **told)
         return
     ratio = sum(integrated) / total_ah
-    if 1 / 5000 < ratio < 1 / 200:
-        yield given.at(0, "counters.milli", **told)
-    elif apart > _COUNTERS_DIFFER:
+    if apart > _COUNTERS_DIFFER:
         other, held = _by_the_other_hold(given)
         if abs(ratio - 1) > _SCALED and _is_scaled(given, ratio):
             yield given.at(0, "counters.scaled", **told, ratio=ratio, inverse=1 / ratio)

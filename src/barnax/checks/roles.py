@@ -3,12 +3,15 @@
 The kind is told by its sweeps, its current steps and how far they reach.
 """
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float
+from scipy.special import stdtrit
 
 from ..cell import OcvPoint, OcvTable
 from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, decide_capacity, join_sweeps
@@ -23,8 +26,12 @@ Kind = Literal[
     "OCV test", "slow sweep", "pulse test", "drive cycle", "capacity test", "charge", "no test"
 ]
 
-# Current steps that an identification wants, and the interval that still shows what follows one.
-STEPS, FINE_S = 20, 10.5
+# The share of R0 that its 95 % interval may reach to either side, and the sampling interval that
+# still shows what follows a step of the current.
+MAX_HALF_WIDTH, FINE_S = 1 / 3, 10.5
+# The standard deviation of log R0 between the first step and the last, by which it is predicted
+# between steps: a random walk, for R0 follows the SOC.
+_DRIFT, _NORMAL_95, _BETWEEN = 0.5, 1.96, 201
 # Steps that reach over less of the capacity, or the bulk time of a steep end, say little.
 LEAST_SHARE, STEEP_S = 0.05, 20.0
 # Pulses and rests alone make two steps a point; an HPPC test has pulses of its own beside them.
@@ -35,7 +42,7 @@ _MOST = 0.8
 
 def are_unfit(names: Collection[str], warnings: Iterable[Notice], by_steps: bool = False) -> bool:
     """True if the records, of which there are some, are identified on without any being suitable,
-    by what warns of them; `by_steps` if each has too few current steps.
+    by what warns of them; `by_steps` if the current steps of each tell R0 too loosely.
 
     These tell no OCV from slow resistances, and so speak against no OCV test.
     """
@@ -43,7 +50,7 @@ def are_unfit(names: Collection[str], warnings: Iterable[Notice], by_steps: bool
         warning.subject
         for warning in warnings
         if warning.code == "role.unfit" and warning.values["role"] == "identification"
-        if not by_steps or "steps" in warning.values
+        if not by_steps or "half_width" in warning.values
     }
     return bool(names) and unfit.issuperset(names)
 
@@ -53,13 +60,18 @@ class Traits:
     """Numbers of a record that tell what it can serve as.
 
     `steps` are those of the current that are sampled finely enough; they reach over `reach_ah` of
-    charge. `steep_v` is the travel of the voltage where the cell stands at a steep end throughout,
-    else zero. `temperature_degc` is the column's median, else the one in the name, else None.
+    charge. `half_width_at_steps` and `half_width_between` are predicted half-widths of the 95 %
+    interval of R0, as shares of it, at the steps and at half of the charge between them; infinite
+    where they tell none. `steep_v` is the travel of the voltage where the cell stands at a steep
+    end throughout, else zero. `temperature_degc` is the column's median, else the one in the name,
+    else None.
     """
 
     sweeps: tuple[Sweep, ...]
     steps: int
     reach_ah: float
+    half_width_at_steps: float
+    half_width_between: float
     span_ah: float
     charged_ah: float
     discharged_ah: float
@@ -73,11 +85,12 @@ class Traits:
         """True if all that it holds are slow sweeps."""
         return bool(self.sweeps) and all(sweep.kind == "slow" for sweep in self.sweeps)
 
-    def kind(self, capacity_ah: float | None) -> Kind:
-        """The kind of test, for a cell of that capacity."""
+    def kind(self, capacity_ah: float | None, has_test: bool = False) -> Kind:
+        """The kind of test, for a cell of that capacity; with an OCV test, the fit's interval of R0
+        decides whether the steps of a charge are enough."""
         if self.sweeps:
             points = sum(len(sweep.points) - 1 for sweep in self.sweeps)
-            has_pulses = self.steps >= max(STEPS, _STEPS_A_POINT * points)
+            has_pulses = self.steps >= _STEPS_A_POINT * points
             return "slow sweep" if self.is_slow else "pulse test" if has_pulses else "OCV test"
         if not self.missing_for(capacity_ah):
             return "drive cycle"
@@ -86,11 +99,18 @@ class Traits:
             return "no test"
         if self.longest_discharge_ah > _MOST * whole_ah:
             return "capacity test"
+        if has_test and self.half_width_at_steps < math.inf:
+            return "drive cycle"
         return "charge" if self.charged_ah > self.discharged_ah else "no test"
 
-    def missing_for(self, capacity_ah: float | None, fewest: int = STEPS) -> str:
-        """The reason why no circuit can be identified or validated on it; empty if one can."""
-        if self.is_slow and self.steps >= STEPS:
+    def half_width(self, is_validated: bool) -> float:
+        """The predicted half-width of the interval of R0 that decides whether a record serves: what
+        is validated on need not tell it between the steps."""
+        return self.half_width_at_steps if is_validated else self.half_width_between
+
+    def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
+        """The reason why no circuit can be identified, or validated, on it; empty if one can."""
+        if self.is_slow and self.half_width_at_steps <= MAX_HALF_WIDTH:
             steps = counted(self.steps, "current step")
             return f"it holds a slow sweep beside {steps}; give the part with the steps by itself"
         if self.is_slow:
@@ -106,9 +126,19 @@ class Traits:
                 f"it spans {self.span_ah:.3g} Ah, {share:.2g} % of the capacity of "
                 f"{capacity_ah:.4g} Ah"
             )
+        return self.steps_lack(capacity_ah, is_validated)
+
+    def steps_lack(self, capacity_ah: float | None, is_validated: bool) -> str:
+        """What the current steps by themselves lack to tell the resistances, if anything."""
+        half_width = self.half_width(is_validated)
         steps = counted(self.steps, "current step")
-        if self.steps < fewest:
-            return f"{steps} sampled finely enough; {fewest} are wanted"
+        if half_width > MAX_HALF_WIDTH:
+            within = f"tell R0 within {100 * half_width:.0f} %"
+            told = within if half_width < math.inf else "do not tell R0"
+            return (
+                f"{steps} sampled finely enough {told}; "
+                f"{100 * MAX_HALF_WIDTH:.0f} % is wanted where no OCV test tells it"
+            )
         # Without a capacity a dither gives itself away by how often it turns.
         whole_ah = capacity_ah or self.charged_ah + self.discharged_ah
         if self.reach_ah < LEAST_SHARE * whole_ah:
@@ -127,10 +157,13 @@ def traits_of(given: CheckInput) -> Traits:
     bulk_s, travel_v = given.samples.bulk_time
     # The deepest point below the highest one before it: charge taken out without going back up.
     out_ah = discharged_ah - np.minimum.accumulate(discharged_ah)
+    at_steps = _half_width(given.samples.step_a[fine], given.samples.answer_v[fine])
     return Traits(
         sweeps=() if isinstance(given.sweeps, str) else tuple(given.sweeps),
         steps=len(fine),
         reach_ah=reach(discharged_ah[fine]) if len(fine) else 0.0,
+        half_width_at_steps=at_steps,
+        half_width_between=math.hypot(at_steps, _NORMAL_95 * _drift(discharged_ah[fine])),
         span_ah=given.span_ah,
         charged_ah=given.charged_ah,
         discharged_ah=given.discharged_ah,
@@ -139,6 +172,31 @@ def traits_of(given: CheckInput) -> Traits:
         steep_v=travel_v if 0 < bulk_s < STEEP_S else 0.0,
         temperature_degc=_temperature_degc(given),
     )
+
+
+def _half_width(step_a: Float[np.ndarray, "steps"], step_v: Float[np.ndarray, "steps"]) -> float:
+    """The half-width of the 95 % interval of the resistance that fits all steps, as a share of it;
+    infinite of fewer than two, for one shows no scatter."""
+    product = float(np.sum(step_a * step_v))
+    if len(step_a) < 2 or product == 0:
+        return math.inf
+    left_v = step_v - product / np.sum(step_a**2) * step_a
+    error = float(np.linalg.norm(left_v * step_a)) / abs(product)
+    freedom = len(step_a) - 1
+    return float(stdtrit(freedom, 0.975)) * error * math.sqrt(len(step_a) / freedom)
+
+
+def _drift(at_ah: Float[np.ndarray, "steps"]) -> float:
+    """The standard deviation of log R0 that half of the charge between the steps stays below."""
+    ends_ah = np.sort(at_ah)
+    if len(ends_ah) < 2 or ends_ah[0] == ends_ah[-1]:
+        return 0.0
+    between_ah = np.linspace(ends_ah[0], ends_ah[-1], _BETWEEN)
+    after = np.clip(np.searchsorted(ends_ah, between_ah), 1, len(ends_ah) - 1)
+    before_ah, after_ah = between_ah - ends_ah[after - 1], ends_ah[after] - between_ah
+    # The variance of a random walk between two of its values that are known.
+    bridge_ah = before_ah * after_ah / np.maximum(before_ah + after_ah, np.finfo(float).tiny)
+    return _DRIFT * math.sqrt(np.median(bridge_ah) / (ends_ah[-1] - ends_ah[0]))
 
 
 def _temperature_degc(given: CheckInput) -> float | None:
@@ -156,20 +214,16 @@ def require_load(kinds: Mapping[str, Kind]) -> None:
             raise notice("role.no-load", file, what=kind).error()
 
 
-# The current steps that a validation needs.
-VALIDATION_STEPS = 10
-
-
 @dataclass(frozen=True)
 class Role:
     """A role that a record can serve in or not, why, and the window that it then needs, if any;
-    `too_few_steps` are the current steps of a record that lacks more."""
+    `half_width` is the predicted share of R0 where only the steps of a record lack something."""
 
     name: str
     is_usable: bool
     reason: str
     window: SuggestedWindow | None = None
-    too_few_steps: int | None = None
+    half_width: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The role as plain values."""
@@ -248,9 +302,11 @@ def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
     seen = f"{steps}, sampled every {traits.interval_s:.3g} s under load"
     moves = f"{seen}; it spans {given.span_ah:.3g} Ah; {window.reason}"
     roles = []
-    for name, fewest in (("identification", STEPS), ("validation", VALIDATION_STEPS)):
-        missing = traits.missing_for(given.capacity_ah, fewest)
-        few = traits.steps if traits.steps < fewest else None
-        unusable = Role(name, False, missing, too_few_steps=few)
+    for name in ("identification", "validation"):
+        is_validated = name == "validation"
+        missing = traits.missing_for(given.capacity_ah, is_validated)
+        lack = traits.steps_lack(given.capacity_ah, is_validated)
+        loose = traits.half_width(is_validated) if missing and missing == lack else None
+        unusable = Role(name, False, missing, half_width=loose)
         roles.append(unusable if missing else Role(name, True, moves, window))
     return roles

@@ -20,6 +20,7 @@ from scipy.special import stdtrit
 
 from ..cell.elements import rungs_of
 from ..cell.parameters import HALF_HYSTERESIS, CircuitParameters
+from ..cell.soc_axis import is_above
 from ..execution import in_float64
 from ..model.exponentials import span_through
 from ..model.prepared import PreparedRecord
@@ -146,6 +147,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         low, high = min(value, min(unmoved) - reach), max(value, max(unmoved) + reach)
         return NodeInterval(name, soc, value, error, bias, low, high)
 
+    held = _held_level(objective, best)
     found, both = [], np.column_stack([np.concatenate(best.values), values]).tolist()
     sags = np.concatenate([curve.sags for curve in curves]).tolist()
     places = zip(objective.visited_rows.items(), sags, strict=True)
@@ -155,7 +157,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         around = interval(name, soc, row, value, own, on_curve)
         if name.startswith(("R", HALF_HYSTERESIS)) and around.low is not None:
             around = replace(around, low=max(around.low, 0.0))
-        found.append(around)
+        found.append(around.opened() if row in held else around)
     of_numbers = {name: math.log(value) for name, value in numbers.items()}
     names = [axis.name for axis in objective.axes]
     logarithms = dict(zip(names, best.log_scales, strict=True)) | of_numbers
@@ -176,6 +178,20 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         error = value * around.standard_error if is_told else 0.0
         found.append(NodeInterval(name, None, value, error, 0.0, low, high))
     return tuple(found)
+
+
+def _held_level(objective: TableObjective, best: Solution) -> range:
+    """The rows of the lowest visited nodes, below 10 % SOC, between which only the bound that an
+    OCV rises decides: under load, an OCV that falls there and a resistance that rises look alike.
+    """
+    place = 1 + objective.pairs
+    if not (objective.settings.rising_ocv and objective.reduced.layout.has_correction):
+        return range(0)
+    first, nodes = objective.block(place).start, objective.nodes_of[place]
+    low = np.flatnonzero(objective.visited_of(place) & ~is_above(nodes)) + first
+    free = np.flatnonzero(best.sides[low[1:]] >= 0)
+    held = int(free[0]) if len(free) else max(0, len(low) - 1)
+    return range(int(low[0]), int(low[held]) + 1) if held else range(0)
 
 
 def _with_curves(

@@ -6,7 +6,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ..checks.roles import VALIDATION_STEPS
 from ..errors import InputError
 from ..inputs import Given, Watch, listed, unwatched, windows_by_name
 from ..model.window import Window
@@ -219,7 +218,7 @@ def _without_test(draft: Draft, group: Sequence[CandidateFile]) -> list[Runnable
     runs = [
         (file, file.window)
         for file in group
-        if file not in draft.taken and not file.missing_for(draft.given_ah, VALIDATION_STEPS)
+        if file not in draft.taken and not file.missing_for(draft.given_ah, is_validated=True)
     ]
     runs.sort(key=lambda run: (bool(run[0].missing_for(draft.given_ah)), -reach_ah(run[0])))
     return [] if not runs or runs[0][0].missing_for(draft.given_ah) else runs
@@ -247,7 +246,7 @@ def _runnable(
     for file in group:
         if file in draft.taken or (not is_pulsed and file in choice.tests):
             continue
-        missing = file.missing_for(choice.cell.capacity_ah, VALIDATION_STEPS)
+        missing = file.missing_for(choice.cell.capacity_ah, is_validated=True)
         window = file.window
         if not missing and not is_pulsed:
             try:

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from ..cell import OcvTable, read_ocv_test
 from ..cell.model import SAME_DEGC
 from ..checks import FileCheck, Role, check_file
-from ..checks.roles import STEPS, Traits
+from ..checks.roles import Traits
 from ..errors import InputError, printable
 from ..inputs import Watch, file_names, source_of, window_of
 from ..model.window import START, Window
@@ -86,9 +86,9 @@ class CandidateFile:
             return "unreadable"
         return "OCV table" if self.traits is None else self.traits.kind(capacity_ah)
 
-    def missing_for(self, capacity_ah: float | None, fewest: int = STEPS) -> str:
+    def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
         """The reason why it cannot be simulated; empty where it can."""
-        return "" if self.traits is None else self.traits.missing_for(capacity_ah, fewest)
+        return "" if self.traits is None else self.traits.missing_for(capacity_ah, is_validated)
 
     @property
     def warnings(self) -> int:
@@ -227,9 +227,14 @@ def _looked_at(path: Path, source: Source, chosen: Window) -> CandidateFile:
 def split(file: CandidateFile) -> list[CandidateFile]:
     """The tests of a file, each as a part of it; the file itself where it holds one at most."""
     parts = list(_joined(file, _tests(file))) if file.traits else []
-    if sum(part.kind(None) in SERVING for part in parts) < 2:
+    if sum(_serves(part, file) for part in parts) < 2:
         return [file]
     return [part.called(f"{file.name}#{number}") for number, part in enumerate(parts, 1)]
+
+
+def _serves(part: CandidateFile, file: CandidateFile) -> bool:
+    """True if a part holds a test by itself, by the charge that the whole file spans."""
+    return part.kind(file.traits.span_ah if file.traits else None) in SERVING
 
 
 def _joined(file: CandidateFile, parts: Iterable[CandidateFile]) -> Iterator[CandidateFile]:
@@ -263,7 +268,7 @@ def _tests(file: CandidateFile) -> Iterator[CandidateFile]:
         begin, end = np.flatnonzero(np.isin(record.row, rows))[[0, -1]] if rows else (first, last)
         # A sweep begins where its first rest ends, and may end at a cut-off without a rest.
         for cut, beside in ((int(end), (int(end), last)), (int(begin), (first, int(begin)))):
-            if _is_long(record, *beside) and _part(file, *beside).kind(None) in SERVING:
+            if _is_long(record, *beside) and _serves(_part(file, *beside), file):
                 yield _part(file, first, cut, is_full)
                 yield _part(file, cut, last)
                 break

@@ -8,6 +8,7 @@ import polars as pl
 from jaxtyping import Float
 
 from .columns import Column
+from .quantities import Unit
 from .record import OTHER_STATE
 
 Numbers = Float[np.ndarray, "lines"]
@@ -17,7 +18,7 @@ CLOCKS = frozenset({"time", "step time", "date"})
 
 _ABSENT_DEGC = -300.0
 # 1899-12-31, which spreadsheets show for a time of day; and what no test clock comes to.
-_DAY_ZERO_S, _DATED_S = -2_209_075_200.0, 5e8
+_DAY_ZERO_S, DATED_S = -2_209_075_200.0, 5e8
 
 
 def numbers(cells: pl.Series, column: Column) -> Numbers:
@@ -43,7 +44,7 @@ def dated_numbers(cells: pl.Series, column: Column) -> tuple[Numbers, float | No
             if quantity == "time":
                 seconds = _past_the_end(seconds, DAY_S)
             zero_s = _zero_of(seconds)
-            return seconds - zero_s, zero_s if zero_s >= _DATED_S else None
+            return seconds - zero_s, zero_s if zero_s >= DATED_S else None
     return (_states(cells) if quantity == "state" else _plain_numbers(cells, column)), None
 
 
@@ -58,8 +59,8 @@ def _plain_numbers(cells: pl.Series, column: Column) -> Numbers:
     # NumPy joins the pieces in larger pages of memory than Polars, of which the first use is slow.
     pieces = cells.cast(pl.Float64).get_chunks()
     values = np.concatenate([piece.to_numpy() for piece in pieces])
-    if quantity == "date" and (unit_s := date_unit_s(values)) is not None:
-        return values * unit_s
+    if quantity == "date" and column.is_unit_assumed:
+        unit = epoch_unit(values) or unit
     if quantity == "temperature":
         # A sensor that is not there is some large negative number.
         values = np.where(values < _ABSENT_DEGC, np.nan, values)
@@ -73,7 +74,7 @@ def _zero_of(seconds: Numbers) -> float:
     first = float(seconds[np.argmax(np.isfinite(seconds))])
     if first < _DAY_ZERO_S + 100 * 86400.0:
         return _DAY_ZERO_S if first < 0 else 0.0
-    return first if first >= _DATED_S else 0.0
+    return first if first >= DATED_S else 0.0
 
 
 def _plain(text: pl.Series) -> pl.Series:
@@ -259,11 +260,14 @@ _DAYS = (
 _TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M", "%I:%M %p", "")
 
 
+_OFFSET = r"([+-]\d\d(?::?\d\d)?)"
+
+
 def _dates(text: pl.Series) -> pl.Series:
     """The dates that a column of text spells: day or month first as the shorter time tells."""
     text = text.str.strip_chars()
-    offsets = text.str.extract(r":.*?([+-]\d\d:?\d\d)$").str.replace(":", "", literal=True)
-    plain = text.str.replace(r"(:.*?)(?:Z|[+-]\d\d:?\d\d)$", "$1")
+    offsets = text.str.extract(rf":.*?{_OFFSET}$")
+    plain = text.str.replace(rf"(:.*?)\s?(?:Z|UTC|GMT|{_OFFSET})$", "$1")
     plain = plain.str.replace("T", " ", literal=True).str.replace(r"(:\d\d:\d\d)[,:]", "$1.")
     first = plain.drop_nulls().head(1)
     read = []
@@ -277,28 +281,66 @@ def _dates(text: pl.Series) -> pl.Series:
         read.append(((dates.null_count(), falls, stamps.max() - stamps.min()), dates))  # type: ignore[operator]
     if not read:
         return text
-    dates = min(read, key=lambda candidate: candidate[0])[1]
-    if offsets.drop_nulls().n_unique() < 2:
-        return dates
-    # Stamps whose offset changes are instants: local time less what it is ahead.
-    signs = pl.select(pl.when(offsets.str.starts_with("-")).then(-1).otherwise(1)).to_series()
-    hours, minutes = (offsets.str.slice(at, 2).cast(pl.Int64, strict=False) for at in (1, 3))
-    ahead_us = (signs * (60 * hours + minutes) * 60_000_000).fill_null(0)
-    return dates - ahead_us.cast(pl.Duration("us"))
+    east_us = pl.Series(1e6 * np.nan_to_num(_by_word(offsets, _east_s)))
+    return min(read, key=lambda candidate: candidate[0])[1] - east_us.cast(pl.Duration("us"))
 
 
-# Lowest and highest numbers that are dates, and the seconds of their unit: days of spreadsheets and
-# of Matlab from 1950 to 2100; Unix time in s, ms, us and ns; NaN for no count, as 20240309090000.
-_DATED = (
-    (18_000.0, 80_000.0, 86400.0), (690_000.0, 770_000.0, 86400.0), (8e8, 1e11, 1.0),
-    (1e11, 1e13, 1e-3), (1e13, 1e14, np.nan), (1e14, 1e17, 1e-6), (1e17, np.inf, 1e-9),
-)  # fmt: skip
+def _east_s(offset: str) -> float:
+    """Seconds of an offset from UTC, such as "+01:00"."""
+    hours, minutes = int(offset[1:3]), int(offset[3:].lstrip(":") or 0)
+    return float(f"{offset[0]}{60 * (60 * hours + minutes)}")
 
 
-def date_unit_s(values: Numbers) -> float | None:
-    """Seconds in the unit of numbers that are dates; None for numbers that count from a start."""
-    middle = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
-    return next((unit_s for low, high, unit_s in _DATED if low <= middle < high), None)
+# Testers are set to intervals of 1, 2 or 5 in a decade, and of half a minute, and rarely to others;
+# they sample no faster than this.
+_SET, _RARELY = (1.0, 2.0, 5.0), (0.025, 0.04, 0.25, 3.0, 4.0, 6.0, 8.0, 12.0, 15.0, 20.0)
+_PATTERN, _EXACT, FINEST_S = 0.03, 0.003, 5e-3
+
+
+def is_usual(interval_s: float) -> bool:
+    """True for an interval that testers are set to, up to an hour.
+
+    >>> [is_usual(interval_s) for interval_s in (0.1, 1.003, 4.0, 30.0, 240.0, 0.0667, 42.0)]
+    [True, True, True, True, True, False, False]
+    """
+    decades = (digit * 10.0**power for digit in _SET for power in (-4, -3, -2, -1, 0))
+    if any(abs(interval_s / own_s - 1) < _PATTERN for own_s in (*decades, 10.0, 30.0)):
+        return True
+    minutes = min(round(interval_s / 60), 60)
+    others = (*_RARELY, 60.0 * max(minutes, 1))
+    return any(abs(interval_s / own_s - 1) < _EXACT for own_s in others)
+
+
+# Dates as numbers: their units, with where they begin, for 1985 to 2100.
+_EPOCHS = (
+    *(
+        (Unit(f"Unix {symbol}", 1 / parts), 4.7e8 * parts, 4.1e9 * parts)
+        for symbol, parts in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
+    ),
+    (Unit("Excel days", 86400.0, -25_569 * 86400.0), 31_048.0, 73_051.0),
+    (Unit("MATLAB days", 86400.0, -719_529 * 86400.0), 725_008.0, 767_011.0),
+    # 20240309090000 is no count of anything.
+    (Unit("s", np.nan), 1.9e13, 2.1e13),
+)
+# Samples that are dated lie no further apart, but for some that are set so.
+_DATED_APART_S = 500.0
+
+
+def epoch_unit(values: Numbers) -> Unit | None:
+    """The unit of numbers that are dates, with its epoch: Unix time in s to ns, or days as
+    spreadsheets and MATLAB count them. None for numbers that are no dates."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return None
+    apart = np.abs(np.diff(known))
+    middle, interval = np.median(known), np.median(apart[apart > 0]) if apart.any() else 0
+    for unit, low, high in _EPOCHS:
+        apart_s = interval * unit.factor
+        # Days are told from seconds by intervals that are too short in those, or set in days.
+        is_close = interval < FINEST_S if unit.factor == DAY_S else apart_s < _DATED_APART_S
+        if low <= middle < high and (is_close or np.isnan(apart_s) or is_usual(apart_s)):
+            return unit
+    return None
 
 
 # Testers' words for what a step does; any other word is another state.

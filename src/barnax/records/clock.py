@@ -5,6 +5,7 @@ import polars as pl
 from jaxtyping import Bool, Float
 
 from ..notices import Notice, notice
+from .cell_values import is_clock
 from .samples import Samples
 from .table import found_at
 
@@ -12,6 +13,12 @@ _DAY_S = 86_400.0
 # More stamps out of line than three, or one in a hundred, are no slips; nor are so many that
 # follow another of the same stamp.
 _SLIPS, _FEW = 3, 0.01
+# The most zeros among a clock's stamps.
+_MOSTLY = 0.5
+# By how much clocks are set back, and how late the next stamp may come: so many intervals, or as
+# late as any does, up to a share of that.
+_SET_BACK = (3600.0, "clock.hour-back"), (_DAY_S / 2, "clock.twelve-hours")
+_LATE, _LATEST_SHARE = 3, 0.05
 
 Clock = Float[np.ndarray, "samples"]
 
@@ -24,18 +31,10 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
     """
     if not len(samples) or samples.intervals_s.min(initial=0) >= 0:
         return samples, []
-    samples, findings = _by_counter(samples)
-    zeros = _zeros(samples.time_s)
-    if zeros.any():
-        column, at = samples.header("time"), int(np.argmax(zeros))
-        findings.append(found_at(samples, at, "clock.zeros", column=column, rows=zeros.sum()))
-        samples = samples.keep(~zeros)
-    joined, found = _join_steps(samples)
-    findings += found
-    if joined is not None:
-        return joined, findings
-    samples, found = _without_jitter(samples)
-    findings += found
+    findings = list[Notice]()
+    for mend in (_without_zeros, _set_back, _by_counter, _join_steps, _without_jitter):
+        samples, found = mend(samples)
+        findings += found
     for find in (_single_strays, _stray_runs):
         strays = find(samples.time_s)
         if 0 < strays.sum() <= max(_SLIPS, _FEW * len(strays)):
@@ -50,10 +49,6 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
     given = {"before_s": time[at - 1], "after_s": time[at], "times": len(falls), "files": files}
     fall_s = time[falls] - time[falls + 1]
     is_midnight = bool(np.all(np.abs(fall_s - _DAY_S) < 0.01 * _DAY_S))
-    for back_s, change in ((3600.0, "clock.hour-back"), (_DAY_S / 2, "clock.twelve-hours")):
-        if np.all(np.abs(fall_s + np.median(samples.intervals_s) - back_s) < 0.02 * back_s):
-            column = samples.header("time")
-            return samples, [*findings, found_at(samples, at, change, **given, column=column)]
     if not is_midnight and _is_shuffled(time, len(falls)):
         findings.append(found_at(samples, at, "clock.shuffled", **given))
         return samples.keep(np.argsort(time, kind="stable")), findings
@@ -62,12 +57,43 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
     return samples.having(time=_running_on(time)), findings
 
 
-def _zeros(time: Float[np.ndarray, "samples"]) -> Bool[np.ndarray, "samples"]:
-    """Samples whose clock shows zero between good values: no step begins there."""
-    goes_on = np.append(np.append(False, time[2:] > time[:-2]), False)
-    zeros = (time == 0) & goes_on & np.append(False, time[:-1] > 0)
+def _without_zeros(samples: Samples) -> tuple[Samples, list[Notice]]:
+    """The samples without those where the clock shows 0 between values that never fall."""
+    time = samples.time_s
+    is_zero = (time + (samples.zero_date_s or 0.0) == 0) & (np.arange(len(time)) > 0)
     # One alone may be the first row, out of order.
-    return zeros & (time[0] == 0 or zeros.sum() > 1)
+    is_first = is_zero.sum() == 1 and time[0] > 0
+    if is_first or is_zero.mean() > _MOSTLY or np.any(np.diff(time[~is_zero]) < 0):
+        return samples, []
+    given = {"column": samples.header("time"), "rows": is_zero.sum()}
+    return samples.keep(~is_zero), [found_at(samples, is_zero, "clock.zeros", **given)]
+
+
+def _set_back(samples: Samples) -> tuple[Samples, list[Notice]]:
+    """The samples on a clock that runs on where it is set back: by the hour of autumn, or by twelve
+    hours where it says neither AM nor PM.
+
+    An error for numbers that are no dates, which may begin anew, and for dates that also leap: a
+    clock of twelve hours does at midnight.
+    """
+    time, late_s = samples.time_s, _LATE * samples.interval_s
+    latest_s, falls = samples.intervals_s.max(), samples.intervals_s < 0
+    back_s = -samples.intervals_s[falls]
+    is_dated = samples.zero_date_s is not None
+    is_dated |= is_clock(samples.table.columns[samples.columns["time"].index])
+    if not falls.any() or (not is_dated and np.abs(time[1:][falls]).min() <= late_s):
+        return samples, []
+    for period_s, code in _SET_BACK:
+        late_s = max(_LATE * samples.interval_s, min(latest_s, _LATEST_SHARE * period_s))
+        if np.all((back_s <= period_s) & (period_s <= back_s + late_s)):
+            fall = int(np.argmax(falls))
+            is_dated &= latest_s < 2 * period_s - late_s
+            taken = {"taken": "true" if is_dated else None, "column": samples.header("time")}
+            before_s, after_s = time[fall : fall + 2]
+            found = found_at(samples, fall + 1, code, before_s=before_s, after_s=after_s, **taken)
+            mended = time + period_s * np.append(0, np.cumsum(falls))
+            return samples.having(time=mended), [found.rated("warning" if is_dated else "error")]
+    return samples, []
 
 
 def _by_counter(samples: Samples) -> tuple[Samples, list[Notice]]:
@@ -123,12 +149,12 @@ def _without_jitter(samples: Samples) -> tuple[Samples, list[Notice]]:
 _AT_STEPS, _FROM_ZERO = 0.8, 0.1
 
 
-def _join_steps(samples: Samples) -> tuple[Samples | None, list[Notice]]:
+def _join_steps(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples on the clock of the test, where theirs begins anew with each step."""
     time = samples.time_s
     falls = np.diff(time) < 0
     if not falls.any():
-        return None, []
+        return samples, []
     starts, is_steps = falls, samples.columns["time"].quantity.name == "step time"
     if samples.step is not None:
         changes = np.diff(samples.step) != 0
@@ -140,7 +166,7 @@ def _join_steps(samples: Samples) -> tuple[Samples | None, list[Notice]]:
         is_steps |= bool(is_at_steps and np.mean(falls[changes]) > 0.5)
         starts = falls | changes
     if not is_steps:
-        return None, []
+        return samples, []
     # A step begins where the one before it ended.
     before = np.cumsum(np.where(starts, time[:-1], 0.0))
     joined = samples.having(time=time + np.concatenate([np.zeros(1), before]))

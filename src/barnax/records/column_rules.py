@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..errors import InputError, listed
 from ..notices import Notice, notice
-from .cell_values import CLOCKS, DAY_S, date_unit_s, is_clock, numbers
+from .cell_values import CLOCKS, DAY_S, epoch_unit, is_clock, numbers
 from .columns import (
     NOTHING,
     Column,
@@ -25,7 +25,7 @@ from .columns import (
     normal,
     other_table,
 )
-from .quantities import CELL_RANGE_V, OCV_QUANTITIES, QUANTITIES, Quantity, Unit
+from .quantities import CELL_RANGE_V, OCV_QUANTITIES, QUANTITIES, Quantity
 from .table import Table, impedance_rows, one_row_a
 
 Columns = Mapping[str, Column]
@@ -40,8 +40,8 @@ NAMES = tuple(name for name in QUANTITY_OF if name not in ("date", "charge of th
 _COARSE_DATES = 0.05
 # A voltage without a unit that is so large is in mV; so many cells are a pack.
 _MILLIVOLTS, FEWEST_CELLS = 500.0, 2
-# The number of dates that are compared with the clock, over intervals that seconds resolve.
-_DATES, _LEAST_DATED_S = 50, 100.0
+# The number of dates that are looked at.
+_DATES = 50
 
 
 def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
@@ -93,23 +93,12 @@ def examine_columns(
     if not is_like and not is_nameless:
         raise [*wrong, _no_record(table, given)][0].about(file).error(".")
     findings = [*table.notes, *wrong]
-    for name in found.keys() & CLOCKS:
-        # Numbers that are dates tell their unit by their size.
-        cells = table.columns[found[name].index]
-        is_dated = is_clock(cells)
-        if name == "date" and not is_dated:
-            plain = replace(found[name], quantity=QUANTITY_OF["time"])
-            is_dated = date_unit_s(numbers(cells, plain)) is not None
-        if found[name].is_unit_assumed and is_dated:
-            seconds = QUANTITY_OF[name].base_unit
-            found[name] = replace(found[name], unit=seconds, is_unit_assumed=False)
+    findings.extend(_dated(table, found))
     findings.extend(_other_clock(table, found))
     is_time_of_day = _is_time_of_day(table, found)
     if is_time_of_day:
         day, time = found["date"].header, found["time"].header
         findings.append(notice("columns.time-of-day", day=day, time=time))
-    else:
-        findings.extend(_by_the_dates(table, found))
     if "current" not in found and "charge of the interval" in found:
         found["current"] = found["charge of the interval"]
         findings.append(notice("columns.interval-charge", column=found["current"].header))
@@ -117,7 +106,6 @@ def examine_columns(
         if unused != "date" or not is_time_of_day:
             found.pop(unused, None)
     findings.extend(_repeated_names(table, found))
-    findings.extend(_units(found))
     taken = _headers(found)
     for column in find_columns(table.header, (SOC,)).values():
         if column.header not in taken:
@@ -216,6 +204,24 @@ def _not_there(table: Table, found: Columns, given: Mapping[str, str]) -> Iterat
                 yield notice("columns.not-there", "", row, **names, **given_so).rated(severity)
 
 
+def _dated(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
+    """Settle the unit of clocks without one: clock times are in s, and numbers that are dates tell
+    their unit by their size."""
+    for name in found.keys() & CLOCKS:
+        column, cells = found[name], table.columns[found[name].index]
+        if not column.is_unit_assumed:
+            continue
+        if is_clock(cells):
+            found[name] = replace(column, is_unit_assumed=False)
+            continue
+        plain = numbers(cells, replace(column, quantity=QUANTITY_OF["time"]))
+        if name != "step time" and (unit := epoch_unit(plain)):
+            dates = QUANTITY_OF["date"]
+            found[name] = replace(column, quantity=dates, unit=unit, is_unit_assumed=False)
+            if name == "time":
+                yield notice("columns.dates", column=column.header, dates=unit.symbol)
+
+
 def _other_clock(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
     """Take the dates, or the clock of the steps, where there is no clock of the test."""
     if "time" in found or not found.keys() & {"date", "step time"}:
@@ -255,45 +261,9 @@ def _is_time_of_day(table: Table, found: Columns) -> bool:
     return not began_s.max() < began_s.min() + DAY_S
 
 
-def _by_the_dates(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
-    """Correct the unit of the time where it is none, or a wrong one, by the dates beside it.
-
-    By the median of many intervals, for a test may have paused.
-    """
-    time, date = found.get("time"), found.get("date")
-    if time is None or date is None or time.quantity.name != "time" or len(table.row) < 3:
-        return
-    if time.is_unit_given:
-        return
-    places = _some_places(table)
-    dates_s, times_s = (
-        np.diff(numbers(table.columns[column.index].gather(places), column))
-        for column in (date, time)
-    )
-    moved = (times_s > 0) & (dates_s > _LEAST_DATED_S)
-    if moved.sum() < 2:
-        return
-    ratios = dates_s[moved] / times_s[moved]
-    unit = next((u for u in set(time.quantity.units.values()) if _is_off_by(ratios, u, time)), None)
-    if unit is None or unit == time.unit:
-        return
-    given = {"date": date.header, "time": time.header, "unit": unit.symbol}
-    if time.is_unit_assumed:
-        found["time"] = replace(time, unit=unit, is_unit_assumed=False)
-        yield notice("columns.unit-by-dates", **given)
-    else:
-        stated = {"stated": time.unit.symbol, "factor": 1 / np.median(ratios)}
-        yield notice("columns.unit-against-dates", "", table.names_row, **given, **stated)
-
-
 def _some_places(table: Table) -> np.ndarray:
     """Lines all over the table, in order."""
     return np.unique(np.linspace(0, len(table.row) - 1, _DATES).astype(int))
-
-
-def _is_off_by(ratios: np.ndarray, unit: Unit, column: Column) -> bool:
-    """True if most intervals by the dates are those by the clock, were that in the unit."""
-    return bool(np.mean(np.abs(ratios * column.unit.factor / unit.factor - 1) < 0.01) > 0.5)
 
 
 def _no_record(table: Table, given: Mapping[str, str]) -> Notice:
@@ -383,7 +353,7 @@ def _repeated_names(table: Table, found: Columns) -> Iterator[Notice]:
             yield notice("columns.repeated", "", row, columns=times, name=name)
 
 
-def _units(found: Columns) -> Iterator[Notice]:
+def describe_units(found: Columns) -> Iterator[Notice]:
     """Notes of the units that were assumed, and of those that were converted."""
     bare = [column for column in found.values() if column.is_unit_assumed]
     if bare:

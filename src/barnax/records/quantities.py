@@ -63,7 +63,7 @@ _SECONDS = _units(
     {
         Unit("s"): "s|sec|secs|second|seconds|sekunden|秒|초",
         Unit("ms", 1e-3): "ms|msec|millisecond|milliseconds",
-        Unit("us", 1e-6): "us|µs|μs|usec|microsecond|microseconds",
+        Unit("us", 1e-6): "us|usec|microsecond|microseconds",
         Unit("ns", 1e-9): "ns|nsec|nanosecond|nanoseconds",
         Unit("min", 60.0): "min|mins|minute|minutes|minuten|分|分钟|분",
         Unit("h", 3600.0): "h|hr|hrs|hour|hours|stunden|std|小时|時間|시간",

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InputError
 from ..notices import Notice, notice, raise_first_error
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
-from .column_rules import examine_columns, read_columns
+from .column_rules import describe_units, examine_columns, read_columns
 from .columns import NOTHING
 from .counters import skipped_ah
 from .dialects import CHARGE, DISCHARGE, Sign
@@ -23,17 +23,13 @@ from .lag import aligned
 from .quantities import NEEDED
 from .record import Decision, Hold, Record
 from .samples import Samples, samples_of
+from .scale import examine_scale
 from .sign import decide_sign, examine_direction
 from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
 from .table import Lines, examine_cells, found_at, take_lines
 from .twins import examine_twins
-from .units import (
-    examine_current_unit,
-    examine_time_unit,
-    examine_voltage_range,
-    examine_voltage_unit,
-)
+from .units import examine_voltage_range, examine_voltage_unit, unlikely_series
 
 Values = TypeVar("Values", np.ndarray, np.ndarray | None)
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
@@ -75,6 +71,10 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     samples, found = _one_cell(source, samples_of(lines))
     findings += found
     mended = samples
+
+    def judge_scale(given: Samples) -> tuple[Samples, list[Notice]]:
+        return examine_scale(given, capacity_ah, source.columns)
+
     if short := _too_short(mended):
         # If bad cells took the samples, that has been said already.
         findings += [] if any(finding.severity == "error" for finding in findings) else [short]
@@ -86,20 +86,17 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
             separate_steps,
             examine_direction,
             examine_voltage_unit,
+            judge_scale,
             examine_voltage_range,
             examine_repeats,
-            examine_time_unit,
-            lambda given: examine_current_unit(given, capacity_ah),
         ):
-            if rule is examine_time_unit and source.table.has_known_units:
-                continue
             mended, found = rule(mended)
             findings += found
             if short := _too_short(mended):
                 return Examined(None, None, (*findings, short))
-            # The rules that follow judge the values, which a record keeps as they are.
-            samples = mended if rule is examine_voltage_unit else samples
-        findings += examine_twins(source, mended)
+            # The rules that follow judge the voltages, which a record keeps as they are.
+            samples = mended if rule is judge_scale else samples
+        findings += [*describe_units(mended.columns), *examine_twins(source, mended)]
         is_usable = bool(mended.intervals_s.min() > 0 and mended.peak_a > 0)
     if not any(finding.severity == "error" for finding in findings):
         samples = merge_repeats(samples)
@@ -124,8 +121,10 @@ def _one_cell(source: Source, samples: Samples) -> tuple[Samples, list[Notice]]:
     if voltage_v is samples.voltage_v:
         return samples, []
     name = samples.header("voltage")
-    divided = notice("series.divided", column=name, series=source.series)
-    return samples.having(voltage=voltage_v), [divided]
+    findings = [notice("series.divided", column=name, series=source.series)]
+    samples = samples.having(voltage=voltage_v)
+    findings += unlikely_series(samples, source.series)
+    return samples, findings
 
 
 def _too_short(samples: Samples) -> Notice | None:

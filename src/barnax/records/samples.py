@@ -5,6 +5,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .cell_values import DATED_S
 from .columns import dialect_of
 from .counters import Counters
 from .dialects import Dialect
@@ -228,8 +229,8 @@ def samples_of(lines: Lines) -> Samples:
         values[name] = values[name].astype(int)
     time_s, zero_date_s = values["time"], lines.zero_date_s
     if lines.columns["time"].quantity.name == "date" and len(time_s):
-        zero_date_s = float(time_s[0])
-        values["time"] = time_s = time_s - zero_date_s
+        zero_date_s = float(time_s[0]) if time_s[0] >= DATED_S else None
+        values["time"] = time_s = time_s - time_s[0]
     if lines.columns["current"].quantity.name == "charge of the interval":
         interval_h = np.diff(time_s, prepend=time_s[:1]) / 3600
         values["current"] = values["current"] / np.where(interval_h > 0, interval_h, np.inf)

@@ -1,5 +1,6 @@
 """The parameters of a result with their intervals: as a data frame, and results side by side."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from ..results import Result
 from .document import Bullets, Document, Section, Table, rows_table
 from .pulses import table_rows
 from .render import to_fragment
+from .soc_tables import NOT_DETERMINED, determined_ends
 from .words import (
     NOTHING,
     between,
@@ -40,7 +42,8 @@ TOO_WIDE = 2.0
 
 
 class Known(NamedTuple):
-    """A parameter, in its own unit, with the ends of its interval where it has one; at an SOC."""
+    """A parameter, in its own unit, with the ends of its interval where it has one; at an SOC, and
+    NaN where it is not determined there."""
 
     name: str
     soc: float | None
@@ -50,6 +53,8 @@ class Known(NamedTuple):
 
     @property
     def words(self) -> str:
+        if math.isnan(self.value):
+            return NOT_DETERMINED
         if self.low is None or self.high is None:
             return with_unit(self.name, self.value)
         (value, unit), (low, low_unit), (high, high_unit) = (
@@ -159,7 +164,8 @@ def _constants(result: Result) -> list[Known]:
 def _tabulated(fit: "TableFit") -> Iterator[Known]:
     """Tables at a few states of charge between visited nodes, and the constants."""
     for name in fit.tables.tables:
-        known = [node for node in fit.of_table(name) if node.low is not None]
+        nodes = fit.of_table(name)
+        known = [node for node in nodes if node.low is not None]
         if not fit.is_over_soc:
             (value,) = fit.tables.tables[name]
             ends = ((node.low, node.high) for node in known)
@@ -168,11 +174,15 @@ def _tabulated(fit: "TableFit") -> Iterator[Known]:
         if name == OCV_CORRECTION or not known:
             # A correction belongs to one result's OCV; another result has another.
             continue
-        soc = np.array([node.soc for node in known], float)
+        soc = np.array([node.soc for node in nodes], float)
+        # Between nodes of which one is not determined, nothing is.
+        ends = [determined_ends(node, fit) or (np.nan, np.nan) for node in nodes]
+        rows = np.array([(node.value, *of) for node, of in zip(nodes, ends, strict=True)])
         for at in COMPARED_SOC:
-            if soc[0] <= at <= soc[-1]:
-                ends = ([getattr(node, of) for node in known] for of in ("value", "low", "high"))
-                yield Known(name, at, *(float(np.interp(at, soc, own)) for own in ends))
+            if known[0].soc <= at <= known[-1].soc:
+                value, low, high = (float(np.interp(at, soc, row)) for row in rows.T)
+                is_open = math.isnan(low)
+                yield Known(name, at, np.nan) if is_open else Known(name, at, value, low, high)
     known_ends = {node.name: (node.low, node.high) for node in fit.intervals if node.soc is None}
     for name, value in fit.tables.constants.items():
         yield Known(name, None, value, *known_ends.get(name, (None, None)))
@@ -310,6 +320,8 @@ def _parameters_table(known: Mapping[str, Mapping[Key, Known]]) -> Table:
         if key not in first or key not in own or not first[key].value:
             return NOTHING
         ratio = own[key].value / first[key].value
+        if math.isnan(ratio):
+            return NOTHING
         return f"{100 * (ratio - 1):+.3g} %, {first[key].change_words(own[key])}"
 
     heads = ["parameter", "SOC", *known]

@@ -81,13 +81,14 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
             f"{scenario.name}: after {duration(scenario.diverged_s or 0.0)} the filter returns no "
             "numbers",
         )
-    before = [own.max_before for own in replay.scenarios if own.max_before is not None]
-    if before:
-        yield (
-            "Converging",
-            f"RMS and max are from within 3 % on; before, up to {_in_percent(max(before))} %",
-        )
     right = replay.scenarios[0]
+    whole = [own for own in replay.scenarios if own.whole_max is not None]
+    if whole:
+        rms, largest = map(_in_percent, (whole[0].whole_rms, whole[0].whole_max))
+        worst = max(whole, key=lambda own: own.whole_max or 0.0)
+        worst_rms, worst_max = map(_in_percent, (worst.whole_rms, worst.whole_max))
+        others = "" if worst is whole[0] else f"; {worst.name}: {worst_rms} % and {worst_max} %"
+        yield "Whole record", f"RMS {rms} %, max {largest} %{others}"
     if right.is_lost:
         size = "" if right.max is None else f" by up to {_in_percent(right.max)} %"
         advice = "" if replay.with_tables else "; tables over SOC may"

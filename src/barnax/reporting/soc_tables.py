@@ -186,7 +186,7 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
             "interval is that of a fit with a hundredth of the smoothing, extended to the value."
         )
     return rows_table(
-        f"The tables{where} at the nodes near samples; linear between nodes, constant beyond them."
+        f"The tables{where} at the nodes near samples; linear between nodes, beyond by smoothing."
         f"{mark}",
         heads,
         rows,
@@ -254,7 +254,7 @@ def middle_of_tables(found: "TableFits", records: int) -> tuple[list[str], list[
     known = {}
     for node in fit.intervals:
         is_of_others = are_several and node.soc is not None
-        ends = _determined(_on_another_record(node) if is_of_others else node, fit)
+        ends = determined_ends(_on_another_record(node) if is_of_others else node, fit)
         known[node.name, node.soc] = (
             NOT_DETERMINED if ends is None else between(node.name, *ends, node.value)
         )
@@ -342,13 +342,13 @@ def left_out_sentences(result: "Result") -> Iterator[str]:
 def _interval(node: "NodeInterval | None", fit: "TableFit", scale: float = 1.0) -> str:
     if node is None:
         return NOTHING
-    known = _determined(node, fit)
+    known = determined_ends(node, fit)
     return NOT_DETERMINED if known is None else " to ".join(figures(scale * end) for end in known)
 
 
 def _interval_of(node: "NodeInterval | None", fit: "TableFit") -> str:
     """An interval in the unit of the value that it stands beside."""
-    known = None if node is None else _determined(node, fit)
+    known = None if node is None else determined_ends(node, fit)
     if node is None or known is None:
         return _interval(node, fit)
     value = with_unit(node.name, node.value)
@@ -367,7 +367,7 @@ def _on_another_record(node: "NodeInterval") -> "NodeInterval":
     return replace(node, low=node.record_low, high=node.record_high)
 
 
-def _determined(node: "NodeInterval", fit: "TableFit") -> tuple[float, float] | None:
+def determined_ends(node: "NodeInterval", fit: "TableFit") -> tuple[float, float] | None:
     """The ends of an interval; None where it is so wide that it says nothing."""
     if node.low is None or node.high is None:
         return None

@@ -1,5 +1,6 @@
 """One circuit simulated on one record, with its errors."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,12 +19,15 @@ from ..model.prepared import (
 )
 from ..model.reference import simulate_circuit
 from ..model.window import Window
-from ..notices import Notice
+from ..notices import Notice, notice
 from ..records import Record
+from ..records.samples import STEADY_SHARE, STEP_SHARE
 from ..settings import MAX_MOVED_SOC
 
 # A start is moved by so much to see what that does.
 PROBE_SOC = 0.002
+# Of a circuit's answer to most of at least so many steps, the record shows at least this share.
+_FEWEST_STEPS, _LEAST_SHOWN, _AFTER_S = 3, 0.9, 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,6 +118,38 @@ def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
     count = min(len(evaluation.prepared.scored) for evaluation in evaluations)
     scored = np.all([evaluation.prepared.scored[:count] for evaluation in evaluations], axis=0)
     return (evaluation.error_v[:count][scored] for evaluation in evaluations)
+
+
+def step_warnings(evaluation: Evaluation) -> Iterator[Notice]:
+    """A notice where the circuit answers steps of the current by more than the record shows.
+
+    The steps are those between currents that stand still, and their answers those after a second,
+    and two samples at least: on whichever side of its sample a current flows, and however little
+    late the voltage is, all of R0 is in these.
+    """
+    prepared = evaluation.prepared
+    moved_a = np.abs(np.diff(prepared.current_a))
+    peak_a = float(np.abs(prepared.current_a).max())
+    after = max(2, math.ceil(_AFTER_S / prepared.median_interval_s))
+    moves = np.append(0, np.cumsum(moved_a >= STEADY_SHARE * peak_a))
+    first = np.flatnonzero(moved_a > STEP_SHARE * peak_a)
+    first = first[(first > 0) & (first + after < len(moves))]
+    # One move within the samples from the one before the step to the last one.
+    first = first[moves[first + after] - moves[first - 1] == 1]
+    first = first[prepared.scored[first] & prepared.scored[first + after]]
+    if len(first) < _FEWEST_STEPS:
+        return
+    step_a, after_s = (
+        own[first + after] - own[first] for own in (prepared.current_a, prepared.time_s)
+    )
+    shown_ohm, own_ohm = (
+        (own_v[first] - own_v[first + after]) / step_a
+        for own_v in (prepared.voltage_v, evaluation.simulated_v)
+    )
+    if np.median(own_ohm) > 0 and np.quantile(shown_ohm / own_ohm, 0.75) < _LEAST_SHOWN:
+        told = {"own_ohm": own_ohm, "shown_ohm": shown_ohm, "after_s": after_s}
+        medians = {name: float(np.median(values)) for name, values in told.items()}
+        yield notice("answer.r0-above-steps", prepared.record.name, **medians)
 
 
 def pooled(evaluations: Sequence[Evaluation]) -> Metrics:

@@ -99,19 +99,19 @@ def choose(
         limits: What is tried.
         policy: The rule.
     """
-    bench = _Bench(prepare, settings, limits, policy or Policy())
+    bench = Bench(prepare, settings, limits, policy or Policy())
     with one_blas_thread():
         return bench.chosen()
 
 
 @dataclass(eq=False)
-class _Bench:
+class Bench:
     """What circuits of the family are fitted and compared on."""
 
     prepare: Callable[[str], Sequence[PreparedRecord]]
     settings: TableSettings
     limits: Limits
-    policy: Policy
+    policy: Policy = field(default_factory=Policy)
     tried: list[Tried] = field(default_factory=list)
 
     def __post_init__(self) -> None:

@@ -1,0 +1,178 @@
+"""What a fit may claim: by an OCV test, records of few steps tell their resistances too."""
+
+import os
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax import identify
+from barnax.checks import check_file
+from barnax.checks.roles import require_load
+from barnax.errors import InputError
+from barnax.model.window import Window
+from barnax.over_soc.intervals import _held_level
+
+SHARED = Path(os.environ.get("BARNAX_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
+CASES = SHARED.parent / "cases" / "cells"
+QUICK: dict[str, Any] = {"seeds": 0, "model": "1rc", "advise": False}
+
+needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="needs the shared cases")
+
+
+def unfit(result):
+    return [str(one) for one in result.warnings if one.code == "role.unfit"]
+
+
+def interval(result, name):
+    (own,) = [
+        each for each in result.constant.assessment.uncertainty.estimates if each.name == name
+    ]
+    assert own.low is not None, name
+    assert own.high is not None, name
+    return own.low, own.high
+
+
+@needs_cases
+@pytest.mark.slow
+def test_a_single_resistor_is_answered_by_its_ocv():
+    folder = CASES / "07_single_resistor"
+    window = Window(initial_soc=0.0)
+    found = identify(
+        folder / "raw_data.parquet", ocv=folder / "ocv.csv", capacity=1.0, window=window, **QUICK
+    )
+    assert found.constant.parameters.tables["R0 [Ohm]"][0] == pytest.approx(0.1, rel=0.02)
+    assert not unfit(found)
+
+
+@needs_cases
+@pytest.mark.slow
+def test_a_discharge_at_one_current_is_answered_by_its_ocv():
+    folder = CASES / "08_cc_known_ocv"
+    columns = "current=It:A,voltage=Experimental_Voltage(v):V,time=Experimental_Time(s):s"
+    found = identify(
+        folder / "Data.xlsx",
+        columns=columns,
+        ocv=folder / "ocv.csv",
+        capacity=2.5,
+        window=Window(initial_soc=1.0),
+        **QUICK,
+    )
+    for name, ohm in (("R0 [Ohm]", 0.030), ("R1 [Ohm]", 0.020)):
+        low, high = interval(found, name)
+        assert low < ohm < high
+    assert not unfit(found)
+
+
+@pytest.fixture(scope="module")
+def charged(tmp_path_factory):
+    """A charge of a 2 Ah cell with one pause, in mA and minutes: R0 40, R1 25 mOhm, tau 40 s."""
+    folder = tmp_path_factory.mktemp("charge")
+    time_s = np.arange(0.0, 2700.0, 2.0)
+    current_a = np.where((time_s > 1500) & (time_s <= 1800), 0.0, 1.5)
+    soc = 0.2 + np.append(0.0, np.cumsum(current_a[1:])) * 2.0 / 3600 / 2
+    kept = np.exp(-2.0 / 40)
+    slow_a = np.zeros(len(time_s))
+    for k in range(1, len(time_s)):
+        slow_a[k] = kept * slow_a[k - 1] + (1 - kept) * current_a[k]
+    noise_v = np.random.default_rng(2).normal(0, 1e-3, len(time_s))
+    table = {
+        "Time / min": time_s / 60,
+        "Current / mA": 1e3 * current_a,
+        "Voltage / V": 3.2 + 0.9 * soc + 0.040 * current_a + 0.025 * slow_a + noise_v,
+    }
+    pl.DataFrame(table).write_csv(folder / "charge.csv")
+    soc = np.linspace(0, 1, 5)
+    pl.DataFrame({"SOC [-]": soc, "OCV [V]": 3.2 + 0.9 * soc}).write_csv(folder / "ocv.csv")
+    return folder
+
+
+def test_a_charge_with_one_pause_is_answered_by_its_ocv(charged):
+    found = identify(
+        charged / "charge.csv",
+        ocv=charged / "ocv.csv",
+        capacity=2.0,
+        window=Window(initial_soc=0.2),
+        current_sign="charge-positive",
+        current_hold="backward",
+        **QUICK,
+    )
+    for name, ohm in (("R0 [Ohm]", 0.040), ("R1 [Ohm]", 0.025)):
+        low, high = interval(found, name)
+        assert low < ohm < high
+        assert high < 1.2 * low
+    assert not unfit(found)
+
+
+def test_a_charge_alone_without_an_ocv_test_is_refused(charged):
+    traits = check_file(charged / "charge.csv", current_sign="charge-positive").traits
+    assert traits is not None
+    assert traits.kind(2.0) == "charge"
+    with pytest.raises(InputError, match="only charges"):
+        require_load({"charge.csv": traits.kind(2.0)})
+    assert require_load({"charge.csv": traits.kind(2.0, has_test=True)}) is None
+
+
+CALCE = SHARED / "calce-inr18650-20r"
+FAST_TABLES: dict[str, Any] = {
+    "model": "so-rc",
+    "over": "soc",
+    "seeds": 0,
+    "trust": "none",
+    "max_boxes": 0,
+    "advise": False,
+    "folds": 0,
+}
+
+
+@pytest.mark.skipif(not CALCE.is_dir(), reason="needs the measured cells")
+@pytest.mark.slow
+@pytest.mark.parametrize("has_test", [False, True])
+def test_an_ocv_that_loads_alone_visit_is_not_determined_near_empty(has_test):
+    """A test of the same cell rests at 3.298 V where a drive ends; the drive is fitted with more
+    than 3.4 V there, for no OCV may fall with rising SOC."""
+    test = CALCE / "ocv-incremental_25degC_SP20-3.parquet"
+    drive = CALCE / "dst_25degC_80soc_SP20-2.parquet"
+    given: dict[str, Any] = FAST_TABLES | ({"ocv": test} if has_test else {})
+    found = identify(drive, **given)
+    name = "OCV correction [V]" if has_test else "OCV [V]"
+    low = [node for node in found.fit.of_table(name) if (node.soc or 0.0) <= 0.05]
+    assert {node.low for node in low} == {None}
+    assert all(
+        node.low is not None for node in found.fit.of_table(name) if 0.1 < (node.soc or 0.0) < 0.9
+    )
+    told = [one for one in found.warnings if one.code == "ocv-test.overruled"]
+    assert len(told) == has_test
+    if told:
+        assert told[0].values["soc"] == 0.0
+        assert told[0].values["moved_v"] == pytest.approx(0.15, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("sides", "rows"),
+    [
+        # Of the level at the first node and the steps from node to node, those at their bound.
+        ([0, 0, 0, 0, 0], []),
+        ([0, 0, -1, 0, 0], [12, 13]),
+        ([0, 0, -1, -1, -1], [12, 13, 14]),
+        ([0, 0, 0, -1, -1], []),
+        ([0, -1, 0, -1, 0], []),
+    ],
+)
+def test_nodes_that_only_a_bound_joins_to_the_lowest_one_are_held(sides, rows):
+    nodes = np.array([-0.02, 0.0, 0.05, 0.08, 0.3])
+    objective: Any = SimpleNamespace(
+        pairs=2,
+        settings=SimpleNamespace(rising_ocv=True),
+        reduced=SimpleNamespace(layout=SimpleNamespace(has_correction=True)),
+        block=lambda table: slice(11, 16),
+        nodes_of=[None, None, None, nodes],
+        visited_of=lambda table: nodes >= 0,
+    )
+    best: Any = SimpleNamespace(sides=np.array([0] * 11 + sides))
+    assert [*_held_level(objective, best)] == rows
+    objective.settings.rising_ocv = False
+    assert not [*_held_level(objective, best)]

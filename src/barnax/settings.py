@@ -1,8 +1,7 @@
 """Options of a user, apart from the data: types, defaults, and what each option means.
 
-`Job` has all of it, under the same names; the command line makes its options of these fields, and
-their help of the lines of `Args`. Nothing heavy is loaded here.
-"""
+`Job` has them all by these names; the command line makes its options of them, and their help of the
+lines of `Args`. Nothing heavy is loaded here."""
 
 import inspect
 import math

@@ -199,11 +199,12 @@ def _with_curves(
 ) -> Iterator[Rows]:
     """The rows with more sides: the errors that would be, were the tables' curves the truth, and
     those that a standard error of a record's start makes."""
-    soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
     # Half the digits are enough of an error of an error.
-    blocks_v = [by_start_v(own).astype(np.float32) for own in objective.prepared_records]
-    starts_v = np.asarray(block_diag(*blocks_v))
+    starts_v = np.asarray(
+        block_diag(*(by_start_v(own).astype(np.float32) for own in objective.prepared_records))
+    )
     starts_v = starts_v[:, np.any(starts_v, axis=0)]
+    soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
     first = 0
     for columns, base, informed in rows:
         here = soc[first : first + len(base)]

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from .document import Bullets, Cells, Section, Table, make_table
+from .document import Bullets, Cells, Document, Section, Table, make_table
 from .words import NOTHING, counted, fixed, joined, percent
 
 if TYPE_CHECKING:
@@ -44,6 +44,13 @@ def candidates_section(
     return [Section("Circuits", parts)]
 
 
+def choice_document(result: "Result") -> Document:
+    """How the circuit of a result was chosen."""
+    validation = [part.name for part in result.of_role("validation")]
+    sections = candidates_section(result.candidates, result.tried, validation)
+    return Document("How the circuit was chosen", "", tuple(sections))
+
+
 def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str]) -> Table:
     """The errors of every circuit on all records."""
     cells: Cells[Candidate] = {
@@ -79,7 +86,8 @@ def choice_table(tried: "Sequence[Tried]") -> Table:
         return f"{fixed(own.gain.value, 3)} ({fixed(own.gain.standard_error, 3)})"
 
     cells: Cells[Tried] = {
-        "circuit": lambda own: f"{own.circuit}, {counted(own.nodes, 'node')}",
+        "circuit": lambda own: own.circuit,
+        "nodes": lambda own: str(own.nodes),
         "follows": lambda own: joined(own.follows) if own.follows else "",
         "adds": lambda own: ADDS[own.ladder],
         "fitted [mV]": lambda own: fixed(1e3 * own.rmse_v, 2),
@@ -92,22 +100,20 @@ def choice_table(tried: "Sequence[Tried]") -> Table:
         "and the gain in the logarithm of the mean square.",
         tried,
         cells,
-        ["circuit", "adds", "held out [mV]", "gain (standard error)", ""],
+        ["circuit", "nodes", "adds", "held out [mV]", "gain (standard error)", ""],
     )
 
 
 def choice_line(result: "Result") -> str:
-    """What was chosen and over how many others; empty where nothing was."""
+    """How many circuits were tried, and how; empty where there was no choice."""
     if len(result.tried) < 2:
         return ""
-    kept = [own for own in result.tried if own.kept]
-    last, others = kept[-1], len(result.tried) - 1
-    what = (
-        f"{last.circuit}, {counted(last.nodes, 'node')} over SOC"
-        if last.nodes > 1
-        else (f"{last.circuit} with one value at every SOC")
+    circuits = {(own.circuit, own.nodes, own.follows) for own in result.tried}
+    kept = [own for own in result.tried if own.kept][-1]
+    nodes = (
+        f"{counted(kept.nodes, 'node')} over SOC" if kept.nodes > 1 else "one value at every SOC"
     )
-    return f"{what}, best on held-out blocks of {counted(others + 1, 'circuit')} tried."
+    return f"{kept.circuit} with {nodes}, the best of {len(circuits)} tried on held-out blocks."
 
 
 def errors_words(errors: "SocErrors | None") -> str:

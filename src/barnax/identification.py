@@ -51,6 +51,9 @@ from .settings import OVER_TEMPERATURE, Settings
 from .table_run import R0, TableRun
 from .uncertainty import Assessment, assess, compile_linearization, examine
 
+# A resistance that is off by more than this share is worth a warning, though its interval says so.
+FAR = 0.05
+
 
 @dataclass(frozen=True, eq=False)
 class Setup:
@@ -311,6 +314,9 @@ def _widened(
     shifts_ohm = [ohm - tables.median_ohm(R0) for ohm in late_ohm]
     if other_hold is not None:
         shifts_ohm.append(tables.hold_shift_ohm)
+        if abs(shifts_ohm[-1]) > FAR * tables.median_ohm(R0):
+            r0_ohm = tables.median_ohm(R0), tables.median_ohm(R0) + shifts_ohm[-1]
+            warnings.append(hold_warning(problem, other_hold.value, *r0_ohm))
     shares = tables.hold_shares if other_hold is not None else None
     return assessment, tables.spanning(shifts_ohm, shares)
 

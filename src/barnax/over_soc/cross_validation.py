@@ -251,17 +251,13 @@ def _with_ocv_of_all(
     x: Float[np.ndarray, "unknowns"],
 ) -> Float[np.ndarray, "unknowns"]:
     """The unknowns with the OCV that fits all samples best beside these resistances."""
-    (normal, gradient), low_high = everywhere, objective.box
+    (normal, gradient), (low, high) = everywhere, objective.box
     ocv = objective.block(objective.names.index(OCV))
-    rest = x.copy()
-    rest[ocv] = 0.0
     x = x.copy()
-    x[ocv] = least_in_box(
-        normal[ocv, ocv],
-        (gradient + normal @ rest)[ocv],
-        *(end[ocv] for end in low_high),
-        best.sides[ocv],
-    )[0]
+    x[ocv] = 0.0
+    pushed = (gradient + normal @ x)[ocv]
+    own = normal[ocv, ocv], pushed, low[ocv], high[ocv], best.sides[ocv]
+    x[ocv] = least_in_box(*own)[0]
     return x
 
 

@@ -170,7 +170,6 @@ def _lines(folder: Path) -> Iterator[str]:
             folds=FOLDS if row.held_out_mv else 0,
             max_boxes=0,
             # As the other program does.
-            evenly=True,
             resistances_follow="heating" if row.follows == "heating" else "none",
         )
         records = {name: _prepared(folder, row, name) for name in row.errors_mv}

@@ -50,8 +50,8 @@ def test_a_fit_of_factors_read_back_is_the_fit_of_the_samples(records, content, 
         assert ours.tables.tables[name] == pytest.approx(row, abs=1e-9)
     for one, other in zip(ours.errors, theirs.errors, strict=True):
         assert one.rmse_v == pytest.approx(other.rmse_v, rel=1e-8)
-    held, its = ours.cross_validation.tables, theirs.cross_validation.tables
-    assert held.rmse_v == pytest.approx(its.rmse_v, rel=1e-8)
+    held, its = (fit.cross_validation.by_record for fit in (ours, theirs))
+    assert [one.rmse_v for one in held] == pytest.approx([one.rmse_v for one in its], rel=1e-8)
     # Where all three records are.
     known = [each for each in ours.of_table("R0 [Ohm]") if each.low is not None]
     assert known

@@ -8,7 +8,6 @@ import polars as pl
 import pytest
 
 from barnax.bundled import BUNDLED
-from barnax.candidates import tabulated_circuit
 from barnax.cell import characterize, read_ocv_table
 from barnax.checks import FileCheck, check_file
 from barnax.checks.roles import are_unfit, require_load
@@ -25,8 +24,10 @@ from barnax.inputs import (
 )
 from barnax.model.window import Window
 from barnax.notices import Notice, notice
+from barnax.over_soc import TableSettings
 from barnax.pipeline import identify
 from barnax.records import read_record, source_from_frame
+from barnax.select import limits_of
 from barnax.settings import CellSettings, Reading, Settings
 from helpers.records import logged
 from helpers.reference import make_record
@@ -84,9 +85,9 @@ def flat_cell(half_gap_v):
     return characterize([table], capacity_ah=2.0, ocv_fit="interpolated")
 
 
-@pytest.mark.parametrize(("half_gap_v", "expected"), [(0.02, "esc"), (0.005, "so-rc")])
-def test_without_a_model_tables_are_of_so_rc_and_of_esc_for_flat_cells(half_gap_v, expected):
-    assert tabulated_circuit(flat_cell(half_gap_v)) == expected
+@pytest.mark.parametrize(("half_gap_v", "expected"), [(0.02, "esc"), (0.005, "1rc")])
+def test_the_family_starts_with_a_hysteresis_on_flat_cells(half_gap_v, expected):
+    assert limits_of(flat_cell(half_gap_v), TableSettings()).start == expected
 
 
 def test_an_ocv_table_is_an_ocv_test():

@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 import barnax
-from barnax import answering
+from barnax import identification
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.model.window import Window
@@ -56,7 +56,7 @@ def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch
     def too_wide(*_, **__):
         raise InputError("the box is too wide")
 
-    monkeypatch.setattr(answering, "find_global_optimum", too_wide)
+    monkeypatch.setattr(identification, "find_global_optimum", too_wide)
     result = barnax.identify(window=SHORT, **SMALL)
     assert result.constant.global_optimum is None
     assert result.constant.source == "seeds"
@@ -132,7 +132,7 @@ def test_a_failed_assessment_costs_only_itself(few, monkeypatch, failure):
     def fails(*_, **__):
         raise failure
 
-    monkeypatch.setattr(answering, "assess", fails)
+    monkeypatch.setattr(identification, "assess", fails)
     result = barnax.identify(window=SHORT, **(SMALL | {"trust": "full"}))
     assert result.parameters == few.parameters
     assert result.constant.assessment is None
@@ -146,7 +146,7 @@ def test_a_failure_beside_the_search_is_not_swallowed(monkeypatch, name):
     def fails(*_, **__):
         raise RuntimeError("beside the search")
 
-    monkeypatch.setattr(answering, name, fails)
+    monkeypatch.setattr(identification, name, fails)
     with pytest.raises(RuntimeError, match="beside the search"):
         barnax.identify(window=SHORT, **(SMALL | {"trust": "basic"}))
 

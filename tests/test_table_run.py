@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from barnax import answering
+from barnax import identification
 from barnax.cell import CircuitParameters
 from barnax.over_soc import TableSettings
 from barnax.over_soc.intervals import NodeInterval
@@ -78,25 +78,28 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     )
     other = constant.with_tables({"R0 [Ohm]": [0.041]})
     uncertainty = SimpleNamespace(beyond=lambda circuit: {}, spanning=lambda others: others)
-    monkeypatch.setattr(answering, "replace", lambda given, uncertainty: uncertainty)
-    monkeypatch.setattr(TableRun, "hold_warnings", lambda *_: [])
-    weighing = SimpleNamespace(problems=["problem"], chosen="so-rc")
-    searched = SimpleNamespace(
-        place=0, answer=SimpleNamespace(parameters=constant), optima=[None], held_out=[None],
-        other_hold=SimpleNamespace(parameters=other, value="backward"), late_ohm=(0.07,),
-        more_ohm=(0.048,),
-    )  # fmt: skip
-    compared = SimpleNamespace(tables=run, held_out=None)
+    monkeypatch.setattr(identification, "replace", lambda given, uncertainty: uncertainty)
+    # A step that answers 20 mOhm above the constant circuit's R0.
+    monkeypatch.setattr(identification, "late_answers_ohm", lambda record: (0.06, 0.01, 0.0))
+    problem = SimpleNamespace(prepared_records=[SimpleNamespace(record=None)])
+    answer = SimpleNamespace(parameters=constant)
+    other_hold = SimpleNamespace(parameters=other, value="backward")
     assessment = SimpleNamespace(uncertainty=uncertainty)
-    others, tables = answering._widened(weighing, searched, compared, assessment, [])
-    assert [circuit.r0 for circuit in others] == pytest.approx([0.048, 0.07, 0.041])
+    monkeypatch.setattr(identification, "hold_warning", lambda *given: given)
+    warnings = []
+    given = problem, answer, run, other_hold, assessment, warnings
+    others, tables = identification._widened(*given)
+    # A shift of more than a twentieth is a warning besides.
+    far = abs(run.hold_shift_ohm) > 0.05 * 0.05
+    assert [told[2:] for told in warnings] == far * [(0.05, 0.05 + run.hold_shift_ohm)]
+    assert [circuit.r0 for circuit in others] == pytest.approx([0.07, 0.041])
     shares = run.hold_shares
     for before, after in zip(
         run.found.fits[0].intervals, tables.found.fits[0].intervals, strict=True
     ):
         moved = [0.0, shares.get(before.name, 0.0) * before.value]
         if before.name == "R0 [Ohm]":
-            # Beside the median: what comes late, the constant circuit's, and the tables' own shift.
-            moved = [0.0, 0.07 - 0.05, 0.041 - 0.05, run.hold_shift_ohm]
+            # Beside the median: what comes late, and the tables' own shift.
+            moved = [0.0, 0.07 - 0.05, run.hold_shift_ohm]
         assert after.low == pytest.approx(max(before.low + min(moved), 0.0), rel=1e-12)
         assert after.high == pytest.approx(before.high + max(moved), rel=1e-12)

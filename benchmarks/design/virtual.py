@@ -13,7 +13,7 @@ from barnax.experiment.belief import believed_of_fit
 from barnax.experiment.protocol import hppc_steps, sampled
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.over_soc import TableFit, errors_on, fit_tables, proved, search_with_ocv
+from barnax.over_soc import TableFit, errors_on, fit_tables, fit_with_ocv
 from barnax.records import Decision, Record, read_record
 from barnax.reporting.design_promised import reached_half
 from barnax.search.evaluate import evaluate
@@ -109,7 +109,7 @@ def with_ocv(cell: CellModel, *records: Record) -> TableFit:
 
 def without_ocv(record: Record, capacity_ah: float, drive: Record) -> float:
     """The RMSE in V on the drive of tables and OCV of a record alone."""
-    own = proved(search_with_ocv([record], "so-rc", {record.name: WINDOW}, SETTINGS, capacity_ah))
+    own = fit_with_ocv([record], "so-rc", {record.name: WINDOW}, SETTINGS, capacity_ah)
     return errors_on(prepared_for(drive, own.cell, "so-rc"), own.fit.tables).rmse_v
 
 

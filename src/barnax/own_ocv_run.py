@@ -1,29 +1,27 @@
-"""Cells without an OCV test: the OCV of their records, with tables or one value at every SOC."""
+"""Cells without an OCV test: the circuit of the family that their records support, with an OCV of
+their own."""
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from .candidates import FOLLOWING, FURTHER, WEIGHED, spans_enough
+from .blas import one_blas_thread
 from .cell import get_circuit
-from .cell.parameters import ANYWHERE, OHMIC
+from .execution import in_float64
 from .inputs import ranges_of, window_of
 from .job import Job
+from .model.prepared import PreparedRecord
 from .notices import Notice, notice
-from .over_soc import (
-    NodeInterval,
-    OwnOcv,
-    TableFit,
-    TableSettings,
-    is_supported,
-    proved,
-    search_with_ocv,
-    shows_more,
-    with_own_ocv,
-)
-from .over_soc.dependence import with_dependence
+from .over_soc import OwnOcv, OwnRecords, TableSettings
+from .over_soc.own_starts import Starts
+from .over_soc.problem import reduced_objective
+from .over_soc.search import find_best
 from .records import Record
+from .select import Choice, Fitted, choose, limits_of
 from .settings import OVER_TEMPERATURE
+
+# A hysteresis whose rate is at its highest from this share of it on.
+NEARLY = 0.95
 
 
 def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
@@ -37,12 +35,15 @@ def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
     return replace(tables, bounds={**bounds, **tables.bounds}, fixed={**fixed, **tables.fixed})
 
 
+@in_float64
 def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
-    """The cell of records that have no OCV test, and their tables. Raises `InputError` where what
-    is asked for needs one."""
-    circuit = get_circuit(job.model or WEIGHED[0])
+    """The cell of records that have no OCV test, with their tables, or one value at every SOC.
+
+    Raises `InputError` where what is asked for needs a test.
+    """
+    model = job.model and get_circuit(job.model)
     asked = {
-        f"the hysteresis of {circuit.name}": circuit.has_hysteresis and not circuit.has_rate,
+        f"the hysteresis of {job.model}": model and model.has_hysteresis and not model.has_rate,
         "an OCV polynomial": job.ocv_fit == "polynomial",
     }
     for what, is_asked in asked.items():
@@ -50,86 +51,56 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
             raise notice("ocv-test.missing", asked=what).error()
     windows = {record.name: window_of(job.window, record.name).as_told for record in records}
     is_over = job.over == OVER_TEMPERATURE
-    is_open = job.model is None and not (is_over or job.bounds or job.fix)
-
-    def fitted(tables: TableSettings) -> OwnOcv:
-        given = windows, tables, job.capacity, is_over
-        found = search_with_ocv(records, circuit.name, *given, FURTHER if is_open else None)
-        return replace(found, warnings=(*found.warnings, *_shown_direction(found)))
-
     tables = bounded_tables(job)
-    # The same at every SOC: a constant circuit with an OCV.
-    alike = replace(tables, nodes=ANYWHERE)
-    if job.model is not None and job.over is None:
-        found = fitted(alike)
-        return proved(replace(found, warnings=(*found.warnings, *_shown_hysteresis(found, alike))))
-    found = fitted(tables)
-    if job.model is not None:
-        found = replace(found, warnings=(*found.warnings, *_shown_hysteresis(found, tables)))
-    crossed = found.fit.cross_validation
-    is_chosen = job.over is not None or tables.nodes != TableSettings.nodes
-    if is_chosen or crossed is None:
-        return proved(found)
-    is_narrow = not spans_enough(found.fit)
-    if not is_narrow and not crossed.constant.is_no_worse(crossed.tables):
-        return proved(found)
-    constant = fitted(alike)
-    fits_as_well = all(
-        constant_errors.is_close_to(errors)
-        for constant_errors, errors in zip(constant.fit.errors, found.fit.errors, strict=True)
+    own = OwnRecords.of(records, windows, tables, job.capacity, is_over)
+    if is_over:
+        return own.by_temperature(job.model or "so-rc")
+    over_soc = None if job.model is None and job.over is None else job.over is not None
+    limits = limits_of(own.level, tables, job.model, over_soc, has_ocv=True)
+    starts: dict[str, Starts] = {}
+
+    def prepare(circuit: str) -> list[PreparedRecord]:
+        starts[circuit] = own.starts(circuit)
+        return own.prepared(circuit, starts[circuit])
+
+    choice = choose(prepare, tables, limits)
+    chosen, point = choice.chosen, choice.chosen.point
+    if len(records) > 1 and point.circuit not in starts:
+        # The others' starts are those at which this circuit fits best.
+        prepared = [one.following(point.law) for one in prepare(point.circuit)]
+        objective = reduced_objective(prepared, chosen.objective.settings)
+        with one_blas_thread():
+            chosen = Fitted(point, objective, find_best(objective), chosen.loss)
+    begun = starts.get(point.circuit) or starts[_alike(starts, point.circuit)]
+    found = own.proved(chosen.objective, chosen.best, begun)
+    return replace(
+        found,
+        tried=choice.tried,
+        warnings=(*found.warnings, *_left_out(choice), *_turning_at_once(chosen)),
     )
-    # What both predict badly tells them apart too little, as a flat OCV's ends, or an OCV that a
-    # record alone visits: then what they leave of all records does.
-    is_worth = crossed.constant.is_worth(crossed.tables) and not (
-        found.unproved
-        and constant.unproved
-        and is_supported(found.unproved, crossed.tables, constant.unproved, crossed.constant)
-    )
-    if not (is_narrow or fits_as_well or is_worth):
-        return proved(found)
-    constant = proved(constant)
-    held = constant.fit.cross_validation
-    fit = replace(
-        constant.fit,
-        cross_validation=held and replace(held, over_soc=crossed.tables),
-        intervals=tuple(_with_r0_over_soc(constant.fit, found.fit)),
-    )
-    return replace(constant, found=replace(constant.found, fits=(fit,)))
 
 
-def _shown_hysteresis(found: OwnOcv, tables: TableSettings) -> Iterator[Notice]:
-    """The warning where a circuit that was asked for leaves out a hysteresis that records show."""
-    circuit, following = get_circuit(found.circuit), get_circuit(FOLLOWING)
-    further = circuit.elements[following.pairs :]
-    instead = "+".join((FOLLOWING, *further))
-    if found.unproved is None or circuit.has_rate:
+def _alike(starts: dict[str, Starts], circuit: str) -> str:
+    """The circuit whose starts those of another with such a hysteresis are."""
+    rate = get_circuit(circuit).has_rate
+    return next(known for known in starts if get_circuit(known).has_rate == rate)
+
+
+def _left_out(choice: Choice) -> Iterator[Notice]:
+    """The warnings where what was asked for leaves out what the records show."""
+    left_out = {own.ladder: own for own in choice.tried if own.outcome == "not asked for"}
+    if "hysteresis" in left_out:
+        given = choice.chosen.point.circuit, left_out["hysteresis"].circuit
+        yield notice("tables.hysteresis-left-out", circuit=given[0], instead=given[1])
+    if "law" in left_out:
+        yield notice("tables.direction-left-out")
+
+
+def _turning_at_once(chosen: Fitted) -> Iterator[Notice]:
+    """The warning where a hysteresis ends at the fastest rate: resistances that fall with the
+    current look the same."""
+    if not chosen.point.has_rate:
         return
-    if circuit.elements != (*following.elements, *further):
-        return
-    if shows_more(instead, found.unproved, with_own_ocv(tables, instead)):
-        yield notice("tables.hysteresis-left-out", circuit=circuit.name, instead=instead)
-
-
-def _shown_direction(found: OwnOcv) -> Iterator[Notice]:
-    """The warning where resistances were told to follow nothing beside SOC, and records show that
-    they differ between charge and discharge: the OCV takes that up."""
-    if found.settings.resistances_follow != "none" or found.unproved is None:
-        return
-    objective, best, _ = found.unproved
-    settings = replace(objective.settings, resistances_follow="auto")
-    following, _ = with_dependence(replace(objective, settings=settings), best)
-    known = following.prepared_records[0].dependence
-    if known is not None and known.charge_ratio is not None:
-        yield notice("tables.direction-left-out", ratio=known.charge_ratio)
-
-
-def _with_r0_over_soc(constant: TableFit, tables: TableFit) -> Iterator[NodeInterval]:
-    """The intervals of one value, R0 reaching to the nodes of tables whose own leave it out."""
-    (r0_ohm,) = constant.tables.tables[OHMIC]
-    apart_ohm = [
-        node.value - r0_ohm
-        for node in tables.of_table(OHMIC)
-        if node.low is not None and not node.low <= r0_ohm <= (node.high or math.inf)
-    ]
-    for node in constant.intervals:
-        yield node.spanning(apart_ohm) if node.name == OHMIC and apart_ohm else node
+    rate, (_, highest) = chosen.best.log_scales[-1], list(chosen.objective.ranges.values())[-1]
+    if math.exp(rate) > NEARLY * highest:
+        yield notice("tables.turns-at-once", turned_soc=3 / highest, instead="so-rc")

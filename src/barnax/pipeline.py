@@ -6,20 +6,20 @@ out of the fit. Thirty seeds search the best constant circuit, and the answer is
 validated.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from .answering import search_and_assess
 from .bundled import BUNDLED
-from .candidates import CONTRADICTED, WEIGHED, tabulated_circuit
 from .cell import CellModel
 from .checks.against_cell import compare_resistances
 from .checks.roles import MAX_HALF_WIDTH, are_unfit
+from .constant_problem import CONSTANT, first_problem
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
+from .identification import Setup, search_and_assess, set_up
 from .inputs import Inputs, listed, read_inputs, telling, unwatched, windows_by_name, windows_of
 from .job import Job, takes_options
 from .model.prepared import PreparedRecord, prepare_record
@@ -29,10 +29,10 @@ from .notices import Notice, notice
 from .optimizers import make_optimizer
 from .over_soc import (
     OwnOcv,
+    TableSettings,
     counted_alike,
     group_by_temperature,
     is_loaded,
-    register,
     register_alone,
     require_temperature,
     require_temperatures,
@@ -48,7 +48,6 @@ from .search.evaluate import step_warnings
 from .settings import OVER_TEMPERATURE, Settings, Trust
 from .storing import make_result
 from .table_run import R0, table_warnings
-from .weighing import Weighing, weigh
 
 # The SOC between which a charge counts: on an LFP cell, 1 % that is lost between two testers is
 # worth 100 to 400 mV below 5 % SOC, and a charge stands on the steep end of the OCV above 95 %.
@@ -104,37 +103,36 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
         own = {**windows_by_name(job.window), **found[0].windows}
         inputs = replace(inputs, warnings=(*inputs.warnings, *found[0].warnings))
         job = job.changed(window=own, over=job.over or "soc")
-    with telling(inputs.warnings), job.watch("Setting up the problem", 0):
-        told = windows = windows_of(inputs, job.window, job.capacity)
+    with telling(inputs.warnings), job.watch("Choosing the circuit", 0):
+        windows = windows_of(inputs, job.window, job.capacity)
         if not found:
-            told, between = _between_ends(inputs, told)
+            windows, between = _between_ends(inputs, windows)
             inputs = replace(inputs, warnings=(*inputs.warnings, *between))
-            windows = _registered(job, inputs, told)
-        asked = job.table_settings, job.bounds, job.fix, job.advise
-        weighing = weigh(_as_counted(inputs, told, windows), windows, job, *asked, *found)
-        held = [prepared.record for prepared in weighing.first.prepared_records]
+            told, windows = windows, _registered(job, inputs, windows)
+            inputs = _as_counted(inputs, told, windows)
+        box = {"bounds": job.bounds, "fix": job.fix}
+        first = first_problem(inputs, windows, job, found[-1] if found else None, **box)
+        held = [prepared.record for prepared in first.prepared_records]
         is_other = any(
             one.hold.value != record.hold.value
             for one, record in zip(held, inputs.records, strict=True)
         )
-        if is_other and (found or windows != told):
-            # The voltage told another hold of the current than was assumed: all over again.
-            inputs = replace(inputs, records=held)
-            if found:
-                # Its capacity is that of the first fit.
-                again = cell_of(held, given.changed(capacity=inputs.cell.capacity_ah))
-                again = replace(again, capacity_origin=inputs.cell.capacity_origin)
-                inputs = replace(inputs, cell=again)
-                windows = {**windows, **found[-1].windows}
-            else:
-                windows = _registered(job, inputs, told)
-            counted = _as_counted(inputs, told, windows)
-            weighing = weigh(counted, windows, job, *asked, *found[-1:])
+        inputs = replace(inputs, records=held)
+        if found and is_other:
+            # An OCV of the records' own was fitted with the other sampling of the current. Its
+            # capacity is that of the first fit.
+            again = cell_of(held, given.changed(capacity=inputs.cell.capacity_ah))
+            again = replace(again, capacity_origin=inputs.cell.capacity_origin)
+            inputs = replace(inputs, cell=again)
+            windows = {**windows, **found[-1].windows}
+            first = first_problem(inputs, windows, job, found[-1], **box)
+        tables = bounded_tables(job)
+        setup = set_up(first, inputs, windows, job, tables, *found[-1:], **box)
         if is_over_temperature:
-            require_temperatures(group_by_temperature(weighing.first.prepared_records))
-            for prepared in weighing.validation(weighing.first):
+            require_temperatures(group_by_temperature(first.prepared_records))
+            for prepared in setup.validation(first.circuit):
                 require_temperature(prepared)
-    run = search_and_assess(weighing, optimizer, job, job.trust, job.watch, job.advise)
+    run = search_and_assess(setup, optimizer, job, job.trust, job.watch, job.advise)
     run = replace(run, ocv=inputs.ocv)
     read = [*inputs.records, *inputs.validation, *inputs.ocv]
     notes = dict.fromkeys(
@@ -156,7 +154,7 @@ def _between_ends(
     simulated = list[PreparedRecord]()
     for record in inputs.records:
         with suppress(InputError):
-            simulated.append(prepare_record(record, inputs.cell, WEIGHED[0], known[record.name]))
+            simulated.append(prepare_record(record, inputs.cell, CONSTANT, known[record.name]))
     under_load = [prepared for prepared in simulated if is_loaded(prepared)]
     for prepared in simulated if under_load else ():
         name, window, soc = prepared.record.name, prepared.window, prepared.soc[prepared.scored]
@@ -176,8 +174,8 @@ def _between_ends(
 
 def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict[str, Window]:
     """The windows, with what the OCV test tells of the start and capacity of records whose rests it
-    contradicts, and several records of one temperature of each other's."""
-    circuit, chosen = job.model or tabulated_circuit(inputs.cell), job.table_settings
+    contradicts."""
+    circuit, chosen = job.model or CONSTANT, job.table_settings
     if chosen.keep_starts or not chosen.ocv_correction:
         return dict(windows)
     try:
@@ -187,8 +185,6 @@ def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict
             for record in inputs.records
         ]
         found = counted_alike(told, [register_alone(prepared, tables) for prepared in told])
-        if len(found) > 1 and job.over != OVER_TEMPERATURE:
-            found = register(found, tables)
         return {**windows, **{prepared.record.name: prepared.window for prepared in found}}
     except InputError:
         # What tables cannot be fitted to is refused, or not, by what is fitted to it.
@@ -260,7 +256,7 @@ def identify_problem(
     settings = settings or Settings(seeds=0)
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
     better = with_better_directions(without_sweep_drop(problem))
-    alone = Weighing((better,), better, (), {}, lambda problem: [])
+    alone = Setup(better, lambda circuit: [], TableSettings())
     run = search_and_assess(alone, optimizer, settings, trust, unwatched, False)
     return make_result(replace(run, warnings=_all_warnings((), run)))
 
@@ -289,7 +285,6 @@ def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
         told += [
             notice("answer.at-bound", name=hit.name, side=hit.side) for hit in run.answer.at_bound
         ]
-        told += _contradictions(run)
     else:
         told += table_warnings(run.tables)
     # Its file says so already, with rows and voltages.
@@ -325,19 +320,3 @@ def _half_width(run: Run) -> float:
         for own in intervals
     ]
     return float(np.median(halves or [np.inf]))
-
-
-def _contradictions(run: Run) -> Iterator[Notice]:
-    """A notice where another constant circuit, fitted to the same data, contradicts the answer."""
-    own = next((candidate for candidate in run.candidates if candidate.is_answer), None)
-    others = [
-        candidate
-        for candidate in run.candidates
-        if not candidate.is_answer and candidate.over is None
-    ]
-    if own is None or not others:
-        return
-    best = min(others, key=lambda candidate: candidate.identification.rmse_v)
-    if CONTRADICTED * best.identification.rmse_v < own.identification.rmse_v:
-        rmse_v = {"rmse_v": own.identification.rmse_v, "better_rmse_v": best.identification.rmse_v}
-        yield notice("answer.contradicted", circuit=own.model, better=best.model, **rmse_v)

@@ -198,6 +198,7 @@ def reopened(result: Result, inputs: Inputs) -> Run:
         examination=None,
         tables=tables,
         candidates=result.candidates,
+        tried=result.tried,
         other_hold=constant.other_hold,
         notes=result.notes,
         warnings=result.warnings,

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from .candidates import Candidate
 from .cell import CellModel, CircuitParameters
 from .display import hook
 from .errors import InputError
@@ -28,7 +27,7 @@ from .result_parts import (
     TablesPart,
     require_version,
 )
-from .run import Run
+from .run import Candidate, Run, Tried
 from .schema import Document, Told
 from .search.evaluate import Evaluation
 from .search.refine import AtBound
@@ -51,7 +50,8 @@ class Result(Document):
         schema_version: Version 5 of the file.
         model: Name of the answer's circuit.
         metrics: The answer's errors.
-        candidates: The circuits that were weighed against each other, the answer among them.
+        candidates: The constant circuit and the answer, with their errors.
+        tried: The circuits of the family that were tried, rung by rung, and what each gained.
         tables: The tables over SOC that are the answer, None where a constant circuit is.
         constant: The best constant circuit: the answer, or what stands beside the tables.
         pulses: The pulses of records that are pulse tests.
@@ -72,6 +72,7 @@ class Result(Document):
     model: CircuitName
     metrics: MetricsBlock
     candidates: tuple[Candidate, ...] = ()
+    tried: tuple[Tried, ...] = ()
     tables: TablesPart | None = None
     constant: ConstantPart
     pulses: tuple[Pulse, ...] = ()
@@ -84,7 +85,6 @@ class Result(Document):
     versions: dict[str, str]
 
     _run: Run | None = PrivateAttr(None)
-    # Where its records are, for `reopening`.
     _inputs: Any = PrivateAttr(None)
     remedy: ClassVar[str] = "give the result.json that barnax identify wrote"
 

@@ -1,21 +1,69 @@
 """The objects behind a result, and the best circuit known."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
-from .candidates import Candidate
 from .cell import CircuitParameters, OcvTable
 from .display import Brief
 from .errors import InputError
 from .global_optimum import GlobalOptimum, OtherHold
 from .model.problem import Problem
 from .notices import Notice
+from .over_soc import SocErrors, table_name
 from .records import Record
 from .search.evaluate import Evaluation
 from .search.refine import SAME_RMSE, AtBound, Refinement
 from .search.seeds import Search
+from .select import Tried
 from .table_run import TableRun
 from .uncertainty import Assessment, Examination
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A circuit with its errors on what it was fitted to, and on what it was not.
+
+    Attributes:
+        model: Name of the circuit.
+        over: "soc" or "soc,temperature" for tables, "ocv" for one value of each resistance at every
+            SOC beside a table of the OCV, None for a constant circuit.
+        identification: Errors on all records identified on together.
+        validation_v: RMSE on each record validated on.
+        held_out: Errors on records left out whole where there are several, else on blocks held out
+            of the fit; None where nothing was.
+        proved_gap: The largest share of its error that a better circuit of its kind could save;
+            None without a proof.
+        is_answer: True for the one that the result is of.
+    """
+
+    model: str
+    over: str | None
+    identification: SocErrors
+    validation_v: tuple[float, ...]
+    held_out: SocErrors | None
+    proved_gap: float | None = None
+    is_answer: bool = False
+
+    @property
+    def name(self) -> str:
+        """The circuit as tables and screens call it."""
+        return table_name(self.model, self.over)
+
+    @classmethod
+    def of(
+        cls,
+        model: str,
+        over: str | None,
+        identified: Iterable[Evaluation],
+        validated: Iterable[Evaluation],
+        *given: Any,
+    ) -> "Candidate":
+        """The candidate with the errors of its evaluations."""
+        validation_v = tuple(evaluation.metrics.rmse_v for evaluation in validated)
+        scored = [(own, own.prepared.scored) for own in identified]
+        together = SocErrors.of((own.error_v[at], own.prepared.soc[at]) for own, at in scored)
+        return cls(model, over, together, validation_v, *given)
 
 
 @dataclass(frozen=True)
@@ -61,7 +109,8 @@ class Run(Brief):
         assessment: Intervals and diagnostics.
         examination: What further fits add.
         tables: The circuit with tables over SOC.
-        candidates: The circuits that were weighed against each other.
+        candidates: The constant circuit and the answer.
+        tried: The circuits of the family that were tried, rung by rung.
         other_hold: The answer if a sample's current flowed on its other side.
         ocv: The OCV tests.
         notes: What was done with the inputs.
@@ -79,6 +128,7 @@ class Run(Brief):
     examination: Examination | None
     tables: TableRun | None = None
     candidates: tuple[Candidate, ...] = ()
+    tried: tuple[Tried, ...] = ()
     other_hold: OtherHold | None = None
     ocv: list[Record | OcvTable] = field(default_factory=list)
     notes: tuple[Notice, ...] = ()

@@ -81,6 +81,7 @@ def make_result(run: Run, command: Sequence[str] = ()) -> Result:
         model=model,
         metrics=metrics,
         candidates=run.candidates,
+        tried=run.tried,
         tables=tables,
         constant=constant,
         pulses=tuple(

@@ -11,9 +11,7 @@ from .cell.dependence import BETA
 from .cell.elements import names_beside, rungs_of
 from .cell.parameters import OCV_CORRECTION
 from .display import Brief
-from .global_optimum import OtherHold, hold_warning
 from .model.prepared import PreparedRecord
-from .model.problem import Problem
 from .model.window import SAME_FULL
 from .notices import Notice, notice
 from .over_soc import (
@@ -21,10 +19,6 @@ from .over_soc import (
     Reversal,
     TableFits,
     TableSettings,
-    compare_with_own,
-    fit_tables,
-    fit_temperatures,
-    group_by_temperature,
     table_name,
 )
 from .records.record import EARLIER_SHARE
@@ -152,26 +146,6 @@ class TableRun(Brief):
             kept = math.exp(-interval_s / (tau.value * rung.ratio))
             yield names_beside(tau.name).resistance, rung.share, kept
 
-    @property
-    def middle_r0(self) -> NodeInterval | None:
-        """R0 at the node nearest to the middle of the SOC, None where no node has an interval."""
-        known = [
-            interval for interval in self.found.reference.of_table(R0) if interval.low is not None
-        ]
-        return min(
-            known, key=lambda interval: abs((interval.soc or 0.0) - MIDDLE_SOC), default=None
-        )
-
-    def hold_warnings(self, problem: Problem, other: OtherHold) -> Iterator[Notice]:
-        """That the other hold would move R0 in the middle of the SOC out of its interval."""
-        middle = self.middle_r0
-        if middle is None or middle.low is None or middle.high is None:
-            return
-        moved_ohm = middle.value + self.hold_shift_ohm
-        if not middle.low <= moved_ohm <= middle.high:
-            soc = middle.soc if self.found.reference.is_over_soc else None
-            yield hold_warning(problem, other.value, middle.value, moved_ohm, soc)
-
     def spanning(
         self, shifts_ohm: Sequence[float], shares: Mapping[str, float] | None = None
     ) -> "TableRun":
@@ -200,19 +174,6 @@ def _answer(hold: str, kept: float) -> tuple[float, float]:
         later = (1 - kept) / -math.log(kept) if 0 < kept < 1 else 1 - kept
         return 1 - later, later
     return (0.0, 1.0) if hold == "forward" else (1 - kept, kept)
-
-
-def fit_over(
-    over: str, prepared_records: Sequence[PreparedRecord], settings: TableSettings
-) -> TableFits:
-    """The tables over "soc", beside an OCV test with what the records' own gives; or for each
-    temperature over "soc,temperature"."""
-    if over == "soc":
-        fit = fit_tables(prepared_records, settings)
-        if not prepared_records[0].cell.is_of_records:
-            fit = replace(fit, own_ocv=compare_with_own(prepared_records, fit, settings))
-        return TableFits((fit,))
-    return fit_temperatures(group_by_temperature(prepared_records), settings)
 
 
 def table_warnings(run: TableRun) -> Iterator[Notice]:

@@ -7,8 +7,6 @@ from benchmarks.design.virtual import SHARES, TABLES, virtual_lines
 from benchmarks.li2023.centre_bias import statistics as paired
 from benchmarks.li2023.table2 import statistics as table
 
-from benchmarks import choice_rules
-
 
 def test_a_z_score_counts_standard_deviations_of_the_groups():
     groups = np.array([1.0, 2.0, 3.0])
@@ -92,17 +90,3 @@ def test_a_designed_test_is_compared_with_an_hppc_that_has_the_drive_cycle_too()
     )
     assert "| all: error no larger than HPPC's with the drive | 75 % | 100 % | 100 % |" in lines
     assert "| all: error no larger than HPPC's without the drive | 100 % | 100 % | 100 % |" in lines
-
-
-def test_the_rules_for_better_are_asked_of_the_same_pairs():
-    """10 (5) to 9.5 (3) mV is worth a law of resistances, and no circuit."""
-    said = {pair: choice_rules.verdicts(pair) for pair in choice_rules.pairs()}
-    (answers,) = {
-        answers
-        for pair, answers in said.items()
-        if (pair.simpler.rmse_v, *vars(pair.more).values()) == pytest.approx((0.01, 0.0095, 0.003))
-    }
-    named = dict(zip(choice_rules.RULES, answers, strict=True))
-    assert (named["candidates.is_better"], named["over_soc.dependence.is_worth"]) == (False, True)
-    page = choice_rules.page()
-    assert "| 10 (5) | 9.5 (3) | no | yes | yes | yes |" in page

@@ -115,7 +115,7 @@ def bad_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("cases", "golden"), [(FILES, "files"), (OPTIONS, "options")])
 def test_every_refusal_is_one_message_that_says_what_to_do(refuse, monkeypatch, cases, golden):
     # Nothing is searched for before everything was looked at.
-    monkeypatch.setattr("barnax.answering.search_seeds", None)
+    monkeypatch.setattr("barnax.identification.search_seeds", None)
     told = []
     for case in cases:
         words = [word.name if isinstance(word, Path) else word for word in case]

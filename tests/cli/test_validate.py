@@ -175,6 +175,22 @@ def test_two_results_are_shown_side_by_side(run, stored, tmp_path):
     assert "+0 %, within" in shown
 
 
+def test_the_choice_of_a_circuit_is_shown_where_there_was_one(run, stored, tmp_path):
+    outcome = run("show", stored, "--choice")
+    assert outcome.status == 2
+    assert "its circuit was asked for, so none was chosen" in outcome.err
+    document = json.loads(stored.read_text())
+    sums = {"rmse_v": 0.012, "above_v": None}
+    told = {"circuit": "1rc", "nodes": 1, "follows": [], "rmse_v": 0.01, "held_out": sums}
+    more = told | {"circuit": "so-rc", "ladder": "pairs", "outcome": "no gain"}
+    more |= {"gain": {"value": 0.004, "standard_error": 0.011}}
+    first = told | {"ladder": None, "gain": None, "outcome": "kept"}
+    (tmp_path / "result.json").write_text(json.dumps(document | {"tried": [first, more]}))
+    shown = run("show", tmp_path, "--choice").out
+    assert "(0.011)" in shown
+    assert "no gain" in shown
+
+
 @pytest.mark.slow
 def test_the_errors_are_written_as_a_page_with_figures(run, stored, drive, tmp_path):
     outcome = run("validate", stored, drive, "--report", "page.html")

@@ -11,7 +11,6 @@ from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters, characterize
 from barnax.global_optimum import (
     find_global_optimum,
-    r0_with_one_more_pair,
     try_other_hold,
     with_better_hold,
 )
@@ -19,7 +18,7 @@ from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.over_soc import TableSettings
-from barnax.over_soc.own_ocv import proved, search_with_ocv
+from barnax.over_soc.own_ocv import fit_with_ocv
 from barnax.records import read_record, record_from_frame
 from barnax.search.evaluate import evaluate
 from helpers.records import CURRENT, TIME, VOLTAGE
@@ -114,7 +113,7 @@ def test_an_even_clock_leaves_the_hold_open(pchip_cell):
 def test_an_ocv_of_the_record_itself_leaves_the_hold_open():
     # Of a load that changes between samples 10 s apart, that OCV would speak for a wrong hold.
     record = record_from_frame(pl.read_parquet(BUNDLED.record)[::10])
-    own = proved(search_with_ocv([record], "so-rc", {record.name: Window()}, TableSettings()))
+    own = fit_with_ocv([record], "so-rc", {record.name: Window()}, TableSettings())
     problem = make_problem(record, own.cell, "so-rc", window=own.windows[record.name])
     assert with_better_hold(problem) is problem
     assert try_other_hold(problem) is not None
@@ -139,28 +138,6 @@ def test_intervals_span_both_holds_where_they_differ_and_a_warning_says_so(pchip
     (told,) = [each for each in assumed.warnings if each.code == "hold.undecided"]
     assert f"{1e3 * wide.value:.3g} mOhm as assumed, and {1e3 * own.value:.3g} mOhm" in told.what
     assert "hold.undecided" not in {each.code for each in known.warnings}
-
-
-THREE_PAIRS = CircuitParameters.constant(
-    0.05, (0.02, 0.03, 0.03), (8 / 0.02, 80 / 0.03, 600 / 0.03)
-)
-
-
-@pytest.mark.parametrize("hold", ["forward", pytest.param("backward", marks=pytest.mark.slow)])
-def test_an_interval_of_r0_spans_the_pair_that_two_pairs_leave_out(pchip_cell, hold):
-    table = simulated(pchip_cell, 4.0 * np.arange(1500), hold, THREE_PAIRS)
-    problem = problem_of(pchip_cell, table)
-    wider = dict(zip(["forward", "backward"], r0_with_one_more_pair(problem), strict=True))
-    assert wider[hold] == pytest.approx(0.05, rel=0.03)
-    given = {"cell": pchip_cell, "model": "so-rc", "seeds": 0, "window": WINDOW}
-    assessment = barnax.identify(table, current_hold=hold, **given).constant.assessment
-    assert assessment
-    r0 = assessment.uncertainty["R0 [Ohm]"]
-    assert r0.low
-    assert r0.high
-    # Two pairs alone would not reach so low.
-    assert r0.low < 1.02 * 0.05
-    assert r0.low < 0.999 * r0.value**2 / r0.high
 
 
 @pytest.mark.slow

@@ -62,7 +62,7 @@ def test_given_time_constants_give_the_accepted_tables(
     ],
 )
 def test_the_search_finds_the_accepted_optimum(measured, records, ocv, root_mv, tau_s):
-    settings = TableSettings(**ocv, **NO_PROOF, evenly=True)
+    settings = TableSettings(**ocv, **NO_PROOF)
     fit = fit_tables(measured[:records], settings)
     assert 1e3 * fit.objective_v <= root_mv * (1 + 1e-5)
     assert fit.tables.tau_s == pytest.approx(tau_s, rel=1e-3)
@@ -70,7 +70,7 @@ def test_the_search_finds_the_accepted_optimum(measured, records, ocv, root_mv, 
 
 
 def test_held_out_blocks_have_the_accepted_errors(measured):
-    fit = fit_tables(measured[:1], TableSettings(max_boxes=0, rising_ocv=False, evenly=True))
+    fit = fit_tables(measured[:1], TableSettings(max_boxes=0, rising_ocv=False, block_s=400.0))
     assert fit.cross_validation is not None
     assert in_mv([fit.cross_validation.tables]) == pytest.approx((13.819, 1.583), rel=1e-3)
     assert fit.cross_validation.tables.above_v < 0.4 * fit.cross_validation.constant.above_v

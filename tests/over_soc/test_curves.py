@@ -6,7 +6,7 @@ import pytest
 from barnax.cell.parameters import OCV
 from barnax.cell.tables import hats
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings, proved, search_with_ocv
+from barnax.over_soc import TableSettings, fit_with_ocv
 from barnax.over_soc.curves import TableCurve, sag_of
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, made, ocv_v
@@ -42,9 +42,7 @@ def test_intervals_of_the_ocv_hold_where_resistances_bend():
     record, soc = made(hours=3.1, driven=driven)
     assert soc.min() < 0.08
     window = {record.name: Window(initial_soc=1.0, capacity_ah=capacity_ah)}
-    fit = proved(
-        search_with_ocv([record], "so-rc", window, TableSettings(folds=0, max_boxes=0))
-    ).fit
+    fit = fit_with_ocv([record], "so-rc", window, TableSettings(folds=0, max_boxes=0)).fit
     for name, truth in ((OCV, ocv_v), ("R0 [Ohm]", lambda soc: R0_OHM * bend(soc))):
         nodes = [each for each in fit.intervals if each.name == name and 0.1 <= each.soc <= 0.5]
         assert np.mean([each.low <= truth(each.soc) <= each.high for each in nodes]) >= 0.9

@@ -11,7 +11,7 @@ from scipy.stats import t as student
 from barnax.cell import CircuitParameters, Dependence
 from barnax.execution import in_float64
 from barnax.over_soc import dependence
-from barnax.over_soc.cross_validation import SocErrors, held_out_errors, with_spread
+from barnax.over_soc.cross_validation import held_out_errors, with_spread
 from barnax.over_soc.curves import curves_of
 from barnax.over_soc.intervals import LIGHT, NodeInterval, intervals_of
 from barnax.over_soc.level import FREE_RIDGE, NEARLY_LEVEL_V
@@ -243,35 +243,3 @@ def test_another_record_is_predicted_by_the_spread_of_those_there_are():
     ends = np.mean(alone[:, at]) + reach * np.array([-1, 1])
     assert interval.record_low == pytest.approx(min(max(ends[0], 0.0), joint.low), rel=1e-8)
     assert interval.record_high == pytest.approx(max(ends[1], joint.high), rel=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("one", "simpler", "is_it"),
-    [
-        ((8.9, 4.4), (10.0, 5.0), True),
-        # A tenth of both, or it is not worth it.
-        ((8.9, 4.6), (10.0, 5.0), False),
-        ((9.1, 4.4), (10.0, 5.0), False),
-        ((8.9, None), (10.0, None), True),
-        # What no voltmeter resolves.
-        ((0.15, 0.15), (0.20, 0.20), False),
-    ],
-)
-def test_a_circuit_is_worth_more_if_both_errors_fall_by_a_tenth(one, simpler, is_it):
-    one, simpler = (
-        SocErrors(1e-3 * errors[0], errors[1] and 1e-3 * errors[1]) for errors in (one, simpler)
-    )
-    assert one.is_worth(simpler) is is_it
-
-
-@pytest.mark.parametrize(
-    ("one", "without", "is_it"),
-    [
-        ((9.7, 5.0), (10.0, 5.0), True),
-        ((9.9, 4.0), (10.0, 5.0), False),
-        ((9.7, 5.01), (10.0, 5.0), False),
-        ((9.7, None), (10.0, None), True),
-    ],
-)
-def test_a_law_is_worth_two_percent_and_no_harm_above_10_percent_soc(one, without, is_it):
-    assert dependence.is_worth(SocErrors(*one), SocErrors(*without)) is is_it

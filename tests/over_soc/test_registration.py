@@ -104,11 +104,6 @@ def test_registered_records_agree_where_those_as_told_do_not(records, registered
     assert [each.window.registration for each in kept.inputs] == [None] * 3
     # What was told is half a percent wrong; the noise is 0.2 mV.
     assert registered.metrics.identification.rmse_v < 0.5 * kept.metrics.identification.rmse_v
-    held = registered.fit.cross_validation
-    told, own = (np.array([each.rmse_v for each in of]) for of in (held.by_record, held.registered))
-    # One of them was told rightly, and gains nothing.
-    assert np.sum(own**2) < np.sum(told**2)
-    assert not kept.fit.cross_validation.registered
     again = barnax.Result.model_validate_json(registered.to_json())
     assert again.inputs == registered.inputs
     # Of the cell is what was told, and not what one record's counter counts.

@@ -145,14 +145,14 @@ def test_every_other_verdict_is_the_golden_one():
     alone = STORED.metrics.model_copy(update={"validation": ()})
     identification = STORED.metrics.identification.model_copy(update={"r2": -0.1})
     worse = STORED.metrics.model_copy(update={"identification": identification})
-    # Circuits were weighed, and tables were not among them.
-    unweighed = met.model_copy(update={"candidates": ()})
+    # Circuits of the family were tried.
+    chosen = met.model_copy(update={"tried": (None,)})
     both = tuple(AtBound(f"R{pair} [Ohm]", "upper") for pair in (1, 2))
     for result in (
         STORED,
         met,
-        unweighed,
-        with_constant(unweighed, assessment=None),
+        chosen,
+        with_constant(chosen, assessment=None),
         with_constant(met, metrics=alone),
         with_constant(met, at_bound=both),
         with_constant(met, metrics=worse),

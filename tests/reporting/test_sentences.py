@@ -8,16 +8,14 @@ from typing import Any
 
 import pytest
 
-from barnax.candidates import Candidate
 from barnax.cell import CircuitParameters
 from barnax.cell.dependence import Dependence
 from barnax.cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from barnax.model.start import Start
 from barnax.notices import notice
-from barnax.over_soc import CrossValidation, NodeInterval, SocErrors, TableFits, TableSettings
+from barnax.over_soc import NodeInterval, SocErrors, TableFits
 from barnax.over_soc.current_offset import OffsetEffect
 from barnax.records import Decision
-from barnax.reporting.candidates import held_out_errors, pay_sentence
 from barnax.reporting.decisions import guess_sentences
 from barnax.reporting.sentences import (
     diagnostics_sentences,
@@ -29,14 +27,13 @@ from barnax.reporting.sentences import (
 )
 from barnax.reporting.soc_tables import constants_table, middle_of_tables, nodes_table
 from barnax.reporting.starts import beyond_sentence, carried_sentences, offset_sentence
-from barnax.reporting.temperatures import dependence_sentences, resistance_sentences
+from barnax.reporting.temperatures import dependence_sentences
 from barnax.reporting.verdict import next_step, search_sentences
 from barnax.search.refine import Optimum
-from barnax.table_run import TableRun
 from barnax.uncertainty import Band, Diagnostics, Estimate, Identifiability, Undetermined
 from barnax.uncertainty.covariance import NoiseParts, Uncertainty
 from helpers.golden import require_golden
-from helpers.results import NODES, make_fit, make_table_result
+from helpers.results import make_table_result
 
 GOLDEN = Path(__file__).parent / "sentences.txt"
 CIRCUIT = CircuitParameters.constant(0.05, (0.02, 0.03), (4.1 / 0.02, 150 / 0.03))
@@ -126,33 +123,6 @@ def errors() -> list[str]:
     ]
 
 
-# Of the whole record and above 10 % SOC: the constant circuit, then tables.
-NEARLY_EMPTY = SocErrors(0.0296, 0.0065), SocErrors(0.0297, 0.0049)
-LOWER = SocErrors(0.0123, 0.0123), SocErrors(0.0073, 0.0073)
-HIGHER = SocErrors(0.010, 0.008), SocErrors(0.012, 0.009)
-
-
-def pays() -> list[str]:
-    """Records not used decide whether tables pay."""
-    cases = (NEARLY_EMPTY, None), (LOWER, LOWER), (LOWER, HIGHER), (HIGHER, LOWER)
-    return [pay_sentence(unseen, held, "esc", "so-rc") for unseen, held in cases]
-
-
-def left_out() -> list[str]:
-    """Tables that leave more out than one value at every SOC say why they are the answer."""
-    said = []
-    for tables, one_value in (
-        (SocErrors(0.004, 0.003), SocErrors(0.006, 0.005)),
-        (SocErrors(0.0144, 0.0034), SocErrors(0.0118, 0.0056)),
-        (SocErrors(0.0144, 0.0046), SocErrors(0.0118, 0.0045)),
-    ):
-        fit = SimpleNamespace(cross_validation=CrossValidation(2, None, tables, one_value))
-        fits, cell = SimpleNamespace(by_degc=()), SimpleNamespace(is_of_records=True)
-        told: Any = SimpleNamespace(fit=fit, fits=fits, over="soc", cell_model=cell, model="so-rc")
-        said += resistance_sentences(told)
-    return said
-
-
 def seeds() -> list[str]:
     """They are a comparison unless the answer is theirs."""
     said = []
@@ -174,7 +144,7 @@ def beyond() -> list[str]:
     return [beyond_sentence(extents, "the OCV test")]
 
 
-SAID = (optima, findings, errors, pays, left_out, seeds, beyond)
+SAID = (optima, findings, errors, seeds, beyond)
 
 
 def test_every_sentence_is_as_in_the_golden_file():
@@ -228,27 +198,12 @@ def test_an_interval_that_says_nothing_is_not_determined(name, low, high, told):
     assert interval_of(name, low, high) == told
 
 
-def test_tables_are_compared_with_the_constant_circuit_that_is_named():
-    """What was held out of a constant circuit with the tables' pairs is another circuit's."""
+def test_the_next_step_follows_from_what_was_held_out():
     result = make_table_result()
-    candidates = tuple(
-        Candidate(model, over, SocErrors(0.02, None), (), SocErrors(held_v, None))
-        for model, over, held_v in (("esc", None, 0.0218), ("so-rc", None, 0.0245))
-    )
     errors = {"constant": SocErrors(0.0245, None), "tables": SocErrors(0.0091, None)}
-    held = SimpleNamespace(**errors, by_record=(), over_soc=None)
+    held = SimpleNamespace(**errors, by_record=(), whole=errors["tables"])
     fit = replace(result.fit, cross_validation=held)
-    found = result.model_copy(
-        update={
-            "candidates": candidates,
-            "tables": result.tables.model_copy(update={"fits": (fit,)}),
-            "constant": result.constant.model_copy(update={"model": "esc"}),
-        }
-    )
-    assert held_out_errors(found) == (SocErrors(0.0218, None), SocErrors(0.0091, None))
-    assert held_out_errors(found.model_copy(update={"candidates": ()})) is None
-    told = pay_sentence(None, held_out_errors(found), "esc", "so-rc")
-    assert "from 21.8 to 9.1 mV on held-out blocks, from constant esc to tables of so-rc." in told
+    found = result.model_copy(update={"tables": result.tables.model_copy(update={"fits": (fit,)})})
     assert next_step(found).advice.startswith("validate on another record")
     told = notice("ocv-test.disagrees", median_v=0.08, largest_v=-0.7, soc=0.35)
     assert next_step(found.model_copy(update={"warnings": (told,)})).without == ("ocv",)
@@ -260,7 +215,7 @@ def test_tables_are_compared_with_the_constant_circuit_that_is_named():
         step = next_step(found.model_copy(update={"warnings": warnings}))
         assert step.without == without
         assert bool(step.without) != step.advice.startswith("measure a drive cycle")
-    missed = SimpleNamespace(constant=held.constant, tables=SocErrors(0.0245, None), by_record=())
+    missed = SimpleNamespace(**errors, by_record=(), whole=errors["constant"])
     lost = replace(fit, cross_validation=missed)
     lost = found.model_copy(update={"tables": found.tables.model_copy(update={"fits": (lost,)})})
     assert "the error on blocks left out is 24.50 mV, on what was fitted 4.90 mV" in (
@@ -297,21 +252,6 @@ def test_the_other_hold_is_told_of_the_tables_where_these_are_the_answer():
     assert "with `current_hold=backward` R0 would be 1.02 mOhm less." in told
 
 
-@pytest.mark.parametrize(("shift_ohm", "warns"), [(-0.0019, False), (-0.0021, True)])
-def test_a_hold_that_moves_r0_of_the_tables_out_of_its_interval_is_said_of_them(
-    monkeypatch, shift_ohm, warns
-):
-    monkeypatch.setattr(TableRun, "hold_shift_ohm", shift_ohm)
-    run = TableRun(TableSettings(nodes=NODES), TableFits((make_fit(),)), [], [])
-    record = SimpleNamespace(name="a.csv", hold=Decision("forward", "assumed", ""), charge_ah=None)
-    prepared = [SimpleNamespace(record=record)]
-    problem: Any = SimpleNamespace(circuit="so-rc", prepared_records=prepared)
-    other: Any = SimpleNamespace(value="backward")
-    told = " ".join(map(str, run.hold_warnings(problem, other)))
-    assert bool(told) is warns
-    assert not warns or "R0 of the tables at 50 % SOC is 50 mOhm as assumed, and 47.9 mOhm" in told
-
-
 def test_a_start_of_a_record_that_is_counted_over_its_own_charge_says_so():
     start = Start(0.0, "full end", -1, "full or empty", 77, 3.6)
     stored = SimpleNamespace(inputs=[SimpleNamespace(name="a.csv", start=start)], warnings=())
@@ -326,16 +266,11 @@ def test_a_start_of_a_record_that_is_counted_over_its_own_charge_says_so():
 @pytest.mark.parametrize(("kappa_per_a2", "said"), [(0.0016, 2), (0.05, 1)])
 def test_heating_that_moves_next_to_nothing_is_said_to(kappa_per_a2, said):
     known = Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=1800.0, reference_a2=0.96)
-    held = SimpleNamespace(tables=SimpleNamespace(rmse_v=0.012), by_soc_alone=None, over_soc=None)
     tables = SimpleNamespace(dependence=known)
-    fit = SimpleNamespace(tables=tables, intervals=(), cross_validation=held)
+    fit = SimpleNamespace(tables=tables, intervals=())
     sentences = [*dependence_sentences(TableFits((fit,)))]
     assert len(sentences) == said
-    assert "left out" not in sentences[-1]
     assert ("next to nothing" in sentences[-1]) == (said == 2)
-    held.by_soc_alone = SimpleNamespace(rmse_v=0.0174)
-    told = [*dependence_sentences(TableFits((fit,)))][-1]
-    assert told.endswith("; 12.00 mV left out, against 17.40 mV without.")
 
 
 def test_what_another_record_would_show_is_said_alike_on_the_screen_and_in_full():

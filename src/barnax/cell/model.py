@@ -169,6 +169,14 @@ class CellModel(Brief):
         rise_v = float(np.ptp(self.average_ocv_v(soc[[0, -1]])))
         return half_gap_v * 0.6 > FLAT * rise_v
 
+    @property
+    def shows_hysteresis(self) -> bool:
+        """True where a gap between the branches is more than the polarisation of a sweep: it was
+        measured at rest, or the OCV is flat."""
+        points = self.charge_points + self.discharge_points
+        is_rested = not any(point.current_a for point in points)
+        return self.has_flat_ocv or (is_rested and bool(self.hysteresis.points))
+
     def soc_from_rest_voltage(self, voltage_v: float, direction: int = 0) -> float:
         """The SOC of a rested cell.
 

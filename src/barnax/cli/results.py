@@ -107,6 +107,7 @@ class Shown:
         "RESULT...",
         "The folder that identify wrote, or its result.json; two or more are shown side by side.",
     )
+    choice: bool = flag(OUTPUT, "--choice", "Show how the circuit was chosen, and no more.")
 
 
 def show(of: Shown) -> None:
@@ -115,6 +116,7 @@ def show(of: Shown) -> None:
     Two cells, two ages or two temperatures: the parameters with their
     intervals, and which differ beyond them.
     """
+    from ..reporting.candidates import choice_document
     from ..reporting.first_screen import first_screen
     from ..reporting.identification import identification_document
     from ..reporting.terminal import to_terminal
@@ -127,6 +129,11 @@ def show(of: Shown) -> None:
         session.show(to_terminal(beside.document.with_option_names(as_flags)))
         return
     stored = load(of.results[0])
+    if of.choice:
+        if not stored.tried:
+            raise InputError(f"{of.results[0]}: its circuit was asked for, so none was chosen")
+        session.show(to_terminal(choice_document(stored)))
+        return
     session.show(to_terminal(identification_document(stored).with_option_names(as_flags)))
     session.show(first_screen(stored, as_flags))
 

@@ -8,12 +8,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import ConfigDict
 
-from ..answering import search_and_assess
 from ..baselines import METHODS, Budget
-from ..candidates import Candidate
 from ..cell import CellModel, OcvTable
+from ..constant_problem import first_problem
 from ..errors import InputError
 from ..global_optimum import GlobalOptimum
+from ..identification import search_and_assess, set_up
 from ..inputs import listed, ranges_of, read_inputs, unwatched, windows_of
 from ..job import Job, takes_options
 from ..model.problem import Problem
@@ -21,11 +21,11 @@ from ..notices import Notice
 from ..over_soc import TableSettings
 from ..records import Record
 from ..result_parts import InputPart, Key, MetricsPart
+from ..run import Candidate
 from ..schema import Count, Document, Loss, Parameters, Part, Told, Volts, key_of
 from ..search.refine import AtBound
 from ..settings import Settings, TableOptions
 from ..storing import all_versions, input_part, metrics_part, record_part
-from ..weighing import weigh
 from .run import PAPER_ROWS, Comparison, Difference, Row, compare
 from .statistics import BandError
 
@@ -346,8 +346,10 @@ def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
     )
     with watch("Circuits", 0):
         alone = Settings(seeds=0)
-        weighing = weigh(inputs, windows, alone, TableSettings(), job.bounds, job.fix, advise=False)
-        run = search_and_assess(weighing, None, alone, "none", unwatched, advise=False)
+        box = {"bounds": job.bounds, "fix": job.fix}
+        first = first_problem(inputs, windows, alone, None, **box)
+        setup = set_up(first, inputs, windows, alone, TableSettings(), **box)
+        run = search_and_assess(setup, None, alone, "none", unwatched, advise=False)
     result = make_comparison_result(
         comparison, run.candidates, ocv=inputs.ocv, command=job.command, warnings=inputs.warnings
     )

@@ -330,12 +330,11 @@ def believed_of_fit(
     believed = Believed(
         cell=cell,
         tables=tables,
-        worst=_worst(fit, settings.nodes),
+        worst=np.interp(found.nodes, settings.nodes, _worst(fit, settings.nodes)),
         error=typical_error(rmse_v),
         settings=with_own_ocv(settings) if cell.is_of_records else settings,
         known={(one.name, one.soc): half for one, half, _ in told},
         printed=printed,
-        beyond=("fits",) if fit.low_end is not None and fit.low_end.weight == 1 else (),
         follows=followed(found.dependence),
         ocv_reach_v=LEAST_OCV_V + max(corrections, default=0.0),
     )

@@ -139,7 +139,7 @@ class Believed:
         nodes = self.settings.nodes
         found: list[Name] = [(row, node) for row in self.tables.resistances for node in nodes]
         name = OCV_CORRECTION if self.settings.ocv_nodes is None else OCV
-        found += [(name, node) for node in self.settings.ocv_nodes or nodes]
+        found += [(name, node) for node in self.settings.nodes_of_ocv]
         return (*found, *((name, None) for name in self.tables.named_tau_s))
 
     @cached_property
@@ -299,7 +299,7 @@ def columns_along(
     flows = hats(along, settings.nodes).T * current_a
     r_ohm = [tables.at(name, along) for name in tables.resistances[1:]]
     rows = [flows, *(after(flows, own_s) for own_s in tau_s)]
-    rows.append(-hats(along, settings.ocv_nodes or settings.nodes).T)
+    rows.append(-hats(along, settings.nodes_of_ocv).T)
     for own_s, ohm in zip(tau_s, r_ohm, strict=True):
         above, below = (after(ohm * current_a, own_s * math.exp(way * STEP)) for way in (1, -1))
         rows.append((above - below)[None] / (2 * STEP))

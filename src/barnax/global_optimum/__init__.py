@@ -3,7 +3,6 @@
 from .other_hold import (
     OtherHold,
     hold_warning,
-    r0_with_one_more_pair,
     try_other_hold,
     with_better_hold,
 )
@@ -23,7 +22,6 @@ __all__ = [
     "find_global_optimum",
     "hold_warning",
     "optimality_gap",
-    "r0_with_one_more_pair",
     "try_other_hold",
     "with_better_directions",
     "with_better_hold",

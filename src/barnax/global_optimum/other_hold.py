@@ -9,12 +9,12 @@ from ..cell import CircuitParameters, get_circuit
 from ..checks.step_answers import late_answers_ohm
 from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record
-from ..model.problem import Problem, with_one_more_pair
+from ..model.problem import Problem
 from ..notices import Notice, notice
 from ..records import Decision
 from ..records.record import Hold
 from ..search.evaluate import evaluate
-from .search import best_on_grid, find_global_optimum
+from .search import find_global_optimum
 
 # The errors of both holds are compared in so many parts of each record. A mean logarithm beyond so
 # much, at so many standard errors, was never wrong on 120 simulated cells whose voltage does not
@@ -51,28 +51,8 @@ def try_other_hold(problem: Problem) -> OtherHold | None:
     return OtherHold(value, found.rmse_v, found.parameters)
 
 
-def r0_with_one_more_pair(problem: Problem) -> tuple[float, ...]:
-    """R0 in ohm if the circuit had a pair more, on a grid; also with the other hold where one is
-    only assumed, and empty where the box is too wide to look.
-
-    A pair that is missing is shared between R0 and the other pairs, which moves R0 by more than the
-    residuals tell.
-    """
-    turned = _turned(problem, lambda hold, value: Decision(value, "given", "tried"))
-    found = []
-    for tried in (problem, *(() if turned is None else turned[1:])):
-        wider = with_one_more_pair(tried)
-        try:
-            found += [] if wider is None else [best_on_grid(wider).r0]
-        except InputError:
-            continue
-    return tuple(found)
-
-
-def hold_warning(
-    problem: Problem, other: Hold, own_ohm: float, other_ohm: float, soc: float | None = None
-) -> Notice:
-    """The notice that the other hold would give an R0 outside the interval; of tables, at `soc`."""
+def hold_warning(problem: Problem, other: Hold, own_ohm: float, other_ohm: float) -> Notice:
+    """The notice that the other hold would give an R0 outside the interval."""
     records = [
         prepared.record
         for prepared in problem.prepared_records
@@ -82,9 +62,7 @@ def hold_warning(
         "hold.undecided",
         ", ".join(record.name for record in records),
         counters=None if any(record.charge_ah is None for record in records) else "there",
-        parameter="constant" if soc is None else "tables",
         circuit=problem.circuit,
-        soc=soc,
         own_ohm=own_ohm,
         other_ohm=other_ohm,
         hold=other,

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
-from ..cell.elements import RC, alike
-from ..cell.parameters import MAX_PAIRS
+from ..cell.elements import alike
 from ..display import Brief
 from ..errors import InputError
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
@@ -184,20 +183,6 @@ class Problem(Brief):
             given = one.r0, one.r, one.tau, one.gamma, self.bounds.elements
             found.append(CircuitParameters.of_tau(*given))
         return [own.ordered() for own in found] if self.bounds.interchangeable_pairs else found
-
-
-def with_one_more_pair(problem: Problem) -> Problem | None:
-    """The problem with an RC pair more, in the default box; None where a circuit has no more, or
-    other elements, which more pairs would only imitate."""
-    elements = (*problem.bounds.elements, RC.name)
-    if not MAX_PAIRS >= len(elements) == alike(elements):
-        return None
-    capacity_ah, limits = problem.prepared.capacity_ah, problem.bounds.tau_limits_s
-    fresh = Bounds.default(capacity_ah, 2 * limits[0], limits[1], elements=elements)
-    resistance, tau, _ = fresh.element_names[-1]
-    ranges = dict(problem.bounds.ranges)
-    ranges |= {name: fresh.ranges[name] for name in (resistance, tau)}
-    return replace(problem, bounds=replace(problem.bounds, ranges=ranges, elements=elements))
 
 
 def known_to(model: str, values: Mapping[str, Any] | None, models: Sequence[str]) -> dict[str, Any]:

@@ -72,16 +72,20 @@ class Reduced:
         layout = replace(self.layout, sides=1)
         return Reduced(layout, self.scored, np.concatenate([above, last]))
 
-    def constant(self, has_ocv: bool = False) -> "Reduced":
-        """The same for a circuit that does not change with SOC, though its OCV may, which then
-        keeps its table: hats add up to one everywhere."""
-        layout = replace(self.layout, nodes=ANYWHERE, has_correction=has_ocv)
-        summed = [
-            self._block(name)[:, 0] if name == "correction" else self._block(name).sum(axis=2)
-            for name in self.layout.sizes
-            if has_ocv or name != "correction"
-        ]
-        return Reduced(layout, self.scored, np.concatenate(summed, axis=1))
+    def coarser(self, nodes: Sequence[float] = ANYWHERE, has_ocv: bool = False) -> "Reduced":
+        """The same for a circuit whose resistances have some of these nodes, or one value at every
+        SOC: coarser hats are sums of finer ones. The OCV keeps its table, or has none."""
+        layout = replace(self.layout, nodes=tuple(nodes), has_correction=has_ocv)
+        to_coarser = hats(np.array(self.layout.nodes), nodes)
+
+        def columns(name: str) -> Columns:
+            block = self._block(name)
+            if name not in ("correction", "base") and block.shape[2] == len(to_coarser):
+                block = block @ to_coarser
+            return block.reshape(len(block), -1)
+
+        kept = [name for name in self.layout.sizes if has_ocv or name != "correction"]
+        return Reduced(layout, self.scored, np.concatenate([columns(n) for n in kept], axis=1))
 
 
 def scored_alone(prepared: PreparedRecord) -> Groups:

@@ -247,7 +247,12 @@ class _Relaxation:
         furthest = np.concatenate(
             [
                 np.sqrt(objective_v2 / (ridge * objective.smoothing_scale)) / weight
-                for ridge, (weight, _) in zip(objective.ridges, objective.weights, strict=True)
+                for weight, ridge in (
+                    (np.full(len(nodes), weight), ridge)
+                    for nodes, (weight, ridge) in zip(
+                        objective.nodes_of, objective.weights, strict=True
+                    )
+                )
             ]
         )
         # A step from node to node is at most the sum of both values.

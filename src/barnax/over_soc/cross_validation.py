@@ -1,4 +1,4 @@
-"""Errors of tables over SOC on blocks of samples that were held out of their fit."""
+"""Errors of tables over SOC on blocks or whole records that were held out of their fit."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 from scipy.special import stdtrit
 
-from ..cell.parameters import ANYWHERE
+from ..cell.parameters import ANYWHERE, OCV
 from ..cell.soc_axis import is_above
 from ..model.box_least_squares import least_in_box
 from ..model.prepared import PreparedRecord
@@ -24,12 +24,8 @@ from .settings import TableSettings
 
 # Fewest blocks of a record in a fold, unless they would be shorter than the residuals' correlation.
 FEWEST_BLOCKS, SHORTEST_BLOCK_S = 5, 30.0
-# An extra is worth its parameters where it lowers both held-out errors by more than this share.
-WORTHWHILE = 0.1
 # Fewer records tell no spread.
 FEWEST_RECORDS = 3
-# And by more than this: what voltmeters cannot resolve is no reason for another circuit.
-LEAST_GAIN_V = 1e-4
 
 
 @dataclass(frozen=True)
@@ -55,40 +51,19 @@ class SocErrors:
         above_v = float(np.sqrt(squares_v2[1] / counts[1])) if counts[1] else None
         return cls(float(np.sqrt(squares_v2.sum() / counts.sum())), above_v)
 
-    def is_worth(self, simpler: "SocErrors") -> bool:
-        """True where both are below a simpler circuit's by more than `WORTHWHILE`."""
-
-        def falls(own_v: float | None, other_v: float | None) -> bool:
-            if own_v is None or other_v is None:
-                return True
-            return own_v < min((1 - WORTHWHILE) * other_v, other_v - LEAST_GAIN_V)
-
-        return falls(self.rmse_v, simpler.rmse_v) and falls(self.above_v, simpler.above_v)
-
-    def is_close_to(self, other: "SocErrors") -> bool:
-        """True where neither is higher than another's by more than `WORTHWHILE`."""
-        near = (1 - WORTHWHILE) * self.rmse_v, self.above_v and (1 - WORTHWHILE) * self.above_v
-        return SocErrors(*near).is_no_worse(other)
-
-    def is_no_worse(self, other: "SocErrors") -> bool:
-        """True where neither is higher than another's."""
-        pairs = (self.rmse_v, other.rmse_v), (self.above_v, other.above_v)
-        return all(own is None or it is None or own <= it for own, it in pairs)
-
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Errors on samples that were held out of the fit, of the tables and of the constant circuit.
+    """Errors on samples that were held out of the fit, at the time constants of all samples.
 
-    Of one record under load, with or without charges beside it, each of the `folds` holds every
-    `folds`-th block of each, the first one's of `block_s` seconds. Several under load are left out
-    whole, one after another: `block_s` is None, and `by_record` has the tables' errors on each,
-    from the start that is told of it, and `registered` those from the start and capacity that it
-    has among the others. Time constants are those of all samples; what is linear is fitted in each
-    fold anew. The constant circuit is the same one with one value for every SOC and no OCV
-    correction. Where resistances follow more than SOC, `by_soc_alone` is of tables that do not.
-    Where one value for every SOC predicts as well as tables, and is the answer, `over_soc` is of
-    those.
+    Attributes:
+        folds: Folds of the blocks.
+        block_s: Length of the blocks of the first record; None of kept records, which are left out
+            whole.
+        tables: Errors of the tables on blocks that were held out of them.
+        constant: Those of the same circuit with one value for every SOC and no OCV correction.
+        by_record: Errors of the tables on each record under load, left out whole: every record,
+            the others too, from its start as given.
     """
 
     folds: int
@@ -96,9 +71,29 @@ class CrossValidation:
     tables: SocErrors
     constant: SocErrors
     by_record: tuple[SocErrors, ...] = ()
-    registered: tuple[SocErrors, ...] = ()
-    by_soc_alone: SocErrors | None = None
-    over_soc: SocErrors | None = None
+
+    @property
+    def whole(self) -> SocErrors:
+        """The errors to expect on another record of the cell, as far as there is one to tell."""
+        return self.tables if not self.by_record else _pooled(self.by_record)
+
+
+def _pooled(errors: Sequence[SocErrors]) -> SocErrors:
+    """Errors of several records together, each counting alike."""
+    above_v = [own.above_v for own in errors if own.above_v is not None]
+    rms_v = [
+        float(np.sqrt(np.mean(np.square(v)))) for v in ([e.rmse_v for e in errors], above_v) if v
+    ]
+    return SocErrors(rms_v[0], rms_v[1] if above_v else None)
+
+
+def block_numbers(
+    prepared: PreparedRecord, settings: TableSettings, here: slice = slice(None)
+) -> Int[np.ndarray, "samples"]:
+    """The block of each of some samples of a record, -1 where one is not scored."""
+    scored = prepared.scored[here]
+    since_s = prepared.time_s[here] - prepared.time_s[np.argmax(prepared.scored)]
+    return np.where(scored, np.floor(since_s / _block_s(prepared, settings)), -1).astype(int)
 
 
 def blocks_of(
@@ -107,26 +102,25 @@ def blocks_of(
     """Functions that number the groups of a record's samples, -1 where one is not scored, and how
     many groups there are.
 
-    Two groups a fold: the samples below and above 10 % SOC. Several records are a fold each.
+    A record has two groups a fold, one fold after the other: its samples below 10 % SOC and those
+    above, in every `folds`-th block.
     """
-    are_several = are_left_out_whole(prepared_records)
+    folds = settings.folds
+    if not folds:
+        return [partial(_all_scored, prepared) for prepared in prepared_records], 1
 
     def group(here: slice, number: int) -> Int[np.ndarray, "samples"]:
         prepared = prepared_records[number]
-        if not settings.folds:
-            return np.where(prepared.scored[here], 0, -1)
-        fold = np.full(here.stop - here.start, number)
-        if not are_several:
-            start_s = prepared.time_s[np.argmax(prepared.scored)]
-            block = np.floor(
-                (prepared.time_s[here] - start_s) / _block_s(prepared, settings)
-            ).astype(int)
-            fold = block % settings.folds
-        return np.where(prepared.scored[here], 2 * fold + is_above(prepared.soc[here]), -1)
+        block = block_numbers(prepared, settings, here)
+        own = 2 * (number * folds + block % folds) + is_above(prepared.soc[here])
+        return np.where(block >= 0, own, -1)
 
-    groups: list[Groups] = [partial(group, number=n) for n in range(len(prepared_records))]
-    folds = len(prepared_records) if are_several and settings.folds else settings.folds
-    return groups, 2 * folds or 1
+    count = len(prepared_records)
+    return [partial(group, number=n) for n in range(count)], 2 * folds * count
+
+
+def _all_scored(prepared: PreparedRecord, here: slice) -> Int[np.ndarray, "samples"]:
+    return np.where(prepared.scored[here], 0, -1)
 
 
 def are_left_out_whole(prepared_records: Sequence[PreparedRecord]) -> bool:
@@ -148,96 +142,141 @@ def _block_s(prepared: PreparedRecord, settings: TableSettings) -> float:
     return min(settings.block_s, max(room_s, SHORTEST_BLOCK_S))
 
 
+def fold_of(objective: TableObjective) -> Int[np.ndarray, "groups"]:
+    """The fold of every group of samples."""
+    return np.arange(len(objective.parts)) // 2 % objective.folds
+
+
+def record_of(objective: TableObjective) -> Int[np.ndarray, "groups"]:
+    """The record of every group of samples."""
+    return np.arange(len(objective.parts)) // (2 * objective.folds)
+
+
 def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation | None:
     """The held-out errors of a circuit.
 
     None where nothing is held out, or where all samples lie in one fold.
     """
-    settings, parts, told = objective.settings, objective.parts, objective.told or objective.parts
-    if not _has_folds(objective):
+    settings, parts = objective.settings, objective.parts
+    are_kept = bool(objective.kept)
+    labels = record_of(objective) if are_kept else fold_of(objective)
+    if not _has_folds(objective, labels):
         return None
-    by_record = len(objective.kept) > 1 or are_left_out_whole(objective.prepared_records)
-    by_fold = constant = _held_out(objective, best, parts, told)
-    registered = _held_out(objective, best, parts, parts) if objective.told else []
+    held = constant = _held_out(objective, best, parts, labels)
     if objective.tables > 1 + objective.pairs or objective.nodes > 1:
         plain = replace(settings, nodes=ANYWHERE, ocv_correction=False)
-        at_every_soc = objective.reduced.constant()
-        whole = replace(objective, reduced=at_every_soc, settings=plain, low_end=None)
-        flat, flat_told = ([part.constant() for part in groups] for groups in (parts, told))
-        constant = _held_out(whole, find_best(whole), flat, flat_told)
+        whole = replace(objective, reduced=objective.reduced.coarser(), settings=plain)
+        flat = [part.coarser() for part in parts]
+        constant = _held_out(whole, find_best(whole), flat, labels)
+    by_record = held if are_kept else []
+    if not are_kept and are_left_out_whole(objective.prepared_records):
+        as_given = objective.given or parts
+        by_record = _held_out(objective, best, as_given, record_of(objective))
     return CrossValidation(
-        len(parts) // 2,
-        None if by_record else _block_s(objective.prepared_records[0], settings),
-        _together(by_fold),
+        settings.folds,
+        None if are_kept else _block_s(objective.prepared_records[0], settings),
+        _together(held),
         _together(constant),
-        tuple(map(_errors_of, by_fold)) if by_record else (),
-        tuple(map(_errors_of, registered)),
+        tuple(SocErrors.of_squares(*sums) for sums in by_record),
     )
 
 
 def held_out_errors(objective: TableObjective, best: Solution) -> SocErrors | None:
-    """The errors on what is held out alone; None as `cross_validate` has it."""
-    if not _has_folds(objective):
+    """The errors on blocks that are held out; None as `cross_validate` has it."""
+    labels = (
+        fold_of(objective) if objective.settings.folds and objective.parts else np.empty(0, int)
+    )
+    if not _has_folds(objective, labels):
         return None
-    told = objective.told or objective.parts
-    return _together(_held_out(objective, best, objective.parts, told))
+    return _together(_held_out(objective, best, objective.parts, labels))
 
 
 def record_errors(objective: TableObjective, best: Solution) -> tuple[SocErrors, ...]:
     """The errors on each record."""
-    return tuple(map(_errors_of, zip(*squared_errors(objective, best), strict=True)))
-
-
-def squared_errors(
-    objective: TableObjective, best: Solution
-) -> tuple[Float[np.ndarray, "groups 2"], Int[np.ndarray, "groups 2"]]:
-    """Sums of squared errors in V^2 of every fold or record, and how many there are, below and
-    above 10 % SOC."""
     groups = zip(objective.parts, *_at(objective, best, objective.parts), strict=True)
-    squares = [
+    squares_v2 = [
         part.scored * np.sum((base + columns @ best.unknowns) ** 2)
         for part, columns, base in groups
     ]
-    counts = np.array([part.scored for part in objective.parts])
-    return np.reshape(squares, (-1, 2)), counts.reshape(-1, 2)
+    counts = [part.scored for part in objective.parts]
+    shape = (-1, objective.folds, 2)
+    sums = (np.reshape(values, shape).sum(axis=1) for values in (squares_v2, counts))
+    return tuple(SocErrors.of_squares(*own) for own in zip(*sums, strict=True))
 
 
-def _has_folds(objective: TableObjective) -> bool:
-    if not objective.settings.folds:
-        return False
-    scored = np.reshape([part.scored for part in objective.parts], (-1, 2)).sum(axis=1)
-    return bool(np.count_nonzero(scored) > 1)
+def _has_folds(objective: TableObjective, labels: Int[np.ndarray, "groups"]) -> bool:
+    scored = np.array([part.scored for part in objective.parts])
+    return bool(objective.settings.folds) and len(np.unique(labels[scored > 0])) > 1
 
 
 # Sums of squared errors in V^2, and how many there are, below and above 10 % SOC.
 Sums = tuple[Float[np.ndarray, "2"], Int[np.ndarray, "2"]]
 
 
-def _errors_of(sums: Sums) -> SocErrors:
-    return SocErrors.of_squares(*sums)
-
-
-def _together(folds: Sequence[Sums]) -> SocErrors:
-    squares_v2, counts = (np.sum(sums, axis=0) for sums in zip(*folds, strict=True))
+def _together(held: Sequence[Sums]) -> SocErrors:
+    squares_v2, counts = (np.sum(sums, axis=0) for sums in zip(*held, strict=True))
     return SocErrors.of_squares(squares_v2, counts)
 
 
-def _held_out(
-    objective: TableObjective, best: Solution, parts: Sequence[Reduced], told: Sequence[Reduced]
-) -> list[Sums]:
-    """Squared errors of every fold's samples, as they are told, by the tables of the others."""
-    folds = len(parts) // 2
-    # Of every group's factor only the columns at some scales are wanted.
+def tables_without(
+    objective: TableObjective,
+    best: Solution,
+    labels: Int[np.ndarray, "groups"],
+    parts: Sequence[Reduced],
+) -> "list[tuple[int, Float[np.ndarray, 'unknowns']]]":
+    """Each label, and the unknowns that fit the groups of all others best, at the time constants
+    of all.
+
+    An OCV of the records' own is fitted to all samples of a record: where it is alone nothing else
+    visits the SOC of a block, and what the OCV is there is no question of the circuit.
+    """
     columns, bases = _at(objective, best, parts)
-    told_columns, told_bases = (columns, bases) if told is parts else _at(objective, best, told)
-    scored, counts = (np.array([part.scored for part in groups]) for groups in (parts, told))
-    squares = np.zeros(len(parts))
-    for fold in range(folds):
-        is_rest = np.arange(len(parts)) // 2 != fold
-        x = _fitted_to(objective, best, columns, bases, np.where(is_rest, scored, 0))
-        for at in np.flatnonzero(~is_rest):
-            squares[at] = counts[at] * np.sum((told_bases[at] + told_columns[at] @ x) ** 2)
-    return list(zip(squares.reshape(-1, 2), counts.reshape(-1, 2), strict=True))
+    scored = np.array([part.scored for part in parts])
+    everywhere = _normal(objective, columns, bases, scored)
+    count = len(np.unique(record_of(objective)[scored > 0]))
+    are_blocks = len(np.unique(labels)) != count or count == 1
+    without = []
+    for label in np.unique(labels).tolist():
+        x = _fitted_to(objective, best, columns, bases, np.where(labels != label, scored, 0))
+        if are_blocks and OCV in objective.names:
+            x = _with_ocv_of_all(objective, best, everywhere, x)
+        without.append((label, x))
+    return without
+
+
+def _with_ocv_of_all(
+    objective: TableObjective,
+    best: Solution,
+    everywhere: tuple[Float[np.ndarray, "unknowns unknowns"], Float[np.ndarray, "unknowns"]],
+    x: Float[np.ndarray, "unknowns"],
+) -> Float[np.ndarray, "unknowns"]:
+    """The unknowns with the OCV that fits all samples best beside these resistances."""
+    (normal, gradient), (low, high) = everywhere, objective.box
+    ocv = objective.block(objective.names.index(OCV))
+    x = x.copy()
+    x[ocv] = 0.0
+    pushed = (gradient + normal @ x)[ocv]
+    own = normal[ocv, ocv], pushed, low[ocv], high[ocv], best.sides[ocv]
+    x[ocv] = least_in_box(*own)[0]
+    return x
+
+
+def _held_out(
+    objective: TableObjective,
+    best: Solution,
+    parts: Sequence[Reduced],
+    labels: Int[np.ndarray, "groups"],
+) -> list[Sums]:
+    """Squared errors of every label's samples by the tables of the others."""
+    columns, bases = _at(objective, best, parts)
+    sums = []
+    for label, x in tables_without(objective, best, labels, parts):
+        squares_v2, counts = np.zeros(2), np.zeros(2, int)
+        for at in np.flatnonzero(labels == label).tolist():
+            counts[at % 2] += parts[at].scored
+            squares_v2[at % 2] += parts[at].scored * np.sum((bases[at] + columns[at] @ x) ** 2)
+        sums.append((squares_v2, counts))
+    return sums
 
 
 def _at(objective: TableObjective, best: Solution, parts: Sequence[Reduced]):
@@ -245,7 +284,7 @@ def _at(objective: TableObjective, best: Solution, parts: Sequence[Reduced]):
     layout = objective.reduced.layout
     # From those of the factor, each of which adds to few: by one sparse product for each group.
     own = Reduced(layout, 1, np.eye(layout.width))
-    columns, base = replace(objective, reduced=own, low_end=None).columns(best.log_scales)
+    columns, base = replace(objective, reduced=own).columns(best.log_scales)
     few = csr_array(np.column_stack([columns, base]).T)
     found = [(few @ part.factor.T).T / math.sqrt(max(part.scored, 1)) for part in parts]
     return [both[:, :-1] for both in found], [both[:, -1] for both in found]
@@ -259,12 +298,23 @@ def _fitted_to(
     scored: Int[np.ndarray, "groups"],
 ) -> Float[np.ndarray, "unknowns"]:
     """The unknowns that fit some groups of samples best, at the time constants of all."""
+    normal, gradient = _normal(objective, columns, bases, scored)
+    return least_in_box(normal, gradient, *objective.box, best.sides)[0]
+
+
+def _normal(
+    objective: TableObjective,
+    columns: Sequence[Float[np.ndarray, "_ columns"]],
+    bases: Sequence[Float[np.ndarray, "_"]],
+    scored: Int[np.ndarray, "groups"],
+) -> tuple[Float[np.ndarray, "unknowns unknowns"], Float[np.ndarray, "unknowns"]]:
+    """The normal equations of some groups of samples."""
     normal, gradient = objective.penalty_normal.copy(), np.zeros(len(objective.penalty_normal))
     for at in np.flatnonzero(scored).tolist():
-        share = scored[at] / scored.sum() * (1.0 if at % 2 else objective.weight_below**2)
+        share = scored[at] / scored.sum()
         normal += share * columns[at].T @ columns[at]
         gradient += share * columns[at].T @ bases[at]
-    return least_in_box(normal, gradient, *objective.box, best.sides)[0]
+    return normal, gradient
 
 
 def with_spread(
@@ -279,13 +329,13 @@ def with_spread(
     """
     records, parts = objective.facts, objective.parts
     by_record = objective.kept or are_left_out_whole(objective.prepared_records)
-    if len(records) < FEWEST_RECORDS or len(parts) != 2 * len(records) or not by_record:
+    if len(records) < FEWEST_RECORDS or not objective.settings.folds or not by_record:
         return tuple(intervals)
     columns, bases = _at(objective, best, parts)
     scored = np.array([part.scored for part in parts])
     rows, visits = [], []
     for number in range(len(records)):
-        is_own = np.arange(len(parts)) // 2 == number
+        is_own = record_of(objective) == number
         x = _fitted_to(objective, best, columns, bases, np.where(is_own, scored, 0))
         alone = objective.alone(number)
         rows.append(objective.to_tables @ x)

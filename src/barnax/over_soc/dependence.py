@@ -8,7 +8,6 @@ constants, with the best tables at each.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -21,21 +20,16 @@ from ..model.box_least_squares import least_in_box
 from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord
 from ..model.reference import errors_along
-from .cross_validation import SocErrors, held_out_errors
 from .intervals import linearized, with_penalty
-from .low_end import without_low_end
 from .objective import Solution, TableObjective
-from .problem import held_at, reduced_objective
+from .problem import reduced_objective
 from .search import find_best
-from .settings import TableSettings
 
 # Temperatures that move by less than this tell nothing of what follows them.
 LEAST_SPREAD_K = 1.0
 # A first step has to promise more than this share of sqrt(J). A hysteresis that the records hardly
 # show looks like resistances that differ with the direction by a little.
 PROMISING = {"temperature": 0.01, "heating": 0.01, "current": 0.01, "direction": 0.3}
-# A further dependence lowers the held-out RMSE by this share, and does not raise it above 10 % SOC.
-WORTHWHILE = 0.02
 # Self-heating is tried with these time constants, by this exponent at its largest.
 HEATING_TAUS_S, TRIED_EXPONENT = (300.0, 1000.0, 3000.0), 0.3
 # Resistances on charge are tried so many times as large as on discharge, and as small.
@@ -51,117 +45,34 @@ ROUNDS, SETTLED, FURTHEST, BACK = 6, 1e-3, 1.0, 0.3
 ENOUGH = 20_000
 
 
-def searched(
-    prepared_records: Sequence[PreparedRecord],
-    settings: TableSettings,
-    like: TableObjective | None = None,
-) -> tuple[TableObjective, Solution]:
-    """The best tables of some records, with what their resistances follow; `like` is an objective
-    that `reduced_objective` may take the factors of."""
-    known = [prepared.window.registration for prepared in prepared_records]
-    told: list[Any] = [own and own.follows for own in known]
-    is_known = settings.resistances_follow == "auto" and None not in told
-    if is_known and all(follows == told[0] for follows in told) and told[0] is not None:
-        # It was found where starts and capacities were adjusted.
-        known = Dependence(**told[0]) if told[0] else None
-        objective = reduced_objective(
-            [prepared.following(known) for prepared in prepared_records], settings, like=like
-        )
-        return without_low_end(objective, find_best(objective))
-    objective = reduced_objective(prepared_records, settings, like=like)
-    return without_low_end(*with_dependence(objective, find_best(objective)))
-
-
 def adjusted(objective: TableObjective, best: Solution) -> Dependence | None:
     """The numbers of what records follow already, where their tables fit best."""
     known = objective.prepared_records[0].dependence
     return known and _polished(objective, best, known)[0]
 
 
-def with_dependence(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:
-    """The same with resistances that follow what `resistances_follow` says: by itself, what lowers
-    the errors on what is held out.
+def laws_for(prepared_records: Sequence[PreparedRecord]) -> tuple[str, ...]:
+    """What the resistances of some records may follow beside SOC, as far as the records can tell.
 
     Within one record a cell gets warmer and emptier together, so that its own heat needs several,
-    each left out in turn; the current, which is tried beside a temperature, changes at every SOC,
-    and its direction more often.
+    as does the current where no temperature is measured. With an OCV test a switched hysteresis
+    looks like resistances that differ with the direction.
     """
-    settings, records = objective.settings, objective.prepared_records
-    asked = settings.resistances_follow
-    if asked == "none" or (asked == "auto" and not settings.folds):
-        return objective, best
-    is_measured = _spread_k(records) >= LEAST_SPREAD_K
-    kinds = ["temperature", "current"] if is_measured else ["heating", "current"]
-    kinds = kinds if is_measured or len(records) > 1 else []
-    # One record may not tell a dependence on the current, but it is no difference in direction.
-    has_rival = "current" not in kinds
-    if records[0].cell.is_of_records:
-        # With an OCV test a switched hysteresis looks the same.
-        kinds = [*kinds, "direction"]
-    if asked != "auto":
-        for what in asked.split(","):
-            tried = _following(objective, best, what, is_asked=True)
-            if tried is not None:
-                objective, best = _searched_anew(objective, tried[0])
-        return objective, best
-    while kinds:
-        worth: dict[str, tuple[SocErrors, TableObjective]] = {}
-        tried = {
-            what: found
-            for what in kinds
-            if (found := _following(objective, best, what)) is not None
-        }
-        if has_rival and "direction" in tried and _is_current(objective, best, tried["direction"]):
-            del tried["direction"]
-        held = held_out_errors(objective, best) if tried else None
-        for what, found in tried.items():
-            errors = held_out_errors(*found)
-            if errors and held and is_worth(errors, held):
-                worth[what] = errors, found[0]
-        if not worth:
-            break
-        # The one that saves most, then what else saves more beside it.
-        what = min(worth, key=lambda kind: worth[kind][0].rmse_v)
-        objective, best = _searched_anew(objective, worth.pop(what)[1])
-        kinds = list(worth)
+    is_measured = _spread_k(prepared_records) >= LEAST_SPREAD_K
+    kinds = ("temperature", "current") if is_measured else ("heating", "current")
+    kinds = kinds if is_measured or len(prepared_records) > 1 else ()
+    return (*kinds, "direction") if prepared_records[0].cell.is_of_records else kinds
+
+
+def with_asked(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:
+    """The same with the laws that `resistances_follow` names."""
+    asked = objective.settings.resistances_follow
+    for what in asked.split(",") if asked not in ("auto", "none") else ():
+        if (proposed := propose(objective, best, what, is_asked=True)) is not None:
+            records = [own.following(proposed[0]) for own in objective.prepared_records]
+            objective = reduced_objective(records, objective.settings, objective.ranges)
+            best = find_best(objective)
     return objective, best
-
-
-def _following(
-    objective: TableObjective, best: Solution, what: str, is_asked: bool = False
-) -> tuple[TableObjective, Solution] | None:
-    """The same with resistances that follow something more, at the time constants that these fit
-    best with; None where it promises nothing."""
-    proposed = propose(objective, best, what, is_asked)
-    if proposed is None:
-        return None
-    dependence, log_scales = proposed
-    records = [prepared.following(dependence) for prepared in objective.prepared_records]
-    tried = reduced_objective(records, objective.settings, held_at(objective, log_scales))
-    return tried, tried.solve(log_scales)
-
-
-def _is_current(
-    objective: TableObjective, best: Solution, by_direction: tuple[TableObjective, Solution]
-) -> bool:
-    """True where the current itself explains better what its direction does, charges being smaller
-    than discharges."""
-    other = _following(objective, best, "current")
-    return other is not None and other[1].objective_v2 < by_direction[1].objective_v2
-
-
-def _searched_anew(
-    objective: TableObjective, tried: TableObjective
-) -> tuple[TableObjective, Solution]:
-    """The best tables of the records that were tried, with all time constants."""
-    found = reduced_objective(tried.prepared_records, objective.settings, objective.ranges)
-    return found, find_best(found)
-
-
-def is_worth(one: SocErrors, without: SocErrors) -> bool:
-    """True where the held-out errors speak for a dependence."""
-    above_v, without_v = one.above_v or 0.0, without.above_v or 0.0
-    return one.rmse_v < (1 - WORTHWHILE) * without.rmse_v and above_v <= without_v
 
 
 @in_float64

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
-from ..cell.parameters import ANYWHERE, HALF_HYSTERESIS, OCV, RATE
+from ..cell.parameters import HALF_HYSTERESIS, OCV, RATE
 from ..cell.tables import LEAST_OHM
 from ..display import Brief
 from ..execution import in_float64
@@ -23,12 +23,10 @@ from .cross_validation import (
     CrossValidation,
     SocErrors,
     cross_validate,
-    held_out_errors,
     with_spread,
 )
 from .current_offset import OffsetEffect
-from .dependence import searched
-from .facts import LowEnd
+from .dependence import with_asked
 from .intervals import NodeInterval, intervals_of
 from .objective import TableObjective
 from .problem import BOTH_WAYS_SOC, HELD_GAMMA, least_travel_soc, reduced_objective
@@ -45,15 +43,11 @@ class OcvCompared:
     """An OCV of the records' own in place of an OCV test, fitted at the same time constants.
 
     Attributes:
-        own_v: RMSE with it on the records.
-        held_out: Its errors on what the cross-validation holds out.
         median_v: How far it is from the test's, the median from 10 to 90 % SOC where visited.
         largest_v: Own minus test, where that is largest.
         largest_soc: Where that is.
     """
 
-    own_v: float
-    held_out: SocErrors | None
     median_v: float
     largest_v: float
     largest_soc: float
@@ -81,7 +75,6 @@ class TableFit(Brief):
         own_ocv: What an OCV of the records' own gives, beside that of an OCV test.
         of_offset: What an offset of the current would do that one record cannot tell from an OCV of
             its own.
-        low_end: How errors below 10 % SOC count, where the answer depends on it.
     """
 
     tables: CircuitParameters
@@ -98,7 +91,6 @@ class TableFit(Brief):
     warnings: tuple[Told, ...]
     own_ocv: OcvCompared | None = None
     of_offset: OffsetEffect | None = None
-    low_end: LowEnd | None = None
 
     @property
     def proved_gap(self) -> float:
@@ -148,7 +140,8 @@ def fit_tables(
     settings = settings or TableSettings()
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
-        objective, best = searched(prepared_records, settings)
+        objective = reduced_objective(prepared_records, settings)
+        objective, best = with_asked(objective, find_best(objective))
         proof = certify(objective, best)
     return fit_of(objective, proof)
 
@@ -170,14 +163,6 @@ def fit_of(
         known = intervals_of(objective, best) if intervals is None else intervals
         intervals = with_spread(objective, best, known)
         held_out = cross_validate(objective, best)
-    if held_out is not None and tables.dependence is not None:
-        # The constant circuit follows nothing but SOC.
-        plain = [prepared.following(None) for prepared in objective.prepared_records]
-        constant = constant_held_out(plain, settings) or held_out.constant
-        alone = reduced_objective(plain, settings, objective.ranges)
-        with one_blas_thread():
-            by_soc_alone = held_out_errors(alone, find_best(alone))
-        held_out = replace(held_out, constant=constant, by_soc_alone=by_soc_alone)
     searched_axes = zip(objective.axes, best.log_scales, strict=True)
     at_bound = near_ends(
         (axis.name, scale, axis.low, axis.high)
@@ -203,31 +188,9 @@ def fit_of(
         intervals=intervals,
         cross_validation=held_out,
         warnings=(),
-        low_end=objective.low_end,
     )
     fit = replace(fit, warnings=_warnings(objective, fit))
     return fit.proved(proof, settings.proved_share)
-
-
-def constant_held_out(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings
-) -> SocErrors | None:
-    """The errors of the constant circuit on the blocks that are held out of tables.
-
-    Its time constants are those of all samples, as those of tables are. None where nothing is held
-    out.
-    """
-    plain = replace(settings, ocv_correction=False, half_hysteresis=False, rising_ocv=False)
-    return constant_with_ocv_held_out(prepared_records, plain)
-
-
-def constant_with_ocv_held_out(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings
-) -> SocErrors | None:
-    """The same of a constant circuit with such a table of the OCV as the settings have."""
-    objective = reduced_objective(prepared_records, replace(settings, nodes=ANYWHERE))
-    with one_blas_thread():
-        return held_out_errors(objective, find_best(objective))
 
 
 def errors_on(prepared: PreparedRecord, tables: CircuitParameters) -> SocErrors:
@@ -253,7 +216,8 @@ def _warnings(objective: TableObjective, fit: TableFit) -> tuple[Notice, ...]:
         _bound_warning(bound, tables.constants[bound.name], objective.settings)
         for bound in fit.at_bound
     ]
-    resistances_ohm, nodes = tables.ohm, np.array(tables.nodes)
+    nodes = objective.nodes_of[0]
+    resistances_ohm = np.array([tables.at(name, nodes) for name in tables.resistances])
     visited, seen_soc, whose = objective.visited, nodes[objective.visited], None
     if not fit.is_over_soc:
         place, whose = objective.names.index(OCV), "ocv"

@@ -149,26 +149,21 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
 
     held = _held_level(objective, best)
     found, both = [], np.column_stack([np.concatenate(best.values), values]).tolist()
-    less = objective.less_below
-    beside = [] if less is None else [np.concatenate(less.values).tolist()]
     sags = np.concatenate([curve.sags for curve in curves]).tolist()
     places = zip(objective.visited_rows.items(), sags, strict=True)
     for ((name, soc), row), sag in places:
         value, own = both[row]
         on_curve = own + sag - float(moved_by_lines[row])
-        around = interval(name, soc, row, value, own, on_curve, *(table[row] for table in beside))
+        around = interval(name, soc, row, value, own, on_curve)
         if name.startswith(("R", HALF_HYSTERESIS)) and around.low is not None:
             around = replace(around, low=max(around.low, 0.0))
         found.append(around.opened() if row in held else around)
     of_numbers = {name: math.log(value) for name, value in numbers.items()}
     names = [axis.name for axis in objective.axes]
-    logarithms, others = (
-        dict(zip(names, solution.log_scales, strict=True)) | of_numbers
-        for solution in (best, objective.less_below or best)
-    )
+    logarithms = dict(zip(names, best.log_scales, strict=True)) | of_numbers
     for number, (name, scale) in enumerate(logarithms.items()):
         # Of the logarithm, so that the interval is positive.
-        around = interval(name, None, len(best.unknowns) + number, scale, scale, others[name])
+        around = interval(name, None, len(best.unknowns) + number, scale, scale)
         value, ends = math.exp(scale), (around.low, around.high)
         if name in usual and around.low is not None and around.high is not None:
             # However little the data tell, that is what cells usually have.
@@ -213,13 +208,13 @@ def _with_curves(
     first = 0
     for columns, base, informed in rows:
         here = soc[first : first + len(base)]
-        weighted_v = objective.weights_at(here)[:, None] * starts_v[first : first + len(base)]
+        begun_v = starts_v[first : first + len(base)]
         first += len(base)
         left = sum(
             columns[:, objective.block(table)].sum(axis=1) * curve.above_lines(here)
             for table, curve in enumerate(curves)
         )
-        yield columns, np.column_stack([base, left, weighted_v]), informed
+        yield columns, np.column_stack([base, left, begun_v]), informed
 
 
 def unsmoothed(objective: TableObjective, found: Solution) -> tuple[TableObjective, Solution]:
@@ -334,8 +329,7 @@ def linearized(
                 moved.append((responses[2] - responses[0]) @ counts / (2 * STEP))
             moved += [slope[block.here][scored] for slope in beside]
             columns = np.concatenate([*tables, np.stack(moved, axis=1)], axis=1)
-            counts = objective.weights_at(prepared.soc[block.here][scored])[:, None]
-            yield counts * columns, counts * base, prepared.informed[block.here][scored]
+            yield columns, base, prepared.informed[block.here][scored]
 
 
 def _dependence_slopes(

@@ -28,7 +28,6 @@ from .cross_validation import record_errors
 from .fit import TableFit, fit_of
 from .intervals import NodeInterval
 from .level import OCV_NODES, level_cell, leveled, with_own_ocv
-from .low_end import without_low_end
 from .objective import Solution, TableObjective
 from .problem import box_of
 from .search import find_best
@@ -147,7 +146,7 @@ class Kept:
         """The same for a circuit with one value of each resistance at every SOC, and the OCV of its
         own where it has one."""
         grid = replace(self.grid, nodes=CONSTANT)
-        parts = tuple(part.constant(grid.layout.has_correction) for part in self.parts)
+        parts = tuple(part.coarser(has_ocv=grid.layout.has_correction) for part in self.parts)
         return replace(self, grid=grid, visited=np.array([True]), parts=parts)
 
     def counted_from(self, ocv: KeptOcv) -> "Kept":
@@ -243,7 +242,7 @@ def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> Tab
             raise InputError(_other_grid(first, record))
     objective = objective_of(kept, settings or TableSettings())
     with one_blas_thread():
-        objective, best = without_low_end(objective, find_best(objective))
+        best = find_best(objective)
     fit = fit_of(
         objective,
         Proof(0.0, 0, best),

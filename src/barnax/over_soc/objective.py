@@ -14,7 +14,7 @@ from ..cell import CircuitParameters
 from ..cell.circuits import get_circuit
 from ..cell.elements import alike, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC, RATE
-from ..cell.soc_axis import is_above
+from ..cell.tables import hats
 from ..model.axes import Axis, axes_of
 from ..model.box_least_squares import (
     Sides,
@@ -26,16 +26,14 @@ from ..model.box_least_squares import (
 )
 from ..model.descent import LogScales, Solved
 from ..model.prepared import PreparedRecord
-from ..model.reduced import Columns, Reduced, together
+from ..model.reduced import Columns, Reduced
 from ..model.search_space import Range
-from .facts import Facts, LowEnd
+from .facts import Facts
 from .settings import TableSettings
 
 # Of the voltage step at a current step, R0 is at least this share: what a sampling interval lets
 # the fastest pair add is less, even of a minute. Only where nothing else tells R0 is it that low.
 LEAST_SHARE = 1 / 3
-# A ridge is not lowered further: the limits that it sets would be too wide for a proof.
-LEAST_RIDGE = 1e-12
 # A hysteresis beside an OCV that is fitted with it is measured from none: one that turns slowly
 # can be any part of the OCV.
 GAP_RIDGE = 1e-6
@@ -59,10 +57,8 @@ class TableObjective:
 
     `ranges` are those of every pair's time constant in s, then of gamma where there is one, by
     name; `LogScales` are the logarithms of these. `reduced` is the factor of all scored samples,
-    `parts` those of the groups of `blocks_of`; `told` are the same with starts and capacities as
-    they were told, where they were registered; `smoothing_scale` scales all smoothing weights, and
-    `low_end` the errors of samples below 10 % SOC with the smoothing of nodes there; `less_below`
-    are the tables if these counted less, where that may be the better answer.
+    `parts` those of the groups of `blocks_of`; `given` are the same with starts and capacities as
+    they were given, where they were registered; `smoothing_scale` scales all smoothing weights.
     Records that were `kept` are without samples, and stand in place of prepared ones.
     """
 
@@ -71,10 +67,8 @@ class TableObjective:
     ranges: Mapping[str, Range]
     reduced: Reduced
     parts: Sequence[Reduced] = ()
-    told: Sequence[Reduced] = ()
+    given: Sequence[Reduced] = ()
     smoothing_scale: float = 1.0
-    low_end: LowEnd | None = None
-    less_below: Solution | None = None
     kept: Sequence[Any] = ()
 
     @property
@@ -102,6 +96,11 @@ class TableObjective:
     def pairs(self) -> int:
         """Number of elements, RC pairs mostly."""
         return len(self.ranges) - (RATE in self.ranges)
+
+    @property
+    def folds(self) -> int:
+        """Folds into which the samples of every record are grouped."""
+        return max(len(self.parts) // (2 * len(self.facts)), 1)
 
     @property
     def nodes(self) -> int:
@@ -148,28 +147,9 @@ class TableObjective:
         return slice(first, first + len(self.nodes_of[table]))
 
     @cached_property
-    def weighed(self) -> Reduced:
-        """The factor of all scored samples with their weights."""
-        if self.weight_below == 1.0:
-            return self.reduced
-        weights = [self.weight_below, 1.0] * (len(self.parts) // 2)
-        groups = zip(self.parts, weights, strict=True)
-        weighed = [own if w == 1 else replace(own, factor=w * own.factor) for own, w in groups]
-        return together([own for own in weighed if own.scored])
-
-    @property
-    def weight_below(self) -> float:
-        """What an error below 10 % SOC is multiplied by."""
-        return 1.0 if self.low_end is None else self.low_end.weight
-
-    def weights_at(self, soc: Float[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
-        """What errors are multiplied by at states of charge."""
-        return np.where(is_above(soc), 1.0, self.weight_below)
-
-    @cached_property
     def axes(self) -> tuple[Axis, ...]:
         """The searched coordinates."""
-        return axes_of(self.weighed, self.elements, self.ranges)
+        return axes_of(self.reduced, self.elements, self.ranges)
 
     def parts_at(self, found: Solution) -> list[tuple[float, "TableObjective", Solution]]:
         return [(1.0, self, found)]
@@ -190,16 +170,16 @@ class TableObjective:
     def fixed_columns(self) -> dict[int, Columns]:
         """The columns of tables that no axis changes, and what an axis adds to."""
         layout = self.reduced.layout
-        own = {0: self.weighed.part("current")[0]}
+        own = {0: self.reduced.part("current")[0]}
         if layout.has_correction:
-            own[1 + self.pairs] = self.weighed.part("correction")[0] @ self._to_correction
+            own[1 + self.pairs] = self.reduced.part("correction")[0] @ self._to_correction
         if layout.has_amplitude:
-            own[self.tables - 1] = self.weighed.part("initial_hysteresis")[0]
+            own[self.tables - 1] = self.reduced.part("initial_hysteresis")[0]
         return own
 
     @cached_property
     def base(self) -> Float[np.ndarray, "rows"]:
-        return self.weighed.part("base")[0][:, 0]
+        return self.reduced.part("base")[0][:, 0]
 
     @cached_property
     def weights(self) -> list[tuple[float, float]]:
@@ -209,14 +189,6 @@ class TableObjective:
         ocv, gap = (1.0, settings.voltage_ridge), (1.0, max(settings.voltage_ridge, GAP_RIDGE))
         gaps = [gap if OCV in self.names else ocv] * layout.has_amplitude
         return [resistance] * (self.pairs + 1) + [ocv] * layout.has_correction + gaps
-
-    @cached_property
-    def ridges(self) -> list[Float[np.ndarray, "nodes"]]:
-        """Every table's ridge at its nodes, less where errors count less."""
-        return [
-            np.maximum(ridge * self.weights_at(nodes) ** 2, min(ridge, LEAST_RIDGE))
-            for nodes, (_, ridge) in zip(self.nodes_of, self.weights, strict=True)
-        ]
 
     @cached_property
     def _to_correction(self) -> Float[np.ndarray, "nodes nodes"]:
@@ -242,11 +214,10 @@ class TableObjective:
     def table_penalty(self) -> Float[np.ndarray, "penalties values"]:
         """The same by the tables' values."""
         blocks = []
-        for nodes, (weight, _), ridge in zip(self.nodes_of, self.weights, self.ridges, strict=True):
+        for nodes, (weight, ridge) in zip(self.nodes_of, self.weights, strict=True):
             eye = np.eye(len(nodes))
             bent = math.sqrt(self.settings.roughness) * np.diff(eye, 2, axis=0)
-            bent *= self.weights_at(nodes[:-2])[:, None]
-            rows = np.concatenate([bent, np.diag(np.sqrt(ridge))])
+            rows = np.concatenate([bent, math.sqrt(ridge) * eye])
             blocks.append(weight * math.sqrt(self.smoothing_scale) * rows)
         return np.asarray(block_diag(*blocks))
 
@@ -382,18 +353,35 @@ class TableObjective:
         nodes = self.nodes_of[place]
         return nodes, self.facts[0].cell.average_ocv_v(nodes) + found.values[place]
 
+    def with_ocv(self, prepared: PreparedRecord, found: Solution) -> PreparedRecord:
+        """A record with the OCV of a solution that has one of its own."""
+        if OCV not in self.names:
+            return prepared
+        place = self.names.index(OCV)
+        added_v = hats(prepared.soc, self.nodes_of[place]) @ found.values[place]
+        return replace(prepared, source_v=prepared.source_v + added_v)
+
+    def with_unknowns(self, found: Solution, x: Float[np.ndarray, "unknowns"]) -> Solution:
+        """A solution with other tables at the same scales."""
+        rows = self.to_tables @ x
+        values = tuple(rows[self.block(table)] for table in range(self.tables))
+        return replace(found, values=values, unknowns=x)
+
     def tables_at(self, found: Solution) -> CircuitParameters:
-        """A solution as stored, pairs from fast to slow; an OCV of its own is left out."""
+        """A solution as stored, pairs from fast to slow; an OCV of its own is left out. Where the
+        OCV's correction has more nodes than resistances, all are written down at its nodes."""
+        layout = self.reduced.layout
+        nodes = layout.ocv_nodes if OCV_CORRECTION in self.names else layout.nodes
         values = {
-            name: tuple(row.tolist())
-            for name, row in zip(self.names, found.values, strict=True)
+            name: tuple((hats(np.array(nodes), own) @ row).tolist())
+            for name, own, row in zip(self.names, self.nodes_of, found.values, strict=True)
             if name != OCV
         }
         scales = np.exp(found.log_scales).tolist()
         return CircuitParameters(
             tables=values,
             scales={axis.name: scale for axis, scale in zip(self.axes, scales, strict=True)},
-            nodes=self.reduced.layout.nodes,
-            visited=tuple(self.visited.tolist()),
+            nodes=nodes,
+            visited=tuple(self._nearest(np.array(nodes)).tolist()),
             dependence=self.facts[0].dependence,
         )

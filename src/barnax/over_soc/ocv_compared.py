@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,7 +10,6 @@ from ..blas import one_blas_thread
 from ..cell.parameters import OCV
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord
-from .cross_validation import held_out_errors
 from .fit import OcvCompared, TableFit
 from .level import level_cell, leveled, with_own_ocv
 from .problem import box_of, reduced_objective
@@ -32,12 +32,11 @@ def compare_with_own(
     def without_ocv(prepared: PreparedRecord) -> PreparedRecord:
         return leveled(prepared, level).following(fit.tables.dependence)
 
-    settings = with_own_ocv(settings)
+    settings = with_own_ocv(replace(settings, folds=0))
     objective = reduced_objective(prepared_records, settings, ranges, without_ocv)
     with one_blas_thread():
         log_scales = tuple(math.log(low) for low, _ in ranges.values())
         best = objective.solve(log_scales, exact=True)
-        held_out = held_out_errors(objective, best)
     nodes, own_v = objective.ocv_at(best)
     seen = nodes[objective.visited_of(objective.names.index(OCV))]
     soc = COMPARED_SOC[(seen.min() <= COMPARED_SOC) & (seen.max() >= COMPARED_SOC)]
@@ -46,8 +45,6 @@ def compare_with_own(
     apart_v = np.interp(soc, nodes, own_v) - first.cell.average_ocv_v(soc)
     largest = int(np.argmax(np.abs(apart_v)))
     return OcvCompared(
-        own_v=float(np.sqrt(best.error @ best.error)),
-        held_out=held_out,
         median_v=float(np.median(np.abs(apart_v))),
         largest_v=float(apart_v[largest]),
         largest_soc=float(soc[largest]),

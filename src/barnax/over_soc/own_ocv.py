@@ -8,6 +8,7 @@ the record holds, or from its own span.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -24,8 +25,9 @@ from ..notices import Notice
 from ..records import Record
 from .certificate import certify
 from .current_offset import offset_effect
-from .fit import TableFit, constant_with_ocv_held_out, fit_of
-from .further_terms import Fitted, best_tables, with_further
+from .dependence import with_asked
+from .directions import best_tables
+from .fit import TableFit, fit_of
 from .intervals import NodeInterval
 from .level import cell_of, level_cell, with_own_ocv
 from .objective import Solution, TableObjective
@@ -47,9 +49,9 @@ class OwnOcv(Brief):
         settings: How they were fitted.
         circuit: Name of the circuit that they are of.
         warnings: What speaks against the starts.
-        unproved: The objective and its best tables; None once that is proved.
         directions: Of the records whose direction before the start was found by the fit, the RMSE
             in V with the other one.
+        tried: The circuits that were tried, where there was a choice.
     """
 
     cell: CellModel
@@ -58,8 +60,8 @@ class OwnOcv(Brief):
     settings: TableSettings
     circuit: str
     warnings: tuple[Notice, ...] = ()
-    unproved: Fitted | None = None
     directions: Mapping[str, float] = field(default_factory=dict)
+    tried: tuple[Any, ...] = ()
 
     @property
     def fit(self) -> TableFit:
@@ -67,68 +69,109 @@ class OwnOcv(Brief):
         return self.found.reference
 
 
-def search_with_ocv(
+@dataclass(frozen=True, eq=False)
+class OwnRecords:
+    """Records of one cell without an OCV test, and where they start on the axis of its SOC.
+
+    Attributes:
+        records: The records.
+        windows: Their windows, as given.
+        settings: How tables are fitted.
+        capacity_ah: The capacity of the axis.
+        capacity_origin: Where that comes from.
+        over_temperature: Whether records of each temperature are taken by themselves.
+    """
+
+    records: Sequence[Record]
+    windows: Mapping[str, Window]
+    settings: TableSettings
+    capacity_ah: float
+    capacity_origin: str
+    over_temperature: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        records: Sequence[Record],
+        windows: Mapping[str, Window],
+        settings: TableSettings,
+        capacity_ah: float | None = None,
+        over_temperature: bool = False,
+    ) -> "OwnRecords":
+        """The records on the axis of a capacity; None takes what the records span.
+
+        Raises `InputError` where the axis is not known.
+        """
+        axis = axis_capacity(records, windows, capacity_ah)
+        return cls(records, windows, settings, *axis, over_temperature)
+
+    @property
+    def level(self) -> CellModel:
+        """A cell whose OCV says nothing."""
+        return level_cell(self.capacity_ah, float(np.median(self.records[0].voltage_v)))
+
+    def settings_of(self, circuit: str) -> TableSettings:
+        """The settings with a table of the OCV, and one of a dynamic hysteresis."""
+        return with_own_ocv(self.settings, circuit)
+
+    def starts(self, circuit: str) -> Starts:
+        """Where the records start, by the best tables of a circuit. Raises `InputError` where a
+        start or a temperature is not known."""
+        axis = self.capacity_ah, self.capacity_origin, self.over_temperature
+        given = self.windows, self.settings_of(circuit), *axis
+        return find_starts(self.records, circuit, *given)
+
+    def prepared(self, circuit: str, starts: Starts) -> list[PreparedRecord]:
+        """The records with their starts, made ready for a circuit."""
+        windows, level = starts.windows, self.level
+        return [
+            prepare_record(record, level, circuit, windows[record.name]) for record in self.records
+        ]
+
+    def proved(self, objective: TableObjective, best: Solution, starts: Starts) -> OwnOcv:
+        """The best tables with their OCV, proved, and all that is known of them."""
+        with one_blas_thread():
+            proof = certify(objective, best)
+        cell = cell_of(objective, proof.best, self.capacity_ah, self.capacity_origin)
+        own = _own_ocv_of(objective, proof, cell)
+        return replace(own, warnings=starts.warnings, directions=starts.directions)
+
+    def by_temperature(self, circuit: str) -> OwnOcv:
+        """Tables over SOC and an OCV of each temperature, on one axis, with one set of time
+        constants; proved already."""
+        starts = self.starts(circuit)
+        axis = self.capacity_ah, self.capacity_origin
+        prepared = self.prepared(circuit, starts)
+        own = _over_temperature(prepared, self.settings_of(circuit), *axis)
+        return replace(own, warnings=starts.warnings, directions=starts.directions)
+
+
+def fit_with_ocv(
     records: Sequence[Record],
     circuit: str,
     windows: Mapping[str, Window],
     settings: TableSettings,
     capacity_ah: float | None = None,
-    over_temperature: bool = False,
-    beside: Mapping[str, Sequence[str]] | None = None,
 ) -> OwnOcv:
-    """Tables over SOC and the OCV that fit some records of one cell best, together.
-
-    `proved` proves them; those over temperature are proved already. Records without a known start
-    take theirs from a rest, on the OCV that the others show. Over temperature, each one has its own
-    OCV and tables, on one axis with one set of time constants.
+    """The tables of one circuit and the OCV that fit some records of one cell best, together.
 
     Args:
-        records: The records.
+        records: The records; one without a known start takes it from a rest, on the OCV that the
+            others show.
         circuit: Name of the circuit. A dynamic hysteresis is one more table; of a switched one such
             records tell nothing.
         windows: The window of each record by its name.
         settings: How tables are fitted; the OCV stands at `ocv_nodes`, by default closer ones.
         capacity_ah: The capacity; None takes what the records span.
-        over_temperature: Whether records of each temperature are fitted by themselves.
-        beside: By circuit, others of which the best takes its place where the records speak for
-            it; a record that is too short for one leaves it out.
 
-    Raises `InputError` where a start or a temperature is not known, and as `fit_tables` and
-    `fit_temperatures` do.
+    Raises `InputError` where a start is not known, and as `fit_tables` does.
     """
-    axis = axis_capacity(records, windows, capacity_ah)
-    level = level_cell(axis[0], float(np.median(records[0].voltage_v)))
-    starts = dict[str, Starts]()
-
-    def begun(
-        circuit: str, settings: TableSettings, simpler: Fitted | None = None
-    ) -> list[PreparedRecord]:
-        if simpler is None or len(records) > 1:
-            # Starts of several records are found with each circuit: at those of two pairs a third
-            # one is not worth what it is at its own.
-            given = windows, settings, *axis, over_temperature
-            starts[circuit] = find_starts(records, circuit, *given)
-        else:
-            turned = windows_of(simpler.objective.prepared_records)
-            starts[circuit] = starts[simpler.circuit]._replace(windows=turned)
-        own = starts[circuit].windows
-        return [prepare_record(record, level, circuit, own[record.name]) for record in records]
-
-    own = with_own_ocv(settings, circuit)
-    prepared = begun(circuit, own)
-    if over_temperature:
-        found = _over_temperature(prepared, own, *axis)
-        begun_so = starts[circuit]
-        return replace(found, warnings=begun_so.warnings, directions=begun_so.directions)
+    own = OwnRecords.of(records, windows, settings, capacity_ah)
+    starts = own.starts(circuit)
     with one_blas_thread():
-        found, against = with_further(best_tables(prepared, own), own, beside or {}, begun)
-    own_starts = starts[found.circuit]
-    objective, best, _ = found
-    return replace(
-        _told(objective, Proof(0.0, 0, best), cell_of(objective, best, *axis)),
-        directions={**found.directions, **own_starts.directions},
-        warnings=(*own_starts.warnings, *against),
-    )
+        objective, best, _ = best_tables(own.prepared(circuit, starts), own.settings_of(circuit))
+        objective, best = with_asked(objective, best)
+    return own.proved(objective, best, starts)
 
 
 def _over_temperature(
@@ -144,31 +187,12 @@ def _over_temperature(
     groups = group_by_temperature(prepared)
     found = fit_temperatures(groups, settings, at_home)
     cell = over_temperatures(dict(zip(groups, cells, strict=True)))
-    fits = tuple(
-        _of_ocv(fit, own, settings, prepared[0].cell)
-        for fit, own in zip(found.fits, groups.values(), strict=True)
-    )
+    fits = tuple(_of_ocv(fit, prepared[0].cell) for fit in found.fits)
     found = replace(found, fits=fits)
     return OwnOcv(cell, windows_of(prepared), found, settings, prepared[0].circuit)
 
 
-def proved(own: OwnOcv) -> OwnOcv:
-    """The same with a bound on how much better others could be."""
-    if own.unproved is None:
-        return own
-    objective, best, _ = own.unproved
-    with one_blas_thread():
-        proof = certify(objective, best)
-    if proof.best is best:
-        fits = (own.fit.proved(proof, own.settings.proved_share),)
-        return replace(own, found=replace(own.found, fits=fits), unproved=None)
-    # A better circuit was met on the way.
-    cell = cell_of(objective, proof.best, own.cell.capacity_ah, own.cell.capacity_origin)
-    better = _told(objective, proof, cell)
-    return replace(better, warnings=own.warnings, unproved=None, directions=own.directions)
-
-
-def _told(objective: TableObjective, proof: Proof[Solution], cell: CellModel) -> OwnOcv:
+def _own_ocv_of(objective: TableObjective, proof: Proof[Solution], cell: CellModel) -> OwnOcv:
     """All that is known of tables with their OCV, which is that of the cell."""
     prepared, best = objective.prepared_records, proof.best
     circuit, windows = prepared[0].circuit, windows_of(prepared)
@@ -176,11 +200,9 @@ def _told(objective: TableObjective, proof: Proof[Solution], cell: CellModel) ->
         # Several records whose rates differ would tell it.
         effect = offset_effect(objective, best) if len(prepared) == 1 else None
     fit = replace(fit_of(objective, proof, _at_home(objective, cell)), of_offset=effect)
-    plain = [record.following(None) for record in prepared]
-    fit = _of_ocv(fit, plain, objective.settings, prepared[0].cell)
+    fit = _of_ocv(fit, prepared[0].cell)
     fit = replace(fit, intervals=tuple(_with_open_pairs(fit, circuit)))
-    unproved = Fitted(objective, best)
-    return OwnOcv(cell, windows, TableFits((fit,)), objective.settings, circuit, (), unproved)
+    return OwnOcv(cell, windows, TableFits((fit,)), objective.settings, circuit)
 
 
 def _with_open_pairs(fit: TableFit, circuit: str) -> Iterator[NodeInterval]:
@@ -201,16 +223,8 @@ def _at_home(objective: TableObjective, cell: CellModel) -> list[PreparedRecord]
     ]
 
 
-def _of_ocv(
-    fit: TableFit, prepared: Sequence[PreparedRecord], settings: TableSettings, level: CellModel
-) -> TableFit:
-    """A fit whose OCV is told as such, and whose constant circuit has an OCV of its own too, which
-    in each fold knows no more than the tables' does."""
-    if fit.cross_validation is not None:
-        constant = constant_with_ocv_held_out(prepared, settings)
-        if constant is not None:
-            crossed = replace(fit.cross_validation, constant=constant)
-            fit = replace(fit, cross_validation=crossed)
+def _of_ocv(fit: TableFit, level: CellModel) -> TableFit:
+    """A fit whose OCV is counted from zero."""
     intervals = tuple(
         interval.moved(float(level.average_ocv_v(np.array(interval.soc))))
         if interval.name == OCV

@@ -18,7 +18,7 @@ from ..model.window import Window, first_sample
 from ..notices import Notice, notice
 from ..records import Record, rest_current_a
 from ..records.record import in_means
-from .further_terms import Fitted, best_tables
+from .directions import WithDirections, best_tables
 from .level import cell_of, level_cell
 from .own_axis import Axis, axis_of, require_on_axis, span_ah_of
 from .registration import MEANS_S, ROUNDS, register
@@ -203,7 +203,7 @@ def _cell_found(
     capacity_ah: float,
     origin: str,
     turned: Mapping[str, Window] | None = None,
-) -> tuple[CellModel, Fitted]:
+) -> tuple[CellModel, WithDirections]:
     """The cell of records, and its tables before anything else is asked of them."""
     level = level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
     means = [in_means(record, MEANS_S) for record in records]

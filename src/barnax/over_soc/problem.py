@@ -42,7 +42,7 @@ def reduced_objective(
     ranges = ranges or box_of(prepared_records, settings)
     layout = layout_of(
         settings.nodes,
-        settings.ocv_nodes or settings.nodes,
+        settings.nodes_of_ocv,
         ranges,
         settings.ocv_correction,
         settings.half_hysteresis,
@@ -59,18 +59,33 @@ def reduced_objective(
     if like is not None and like.settings is settings and like.reduced.layout.is_alike(layout):
         pairs = zip(own, like.prepared_records, strict=True)
         if all(_is_alike(*pair) for pair in pairs):
-            return replace(like, prepared_records=own, ranges=ranges, low_end=None, less_below=None)
-    parts, told = reduced(own), []
+            return replace(like, prepared_records=own, ranges=ranges)
+    parts, given = reduced(own), []
     if (
         settings.folds
         and are_left_out_whole(prepared_records)
         and any(prepared.window.registration for prepared in prepared_records)
     ):
-        told = reduced([seen(prepared.as_told) for prepared in prepared_records])
+        given = reduced([seen(prepared.as_told) for prepared in prepared_records])
     with one_blas_thread():
         # What is shortened is no triangle any more, of which a side is taken.
         whole = together(parts) if beside_v is None else parts[0]
-    return TableObjective(own, settings, ranges, whole, parts, told)
+    return TableObjective(own, settings, ranges, whole, parts, given)
+
+
+def coarsened(
+    finest: TableObjective, prepared_records: Sequence[PreparedRecord], settings: TableSettings
+) -> TableObjective:
+    """The objective of a circuit with fewer nodes, pairs, or no correction of the OCV, from the
+    factors of a finer one on the same records."""
+    ranges = box_of(prepared_records, settings)
+
+    def coarser(reduced: Reduced) -> Reduced:
+        return reduced.coarser(settings.nodes, settings.ocv_correction)
+
+    parts, given = (tuple(map(coarser, groups)) for groups in (finest.parts, finest.given))
+    own = list(prepared_records)
+    return TableObjective(own, settings, ranges, coarser(finest.reduced), parts, given)
 
 
 def _is_alike(one: PreparedRecord, other: PreparedRecord) -> bool:

@@ -11,6 +11,7 @@ One record alone, whose rests are far from the OCV test, is registered on that t
 tables would take for resistance and for an OCV that no other record has.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import NamedTuple
@@ -31,9 +32,9 @@ from ..records.record import in_means
 from ..records.segments import runs
 from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
-from .cross_validation import WORTHWHILE, held_out_errors, is_loaded
+from .cross_validation import SocErrors, held_out_errors, is_loaded
 from .current_offset import CurrentOffset, shared_offset
-from .dependence import adjusted, with_dependence
+from .dependence import adjusted
 from .nuisances import estimate, of_starts
 from .objective import Solution, TableObjective
 from .problem import held_at, reduced_objective
@@ -51,6 +52,8 @@ REACH = float(ndtri((1 + CONFIDENCE) / 2))
 # deviations, its first steps in start and share, and its evaluations.
 LEAST_REST_S, FAR_V = 240.0, 0.1
 COUNTED_SD, FURTHEST, FIRST_STEPS, LOOKS = 0.03, 2.5, (-0.003, 0.005), 40
+# By which share of sqrt(J) tables of one record alone fit better at another start.
+LEAST_FALL = 0.1
 # Fast records are registered in means over this.
 MEANS_S = 1.0
 # The tables change with it: registered again until nothing moves by more than this share of its
@@ -72,7 +75,7 @@ def register(
     Where the records leave the axis of SOC so, they stay as they were told.
     """
     plain = replace(settings, folds=0, max_boxes=0)
-    means = [_in_means(prepared) for prepared in prepared_records]
+    means = [_in_means(own).following(own.dependence) for own in prepared_records]
     found, whole = list(means), list(prepared_records)
     told = np.array([[prepared.start.soc, prepared.capacity_ah] for prepared in prepared_records])
     prior = np.array([told_within(prepared) for prepared in prepared_records])
@@ -81,11 +84,9 @@ def register(
     shares = (prior**-2.0 / np.sum(prior**-2.0, axis=0))[:, :, None] * np.eye(2)
     to_axis = np.eye(prior.size) - np.tile(shares.reshape(-1, 2).T, (len(prior), 1))
     with one_blas_thread():
-        # What resistances follow is known by what is held out, from starts as told.
-        objective = reduced_objective(found, settings)
-        objective, best = with_dependence(objective, find_best(objective))
-        dependence = objective.prepared_records[0].dependence
-        objective = replace(objective, settings=plain)
+        dependence = prepared_records[0].dependence
+        objective = reduced_objective(found, plain)
+        best = find_best(objective)
         as_told = objective, best
         for number in range(rounds):
             if number:
@@ -187,11 +188,11 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         with np.errstate(invalid="ignore"):
             best = minimize(objective_v2, guess, method="Nelder-Mead", options=options)
         found = moved(best.x)
-        if found is None or best.fun > (1 - WORTHWHILE) ** 2 * kept.objective_v2:
+        if found is None or best.fun > (1 - LEAST_FALL) ** 2 * kept.objective_v2:
             return prepared
         before = held_out_errors(*fitted(prepared, kept.log_scales, settings))
         after = held_out_errors(*fitted(found, at, settings))
-        if before is not None and after is not None and not after.is_no_worse(before):
+        if before is not None and after is not None and _is_worse(after, before):
             return prepared
         prior = furthest / FURTHEST
         errors = estimate(*fitted(found, at, plain), _of_starts, np.zeros(2), [prior])[0].errors
@@ -199,6 +200,11 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     assert found.window.registration is not None, "moved so"
     own = replace(found.window.registration, by="OCV test")
     return replace(found, window=replace(found.window, registration=own))
+
+
+def _is_worse(one: SocErrors, other: SocErrors) -> bool:
+    """True where the errors of all samples, or those above 10 % SOC, are higher."""
+    return one.rmse_v > other.rmse_v or (one.above_v or 0.0) > (other.above_v or math.inf)
 
 
 def counted_alike(

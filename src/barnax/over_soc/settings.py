@@ -9,7 +9,7 @@ import numpy as np
 from ..cell.parameters import require_nodes
 from ..errors import InputError
 from ..model.search_space import Range
-from ..settings import TableOptions
+from ..settings import NODES, TableOptions
 
 FASTEST_TAU_S, SLOWEST_TAU_S = 2.0, 1000.0
 # With an OCV correction a slower pair than this share of the record imitates a wrong capacity.
@@ -25,8 +25,6 @@ class TableSettings(TableOptions):
     Args:
         bounds: Lowest and highest value by PyBaMM's names; those of a resistance hold at every SOC.
         fixed: Values by the same names; a time constant or gamma has one for all SOC.
-        evenly: Count errors below 10 % SOC as all others, even where they would decide the time
-            constants.
 
     Raises `InputError` for nodes that do not rise, weights that are not positive, and bounds or
     fixed values that are unknown, reversed, negative or both given.
@@ -34,7 +32,6 @@ class TableSettings(TableOptions):
 
     bounds: Mapping[str, Range] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
-    evenly: bool = False
 
     def __post_init__(self) -> None:
         require_nodes(self.nodes)
@@ -60,6 +57,12 @@ class TableSettings(TableOptions):
                     f"the bounds of {name!r} are [{low:g}, {high:g}]; the lower one comes first, "
                     "and neither is negative"
                 )
+
+    @property
+    def nodes_of_ocv(self) -> tuple[float, ...]:
+        """Where a table of the OCV, or its correction, has values: resistances at some of the
+        default nodes leave it at all of them."""
+        return self.ocv_nodes or (NODES if {*self.nodes} <= {*NODES} else self.nodes)
 
     @property
     def ranges(self) -> dict[str, Range]:

@@ -27,7 +27,7 @@ from ..search.evaluate import Evaluation, evaluate
 from ..settings import is_temperature
 from .certificate import certify
 from .cross_validation import SocErrors
-from .dependence import with_dependence
+from .dependence import with_asked
 from .fit import TableFit, fit_of, pooled_errors
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
@@ -247,7 +247,7 @@ def fit_temperatures(
     with one_blas_thread():
         best = find_best(joint)
         given = zip(joint.objectives, best.parts, strict=True)
-        following = tuple(with_dependence(objective, part)[0] for objective, part in given)
+        following = tuple(with_asked(objective, part)[0] for objective, part in given)
         if following != joint.objectives:
             joint = _Joint(following)
             best = find_best(joint)

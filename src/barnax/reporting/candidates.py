@@ -1,47 +1,54 @@
-"""The circuits that were weighed against each other, and tables against the constant one."""
+"""The circuit of the family that was chosen, what was tried beside it, and the constant circuit."""
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from ..checks.roles import are_unfit
-from .document import Bullets, Cells, Section, Table, make_table
-from .words import NOTHING, fixed, millivolt, percent
+from .document import Bullets, Cells, Document, Section, Table, make_table
+from .words import NOTHING, counted, fixed, joined, percent
 
 if TYPE_CHECKING:
-    from ..candidates import Candidate
-    from ..over_soc import SocErrors, TableFit
-    from ..result_parts import MetricsPart
+    from ..over_soc import SocErrors
     from ..results import Result
+    from ..run import Candidate
+    from ..select import Tried
 
-    # The errors of a constant circuit, and of the tables beside it.
-    Both = tuple[SocErrors, SocErrors]
-
-# Errors on a whole record that differ by less than this share count as equal.
-ALIKE = 0.02
+# What a rung of the family adds.
+ADDS = {
+    "nodes": "more nodes",
+    "pairs": "one RC pair more",
+    "hysteresis": "a hysteresis",
+    "law": "a law",
+    "without": "simpler again",
+    None: "",
+}
 
 
 def ranked(candidates: "Sequence[Candidate]") -> "list[Candidate]":
-    """The answer first, then by the errors on what was fitted."""
-    return sorted(
-        candidates, key=lambda candidate: (not candidate.is_answer, candidate.identification.rmse_v)
-    )
+    """The answer first."""
+    return sorted(candidates, key=lambda candidate: not candidate.is_answer)
 
 
 def candidates_section(
-    candidates: "Sequence[Candidate]", validation: Sequence[str]
+    candidates: "Sequence[Candidate]", tried: "Sequence[Tried]", validation: Sequence[str]
 ) -> list[Section]:
-    """Every circuit that was weighed with its errors, the answer marked; none for a single one."""
-    if len(candidates) < 2:
+    """The answer and the constant circuit with their errors, and how the answer was chosen."""
+    if len(candidates) < 2 and len(tried) < 2:
         return []
-    told = (
-        "Each is the best circuit of its kind that was found; how much better another of its kind "
-        "could be is proved for some. What is left out of the fit, blocks of one record or each of "
-        "several records, decides which is the answer: the simplest circuit, unless another "
-        "lowers that error, and that above 10 % SOC, by more than 10 %; but a `model` or `over` "
-        "that was given is the answer in any case."
+    rule = (
+        "From the simplest circuit on, one rung at a time: the one that lowers the errors on "
+        "held-out blocks most is kept, if by more than 1.5 standard errors of the paired "
+        "differences."
     )
-    return [Section("Circuits", (Bullets((told,)), candidates_table(candidates, validation)))]
+    table = candidates_table(candidates, validation)
+    parts = (Bullets((rule,)), table, choice_table(tried)) if tried else (table,)
+    return [Section("Circuits", parts)]
+
+
+def choice_document(result: "Result") -> Document:
+    """How the circuit of a result was chosen."""
+    validation = [part.name for part in result.of_role("validation")]
+    sections = candidates_section(result.candidates, result.tried, validation)
+    return Document("How the circuit was chosen", "", tuple(sections))
 
 
 def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str]) -> Table:
@@ -62,115 +69,51 @@ def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str
     )
     cells[""] = lambda candidate: "the answer" if candidate.is_answer else ""
     return make_table(
-        "RMSE in mV, in brackets that above 10 % SOC, of the circuits that were compared.",
+        "RMSE in mV, in brackets that above 10 % SOC, of the answer"
+        + (" and the constant circuit." if len(candidates) > 1 else "."),
         ranked(candidates),
         cells,
         ["circuit", "left out [mV]", "identification [mV]", "proved: better by at most", ""],
     )
 
 
-def pay_sentence(
-    unseen: "Both | None",
-    held: "Both | None",
-    constant: str,
-    tables: str,
-    held_out: str = "held-out blocks",
-    remedy: str = "",
-) -> str:
-    """A verdict on tables beside the best constant circuit, both named; empty where nothing was
-    held out and there is no other record.
+def choice_table(tried: "Sequence[Tried]") -> Table:
+    """Every circuit that was tried, in order, with what it gained on the one before."""
 
-    `unseen` are the errors on the validation records, which decide where there are any; else
-    `held`, those on what was held out of the fit, do: `held_out` says what that is. `remedy` is
-    what to do where tables do not help.
-    """
-    told, pays = [], tables_pay(unseen, held)
-    if unseen is not None:
-        told.append(f"{_change(*unseen)} on the validation records")
-    if held is not None:
-        is_alike = (held[1].rmse_v < held[0].rmse_v) == pays
-        joint = "" if not told else ", and from " if is_alike else ", but from "
-        told.append(f"{joint}{_change(*held)} on {held_out}")
-    if not told:
+    def gain(own: "Tried") -> str:
+        if own.gain is None:
+            return NOTHING
+        return f"{fixed(own.gain.value, 3)} ({fixed(own.gain.standard_error, 3)})"
+
+    cells: Cells[Tried] = {
+        "circuit": lambda own: own.circuit,
+        "nodes": lambda own: str(own.nodes),
+        "follows": lambda own: joined(own.follows) if own.follows else "",
+        "adds": lambda own: ADDS[own.ladder],
+        "fitted [mV]": lambda own: fixed(1e3 * own.rmse_v, 2),
+        "held out [mV]": lambda own: errors_words(own.held_out),
+        "gain (standard error)": gain,
+        "": lambda own: own.outcome,
+    }
+    return make_table(
+        "How the circuit was chosen: errors on held-out blocks, in brackets those above 10 % SOC, "
+        "and the gain in the logarithm of the mean square.",
+        tried,
+        cells,
+        ["circuit", "nodes", "adds", "held out [mV]", "gain (standard error)", ""],
+    )
+
+
+def choice_line(result: "Result") -> str:
+    """How many circuits were tried, and how; empty where there was no choice."""
+    if len(result.tried) < 2:
         return ""
-    change = f"RMSE from {''.join(told)}, from constant {constant} to tables of {tables}"
-    if pays and unseen is not None and unseen[1].rmse_v >= unseen[0].rmse_v:
-        return f"tables help above 10 % SOC: {change}."
-    if pays:
-        return f"tables lower the {change}."
-    shown = unseen or held
-    if shown and shown[1].rmse_v < (1 - ALIKE) * shown[0].rmse_v:
-        return f"tables help below 10 % SOC only: {change}."
-    return f"tables do not help: {change}.{remedy}"
-
-
-def tables_pay(unseen: "Both | None", held: "Both | None") -> bool:
-    """True if tables are better where they were not fitted, as `pay_sentence` says it."""
-    if unseen is None:
-        return held is not None and held[1].is_worth(held[0])
-    constant, tables = unseen
-    if constant.above_v is None or tables.above_v is None:
-        return tables.rmse_v < constant.rmse_v
-    if abs(tables.rmse_v / constant.rmse_v - 1) > ALIKE:
-        return tables.rmse_v < constant.rmse_v
-    # Both may fail when nearly empty; the error above that decides.
-    return tables.above_v < constant.above_v
-
-
-def held_out_errors(result: "Result") -> "Both | None":
-    """The constant circuit's errors and the tables' on held-out blocks; None where either has none.
-
-    What was cross-validated beside the tables is the constant circuit of the same name, which need
-    not be the best one.
-    """
-    of = {(candidate.model, candidate.over): candidate.held_out for candidate in result.candidates}
-    tables = both_held_out(result.fit)
-    constant = of.get((result.constant.model, None))
-    if tables is not None and constant is None and result.constant.model == result.model:
-        return tables
-    return None if tables is None or constant is None else (constant, tables[1])
-
-
-def held_out_words(fit: "TableFit") -> str:
-    """A name for the samples that were held out of a fit."""
-    held = fit.cross_validation
-    return "records left out in turn" if held and held.by_record else "held-out blocks"
-
-
-def both_held_out(fit: "TableFit") -> "Both | None":
-    """The errors on held-out blocks: of a constant circuit with the tables' pairs, and theirs."""
-    held = fit.cross_validation
-    return None if held is None else (held.constant, held.tables)
-
-
-def unseen_errors(result: "Result") -> "Both | None":
-    """The constant circuit's errors and the tables' over all validation records, if any: root mean
-    squares, each record counting alike."""
-    from ..over_soc import SocErrors
-
-    def root_mean_square(values: list[float]) -> float:
-        return math.sqrt(sum(value**2 for value in values) / len(values))
-
-    def over_all(parts: "Sequence[MetricsPart]") -> SocErrors:
-        above_v = [part.rmse_above_10_soc_v for part in parts]
-        known_v = [value_v for value_v in above_v if value_v is not None]
-        return SocErrors(
-            root_mean_square([part.rmse_v for part in parts]),
-            root_mean_square(known_v) if len(known_v) == len(above_v) else None,
-        )
-
-    if result.tables is None or not result.metrics.validation:
-        return None
-    return over_all(result.constant.metrics.validation), over_all(result.metrics.validation)
-
-
-def _change(constant: "SocErrors", tables: "SocErrors") -> str:
-    """From the constant circuit's error to the tables'."""
-    change = f"{fixed(1e3 * constant.rmse_v, 1)} to {fixed(1e3 * tables.rmse_v, 1)} mV"
-    if tables.above_v is not None and constant.above_v is not None:
-        above = (fixed(1e3 * value_v, 1) for value_v in (constant.above_v, tables.above_v))
-        change += f" ({' to '.join(above)} above 10 % SOC)"
-    return change
+    circuits = {(own.circuit, own.nodes, own.follows) for own in result.tried}
+    kept = [own for own in result.tried if own.kept][-1]
+    nodes = (
+        f"{counted(kept.nodes, 'node')} over SOC" if kept.nodes > 1 else "one value at every SOC"
+    )
+    return f"{kept.circuit} with {nodes}, the best of {len(circuits)} tried on held-out blocks."
 
 
 def errors_words(errors: "SocErrors | None") -> str:
@@ -187,28 +130,13 @@ def is_pulse_test(result: "Result") -> bool:
     return not tests.isdisjoint(part.sha256 for part in result.of_role("identification"))
 
 
-def ocv_test_sentences(result: "Result", is_short: bool = False) -> Iterator[str]:
-    """The worth of an OCV test: errors with the records' own OCV in its place."""
-    own, held = result.fit.own_ocv, both_held_out(result.fit)
+def ocv_test_sentences(result: "Result") -> Iterator[str]:
+    """How far the OCV test is from an OCV of the records' own."""
+    own = result.fit.own_ocv
     # The OCV of a pulse test is already the records' own.
     if own is None or is_pulse_test(result):
         return
-    left = worth = ""
-    if own.held_out is not None and held is not None:
-        left = f", {millivolt(own.held_out.rmse_v)} left out"
-        if own.held_out.above_v is not None:
-            left += f" ({millivolt(own.held_out.above_v)} above 10 % SOC)"
-        names = {part.name for part in result.of_role("identification")}
-        # Records of too few steps tell no OCV.
-        if own.held_out.is_worth(held[1]) and not are_unfit(names, result.warnings, by_steps=True):
-            # Of a folder, the plan chose the test.
-            how = "the records alone, in place of their folder" if result.plan else "without `ocv`"
-            worth = f"; that predicts better: try {how}"
-    if is_short:
-        yield f"without it {millivolt(own.own_v)}{left}{worth}."
-        return
     yield (
-        f"with an OCV of the records' own in its place {millivolt(own.own_v)}{left}; they are "
-        f"{1e3 * own.median_v:.2g} mV apart (median), {1e3 * own.largest_v:+.0f} mV at "
-        f"{percent(own.largest_soc)} SOC{worth}."
+        f"an OCV of the records' own is {1e3 * own.median_v:.2g} mV from it (median), "
+        f"{1e3 * own.largest_v:+.0f} mV at {percent(own.largest_soc)} SOC."
     )

@@ -63,7 +63,7 @@ def comparison_document(
     validated = [part.name for part in result.inputs if part.role == "validation"]
     sources = {row.method: row.source for row in result.rows}
     sections = [
-        *candidates_section(result.candidates, validated),
+        *candidates_section(result.candidates, (), validated),
         Section("Verdict", (Bullets(tuple(verdict_sentences(result))),)),
         *warnings_section(result.warnings),
         *([parameters] if parameters else []),

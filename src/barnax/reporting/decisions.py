@@ -8,19 +8,15 @@ from typing import TYPE_CHECKING
 
 from ..cell import CellModel, PolynomialCurve
 from ..cell.parameters import OHMIC
-from ..cell.soc_axis import ABOVE_SOC
 from ..notices import Notice, sentences_of
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
 from .starts import CAME_FROM, axis_sentences, offset_sentence, start_sentence
 from .words import (
     NOTHING,
-    figures,
     gathered,
     joined,
     millivolt,
-    percent,
     significant,
-    symbol,
     with_unit,
 )
 
@@ -110,29 +106,11 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
             yield start_sentence(part, part.name in planned, has_direction)
 
 
-def _low_end_sentence(stored: "Result") -> Iterator[str]:
-    """What samples below 10 % SOC count for, where the answer depends on it."""
-    fit = stored.fit
-    if fit.low_end is None:
-        return
-    weight = fit.low_end.weight
-    others = zip(fit.tables.named_tau_s, fit.low_end.other_tau_s, strict=True)
-    taus = joined([f"{symbol(name)} {with_unit(name, tau_s)}" for name, tau_s in others])
-    count, less, end = f"are weighted by {figures(weight)}", "as much as others", ""
-    if weight == 1.0:
-        count, less, end = "count as much as others", "less", "; the intervals cover both fits"
-    yield (
-        f"errors below {percent(ABOVE_SOC)} SOC, {figures(fit.low_end.times)} times as large as "
-        f"above, {count}; if they counted {less}, {taus} would fit best{end}."
-    )
-
-
 def guess_sentences(stored: "Result") -> Iterator[str]:
     """The decisions that were guesses and that the answer depends on, with how to settle them."""
     simulated = [part for part in stored.inputs if part.start is not None]
     yield from axis_sentences(stored)
     yield from offset_sentence(stored)
-    yield from _low_end_sentence(stored)
     guessed = [part for part in simulated if part.hold and part.hold.strength == "assumed"]
     if guessed:
         value = guessed[0].hold.value if guessed[0].hold else ""

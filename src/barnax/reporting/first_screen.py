@@ -8,7 +8,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ..cell.elements import names_beside
-from .candidates import ocv_test_sentences, ranked
+from .candidates import choice_line, ocv_test_sentences, ranked
 from .decisions import guess_sentences
 from .pulses import middle_heads, middle_pulses
 from .soc_tables import left_out_sentences, middle_of_tables
@@ -88,9 +88,10 @@ def first_screen(
     for head, sentences in (
         ("Do not use", unfit),
         ("Best possible", [best_possible(result)]),
+        ("Circuit", filter(None, [choice_line(result)])),
         ("Resistances", [follow[:1].lower() + follow[1:]] if follow else []),
         ("Left out", left_out_sentences(result)),
-        ("OCV test", ocv_test_sentences(result, is_short=True)),
+        ("OCV test", ocv_test_sentences(result)),
         ("Search", search_sentences(result)),
         ("Temperatures", beyond),
         ("", prediction_sentences(result)),

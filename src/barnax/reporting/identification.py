@@ -104,7 +104,7 @@ def identification_document(
     sections = (
         answer,
         verdict,
-        *candidates_section(result.candidates, validated),
+        *candidates_section(result.candidates, result.tried, validated),
         *warnings_section(result.warnings),
         *tables_section(result, pictures),
         *ocv_section(result),

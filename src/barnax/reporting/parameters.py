@@ -179,7 +179,7 @@ def _tabulated(fit: "TableFit") -> Iterator[Known]:
         ends = [determined_ends(node, fit) or (np.nan, np.nan) for node in nodes]
         rows = np.array([(node.value, *of) for node, of in zip(nodes, ends, strict=True)])
         for at in COMPARED_SOC:
-            if known[0].soc <= at <= known[-1].soc:
+            if soc[0] <= at <= soc[-1]:
                 value, low, high = (float(np.interp(at, soc, row)) for row in rows.T)
                 is_open = math.isnan(low)
                 yield Known(name, at, np.nan) if is_open else Known(name, at, value, low, high)

@@ -9,7 +9,6 @@ from decimal import ROUND_CEILING, Context
 from typing import TYPE_CHECKING, Literal
 
 from ..cell.elements import alike
-from ..cell.soc_axis import ABOVE_SOC
 from ..global_optimum.search import FACTOR, optimality_gap
 from ..search.refine import AtBound
 from ..uncertainty.assessment import Band, Diagnostics
@@ -27,7 +26,6 @@ from .words import (
 
 if TYPE_CHECKING:
     from ..global_optimum import GlobalOptimum
-    from ..over_soc.facts import LowEnd
     from ..result_parts import GlobalPart
 
 # Rounded up, since a claim may not say more than was proved.
@@ -65,13 +63,6 @@ def optimum_words(optimum: "GlobalOptimum | GlobalPart") -> str:
     if optimum.boxes is None:
         return f"{grid}, not proved"
     return f"{grid}; the proof stopped after {optimum.boxes:,} boxes: {better}"
-
-
-def as_weighed(low_end: "LowEnd | None") -> str:
-    """Words after an error in which samples below 10 % SOC count less; empty where they do not."""
-    if low_end is None or low_end.weight == 1:
-        return ""
-    return f", with errors below {percent(ABOVE_SOC)} SOC counted less"
 
 
 def better_than(proved_gap: float) -> str:

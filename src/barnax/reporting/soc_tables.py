@@ -10,16 +10,11 @@ from ..cell.soc_axis import ABOVE_SOC
 from ..table_run import MIDDLE_SOC
 from ..uncertainty.covariance import WIDEST_FACTOR
 from .candidates import (
-    both_held_out,
     errors_words,
-    held_out_errors,
-    held_out_words,
     ocv_test_sentences,
-    pay_sentence,
-    unseen_errors,
 )
 from .document import Bullets, Cells, Pictures, Section, Table, make_table, rows_table
-from .sentences import as_weighed, better_than
+from .sentences import better_than
 from .temperatures import expectation, numbers_of, resistance_sentences
 from .words import (
     NOTHING,
@@ -105,9 +100,10 @@ def _sentences(result: "Result", settings: "TableSettings") -> Iterator[str]:
             f"error by {percent(max(costs, 0.0))}."
         )
         for at, own_fit in zip(degc, result.fits, strict=True):
-            both, what = both_held_out(own_fit), held_out_words(own_fit)
-            if pays := pay_sentence(None, both, result.model, result.model, what):
-                yield f"At {at}, {pays}"
+            held = own_fit.cross_validation
+            if held is not None:
+                own, one = errors_words(held.tables), errors_words(held.constant)
+                yield f"At {at}, {own} mV on held-out blocks; one value at every SOC {one}."
         yield (
             "Between measured temperatures the logarithm of every resistance is linear in 1/T, and "
             "the OCV correction in T; beyond them the tables of the nearest temperature apply. How "
@@ -126,13 +122,6 @@ def _sentences(result: "Result", settings: "TableSettings") -> Iterator[str]:
     )
     yield f"Best possible: {best_of(result.fits, result.model, settings.proved_share)}"
     yield from (f"Resistances: {text}" for text in resistance_sentences(result))
-    # Without an OCV test the constant circuit has no OCV of its own, and the sentences above say
-    # what one with its own would leave.
-    if not result.cell_model.is_of_records:
-        unseen, held = unseen_errors(result), held_out_errors(result)
-        told = result.constant.model, result.model, held_out_words(fit)
-        if pays := pay_sentence(unseen, held, *told, " Prefer the constant circuit."):
-            yield capitalized(pays)
     yield from map(capitalized, ocv_test_sentences(result))
     if settings.ocv_correction and not result.cell.is_of_records:
         yield (
@@ -162,7 +151,7 @@ def best_of(found: "TableFits", model: str, aim: float) -> str:
 def best_tables(fit: "TableFit", model: str) -> str:
     """The gap between the tables of one temperature and the best possible ones."""
     what = f"{model} {'tables' if fit.is_over_soc else 'circuit and OCV'} in the bounds"
-    gap = f"no {what} are over {percent(fit.proved_gap)} better{as_weighed(fit.low_end)}."
+    gap = f"no {what} are over {percent(fit.proved_gap)} better."
     if fit.status == "certified":
         return f"proved: {gap}"
     if fit.lower_bound_v <= 0:
@@ -343,12 +332,9 @@ def left_out_sentences(result: "Result") -> Iterator[str]:
     if not held or not held.by_record:
         return
     names = [part.name for part in result.of_role("identification")]
-    adjusted = [f", adjusted {errors_words(error)}" for error in held.registered]
     told = [
-        f"{name} {errors_words(errors)}{own}"
-        for name, errors, own in zip(
-            names, held.by_record, adjusted or [""] * len(names), strict=False
-        )
+        f"{name} {errors_words(errors)}"
+        for name, errors in zip(names, held.by_record, strict=False)
     ]
     yield f"predicted by the other records, in mV (above 10 % SOC): {'; '.join(told)}"
 

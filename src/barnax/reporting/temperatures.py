@@ -16,21 +16,7 @@ NEXT_TO_NOTHING = 0.01
 
 
 def resistance_sentences(result: "Result") -> Iterator[str]:
-    """What the resistances of tables follow: of an OCV of the records' own whether they follow SOC
-    at all, weighed by what was left out, and what they follow beside it."""
-    held = result.fit.cross_validation
-    if held is not None and held.over_soc is not None:
-        tables, own = millivolt(held.over_soc.rmse_v), millivolt(held.tables.rmse_v)
-        yield f"the same at every SOC: {own} left out, against {tables} with tables over SOC."
-    elif held is not None and result.over == "soc" and result.cell_model.is_of_records:
-        tables, one = millivolt(held.tables.rmse_v), millivolt(held.constant.rmse_v)
-        why = end = ""
-        above = held.tables.above_v, held.constant.above_v
-        if held.constant.is_no_worse(held.tables):
-            why, end = ", which fits the records better", f"; `model={result.model}` gives that"
-        elif held.constant.rmse_v < held.tables.rmse_v and None not in above:
-            end = f", but above 10 % SOC {' and '.join(map(millivolt, filter(None, above)))}"
-        yield f"over SOC{why}: {tables} left out, against {one} with one value at every SOC{end}."
+    """What the resistances of tables follow beside SOC."""
     yield from dependence_sentences(result.fits)
 
 
@@ -38,11 +24,6 @@ def dependence_sentences(found: "TableFits") -> Iterator[str]:
     """What resistances follow beside SOC, with intervals; nothing where that is SOC alone."""
     for degc, fit in found.by_degc:
         told = list(_sentences(fit, "" if degc is None else f"at {degrees(degc)}, "))
-        held = fit.cross_validation
-        if told and held is not None and held.by_soc_alone is not None:
-            errors_v = held.tables.rmse_v, held.by_soc_alone.rmse_v
-            own, without = map(millivolt, errors_v)
-            told[-1] = f"{told[-1].removesuffix('.')}; {own} left out, against {without} without."
         yield from told
 
 

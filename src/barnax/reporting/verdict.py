@@ -4,15 +4,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..candidates import WEIGHED
 from ..cell.circuits import Circuit, get_circuit
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
+from ..cell.elements import alike
 from ..cell.model import SAME_DEGC
 from ..cell.soc_axis import ABOVE_SOC
 from ..checks.roles import are_unfit
 from ..plan.choosing import MAKE_RECORD
 from ..settings import OVER_TEMPERATURE
-from .candidates import held_out_errors, is_pulse_test, tables_pay, unseen_errors
+from .candidates import is_pulse_test
 from .sentences import (
     diagnostics_sentences,
     local_optima_sentence,
@@ -178,15 +178,6 @@ def next_step(result: "Result") -> Next:
     is_tried = bool(result.metrics.validation or (crossed and crossed.by_record))
     if not is_tried:
         return Next("validate on another record of the cell, with `validate`")
-    pays = tables_pay(unseen_errors(result), held_out_errors(result))
-    # Without an OCV test they were weighed against a constant circuit with an OCV of its own.
-    if result.tables is not None and not result.cell_model.is_of_records and not pays:
-        constant, tables = unseen_errors(result) or held_out_errors(result) or (None, None)
-        is_worse = constant is None or tables is None or tables.rmse_v > constant.rmse_v
-        how = "worse" if is_worse else "hardly better"
-        what = "other records" if result.metrics.validation else "what was left out"
-        model = result.constant.model
-        return Next(f"use the constant circuit, `model` {model}: tables are {how} on {what}")
     wide = _wide(result)
     if wide and unseen and unseen.error_v > FOUND_V:
         return Next(f"measure what is missing: {wide}", designs=True)
@@ -195,10 +186,11 @@ def next_step(result: "Result") -> Next:
         lost = any(fit.tables.dependence is not None for fit in result.fits)
         without = ", which has resistances over SOC alone" if lost else ""
         return Next(f"export the tables, for example {what}{without}", exports=to)
-    if len(result.candidates) > 1 and not any(candidate.over for candidate in result.candidates):
-        if result.model not in WEIGHED:
-            return Next("try tables over SOC of this circuit too", {"over": "soc"})
-        return Next("weigh tables over SOC too, without `model`", without=("model", "setup"))
+    elements = get_circuit(result.model).elements
+    if not result.tried and alike(elements) < len(elements):
+        return Next("try tables over SOC of this circuit too", {"over": "soc"})
+    if not result.tried:
+        return Next("try tables over SOC too, without `model`", without=("model", "setup"))
     found = result.constant.assessment
     if found is None:
         return Next("compute intervals of the parameters", {"trust": "basic"})
@@ -239,12 +231,11 @@ class Unseen(NamedTuple):
         ]
         if others:
             return max(others)
-        held = held_out_errors(result)
-        if held is None:
-            return None
         crossed = result.fit.cross_validation
-        name = f"{'records' if crossed and crossed.by_record else 'blocks'} left out"
-        return least(name, held[1].above_v, held[1].rmse_v)
+        if crossed is None:
+            return None
+        name = f"{'records' if crossed.by_record else 'blocks'} left out"
+        return least(name, crossed.whole.above_v, crossed.whole.rmse_v)
 
 
 def _more_data(result: "Result", unseen: Unseen) -> str:

@@ -1,0 +1,89 @@
+"""The constant circuit on the records of a run: what the population searches, as the answer or
+beside it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .cell import get_circuit
+from .errors import InputError
+from .global_optimum import with_better_directions, with_better_hold, without_sweep_drop
+from .inputs import Inputs, ranges_of
+from .model.problem import Kind, Problem, make_problem, require_enough
+from .model.search_space import Range
+from .model.window import Window
+from .over_soc import OwnOcv, TableSettings
+from .select import limits_of
+from .settings import Settings
+
+# The circuit that the population searches beside tables.
+CONSTANT = "so-rc"
+
+
+def first_problem(
+    inputs: Inputs,
+    windows: Mapping[str, Window],
+    settings: Settings,
+    own: OwnOcv | None,
+    **box: Any,
+) -> Problem:
+    """A constant circuit on the records: with the OCV at rest where sweeps measured it under load,
+    the directions before the start and the sampling of the current that the voltage shows."""
+    circuit = own.circuit if own else settings.model or _start(inputs)
+    problem = without_sweep_drop(problem_of(inputs, windows, settings, circuit, **box))
+    if own is not None and get_circuit(circuit).has_rate:
+        # A hysteresis of the records' own was fitted with the directions that fit better.
+        problem = _with_directions(problem, own.directions)
+    else:
+        problem = with_better_directions(problem)
+    return with_better_hold(problem)
+
+
+def _start(inputs: Inputs) -> str:
+    return limits_of(inputs.cell, TableSettings()).start.replace("1rc", CONSTANT)
+
+
+def _with_directions(problem: Problem, others: Mapping[str, float]) -> Problem:
+    """The problem whose records say which directions before the start were found to fit better."""
+    records = tuple(
+        prepared.fitting_better(others[prepared.record.name])
+        if prepared.record.name in others
+        else prepared
+        for prepared in problem.prepared_records
+    )
+    return problem.keeping_computed(prepared_records=records)
+
+
+def problem_of(
+    inputs: Inputs,
+    windows: Mapping[str, Window],
+    settings: Settings,
+    circuit: str,
+    bounds: Mapping[str, Range] | str | Path | None = None,
+    fix: Mapping[str, float] | None = None,
+) -> Problem:
+    """The problem, compressed where the box allows it unless the objective is chosen."""
+    source, ranges = ranges_of(bounds)
+
+    def make(objective: Kind) -> Problem:
+        return make_problem(
+            inputs.records,
+            inputs.cell,
+            circuit,
+            window=[windows[record.name] for record in inputs.records],
+            bounds=ranges,
+            fixed=fix,
+            coordinates=settings.coordinates,
+            objective=objective,
+            source=source,
+        )
+
+    problem = make("scan" if settings.objective == "auto" else settings.objective)
+    require_enough(problem)
+    if settings.objective != "auto":
+        return problem
+    try:
+        _ = problem.compressed
+    except InputError:
+        return problem
+    return problem.keeping_computed(kind="compressed")

@@ -1,0 +1,310 @@
+"""The circuit of the family that the records support, found rung by rung from the simplest."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+from ..blas import one_blas_thread
+from ..cell import Dependence
+from ..execution import in_float64
+from ..model.prepared import PreparedRecord
+from ..model.reference import error_blocks
+from ..over_soc.cross_validation import SocErrors, block_numbers, fold_of, tables_without
+from ..over_soc.dependence import laws_for, propose
+from ..over_soc.intervals import intervals_of
+from ..over_soc.objective import Solution, TableObjective
+from ..over_soc.problem import (
+    box_of,
+    coarsened,
+    held_at,
+    reduced_objective,
+)
+from ..over_soc.search import find_best
+from ..over_soc.settings import TableSettings
+from .family import Ladder, Limits, Point
+from .policy import Gain, Loss, Policy
+
+
+class Fitted(NamedTuple):
+    """A point of the family, its best parameters, and its held-out errors by block; None where
+    nothing can be held out."""
+
+    point: Point
+    objective: TableObjective
+    best: Solution
+    loss: Loss | None
+
+
+# What became of a rung: it is kept; it gains too little, or less than the one that was kept; what
+# it adds is not determined; or the circuit was asked for without it.
+Outcome = Literal["kept", "no gain", "less gain", "not determined", "not asked for"]
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One rung that was tried.
+
+    Attributes:
+        ladder: What it adds.
+        circuit: Name of the circuit.
+        nodes: Number of nodes of its resistances.
+        follows: What resistances follow beside SOC.
+        rmse_v: sqrt(J) of its best fit.
+        held_out: Errors on blocks that were held out.
+        gain: By how much its loss is lower than that of the circuit before; None of the first.
+        outcome: What became of it.
+    """
+
+    ladder: Ladder | None
+    circuit: str
+    nodes: int
+    follows: tuple[str, ...]
+    rmse_v: float
+    held_out: SocErrors | None
+    gain: Gain | None
+    outcome: Outcome = "kept"
+
+    @property
+    def kept(self) -> bool:
+        """True where it took that one's place."""
+        return self.outcome == "kept"
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The circuit that was chosen, and every one that was tried on the way."""
+
+    chosen: Fitted
+    tried: tuple[Tried, ...]
+
+
+@in_float64
+def choose(
+    prepare: Callable[[str], Sequence[PreparedRecord]],
+    settings: TableSettings,
+    limits: Limits,
+    policy: Policy | None = None,
+) -> Choice:
+    """The circuit that the records support: from the simplest one on, the rung that lowers the loss
+    most, as long as the policy keeps one.
+
+    Args:
+        prepare: Gives the records, in their windows, made ready for a circuit.
+        settings: How tables are fitted, and how blocks are held out.
+        limits: What is tried.
+        policy: The rule.
+    """
+    bench = Bench(prepare, settings, limits, policy or Policy())
+    with one_blas_thread():
+        return bench.chosen()
+
+
+@dataclass(eq=False)
+class Bench:
+    """What circuits of the family are fitted and compared on."""
+
+    prepare: Callable[[str], Sequence[PreparedRecord]]
+    settings: TableSettings
+    limits: Limits
+    policy: Policy = field(default_factory=Policy)
+    tried: list[Tried] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._fits: dict[Point, Fitted] = {}
+        self._prepared: dict[bool, Sequence[PreparedRecord]] = {}
+        self._finest: dict[tuple[bool, Dependence | None], TableObjective] = {}
+
+    def chosen(self) -> Choice:
+        chosen = self.fit(Point(self.limits.start, self.limits.nodes[0]))
+        chosen = self._with_asked(chosen)
+        self.tried.append(_tried(None, chosen, None))
+        if chosen.loss is None:
+            # Nothing can be held out, and nothing speaks for more.
+            return Choice(chosen, tuple(self.tried))
+        laws = self._laws_to_try(chosen.point)
+        while True:
+            step = self._best_of(chosen, self._fitted(self._rungs(chosen.point))) or self._best_of(
+                chosen, self._laws(chosen, laws)
+            )
+            if step is None:
+                return Choice(self._without_needless(chosen), tuple(self.tried))
+            # A law was tried at the time constants of the circuit before.
+            chosen = self.fit(step.point) if step.point.law != chosen.point.law else step
+
+    def _laws_to_try(self, point: Point) -> tuple[str, ...]:
+        """The laws that the records can tell. Beside an OCV of the records' own it takes up
+        resistances that differ with the direction, where these are left out."""
+        if self.limits.laws is None:
+            return laws_for(self._all_prepared(point))
+        return ("direction",) if self.limits.has_ocv and not self.limits.laws else ()
+
+    def _without_needless(self, chosen: Fitted) -> Fitted:
+        """The same without rungs that are worth nothing any more beside those kept later."""
+        for point in self.limits.simpler(chosen.point):
+            simpler = self.fit(point)
+            assert chosen.loss is not None
+            assert simpler.loss is not None
+            gain = self.policy.gain(simpler.loss, chosen.loss)
+            if not self.policy.is_better(gain):
+                self.tried.append(_tried("without", simpler, None))
+                return self._without_needless(simpler)
+        return chosen
+
+    def _with_asked(self, fitted: Fitted) -> Fitted:
+        """The same with the laws that were asked for."""
+        for what in self.limits.laws or ():
+            proposed = propose(fitted.objective, fitted.best, what, is_asked=True)
+            if proposed is not None:
+                fitted = self.fit(replace(fitted.point, law=proposed[0]))
+        return fitted
+
+    def _fitted(self, rungs: Iterable[tuple[Ladder, Point]]) -> Iterator[tuple[Ladder, Fitted]]:
+        for ladder, point in rungs:
+            yield ladder, self.fit(point)
+
+    def _rungs(self, point: Point) -> Iterator[tuple[Ladder, Point]]:
+        """The richer circuits that the records can tell."""
+        for ladder, richer in self.limits.rungs(point):
+            if ladder == "nodes" and not self._spans_enough:
+                continue
+            yield ladder, richer
+
+    @cached_property
+    def _spans_enough(self) -> bool:
+        records = self._all_prepared(Point(self.limits.start))
+        soc = np.concatenate([prepared.soc[prepared.scored] for prepared in records])
+        return bool(np.ptp(soc) >= self.policy.least_span_soc)
+
+    def _best_of(self, chosen: Fitted, richer: Iterable[tuple[Ladder, Fitted]]) -> Fitted | None:
+        """The one of some richer circuits that lowers the loss most; None where none is better."""
+        best, best_gain, place = None, 0.0, 0
+        for ladder, more in richer:
+            assert chosen.loss is not None
+            assert more.loss is not None
+            gain = self.policy.gain(chosen.loss, more.loss)
+            outcome = self._outcome(chosen, more, gain)
+            self.tried.append(_tried(ladder, more, gain, outcome))
+            if outcome == "less gain" and gain.value > best_gain:
+                best, best_gain, place = more, gain.value, len(self.tried) - 1
+        if best is not None:
+            self.tried[place] = replace(self.tried[place], outcome="kept")
+        return best
+
+    def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain) -> Outcome:
+        """What becomes of a richer circuit, unless no other gains more."""
+        if not self.policy.is_better(gain):
+            return "no gain"
+        if not self._is_told(more):
+            return "not determined"
+        is_other = self.limits.is_asked and more.point.circuit != chosen.point.circuit
+        is_law = self.limits.laws is not None and more.point.law != chosen.point.law
+        return "not asked for" if is_other or is_law else "less gain"
+
+    def _is_told(self, more: Fitted) -> bool:
+        """False for a hysteresis that turns at once, and a law whose own interval spans decades."""
+        if more.point.has_rate and math.exp(more.best.log_scales[-1]) > self.policy.fastest_rate:
+            return False
+        numbers = more.objective.numbers
+        if not numbers:
+            return True
+        own = [one for one in intervals_of(more.objective, more.best) if one.name in numbers]
+        widest = 10.0**self.policy.widest
+        return all(one.low and one.high and one.high < widest * one.low for one in own)
+
+    def _laws(self, chosen: Fitted, laws: Sequence[str]) -> Iterator[tuple[Ladder, Fitted]]:
+        """The same circuit with one law more, each at the time constants that it fits best with."""
+        known = chosen.point.law
+        for what in laws:
+            proposed = propose(chosen.objective, chosen.best, what)
+            if proposed is None or (known and proposed[0].numbers.keys() == known.numbers.keys()):
+                continue
+            point = replace(chosen.point, law=proposed[0])
+            records, settings = (
+                self.records_of(point),
+                self.limits.settings_of(point, self.settings),
+            )
+            held = held_at(chosen.objective, proposed[1])
+            objective = reduced_objective(records, settings, held)
+            best = objective.solve(proposed[1], exact=True)
+            yield "law", Fitted(point, objective, best, self._loss(objective, best))
+
+    def _all_prepared(self, point: Point) -> Sequence[PreparedRecord]:
+        """The records made ready for circuits with such a hysteresis."""
+        has_rate = point.has_rate
+        if has_rate not in self._prepared:
+            self._prepared[has_rate] = self.prepare(point.circuit)
+        return self._prepared[has_rate]
+
+    def records_of(self, point: Point) -> list[PreparedRecord]:
+        """The records made ready for a point."""
+        prepared = self._all_prepared(point)
+        return [replace(own, circuit=point.circuit).following(point.law) for own in prepared]
+
+    def fit(self, point: Point) -> Fitted:
+        """The best parameters of a point, from one reduction with the finest nodes."""
+        if point not in self._fits:
+            self._fits[point] = self._fit(point)
+        return self._fits[point]
+
+    def _fit(self, point: Point) -> Fitted:
+        finest, key = replace(point, nodes=self.limits.nodes[-1]), (point.has_rate, point.law)
+        if key not in self._finest:
+            settings = self.limits.settings_of(finest, self.settings)
+            records = self.records_of(finest)
+            # Beside no correction of the OCV, pairs may be slower.
+            widest = box_of(records, replace(settings, ocv_correction=self.limits.has_ocv))
+            self._finest[key] = reduced_objective(records, settings, widest)
+        settings = self.limits.settings_of(point, self.settings)
+        objective = coarsened(self._finest[key], self.records_of(point), settings)
+        best = find_best(objective)
+        return Fitted(point, objective, best, self._loss(objective, best))
+
+    def _loss(self, objective: TableObjective, best: Solution) -> Loss | None:
+        """The held-out errors of every block, by simulation of the tables of the other folds."""
+        labels, bands = fold_of(objective), np.array(self.policy.bands)
+        if len(np.unique(labels[[part.scored > 0 for part in objective.parts]])) < 2:
+            return None
+        blocks, count = self._blocks
+        squares_v2, counts = np.zeros((len(bands), count)), np.zeros((len(bands), count), int)
+        for fold, x in tables_without(objective, best, labels, objective.parts):
+            solution = objective.with_unknowns(best, x)
+            tables = objective.tables_at(solution)
+            for told, (block, fold_of_block) in zip(
+                objective.prepared_records, blocks, strict=True
+            ):
+                prepared = objective.with_ocv(told, solution)
+                for here, error_v in error_blocks(prepared, tables):
+                    is_held = (block[here] >= 0) & (fold_of_block[here] == fold)
+                    for band, low_soc in enumerate(bands):
+                        own = is_held & (prepared.soc[here] >= low_soc)
+                        squares_v2[band] += np.bincount(block[here][own], error_v[own] ** 2, count)
+                        counts[band] += np.bincount(block[here][own], minlength=count)
+        return Loss(squares_v2.T, counts.T)
+
+    @cached_property
+    def _blocks(self) -> tuple[list[tuple[Int[np.ndarray, "_"], Int[np.ndarray, "_"]]], int]:
+        """The block of every sample, counted over all records, with its fold."""
+        numbered, first = [], 0
+        for prepared in self._all_prepared(Point(self.limits.start)):
+            own = block_numbers(prepared, self.settings)
+            numbered.append((np.where(own >= 0, own + first, -1), own % self.settings.folds))
+            first += int(own.max()) + 1
+        return numbered, first
+
+
+def _tried(
+    ladder: Ladder | None, own: Fitted, gain: Gain | None, outcome: Outcome = "kept"
+) -> Tried:
+    law, point, held = own.point.law, own.point, None
+    if own.loss is not None:
+        sums, counts = (values.sum(axis=0) for values in (own.loss.squares_v2, own.loss.counts))
+        whole_v, *_, above_v = np.sqrt(sums / np.maximum(counts, 1)).tolist()
+        held = SocErrors(whole_v, above_v if counts[-1] else None)
+    follows = tuple(law.numbers) if law else ()
+    given = ladder, point.circuit, len(point.nodes), follows, own.best.rms_v, held, gain
+    return Tried(*given, outcome)

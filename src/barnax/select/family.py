@@ -1,0 +1,140 @@
+"""The family of circuits: its points, and the rungs that lead from one to richer ones.
+
+A circuit is four choices, each a short ladder: the nodes of its resistances over SOC, its RC pairs,
+its hysteresis, and what resistances follow beside SOC. Tables come with a correction of the OCV.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from ..cell import CellModel, Dependence, get_circuit
+from ..cell.parameters import ANYWHERE, RATE
+from ..over_soc.level import OWN_RATES, with_own_ocv
+from ..over_soc.settings import TableSettings
+from ..settings import NODES
+
+Ladder = Literal["nodes", "pairs", "hysteresis", "law", "without"]
+# Nodes of resistances, the finest last: each has every second node of the next.
+NODE_LADDER: tuple[tuple[float, ...], ...] = (ANYWHERE, NODES[::4], NODES[::2], NODES)
+# By circuit, those of one RC pair or a hysteresis more. The first is where the ladder starts.
+RICHER: Mapping[str, Mapping[Ladder, str]] = {
+    "1rc": {"pairs": "so-rc"},
+    "so-rc": {"pairs": "3rc", "hysteresis": "esc"},
+    "3rc": {"hysteresis": "esc+rc"},
+    "esc": {"pairs": "esc+rc"},
+    "esc+rc": {},
+}
+
+
+@dataclass(frozen=True)
+class Point:
+    """A circuit of the family: its name, the nodes of its resistances, and their law."""
+
+    circuit: str
+    nodes: tuple[float, ...] = ANYWHERE
+    law: Dependence | None = None
+
+    @property
+    def has_rate(self) -> bool:
+        """True for a circuit whose hysteresis follows the charge."""
+        return get_circuit(self.circuit).has_rate
+
+    @property
+    def is_constant(self) -> bool:
+        """True where resistances have one value at every SOC."""
+        return len(self.nodes) == 1
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The part of the family that is tried.
+
+    Args:
+        start: The simplest circuit.
+        nodes: Node ladder, from coarse to fine.
+        richer: By circuit, those with more.
+        laws: What resistances may follow; None leaves it to the records.
+        has_ocv: Whether the OCV is a table of the records' own.
+        is_asked: Whether the circuit was asked for: richer ones are tried, and none is kept.
+    """
+
+    start: str
+    nodes: tuple[tuple[float, ...], ...] = NODE_LADDER
+    richer: Mapping[str, Mapping[Ladder, str]] = field(default_factory=dict)
+    laws: tuple[str, ...] | None = ()
+    has_ocv: bool = False
+    is_asked: bool = False
+
+    def rungs(self, point: Point) -> Iterator[tuple[Ladder, Point]]:
+        """The richer circuits that are one rung away, but for laws, which records propose."""
+        finer = self.nodes[self.nodes.index(point.nodes) + 1 :]
+        if finer:
+            yield "nodes", replace(point, nodes=finer[0])
+        for ladder, circuit in self.richer.get(point.circuit, {}).items():
+            yield ladder, replace(point, circuit=circuit)
+
+    def simpler(self, point: Point) -> Iterator[Point]:
+        """The circuits of which this one is one rung away, but for laws."""
+        if place := self.nodes.index(point.nodes):
+            yield replace(point, nodes=self.nodes[place - 1])
+        for circuit, others in self.richer.items():
+            if point.circuit in others.values() and circuit != point.circuit:
+                yield replace(point, circuit=circuit)
+
+    def settings_of(self, point: Point, settings: TableSettings) -> TableSettings:
+        """How the tables of a point are fitted."""
+        if self.has_ocv:
+            return with_own_ocv(replace(settings, nodes=point.nodes), point.circuit)
+        is_corrected = settings.ocv_correction and not point.is_constant
+        bounds = settings.bounds
+        if point.has_rate and not Point(self.start).has_rate and RATE not in settings.ranges:
+            # A hysteresis that has to earn itself has a rate of its own.
+            bounds = {**bounds, RATE: OWN_RATES}
+        return replace(settings, nodes=point.nodes, ocv_correction=is_corrected, bounds=bounds)
+
+
+def limits_of(
+    cell: CellModel,
+    settings: TableSettings,
+    model: str | None = None,
+    over_soc: bool | None = None,
+    has_ocv: bool = False,
+) -> Limits:
+    """The part of the family for a cell.
+
+    Args:
+        cell: The cell: where its OCV test shows a hysteresis that matters, the family starts there.
+        settings: Nodes other than the default are the only ones over SOC; with bounds or fixed
+            values the pairs are two.
+        model: The only circuit; None for all.
+        over_soc: True for tables alone, False for constants alone.
+        has_ocv: Whether the OCV is a table of the records' own.
+    """
+    nodes = NODE_LADDER if settings.nodes == NODES else tuple({ANYWHERE: 0, settings.nodes: 0})
+    if over_soc is not None and len(nodes) > 1:
+        nodes = nodes[1:] if over_soc else nodes[:1]
+    if not settings.folds:
+        # With nothing held out there is no choice: the standard circuit, with the nodes as given.
+        nodes = nodes[-1:]
+    laws = {"auto": None, "none": ()}.get(
+        settings.resistances_follow, tuple(settings.resistances_follow.split(","))
+    )
+    if model is not None:
+        # Beside an OCV of the records' own, a hysteresis that is left out goes into resistances.
+        others = RICHER.get(model, {}) if has_ocv else {}
+        richer = {model: {ladder: other for ladder, other in others.items() if ladder != "pairs"}}
+        return Limits(model, nodes, richer, laws, has_ocv, is_asked=True)
+    is_bounded = bool(settings.ranges)
+    start = "esc" if cell.has_flat_ocv else "1rc" if settings.folds and not is_bounded else "so-rc"
+    shows_gap = has_ocv or cell.shows_hysteresis
+    richer: dict[str, Mapping[Ladder, str]] = {}
+    reached = [start]
+    for circuit in reached:
+        richer[circuit] = {
+            ladder: other
+            for ladder, other in RICHER[circuit].items()
+            if (ladder != "pairs" or not is_bounded) and (ladder != "hysteresis" or shows_gap)
+        }
+        reached += richer[circuit].values()
+    return Limits(start, nodes, richer, laws, has_ocv)

@@ -1,0 +1,79 @@
+"""The one rule by which a richer circuit is better than a simpler one.
+
+Samples are held out in short blocks, five folds over all records together. S_b is the mean square
+of the held-out errors of block b, S_k that of all samples of band k of SOC. With B blocks and K
+bands the loss is
+
+    L = 1 / (2 B) sum_b log S_b + 1 / (2 K) sum_k log S_k
+
+so that no block and no range of SOC rules it. A richer circuit is better where it lowers L by more
+than `standard_errors` times the standard error of the blocks' paired differences, each band's to
+first order (the delta method). Chosen by experiment: `benchmarks/choice.py`.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+@dataclass(frozen=True)
+class Policy:
+    """The numbers of the rule.
+
+    Args:
+        standard_errors: A richer circuit gains more than so many of its gain's standard error.
+        least_gain: And more than this: 1.5 % of the error is no reason for another circuit.
+        floor_v: What voltmeters do not resolve is added to every error.
+        bands: The lowest SOC of every band.
+        least_span_soc: Over less SOC than this, nodes tell nothing of the cell.
+        widest: The most decades of a law's own interval.
+        fastest_rate: A hysteresis that turns faster, within 1 % SOC, cannot be told from
+            resistances that fall with the current.
+    """
+
+    standard_errors: float = 1.5
+    least_gain: float = 0.03
+    floor_v: float = 1e-4
+    bands: tuple[float, ...] = (-math.inf, 0.03, 0.1)
+    least_span_soc: float = 0.3
+    widest: float = 1.0
+    fastest_rate: float = 285.0
+
+    def gain(self, simpler: "Loss", richer: "Loss") -> "Gain":
+        """By how much the loss of a richer circuit is lower."""
+        is_block = simpler.counts[:, 0] > 0
+        counts = simpler.counts[is_block]
+        one_v2, other_v2 = (
+            loss.squares_v2[is_block] + counts * self.floor_v**2 for loss in (simpler, richer)
+        )
+        by_block = np.log(one_v2[:, 0] / other_v2[:, 0])
+        seen = counts.any(axis=0)
+        sums_v2 = one_v2[:, seen].sum(axis=0), other_v2[:, seen].sum(axis=0)
+        value = np.mean(by_block) / 2 + np.mean(np.log(sums_v2[0] / sums_v2[1])) / 2
+        # What every block adds, its share of a band's sum of squares.
+        shares = one_v2[:, seen] / sums_v2[0] - other_v2[:, seen] / sums_v2[1]
+        adds = by_block / 2 + len(by_block) * np.mean(shares, axis=1) / 2
+        error = np.std(adds, ddof=1) / math.sqrt(len(adds)) if len(adds) > 1 else math.inf
+        return Gain(float(value), float(error))
+
+    def is_better(self, gain: "Gain") -> bool:
+        """True where a richer circuit is to be preferred."""
+        return gain.value > max(self.standard_errors * gain.standard_error, self.least_gain)
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Sums of squared held-out errors of every block in V^2 by band, and how many there are."""
+
+    squares_v2: Float[np.ndarray, "blocks bands"]
+    counts: Int[np.ndarray, "blocks bands"]
+
+
+@dataclass(frozen=True)
+class Gain:
+    """By how much a loss is below another, in logarithms of a mean square; its standard error."""
+
+    value: float
+    standard_error: float

@@ -1,0 +1,123 @@
+"""The family and its choice on cells of known structure."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from barnax.cell import OcvPoint, OcvTable, characterize
+from barnax.cell.parameters import ANYWHERE
+from barnax.model.prepared import prepare_record
+from barnax.model.window import Window
+from barnax.over_soc import TableSettings
+from barnax.over_soc.problem import coarsened, reduced_objective
+from barnax.over_soc.search import find_best
+from barnax.select import Limits, choose, limits_of
+from barnax.select.family import NODE_LADDER
+from helpers.known_cell import ocv_v
+from helpers.reference import make_record
+
+CAPACITY_AH = 2.0
+NOISE_V = 5e-4
+
+
+@pytest.fixture(scope="module")
+def cell():
+    soc = np.linspace(0.0, 1.0, 101).tolist()
+    curve = OcvTable("known", {0: tuple(OcvPoint(x, ocv_v(x), "", 0, 0.0) for x in soc)}, "")
+    return characterize([curve], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+
+
+def driven(cell, tau_s, r_ohm, r0_ohm=0.03, bend=0.0, seed=0):
+    """Two hours of drive of a cell with some RC pairs, whose R0 may rise toward empty."""
+    rng = np.random.default_rng(seed)
+    current_a = np.repeat(rng.choice([-1.0, 0.0, 1.0, 2.5], 360, p=[0.3, 0.2, 0.25, 0.25]), 20)
+    current_a[:60] = 0.0
+    soc = 0.98 - np.concatenate([[0.0], np.cumsum(current_a)[:-1]]) / 3600 / CAPACITY_AH
+    drop_v = (r0_ohm + bend * np.exp(-soc / 0.2)) * current_a
+    for tau, r in zip(tau_s, r_ohm, strict=True):
+        kept = np.exp(-1.0 / tau)
+        drop_v += lfilter([0.0, (1 - kept) * r], [1.0, -kept], current_a)
+    voltage_v = ocv_v(soc) - drop_v + NOISE_V * rng.standard_normal(len(soc))
+    record = make_record(np.arange(len(soc), dtype=float), current_a, voltage_v, name="drive.csv")
+
+    def prepare(circuit):
+        return [prepare_record(record, cell, circuit, Window(initial_soc=0.98))]
+
+    return prepare
+
+
+def chosen(cell, prepare, **settings):
+    own = TableSettings(resistances_follow="none", **settings)
+    return choose(prepare, own, limits_of(cell, own))
+
+
+@pytest.mark.parametrize(
+    ("circuit", "tau_s", "r_ohm"),
+    [
+        ("1rc", (30.0,), (0.02,)),
+        ("so-rc", (8.0, 150.0), (0.01, 0.02)),
+        ("3rc", (5.0, 50.0, 450.0), (0.012, 0.012, 0.02)),
+    ],
+)
+def test_as_many_pairs_as_the_cell_has_are_chosen(cell, circuit, tau_s, r_ohm):
+    choice = chosen(cell, driven(cell, tau_s, r_ohm))
+    assert (choice.chosen.point.circuit, choice.chosen.point.nodes) == (circuit, ANYWHERE)
+    np.testing.assert_allclose(np.exp(choice.chosen.best.log_scales), tau_s, rtol=0.1)
+    assert choice.chosen.best.rms_v == pytest.approx(NOISE_V, rel=0.1)
+
+
+def test_resistances_that_bend_with_soc_get_nodes(cell):
+    choice = chosen(cell, driven(cell, (30.0,), (0.02,), bend=0.03))
+    assert choice.chosen.point.circuit == "1rc"
+    assert not choice.chosen.point.is_constant
+    # What was kept leads from the simplest circuit to the chosen one.
+    kept = [own for own in choice.tried if own.kept]
+    assert [own.ladder for own in kept][:2] == [None, "nodes"]
+    assert kept[-1].nodes == len(choice.chosen.point.nodes)
+    assert all(own.gain.value > 1.5 * own.gain.standard_error for own in kept[1:])
+
+
+def test_what_is_asked_for_is_not_chosen(cell):
+    prepare = driven(cell, (8.0, 150.0), (0.01, 0.02))
+    settings = TableSettings(resistances_follow="none")
+    choice = choose(prepare, settings, limits_of(cell, settings, "so-rc", over_soc=True))
+    assert choice.chosen.point.circuit == "so-rc"
+    assert choice.chosen.point.nodes in NODE_LADDER[1:]
+    nothing = replace(settings, folds=0)
+    alone = choose(prepare, nothing, limits_of(cell, nothing))
+    assert (alone.chosen.loss, len(alone.tried)) == (None, 1)
+
+
+@pytest.mark.parametrize("nodes", NODE_LADDER)
+def test_a_coarser_circuit_from_a_finer_reduction_is_the_one_reduced_for_it(cell, nodes):
+    (prepared,) = driven(cell, (8.0, 150.0), (0.01, 0.02), bend=0.02)("so-rc")
+    settings = TableSettings(ocv_correction=len(nodes) > 1)
+    finest = reduced_objective([prepared], replace(settings, ocv_correction=True))
+    own = replace(settings, nodes=nodes)
+    coarse = coarsened(finest, [prepared], own)
+    alone = reduced_objective([prepared], own, coarse.ranges)
+    for log_scales in np.log([(5.0, 100.0), (12.0, 300.0)]).tolist():
+        one, other = (of.solve(tuple(log_scales), exact=True) for of in (coarse, alone))
+        assert one.objective_v2 == pytest.approx(other.objective_v2, rel=1e-9)
+    assert find_best(coarse).rms_v >= find_best(finest).rms_v * (1 - 1e-3) or len(nodes) == 1
+
+
+def test_rungs_add_one_thing_and_lead_back():
+    limits = limits_of_all()
+    for circuit in limits.richer:
+        for nodes in limits.nodes:
+            from barnax.select import Point
+
+            point = Point(circuit, nodes)
+            for ladder, richer in limits.rungs(point):
+                assert point in limits.simpler(richer)
+                changed = (richer.circuit != circuit) + (richer.nodes != nodes)
+                assert changed == 1, ladder
+
+
+def limits_of_all():
+    from barnax.select.family import RICHER
+
+    return Limits("1rc", richer=RICHER)

@@ -126,7 +126,8 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
             inputs = replace(inputs, cell=again)
             windows = {**windows, **found[-1].windows}
             first = first_problem(inputs, windows, job, found[-1], **box)
-        tables = bounded_tables(job)
+        # A table has no capacitance to bound or hold.
+        tables = bounded_tables(job, but="[F]" if job.over is None else None)
         setup = set_up(first, inputs, windows, job, tables, *found[-1:], **box)
         if is_over_temperature:
             require_temperatures(group_by_temperature(first.prepared_records))

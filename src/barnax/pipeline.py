@@ -1,9 +1,8 @@
 """From files to an identified circuit: what `barnax identify` runs, and a notebook calls.
 
-Records are read once and checked, and the cell is characterized. Constant circuits, each with its
-global optimum, and tables over SOC are weighed against each other by their errors on blocks held
-out of the fit. Thirty seeds search the best constant circuit, and the answer is assessed and
-validated.
+Records are read once and checked, and the cell is characterized. The circuit is chosen by its
+errors on blocks held out of the fit, and its global optimum is proved. Thirty seeds search a
+constant circuit, and the answer is assessed and validated.
 """
 
 from collections.abc import Mapping, Sequence

@@ -191,7 +191,7 @@ def make_comparison_result(
 
     Args:
         comparison: A comparison from `compare`.
-        candidates: The usual circuits, weighed against each other.
+        candidates: The circuit that held-out blocks choose, and a constant one.
         ocv: The OCV tests of the cell.
         command: The command that was run.
         warnings: Those of the inputs.

@@ -45,8 +45,7 @@ WIDEST = 9 * math.log(10)
 
 # Of some samples: columns, base error of every side, and which come after the first load.
 Rows = tuple[Columns, Float[np.ndarray, "rows sides"], Bool[np.ndarray, "rows"]]
-
-
+# The ends of what another record would show.
 RECORD_ENDS = ("record_low", "record_high")
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from .blas import one_blas_thread
 from .cell import Dependence, get_circuit
+from .cell.parameters import RATE
 from .checks.step_answers import late_answers_ohm
 from .constant_problem import problem_of
 from .errors import InputError
@@ -24,7 +25,7 @@ from .global_optimum import (
     try_other_hold,
     with_better_directions,
 )
-from .inputs import Inputs, Watch
+from .inputs import Inputs, Watch, ranges_of
 from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Problem
 from .model.window import Window
@@ -80,7 +81,8 @@ class Setup:
     @property
     def has_tables(self) -> bool:
         """True where the answer is tables, of resistances or of the OCV."""
-        is_table = self.chosen is not None and not self.chosen.point.is_constant
+        point = self.chosen and self.chosen.point
+        is_table = point is not None and not (point.is_constant and point.law is None)
         return is_table or self.fits is not None or self.over_temperature
 
 
@@ -110,8 +112,9 @@ def set_up(
         return Setup(first, validation, own.settings, tried=own.tried, fits=own.found)
     if settings.over == OVER_TEMPERATURE:
         return Setup(first, validation, tables, over_temperature=True)
-    # Tables have no capacitance to bound or hold.
-    has_farads = any(name.endswith("[F]") for name in tables.ranges)
+    bounds = ranges_of(box.get("bounds"))[1] or {}
+    named = {*bounds, *(box.get("fix") or {})}
+    has_farads = any(name.endswith("[F]") for name in named)
     if (settings.model is not None and settings.over is None) or has_farads:
         return Setup(first, validation, tables)
     over_soc = None if settings.over is None else True
@@ -134,6 +137,9 @@ def set_up(
     problem, point = first, chosen.point
     prepared = chosen.objective.prepared_records
     if point.is_constant and point.circuit != first.circuit:
+        if point.has_rate and RATE not in named:
+            # As fast as it was when it was chosen.
+            box = {**box, "bounds": {**bounds, RATE: chosen.objective.ranges[RATE]}}
         problem = with_better_directions(
             problem_of(inputs, windows, settings, point.circuit, **box)
         )
@@ -146,10 +152,7 @@ def _on_windows(problem: Problem, registered: Sequence[PreparedRecord]) -> Probl
     windows = {own.record.name: own.window for own in registered}
     if all(windows[own.record.name] == own.window for own in problem.prepared_records):
         return problem
-    records = tuple(
-        prepare_record(own.record, own.cell, own.circuit, windows[own.record.name])
-        for own in problem.prepared_records
-    )
+    records = tuple(own.in_window(windows[own.record.name]) for own in problem.prepared_records)
     return replace(problem, prepared_records=records)
 
 
@@ -162,7 +165,7 @@ def _registered(chosen: Fitted, tables: TableSettings) -> Fitted:
     own = chosen.objective.settings
     records = register(told, replace(own, ocv_correction=True))
     known = records[0].window.registration
-    if known is None:
+    if known is None or records[0].window == told[0].window:
         return chosen
     law = Dependence(**{**known.follows}) if known.follows else None  # pyright: ignore
     records = [record.following(law) for record in records]
@@ -267,7 +270,7 @@ def _candidates(
 ) -> tuple[Candidate, ...]:
     """The constant circuit and the answer, with their errors."""
     circuit = setup.problem.circuit
-    held_out = {(own.circuit, own.nodes): own.held_out for own in setup.tried}
+    held_out = {(own.circuit, own.nodes): own.held_out for own in setup.tried if not own.follows}
     gap = None if optimum is None else optimum.proved_gap
     constant = Candidate.of(
         circuit, None, identified, validated, held_out.get((circuit, 1)), gap, tables is None
@@ -282,7 +285,7 @@ def _candidates(
         found.over,
         tables.identification,
         tables.validation,
-        crossed and crossed.whole,
+        crossed and crossed.tables,
         proof.proved_gap,
         True,
     )

@@ -63,8 +63,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
             or a TOML file of them.
         fix: Parameters that keep a value, by the same names.
         cell: A known cell, which needs no `ocv`.
-        advise: Also weigh the usual circuits where `model` is given, and try the other hold of the
-            current where that is assumed.
+        advise: Also try the other hold of the current where that is assumed.
         command: The command that was run, kept in the result.
         watch: Called with the title of every stage and its number of steps; returns a context
             manager that gives a function to call with the steps done.

@@ -1,7 +1,6 @@
 """Cells without an OCV test: the circuit of the family that their records support, with an OCV of
 their own."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -17,11 +16,8 @@ from .over_soc.own_starts import Starts
 from .over_soc.problem import reduced_objective
 from .over_soc.search import find_best
 from .records import Record
-from .select import Choice, Fitted, choose, limits_of
+from .select import Choice, Fitted, Policy, choose, limits_of
 from .settings import OVER_TEMPERATURE
-
-# A hysteresis whose rate is at its highest from this share of it on.
-NEARLY = 0.95
 
 
 def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
@@ -76,7 +72,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     return replace(
         found,
         tried=choice.tried,
-        warnings=(*found.warnings, *_left_out(choice), *_turning_at_once(chosen)),
+        warnings=(*found.warnings, *_left_out(choice)),
     )
 
 
@@ -94,13 +90,8 @@ def _left_out(choice: Choice) -> Iterator[Notice]:
         yield notice("tables.hysteresis-left-out", circuit=given[0], instead=given[1])
     if "law" in left_out:
         yield notice("tables.direction-left-out")
-
-
-def _turning_at_once(chosen: Fitted) -> Iterator[Notice]:
-    """The warning where a hysteresis ends at the fastest rate: resistances that fall with the
-    current look the same."""
-    if not chosen.point.has_rate:
-        return
-    rate, (_, highest) = chosen.best.log_scales[-1], list(chosen.objective.ranges.values())[-1]
-    if math.exp(rate) > NEARLY * highest:
-        yield notice("tables.turns-at-once", turned_soc=3 / highest, instead="so-rc")
+    for own in choice.tried:
+        if own.ladder == "hysteresis" and own.outcome == "not determined":
+            turned_soc = 3 / Policy.fastest_rate
+            yield notice("tables.turns-at-once", turned_soc=turned_soc, instead=own.circuit)
+            return

@@ -1,9 +1,8 @@
 """From files to an identified circuit: what `barnax identify` runs, and a notebook calls.
 
-Records are read once and checked, and the cell is characterized. Constant circuits, each with its
-global optimum, and tables over SOC are weighed against each other by their errors on blocks held
-out of the fit. Thirty seeds search the best constant circuit, and the answer is assessed and
-validated.
+Records are read once and checked, and the cell is characterized. The circuit is chosen by its
+errors on blocks held out of the fit, and its global optimum is proved. Thirty seeds search a
+constant circuit, and the answer is assessed and validated.
 """
 
 from collections.abc import Mapping, Sequence
@@ -126,7 +125,8 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
             inputs = replace(inputs, cell=again)
             windows = {**windows, **found[-1].windows}
             first = first_problem(inputs, windows, job, found[-1], **box)
-        tables = bounded_tables(job)
+        # A table has no capacitance to bound or hold.
+        tables = bounded_tables(job, but="[F]" if job.over is None else None)
         setup = set_up(first, inputs, windows, job, tables, *found[-1:], **box)
         if is_over_temperature:
             require_temperatures(group_by_temperature(first.prepared_records))

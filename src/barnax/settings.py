@@ -61,8 +61,8 @@ class Settings:
         model: This circuit, with constants: two RC pairs with switched (iso-rc), no (so-rc) or
             dynamic (esc) hysteresis; takacs has loops after a turn; 1rc, 3rc and 4rc have one,
             three and four pairs and no hysteresis; +diffusion adds a finite Warburg element, as in
-            1rc+diffusion. By default so-rc, iso-rc, esc and tables over SOC are weighed on held-out
-            blocks.
+            1rc+diffusion. By default the circuit that best predicts held-out blocks, with constants
+            or tables over SOC.
         method: Optimizer: ibmo, ibmo-centered, pso or any other that "barnax optimizers" lists.
         objective: How the search computes errors: scan simulates every sample, compressed reduces
             the record once; auto is compressed if the bounds allow it, in compare scan. Reported

@@ -52,13 +52,6 @@ def objective_and_place(prepared, **changes):
     return objective_of(prepared, settings), tuple(place[:2])
 
 
-def test_another_circuit_takes_the_factors_of_the_same_samples(prepared):
-    settings, three = replace(SMALL, folds=2, bounds={}), replace(prepared, circuit="3rc")
-    own, moved = reduced_objective([prepared], settings), replace(three, soc=three.soc - 0.01)
-    assert reduced_objective([three], settings, like=own).reduced is own.reduced
-    assert reduced_objective([moved], settings, like=own).reduced is not own.reduced
-
-
 @pytest.fixture
 def falling(prepared):
     """A record whose voltage asks for an OCV that falls with SOC."""

@@ -18,7 +18,7 @@ from ..inputs import listed, ranges_of, read_inputs, unwatched, windows_of
 from ..job import Job, takes_options
 from ..model.problem import Problem
 from ..notices import Notice
-from ..over_soc import TableSettings
+from ..own_ocv_run import bounded_tables
 from ..records import Record
 from ..result_parts import InputPart, Key, MetricsPart
 from ..run import Candidate
@@ -191,7 +191,7 @@ def make_comparison_result(
 
     Args:
         comparison: A comparison from `compare`.
-        candidates: The usual circuits, weighed against each other.
+        candidates: The circuit that held-out blocks choose, and a constant one.
         ocv: The OCV tests of the cell.
         command: The command that was run.
         warnings: Those of the inputs.
@@ -348,7 +348,7 @@ def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
         alone = Settings(seeds=0)
         box = {"bounds": job.bounds, "fix": job.fix}
         first = first_problem(inputs, windows, alone, None, **box)
-        setup = set_up(first, inputs, windows, alone, TableSettings(), **box)
+        setup = set_up(first, inputs, windows, alone, bounded_tables(job, but="[F]"), **box)
         run = search_and_assess(setup, None, alone, "none", unwatched, advise=False)
     result = make_comparison_result(
         comparison, run.candidates, ocv=inputs.ocv, command=job.command, warnings=inputs.warnings

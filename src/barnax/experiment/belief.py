@@ -330,7 +330,7 @@ def believed_of_fit(
     believed = Believed(
         cell=cell,
         tables=tables,
-        worst=np.interp(found.nodes, settings.nodes, _worst(fit, settings.nodes)),
+        worst=_worst(fit, found.nodes),
         error=typical_error(rmse_v),
         settings=with_own_ocv(settings) if cell.is_of_records else settings,
         known={(one.name, one.soc): half for one, half, _ in told},

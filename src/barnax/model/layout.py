@@ -75,16 +75,6 @@ class Layout:
         parts = zip(self.sizes.items(), np.split(np.arange(ends[-1]), ends[:-1]), strict=True)
         return {name: part.reshape(size) for (name, size), part in parts}
 
-    def is_alike(self, other: "Layout") -> bool:
-        """True where another has the same columns."""
-
-        def described(layout: Layout):
-            spans = layout.in_tau, layout.in_rate
-            taus = [span and span.skeleton_tau.tolist() for span in spans]
-            return layout.nodes, layout.ocv_nodes, layout.sizes, taus
-
-        return described(self) == described(other)
-
     @property
     def width(self) -> int:
         return sum(count * width for count, width in self.sizes.values())

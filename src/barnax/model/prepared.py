@@ -77,14 +77,22 @@ class PreparedRecord(Brief):
         known = self.window.registration
         if known is None:
             return self
-        told = prepare_record(self.record, self.cell, self.circuit, known.told)
-        return told.following(self.dependence)
+        return self.in_window(known.told).following(self.dependence)
 
     def again(self, record: Record | None = None, **changes: Any) -> "PreparedRecord":
         """The same prepared anew with `changes` of its window, or another record in place of its
         own; nothing is followed. Raises `InputError` as `prepare_record` does."""
-        window = replace(self.window, **changes)
-        return prepare_record(record or self.record, self.cell, self.circuit, window)
+        return self.in_window(replace(self.window, **changes), record)
+
+    def in_window(self, window: Window, record: Record | None = None) -> "PreparedRecord":
+        """The same prepared anew in another window, from the direction that was found to fit
+        better. Raises `InputError` as `prepare_record` does."""
+        record, start = record or self.record, self.start
+        if start.direction_source != "better fit" or start.other_rmse_v is None:
+            return prepare_record(record, self.cell, self.circuit, window)
+        window = replace(window, initial_direction=start.direction)
+        moved = prepare_record(record, self.cell, self.circuit, window)
+        return moved.fitting_better(start.other_rmse_v)
 
     def registered(self, soc: float, capacity_ah: float, **known: Any) -> "PreparedRecord":
         """The same with another start and capacity; `known` is what `again` takes besides."""

@@ -162,16 +162,16 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
     labels = record_of(objective) if are_kept else fold_of(objective)
     if not _has_folds(objective, labels):
         return None
-    held = constant = _held_out(objective, best, parts, labels)
+    held = constant = _held_out(objective, best, parts, labels, not are_kept)
     if objective.tables > 1 + objective.pairs or objective.nodes > 1:
         plain = replace(settings, nodes=ANYWHERE, ocv_correction=False)
         whole = replace(objective, reduced=objective.reduced.coarser(), settings=plain)
         flat = [part.coarser() for part in parts]
-        constant = _held_out(whole, find_best(whole), flat, labels)
+        constant = _held_out(whole, find_best(whole), flat, labels, not are_kept)
     by_record = held if are_kept else []
     if not are_kept and are_left_out_whole(objective.prepared_records):
         as_given = objective.given or parts
-        by_record = _held_out(objective, best, as_given, record_of(objective))
+        by_record = _held_out(objective, best, as_given, record_of(objective), False)
     return CrossValidation(
         settings.folds,
         None if are_kept else _block_s(objective.prepared_records[0], settings),
@@ -188,7 +188,7 @@ def held_out_errors(objective: TableObjective, best: Solution) -> SocErrors | No
     )
     if not _has_folds(objective, labels):
         return None
-    return _together(_held_out(objective, best, objective.parts, labels))
+    return _together(_held_out(objective, best, objective.parts, labels, True))
 
 
 def record_errors(objective: TableObjective, best: Solution) -> tuple[SocErrors, ...]:
@@ -223,18 +223,17 @@ def tables_without(
     best: Solution,
     labels: Int[np.ndarray, "groups"],
     parts: Sequence[Reduced],
+    are_blocks: bool = True,
 ) -> "list[tuple[int, Float[np.ndarray, 'unknowns']]]":
     """Each label, and the unknowns that fit the groups of all others best, at the time constants
     of all.
 
-    An OCV of the records' own is fitted to all samples of a record: where it is alone nothing else
-    visits the SOC of a block, and what the OCV is there is no question of the circuit.
+    Where labels are of blocks, an OCV of the records' own is fitted to all samples: of a record
+    that is alone nothing else visits the SOC of a block, and the OCV is no question of the circuit.
     """
     columns, bases = _at(objective, best, parts)
     scored = np.array([part.scored for part in parts])
     everywhere = _normal(objective, columns, bases, scored)
-    count = len(np.unique(record_of(objective)[scored > 0]))
-    are_blocks = len(np.unique(labels)) != count or count == 1
     without = []
     for label in np.unique(labels).tolist():
         x = _fitted_to(objective, best, columns, bases, np.where(labels != label, scored, 0))
@@ -266,11 +265,12 @@ def _held_out(
     best: Solution,
     parts: Sequence[Reduced],
     labels: Int[np.ndarray, "groups"],
+    are_blocks: bool,
 ) -> list[Sums]:
     """Squared errors of every label's samples by the tables of the others."""
     columns, bases = _at(objective, best, parts)
     sums = []
-    for label, x in tables_without(objective, best, labels, parts):
+    for label, x in tables_without(objective, best, labels, parts, are_blocks):
         squares_v2, counts = np.zeros(2), np.zeros(2, int)
         for at in np.flatnonzero(labels == label).tolist():
             counts[at % 2] += parts[at].scored

@@ -1,6 +1,6 @@
 """Tables identified from prepared records, and all that is said of them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -162,6 +162,7 @@ def fit_of(
         tables = objective.tables_at(best)
         known = intervals_of(objective, best) if intervals is None else intervals
         intervals = with_spread(objective, best, known)
+        intervals = tuple(_at_stored_nodes(tables, intervals))
         held_out = cross_validate(objective, best)
     searched_axes = zip(objective.axes, best.log_scales, strict=True)
     at_bound = near_ends(
@@ -191,6 +192,18 @@ def fit_of(
     )
     fit = replace(fit, warnings=_warnings(objective, fit))
     return fit.proved(proof, settings.proved_share)
+
+
+def _at_stored_nodes(
+    tables: CircuitParameters, intervals: Sequence[NodeInterval]
+) -> Iterator[NodeInterval]:
+    """The intervals of resistances also at those stored nodes that lie between nodes of the fit."""
+    for before, own in zip([None, *intervals], intervals, strict=False):
+        if before is not None and before.name == own.name and own.name in tables.resistances:
+            for soc in tables.nodes:
+                if before.soc < soc < own.soc:  # pyright: ignore[reportOptionalOperand]
+                    yield before.between(own, soc)
+        yield own
 
 
 def errors_on(prepared: PreparedRecord, tables: CircuitParameters) -> SocErrors:

@@ -45,6 +45,8 @@ WIDEST = 9 * math.log(10)
 
 # Of some samples: columns, base error of every side, and which come after the first load.
 Rows = tuple[Columns, Float[np.ndarray, "rows sides"], Bool[np.ndarray, "rows"]]
+# The ends of what another record would show.
+RECORD_ENDS = ("record_low", "record_high")
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,21 @@ class NodeInterval:
         """The same, not determined."""
         ends = dict.fromkeys(("low", "high", "record_low", "record_high"))
         return replace(self, standard_error=0.0, **ends)
+
+    def between(self, other: "NodeInterval", soc: float) -> "NodeInterval":
+        """What lies on the line to another node: no wider, for what the two leave open is not all
+        in common. Not determined where one of them is not."""
+        share = (soc - self.soc) / (other.soc - self.soc)  # pyright: ignore[reportOptionalOperand]
+        pairs = {
+            name: (getattr(self, name), getattr(other, name))
+            for name in ("value", "standard_error", "bias", "low", "high", *RECORD_ENDS)
+        }
+        lines = {
+            name: None if None in pair else (1 - share) * pair[0] + share * pair[1]
+            for name, pair in pairs.items()
+        }
+        line = replace(self, soc=soc, **lines)
+        return line.opened() if line.low is None or line.high is None else line
 
     def moved(self, by: float) -> "NodeInterval":
         """The same with value and interval counted from elsewhere."""

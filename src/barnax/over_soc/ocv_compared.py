@@ -1,4 +1,4 @@
-"""What an OCV of the records' own would leave in place of that of a test."""
+"""How far an OCV of the records' own is from that of a test."""
 
 import math
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ COMPARED_SOC = np.linspace(0.1, 0.9, 81)
 def compare_with_own(
     prepared_records: Sequence[PreparedRecord], fit: TableFit, settings: TableSettings
 ) -> OcvCompared | None:
-    """The errors with an OCV of the records' own in place of their cell's, at the time constants of
-    tables that were fitted to them, without search or proof; None where they visit too little."""
+    """How far an OCV of the records' own is from their cell's, at the time constants of tables that
+    were fitted to them; None where they visit too little."""
     first = prepared_records[0]
     level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
     found = fit.tables.constants

@@ -33,12 +33,9 @@ def reduced_objective(
     ranges: Mapping[str, Range] | None = None,
     seen: Callable[[PreparedRecord], PreparedRecord] = lambda prepared: prepared,
     beside_v: Float[np.ndarray, "simulated sides"] | None = None,
-    like: TableObjective | None = None,
 ) -> TableObjective:
     """The objective over all records, as they are `seen`, in the ranges given or their own. With
-    `beside_v`, as `reduce_records` has it, its factor has a side for each voltage of one record. Of
-    an objective that is `like` it, with the same columns of the same samples for another circuit,
-    the factors are taken."""
+    `beside_v`, as `reduce_records` has it, its factor has a side for each voltage of one record."""
     ranges = ranges or box_of(prepared_records, settings)
     layout = layout_of(
         settings.nodes,
@@ -56,10 +53,6 @@ def reduced_objective(
     if beside_v is not None:
         layout = replace(layout, sides=beside_v.shape[1])
     own = [seen(prepared) for prepared in prepared_records]
-    if like is not None and like.settings is settings and like.reduced.layout.is_alike(layout):
-        pairs = zip(own, like.prepared_records, strict=True)
-        if all(_is_alike(*pair) for pair in pairs):
-            return replace(like, prepared_records=own, ranges=ranges)
     parts, given = reduced(own), []
     if (
         settings.folds
@@ -86,17 +79,6 @@ def coarsened(
     parts, given = (tuple(map(coarser, groups)) for groups in (finest.parts, finest.given))
     own = list(prepared_records)
     return TableObjective(own, settings, ranges, coarser(finest.reduced), parts, given)
-
-
-def _is_alike(one: PreparedRecord, other: PreparedRecord) -> bool:
-    """True where RC circuits have the same errors on both."""
-    what = ("soc", "scored", "source_v", "hysteresis_amplitude_v")
-    return (
-        one.record is other.record
-        and one.window == other.window
-        and one.dependence == other.dependence
-        and all(np.array_equal(getattr(one, name), getattr(other, name)) for name in what)
-    )
 
 
 def held_at(objective: TableObjective, log_scales: Sequence[float]) -> dict[str, Range]:

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 # What a rung of the family adds.
 ADDS = {
     "nodes": "more nodes",
-    "pairs": "one RC pair more",
+    "pairs": "one more RC pair",
     "hysteresis": "a hysteresis",
     "law": "a law",
-    "without": "simpler again",
+    "without": "rung taken back",
     None: "",
 }
 
@@ -35,9 +35,10 @@ def candidates_section(
     if len(candidates) < 2 and len(tried) < 2:
         return []
     rule = (
-        "From the simplest circuit on, one rung at a time: the one that lowers the errors on "
-        "held-out blocks most is kept, if by more than 1.5 standard errors of the paired "
-        "differences."
+        "From the simplest circuit on, one rung at a time. A rung is kept if its gain over the "
+        "circuit kept before exceeds 0.03 and 1.5 of its standard errors, and no other rung of "
+        "that round gained more (less gain). Not determined: its hysteresis turns within 1 % SOC, "
+        "or the interval of its law spans more than a factor of ten."
     )
     table = candidates_table(candidates, validation)
     parts = (Bullets((rule,)), table, choice_table(tried)) if tried else (table,)

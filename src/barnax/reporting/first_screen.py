@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 from .verdict import best_possible, search_sentences
 
 LONGEST_NAME = 34
-# The others are in the report.
-MAX_CANDIDATES = 4
 # With more files than this, the rest are only counted.
 MAX_FILES = 5
 # The error above 10 % SOC is shown where it is lower than the whole by this share.
@@ -132,21 +130,18 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
 
 
 def _errors_table(result: "Result") -> Whole:
-    """The circuits that were weighed, the answer first, with their errors on all records."""
+    """The answer and the constant circuit with their errors on all records."""
     if (over := result.fits.over_temperature) is not None:
         return _errors_over_temperature(result, over)
     metrics, validation = result.metrics, result.metrics.validation
     heads = ["", "identification", *_numbered("validation", len(validation))]
     above = [part.rmse_above_10_soc_v for part in (metrics.identification, *validation)]
     own = [part.rmse_v for part in (metrics.identification, *validation)]
-    candidates = ranked(result.candidates)[:MAX_CANDIDATES]
+    candidates = ranked(result.candidates)
     held = [c.held_out and c.held_out.rmse_v for c in candidates]
     if any(value is not None for value in held):
         heads.append("left out")
     rows: list[list[str]] = []
-    if not candidates:
-        # The result is of an earlier version.
-        rows.append([result.answer, *map(aligned_millivolt, own), ""])
     for candidate, held_v in zip(candidates, held, strict=True):
         errors_v = [candidate.identification.rmse_v, *candidate.validation_v, held_v]
         mark = "<- answer" if candidate.is_answer and len(candidates) > 1 else ""

@@ -35,10 +35,7 @@ HARDLY_ABOVE = 0.01
 # A band is worth a sentence where its share of the squared error is this many times its samples'.
 NOTABLE = 2.0
 NOTABLE_SHARE = 0.2
-# A smaller relative gain is not worth telling.
-WORTH_TELLING = 0.01
 NUMBERS = ("no", "one", "two", "three", "four")
-ORDINALS = ("", "first", "second", "third", "fourth")
 # Possible causes of a drift over the whole record.
 DRIFT = (
     "Such a drift often means a wrong `capacity` or `initial_soc`, or a part of the SOC range that "

@@ -143,7 +143,6 @@ def next_step(result: "Result") -> Next:
 
     - over `LOST` times the error on what was fitted, and over `LOST_V`: more data;
     - known of no other record: validate on one;
-    - larger than that of the constant circuit: the constant circuit;
     - over `FOUND_V`, and a resistance is left open at most nodes: a test that tells it;
     - else the circuit serves: export it to a format that holds its hysteresis.
 

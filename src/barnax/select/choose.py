@@ -151,7 +151,7 @@ class Bench:
             assert simpler.loss is not None
             gain = self.policy.gain(simpler.loss, chosen.loss)
             if not self.policy.is_better(gain):
-                self.tried.append(_tried("without", simpler, None))
+                self.tried.append(_tried("without", simpler, gain))
                 return self._without_needless(simpler)
         return chosen
 
@@ -199,19 +199,21 @@ class Bench:
         """What becomes of a richer circuit, unless no other gains more."""
         if not self.policy.is_better(gain):
             return "no gain"
-        if not self._is_told(more):
+        if not self._is_determined(chosen.point, more):
             return "not determined"
         is_other = self.limits.is_asked and more.point.circuit != chosen.point.circuit
         is_law = self.limits.laws is not None and more.point.law != chosen.point.law
         return "not asked for" if is_other or is_law else "less gain"
 
-    def _is_told(self, more: Fitted) -> bool:
-        """False for a hysteresis that turns at once, and a law whose own interval spans decades."""
-        if more.point.has_rate and math.exp(more.best.log_scales[-1]) > self.policy.fastest_rate:
-            return False
-        numbers = more.objective.numbers
-        if not numbers:
+    def _is_determined(self, before: Point, more: Fitted) -> bool:
+        """False for a new hysteresis that turns at once, and a new law whose interval is wide."""
+        if more.point.has_rate and not before.has_rate:
+            return math.exp(more.best.log_scales[-1]) <= self.policy.fastest_rate
+        if more.point.law == before.law:
             return True
+        # Its time constants were held.
+        more = self.fit(more.point)
+        numbers = more.objective.numbers
         own = [one for one in intervals_of(more.objective, more.best) if one.name in numbers]
         widest = 10.0**self.policy.widest
         return all(one.low and one.high and one.high < widest * one.low for one in own)

@@ -17,6 +17,7 @@ ADDS = {
     "nodes": "more nodes",
     "pairs": "one more RC pair",
     "hysteresis": "a hysteresis",
+    "switched": "a switched hysteresis",
     "law": "a law",
     "without": "rung taken back",
     None: "",

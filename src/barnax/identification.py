@@ -122,7 +122,7 @@ def set_up(
 
     def prepare(circuit: str) -> Sequence[PreparedRecord]:
         own_windows = {name: windows[name] for name in records}
-        if not get_circuit(circuit).has_rate:
+        if not get_circuit(circuit).has_hysteresis:
             return [
                 prepare_record(record, first.cell, circuit, own_windows[name])
                 for name, record in records.items()

@@ -29,8 +29,9 @@ def cell():
     return characterize([curve], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
 
 
-def driven(cell, tau_s, r_ohm, r0_ohm=0.03, bend=0.0, seed=0):
-    """Two hours of drive of a cell with some RC pairs, whose R0 may rise toward empty."""
+def driven(cell, tau_s, r_ohm, r0_ohm=0.03, bend=0.0, seed=0, half_gap_v=0.0):
+    """Two hours of drive of a cell with some RC pairs, whose R0 may rise toward empty, and whose
+    OCV may have a branch of each direction."""
     rng = np.random.default_rng(seed)
     current_a = np.repeat(rng.choice([-1.0, 0.0, 1.0, 2.5], 360, p=[0.3, 0.2, 0.25, 0.25]), 20)
     current_a[:60] = 0.0
@@ -39,11 +40,15 @@ def driven(cell, tau_s, r_ohm, r0_ohm=0.03, bend=0.0, seed=0):
     for tau, r in zip(tau_s, r_ohm, strict=True):
         kept = np.exp(-1.0 / tau)
         drop_v += lfilter([0.0, (1 - kept) * r], [1.0, -kept], current_a)
+    # From a charge, and then that of the latest current.
+    latest = np.maximum.accumulate(np.where(current_a != 0, np.arange(len(soc)), 0))
+    drop_v += half_gap_v * np.where(current_a[latest] == 0, -1.0, np.sign(current_a[latest]))
     voltage_v = ocv_v(soc) - drop_v + NOISE_V * rng.standard_normal(len(soc))
     record = make_record(np.arange(len(soc), dtype=float), current_a, voltage_v, name="drive.csv")
 
     def prepare(circuit):
-        return [prepare_record(record, cell, circuit, Window(initial_soc=0.98))]
+        window = Window(initial_soc=0.98, initial_direction=1)
+        return [prepare_record(record, cell, circuit, window)]
 
     return prepare
 
@@ -77,6 +82,31 @@ def test_resistances_that_bend_with_soc_get_nodes(cell):
     assert [own.ladder for own in kept][:2] == [None, "nodes"]
     assert kept[-1].nodes == len(choice.chosen.point.nodes)
     assert all(own.gain.value > 1.5 * own.gain.standard_error for own in kept[1:])
+
+
+@pytest.mark.parametrize(("swept_a", "half_gap_v"), [(0.0, 0.004), (0.1, 0.015)])
+def test_a_switched_hysteresis_is_chosen_where_the_test_has_its_gap(swept_a, half_gap_v):
+    """The smaller one where it was measured at rest, one worth a tenth of the error by a sweep."""
+    soc = np.linspace(0.0, 1.0, 101)
+    branches = {
+        direction: tuple(
+            OcvPoint(x, v, "", 0, 0.0, current_a=-direction * swept_a)
+            for x, v in zip(
+                soc.tolist(), (ocv_v(soc) + direction * half_gap_v).tolist(), strict=True
+            )
+        )
+        for direction in (-1, 1)
+    }
+    table = OcvTable("known", branches, "")
+    gapped = characterize([table], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    choice = chosen(gapped, driven(gapped, (8.0, 150.0), (0.01, 0.02), half_gap_v=half_gap_v))
+    assert choice.chosen.point.circuit == "iso-rc"
+    assert choice.chosen.best.rms_v == pytest.approx(NOISE_V, rel=0.1)
+    (r0_ohm,) = choice.chosen.best.values[0]
+    assert r0_ohm == pytest.approx(0.03, rel=0.01)
+    # A cell without such a gap is not given one.
+    plain = chosen(gapped, driven(gapped, (8.0, 150.0), (0.01, 0.02)))
+    assert plain.chosen.point.circuit == "so-rc"
 
 
 def test_what_is_asked_for_is_not_chosen(cell):

@@ -175,7 +175,12 @@ class CellModel(Brief):
         measured at rest, or the OCV is flat."""
         points = self.charge_points + self.discharge_points
         is_rested = not any(point.current_a for point in points)
-        return self.has_flat_ocv or (is_rested and bool(self.hysteresis.points))
+        return self.has_flat_ocv or (is_rested and self.has_gap)
+
+    @property
+    def has_gap(self) -> bool:
+        """True where the OCV test has branches of both directions."""
+        return bool(self.hysteresis.points)
 
     def soc_from_rest_voltage(self, voltage_v: float, direction: int = 0) -> float:
         """The SOC of a rested cell.

@@ -116,8 +116,8 @@ class Bench:
 
     def __post_init__(self) -> None:
         self._fits: dict[Point, Fitted] = {}
-        self._prepared: dict[bool, Sequence[PreparedRecord]] = {}
-        self._finest: dict[tuple[bool, Dependence | None], TableObjective] = {}
+        self._prepared: dict[tuple[bool, bool], Sequence[PreparedRecord]] = {}
+        self._finest: dict[tuple[tuple[bool, bool], Dependence | None], TableObjective] = {}
 
     def chosen(self) -> Choice:
         chosen = self.fit(Point(self.limits.start, self.limits.nodes[0]))
@@ -197,7 +197,10 @@ class Bench:
 
     def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain) -> Outcome:
         """What becomes of a richer circuit, unless no other gains more."""
-        if not self.policy.is_better(gain):
+        is_new = more.point.kind != chosen.point.kind and not self.limits.is_gap_rested
+        if not self.policy.is_better(gain) or (
+            is_new and gain.value <= self.policy.least_gain_of_sweep
+        ):
             return "no gain"
         if not self._is_determined(chosen.point, more):
             return "not determined"
@@ -237,10 +240,9 @@ class Bench:
 
     def _all_prepared(self, point: Point) -> Sequence[PreparedRecord]:
         """The records made ready for circuits with such a hysteresis."""
-        has_rate = point.has_rate
-        if has_rate not in self._prepared:
-            self._prepared[has_rate] = self.prepare(point.circuit)
-        return self._prepared[has_rate]
+        if point.kind not in self._prepared:
+            self._prepared[point.kind] = self.prepare(point.circuit)
+        return self._prepared[point.kind]
 
     def records_of(self, point: Point) -> list[PreparedRecord]:
         """The records made ready for a point."""
@@ -254,7 +256,7 @@ class Bench:
         return self._fits[point]
 
     def _fit(self, point: Point) -> Fitted:
-        finest, key = replace(point, nodes=self.limits.nodes[-1]), (point.has_rate, point.law)
+        finest, key = replace(point, nodes=self.limits.nodes[-1]), (point.kind, point.law)
         if key not in self._finest:
             settings = self.limits.settings_of(finest, self.settings)
             records = self.records_of(finest)

@@ -14,16 +14,18 @@ from ..over_soc.level import OWN_RATES, with_own_ocv
 from ..over_soc.settings import TableSettings
 from ..settings import NODES
 
-Ladder = Literal["nodes", "pairs", "hysteresis", "law", "without"]
+Ladder = Literal["nodes", "pairs", "hysteresis", "switched", "law", "without"]
 # Nodes of resistances, the finest last: each has every second node of the next.
 NODE_LADDER: tuple[tuple[float, ...], ...] = (ANYWHERE, NODES[::4], NODES[::2], NODES)
-# By circuit, those of one RC pair or a hysteresis more. The first is where the ladder starts.
+# By circuit, those of one RC pair or a hysteresis more. The first is where the ladder starts; those
+# with a hysteresis have two pairs.
 RICHER: Mapping[str, Mapping[Ladder, str]] = {
-    "1rc": {"pairs": "so-rc"},
-    "so-rc": {"pairs": "3rc", "hysteresis": "esc"},
+    "1rc": {"pairs": "so-rc", "hysteresis": "esc", "switched": "iso-rc"},
+    "so-rc": {"pairs": "3rc", "hysteresis": "esc", "switched": "iso-rc"},
     "3rc": {"hysteresis": "esc+rc"},
     "esc": {"pairs": "esc+rc"},
     "esc+rc": {},
+    "iso-rc": {},
 }
 
 
@@ -39,6 +41,12 @@ class Point:
     def has_rate(self) -> bool:
         """True for a circuit whose hysteresis follows the charge."""
         return get_circuit(self.circuit).has_rate
+
+    @property
+    def kind(self) -> tuple[bool, bool]:
+        """What circuits of one hysteresis have in common."""
+        circuit = get_circuit(self.circuit)
+        return circuit.has_rate, circuit.has_hysteresis
 
     @property
     def is_constant(self) -> bool:
@@ -57,6 +65,8 @@ class Limits:
         laws: What resistances may follow; None leaves it to the records.
         has_ocv: Whether the OCV is a table of the records' own.
         is_asked: Whether the circuit was asked for: richer ones are tried, and none is kept.
+        is_gap_rested: Whether a gap between the branches of the OCV test is more than the
+            polarisation of a sweep.
     """
 
     start: str
@@ -65,6 +75,7 @@ class Limits:
     laws: tuple[str, ...] | None = ()
     has_ocv: bool = False
     is_asked: bool = False
+    is_gap_rested: bool = True
 
     def rungs(self, point: Point) -> Iterator[tuple[Ladder, Point]]:
         """The richer circuits that are one rung away, but for laws, which records propose."""
@@ -127,14 +138,15 @@ def limits_of(
         return Limits(model, nodes, richer, laws, has_ocv, is_asked=True)
     is_bounded = bool(settings.ranges)
     start = "esc" if cell.has_flat_ocv else "1rc" if settings.folds and not is_bounded else "so-rc"
-    shows_gap = has_ocv or cell.shows_hysteresis
+    gaps = {"hysteresis": has_ocv or cell.has_gap, "switched": cell.has_gap and not has_ocv}
     richer: dict[str, Mapping[Ladder, str]] = {}
     reached = [start]
     for circuit in reached:
         richer[circuit] = {
             ladder: other
             for ladder, other in RICHER[circuit].items()
-            if (ladder != "pairs" or not is_bounded) and (ladder != "hysteresis" or shows_gap)
+            if (ladder != "pairs" or not is_bounded) and gaps.get(ladder, True)
         }
         reached += richer[circuit].values()
-    return Limits(start, nodes, richer, laws, has_ocv)
+    is_gap_rested = has_ocv or cell.shows_hysteresis
+    return Limits(start, nodes, richer, laws, has_ocv, is_gap_rested=is_gap_rested)

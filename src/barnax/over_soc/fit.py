@@ -200,9 +200,9 @@ def _at_stored_nodes(
     """The intervals of resistances also at those stored nodes that lie between nodes of the fit."""
     for before, own in zip([None, *intervals], intervals, strict=False):
         if before is not None and before.name == own.name and own.name in tables.resistances:
-            for soc in tables.nodes:
-                if before.soc < soc < own.soc:  # pyright: ignore[reportOptionalOperand]
-                    yield before.between(own, soc)
+            low, high = before.soc or 0.0, own.soc or 0.0
+            between = (soc for soc in tables.nodes if low < soc < high)
+            yield from (before.between(own, soc) for soc in between)
         yield own
 
 

@@ -83,7 +83,8 @@ class NodeInterval:
     def between(self, other: "NodeInterval", soc: float) -> "NodeInterval":
         """What lies on the line to another node: no wider, for what the two leave open is not all
         in common. Not determined where one of them is not."""
-        share = (soc - self.soc) / (other.soc - self.soc)  # pyright: ignore[reportOptionalOperand]
+        first, last = self.soc or 0.0, other.soc or 0.0
+        share = (soc - first) / (last - first)
         pairs = {
             name: (getattr(self, name), getattr(other, name))
             for name in ("value", "standard_error", "bias", "low", "high", *RECORD_ENDS)

@@ -129,7 +129,7 @@ TEXTS = {
     ),
     "columns of blanks": (f"  {NAMES.replace(',', '   ')}\n{IN_BLANKS}", (2, 12, 31)),
     "names with a mark of comments": ("# " + CSV, (2, 12, 31)),
-    "zero bytes at the end": (CSV + 5000 * "\0", (2, 12, 31)),
+    "zero bytes at the end": (CSV + 1_000_000 * "\0", (2, 12, 31)),
     "a zero byte in a name": (CSV.replace("rrent", "rr\0ent", 1), (2, 12, 31)),
     "a typographic minus": (CSV.replace("-", "\u2212"), (2, 12, 31)),
     "old line ends": (CSV.replace("\n", "\r"), (2, 12, 31)),

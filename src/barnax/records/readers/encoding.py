@@ -9,9 +9,10 @@ from ...errors import InputError, counted
 # line of 13,000 letters.
 PREAMBLE_BYTES, _PREAMBLE_LINES, _LONGEST_LINE = 400_000, 2000, 1_000_000
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-# The number of stray zero bytes that text may have beside bytes that are none of its own, and a
-# block of them within a line.
-_STRAY_ZEROS, _LOST = 4, re.compile(rb"(?<![\r\n\0])\0{2,}|\0{2,}(?!\0*$|[\r\n\0])")
+# The number of stray zero bytes that text may have beside bytes that are none of its own.
+_STRAY_ZEROS = 4
+# A block of them within a line; possessive, for a logger may fill megabytes with zeros.
+_LOST = re.compile(rb"(?<![\r\n\0])\0{2,}+|(?<!\0)\0{2,}+(?!\Z|[\r\n])")
 _NO_TEXT = re.compile(rb"[\x01-\x08\x0e-\x1f]")
 # Words that tell a text in the encodings of Chinese, Japanese and Korean computers: voltage,
 # current, discharge.

@@ -134,7 +134,7 @@ def limits_of(
     if model is not None:
         # Beside an OCV of the records' own, a hysteresis that is left out goes into resistances.
         others = RICHER.get(model, {}) if has_ocv else {}
-        richer = {model: {ladder: other for ladder, other in others.items() if ladder != "pairs"}}
+        richer = {model: {ladder: others[ladder] for ladder in others if ladder == "hysteresis"}}
         return Limits(model, nodes, richer, laws, has_ocv, is_asked=True)
     is_bounded = bool(settings.ranges)
     start = "esc" if cell.has_flat_ocv else "1rc" if settings.folds and not is_bounded else "so-rc"

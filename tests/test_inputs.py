@@ -11,7 +11,6 @@ from barnax.bundled import BUNDLED
 from barnax.cell import characterize, read_ocv_table
 from barnax.checks import FileCheck, check_file
 from barnax.checks.roles import are_unfit, require_load
-from barnax.cli.session import command_line
 from barnax.errors import InputError
 from barnax.inputs import (
     file_names,
@@ -51,18 +50,6 @@ def read(records, ocv=BUNDLED.ocv, validate=(), window=None, capacity=None, **re
 def test_a_name_is_as_short_as_it_can_be(paths, names):
     called = file_names(paths)
     assert [called[Path(path)] for path in paths] == names
-
-
-def test_the_stored_command_has_the_names_of_the_results(monkeypatch):
-    words = [
-        "identify", "x/a.csv", "--ocv=tests/ocv.csv", "--validate", "y/a.csv", "--out", "o",
-        "--initial-soc", "y/a.csv=0.9", "--force", "-q",
-    ]  # fmt: skip
-    monkeypatch.setattr("sys.argv", ["barnax", *words])
-    assert command_line(file_names(["x/a.csv", "tests/ocv.csv", "y/a.csv"])) == [
-        "barnax", "identify", "x/a.csv", "--ocv=ocv.csv", "--validate", "y/a.csv",
-        "--initial-soc", "y/a.csv=0.9",
-    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """`Result.load`: a stored result with its records again draws what it drew when it was made."""
 
+import hashlib
 import json
+import os
 import shutil
 
 import numpy as np
@@ -12,6 +14,7 @@ from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.records import read_record
+from barnax.reopening import Places
 from barnax.reporting.illustrations import identification_illustrations
 from barnax.results import Result
 
@@ -112,3 +115,41 @@ def test_validation_is_of_what_is_the_answer(kept):
     assert found.metrics.rmse_v == result.metrics.validation[0].rmse_v
     constant = result.without_tables().validate(read_record(data / "other.parquet"))
     assert constant.metrics.rmse_v == result.constant.metrics.validation[0].rmse_v
+
+
+def test_files_are_found_where_the_plan_beside_a_result_says_and_known_by_content(tmp_path):
+    files, out = tmp_path / "files", tmp_path / "results" / "out"
+    files.mkdir()
+    out.mkdir(parents=True)
+    record = files / "drive.parquet"
+    shutil.copy(BUNDLED.record, record)
+    sha256 = hashlib.sha256(record.read_bytes()).hexdigest()
+    with pytest.raises(InputError, match=r"drive\.parquet: not found in"):
+        Places.of(out).find("drive.parquet", sha256)
+    (out / "plan.toml").write_text(
+        f'[[files]]\nfile = "{record.as_posix()}"\nrole = "identification"\n'
+    )
+    assert Places.of(out).find("drive.parquet", sha256) == record
+    # Another's plan names what it likes: without a digest, nothing is taken from there.
+    with pytest.raises(InputError, match="not found in"):
+        Places.of(out).find("drive.parquet", "")
+    shutil.copy(BUNDLED.validation, record)
+    with pytest.raises(InputError, match="SHA-256 differs"):
+        Places.of(out).find("drive.parquet", sha256)
+
+
+PIPE = pytest.param(
+    None,
+    id="pipe",
+    marks=pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes"),
+)
+
+
+@pytest.mark.parametrize(
+    "plan", ["files = 3", "reasons = 3", "a = " + 3000 * "[", "a = " + "9" * 5000, PIPE]
+)
+def test_a_plan_that_cannot_be_read_names_no_folders(tmp_path, plan):
+    place = tmp_path / "plan.toml"
+    os.mkfifo(place) if plan is None else place.write_text(plan)
+    with pytest.raises(InputError, match="not found in"):
+        Places.of(tmp_path).find("drive.parquet", 64 * "0")

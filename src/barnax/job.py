@@ -64,7 +64,6 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
         fix: Parameters that keep a value, by the same names.
         cell: A known cell, which needs no `ocv`.
         advise: Also try the other hold of the current where that is assumed.
-        command: The command that was run, kept in the result.
         watch: Called with the title of every stage and its number of steps; returns a context
             manager that gives a function to call with the steps done.
         settings: Several of these options; those given by their names replace its own.
@@ -84,7 +83,6 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     fix: Mapping[str, float] | None = None
     cell: CellModel | None = None
     advise: bool = True
-    command: Sequence[str] = ()
     watch: Watch = unwatched
     settings: Settings | None = None
     reading: Reading | None = None

@@ -139,7 +139,7 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
         one for record in read if isinstance(record, Record) for one in record.notes
     )
     run = replace(run, notes=tuple(notes), warnings=_all_warnings(inputs.warnings, run))
-    return make_result(run, job.command)
+    return make_result(run)
 
 
 def _between_ends(

@@ -7,7 +7,7 @@ counts with an offset, or takes a wrong capacity, and has the voltage to notice 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import equinox as eqx
 import jax
@@ -118,7 +118,7 @@ class SocReplay(Document):
     none.
 
     Attributes:
-        schema_version: Version 2 of the file; one of version 1 is read too.
+        schema_version: Version 2 of the file.
         record: Name of the record.
         sha256: Digest of its file.
         model: The circuit.
@@ -140,11 +140,11 @@ class SocReplay(Document):
         warnings: What is doubtful, with what to do.
     """
 
-    schema_version: Annotated[int, Field(ge=1, le=2)] = 2
+    schema_version: Literal[2] = 2
     record: str
     sha256: str
     model: str
-    circuit: str = ""
+    circuit: str
     with_tables: bool
     settings: FilterSettings
     states: Count

@@ -1,14 +1,12 @@
 """The parts of `result.json`: what is stored of the search, the answer, its errors and inputs."""
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from .cell import CircuitParameters, get_circuit
 from .cell.model import SAME_DEGC
-from .errors import InputError
 from .global_optimum import OtherHold
 from .model.problem import Kind
 from .model.start import Start
@@ -36,17 +34,6 @@ CircuitName = Annotated[str, AfterValidator(lambda name: get_circuit(name).name)
 # What a file of a folder serves for.
 Use = Literal["identification", "OCV test", "validation", "not used"]
 Setting = bool | int | float | str
-
-
-def require_version(document: Mapping[str, Any], file: str) -> None:
-    """Raise `InputError` for a result of an older version, which says which barnax wrote it."""
-    version, versions = document.get("schema_version"), document.get("versions")
-    if isinstance(version, int) and 0 < version < SCHEMA_VERSION:
-        writer = versions.get("barnax") if isinstance(versions, dict) else None
-        raise InputError(
-            f"{file}: has schema version {version}, written by barnax {writer}; this one reads "
-            f"version {SCHEMA_VERSION}: run its stored command again, or read it with that one"
-        )
 
 
 class SearchPart(Part):

@@ -25,7 +25,6 @@ from .result_parts import (
     MetricsBlock,
     PlannedFile,
     TablesPart,
-    require_version,
 )
 from .run import Candidate, Run, Tried
 from .schema import Document, Told
@@ -60,7 +59,6 @@ class Result(Document):
         plan: Every file of a folder with its role.
         notes: What was done with the inputs; nothing has to be done about them.
         warnings: What is doubtful, with what to do; each prints as its sentence.
-        command: The command that repeats the run.
         versions: Versions of barnax and of what it computes with.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
@@ -81,7 +79,6 @@ class Result(Document):
     plan: tuple[PlannedFile, ...] = ()
     notes: tuple[Told, ...] = ()
     warnings: tuple[Told, ...]
-    command: tuple[str, ...]
     versions: dict[str, str]
 
     _run: Run | None = PrivateAttr(None)
@@ -102,11 +99,6 @@ class Result(Document):
         if not any(part.role == "identification" and part.start for part in self.inputs):
             raise ValueError("no record that was identified on is among the inputs")
         return self
-
-    @classmethod
-    def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
-        require_version(document, file)
-        return document
 
     @property
     def run(self) -> Run:

@@ -12,7 +12,7 @@ import os
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self, get_args
 
 import numpy as np
 from pydantic import (
@@ -28,14 +28,14 @@ from pydantic import (
 from pydantic_core import core_schema
 
 from .display import brief
-from .errors import InputError, cut
+from .errors import InputError, cut, printable
 from .notices import Notice, Severity, notice
 
 LARGEST_FILE = 200_000_000
 LONGEST_REASON = 500
 # Of a field's name and of a key: what follows the last underscore is the unit.
 UNITS = {"v": "V", "s": "s", "a": "A", "ah": "A.h", "ohm": "Ohm", "percent": "%", "degc": "degC"}
-# Other than their names would give: shorter, or as stored before.
+# Other than their names would give.
 KEYS = {
     "history_v": "history",
     "boxes": "cells",
@@ -162,7 +162,7 @@ class Document(Part):
             reason = getattr(problem, "strerror", None) or cut(str(problem), LONGEST_REASON)
             raise InputError(f"{path}: cannot be read ({reason}); {cls.remedy}") from problem
         if isinstance(document, dict):
-            document = cls._of_this_version(document, str(path))
+            cls._require_version(document, str(path))
         try:
             return cls.model_validate(document)
         except (ValidationError, InputError) as problem:
@@ -170,10 +170,21 @@ class Document(Part):
             raise InputError(f"{path}: not a {cls.what}: {reason}; {cls.remedy}") from problem
 
     @classmethod
-    def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
-        """The document in today's version, where an older one can be turned into it."""
-        del file
-        return document
+    def _require_version(cls, document: Json, file: str) -> None:
+        """Raise `InputError` for a file of another schema version, which says who wrote it."""
+        versioned = cls.model_fields.get("schema_version")
+        (current,) = get_args(versioned.annotation) if versioned else (None,)
+        version, versions = document.get("schema_version"), document.get("versions")
+        if current is None or type(version) is not int or version == current:
+            return
+        writer = versions.get("barnax") if isinstance(versions, dict) else None
+        raise notice(
+            "file.schema-version",
+            file,
+            version=version,
+            current=current,
+            writer=printable(writer[:20]) if isinstance(writer, str) else None,
+        ).error()
 
     # What such a file is called in messages, and what to give instead of a file that is none.
     what: ClassVar[str] = "barnax result"
@@ -208,11 +219,6 @@ class _Told:
 def _notice_of(stored: Any, read: Callable[[Any], StoredNotice]) -> Notice:
     if isinstance(stored, Notice):
         return stored
-    if isinstance(stored, str):
-        return notice("stored.text", text=stored)
-    if isinstance(stored, dict) and stored.keys() == {"kind", "name", "value"}:
-        # Of tables, before they had codes; `Result.warnings` has its sentence.
-        return notice("stored.text", text=f"{stored['name']}: {stored['kind']}")
     part = read(stored)
     values = {_LABEL.sub(_named, key): value for key, value in part.values.items()}
     given = {name: value for name, value in values.items() if value is not None}
@@ -221,7 +227,7 @@ def _notice_of(stored: Any, read: Callable[[Any], StoredNotice]) -> Notice:
     try:
         str(found)
     except (KeyError, TypeError, ValueError):
-        # Of another version, or of nobody's: its words are taken as they are.
+        # Of another version of barnax, or of nobody's: its words are taken as they are.
         text = "; ".join(filter(None, (part.what, part.remedy)))
         return Notice("stored.text", part.subject, {"text": text}, *where)
     return found

@@ -40,12 +40,11 @@ from .uncertainty.assessment import Band, soc_bands
 VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy", "polars")
 
 
-def make_result(run: Run, command: Sequence[str] = ()) -> Result:
+def make_result(run: Run) -> Result:
     """A run as a `Result`, which can be stored.
 
     Args:
         run: The objects.
-        command: The command that was run, if any.
     """
     problem = run.problem
     constant = ConstantPart(
@@ -95,7 +94,6 @@ def make_result(run: Run, command: Sequence[str] = ()) -> Result:
         ),
         notes=run.notes,
         warnings=run.warnings,
-        command=tuple(command),
         versions=all_versions(),
     )
     result._run = run

@@ -14,6 +14,8 @@ from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
 from barnax.cli.output import write_folder
 from barnax.cli.session import as_flags
+from barnax.plan.document import Part, Plan
+from barnax.reporting.verdict import Next
 from barnax.results import Result
 from helpers import golden
 
@@ -140,7 +142,6 @@ def test_the_result_names_no_folder_and_no_moment(finished, result):
     assert str(finished.folder.parent) not in text
     assert str(BUNDLED.record.parent) not in text
     assert not re.search(r'"/|[A-Z]:\\\\|\d{4}-\d{2}-\d{2}|\d{2}:\d{2}:\d{2}', text)
-    assert result.command == ("barnax", "identify", *BUDGET)
 
 
 def test_what_cannot_be_drawn_costs_only_itself(run, finished, tmp_path, monkeypatch):
@@ -175,7 +176,6 @@ def test_a_name_that_no_terminal_should_see_is_stored_and_shown_harmlessly(run, 
     assert "\x1b" not in outcome.out + outcome.err
     stored = Result.from_json("o\x1b[2J/result.json")
     assert stored.name == "cell\ufffd\ufffd[2J.csv"
-    assert stored.command[2] == stored.name
     for words in (
         ("check", NOT_UTF8, "--json"),
         ("validate", "o\x1b[2J", NOT_UTF8),
@@ -230,4 +230,30 @@ def test_windows_and_capacities_of_each_record_are_followed_and_repeat(tmp_path,
     # Validated again, a record keeps what was given for it.
     again = run_command("validate", "o", BUNDLED.validation, "--json")
     assert json.loads(again.out)["rmse [V]"] == result.metrics.validation[0].rmse_v
-    assert run_command("rerun", "o", "--data", BUNDLED.record.parent).status == 0
+    assert run_command("identify", "o/plan.toml", "--out", "again").status == 0
+    assert Path("again/result.json").read_bytes() == Path("o/result.json").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("file", "expected"),
+    [
+        ("drive.csv", "barnax identify out/plan.toml --trust basic --design d --out barnax-out"),
+        ("-", ""),
+        ("/dev/fd/63", ""),
+    ],
+)
+def test_the_next_step_is_an_option_beside_the_plan_of_the_run(
+    tmp_path, monkeypatch, file, expected
+):
+    monkeypatch.chdir(tmp_path)
+    step = Next("compute intervals of the parameters", {"trust": "basic"})
+    monkeypatch.setattr("barnax.reporting.verdict.next_step", lambda _: step)
+    plan = Plan("identify", (Part(Path(file), file, "identification"),))
+    result = Result.from_json(golden.RESULT)
+    advice, shown = command._next(result, Path("out"), plan, Path("d"))
+    assert shown == expected
+    assert advice.startswith(step.advice)
+    assert ("saved as a file" in advice) == (not expected)
+    # Of the bundled cell there is no plan.
+    advice, shown = command._next(result, Path("out"), None, None)
+    assert (advice, shown) == (f"{step.advice}: --trust basic", "")

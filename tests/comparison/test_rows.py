@@ -57,7 +57,7 @@ def comparison(bundled_record, bundled_cell, validation, watched):
 
 @pytest.fixture(scope="module")
 def result(comparison, validation):
-    return make_comparison_result(comparison, ocv=[validation], command=["barnax", "compare"])
+    return make_comparison_result(comparison, ocv=[validation])
 
 
 def row_of(comparison, name):
@@ -197,7 +197,7 @@ def test_a_failed_row_is_stored_with_its_reason_alone(result):
 def test_another_file_is_refused(tmp_path):
     path = tmp_path / "comparison.json"
     path.write_text('{"schema_version": 9}')
-    with pytest.raises(InputError, match="not a barnax comparison: schema_version"):
+    with pytest.raises(InputError, match="has schema version 9; this version"):
         ComparisonResult.from_json(path)
 
 

@@ -188,7 +188,6 @@ def make_comparison(
             for role, name in files.items()
         ),
         "warnings": (notice("stored.text", text="the file is odd"),),
-        "command": ("barnax", "compare", DRIVE),
         "versions": {"barnax": "0.1.0"},
     }
     return ComparisonResult(**values | changes)

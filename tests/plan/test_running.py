@@ -58,8 +58,7 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(
     assert "identification.parquet (drive cycle)" in outcome.out
     stored = Result.from_json(tmp_path / "out" / "result.json")
     assert stored.parameters == by_hand.parameters
-    assert stored.command[1:3] == ("identify", "identification.parquet")
-    assert str(folder) not in " ".join(stored.command)
+    assert str(folder) not in stored.to_json()
     assert {file.name: file.role for file in stored.plan} == {
         "identification.parquet": "identification",
         "validation.parquet": "identification",
@@ -74,13 +73,6 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(
     assert outcome.status == 0
     written = [(tmp_path / place / "result.json").read_bytes() for place in ("out", "again")]
     assert written[0] == written[1]
-
-
-@pytest.mark.slow
-def test_a_run_on_a_folder_is_repeated(folder, tmp_path):
-    run_command("identify", folder, *WORDS, "--out", tmp_path / "out")
-    outcome = run_command("rerun", tmp_path / "out", "--data", folder)
-    assert "byte for byte" in outcome.out
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from .life import life
 from .options import grouped
 from .pack import pack
 from .report import report
-from .results import rerun, show, soc, validate
+from .results import show, soc, validate
 
 app = typer.Typer(
     name="barnax",
@@ -36,7 +36,6 @@ COMMANDS = (
     soc,
     design,
     compare,
-    rerun,
     export,
     check,
     convert,

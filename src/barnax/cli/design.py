@@ -1,19 +1,21 @@
 """`barnax design`: the next test of a cell."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ..errors import InputError
+from ..settings import WINDOW_OPTIONS, Over, choices_in
 from .options import DATA, argument, group, option
 from .output import Output
-from .session import as_flags, use_compilation_cache, without_options
+from .session import as_flags, flag_of, use_compilation_cache
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from ..experiment import Design
+    from ..reopening import Places
     from ..results import Result
 
 FOLDER = Path("barnax-design")
@@ -154,16 +156,16 @@ def next_after(
     found: "Design", known: "Result | None", cell: Cell, folder: Path
 ) -> "list[RenderableType]":
     """The step after the test: to identify its record, with what counted and its options."""
-    from ..reopening import file_of
+    from ..reopening import Places, file_of
     from ..reporting.terminal import next_lines
     from ..reporting.words import joined
 
     soc, missing = f"{found.initial_soc:g}", []
     words = ["barnax", "identify"]
     if known is not None and cell.result is not None and found.earlier:
-        own, missing = _files_of(known, cell, cell.result)
-        words = ["barnax", *own]
-        words[2:2] = ["RECORD"]
+        replaced = [] if cell.capacity is None else ["capacity"]
+        files, missing = _files_of(known, Places.of(cell.result, cell.data or ()), replaced)
+        words += ["RECORD", *files]
         # Where nothing shows what is full, its rest tells where it starts on the others' OCV.
         words += [] if found.start_v else ["--initial-soc", f"RECORD={soc}"]
     else:
@@ -173,7 +175,7 @@ def next_after(
         words += [word for name in names for word in ("--ocv", name)]
         words += [] if tests else ["--capacity", f"{found.capacity_ah:g}"]
     if cell.capacity is not None:
-        words = [*without_options(words, {"--capacity": 2}), "--capacity", f"{cell.capacity:g}"]
+        words += ["--capacity", f"{cell.capacity:g}"]
     command = shlex.join([*words, "--design", str(folder)])
     advice = "run the test and identify its record"
     if missing:
@@ -182,26 +184,36 @@ def next_after(
     return [*next_lines(advice, command)]
 
 
-def _files_of(known: "Result", cell: Cell, place: Path) -> tuple[list[str], list[str]]:
-    """The stored identification with its files where they lie, and the files that were not found;
-    the files alone where it was no `barnax identify` that names them."""
-    from ..reopening import Places, file_of
-    from .results import with_files
+def _files_of(
+    known: "Result", places: "Places", replaced: Collection[str]
+) -> tuple[list[str], list[str]]:
+    """The stored records and OCV tests where they lie, with the circuit that was asked for and the
+    options of the records but those `replaced`; and the names of the files that were not found."""
+    from ..reopening import file_of
 
-    command = list(known.command[1:])
-    if command[:1] != ["identify"] or {file_of(own.name) for own in known.inputs}.isdisjoint(
-        command
-    ):
-        own, tests = (
-            dict.fromkeys(file_of(part.name) for part in known.of_role(role))
-            for role in ("identification", "ocv")
-        )
-        command = ["identify", *own, *(word for name in tests for word in ("--ocv", name))]
-        if known.common_window.capacity_ah is not None:
-            command += ["--capacity", f"{known.common_window.capacity_ah:g}"]
+    words: list[str] = []
     missing: list[str] = []
-    # What the design did not need, such as a record to validate on, may be elsewhere.
-    words = with_files(command, known, Places.of(place, cell.data or ()), missing)
+    for role, before in (("identification", ()), ("ocv", ("--ocv",))):
+        for name, sha256 in {file_of(p.name): p.sha256 for p in known.of_role(role)}.items():
+            try:
+                words += [*before, str(places.find(name, sha256))]
+            except InputError:
+                words += [*before, name]
+                missing.append(name)
+    if not known.tried:
+        words += ["--model", known.model]
+        words += ["--over", known.over] if known.over in choices_in(Over) else []
+    common = known.common_window
+    windows = {
+        file_of(p.name): p.window.as_told for p in known.of_role("identification") if p.window
+    }
+    for asked, (name, *_) in WINDOW_OPTIONS.items():
+        shared = getattr(common, name)
+        values = {f"{file}=": getattr(window, name) for file, window in windows.items()}
+        for of, value in ({"": shared} if shared is not None else values).items():
+            if value is not None and asked not in replaced:
+                text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+                words += [flag_of(asked), f"{of}{text}"]
     return words, missing
 
 

@@ -28,13 +28,15 @@ from .options import (
     options_of,
 )
 from .output import require_free_file, tell_unfinished, write_file
-from .results import FINDINGS, load
+from .results import load
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..export import Verification
 
 SCHEMA_VERSION = 1
+# The exit status of a command that has something to tell.
+FINDINGS = 1
 
 
 @group

@@ -1,9 +1,7 @@
 """`barnax identify`: from a cycler's files to a checked circuit."""
 
 import shlex
-import sys
 import threading
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import fields
 from functools import partial
@@ -14,9 +12,8 @@ import typer
 
 from ..errors import InputError
 from ..files import is_factor_file, write_whole
-from ..settings import WINDOW_OPTIONS, Scope, Settings, TableOptions
+from ..settings import Scope, Settings, TableOptions
 from .options import (
-    FLAGS,
     INPUT,
     LIVE,
     OUTPUT,
@@ -36,12 +33,14 @@ from .options import (
     run_options,
 )
 from .output import DEFAULT_FOLDER, Output, drawn_files, free_name
-from .session import APPEARANCE, Session, as_flags, flag_of, use_compilation_cache, without_options
+from .session import Session, as_flags, flag_of, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..plan import Plan
-    from ..result_parts import Use
     from ..results import Result
+
+# The file beside a result by which the run is repeated.
+PLAN = "plan.toml"
 
 
 @group
@@ -132,7 +131,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         from ..reporting.terminal import to_terminal
 
     job = Job(**options.given([]), watch=session.watch)
-    known = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch", "command"}
+    known = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch"}
     chosen = options.chosen
     shown = {"json": options.output.as_json, "report": chosen.report, "live": chosen.live}
     shown |= {"paper": chosen.paper, "design": chosen.design}
@@ -208,7 +207,7 @@ def _run(
     elif records:
         plan = plan_given(job, command)
     if plan is not None:
-        job = Job(plan, watch=session.watch, command=_command(plan))
+        job = Job(plan, watch=session.watch)
     is_pulsed = plan is None and command == "hppc"
     result = pipeline.hppc(job) if is_pulsed else pipeline.identify(job)
     unseen = None
@@ -225,12 +224,13 @@ def _run(
     # A name that no plan can hold costs the plan.
     with suppress(InputError):
         if plan is not None:
-            beside["plan.toml"] = plan_to_toml(found_anywhere(plan, result.inputs))
+            beside[PLAN] = plan_to_toml(found_anywhere(plan, result.inputs))
     document = result.to_json()
     folder, written = output.deliver(session, folder, "result.json", document, draw, beside)
     if unseen is not None:
         raise unseen
-    _show_files(session, result, folder, written)
+    following = _next(result, folder, plan if PLAN in written else None, chosen.design)
+    _show_files(session, folder, written, following)
     session.tell(result.notes)
     session.warn(result.warnings)
 
@@ -260,11 +260,13 @@ def _show_answer(session: Session, result: "Result", verbose: bool) -> None:
     session.show(first_screen(result, as_flags))
 
 
-def _show_files(session: Session, result: "Result", folder: Path | None, written: set[str]) -> None:
+def _show_files(
+    session: Session, folder: Path | None, written: set[str], following: tuple[str, str]
+) -> None:
     """Print the next step, and what was written."""
     from ..reporting.terminal import next_lines
 
-    session.show(next_lines(*_next(result, folder)))
+    session.show(next_lines(*following))
     if folder is not None:
         names = ["report.html"] if "report.html" in written else []
         names.append("result.json")
@@ -273,8 +275,14 @@ def _show_files(session: Session, result: "Result", folder: Path | None, written
         session.show_written(folder, names, f"barnax show {shlex.quote(str(folder))}")
 
 
-def _next(result: "Result", folder: Path | None) -> tuple[str, str]:
-    """The next step, and the command for it, empty where there is none."""
+def _next(
+    result: "Result", folder: Path | None, plan: "Plan | None", design: Path | None
+) -> tuple[str, str]:
+    """The next step, and the command for it, empty where there is none.
+
+    Options are given beside the plan that the run wrote; a design is met by the next run too.
+    """
+    from ..records.source import STDIN
     from ..reporting.verdict import next_step
 
     step = next_step(result)
@@ -283,72 +291,13 @@ def _next(result: "Result", folder: Path | None) -> tuple[str, str]:
         return advice, shlex.join(["barnax", "export", str(folder), "--to", step.exports])
     if step.designs and folder is not None:
         return advice, shlex.join(["barnax", "design", str(folder)])
-    if not step.options and not step.without:
+    if not step.options:
         return advice, ""
-    flags = {flag_of(name): value for name, value in step.options.items()}
-    # What is for one record stands beside what others have, and after what it had itself.
-    replaced = {flag: 2 for flag, value in flags.items() if "=" not in value}
-    replaced |= {flag_of(name): 2 for name in step.without}
-    # A design that was given is met by the next run too.
-    shown = {flag: words for flag, words in APPEARANCE.items() if flag != "--design"}
-    given = without_options(sys.argv[1:], {**shown, **replaced})
-    if not flags and given == without_options(sys.argv[1:], shown):
-        # The OCV test of a folder is not an option's.
-        return advice, ""
-    words = [word for pair in flags.items() for word in pair]
-    if any(word == "-" or word.startswith("/dev/") for word in given):
+    words = [word for name, value in step.options.items() for word in (flag_of(name), value)]
+    if plan is None or folder is None:
+        return f"{advice}: {shlex.join(words)}", ""
+    if any(part.path == STDIN or part.path.is_relative_to("/dev") for part in plan.parts):
         return f"{advice}: {shlex.join(words)}, with what was piped saved as a file", ""
-    command = shlex.join(["barnax", *given, *words, "--out", str(free_name(DEFAULT_FOLDER))])
-    return advice, command
-
-
-def _command(plan: "Plan") -> list[str]:
-    """The command that does the same with every role given; of the same files if they are cut."""
-    from ..plan.document import GIVEN
-    from ..records.source import STDIN
-
-    served = [part for part in plan.parts if part.role != "not used"]
-    is_cut = any(part.span_s for part in served)
-    options = {
-        name: value
-        for name, value in plan.options.items()
-        if value is not None and not (is_cut and plan.reasons.get(name, GIVEN) != GIVEN)
-    }
-    last = [word for name, value in options.items() for word in _words(name, value)]
-    common = {name: getattr(plan.window, name) for name, *_ in WINDOW_OPTIONS.values()}
-    for asked, (name, *_) in WINDOW_OPTIONS.items():
-        last += [] if common[name] is None else _words(asked, common[name])
-    if is_cut:
-        names = dict.fromkeys(part.path.name for part in served)
-        return ["barnax", "identify", *names, *last]
-    files: dict[Use, list[str]] = {
-        "identification": [],
-        "OCV test": ["--ocv"],
-        "validation": ["--validate"],
-    }
-    words = []
-    for role, before in files.items():
-        for part in plan.of_role(role):
-            words += [*before, str(STDIN) if part.path == STDIN else part.name]
-    for part in served:
-        for asked, (name, *_) in WINDOW_OPTIONS.items():
-            value = getattr(part.window, name)
-            if value not in (None, common[name], options.get(asked)):
-                words += _words(asked, value, f"{part.name}=")
-    return ["barnax", plan.command, *words, *last]
-
-
-def _words(name: str, value: Any, of: str = "") -> list[str]:
-    """An option with its value as the command line writes it."""
-    flag = flag_of(name)
-    if isinstance(value, bool):
-        flags = FLAGS.get(name, f"{flag}/{flag.replace('--', '--no-')}").split("/")
-        return flags[:1] if value else flags[1:]
-    if isinstance(value, Mapping):
-        texts = (f"{key}={part}" if key else str(part) for key, part in value.items())
-        return [word for text in texts for word in (flag, text)]
-    if isinstance(value, list):
-        return [word for text in value for word in (flag, text)]
-    if isinstance(value, tuple):
-        value = ",".join(map(str, value))
-    return [flag, f"{of}{value.name if isinstance(value, Path) else value}"]
+    words += [] if design is None else ["--design", str(design)]
+    words += ["--out", str(free_name(DEFAULT_FOLDER))]
+    return advice, shlex.join(["barnax", "identify", str(folder / PLAN), *words])

@@ -24,7 +24,7 @@ from ..settings import (
     choices_in,
     explained,
 )
-from .session import as_flags, command_line
+from .session import as_flags
 
 # What was given of some options, by name.
 Given = Mapping[str, Any]
@@ -325,7 +325,6 @@ def run_options(
     files: Files, of_records: RecordOptions, search: SearchOptions, records: list[Path]
 ) -> dict[str, Any]:
     """The chosen options that commands share, by the names of `barnax.identify`."""
-    from ..inputs import file_names
     from ..model.search_space import parse_fixed
 
     paths = {"records": records, "ocv": files.ocv or [], "validate": files.validate or []}
@@ -340,9 +339,6 @@ def run_options(
         **files.cell,
         **files.read,
         **search.settings,
-        "command": command_line(
-            file_names([path for several in paths.values() for path in several])
-        ),
     }
 
 

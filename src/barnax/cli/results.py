@@ -1,11 +1,5 @@
-"""Commands on a stored result: show it, validate it, replay a record with it, run it again."""
+"""Commands on a stored result: show it, validate it, replay a record with it."""
 
-import itertools
-import json
-import subprocess
-import sys
-import tempfile
-from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,7 +9,6 @@ import typer
 from ..errors import InputError
 from ..settings import Reading, Window
 from .options import (
-    DATA,
     FILTER,
     FORCE,
     HOW_READ,
@@ -39,15 +32,11 @@ from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..records import Source
-    from ..reopening import Places
     from ..replay import SocReplay
     from ..reporting.document import Table
     from ..results import Result
     from ..search.evaluate import Evaluation
 
-# Across machines and versions the refined error agrees this closely, relative.
-REPRODUCED_RMSE = 1e-9
-FINDINGS = 1
 SOC_FOLDER = Path("barnax-soc")
 
 
@@ -274,108 +263,3 @@ def _soc_figures(replay: "SocReplay", report: bool, paper: bool) -> dict[str, by
 
     document_of = partial(replay_document, replay)
     return drawn_files(lambda: [replay_illustration(replay)], document_of, report, paper)
-
-
-@group
-class Rerun:
-    """A stored result, and where its files are."""
-
-    result: Path = STORED
-    data: list[Path] | None = DATA
-    quiet: bool = QUIET
-
-
-def rerun(of: Rerun) -> None:
-    """Run the stored command of a result again, and say whether the result is the same.
-
-    Exit status: 0 if it is, bit for bit or to 1e-9 of the RMSE; 1 if not.
-    """
-    from ..reopening import Places
-
-    session, result = Session(is_quiet=of.quiet), of.result
-    stored = load(result)
-    if len(stored.command) < 2 or stored.command[1] not in ("identify", "hppc"):
-        raise InputError(
-            f"{result}: has no stored command (it was made from Python); repeat it in Python"
-        )
-    command = with_files(stored.command[1:], stored, Places.of(result, of.data or ()))
-    with session.watch("Repeating"), tempfile.TemporaryDirectory() as folder:
-        repeated = _run(command, Path(folder, "repeated"))
-    # The roles that a plan chose are given now.
-    given = {"plan": stored.plan, "command": stored.command} if stored.plan else {}
-    repeated = repeated.model_copy(update=given)
-    if repeated.to_json() == stored.to_json():
-        session.show(["The result is the same, byte for byte."])
-        return
-    old_v, new_v = (result.metrics.identification.rmse_v for result in (stored, repeated))
-    session.show(_differences(stored, repeated))
-    if abs(new_v / old_v - 1) <= REPRODUCED_RMSE:
-        session.show([f"The error agrees to {abs(new_v / old_v - 1):.1e}."])
-        return
-    session.show([f"[bold]The error differs by {100 * (new_v / old_v - 1):+.2g} %.[/bold]"])
-    raise typer.Exit(FINDINGS)
-
-
-def with_files(
-    command: Sequence[str],
-    stored: "Result",
-    places: "Places",
-    missing: list[str] | None = None,
-) -> list[str]:
-    """The words of a command with every file's name replaced by where it lies.
-
-    An input that is in none of the places, or another there, stays as it is and joins `missing`;
-    without that it raises `InputError`.
-    """
-    from ..reopening import file_of
-
-    hashes = {file_of(part.name): part.sha256 for part in stored.inputs}
-    words = []
-    for before, word in itertools.pairwise(["", *command]):
-        option, equals, name = word.partition("=") if word.startswith("--") else ("", "", word)
-        is_bounds = (option if equals else before) == "--bounds"
-        if is_bounds or name in hashes:
-            try:
-                name = str(places.find(name, "" if is_bounds else hashes[name]))
-            except InputError:
-                if missing is None:
-                    raise
-                missing.append(name)
-        words.append(f"{option}{equals}{name}")
-    return words
-
-
-def _run(command: list[str], folder: Path) -> "Result":
-    done = subprocess.run(
-        # Without -P a file in the working folder could pass for one of our libraries.
-        [sys.executable, "-P", "-m", "barnax", *command, "--out", str(folder), "--quiet"],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    if done.returncode:
-        raise InputError(f"the stored command fails now: {done.stderr.strip()}")
-    return load(folder)
-
-
-def _differences(stored: "Result", repeated: "Result") -> list[str]:
-    """Sentences on the versions and entries that differ."""
-    lines = [
-        f"{name} was {old}, is {repeated.versions.get(name)}."
-        for name, old in stored.versions.items()
-        if repeated.versions.get(name) != old
-    ]
-    entries = [set(_entries(json.loads(result.to_json()))) for result in (stored, repeated)]
-    names = list(dict.fromkeys(place for place, _ in sorted(entries[0] ^ entries[1])))
-    first = ", ".join(names[:3])
-    return [*lines, f"{len(names)} entries differ from the stored ones, such as {shown(first)}."]
-
-
-def _entries(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
-    """Every number and text of a file with the path that leads to it."""
-    parts = value.items() if isinstance(value, dict) else enumerate(value)
-    for name, part in parts:
-        path = f"{place}.{name}" if place else str(name)
-        if isinstance(part, dict | list):
-            yield from _entries(part, path)
-        else:
-            yield path, repr(part)

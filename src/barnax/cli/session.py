@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shlex
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,18 +27,6 @@ from rich.text import Text
 from .. import devices
 from ..errors import OPTION, InputError, printable, reason_of
 from ..notices import Notice, sentences_of
-
-# Where and how results appear is no part of them.
-DRAWN = {"--report": 1, "--live": 1, "--paper": 1}
-APPEARANCE = {
-    "--design": 2,
-    "--out": 2,
-    "--force": 1,
-    "--json": 1,
-    "--quiet": 1,
-    "-q": 1,
-    "--verbose": 1,
-}
 
 
 def flag_of(name: str) -> str:
@@ -163,35 +150,6 @@ class Session:
         """Seconds of every stage so far, as `timings.json`."""
         seconds = {f"{stage} [s]": round(spent, 3) for stage, spent in self._timings.items()}
         return (json.dumps(seconds, indent=1) + "\n").encode()
-
-
-def command_line(names: Mapping[Path, str]) -> list[str]:
-    """The command that was run, without folders and options of output: equal runs are equal.
-
-    `names` are what results call the files.
-    """
-    kept = ["barnax"]
-    for word in without_options(sys.argv[1:], {**APPEARANCE, **DRAWN}):
-        option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
-        if value != "-" and value.rpartition("=")[0] not in names.values():
-            value = names.get(Path(value), _file_name(value))
-        kept.append(printable(option + equals + value))
-    return kept
-
-
-def without_options(words: list[str], options: Mapping[str, int]) -> list[str]:
-    """The words of a command without some options, each of so many words."""
-    kept = []
-    while words:
-        option, equals, _ = words[0].partition("=")
-        if option not in options:
-            kept.append(words[0])
-        words = words[1 if equals else options.get(option, 1) :]
-    return kept
-
-
-def _file_name(word: str) -> str:
-    return Path(word).name if os.sep in word or "/" in word else word
 
 
 def use_compilation_cache() -> None:

@@ -155,7 +155,6 @@ class ComparisonResult(Document, ComparisonPart):
         cell: OCV, hysteresis voltage and capacity.
         inputs: Every file, with its digest and what was decided about it.
         warnings: What is doubtful, with what to do.
-        command: The command that repeats the run.
         versions: Versions of barnax and of what it computes with.
     """
 
@@ -168,7 +167,6 @@ class ComparisonResult(Document, ComparisonPart):
     cell: CellModel
     inputs: tuple[InputPart, ...]
     warnings: tuple[Told, ...]
-    command: tuple[str, ...]
     versions: dict[str, str]
 
     @property
@@ -184,7 +182,6 @@ def make_comparison_result(
     candidates: Sequence[Candidate] = (),
     *,
     ocv: Sequence[Record | OcvTable] = (),
-    command: Sequence[str] = (),
     warnings: Sequence[Notice] = (),
 ) -> ComparisonResult:
     """A comparison as a `ComparisonResult`, which can be stored.
@@ -193,7 +190,6 @@ def make_comparison_result(
         comparison: A comparison from `compare`.
         candidates: The circuit that held-out blocks choose, and a constant one.
         ocv: The OCV tests of the cell.
-        command: The command that was run.
         warnings: Those of the inputs.
     """
     problems = {row.model: row.problem for row in comparison.rows}
@@ -225,7 +221,6 @@ def make_comparison_result(
         cell=first.cell,
         inputs=tuple(inputs),
         warnings=tuple(dict.fromkeys(told)),
-        command=tuple(command),
         versions=all_versions(),
     )
 
@@ -351,6 +346,6 @@ def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
         setup = set_up(first, inputs, windows, alone, bounded_tables(job, but="[F]"), **box)
         run = search_and_assess(setup, None, alone, "none", unwatched, advise=False)
     result = make_comparison_result(
-        comparison, run.candidates, ocv=inputs.ocv, command=job.command, warnings=inputs.warnings
+        comparison, run.candidates, ocv=inputs.ocv, warnings=inputs.warnings
     )
     return comparison, result

@@ -1,6 +1,5 @@
 """The files that were read, the decisions about them with their reasons, and the command."""
 
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from statistics import median
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..cell import CellModel, PolynomialCurve
 from ..cell.parameters import OHMIC
 from ..notices import Notice, sentences_of
-from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
+from .document import Bullets, Cells, Paragraph, Section, Table, make_table, pairs_table
 from .starts import CAME_FROM, axis_sentences, offset_sentence, start_sentence
 from .words import (
     NOTHING,
@@ -276,21 +275,16 @@ def _box(bounds: Mapping[str, tuple[float, float]], fixed: Mapping[str, float]) 
 
 
 def reproduction_section(stored: "Stored") -> Section:
-    """The exact command, and the versions that can change a digit."""
+    """What has to be the same, and the versions that can change a digit."""
     versions = pairs_table(
         "Package versions that can change the numbers.", "package", "version", stored.versions
     )
-    if not stored.command:
-        made = (Paragraph("This was made from Python, not by a command."),)
-    else:
-        made = (
-            Paragraph(
-                "Run this command in the folder of the files. The same files, key and versions on "
-                "the same machine give the same numbers to the last bit."
-            ),
-            Listing(shlex.join(stored.command)),
-        )
-    return Section("How to repeat this", (*made, versions))
+    made = Paragraph(
+        "The same files, options, key and versions on the same machine give the same numbers to "
+        "the last bit. A plan.toml that stands beside the result has the files and the options: "
+        "barnax identify plan.toml runs it again."
+    )
+    return Section("How to repeat this", (made, versions))
 
 
 def warnings_section(notices: Sequence[Notice]) -> list[Section]:

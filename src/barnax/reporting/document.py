@@ -34,13 +34,6 @@ class Bullets:
 
 
 @dataclass(frozen=True)
-class Listing:
-    """Words to be copied as they stand, such as a command."""
-
-    text: str
-
-
-@dataclass(frozen=True)
 class Column:
     """A column's head, its unit where it has one, and whether it holds numbers."""
 
@@ -174,7 +167,7 @@ class Picture:
     live: Live | None = None
 
 
-Block = Paragraph | Bullets | Listing | Table | Picture
+Block = Paragraph | Bullets | Table | Picture
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,13 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from ..plots.pictures import Illustration, Kind, encode
-from .document import Bullets, Document, Listing, Paragraph, Picture, Table
+from .document import Bullets, Document, Paragraph, Picture, Table
 
 # Markdown's special characters. Brackets count only where a link could follow, and underscores
 # only at the edge of a word: units and file names are full of them.
 SPECIAL = re.compile(r"[\\`*<|~$]|\](?=[(\[:])|(?<![^\W_])_|_(?![^\W_])")
 # The start of a line that would make a list, heading, quotation or rule.
 LEADING = re.compile(r"^(\d*)(>|[-+.)=#](?=[\s=#>-]|$))")
-FENCE = "```"
 OPTION = re.compile(r"(?<![\w!-])--[a-z][a-z-]*")
 
 
@@ -31,13 +30,6 @@ def escape_markdown(text: str) -> str:
     """
     escaped = SPECIAL.sub(r"\\\g<0>", " ".join(text.split())).replace("&", "&amp;")
     return LEADING.sub(r"\1\\\2", escaped)
-
-
-def code_block(text: str) -> str:
-    """Text between fences that are longer than any in it."""
-    longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
-    fence = "`" * max(len(FENCE), longest + 1)
-    return f"{fence}\n{text}\n{fence}"
 
 
 def table_lines(table: Table) -> str:
@@ -81,7 +73,6 @@ def _width(text: str) -> int:
 KINDS = {
     "paragraph": Paragraph,
     "bullets": Bullets,
-    "listing": Listing,
     "table": Table,
     "picture": Picture,
 }
@@ -177,7 +168,6 @@ def _templates(for_html: bool) -> Environment:
         "options_whole": _with_options_whole,
         "md": escape_markdown,
         "md_table": table_lines,
-        "code_block": code_block,
     }
     return templates
 

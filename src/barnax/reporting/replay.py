@@ -48,11 +48,10 @@ def facts_of(replay: "SocReplay") -> tuple[str, str]:
     at_first, joint = "between ", "and"
     if replay.start is not None:
         at_first, joint = f"{100 * replay.start.soc + 0.0:.0f} %, then ", "to"
-    older = f"{replay.model}{' with tables over SOC' if replay.with_tables else ''}"
     return (
         f"{replay.record}   {duration(replay.duration_s)}   {replay.samples:,} samples   "
         f"SOC {at_first}{100 * low + 0.0:.0f} {joint} {100 * high:.0f} %",
-        f"{replay.circuit or older}, {FILTERS[replay.settings.kind]}, {replay.states} states",
+        f"{replay.circuit}, {FILTERS[replay.settings.kind]}, {replay.states} states",
     )
 
 

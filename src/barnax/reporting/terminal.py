@@ -15,7 +15,7 @@ from rich.table import Table as Shown
 from rich.text import Text
 
 from ..errors import printable
-from .document import Bullets, Document, Listing, Paragraph, Table
+from .document import Bullets, Document, Paragraph, Table
 from .replay import facts_of, replay_table, soc_lines
 
 if TYPE_CHECKING:
@@ -49,9 +49,7 @@ def to_terminal(document: Document) -> Iterator[RenderableType]:
     for section in document.sections:
         yield plain(f"\n{section.title}", style="bold cyan")
         for block in section.blocks:
-            if isinstance(block, Listing):
-                yield from (Text(printable(line), no_wrap=True) for line in block.text.split("\n"))
-            elif isinstance(block, Paragraph):
+            if isinstance(block, Paragraph):
                 yield plain(block.text)
             elif isinstance(block, Bullets):
                 style = "yellow" if block.are_warnings else ""

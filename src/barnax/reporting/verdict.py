@@ -123,12 +123,11 @@ def _no_circuit(result: "Result") -> str:
 
 @dataclass(frozen=True)
 class Next:
-    """The next step: options to run again with or without, an export of this result to a format,
+    """The next step: options to run again with, an export of this result to a format,
     or a test designed from it."""
 
     advice: str
     options: Mapping[str, str] = field(default_factory=dict)
-    without: tuple[str, ...] = ()
     exports: str = ""
     designs: bool = False
 
@@ -152,7 +151,7 @@ def next_step(result: "Result") -> Next:
     if missed_v > MISS_TOLERANCE_V:
         missed = millivolt(missed_v)
         what = f"interpolate the OCV; the polynomial misses its points by up to {missed}"
-        return Next(what, {"ocv_fit": "interpolated"}, without=("setup",))
+        return Next(what, {"ocv_fit": "interpolated"})
     if result.tables is None and (reason := _no_circuit(result)):
         return Next(f"check the OCV test, `capacity`, the window and `bounds`: {reason}")
     names = {part.name for part in result.of_role("identification")}
@@ -164,7 +163,7 @@ def next_step(result: "Result") -> Next:
         )
     if disagrees:
         what = "see what the records tell without the OCV test, which disagrees with them"
-        return Next(what, without=("ocv",))
+        return Next(what)
     others = _other_temperatures(result)
     if others and result.tables is not None:
         where = joined([f"{degc:.3g}" for degc in others])
@@ -189,7 +188,7 @@ def next_step(result: "Result") -> Next:
     if not result.tried and alike(elements) < len(elements):
         return Next("try tables over SOC of this circuit too", {"over": "soc"})
     if not result.tried:
-        return Next("try tables over SOC too, without `model`", without=("model", "setup"))
+        return Next("try tables over SOC too, without `model`")
     found = result.constant.assessment
     if found is None:
         return Next("compute intervals of the parameters", {"trust": "basic"})

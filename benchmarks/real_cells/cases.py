@@ -10,7 +10,6 @@ import barnax
 from barnax.comparison import PAPER_ROWS, Comparison, Row
 from barnax.model.prepared import prepare_record
 from barnax.search.evaluate import Evaluation
-from benchmarks.hysteresis import Cell, bundled, measured
 
 from .conditions import Condition, condition_of
 
@@ -21,6 +20,50 @@ EXACT = "varpro"
 # Below this the A123's voltage falls off a cliff, and errors there would be all one sees.
 LOWEST_SOC = 0.1
 ROWS = (*((model, EXACT) for model in MODELS), *PAPER_ROWS, ("esc", "bmo"), ("esc", "ibmo"))
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell: its OCV tests, the record to identify on, the one to validate on."""
+
+    name: str
+    ocv: tuple[Path, ...]
+    record: Path
+    validation: Path | None
+    window: barnax.Window
+    capacity_ah: float | None = None
+
+
+def bundled() -> Cell:
+    return Cell(
+        "bundled virtual cell (NMC/graphite-Si, simulated)",
+        (barnax.bundled_file("ocv_discharge"), barnax.bundled_file("ocv_charge")),
+        barnax.bundled_file("identification"),
+        barnax.bundled_file("validation"),
+        barnax.Window(),
+    )
+
+
+def measured(folder: Path) -> Iterator[Cell]:
+    """CALCE INR18650-20R at three temperatures and Plett's A123 26650."""
+    calce = folder / "calce-inr18650-20r"
+    for temperature in (25, 0, 45):
+        yield Cell(
+            f"CALCE INR18650-20R (NMC), {temperature} degC, OCV at 25 degC",
+            (calce / "ocv-incremental_25degC_SP20-3.parquet",),
+            calce / f"dst_{temperature}degC_80soc_SP20-2.parquet",
+            calce / f"us06_{temperature}degC_80soc_SP20-2.parquet",
+            barnax.Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8)),
+            2.0,
+        )
+    plett = folder / "plett-a123-26650"
+    yield Cell(
+        "A123 26650 (LFP), 25 degC, C/30 OCV",
+        (plett / "ocv-s1_25degC.parquet", plett / "ocv-s3_25degC.parquet"),
+        plett / "dyn-s1_25degC.parquet",
+        None,
+        barnax.Window(initial_soc=1.0),
+    )
 
 
 def data_folder(given: str | None) -> Path | None:

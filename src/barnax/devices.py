@@ -15,7 +15,8 @@ def prefer_cpu() -> None:
     """Have JAX compute on the CPU unless the environment says where, or JAX is loaded already.
 
     On a GPU an identification takes longer, for its populations are small and its proofs run on
-    the CPU (`benchmarks.devices`), and each process of a fleet would claim most of its memory.
+    the CPU (benchmarks/results/devices.md), and
+    each process of a fleet would claim most of its memory.
     """
     if not told() and "jax" not in sys.modules:
         os.environ["JAX_PLATFORMS"] = "cpu"

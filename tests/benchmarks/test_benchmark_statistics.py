@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-import scipy.stats
 from benchmarks.design.virtual import SHARES, TABLES, virtual_lines
-from benchmarks.li2023.centre_bias import statistics as paired
 from benchmarks.li2023.table2 import statistics as table
 
 
@@ -34,40 +32,6 @@ def test_a_cell_agrees_only_on_both_scales():
     assert not table.agrees(table.scores("F1", table.Cell(1e-92, 1e-90, 1e-90), cells))
     near = np.mean([cell.mean for cell in cells])
     assert table.agrees(table.scores("F1", table.Cell(near, near, near), cells))
-
-
-def test_holm_adjusts_as_in_his_example():
-    """Holm (1979): sorted p-values times the number of hypotheses left, never falling."""
-    adjusted = paired.holm(np.array([0.01, 0.04, 0.03, 0.005]))
-    np.testing.assert_allclose(adjusted, [0.03, 0.06, 0.06, 0.02])
-
-
-@pytest.mark.parametrize(
-    ("methods", "blocks", "expected"), [(2, 10, 1.960), (5, 10, 2.728), (10, 10, 3.164)]
-)
-def test_the_critical_difference_has_the_published_quantile(methods, blocks, expected):
-    """Demsar (2006), Table 5a."""
-    unit = np.sqrt(methods * (methods + 1) / (6 * blocks))
-    found = paired.critical_difference(methods, blocks)
-    assert found / unit == pytest.approx(expected, abs=2e-3)
-
-
-def test_average_ranks_and_friedman_are_those_of_scipy():
-    losses = np.random.default_rng(1).normal(size=(9, 1, 4)) + np.arange(4)
-    ranks, p = paired.friedman(losses)
-    np.testing.assert_allclose(ranks, scipy.stats.rankdata(losses[:, 0], axis=1).mean(axis=0))
-    assert p == pytest.approx(scipy.stats.friedmanchisquare(*losses[:, 0].T).pvalue)
-
-
-def test_a_duel_is_won_by_the_smaller_losses_and_tied_by_equal_ones():
-    losses = np.random.default_rng(2).uniform(1, 2, 30)
-    results = {}
-    for function in paired.FUNCTIONS:
-        for method, factor in [("ours", 1.0), ("worse", 10.0), ("same", 1.0), ("better", 0.1)]:
-            results["shifted", function, method] = factor * losses
-    found = paired.duels(results, "shifted", "ours", ["worse", "same", "better"])
-    verdicts = {(duel.other, duel.verdict) for duel in found}
-    assert verdicts == {("worse", "win"), ("same", "tie"), ("better", "loss")}
 
 
 class Alike(dict):

@@ -2,6 +2,7 @@
 
 import ast
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -45,3 +46,14 @@ def test_no_benchmark_writes_its_results_in_place(path):
         for name, text in calls
         if name in IN_PLACE and ("RESULTS" in text or "options.out" in text)
     ]
+
+
+def test_the_index_has_every_page_once_with_the_command_that_is_on_it():
+    results = BENCHMARKS / "results"
+    rows = re.findall(
+        r"^\| \[(.+?)\]\(\1\) \| `(.+?)` \|", (results / "README.md").read_text(), re.MULTILINE
+    )
+    pages = {path.name for path in results.glob("*.md")} - {"README.md"}
+    assert sorted(name for name, _ in rows) == sorted(pages)
+    for name, command in rows:
+        assert f"`{command}`" in (results / name).read_text(encoding="utf-8")

@@ -1,1 +1,0 @@
-"""What is left of the optimizers away from the origin."""

@@ -59,7 +59,7 @@ def test_a_loaded_result_has_the_evaluations_and_figures_of_the_run(kept):
     assert [each.rmse_v for each in again.search.seeds] == [s.rmse_v for s in run.search.seeds]
     names = [[each.name for each in identification_illustrations(own)] for own in (result, loaded)]
     assert names[0] == names[1]
-    assert {"convergence", "landscape-iso-rc"} < set(names[1])
+    assert {"convergence", "tables"} < set(names[1])
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """What tests show of a cell: open-circuit and hysteresis voltage, and pulses of 25 degC."""
 
-import io
-import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,10 +8,9 @@ import pytest
 
 from barnax import CircuitParameters, bundled_file, characterize, read_record
 from barnax.cell import CellModel, InterpolatedCurve, OcvPoint, SegmentedHysteresis
-from barnax.cell.curves import KNOTS
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.plots import plot_hysteresis, plot_ocv, plot_pulse_resistances, plot_pulses
+from barnax.plots import plot_ocv, plot_pulse_resistances, plot_pulses
 from barnax.plots.cell import plot_own_ocv
 from barnax.pulses import levels, pulses_of
 from barnax.search.evaluate import evaluate
@@ -86,52 +83,6 @@ def test_an_ocv_of_the_records_own_is_a_line_with_intervals_and_no_points():
         (axes,) = figure.axes
         assert labels(axes) == told
         assert all(drawn.get_marker() in ("", "None") for drawn in axes.get_lines())
-
-
-def test_the_hysteresis_points_are_those_of_the_fit(bundled_cell):
-    points = line(plot_hysteresis(bundled_cell).axes[0], "the same at the OCV points")
-    expected = np.array(bundled_cell.hysteresis.points)
-    np.testing.assert_allclose(points.get_xdata(), expected[:, 0])
-    np.testing.assert_allclose(points.get_ydata(), 1e3 * expected[:, 1])
-
-
-def test_the_five_segments_end_at_the_knots(bundled_cell):
-    lines = plot_hysteresis(bundled_cell).axes[0].get_lines()
-    segments = [
-        line for line in lines if line.get_label() in ("five segments (continuous)", "_segment")
-    ]
-    np.testing.assert_allclose(
-        [line.get_xdata() for line in segments], list(itertools.pairwise(KNOTS))
-    )
-    middle = [np.mean(line.get_xdata()) for line in segments]
-    np.testing.assert_allclose(
-        [np.mean(line.get_ydata()) for line in segments],
-        1e3 * bundled_cell.hysteresis_v(np.array(middle)),
-    )
-
-
-def test_the_scale_of_the_hysteresis_includes_zero():
-    low, high = plot_hysteresis(make_cell()).axes[0].get_ylim()
-    assert low <= 0 <= high
-
-
-def test_measured_differences_are_added_where_the_curves_miss_them(bundled_cell):
-    label = "difference of the measured points (PCHIP)"
-    drawn = line(plot_hysteresis(bundled_cell).axes[0], label)
-    assert (
-        np.max(np.abs(drawn.get_ydata() - 1e3 * np.array(bundled_cell.hysteresis.points)[:, 1])) > 1
-    )
-    assert label not in labels(plot_hysteresis(make_cell()).axes[0])
-
-
-def test_of_a_cell_with_one_branch_no_hysteresis_is_drawn_but_said_to_be_missing():
-    figure = plot_hysteresis(make_cell(has_charge=False))
-    figure.savefig(io.BytesIO())
-    (axes,) = figure.axes
-    assert not axes.get_lines()
-    assert [text.get_text() for text in axes.texts] == [
-        "not measured: the OCV is of one branch only"
-    ]
 
 
 @pytest.fixture(scope="module")

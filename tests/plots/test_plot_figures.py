@@ -12,7 +12,6 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 
 from barnax import bundled_file, characterize, plots, read_record
-from barnax.global_optimum import Landscape
 from barnax.plots.pictures import encode
 from barnax.results import Result
 from helpers.comparisons import make_comparison, make_failure, make_row
@@ -31,28 +30,22 @@ def make_all_figures() -> dict[str, Figure]:
     scored = np.arange(600) >= 100
     evaluation = make_evaluation(make_record(600), scored)
     comparison = make_comparison([make_row("ibmo so-rc", 20.0), make_row("ibmo esc", 18.0)])
-    tau_s = np.geomspace(1.0, 100.0, 10)
-    errors_v = np.add.outer(tau_s, tau_s)
-    landscape = Landscape((tau_s, tau_s), None, errors_v, np.zeros((3, 10, 10)))
     found = make_search([[0.03, 0.02, 0.011], [0.04, 0.012, 0.012]])
     return {
         "voltage": plots.plot_voltage(evaluation),
         "error": plots.plot_error(evaluation),
         "ocv": plots.plot_ocv(cell),
-        "hysteresis": plots.plot_hysteresis(cell),
         "convergence": plots.plot_convergence(found, make_refinement(found, 0.01)),
-        "condition": plots.plot_condition(evaluation.prepared),
         "voltages": plots.plot_voltage({"a": evaluation, "b": evaluation}),
         "errors": plots.plot_error({"a": evaluation, "b": evaluation}),
         "convergences": plots.plot_compared_convergence(comparison),
         "parameters": plots.plot_compared_parameters(comparison),
-        "landscape": plots.plot_landscape(landscape),
     }
 
 
 NAMES = (
-    *("voltage", "error", "ocv", "hysteresis", "convergence", "condition"),
-    *("voltages", "errors", "convergences", "parameters", "landscape"),
+    *("voltage", "error", "ocv", "convergence"),
+    *("voltages", "errors", "convergences", "parameters"),
 )
 
 
@@ -117,7 +110,6 @@ def test_the_style_of_the_session_does_not_show():
     ("plot", "what"),
     [
         (plots.plot_ocv, "result"),
-        (plots.plot_hysteresis, "result"),
         (plots.plot_convergence, "result"),
         (plots.plot_compared_convergence, "comparison"),
         (plots.plot_compared_parameters, "comparison"),

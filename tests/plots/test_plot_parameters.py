@@ -1,44 +1,13 @@
 """Circuits side by side: every seed's own parameters, and what online methods saw."""
 
 import io
-from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
-from barnax.baselines import Answer, Trajectory
-from barnax.cell import CircuitParameters
-from barnax.plots import plot_compared_parameters, plot_trajectories
+from barnax.plots import plot_compared_parameters
 from barnax.plots.parameters import readable
 from helpers.comparisons import BOX, PARAMETERS, make_comparison, make_row
-from helpers.results import line, make_evaluation, make_record
-
-
-def test_a_trajectory_is_its_median_in_each_percent_and_breaks_where_there_is_none():
-    prepared = make_evaluation(make_record(2000)).prepared
-    count = len(prepared.soc)
-    percent = np.minimum(np.floor(100 * prepared.soc), 99)
-    full = percent == percent.max()
-    # One percent holds an outlier, the next nothing, all others what they are.
-    r0 = np.full(count, 0.05)
-    r0[np.flatnonzero(full)[:1]] = 7.0
-    r0[percent == percent.max() - 1] = np.nan
-    path = Trajectory(prepared.time_s, r0, np.full((count, 1), 0.02), np.full((count, 1), 30.0))
-    answer = Answer(CircuitParameters.constant(0.04, (0.02,), (1500.0,)), 0.01, 0, trajectory=path)
-    problem = SimpleNamespace(prepared=prepared, bounds=SimpleNamespace(pairs=1))
-    figure = plot_trajectories({"rls 1rc": SimpleNamespace(median=answer, problem=problem)})
-    drawn = line(figure.axes[0], "rls 1rc").get_ydata()
-    known = drawn[int(percent.min()) : int(percent.max()) + 1]
-    np.testing.assert_allclose(known, [*[50.0] * (len(known) - 2), np.nan, 50.0])
-    np.testing.assert_allclose(figure.axes[0].get_lines()[1].get_ydata(), 40.0)
-    assert [axes.get_ylabel() for axes in figure.axes if axes.get_visible()] == [
-        "R0 [mOhm]", "R1 [mOhm]", "tau1 [s]",
-    ]  # fmt: skip
-
-
-def test_a_comparison_without_an_online_method_has_no_trajectories():
-    with pytest.raises(ValueError, match="no trajectory to draw"):
-        plot_trajectories({})
+from helpers.results import line
 
 
 def test_every_seed_s_parameters_are_drawn_beside_the_median_and_the_refined():

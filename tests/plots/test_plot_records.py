@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from barnax.plots import (
-    plot_condition,
     plot_error,
     plot_voltage,
 )
@@ -95,23 +94,6 @@ def test_the_magnified_stretch_is_the_scored_one_with_the_largest_error():
     squares = np.where(scored, error_v, 0.0) ** 2
     expected = max(range(3000 - 200 + 1), key=lambda start: squares[start : start + 200].sum())
     assert worst_stretch(error_v, scored) == slice(expected, expected + 200)
-
-
-def test_the_condition_is_current_voltage_and_state_of_charge_over_time():
-    scored = np.arange(600) >= 100
-    prepared = make_evaluation(make_record(600), scored).prepared
-    figure = plot_condition(prepared)
-    drawn = [axes.get_lines()[0] for axes in figure.axes]
-    for each, values in zip(
-        drawn, (prepared.current_a, prepared.voltage_v, prepared.soc), strict=True
-    ):
-        np.testing.assert_array_equal(each.get_xdata(), prepared.time_s)
-        np.testing.assert_array_equal(each.get_ydata(), values)
-    assert labels(figure.axes[0]) == ["not scored"]
-
-
-def test_a_condition_that_counts_throughout_needs_no_legend():
-    assert plot_condition(make_evaluation(make_record(600)).prepared).legends == []
 
 
 def test_every_row_s_voltage_is_drawn_over_the_measured_one():

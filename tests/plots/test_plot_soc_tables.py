@@ -10,11 +10,9 @@ from barnax.cell.parameters import OCV
 from barnax.over_soc import OverTemperature, TableFits
 from barnax.over_soc.intervals import NodeInterval
 from barnax.plots import (
-    plot_error_map,
     plot_over_temperature,
     plot_summary,
     plot_tables,
-    plot_tables_by_temperature,
 )
 from barnax.plots.soc_tables import drawn_tables, scale_of
 from helpers.results import CIRCUIT, NODES, TABLE_OHM, line, make_evaluation, make_fit, make_record
@@ -110,27 +108,6 @@ def test_a_node_that_is_not_determined_sets_no_scale_and_is_said_to_be_off_it():
     assert scale_of([table])[1] > 300
 
 
-def test_a_cell_of_the_map_is_the_rmse_of_its_samples():
-    record = make_record(400)
-    error_v = np.where(record.current_a > 0, 3e-3, -1e-3)
-    figure = plot_error_map({"made": [make_evaluation(record, error_v=error_v)]})
-    (mesh,) = [each for each in figure.axes[0].collections if each.get_array() is not None]
-    # Rows of cells rise with the current: charge lies at the bottom, discharge at the top.
-    cells = np.ma.masked_invalid(mesh.get_array()).reshape(16, 20)
-    np.testing.assert_allclose(cells[0].compressed(), 1.0)
-    np.testing.assert_allclose(cells[-1].compressed(), 3.0)
-    assert cells[1:-1].count() == 0
-
-
-def test_circuits_share_one_scale():
-    record = make_record(400)
-    small, large = (make_evaluation(record, error_v=np.full(400, v)) for v in (1e-3, 9e-3))
-    figure = plot_error_map({"small": [small], "large": [large]})
-    meshes = [axes.collections[0] for axes in figure.axes[:2]]
-    assert meshes[0].norm is meshes[1].norm
-    assert [axes.get_title(loc="left") for axes in figure.axes[:2]] == ["small", "large"]
-
-
 DEGC = (0.0, 20.0, 40.0)
 
 
@@ -143,14 +120,6 @@ def found() -> TableFits:
         tables = fit.tables.with_tables(dict(zip(fit.tables.resistances, (r0, *r), strict=True)))
         fits.append(replace(fit, tables=tables))
     return TableFits(tuple(fits), OverTemperature(DEGC, 1e-3, 1e-3, 1e-3, (), ()))
-
-
-def test_each_temperature_is_a_line_through_its_visited_nodes(found):
-    axes = plot_tables_by_temperature(found).axes[0]
-    assert axes.get_ylabel() == "R0 [mOhm]"
-    own = line(axes, "0 degC")
-    np.testing.assert_allclose(own.get_xdata(), NODES[2:])
-    np.testing.assert_allclose(own.get_ydata(), 2e3 * np.array(TABLE_OHM[0][2:]))
 
 
 def test_between_temperatures_stands_what_is_interpolated(found):

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from barnax.plots import (
-    plot_condition,
     plot_error,
-    plot_hysteresis,
+    plot_ocv,
     plot_voltage,
     style,
 )
@@ -100,7 +99,6 @@ ODD = "电池 $x^{$ \x1b[0m\x00 \udcff \U0001f50b.csv"
 DRAWN = {
     "voltage": lambda each: plot_voltage(each),
     "error": lambda each: plot_error(each),
-    "condition": lambda each: plot_condition(each.prepared),
     "voltages": lambda each: plot_voltage({ODD: each}),
     "errors": lambda each: plot_error({ODD: each}),
 }
@@ -170,19 +168,19 @@ def test_an_illustration_has_both_forms_and_a_small_picture_that_is_the_large_on
 
 def test_a_figure_for_a_column_is_half_as_wide_with_letters_of_seven_points():
     with style.column_width():
-        figure = plot_hysteresis(make_cell())
+        figure = plot_ocv(make_cell())
     figure.draw_without_rendering()
     (axes,) = figure.axes
     letters = [axes.xaxis.label, *axes.get_xticklabels(), *figure.legends[0].get_texts()]
     assert figure.get_size_inches()[0] == 3.5
     assert max(text.get_fontsize() for text in letters) == pytest.approx(7.0)
-    assert plot_hysteresis(make_cell()).get_size_inches()[0] == 7.0
+    assert plot_ocv(make_cell()).get_size_inches()[0] == 7.0
 
 
 def test_in_a_column_every_letter_stands_inside_the_figure():
     evaluation = make_evaluation(make_record(9000))
     with style.column_width():
-        figures = [plot_hysteresis(make_cell()), plot_voltage(evaluation), plot_error(evaluation)]
+        figures = [plot_ocv(make_cell()), plot_voltage(evaluation), plot_error(evaluation)]
     for figure in figures:
         figure.draw_without_rendering()
         legend = figure.legends[0].get_window_extent()

@@ -7,12 +7,9 @@ import itertools
 from types import SimpleNamespace
 from typing import Any, cast
 
-import numpy as np
 import pytest
 
-from barnax.cell import CircuitParameters
 from barnax.comparison import ComparisonResult
-from barnax.global_optimum import GlobalOptimum, Landscape
 from barnax.reporting.comparison import (
     bands_table,
     budget_sentence,
@@ -31,11 +28,11 @@ from barnax.reporting.comparison_verdict import (
     optimum_sentences,
     ranking_sentences,
 )
-from barnax.reporting.document import Bullets, Picture, Table
+from barnax.reporting.document import Bullets, Table
 from barnax.reporting.illustrations import comparison_illustrations
 from barnax.reporting.render import table_lines, to_html, to_markdown
 from barnax.search.evaluate import Evaluation, evaluate
-from barnax.search.refine import AtBound, Optimum, Refinement
+from barnax.search.refine import AtBound, Refinement
 from helpers.comparisons import (
     CITY,
     DRIVE,
@@ -263,7 +260,7 @@ def test_a_comparison_without_a_single_answer_is_a_report_all_the_same():
 
 def test_the_figures_of_a_stored_comparison_find_their_places_the_same_every_time(comparison):
     drawn = comparison_illustrations(comparison)
-    assert [each.name for each in drawn] == ["ocv", "hysteresis", "convergence", "parameters"]
+    assert [each.name for each in drawn] == ["ocv", "convergence", "parameters"]
     document = comparison_document(comparison, drawn)
     assert {each.name for each in document.pictures} == {each.name for each in drawn}
     page = to_html(document)
@@ -273,41 +270,11 @@ def test_the_figures_of_a_stored_comparison_find_their_places_the_same_every_tim
 
 
 def test_a_comparison_with_its_records_gives_figures_over_time_too(comparison, identified):
-    offline = SimpleNamespace(trajectory=None)
-    rows = [
-        SimpleNamespace(name=name, evaluations=(identified, identified), median=offline)
-        for name in "ab"
-    ]
+    rows = [SimpleNamespace(name=name, evaluations=(identified, identified)) for name in "ab"]
     names = [
         each.name
         for each in comparison_illustrations(comparison, cast(Any, SimpleNamespace(answered=rows)))
     ]
     for role in ("identification", "validation-1"):
-        assert {f"{role}-{kind}" for kind in ("condition", "voltages", "errors")} <= set(names)
+        assert {f"{role}-{kind}" for kind in ("voltages", "errors")} <= set(names)
     assert len(set(names)) == len(names)
-
-
-def make_optimum(*tau_s):
-    """A global optimum in the middle of a bowl over these time constants."""
-    distance = sum(np.ix_(*(np.log(each / each[len(each) // 2]) ** 2 for each in tau_s)))
-    landscape = Landscape(tau_s, None, 0.02 * (1 + distance), np.zeros((3, *distance.shape)))
-    circuit = CircuitParameters.constant(0.05, (0.01,) * len(tau_s), (1000.0,) * len(tau_s))
-    return GlobalOptimum((Optimum(0.02, circuit, 1, False),), (), None, landscape)
-
-
-@pytest.mark.slow
-def test_the_landscape_stands_in_the_search_with_what_is_sure_about_the_optimum(comparison):
-    tau_s = np.geomspace(1.0, 100.0, 9)
-    optimum = make_optimum(tau_s, tau_s)
-    drawn = comparison_illustrations(comparison, None, {"so-rc": optimum, "iso-rc": optimum})
-    document = comparison_document(comparison, drawn)
-    (search,) = [section for section in document.sections if section.title == "Search"]
-    shown = {block.name: block for block in search.blocks if isinstance(block, Picture)}
-    assert {"landscape-so-rc", "landscape-iso-rc"} <= shown.keys()
-    assert "so-rc" in shown["landscape-so-rc"].caption
-
-
-def test_what_has_not_two_time_constants_has_no_landscape(comparison):
-    optima = {"so-rc": make_optimum(np.geomspace(1.0, 100.0, 9))}
-    names = [each.name for each in comparison_illustrations(comparison, None, optima)]
-    assert not any(name.startswith("landscape") for name in names)

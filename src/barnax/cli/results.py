@@ -185,16 +185,15 @@ def validate(on: OnRecord, output: Errors) -> None:
 
 
 def _validation_page(evaluation: "Evaluation", table: "Table", answer: str) -> bytes:
-    from ..plots import plot_condition, plot_error, plot_voltage
+    from ..plots import plot_error, plot_voltage
     from ..plots.pictures import illustrate
     from ..reporting.document import Document, Section, picture
     from ..reporting.render import to_html
 
-    prepared, record = evaluation.prepared, evaluation.prepared.record.name
+    record = evaluation.prepared.record.name
     figures = (
         illustrate("voltage", record, plot_voltage, evaluation),
         illustrate("error", record, plot_error, evaluation),
-        illustrate("validation-condition", record, plot_condition, prepared),
     )
     drawn = tuple(map(picture, figures))
     document = Document(f"{answer} on {record}", "", (Section("Errors", (table, *drawn)),))

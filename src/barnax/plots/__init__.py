@@ -5,31 +5,27 @@ with its own `savefig`. Within `column_width()` they fit a journal's column. Imp
 package loads matplotlib, but not JAX.
 """
 
-from .cell import plot_hysteresis, plot_ocv, plot_pulse_resistances, plot_pulses
+from .cell import plot_ocv, plot_pulse_resistances, plot_pulses
 from .design import plot_design
-from .error import plot_error, plot_error_map, plot_soc_replay
+from .error import plot_error, plot_soc_replay
 from .life import plot_cell_life, plot_fleet_life
 from .pack import plot_pack
-from .parameters import plot_compared_parameters, plot_trajectories
-from .search import plot_compared_convergence, plot_convergence, plot_landscape
-from .soc_tables import plot_over_temperature, plot_tables, plot_tables_by_temperature
+from .parameters import plot_compared_parameters
+from .search import plot_compared_convergence, plot_convergence
+from .soc_tables import plot_over_temperature, plot_tables
 from .style import column_width
 from .summary import plot_summary
-from .voltage import plot_condition, plot_voltage
+from .voltage import plot_voltage
 
 __all__ = [
     "column_width",
     "plot_cell_life",
     "plot_compared_convergence",
     "plot_compared_parameters",
-    "plot_condition",
     "plot_convergence",
     "plot_design",
     "plot_error",
-    "plot_error_map",
     "plot_fleet_life",
-    "plot_hysteresis",
-    "plot_landscape",
     "plot_ocv",
     "plot_over_temperature",
     "plot_pack",
@@ -38,7 +34,5 @@ __all__ = [
     "plot_soc_replay",
     "plot_summary",
     "plot_tables",
-    "plot_tables_by_temperature",
-    "plot_trajectories",
     "plot_voltage",
 ]

@@ -1,6 +1,5 @@
 """Tests of a cell: open-circuit and hysteresis voltage, pulses and their resistances."""
 
-import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,22 +11,19 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from ..cell import CellModel, InterpolatedCurve
-from ..cell.curves import KNOTS
+from ..cell import CellModel
 from ..cell.parameters import OCV
 from ..pulses import STANDARD_S, Pulse, levels, pulse_samples
 from .pictures import illustration
 from .style import (
     BLACK,
     BLUE,
-    GREY,
     SKY_BLUE,
     SOC_LABEL,
     VERMILLION,
     draw_points,
     finish,
     finish_bar,
-    is_column,
     make_figure,
     make_panels,
     name_below,
@@ -153,71 +149,6 @@ def plot_own_ocv(cell: CellModel, nodes: "Sequence[NodeInterval]" = ()) -> Figur
     axes.set_ylabel("Open-circuit voltage [V]")
     axes.set_xlabel(SOC_LABEL)
     return finish(figure, axes)
-
-
-SAME_MV = 0.1
-NOT_MEASURED = "not measured: the OCV is of one branch only"
-
-
-@illustration(
-    "Hysteresis voltage, the charge branch minus the discharge branch, and the segments fitted "
-    "to it.",
-    "Hysteresis voltage over the state of charge, with its five segments",
-    is_dense=False,
-)
-def plot_hysteresis(cell: "CellModel | Result | str | Path") -> Figure:
-    """Charge minus discharge OCV in mV, on a scale that includes zero; dotted lines are the knots.
-
-    Filled points are what the segments were fitted to: the difference of both branch curves at
-    the SOC of every OCV point; the thin line is that difference everywhere. Open points are the
-    difference with PCHIP through the measured points in place of the curves, drawn where that is
-    another: a polynomial that misses its points makes hysteresis that was not measured. Of a cell
-    with one branch it says that no hysteresis was measured.
-
-    Args:
-        cell: A cell from `characterize`, a result, or the path of a `result.json`.
-
-    >>> from barnax import bundled_file, characterize, read_record
-    >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    >>> plot_hysteresis(characterize(tests)).axes[0].get_ylabel()
-    'Hysteresis voltage [mV]\\n(charge − discharge OCV)'
-    """
-    cell = cell_of(cell)
-    figure = make_figure()
-    axes = figure.subplots()
-    axes.set_xlabel(SOC_LABEL)
-    axes.set_ylabel("Hysteresis voltage [mV]\n(charge − discharge OCV)")
-    if not cell.hysteresis.points:
-        place = {"transform": axes.transAxes, "ha": "center", "va": "center"}
-        axes.text(0.5, 0.5, NOT_MEASURED, **place)
-        axes.set_yticks([])
-        return finish(figure, axes)
-    axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    for knot in KNOTS[1:-1]:
-        axes.axvline(knot, color=GREY, linestyle=":", linewidth=0.9)
-    _draw_difference(axes, cell)
-    label = f"five segments ({cell.hysteresis.kind})"
-    for ends, ends_v in zip(itertools.pairwise(KNOTS), cell.hysteresis.ends_v, strict=True):
-        axes.plot(ends, 1e3 * np.array(ends_v), color=VERMILLION, linewidth=2.0, label=label)
-    axes.set_xticks(KNOTS[1:-1], minor=True)
-    return finish(figure, axes, columns=1 if is_column() else 2)
-
-
-def _draw_difference(axes: Axes, cell: CellModel) -> None:
-    soc, fitted_v = np.array(cell.hysteresis.points).T
-    inside = np.linspace(soc[0], soc[-1], CURVE_SAMPLES)
-    gap_mv = 1e3 * (cell.charge(inside) - cell.discharge(inside))
-    label = "difference of the branch curves"
-    axes.plot(inside, gap_mv, color=SKY_BLUE, linewidth=1.2, label=label)
-    label = "the same at the OCV points"
-    draw_points(axes, soc, 1e3 * fitted_v, "o", 3.2, color=BLUE, label=label)
-    through_charge = InterpolatedCurve(cell.charge.points)
-    through_discharge = InterpolatedCurve(cell.discharge.points)
-    measured_mv = 1e3 * (through_charge(soc) - through_discharge(soc))
-    if np.max(np.abs(measured_mv - 1e3 * fitted_v)) > SAME_MV:
-        symbol = {"color": BLACK, "markerfacecolor": "white", "markeredgewidth": 0.8}
-        label = "difference of the measured points (PCHIP)"
-        draw_points(axes, soc, measured_mv, "D", 3.6, **symbol, label=label)
 
 
 PANELS_ACROSS: Final = 2

@@ -1,14 +1,11 @@
 """Errors: of voltage over time, SOC and current, of one circuit or many, and of a filter's SOC."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
-import matplotlib
 import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
 
@@ -30,13 +27,11 @@ from .style import (
     draw_line,
     draw_points,
     finish,
-    finish_bar,
     letters_pt,
     make_figure,
     mark_outside,
     row_looks,
     show_name,
-    space_columns,
     title,
 )
 from .voltage import (
@@ -234,81 +229,6 @@ def _name_strip(axes: Axes, text: str) -> None:
         box = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0}
         place = {"transform": axes.transAxes, "verticalalignment": "top", "zorder": 4}
         show_name(axes.text(0.01, 0.97, text, fontsize=letters_pt(8), bbox=box, **place))
-
-
-SOC_EDGES: Final = np.linspace(0.0, 1.0, 21)
-CURRENT_BINS: Final = 16
-FEWEST_IN_CELL: Final = 5
-# A few cells near empty can be ten times as far off as all others.
-SHOWN_PERCENT: Final = 97.0
-
-
-@illustration(
-    "RMSE by state of charge and current, over all scored samples of the {} records.",
-    "RMSE in cells of state of charge and current",
-)
-def plot_error_map(circuits: "Mapping[str, Sequence[Evaluation]]") -> Figure:
-    """RMSE in cells of SOC and current over all scored samples, a panel a circuit, on one scale.
-
-    Cells with fewer than five samples are empty.
-
-    Args:
-        circuits: Evaluations by the circuit's name.
-
-    >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
-    >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    >>> circuit = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
-    >>> record = read_record(bundled_file("identification"))
-    >>> figure = plot_error_map({"a": [validate(record, characterize(tests), "iso-rc", circuit)]})
-    >>> figure.axes[0].get_xlabel()
-    'State of charge [-]'
-    """
-    flat = [evaluation for evaluations in circuits.values() for evaluation in evaluations]
-    currents = np.concatenate(
-        [evaluation.prepared.current_a[evaluation.prepared.scored] for evaluation in flat]
-    )
-    edges_a = np.linspace(*_rounded(float(currents.min()), float(currents.max())), CURRENT_BINS + 1)
-    maps = {name: _rmse_mv(evaluations, edges_a) for name, evaluations in circuits.items()}
-    known = np.concatenate([rmse_mv.compressed() for rmse_mv in maps.values()])
-    top = float(np.percentile(known, SHOWN_PERCENT)) if len(known) else 1.0
-    figure = make_figure(height_in=3.2)
-    space_columns(figure)
-    panels = np.atleast_1d(figure.subplots(1, len(maps), sharex=True, sharey=True))
-    scale = ScalarMappable(Normalize(0.0, top), matplotlib.colormaps["viridis"])
-    for axes, (name, rmse_mv) in zip(panels, maps.items(), strict=True):
-        axes.pcolormesh(SOC_EDGES, edges_a, rmse_mv.T, cmap=scale.cmap, norm=scale.norm)
-        axes.set_xlabel(SOC_LABEL)
-        title(axes, name)
-    panels[0].set_ylabel("Current [A]\n(discharge > 0)")
-    extend = "max" if len(known) and known.max() > top else "neither"
-    bar = figure.colorbar(scale, ax=list(panels), pad=0.02, aspect=30, extend=extend)
-    beyond = f", up to {known.max():.3g}" if extend == "max" else ""
-    bar.set_label(f"RMSE [mV]{beyond}")
-    finish_bar(bar)
-    for axes in panels:
-        axes.set_xlim(0.0, 1.0)
-    return finish(figure, *panels)
-
-
-def _rounded(low: float, high: float) -> tuple[float, float]:
-    """The range, with a little room where it is a point."""
-    return (low, high) if high > low else (low - 0.5, high + 0.5)
-
-
-def _rmse_mv(evaluations: "Sequence[Evaluation]", edges_a: np.ndarray) -> np.ma.MaskedArray:
-    """RMSE of every cell, masked where there are too few samples."""
-    scored = [evaluation.prepared.scored for evaluation in evaluations]
-    pairs = list(zip(evaluations, scored, strict=True))
-    soc = np.concatenate([evaluation.prepared.soc[chosen] for evaluation, chosen in pairs])
-    current_a = np.concatenate(
-        [evaluation.prepared.current_a[chosen] for evaluation, chosen in pairs]
-    )
-    error_mv = 1e3 * np.concatenate([evaluation.error_v[chosen] for evaluation, chosen in pairs])
-    bins = (SOC_EDGES, edges_a)
-    samples = np.histogram2d(soc, current_a, bins)[0]
-    squares = np.histogram2d(soc, current_a, bins, weights=error_mv**2)[0]
-    enough = samples >= FEWEST_IN_CELL
-    return np.ma.masked_array(np.sqrt(squares / np.maximum(samples, 1)), mask=~enough)
 
 
 SCENARIO_COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY_BLUE)

@@ -25,14 +25,13 @@ from .style import (
     draw_points,
     finish,
     label_plainly,
-    make_figure,
     make_panels,
     opened,
     row_looks,
 )
 
 if TYPE_CHECKING:
-    from ..comparison import ComparisonResult, Row
+    from ..comparison import ComparisonResult
     from ..comparison.result import RowPart
 
 Values = Float[np.ndarray, "cells"]
@@ -150,67 +149,6 @@ def _draw_bounds(axes: Axes, limits: Sequence[float]) -> None:
         # A bound just outside the data still shows that they end at it.
         if low / 1.3 <= limit <= high * 1.3:
             axes.axvline(limit, color=GREY, linestyle=":", linewidth=1.1, zorder=1)
-
-
-TRAJECTORY_IN, AROUND_IN = 1.7, 0.8
-# A median for every percent of SOC: from sample to sample a trajectory is mostly noise.
-STEPS = np.linspace(0, 1, 101)
-
-
-@illustration(
-    "The circuit as the online methods estimated it: medians in each percent of the state of "
-    "charge. Dashes on the right: their answers.",
-    "Resistances and time constants of online methods over the state of charge",
-)
-def plot_trajectories(rows: "Mapping[str, Row]") -> Figure:
-    """R0, every R and every tau over the state of charge, as each online row saw them.
-
-    Lines are medians in each percent of the state of charge, and break where the row's equation
-    belonged to no circuit. Short dashes at the right are what the row answers. Rows without a
-    trajectory are left out; raises `ValueError` where none has one.
-
-    Args:
-        rows: Rows of a comparison, by label.
-    """
-    tracked = {name: row for name, row in rows.items() if row.median.trajectory is not None}
-    if not tracked:
-        raise ValueError("no row is of an online method; there is no trajectory to draw")
-    looks, pairs = row_looks(rows), max(row.problem.bounds.pairs for row in tracked.values())
-    figure = make_figure(height_in=AROUND_IN + TRAJECTORY_IN * (pairs + 1))
-    grid = figure.subplots(pairs + 1, 2, squeeze=False, sharex=True)
-    panels = {"R0 [mOhm]": grid[0, 0]}
-    for pair in range(1, pairs + 1):
-        panels |= {f"R{pair} [mOhm]": grid[pair, 0], f"tau{pair} [s]": grid[pair, 1]}
-    for name, row in tracked.items():
-        path, answer = row.median.trajectory, readable(row.median.parameters.to_dict())
-        assert path is not None, "chosen above"
-        prepared = row.problem.prepared
-        soc = np.interp(path.time_s, prepared.time_s, prepared.soc)
-        seen = {"R0 [mOhm]": 1e3 * path.r0}
-        for pair, (r, tau_s) in enumerate(zip(path.r.T, path.tau_s.T, strict=True), start=1):
-            seen |= {f"R{pair} [mOhm]": 1e3 * r, f"tau{pair} [s]": tau_s}
-        look = {"color": looks[name].color, "linestyle": looks[name].line}
-        for label, values in seen.items():
-            axes = panels[label]
-            axes.plot(*medians(soc, values), linewidth=1.2, **look, label=name)
-            axes.plot([-3, 0], [answer[label]] * 2, linewidth=1.6, color=look["color"])
-            axes.set(ylabel=label, yscale="log")
-    grid[0, 1].set_visible(False)
-    for axes in grid[-1]:
-        axes.set_xlabel("State of charge [%]")
-        # From full to empty, as in a discharge.
-        axes.set_xlim(101, -4)
-    for axes in panels.values():
-        label_plainly(axes.yaxis)
-    return finish(figure, *panels.values())
-
-
-def medians(soc: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The middle of every percent of SOC in %, and the median of what is a number there."""
-    place = np.clip(np.digitize(soc, STEPS), 1, len(STEPS) - 1)
-    inside = [values[(place == step) & np.isfinite(values)] for step in range(1, len(STEPS))]
-    middle = [np.median(found) if len(found) else np.nan for found in inside]
-    return 100 * (STEPS[:-1] + STEPS[1:]) / 2, np.array(middle)
 
 
 ROW_IN: Final = 0.62 * HEIGHT_IN

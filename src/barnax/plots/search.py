@@ -1,30 +1,22 @@
-"""The fall of every seed's best error, or loss, and the landscape that was searched.
-
-The landscape is the error over both time constants: its basins, and where each seed ended.
-"""
+"""The fall of every seed's best error, or loss."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import matplotlib
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from .pictures import illustration
 from .style import (
     BLACK,
     GREEN,
-    OPEN,
     SKY_BLUE,
     VERMILLION,
     RowLook,
     finish,
-    finish_bar,
     label_plainly,
     make_figure,
     opened,
@@ -35,10 +27,8 @@ from .style import (
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from ..cell import CircuitParameters
     from ..comparison import ComparisonResult
     from ..comparison.result import RowPart
-    from ..global_optimum import Landscape
     from ..results import Result
     from ..search.refine import Refinement
     from ..search.seeds import Search, SeedAnswer
@@ -275,126 +265,3 @@ def _draw_convergence(
     style["markevery"] = np.unique(np.minimum(places, len(spent) - 1)).tolist()
     style |= {"linestyle": look.line, "linewidth": 1.3, "markerfacecolor": "white"}
     axes.plot(spent, finite(median), **style)
-
-
-# Excess over the lowest RMSE, in percent: narrow steps near the bottom, where basins part.
-STEPS_PERCENT: Final = (0.0, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
-COLOR_MAP: Final = "viridis"
-LANDSCAPE_IN: Final = 5.6
-ANSWER: Final = {"markersize": 6.0, "markeredgecolor": "white", "markeredgewidth": 0.9}
-REFINED: Final[dict[str, Any]] = OPEN | {"marker": "P", "markersize": 8.0}
-BEST: Final[dict[str, Any]] = REFINED | {"marker": "*", "markersize": 14.0}
-
-
-@illustration(
-    "The lowest RMSE that {} can reach at every pair of time constants, with the answer of "
-    "every seed.",
-    "The error over both time constants, with every seed's answer and the optimum",
-    is_dense=False,
-)
-def plot_landscape(
-    landscape: "Landscape",
-    *,
-    answers: "Mapping[str, Sequence[CircuitParameters]] | None" = None,
-    refined: "Sequence[CircuitParameters]" = (),
-    optimum: "CircuitParameters | None" = None,
-    others: "Sequence[CircuitParameters]" = (),
-) -> Figure:
-    """The lowest RMSE that the resistances can reach, over both time constants.
-
-    Where the circuit has a rate gamma too, the best one counts. Steps of color are the excess over
-    the lowest value, in percent: a problem with two basins shows two dark patches. Circuits beyond
-    the box are drawn at its edge. Raises `ValueError` for what has not two time constants to
-    choose.
-
-    Args:
-        landscape: The landscape of a global optimum.
-        answers: Circuits of every row, one a seed.
-        refined: Circuits after Levenberg-Marquardt.
-        optimum: The global optimum.
-        others: The local optima.
-
-    >>> from barnax.global_optimum import Landscape
-    >>> tau_s = np.geomspace(1.0, 1e4, 30)
-    >>> rmse_v = 0.01 + 1e-3 * np.abs(np.log(tau_s[:, None] * tau_s / 1e4))
-    >>> landscape = Landscape((tau_s, tau_s), None, rmse_v, np.zeros((3, 30, 30)))
-    >>> plot_landscape(landscape).axes[0].get_xlabel()
-    'Time constant tau1 [s]'
-    """
-    if not has_landscape(landscape):
-        raise ValueError("a landscape is drawn over two time constants, neither of them held")
-    tau1_s, tau2_s = landscape.tau_s
-    rmse_v = least_over_gamma(landscape)
-    # Interchangeable pairs are ordered: there is no value where tau1 exceeds tau2.
-    is_ordered = bool(np.isnan(rmse_v[-1, 0]))
-    figure = make_figure(height_in=LANDSCAPE_IN)
-    axes = figure.subplots()
-    _draw_excess(figure, axes, tau1_s, tau2_s, rmse_v)
-
-    def mark(circuits: "Sequence[CircuitParameters]", label: str, layer: float, style: Any) -> None:
-        taus_s = [sorted(circuit.tau_s) if is_ordered else circuit.tau_s for circuit in circuits]
-        if any(len(tau_s) != 2 for tau_s in taus_s):
-            raise ValueError(f"{label}: a landscape over two time constants needs two RC pairs")
-        if not taus_s:
-            return
-        # An answer beyond the box is marked at its edge, and labeled so.
-        shown_s = np.clip(taus_s, (tau1_s[0], tau2_s[0]), (tau1_s[-1], tau2_s[-1]))
-        if not np.allclose(shown_s, taus_s):
-            label += " (partly outside the bounds)" if len(taus_s) > 1 else " (outside the bounds)"
-        # Unclipped: a mark at the limits of the box would be cut in half.
-        style = {"linestyle": "none", "clip_on": False, **style}
-        axes.plot(*shown_s.T, label=label, zorder=layer, **style)
-
-    rows = answers or {}
-    for label, look in row_looks(rows).items():
-        look_of_row = {"marker": look.marker, "markerfacecolor": look.color}
-        mark(rows[label], label, 3.0, look_of_row | ANSWER)
-    mark(refined, "refined by Levenberg-Marquardt", 3.2, REFINED)
-    mark(others, "other local optima", 3.1, REFINED | {"marker": "o"})
-    mark([optimum] if optimum else [], "global optimum", 3.1, BEST)
-    axes.set(
-        xscale="log",
-        yscale="log",
-        xlim=(tau1_s[0], tau1_s[-1]),
-        ylim=(tau2_s[0], tau2_s[-1]),
-        xlabel=f"{'Shorter time' if is_ordered else 'Time'} constant tau1 [s]",
-        ylabel=f"{'Longer time' if is_ordered else 'Time'} constant tau2 [s]",
-    )
-    # Ordered pairs leave a corner free for the legend.
-    finish(figure, axes, legend_of=[] if is_ordered else [axes])
-    axes.grid(visible=False)
-    if is_ordered and axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="lower right", markerscale=0.9)
-    return figure
-
-
-def has_landscape(landscape: "Landscape") -> bool:
-    """True if there are two time constants to draw it over."""
-    return [len(tau_s) > 1 for tau_s in landscape.tau_s] == [True, True]
-
-
-def least_over_gamma(landscape: "Landscape") -> Float[np.ndarray, "first second"]:
-    """The RMSE of the best gamma, NaN where there is no value; as it is where there is none."""
-    if landscape.gamma is None:
-        return landscape.rmse_v
-    known_v = np.where(np.isnan(landscape.rmse_v), np.inf, landscape.rmse_v).min(axis=-1)
-    return np.where(np.isfinite(known_v), known_v, np.nan)
-
-
-def _draw_excess(
-    figure: Figure, axes: Axes, tau1_s: np.ndarray, tau2_s: np.ndarray, rmse_v: np.ndarray
-) -> None:
-    known = np.ma.masked_invalid(rmse_v)
-    lowest_v = float(known.min())
-    excess_percent = 100 * (known / lowest_v - 1)
-    colors = matplotlib.colormaps[COLOR_MAP]
-    steps = list(STEPS_PERCENT)
-    drawn = (tau1_s, tau2_s, excess_percent.T)
-    norm = BoundaryNorm(steps, colors.N, extend="max")
-    filled = axes.contourf(*drawn, levels=steps, norm=norm, cmap=colors, extend="max")
-    axes.contour(*drawn, levels=steps[1:], colors="white", linewidths=0.4)
-    bar = figure.colorbar(filled, ax=axes, pad=0.02, aspect=30)
-    bar.set_label(f"RMSE above the lowest, {1e3 * lowest_v:.4g} mV [%]")
-    bar.ax.yaxis.set_major_locator(FixedLocator(steps))
-    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    finish_bar(bar)

@@ -246,33 +246,6 @@ POINTS: Final = 101
 
 
 @illustration(
-    "The tables of each temperature over the state of charge, with their 95 % intervals.",
-    "Resistances and OCV correction over the state of charge, one line per temperature",
-    is_dense=False,
-    is_main=True,
-)
-def plot_tables_by_temperature(found: "TableFits") -> Figure:
-    """Every table over SOC at the nodes that samples visit, a line with its band a temperature.
-
-    Args:
-        found: Tables of several temperatures.
-    """
-    degc, fits = _degc(found), [drawn_tables(fit) for fit in found.fits]
-    figure, panels = _panels(len(fits[0]))
-    for axes, name in zip(panels, fits[0], strict=True):
-        tables = [fit[name].seen for fit in fits]
-        for temperature, table, color in zip(degc, tables, _colors(len(degc)), strict=True):
-            line = {"color": color, "marker": "o", "markersize": 3, "linewidth": 1.2}
-            axes.plot(table.nodes, table.values, **line, label=f"{temperature:.3g} degC")
-            band = {"color": color, "alpha": 0.18, "linewidth": 0.0}
-            axes.fill_between(table.nodes, table.low, table.high, **band)
-        axes.set_ylabel(tables[0].label)
-        axes.set_ylim(scale_of(tables))
-    name_below(panels, PANELS_ACROSS, SOC_LABEL)
-    return finish(figure, *panels, columns=5)
-
-
-@illustration(
     "Resistances over temperature at several states of charge, on a logarithmic scale. Markers "
     "with 95 % intervals: measured temperatures, drawn a little apart; dashed: the interpolation "
     "between them.",

@@ -13,7 +13,6 @@ from .pictures import illustration
 from .style import (
     ALONE,
     BLACK,
-    BLUE,
     COLUMNS,
     HEIGHT_IN,
     SHADE,
@@ -110,44 +109,6 @@ def stretch_clock(time_s: Samples, span: slice, unit: TimeUnit) -> tuple[Samples
     """
     origin = np.floor(time_s[span.start] / unit.seconds * 100) / 100
     return time_s - origin * unit.seconds, f"Time after {origin:g} {unit.name} [s]"
-
-
-@illustration(
-    "Current, measured voltage and state of charge of {}.",
-    "Current, voltage and state of charge over time",
-)
-def plot_condition(prepared: "PreparedRecord") -> Figure:
-    """Current, measured voltage and state of charge of the simulated stretch of one record.
-
-    As Fig. 8 and 9 of Li et al. (2023). Time is on the record's own clock, in seconds below two
-    hours; discharge current is positive. Samples that do not count are shaded.
-
-    Args:
-        prepared: A record in its window.
-
-    >>> from barnax import Window, bundled_file, characterize, read_record
-    >>> from barnax.model.prepared import prepare_record
-    >>> cell = characterize([read_record(bundled_file("ocv_discharge"))])
-    >>> record = read_record(bundled_file("identification"))
-    >>> figure = plot_condition(prepare_record(record, cell, "so-rc", Window()))
-    >>> [axes.get_ylabel() for axes in figure.axes]
-    ['Current [A]\\n(discharge > 0)', 'Voltage [V]', 'SOC [-]']
-    """
-    unit = choose_time_unit(prepared.time_s)
-    time = prepared.time_s / unit.seconds
-    figure = make_figure()
-    panels = figure.subplots(3, 1, sharex=True, height_ratios=[1.6, 1.6, 1.0])
-    current, voltage, charge = panels
-    _draw_current(current, prepared, time, slice(None))
-    draw_line(voltage, time, prepared.voltage_v, color=BLUE, linewidth=0.8)
-    draw_line(charge, time, prepared.soc, color=BLACK, linewidth=0.8)
-    voltage.set_ylabel("Voltage [V]")
-    charge.set_ylabel("SOC [-]")
-    charge.set_xlabel(unit.label)
-    for axes in panels:
-        shade_unscored(axes, time, prepared.scored)
-    title(current, prepared.record.name)
-    return finish(figure, *panels, columns=1)
 
 
 def _draw_current(axes: Axes, prepared: "PreparedRecord", time: np.ndarray, span: slice) -> None:

@@ -97,7 +97,6 @@ def _results(
             search_table(result, seconds),
             *([Bullets(notes)] if notes else []),
             *pictures.of("convergence"),
-            *pictures.starting("landscape"),
         ),
     )
     for on, role in zip(records, record_roles(1, len(records) - 1), strict=True):

@@ -122,13 +122,13 @@ def identification_document(
             (
                 files_table(result),
                 *plan_blocks(result),
-                *pictures.of(*(f"{role}-condition" for role in roles), "ocv", "hysteresis"),
+                *pictures.of("ocv"),
             ),
         ),
         Section("What was decided", (Bullets((*decision_sentences(result), *box)),)),
         Section(
             "Search",
-            (*_search_blocks(result), *pictures.of("convergence"), *pictures.starting("landscape")),
+            (*_search_blocks(result), *pictures.of("convergence")),
         ),
         *more_figures(pictures),
         reproduction_section(result),

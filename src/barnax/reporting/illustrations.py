@@ -12,17 +12,14 @@ from ..errors import InputError
 from ..plots.cell import plot_own_ocv
 from ..plots.live import MAX_NUMBERS, live_record
 from ..plots.pictures import Illustration, illustrate, record_roles
-from ..plots.search import has_landscape
 from ..plots.style import ALONE
 from ..pulses import levels, pulses_of
-from ..storing import describe
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..cell import CellModel
     from ..comparison import Comparison, ComparisonResult
-    from ..global_optimum import GlobalOptimum
     from ..over_soc import TableFits
     from ..pulses import Pulse
     from ..replay import SocReplay
@@ -56,12 +53,6 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
         found += _of_record(role, evaluation, live and len(roles))
     if run.tables is not None:
         found += _of_tables(run.tables.found, run.answer.parameters)
-        of = {"": ("identification", run.identification, run.tables.identification)}
-        of["-validation"] = "validation", run.validation, run.tables.validation
-        for name, (which, by_constant, by_tables) in of.items():
-            circuits = {"constant circuit": by_constant, "tables": by_tables}
-            if by_constant and run.tables.found.reference.is_over_soc:
-                found += [illustrate(f"tables{name}-map", which, plots.plot_error_map, circuits)]
     for role, evaluation in zip(roles, answered.identification, strict=False):
         pulses, record = pulses_of(evaluation.prepared), evaluation.prepared.record.name
         if pulses:
@@ -71,14 +62,9 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
         if over_soc := _over_soc(pulses):
             drawn = plots.plot_pulse_resistances, over_soc, evaluation.prepared.capacity_ah
             found.append(illustrate(f"{role}-resistances", record, *drawn))
-    answers = {}
     if run.search is not None:
         of_seeds = run.search, run.refinement, run.optimum and run.optimum.rmse_v
         found += [illustrate("convergence", "", plots.plot_convergence, *of_seeds)]
-        method, _ = describe(run.search.optimizer)
-        answers[method] = [seed.parameters for seed in run.search.seeds]
-    if run.optimum is not None:
-        found += _landscape(run.problem.circuit, run.optimum, answers, [run.answer.parameters])
     return found
 
 
@@ -113,15 +99,13 @@ def replay_illustration(replay: "SocReplay") -> Illustration:
 def comparison_illustrations(
     result: "ComparisonResult",
     comparison: "Comparison | None" = None,
-    optima: "Mapping[str, GlobalOptimum] | None" = None,
     *,
     live: bool = False,
 ) -> Drawn:
     """Every figure of a comparison; those over time only with the comparison itself.
 
     A stored comparison holds no records, so from `result` alone come the figures of the cell and
-    of the seeds. `optima` are the global optima by model, for the landscapes. Where `live`, the
-    voltages of a record have an interactive form.
+    of the seeds. Where `live`, the voltages of a record have an interactive form.
     """
     found = _of_cell(result.cell_model)
     if comparison is not None and comparison.answered:
@@ -130,24 +114,11 @@ def comparison_illustrations(
         for place, role in enumerate(roles):
             rows = {name: row.evaluations[place] for name, row in online.items()}
             found += _of_record(role, rows, live and len(roles))
-        if any(row.median.trajectory is not None for row in online.values()):
-            found += [illustrate("trajectories", "", plots.plot_trajectories, online)]
     if any(row.seeds for row in result.rows):
         found += [
             illustrate("convergence", "", plots.plot_compared_convergence, result),
             illustrate("parameters", "", plots.plot_compared_parameters, result),
         ]
-    for model, optimum in (optima or {}).items():
-        of_model = [row for row in result.rows if row.model == model]
-        # Rows of other models are kept, empty, so that every row keeps its color and marker.
-        answers = {row.name: [] for row in result.rows if row.seeds}
-        for row in of_model:
-            if row.seeds:
-                seeds = (seed.parameters for seed in row.seeds)
-                answers[row.name] = [*map(CircuitParameters.from_dict, seeds)]
-        known = (row.refined_parameters for row in of_model)
-        refined = [CircuitParameters.from_dict(own) for own in known if own is not None]
-        found += _landscape(model, optimum, answers, refined)
     return found
 
 
@@ -159,7 +130,6 @@ def _of_record(role: str, drawn: "Evaluation | Mapping[str, Evaluation]", live_o
     record = prepared.record.name
     voltage = illustrate(f"{role}-voltage{ending}", record, plots.plot_voltage, drawn)
     return [
-        illustrate(f"{role}-condition", record, plots.plot_condition, prepared),
         _moving(voltage, record, rows, live_of) if live_of else voltage,
         illustrate(f"{role}-error{ending}", record, plots.plot_error, drawn),
     ]
@@ -171,8 +141,6 @@ def _of_cell(cell: "CellModel", result: "Result | None" = None) -> Drawn:
     if cell.is_of_records:
         nodes = () if result is None else result.fit.of_table(OCV)
         found = [illustrate("ocv", "", plot_own_ocv, cell, nodes)]
-    if cell.hysteresis.points:
-        found.append(illustrate("hysteresis", "", plots.plot_hysteresis, cell))
     return found
 
 
@@ -186,7 +154,6 @@ def _of_tables(found: "TableFits", constant: CircuitParameters) -> Drawn:
     if degc is None:
         return [tables]
     return [
-        illustrate("tables-by-temperature", "", plots.plot_tables_by_temperature, found),
         illustrate("tables-over-temperature", "", plots.plot_over_temperature, found),
         tables,
     ]
@@ -208,21 +175,6 @@ def _summary(result: "Result", evaluations: "Sequence[Evaluation]") -> Illustrat
                 first = evaluation
     record = first.prepared.record.name
     return illustrate("summary", record, plots.plot_summary, first, result.fit)
-
-
-def _landscape(
-    model: str,
-    found: "GlobalOptimum",
-    answers: Mapping[str, Sequence[CircuitParameters]],
-    refined: Sequence[CircuitParameters],
-) -> Drawn:
-    """The landscape of one model, where it has two time constants to be drawn over."""
-    if not has_landscape(found.landscape):
-        return []
-    others = [other.parameters for other in found.local_optima]
-    marked = {"answers": answers, "refined": refined, "optimum": found.parameters, "others": others}
-    draw: Any = plots.plot_landscape
-    return [illustrate(f"landscape-{model}", model, draw, found.landscape, **marked)]
 
 
 def _moving(

@@ -2,7 +2,7 @@
 
 from .cross_validation import CrossValidation as CrossValidation
 from .cross_validation import SocErrors as SocErrors
-from .cross_validation import is_loaded as is_loaded
+from .blocks import is_loaded as is_loaded
 from .fit import OcvCompared as OcvCompared
 from .fit import TableFit as TableFit
 from .fit import errors_on as errors_on

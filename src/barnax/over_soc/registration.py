@@ -32,7 +32,8 @@ from ..records.record import in_means
 from ..records.segments import runs
 from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
-from .cross_validation import SocErrors, held_out_errors, is_loaded
+from .blocks import is_loaded
+from .cross_validation import SocErrors, held_out
 from .current_offset import CurrentOffset, shared_offset
 from .dependence import adjusted
 from .nuisances import estimate, of_starts
@@ -190,9 +191,9 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         found = moved(best.x)
         if found is None or best.fun > (1 - LEAST_FALL) ** 2 * kept.objective_v2:
             return prepared
-        before = held_out_errors(*fitted(prepared, kept.log_scales, settings))
-        after = held_out_errors(*fitted(found, at, settings))
-        if before is not None and after is not None and _is_worse(after, before):
+        before = held_out(*fitted(prepared, kept.log_scales, settings))
+        after = held_out(*fitted(found, at, settings))
+        if before is not None and after is not None and _is_worse(after.errors, before.errors):
             return prepared
         prior = furthest / FURTHEST
         errors = estimate(*fitted(found, at, plain), _of_starts, np.zeros(2), [prior])[0].errors

@@ -136,7 +136,7 @@ def _as_given(objective: TableObjective, best: Solution) -> TableObjective:
     records, settings = objective.prepared_records, objective.settings
     if not any(prepared.window.registration for prepared in records):
         return objective
-    held = held_at(objective, best.log_scales)
+    held = held_at(objective.ranges, best.log_scales)
     given = reduced_objective([prepared.as_told for prepared in records], settings, held)
     return replace(objective, reduced=given.reduced, parts=given.parts, ranges=held)
 

@@ -1,7 +1,7 @@
 """From prepared records to the objective of their tables: what is searched, and reduced factors."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -71,9 +71,9 @@ def coarsened(
     return TableObjective(list(prepared_records), settings, ranges, coarser(finest.reduced), parts)
 
 
-def held_at(objective: TableObjective, log_scales: Sequence[float]) -> dict[str, Range]:
+def held_at(names: Iterable[str], log_scales: Sequence[float]) -> dict[str, Range]:
     """The ranges that hold the time constants and gamma at some scales: far less to reduce for."""
-    scales = zip(objective.ranges, log_scales, strict=True)
+    scales = zip(names, log_scales, strict=True)
     return {name: (math.exp(scale), math.exp(scale)) for name, scale in scales}
 
 

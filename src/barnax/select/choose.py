@@ -233,7 +233,7 @@ class Bench:
                 self.records_of(point),
                 self.limits.settings_of(point, self.settings),
             )
-            held = held_at(chosen.objective, proposed[1])
+            held = held_at(chosen.objective.ranges, proposed[1])
             objective = reduced_objective(records, settings, held)
             best = objective.solve(proposed[1], exact=True)
             yield "law", Fitted(point, objective, best, self._loss(objective, best))

@@ -96,7 +96,9 @@ def register(
         as_told = objective, best
         for number in range(rounds):
             if number:
-                objective = reduced_objective(found, plain, held_at(objective.ranges, best.log_scales))
+                objective = reduced_objective(
+                    found, plain, held_at(objective.ranges, best.log_scales)
+                )
                 best = objective.solve(best.log_scales)
                 dependence = adjusted(objective, best)
             estimated = estimate(objective, best, _of_starts, shifts.ravel(), [prior.ravel()])[0]

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Int
 
 from ..blas import one_blas_thread
-from ..cell import Dependence
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord
 from ..over_soc.blocks import numbered_blocks
@@ -150,7 +149,7 @@ class Bench:
             assert chosen.loss is not None
             assert simpler.loss is not None
             gain = self.policy.gain(simpler.loss, chosen.loss)
-            if not self.policy.is_better(gain):
+            if not self._is_worth(simpler, chosen, gain):
                 self.tried.append(_tried("without", simpler, gain))
                 return self._without_needless(simpler)
         return chosen
@@ -189,6 +188,13 @@ class Bench:
             gain = self.policy.gain(chosen.loss, more.loss)
             outcome = self._outcome(chosen, more, gain)
             self.tried.append(_tried(ladder, more, gain, outcome))
+            if best is not None and more.point in dict(
+                map(reversed, self.limits.rungs(best.point))
+            ):
+                # What a richer one of both adds to the simpler one has to be worth it.
+                assert best.loss is not None
+                step = self.policy.gain(best.loss, more.loss)
+                outcome = self._outcome(best, more, step)
             if outcome == "less gain" and gain.value > best_gain:
                 best, best_gain, place = more, gain.value, len(self.tried) - 1
         if best is not None:
@@ -197,16 +203,19 @@ class Bench:
 
     def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain) -> Outcome:
         """What becomes of a richer circuit, unless no other gains more."""
-        is_new = more.point.kind != chosen.point.kind and not self.limits.is_gap_rested
-        if not self.policy.is_better(gain) or (
-            is_new and gain.value <= self.policy.least_gain_of_sweep
-        ):
+        if not self._is_worth(chosen, more, gain):
             return "no gain"
         if not self._is_determined(chosen.point, more):
             return "not determined"
         is_other = self.limits.is_asked and more.point.circuit != chosen.point.circuit
         is_law = self.limits.laws is not None and more.point.law != chosen.point.law
         return "not asked for" if is_other or is_law else "less gain"
+
+    def _is_worth(self, simpler: Fitted, richer: Fitted, gain: Gain) -> bool:
+        """True where a richer circuit is better, and a hysteresis beside an OCV test by enough."""
+        is_new = richer.point.kind != simpler.point.kind and not self.limits.has_ocv
+        least = self.policy.least_gain_of_hysteresis if is_new else 0.0
+        return self.policy.is_better(gain) and gain.value > least
 
     def _is_determined(self, before: Point, more: Fitted) -> bool:
         """False for a new hysteresis that turns at once, and a new law whose interval is wide."""

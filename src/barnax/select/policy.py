@@ -26,8 +26,8 @@ class Policy:
     Args:
         standard_errors: A richer circuit gains more than so many of its gain's standard error.
         least_gain: And more than this: 1.5 % of the error is no reason for another circuit.
-        least_gain_of_sweep: A hysteresis gains more than this, a tenth of the error, where the gap
-            of the OCV test may be the polarisation of its sweeps.
+        least_gain_of_hysteresis: A hysteresis gains more than this, a tenth of the error, beside an
+            OCV that rises: the gap of an OCV test is in part the polarisation of its sweeps.
         floor_v: What voltmeters do not resolve is added to every error.
         least_span_soc: Over less SOC than this, nodes tell nothing of the cell.
         widest: The most decades of a law's own interval.
@@ -37,7 +37,7 @@ class Policy:
 
     standard_errors: float = 1.5
     least_gain: float = 0.03
-    least_gain_of_sweep: float = 0.2
+    least_gain_of_hysteresis: float = 0.2
     floor_v: float = 1e-4
     least_span_soc: float = 0.3
     widest: float = 1.0

@@ -90,7 +90,7 @@ def register(
     to_axis = np.eye(prior.size) - np.tile(shares.reshape(-1, 2).T, (len(prior), 1))
     with one_blas_thread():
         dependence = prepared_records[0].dependence
-        held = log_scales and held_at(box_of(found, plain), log_scales)
+        held = held_at(box_of(found, plain), log_scales) if log_scales else None
         objective = reduced_objective(found, plain, held)
         best = objective.solve(log_scales) if log_scales else find_best(objective)
         as_told = objective, best

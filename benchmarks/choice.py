@@ -16,13 +16,14 @@ from pathlib import Path
 import numpy as np
 
 import barnax
+from barnax.blas import one_blas_thread
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.execution import in_float64
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import errors_along
 from barnax.over_soc import TableSettings
-from barnax.select import Fitted, Point, choose, limits_of
+from barnax.select import Fitted, Point, limits_of
 from barnax.select.choose import Bench
 from barnax.select.family import NODE_LADDER
 from benchmarks.pages import as_markdown, provenance, publish
@@ -99,12 +100,13 @@ def row_of(name: str, used: Sequence[PreparedRecord], others: Sequence[PreparedR
         return [prepare_record(own.record, own.cell, circuit, own.window) for own in used]
 
     limits = limits_of(used[0].cell, SETTINGS)
-    chosen = choose(prepare, SETTINGS, limits).chosen
     bench = Bench(prepare, SETTINGS, limits)
-    family = [
-        bench.fit(Point(circuit, nodes))
-        for circuit, nodes in itertools.product(CIRCUITS, NODE_LADDER)
-    ]
+    with one_blas_thread():
+        chosen = bench.chosen().chosen
+        family = [
+            bench.fit(Point(circuit, nodes))
+            for circuit, nodes in itertools.product(CIRCUITS, NODE_LADDER)
+        ]
     best_v, best = min((error_v(fitted, others), named(fitted)) for fitted in family)
     records = tuple(own.record.name for own in used)
     return Row(name, records, named(chosen), error_v(chosen, others), best, best_v)

@@ -56,7 +56,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     starts: dict[str, Starts] = {}
 
     def prepare(circuit: str) -> list[PreparedRecord]:
-        starts[circuit] = own.starts(circuit)
+        starts[circuit] = own.starts(circuit, next(iter(starts.values()), None))
         return own.prepared(circuit, starts[circuit])
 
     choice = choose(prepare, tables, limits)

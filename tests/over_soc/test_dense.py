@@ -11,7 +11,7 @@ from scipy.stats import t as student
 from barnax.cell import CircuitParameters, Dependence
 from barnax.execution import in_float64
 from barnax.over_soc import dependence
-from barnax.over_soc.cross_validation import held_out_errors, with_spread
+from barnax.over_soc.cross_validation import held_out, with_spread
 from barnax.over_soc.curves import curves_of
 from barnax.over_soc.intervals import LIGHT, NodeInterval, intervals_of
 from barnax.over_soc.level import FREE_RIDGE, NEARLY_LEVEL_V
@@ -217,7 +217,7 @@ def test_every_fold_is_predicted_by_the_tables_of_the_others(folds):
         others = fold != held
         tables = fitted_tables(columns[others], penalty_of(), base[others])
         squares_v2 += np.sum((base + columns @ tables)[~others] ** 2)
-    errors = held_out_errors(objective, objective.solve(LOG_SCALES))
+    errors = held_out(objective, objective.solve(LOG_SCALES)).errors
     assert errors.rmse_v == pytest.approx(math.sqrt(squares_v2 / len(base)), rel=1e-8)
     assert errors.above_v == errors.rmse_v
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barnax.select import Gain, Loss, Policy
+from barnax.over_soc.cross_validation import HeldOut
+from barnax.select import Gain, Policy
 
 POLICY = Policy()
 
@@ -37,7 +38,7 @@ def drawn(seed, blocks=40):
     counts[:, 0] += counts[:, 1:].sum(axis=1)
     counts[3] = 0
     spread = np.exp(rng.standard_normal((2, blocks, 3))) * 1e-6
-    return [Loss(counts * own, counts) for own in spread]
+    return [HeldOut(counts * own, counts) for own in spread]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -52,7 +53,7 @@ def test_its_standard_error_is_that_of_resampled_blocks():
     rng, gains = np.random.default_rng(0), []
     for _ in range(400):
         own = rng.integers(0, 400, 400)
-        pair = (Loss(loss.squares_v2[own], loss.counts[own]) for loss in (simpler, richer))
+        pair = (HeldOut(loss.squares_v2[own], loss.counts[own]) for loss in (simpler, richer))
         gains.append(POLICY.gain(*pair).value)
     error = POLICY.gain(simpler, richer).standard_error
     assert error == pytest.approx(np.std(gains), rel=0.12)
@@ -70,7 +71,7 @@ def test_a_circuit_gains_nothing_on_itself_and_what_one_gains_the_other_loses(se
 
 def test_errors_below_the_voltmeter_are_no_reason_for_another_circuit():
     counts = np.full((50, 3), 100)
-    tiny, tinier = (Loss(counts * error_v**2, counts) for error_v in (1e-6, 1e-8))
+    tiny, tinier = (HeldOut(counts * error_v**2, counts) for error_v in (1e-6, 1e-8))
     assert POLICY.gain(tiny, tinier).value < POLICY.least_gain
 
 

@@ -170,14 +170,6 @@ class CellModel(Brief):
         return half_gap_v * 0.6 > FLAT * rise_v
 
     @property
-    def shows_hysteresis(self) -> bool:
-        """True where a gap between the branches is more than the polarisation of a sweep: it was
-        measured at rest, or the OCV is flat."""
-        points = self.charge_points + self.discharge_points
-        is_rested = not any(point.current_a for point in points)
-        return self.has_flat_ocv or (is_rested and self.has_gap)
-
-    @property
     def has_gap(self) -> bool:
         """True where the OCV test has branches of both directions."""
         return bool(self.hysteresis.points)

@@ -5,7 +5,7 @@ dynamic hysteresis of amplitude g, and u_p the voltages of the RC pairs. In ever
 covers the share 1 - exp(-dt / tau_p) of the way to R_p(s) i, with s the SOC at its start.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -17,8 +17,12 @@ from jaxtyping import Array, Float, Scalar
 from ..cell import CircuitParameters
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..execution import as_input, compile_for, in_float64
+from .intervals import sized
 from .prepared import BLOCK, PreparedRecord
 from .simulate import SimulationInput, respond
+
+# Programs are compiled for so many RC pairs, or a multiple.
+PAIRS = 3
 
 
 @in_float64
@@ -40,18 +44,46 @@ def error_blocks(
     prepared: PreparedRecord, parameters: CircuitParameters
 ) -> Iterator[tuple[slice, Float[np.ndarray, "samples"]]]:
     """The same block after block. Call inside float64."""
-    circuit = parameters.laddered()
-    prepared, tau_s = _as_tabulated(prepared, circuit), circuit.tau_s
-    gamma = None if prepared.hysteresis_amplitude_v is None else circuit.gamma
-    states = np.zeros(len(tau_s) + (gamma is not None))
+    for here, errors_v in error_blocks_of([prepared], [parameters]):
+        yield here, errors_v[0]
+
+
+def error_blocks_of(
+    alike: Sequence[PreparedRecord], parameters: Sequence[CircuitParameters]
+) -> Iterator[tuple[slice, Float[np.ndarray, "circuits samples"]]]:
+    """The same of several circuits that differ in their tables alone, each on the one record with
+    an OCV of its own, at once."""
+    circuits = [one.laddered() for one in parameters]
+    pairs = zip(alike, circuits, strict=True)
+    records = [_as_tabulated(prepared, circuit) for prepared, circuit in pairs]
+    # Circuits of up to three pairs share a program: pairs without resistance change no bit.
+    tau_s = _padded(circuits[0].tau_s)
+    first = records[0]
+    gamma = None if first.hysteresis_amplitude_v is None else circuits[0].gamma
+    states = np.zeros((len(circuits), len(tau_s) + (gamma is not None)))
     scales = as_input(tau_s), None if gamma is None else as_input(gamma)
-    for here, inputs in prepared.input_blocks(BLOCK, min(tau_s), gamma):
+    for here, inputs in first.input_blocks(BLOCK, min(tau_s), gamma):
         size = here.stop - here.start
-        soc = np.pad(prepared.soc[here], (0, BLOCK - size), mode="edge")
-        ohm = np.array([circuit.at(name, soc) for name in circuit.resistances])
-        advance = compile_for(_advance, *scales, ohm, inputs, states)
-        states, error_v = advance(*scales, ohm, inputs, states)
-        yield here, np.asarray(error_v)[:size]
+        soc = np.pad(first.soc[here], (0, BLOCK - size), mode="edge")
+        ohm = np.zeros((len(circuits), 1 + len(tau_s), BLOCK))
+        for place, own in enumerate(circuits):
+            ohm[place, : 1 + len(own.tau_s)] = [own.at(name, soc) for name in own.resistances]
+        base_v = np.stack([sized((own.voltage_v - own.source_v)[here], BLOCK) for own in records])
+        amplitude_v = [
+            sized(own.hysteresis_amplitude_v[here], BLOCK)
+            for own in records
+            if own.hysteresis_amplitude_v is not None
+        ]
+        own = ohm, base_v, np.stack(amplitude_v) if amplitude_v else None
+        advance = compile_for(_advance_all, *scales, *own, inputs, states)
+        states, errors_v = advance(*scales, *own, inputs, states)
+        yield here, np.asarray(errors_v)[:, :size]
+
+
+def _padded(tau_s: Sequence[float]) -> Float[np.ndarray, "pairs"]:
+    """Time constants with those of further pairs, up to a multiple of `PAIRS`."""
+    more = -len(tau_s) % PAIRS
+    return np.append(tau_s, np.full(more, max(tau_s, default=1.0)))
 
 
 def _as_tabulated(prepared: PreparedRecord, circuit: CircuitParameters) -> PreparedRecord:
@@ -68,21 +100,31 @@ def _as_tabulated(prepared: PreparedRecord, circuit: CircuitParameters) -> Prepa
     return replace(prepared, source_v=source_v, hysteresis_amplitude_v=amplitude_v)
 
 
-def _advance(
+def _advance_all(
     tau_s: Float[Array, "pairs"],
     gamma: Scalar | None,
-    ohm: Float[Array, "resistances samples"],
+    ohm: Float[Array, "circuits resistances samples"],
+    base_v: Float[Array, "circuits samples"],
+    amplitude_v: Float[Array, "circuits samples"] | None,
     inputs: SimulationInput,
-    states: Float[Array, "states"],
-) -> tuple[Float[Array, "states"], Float[Array, "samples"]]:
+    states: Float[Array, "circuits states"],
+) -> tuple[Float[Array, "circuits states"], Float[Array, "circuits samples"]]:
     """The states of every pair, then of a dynamic hysteresis, after the last sample, and the error
-    at every one."""
-    pairs, hysteresis = len(tau_s), inputs.hysteresis
-    respond_all = jax.vmap(partial(respond, intervals=inputs.intervals))
-    ends_v, drops_v = respond_all(tau_s, states[:pairs], ohm[1:] * inputs.held_a)
-    error_v = inputs.base_error_v + ohm[0] * inputs.current_a + jnp.sum(drops_v, axis=0)
-    if hysteresis is None or gamma is None:
-        return ends_v, error_v
-    clock, turning = hysteresis.intervals, hysteresis.hysteresis_input
-    turned, state = respond(1 / gamma, states[pairs], turning, clock)
-    return jnp.append(ends_v, turned), error_v - hysteresis.amplitude_v * state
+    at every one, of every circuit."""
+    pairs, respond_all = len(tau_s), jax.vmap(partial(respond, intervals=inputs.intervals))
+
+    def advance(
+        ohm: Float[Array, "resistances samples"],
+        base_v: Float[Array, "samples"],
+        amplitude_v: Float[Array, "samples"] | None,
+        states: Float[Array, "states"],
+    ) -> tuple[Float[Array, "states"], Float[Array, "samples"]]:
+        ends_v, drops_v = respond_all(tau_s, states[:pairs], ohm[1:] * inputs.held_a)
+        error_v = base_v + ohm[0] * inputs.current_a + jnp.sum(drops_v, axis=0)
+        if inputs.hysteresis is None or amplitude_v is None or gamma is None:
+            return ends_v, error_v
+        clock, turning = inputs.hysteresis.intervals, inputs.hysteresis.hysteresis_input
+        turned, state = respond(1 / gamma, states[pairs], turning, clock)
+        return jnp.append(ends_v, turned), error_v - amplitude_v * state
+
+    return jax.vmap(advance)(ohm, base_v, amplitude_v, states)

@@ -1,8 +1,8 @@
 """Circuits with tables over SOC: identified, proved, and checked on held-out blocks."""
 
+from .blocks import is_loaded as is_loaded
 from .cross_validation import CrossValidation as CrossValidation
 from .cross_validation import SocErrors as SocErrors
-from .cross_validation import is_loaded as is_loaded
 from .fit import OcvCompared as OcvCompared
 from .fit import TableFit as TableFit
 from .fit import errors_on as errors_on

@@ -166,7 +166,7 @@ def measure_ageing(
             lows, highs = np.log(np.array([*ranges.values()])).T
             scales = np.clip(np.array(best.log_scales) + found.moved_scales, lows, highs)
             try:
-                held = held_at(objective, scales.tolist())
+                held = held_at(objective.ranges, scales.tolist())
                 objective = reduced_objective(moved_to(now), plain, held)
             except InputError:
                 return {}

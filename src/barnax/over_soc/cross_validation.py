@@ -1,9 +1,8 @@
 """Errors of tables over SOC on blocks or whole records that were held out of their fit."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,18 +11,17 @@ from scipy.special import stdtrit
 
 from ..cell.parameters import ANYWHERE, OCV
 from ..cell.soc_axis import is_above
+from ..execution import in_float64
 from ..model.box_least_squares import least_in_box
-from ..model.prepared import PreparedRecord
-from ..model.reduced import Groups, Reduced
-from ..records.segments import LEAST_REACH, reach_of_steps
+from ..model.reduced import Reduced
+from ..model.reference import error_blocks_of
 from ..uncertainty.covariance import CONFIDENCE
+from .blocks import BANDS, are_left_out_whole, block_length_s, numbered_blocks
 from .intervals import NodeInterval
 from .objective import Solution, TableObjective
+from .problem import held_at, reduced_objective
 from .search import find_best
-from .settings import TableSettings
 
-# Fewest blocks of a record in a fold, unless they would be shorter than the residuals' correlation.
-FEWEST_BLOCKS, SHORTEST_BLOCK_S = 5, 30.0
 # Fewer records tell no spread.
 FEWEST_RECORDS = 3
 
@@ -87,64 +85,19 @@ def _pooled(errors: Sequence[SocErrors]) -> SocErrors:
     return SocErrors(rms_v[0], rms_v[1] if above_v else None)
 
 
-def block_numbers(
-    prepared: PreparedRecord, settings: TableSettings, here: slice = slice(None)
-) -> Int[np.ndarray, "samples"]:
-    """The block of each of some samples of a record, -1 where one is not scored."""
-    scored = prepared.scored[here]
-    since_s = prepared.time_s[here] - prepared.time_s[np.argmax(prepared.scored)]
-    return np.where(scored, np.floor(since_s / _block_s(prepared, settings)), -1).astype(int)
+@dataclass(frozen=True)
+class HeldOut:
+    """Sums of squared held-out errors of every block in V^2 by band, and how many there are."""
 
+    squares_v2: Float[np.ndarray, "blocks bands"]
+    counts: Int[np.ndarray, "blocks bands"]
 
-def blocks_of(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings
-) -> tuple[list[Groups], int]:
-    """Functions that number the groups of a record's samples, -1 where one is not scored, and how
-    many groups there are.
-
-    A record has two groups a fold, one fold after the other: its samples below 10 % SOC and those
-    above, in every `folds`-th block.
-    """
-    folds = settings.folds
-    if not folds:
-        return [partial(_all_scored, prepared) for prepared in prepared_records], 1
-
-    def group(here: slice, number: int) -> Int[np.ndarray, "samples"]:
-        prepared = prepared_records[number]
-        block = block_numbers(prepared, settings, here)
-        own = 2 * (number * folds + block % folds) + is_above(prepared.soc[here])
-        return np.where(block >= 0, own, -1)
-
-    count = len(prepared_records)
-    return [partial(group, number=n) for n in range(count)], 2 * folds * count
-
-
-def _all_scored(prepared: PreparedRecord, here: slice) -> Int[np.ndarray, "samples"]:
-    return np.where(prepared.scored[here], 0, -1)
-
-
-def are_left_out_whole(prepared_records: Sequence[PreparedRecord]) -> bool:
-    """True where the others tell the circuit without any one of the records: no charge alone
-    does."""
-    return len(prepared_records) > 1 and sum(map(is_loaded, prepared_records)) > 1
-
-
-def is_loaded(prepared: PreparedRecord) -> bool:
-    """True where the current steps at many states of charge; a charge steps at its ends."""
-    scored = prepared.scored
-    return reach_of_steps(prepared.held_a[scored], prepared.soc[scored]) > LEAST_REACH
-
-
-def _block_s(prepared: PreparedRecord, settings: TableSettings) -> float:
-    """The length of a record's blocks: shorter ones where it has room for few in a fold, which
-    would each hold out a range of SOC that no other sample visits."""
-    room_s = prepared.scored_duration_s / (settings.folds * FEWEST_BLOCKS)
-    return min(settings.block_s, max(room_s, SHORTEST_BLOCK_S))
-
-
-def fold_of(objective: TableObjective) -> Int[np.ndarray, "groups"]:
-    """The fold of every group of samples."""
-    return np.arange(len(objective.parts)) // 2 % objective.folds
+    @property
+    def errors(self) -> SocErrors:
+        """Those of all samples, and of the highest band."""
+        sums, counts = self.squares_v2.sum(axis=0), self.counts.sum(axis=0)
+        whole_v, *_, above_v = np.sqrt(sums / np.maximum(counts, 1)).tolist()
+        return SocErrors(whole_v, above_v if counts[-1] else None)
 
 
 def record_of(objective: TableObjective) -> Int[np.ndarray, "groups"]:
@@ -153,42 +106,84 @@ def record_of(objective: TableObjective) -> Int[np.ndarray, "groups"]:
 
 
 def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation | None:
-    """The held-out errors of a circuit.
+    """The held-out errors of a circuit: of records without samples on each of them, left out whole.
 
     None where nothing is held out, or where all samples lie in one fold.
     """
-    settings, parts = objective.settings, objective.parts
-    are_kept = bool(objective.kept)
-    labels = record_of(objective) if are_kept else fold_of(objective)
-    if not _has_folds(objective, labels):
+    errors = _errors_of_kept if objective.kept else _errors_of_blocks
+    tables = constant = errors(objective, best)
+    if tables is None:
         return None
-    held = constant = _held_out(objective, best, parts, labels, not are_kept)
     if objective.tables > 1 + objective.pairs or objective.nodes > 1:
-        plain = replace(settings, nodes=ANYWHERE, ocv_correction=False)
-        whole = replace(objective, reduced=objective.reduced.coarser(), settings=plain)
-        flat = [part.coarser() for part in parts]
-        constant = _held_out(whole, find_best(whole), flat, labels, not are_kept)
-    by_record = held if are_kept else []
-    if not are_kept and are_left_out_whole(objective.prepared_records):
-        as_given = objective.given or parts
-        by_record = _held_out(objective, best, as_given, record_of(objective), False)
-    return CrossValidation(
-        settings.folds,
-        None if are_kept else _block_s(objective.prepared_records[0], settings),
-        _together(held),
-        _together(constant),
-        tuple(SocErrors.of_squares(*sums) for sums in by_record),
-    )
+        plain = replace(objective.settings, nodes=ANYWHERE, ocv_correction=False)
+        flat = [part.coarser() for part in objective.parts]
+        whole = objective.reduced.coarser()
+        flat = replace(objective, reduced=whole, settings=plain, parts=flat)
+        constant = errors(flat, find_best(flat))
+    records, block_s, by_record = objective.prepared_records, None, list[Sums]()
+    if objective.kept:
+        by_record = _left_out_whole(objective, best)
+    else:
+        block_s = block_length_s(records[0], objective.settings)
+        if are_left_out_whole(records):
+            by_record = _left_out_whole(_as_given(objective, best), best)
+    whole = tuple(SocErrors.of_squares(*sums) for sums in by_record)
+    return CrossValidation(objective.settings.folds, block_s, tables, constant or tables, whole)
 
 
-def held_out_errors(objective: TableObjective, best: Solution) -> SocErrors | None:
-    """The errors on blocks that are held out; None as `cross_validate` has it."""
-    labels = (
-        fold_of(objective) if objective.settings.folds and objective.parts else np.empty(0, int)
-    )
+def _as_given(objective: TableObjective, best: Solution) -> TableObjective:
+    """The same at the time constants of all, with starts and capacities as they were given."""
+    records, settings = objective.prepared_records, objective.settings
+    if not any(prepared.window.registration for prepared in records):
+        return objective
+    held = held_at(objective.ranges, best.log_scales)
+    given = reduced_objective([prepared.as_told for prepared in records], settings, held)
+    return replace(objective, reduced=given.reduced, parts=given.parts, ranges=held)
+
+
+@in_float64
+def held_out(
+    objective: TableObjective,
+    best: Solution,
+    numbered: tuple[Sequence[Int[np.ndarray, "simulated"]], int] | None = None,
+) -> HeldOut | None:
+    """The errors on every block, as `numbered_blocks` has them, by simulation of the tables of the
+    other folds, at the time constants of all; None as `cross_validate` has it.
+
+    An OCV of the records' own is fitted to all samples: of a record that is alone nothing else
+    visits the SOC of a block, and the OCV is no question of the circuit.
+    """
+    records, folds = objective.prepared_records, objective.folds
+    labels = np.arange(len(objective.parts)) // 2 % folds
     if not _has_folds(objective, labels):
         return None
-    return _together(_held_out(objective, best, objective.parts, labels, True))
+    solutions = [
+        objective.with_unknowns(best, x)
+        for x in _without(objective, best, labels, has_ocv_of_all=OCV in objective.names)
+    ]
+    tables = [objective.tables_at(solution) for solution in solutions]
+    blocks, count = numbered or numbered_blocks(records, objective.settings)
+    squares_v2, counts = np.zeros((len(BANDS), count)), np.zeros((len(BANDS), count), int)
+    for prepared, block in zip(records, blocks, strict=True):
+        alike = [objective.with_ocv(prepared, solution) for solution in solutions]
+        for here, errors_v in error_blocks_of(alike, tables):
+            number, soc = block[here], prepared.soc[here]
+            error_v = errors_v[number % folds, np.arange(len(number))]
+            for band, low_soc in enumerate(BANDS):
+                own = (number >= 0) & (soc >= low_soc)
+                squares_v2[band] += np.bincount(number[own], error_v[own] ** 2, count)
+                counts[band] += np.bincount(number[own], minlength=count)
+    return HeldOut(squares_v2.T, counts.T)
+
+
+def _errors_of_blocks(objective: TableObjective, best: Solution) -> SocErrors | None:
+    errors = held_out(objective, best)
+    return errors and errors.errors
+
+
+def _errors_of_kept(objective: TableObjective, best: Solution) -> SocErrors | None:
+    is_whole = _has_folds(objective, record_of(objective))
+    return _together(_left_out_whole(objective, best)) if is_whole else None
 
 
 def record_errors(objective: TableObjective, best: Solution) -> tuple[SocErrors, ...]:
@@ -218,29 +213,20 @@ def _together(held: Sequence[Sums]) -> SocErrors:
     return SocErrors.of_squares(squares_v2, counts)
 
 
-def tables_without(
+def _without(
     objective: TableObjective,
     best: Solution,
     labels: Int[np.ndarray, "groups"],
-    parts: Sequence[Reduced],
-    are_blocks: bool = True,
-) -> "list[tuple[int, Float[np.ndarray, 'unknowns']]]":
-    """Each label, and the unknowns that fit the groups of all others best, at the time constants
-    of all.
-
-    Where labels are of blocks, an OCV of the records' own is fitted to all samples: of a record
-    that is alone nothing else visits the SOC of a block, and the OCV is no question of the circuit.
-    """
-    columns, bases = _at(objective, best, parts)
-    scored = np.array([part.scored for part in parts])
+    has_ocv_of_all: bool = False,
+) -> Iterator[Float[np.ndarray, "unknowns"]]:
+    """Of every label, the unknowns that fit the groups of all others best, at the time constants
+    of all."""
+    columns, bases = _at(objective, best, objective.parts)
+    scored = np.array([part.scored for part in objective.parts])
     everywhere = _normal(objective, columns, bases, scored)
-    without = []
-    for label in np.unique(labels).tolist():
+    for label in range(int(labels[-1]) + 1):
         x = _fitted_to(objective, best, columns, bases, np.where(labels != label, scored, 0))
-        if are_blocks and OCV in objective.names:
-            x = _with_ocv_of_all(objective, best, everywhere, x)
-        without.append((label, x))
-    return without
+        yield _with_ocv_of_all(objective, best, everywhere, x) if has_ocv_of_all else x
 
 
 def _with_ocv_of_all(
@@ -260,17 +246,12 @@ def _with_ocv_of_all(
     return x
 
 
-def _held_out(
-    objective: TableObjective,
-    best: Solution,
-    parts: Sequence[Reduced],
-    labels: Int[np.ndarray, "groups"],
-    are_blocks: bool,
-) -> list[Sums]:
-    """Squared errors of every label's samples by the tables of the others."""
+def _left_out_whole(objective: TableObjective, best: Solution) -> list[Sums]:
+    """Squared errors on every record by the tables of the others."""
+    parts, labels = objective.parts, record_of(objective)
     columns, bases = _at(objective, best, parts)
     sums = []
-    for label, x in tables_without(objective, best, labels, parts, are_blocks):
+    for label, x in enumerate(_without(objective, best, labels)):
         squares_v2, counts = np.zeros(2), np.zeros(2, int)
         for at in np.flatnonzero(labels == label).tolist():
             counts[at % 2] += parts[at].scored

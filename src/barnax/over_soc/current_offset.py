@@ -108,7 +108,7 @@ def shared_offset(
     lowest, highest = np.transpose([[axis.low, axis.high] for axis in objective.axes])
     sds = np.append(prior.ravel(), SD_PER_H * capacity_ah)
     told = _Moved(objective.prepared_records, objective.settings, np.zeros(prior.shape), 0.0)
-    ranges = held_at(objective, best.log_scales)
+    ranges = held_at(objective.ranges, best.log_scales)
     now, least_v2 = told, np.inf
     for tried in (0.0, *TRIED_PER_H):
         other = replace(told, offset_a=tried * capacity_ah)
@@ -122,7 +122,7 @@ def shared_offset(
     log_scales = np.array(best.log_scales)
     for number in range(ROUNDS):
         try:
-            objective = now.objective(held_at(objective, log_scales.tolist()))
+            objective = now.objective(held_at(objective.ranges, log_scales.tolist()))
         except InputError:
             return None
         best = objective.solve(tuple(log_scales.tolist()))

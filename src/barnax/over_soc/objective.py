@@ -57,8 +57,7 @@ class TableObjective:
 
     `ranges` are those of every pair's time constant in s, then of gamma where there is one, by
     name; `LogScales` are the logarithms of these. `reduced` is the factor of all scored samples,
-    `parts` those of the groups of `blocks_of`; `given` are the same with starts and capacities as
-    they were given, where they were registered; `smoothing_scale` scales all smoothing weights.
+    `parts` those of the groups of `blocks_of`; `smoothing_scale` scales all smoothing weights.
     Records that were `kept` are without samples, and stand in place of prepared ones.
     """
 
@@ -67,7 +66,6 @@ class TableObjective:
     ranges: Mapping[str, Range]
     reduced: Reduced
     parts: Sequence[Reduced] = ()
-    given: Sequence[Reduced] = ()
     smoothing_scale: float = 1.0
     kept: Sequence[Any] = ()
 

@@ -114,12 +114,12 @@ class OwnRecords:
         """The settings with a table of the OCV, and one of a dynamic hysteresis."""
         return with_own_ocv(self.settings, circuit)
 
-    def starts(self, circuit: str) -> Starts:
-        """Where the records start, by the best tables of a circuit. Raises `InputError` where a
-        start or a temperature is not known."""
+    def starts(self, circuit: str, simpler: Starts | None = None) -> Starts:
+        """Where the records start, by the best tables of a circuit; those of a simpler one may be
+        known. Raises `InputError` where a start or a temperature is not known."""
         axis = self.capacity_ah, self.capacity_origin, self.over_temperature
         given = self.windows, self.settings_of(circuit), *axis
-        return find_starts(self.records, circuit, *given)
+        return find_starts(self.records, circuit, *given, simpler and simpler.windows)
 
     def prepared(self, circuit: str, starts: Starts) -> list[PreparedRecord]:
         """The records with their starts, made ready for a circuit."""

@@ -50,6 +50,7 @@ def find_starts(
     capacity_ah: float,
     origin: str,
     over_temperature: bool = False,
+    simpler: Mapping[str, Window] | None = None,
 ) -> Starts:
     """The starts of records of one cell, over temperature by the OCV of each temperature.
 
@@ -61,6 +62,7 @@ def find_starts(
         capacity_ah: The capacity of the axis.
         origin: Where it comes from.
         over_temperature: Whether records of each temperature are taken by themselves.
+        simpler: The windows with the starts of a simpler circuit, where these are known.
 
     Raises `InputError` where a start or a temperature is not known.
     """
@@ -74,7 +76,7 @@ def find_starts(
         groups = list(group_near(known).values())
     found = Starts({})
     for alike in groups:
-        own = _starts_of(alike, circuit, windows, settings, capacity_ah, origin)
+        own = _starts_of(alike, circuit, windows, settings, capacity_ah, origin, simpler)
         found = found.together(own)
     return found
 
@@ -86,6 +88,7 @@ def _starts_of(
     own: TableSettings,
     axis_ah: float,
     origin: str,
+    simpler: Mapping[str, Window] | None,
 ) -> Starts:
     """The starts of records of one temperature."""
     axes = {record.name: axis_of(record, windows[record.name], axis_ah) for record in records}
@@ -131,7 +134,7 @@ def _starts_of(
             for one in fitted.objective.prepared_records
         }
     if is_registered:
-        told = _registered(records, circuit, told, own, axis_ah, origin)
+        told = _registered(records, circuit, told, own, axis_ah, origin, simpler)
     return Starts(told, tuple(warnings), directions)
 
 
@@ -142,13 +145,17 @@ def _registered(
     settings: TableSettings,
     capacity_ah: float,
     origin: str,
+    simpler: Mapping[str, Window] | None,
 ) -> dict[str, Window]:
     """The windows with starts and capacities that the records tell each other."""
     quick, found = replace(settings, folds=0, max_boxes=0), dict(told)
+    for name, window in (simpler or {}).items():
+        found[name] = replace(window, initial_direction=told[name].initial_direction)
     # An OCV of starts that differ is less steep than any record's.
-    for rounds in (1, ROUNDS):
-        cell, _ = _cell_found(records, circuit, found, quick, capacity_ah, origin)
-        found = windows_of(register(_prepared(records, cell, circuit, told), settings, rounds))
+    for rounds in (ROUNDS,) if simpler else (1, ROUNDS):
+        cell, fitted = _cell_found(records, circuit, found, quick, capacity_ah, origin)
+        prepared = _prepared(records, cell, circuit, told)
+        found = windows_of(register(prepared, settings, rounds, fitted.best.log_scales))
     return found
 
 

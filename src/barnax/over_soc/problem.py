@@ -1,7 +1,7 @@
 """From prepared records to the objective of their tables: what is searched, and reduced factors."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +17,7 @@ from ..model.layout import layout_of
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Reduced, reduce_records, together
 from ..model.search_space import RATE_RANGE, Range
-from .cross_validation import are_left_out_whole, blocks_of
+from .blocks import blocks_of
 from .objective import TableObjective
 from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 
@@ -47,23 +47,14 @@ def reduced_objective(
         min(float(np.min(np.diff(prepared.time_s))) for prepared in prepared_records),
     )
 
-    def reduced(records: Sequence[PreparedRecord]) -> list[Reduced]:
-        return reduce_records(records, layout, *blocks_of(records, settings), beside_v)
-
     if beside_v is not None:
         layout = replace(layout, sides=beside_v.shape[1])
     own = [seen(prepared) for prepared in prepared_records]
-    parts, given = reduced(own), []
-    if (
-        settings.folds
-        and are_left_out_whole(prepared_records)
-        and any(prepared.window.registration for prepared in prepared_records)
-    ):
-        given = reduced([seen(prepared.as_told) for prepared in prepared_records])
+    parts = reduce_records(own, layout, *blocks_of(own, settings), beside_v)
     with one_blas_thread():
         # What is shortened is no triangle any more, of which a side is taken.
         whole = together(parts) if beside_v is None else parts[0]
-    return TableObjective(own, settings, ranges, whole, parts, given)
+    return TableObjective(own, settings, ranges, whole, parts)
 
 
 def coarsened(
@@ -76,14 +67,13 @@ def coarsened(
     def coarser(reduced: Reduced) -> Reduced:
         return reduced.coarser(settings.nodes, settings.ocv_correction)
 
-    parts, given = (tuple(map(coarser, groups)) for groups in (finest.parts, finest.given))
-    own = list(prepared_records)
-    return TableObjective(own, settings, ranges, coarser(finest.reduced), parts, given)
+    parts = tuple(map(coarser, finest.parts))
+    return TableObjective(list(prepared_records), settings, ranges, coarser(finest.reduced), parts)
 
 
-def held_at(objective: TableObjective, log_scales: Sequence[float]) -> dict[str, Range]:
+def held_at(names: Iterable[str], log_scales: Sequence[float]) -> dict[str, Range]:
     """The ranges that hold the time constants and gamma at some scales: far less to reduce for."""
-    scales = zip(objective.ranges, log_scales, strict=True)
+    scales = zip(names, log_scales, strict=True)
     return {name: (math.exp(scale), math.exp(scale)) for name, scale in scales}
 
 

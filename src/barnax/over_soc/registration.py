@@ -32,12 +32,13 @@ from ..records.record import in_means
 from ..records.segments import runs
 from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
-from .cross_validation import SocErrors, held_out_errors, is_loaded
+from .blocks import is_loaded
+from .cross_validation import SocErrors, held_out
 from .current_offset import CurrentOffset, shared_offset
 from .dependence import adjusted
 from .nuisances import estimate, of_starts
 from .objective import Solution, TableObjective
-from .problem import held_at, reduced_objective
+from .problem import box_of, held_at, reduced_objective
 from .search import find_best
 from .settings import TableSettings
 
@@ -63,7 +64,10 @@ SETTLED, ROUNDS = 0.2, 5
 
 @in_float64
 def register(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings, rounds: int = ROUNDS
+    prepared_records: Sequence[PreparedRecord],
+    settings: TableSettings,
+    rounds: int = ROUNDS,
+    log_scales: LogScales | None = None,
 ) -> list[PreparedRecord]:
     """Several records of one cell with their starts and capacities registered, in their windows.
 
@@ -71,6 +75,7 @@ def register(
         prepared_records: The records as they were told, with the cell's OCV.
         settings: How tables are fitted to them, with a table of the OCV or its correction.
         rounds: How often at most; the first is nearly all of it.
+        log_scales: Logarithms of the time constants and gamma; None finds the best.
 
     Where the records leave the axis of SOC so, they stay as they were told.
     """
@@ -85,12 +90,15 @@ def register(
     to_axis = np.eye(prior.size) - np.tile(shares.reshape(-1, 2).T, (len(prior), 1))
     with one_blas_thread():
         dependence = prepared_records[0].dependence
-        objective = reduced_objective(found, plain)
-        best = find_best(objective)
+        held = held_at(box_of(found, plain), log_scales) if log_scales else None
+        objective = reduced_objective(found, plain, held)
+        best = objective.solve(log_scales) if log_scales else find_best(objective)
         as_told = objective, best
         for number in range(rounds):
             if number:
-                objective = reduced_objective(found, plain, held_at(objective, best.log_scales))
+                objective = reduced_objective(
+                    found, plain, held_at(objective.ranges, best.log_scales)
+                )
                 best = objective.solve(best.log_scales)
                 dependence = adjusted(objective, best)
             estimated = estimate(objective, best, _of_starts, shifts.ravel(), [prior.ravel()])[0]
@@ -166,7 +174,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     def fitted(
         record: PreparedRecord, at: LogScales, how: TableSettings
     ) -> tuple[TableObjective, Solution]:
-        own = reduced_objective([record], how, held_at(objective, at))
+        own = reduced_objective([record], how, held_at(objective.ranges, at))
         return own, own.solve(at)
 
     def objective_v2(shift: Float[np.ndarray, "two"]) -> float:
@@ -190,9 +198,9 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         found = moved(best.x)
         if found is None or best.fun > (1 - LEAST_FALL) ** 2 * kept.objective_v2:
             return prepared
-        before = held_out_errors(*fitted(prepared, kept.log_scales, settings))
-        after = held_out_errors(*fitted(found, at, settings))
-        if before is not None and after is not None and _is_worse(after, before):
+        before = held_out(*fitted(prepared, kept.log_scales, settings))
+        after = held_out(*fitted(found, at, settings))
+        if before is not None and after is not None and _is_worse(after.errors, before.errors):
             return prepared
         prior = furthest / FURTHEST
         errors = estimate(*fitted(found, at, plain), _of_starts, np.zeros(2), [prior])[0].errors

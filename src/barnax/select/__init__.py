@@ -8,5 +8,4 @@ from .family import Limits as Limits
 from .family import Point as Point
 from .family import limits_of as limits_of
 from .policy import Gain as Gain
-from .policy import Loss as Loss
 from .policy import Policy as Policy

@@ -4,17 +4,16 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
 from ..blas import one_blas_thread
-from ..cell import Dependence
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord
-from ..model.reference import error_blocks
-from ..over_soc.cross_validation import SocErrors, block_numbers, fold_of, tables_without
+from ..over_soc.blocks import numbered_blocks
+from ..over_soc.cross_validation import HeldOut, SocErrors, held_out
 from ..over_soc.dependence import laws_for, propose
 from ..over_soc.intervals import intervals_of
 from ..over_soc.objective import Solution, TableObjective
@@ -27,7 +26,7 @@ from ..over_soc.problem import (
 from ..over_soc.search import find_best
 from ..over_soc.settings import TableSettings
 from .family import Ladder, Limits, Point
-from .policy import Gain, Loss, Policy
+from .policy import Gain, Policy
 
 
 class Fitted(NamedTuple):
@@ -37,7 +36,7 @@ class Fitted(NamedTuple):
     point: Point
     objective: TableObjective
     best: Solution
-    loss: Loss | None
+    loss: HeldOut | None
 
 
 # What became of a rung: it is kept; it gains too little, or less than the one that was kept; what
@@ -117,7 +116,7 @@ class Bench:
     def __post_init__(self) -> None:
         self._fits: dict[Point, Fitted] = {}
         self._prepared: dict[tuple[bool, bool], Sequence[PreparedRecord]] = {}
-        self._finest: dict[tuple[tuple[bool, bool], Dependence | None], TableObjective] = {}
+        self._finest: dict[tuple[Any, ...], TableObjective] = {}
 
     def chosen(self) -> Choice:
         chosen = self.fit(Point(self.limits.start, self.limits.nodes[0]))
@@ -150,7 +149,7 @@ class Bench:
             assert chosen.loss is not None
             assert simpler.loss is not None
             gain = self.policy.gain(simpler.loss, chosen.loss)
-            if not self.policy.is_better(gain):
+            if not self._is_worth(simpler, chosen, gain):
                 self.tried.append(_tried("without", simpler, gain))
                 return self._without_needless(simpler)
         return chosen
@@ -189,6 +188,13 @@ class Bench:
             gain = self.policy.gain(chosen.loss, more.loss)
             outcome = self._outcome(chosen, more, gain)
             self.tried.append(_tried(ladder, more, gain, outcome))
+            if best is not None and more.point in dict(
+                map(reversed, self.limits.rungs(best.point))
+            ):
+                # What a richer one of both adds to the simpler one has to be worth it.
+                assert best.loss is not None
+                step = self.policy.gain(best.loss, more.loss)
+                outcome = self._outcome(best, more, step)
             if outcome == "less gain" and gain.value > best_gain:
                 best, best_gain, place = more, gain.value, len(self.tried) - 1
         if best is not None:
@@ -197,16 +203,19 @@ class Bench:
 
     def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain) -> Outcome:
         """What becomes of a richer circuit, unless no other gains more."""
-        is_new = more.point.kind != chosen.point.kind and not self.limits.is_gap_rested
-        if not self.policy.is_better(gain) or (
-            is_new and gain.value <= self.policy.least_gain_of_sweep
-        ):
+        if not self._is_worth(chosen, more, gain):
             return "no gain"
         if not self._is_determined(chosen.point, more):
             return "not determined"
         is_other = self.limits.is_asked and more.point.circuit != chosen.point.circuit
         is_law = self.limits.laws is not None and more.point.law != chosen.point.law
         return "not asked for" if is_other or is_law else "less gain"
+
+    def _is_worth(self, simpler: Fitted, richer: Fitted, gain: Gain) -> bool:
+        """True where a richer circuit is better, and a hysteresis beside an OCV test by enough."""
+        is_new = richer.point.kind != simpler.point.kind and not self.limits.has_ocv
+        least = self.policy.least_gain_of_hysteresis if is_new else 0.0
+        return self.policy.is_better(gain) and gain.value > least
 
     def _is_determined(self, before: Point, more: Fitted) -> bool:
         """False for a new hysteresis that turns at once, and a new law whose interval is wide."""
@@ -233,7 +242,7 @@ class Bench:
                 self.records_of(point),
                 self.limits.settings_of(point, self.settings),
             )
-            held = held_at(chosen.objective, proposed[1])
+            held = held_at(chosen.objective.ranges, proposed[1])
             objective = reduced_objective(records, settings, held)
             best = objective.solve(proposed[1], exact=True)
             yield "law", Fitted(point, objective, best, self._loss(objective, best))
@@ -256,7 +265,10 @@ class Bench:
         return self._fits[point]
 
     def _fit(self, point: Point) -> Fitted:
-        finest, key = replace(point, nodes=self.limits.nodes[-1]), (point.kind, point.law)
+        # The finest nodes of all are seldom reached, and cost as much as all others together.
+        ladder = self.limits.nodes
+        finest = replace(point, nodes=ladder[-1] if point.nodes == ladder[-1] else ladder[-2])
+        key = (point.kind, finest.nodes, point.law)
         if key not in self._finest:
             settings = self.limits.settings_of(finest, self.settings)
             records = self.records_of(finest)
@@ -268,47 +280,19 @@ class Bench:
         best = find_best(objective)
         return Fitted(point, objective, best, self._loss(objective, best))
 
-    def _loss(self, objective: TableObjective, best: Solution) -> Loss | None:
-        """The held-out errors of every block, by simulation of the tables of the other folds."""
-        labels, bands = fold_of(objective), np.array(self.policy.bands)
-        if len(np.unique(labels[[part.scored > 0 for part in objective.parts]])) < 2:
-            return None
-        blocks, count = self._blocks
-        squares_v2, counts = np.zeros((len(bands), count)), np.zeros((len(bands), count), int)
-        for fold, x in tables_without(objective, best, labels, objective.parts):
-            solution = objective.with_unknowns(best, x)
-            tables = objective.tables_at(solution)
-            for told, (block, fold_of_block) in zip(
-                objective.prepared_records, blocks, strict=True
-            ):
-                prepared = objective.with_ocv(told, solution)
-                for here, error_v in error_blocks(prepared, tables):
-                    is_held = (block[here] >= 0) & (fold_of_block[here] == fold)
-                    for band, low_soc in enumerate(bands):
-                        own = is_held & (prepared.soc[here] >= low_soc)
-                        squares_v2[band] += np.bincount(block[here][own], error_v[own] ** 2, count)
-                        counts[band] += np.bincount(block[here][own], minlength=count)
-        return Loss(squares_v2.T, counts.T)
+    def _loss(self, objective: TableObjective, best: Solution) -> HeldOut | None:
+        return held_out(objective, best, self._blocks) if self.settings.folds else None
 
     @cached_property
-    def _blocks(self) -> tuple[list[tuple[Int[np.ndarray, "_"], Int[np.ndarray, "_"]]], int]:
-        """The block of every sample, counted over all records, with its fold."""
-        numbered, first = [], 0
-        for prepared in self._all_prepared(Point(self.limits.start)):
-            own = block_numbers(prepared, self.settings)
-            numbered.append((np.where(own >= 0, own + first, -1), own % self.settings.folds))
-            first += int(own.max()) + 1
-        return numbered, first
+    def _blocks(self) -> tuple[list[Int[np.ndarray, "_"]], int]:
+        """The block of every sample, of every circuit those of the simplest."""
+        return numbered_blocks(self._all_prepared(Point(self.limits.start)), self.settings)
 
 
 def _tried(
     ladder: Ladder | None, own: Fitted, gain: Gain | None, outcome: Outcome = "kept"
 ) -> Tried:
-    law, point, held = own.point.law, own.point, None
-    if own.loss is not None:
-        sums, counts = (values.sum(axis=0) for values in (own.loss.squares_v2, own.loss.counts))
-        whole_v, *_, above_v = np.sqrt(sums / np.maximum(counts, 1)).tolist()
-        held = SocErrors(whole_v, above_v if counts[-1] else None)
+    law, point, held = own.point.law, own.point, own.loss and own.loss.errors
     follows = tuple(law.numbers) if law else ()
     given = ladder, point.circuit, len(point.nodes), follows, own.best.rms_v, held, gain
     return Tried(*given, outcome)

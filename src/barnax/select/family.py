@@ -65,8 +65,6 @@ class Limits:
         laws: What resistances may follow; None leaves it to the records.
         has_ocv: Whether the OCV is a table of the records' own.
         is_asked: Whether the circuit was asked for: richer ones are tried, and none is kept.
-        is_gap_rested: Whether a gap between the branches of the OCV test is more than the
-            polarisation of a sweep.
     """
 
     start: str
@@ -75,7 +73,6 @@ class Limits:
     laws: tuple[str, ...] | None = ()
     has_ocv: bool = False
     is_asked: bool = False
-    is_gap_rested: bool = True
 
     def rungs(self, point: Point) -> Iterator[tuple[Ladder, Point]]:
         """The richer circuits that are one rung away, but for laws, which records propose."""
@@ -148,5 +145,4 @@ def limits_of(
             if (ladder != "pairs" or not is_bounded) and gaps.get(ladder, True)
         }
         reached += richer[circuit].values()
-    is_gap_rested = has_ocv or cell.shows_hysteresis
-    return Limits(start, nodes, richer, laws, has_ocv, is_gap_rested=is_gap_rested)
+    return Limits(start, nodes, richer, laws, has_ocv)

@@ -15,7 +15,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+
+from ..over_soc.cross_validation import HeldOut
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,9 @@ class Policy:
     Args:
         standard_errors: A richer circuit gains more than so many of its gain's standard error.
         least_gain: And more than this: 1.5 % of the error is no reason for another circuit.
-        least_gain_of_sweep: A hysteresis gains more than this, a tenth of the error, where the gap
-            of the OCV test may be the polarisation of its sweeps.
+        least_gain_of_hysteresis: A hysteresis gains more than this, a tenth of the error, beside an
+            OCV that rises: the gap of an OCV test is in part the polarisation of its sweeps.
         floor_v: What voltmeters do not resolve is added to every error.
-        bands: The lowest SOC of every band.
         least_span_soc: Over less SOC than this, nodes tell nothing of the cell.
         widest: The most decades of a law's own interval.
         fastest_rate: A hysteresis that turns faster, within 1 % SOC, cannot be told from
@@ -37,14 +37,13 @@ class Policy:
 
     standard_errors: float = 1.5
     least_gain: float = 0.03
-    least_gain_of_sweep: float = 0.2
+    least_gain_of_hysteresis: float = 0.2
     floor_v: float = 1e-4
-    bands: tuple[float, ...] = (-math.inf, 0.03, 0.1)
     least_span_soc: float = 0.3
     widest: float = 1.0
     fastest_rate: float = 285.0
 
-    def gain(self, simpler: "Loss", richer: "Loss") -> "Gain":
+    def gain(self, simpler: HeldOut, richer: HeldOut) -> "Gain":
         """By how much the loss of a richer circuit is lower."""
         is_block = simpler.counts[:, 0] > 0
         counts = simpler.counts[is_block]
@@ -64,14 +63,6 @@ class Policy:
     def is_better(self, gain: "Gain") -> bool:
         """True where a richer circuit is to be preferred."""
         return gain.value > max(self.standard_errors * gain.standard_error, self.least_gain)
-
-
-@dataclass(frozen=True)
-class Loss:
-    """Sums of squared held-out errors of every block in V^2 by band, and how many there are."""
-
-    squares_v2: Float[np.ndarray, "blocks bands"]
-    counts: Int[np.ndarray, "blocks bands"]
 
 
 @dataclass(frozen=True)

@@ -258,9 +258,8 @@ class Registration:
     """A record's start and capacity by other records of the cell or its OCV test, or its start by
     the fit of the circuit, with 95 % intervals, and what was told of them before. SOC is scaled so
     that what was told is right on average; by records, intervals are on that axis. An offset of the
-    current that records share is in A, discharge positive, with its standard error. `follows` has
-    the names of a `Dependence`; empty is SOC alone. `told_sd` is the standard error of a start
-    before a circuit moved it."""
+    current that records share is in A, discharge positive, with its standard error; `follows` has
+    the names of a `Dependence`, and `told_sd` is the standard error of `told_soc`."""
 
     told: "Window"
     told_soc: float

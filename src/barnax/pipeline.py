@@ -113,7 +113,8 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
         first = first_problem(inputs, windows, job, found[-1] if found else None, **box)
         if not found and not job.keep_starts:
             first = with_joint_starts(first)
-            windows = {own.record.name: own.window for own in first.prepared_records}
+            fitted = {own.record.name: own.window for own in first.prepared_records}
+            windows = {**windows, **fitted}
         held = [prepared.record for prepared in first.prepared_records]
         is_other = any(
             one.hold.value != record.hold.value

@@ -109,11 +109,11 @@ def _set_forward(samples: Samples) -> tuple[Samples, list[Notice]]:
         return samples, []
     (hour_s, _), interval_s = _SET_BACK[0], samples.interval_s
     over_s = samples.intervals_s - hour_s
-    jumps = np.flatnonzero(over_s >= 0)
     # The stamp may come as late as any does, up to a share of the hour.
     latest_s = min(np.max(over_s[over_s < 0], initial=-hour_s) + hour_s, _LATEST_SHARE * hour_s)
     late_s = max(_LATE * interval_s, latest_s)
-    if len(jumps) != 1 or over_s[jumps[0]] > late_s or interval_s > _LATEST_SHARE * hour_s:
+    jumps = np.flatnonzero((over_s >= 0) & (over_s <= late_s))
+    if len(jumps) != 1 or interval_s > _LATEST_SHARE * hour_s:
         return samples, []
     at = int(jumps[0])
     before_s, after_s = samples.time_s[at : at + 2]

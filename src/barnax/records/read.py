@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InputError
 from ..notices import Notice, notice, raise_first_error
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
-from .column_rules import describe_units, examine_columns, read_columns
+from .column_rules import bare_units, describe_units, examine_columns, read_columns
 from .columns import NOTHING, Column
 from .counters import skipped_ah
 from .dialects import CHARGE, DISCHARGE, Sign
@@ -23,7 +23,7 @@ from .lag import aligned
 from .quantities import NEEDED
 from .record import Decision, Hold, Record
 from .samples import Samples, samples_of
-from .scale import UNITS_ASKED, bare_units, examine_scale
+from .scale import UNITS_ASKED, examine_scale
 from .sign import decide_sign, examine_direction
 from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
@@ -115,9 +115,8 @@ def _one_question(findings: list[Notice], columns: Mapping[str, Column]) -> list
     is_milli = any(one.code == "voltage-unit.milli" for one in errors) and len(bare) > 1
     if not errors or not (is_milli or open_too or len(doubts) > 1):
         return findings
-    (question,) = bare_units(columns, errors[0].what)
     others = [one for one in findings if one not in (*asked, *open_too)]
-    return [question.rated("error"), *others]
+    return [bare_units(columns, errors[0].what).rated("error"), *others]
 
 
 def _require_common_rows(lines: Lines, file: str) -> None:

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..notices import Notice, notice
+from ..notices import Notice
 from .cell_values import FINEST_S, epoch_unit, is_clock, is_usual, numbers
+from .column_rules import bare_units
 from .columns import NOTHING, Column, columns_of
 from .counters import gain_ah
 from .quantities import QUANTITIES, Unit
@@ -97,26 +98,13 @@ def examine_scale(
         if finding.code.endswith((".doubtful", ".open")):
             asked = best[0].reading.quantity
             break
-    left = [
-        one
-        for one in _witnesses(samples, capacity_ah, given)
-        if not one.holds(one.value) and asked not in one.powers
-    ]
+    witnesses = _witnesses(samples, capacity_ah, given)
+    left = [one for one in witnesses if asked not in one.powers and not one.holds(one.value)]
     if left and samples.columns["time"].is_unit_assumed:
         # No other unit explains it, and none is named.
         reason = "; ".join(dict.fromkeys(one.says for one in left))
-        findings += bare_units(samples.columns, reason)
+        findings.append(bare_units(samples.columns, reason))
     return samples, findings
-
-
-def bare_units(columns: Mapping[str, Column], reason: str) -> list[Notice]:
-    """A warning that names all columns without a unit, with the one option that settles them."""
-    judged = ("time", "current", "voltage", *_COUNTERS)
-    bare = [columns[name] for name in judged if name in columns and columns[name].is_unit_assumed]
-    units = ", ".join(f"{column.unit.symbol} for '{column.header}'" for column in bare)
-    option = ",".join(f"{column.quantity.name}={column.header}:UNIT" for column in bare)
-    told = {"units": units, "reason": reason, "option": option}
-    return [notice("columns.units-open", **told)] if bare else []
 
 
 def _best(samples: Samples, witnesses: list[Witness]) -> list[Verdict]:

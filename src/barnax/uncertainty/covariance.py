@@ -315,7 +315,7 @@ class Covariance(Brief):
         told = math.sqrt(weight_v2) * np.eye(count)[free:]
         orthogonal, triangle = np.linalg.qr(np.vstack([values, told]))
         moved = np.linalg.solve(triangle, orthogonal.T)
-        spread_v2 = block_diag(noise.spread_v2, weight_v2 * np.eye(count - free))
+        spread_v2 = np.asarray(block_diag(noise.spread_v2, weight_v2 * np.eye(count - free)))
         matrix = moved @ spread_v2 @ moved.T
         told_v = math.sqrt(weight_v2) * linearization.starts_sd
         step = -moved @ np.append(vectors.T @ error_v, told_v)

@@ -2,22 +2,35 @@
 beside it."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .cell import get_circuit
 from .errors import InputError
-from .global_optimum import with_better_directions, with_better_hold, without_sweep_drop
+from .global_optimum import (
+    find_global_optimum,
+    with_better_directions,
+    with_better_hold,
+    without_sweep_drop,
+)
 from .inputs import Inputs, ranges_of
+from .model.prepared import PreparedRecord
 from .model.problem import Kind, Problem, make_problem, require_enough
 from .model.search_space import Range
 from .model.window import Window
 from .over_soc import OwnOcv, TableSettings
+from .over_soc.registration import ROUNDS, SETTLED, with_start
 from .select import limits_of
 from .settings import Settings
+from .uncertainty.covariance import Covariance, linearize
 
 # The circuit that the population searches beside tables.
 CONSTANT = "so-rc"
+# A start is fitted with the circuit where its standard error is worth so much.
+LEAST_DOUBT_V = 0.002
 
 
 def first_problem(
@@ -37,6 +50,37 @@ def first_problem(
     else:
         problem = with_better_directions(problem)
     return with_better_hold(problem)
+
+
+def with_joint_starts(problem: Problem) -> Problem:
+    """The problem with the starts that voltages tell where they fit best together with the circuit,
+    each held to what was told by its standard error, if that is worth millivolts for one of them.
+    """
+    told = problem.prepared_records
+    doubts_v = [own.start.soc_sd * own.cell.ocv_slope(own.soc[:1])[0] for own in told]
+    for _ in range(ROUNDS if max(doubts_v) >= LEAST_DOUBT_V else 0):
+        try:
+            optimum = find_global_optimum(problem, prove=False)
+            joint = Covariance.of(linearize(problem, optimum.parameters))
+            moves = zip(joint.starts_step.tolist(), joint.starts_error.tolist(), strict=True)
+            records = [
+                _fitted(own, now, *next(moves)) if own.start.soc_sd else own
+                for own, now in zip(told, problem.prepared_records, strict=True)
+            ]
+        except InputError:  # too wide a box, or beyond the OCV
+            break
+        problem = replace(problem, prepared_records=records)
+        if np.all(np.abs(joint.starts_step) < SETTLED * joint.starts_error):
+            break
+    return problem
+
+
+def _fitted(told: PreparedRecord, now: PreparedRecord, step: float, error: float) -> PreparedRecord:
+    """The record with its start a step away, in standard errors of what was told, like `error`."""
+    start, sd = told.start, float(told.start.soc_sd)
+    where = start.soc, told.capacity_ah, now.start.soc + sd * step - start.soc, 0.0, sd * error, 0.0
+    moved = with_start(told, *where, by="circuit", told_sd=sd)
+    return replace(moved, start=replace(moved.start, direction_source=start.direction_source))
 
 
 def _start(inputs: Inputs) -> str:

@@ -15,7 +15,7 @@ from .bundled import BUNDLED
 from .cell import CellModel
 from .checks.against_cell import compare_resistances
 from .checks.roles import MAX_HALF_WIDTH, are_unfit
-from .constant_problem import CONSTANT, first_problem
+from .constant_problem import CONSTANT, first_problem, with_joint_starts
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
 from .identification import Setup, search_and_assess, set_up
@@ -111,6 +111,10 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
             inputs = _as_counted(inputs, told, windows)
         box = {"bounds": job.bounds, "fix": job.fix}
         first = first_problem(inputs, windows, job, found[-1] if found else None, **box)
+        if not found and not job.keep_starts:
+            first = with_joint_starts(first)
+            fitted = {own.record.name: own.window for own in first.prepared_records}
+            windows = {**windows, **fitted}
         held = [prepared.record for prepared in first.prepared_records]
         is_other = any(
             one.hold.value != record.hold.value

@@ -255,12 +255,11 @@ MAX_MOVED_SOC = 0.03
 
 @dataclass(frozen=True)
 class Registration:
-    """A record's start and capacity by other records of the cell, or by its OCV test, with
-    95 % intervals, and what was told of them before: its window, and what that gave. SOC is
-    scaled so that what was told is right on average; by records, intervals are on that axis, and
-    leave out how far the axis itself is off. An offset of the current that records
-    share is in A, discharge positive, with its standard error. What resistances follow is found
-    with them, by the names of a `Dependence`; empty is SOC alone."""
+    """A record's start and capacity by other records of the cell or its OCV test, or its start by
+    the fit of the circuit, with 95 % intervals, and what was told of them before. SOC is scaled so
+    that what was told is right on average; by records, intervals are on that axis. An offset of the
+    current that records share is in A, discharge positive, with its standard error; `follows` has
+    the names of a `Dependence`, and `told_sd` is the standard error of `told_soc`."""
 
     told: "Window"
     told_soc: float
@@ -270,10 +269,11 @@ class Registration:
     soc_high: float
     capacity_low_ah: float
     capacity_high_ah: float
-    by: Literal["records", "OCV test"] = "records"
+    by: Literal["records", "OCV test", "circuit"] = "records"
     offset_a: float | None = None
     offset_error_a: float | None = None
     follows: Mapping[str, float | None] | None = None
+    told_sd: float = 0.0
 
     @property
     def origin(self) -> "Registration":

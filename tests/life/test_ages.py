@@ -76,6 +76,10 @@ def test_a_unit_in_the_name_counts(name, factor, unit):
         ([2020.5, 2021.0], "2020.5 may be a year or a day"),
         ([20240115, 20240231], "row 2 is '2024-02-31'"),
         ([float("nan"), None], "no row has a finite age"),
+        (["0", "24", "x"], "row 3 is 'x'; give a number"),
+        ([20240115, 20240301, 0], "row 2 is 20240301, which is neither"),
+        ([1.7e9, 0.0, 1.7e9 + 86_400], "row 3 is 1700086400, which is neither"),
+        ([202401, 202412], "row 2 is 202412, which is neither"),
     ],
 )
 def test_what_is_neither_or_may_be_either_is_refused(values, message):
@@ -93,3 +97,16 @@ def test_rows_without_a_finite_age_are_counted_and_those_of_one_age_named():
     assert "3 rows without a finite age, or without a cell: left out." in lines
     assert "Of one cell at one age, both counted: 0-2, 0-3." in lines
     assert (life.rows, life.unit, life.span) == (15 - 3, "day", 9.0)
+
+
+@pytest.mark.parametrize("none", ["nan", "NaN", "inf", ""])
+def test_a_text_that_stands_for_no_number_is_no_age(none):
+    days, _ = ages_of(pl.Series(["2024-01-15", none, "2024-01-25"]), "date")
+    np.testing.assert_array_equal(days, [0.0, np.nan, 10.0])
+
+
+def test_a_date_that_stands_for_none_is_no_age():
+    frame = dataset(cells=3)
+    dates = ["1970-01-01", *frame["date"][1:]]
+    with pytest.raises(InputError, match="1970-01-01 in row 1 and 2022-01-01 in row 5"):
+        life_of(frame.with_columns(pl.Series("date", dates)))

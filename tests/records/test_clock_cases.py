@@ -236,6 +236,52 @@ def test_dates_that_are_set_back_run_on_and_that_is_said(back_s, what, interval_
     assert what in " ".join(map(str, record.warnings))
 
 
+def local_stamps(seconds, change, on_s=3600):
+    """Stamps of a local clock that goes on by an hour at `change`, after the 70th sample."""
+    shown_s = seconds - seconds[70] + on_s * (np.arange(len(seconds)) >= 70)
+    stamps = np.datetime64(change) + np.round(1e3 * shown_s).astype("timedelta64[ms]")
+    return [str(stamp) for stamp in stamps]
+
+
+SPRINGS = ["2024-03-31T02:00:00", "2024-03-10T02:00:00", "2024-10-06T02:00:00"]
+
+
+@pytest.mark.parametrize("change", [*SPRINGS, "2024-03-31T01:00:00.7"])
+@pytest.mark.parametrize("interval_s", [0.5, 4, 60])
+def test_the_hour_of_spring_is_taken_off_and_that_is_said(change, interval_s):
+    seconds = np.arange(160) * interval_s
+    record = barnax.record_from_frame(frame("Date Time", local_stamps(seconds, change)))
+    np.testing.assert_allclose(record.time_s, seconds, atol=1e-6)
+    assert [one.code for one in record.warnings] == ["clock.hour-on"]
+
+
+def test_an_hour_that_passes_is_left_alone():
+    pause_s = 3600.0 * (np.arange(160) >= 70)
+    # At noon, in summer, by instants, and for longer than an hour.
+    for change, zone, on_s in (
+        ("2024-03-31T12:00:00", "", 3600),
+        ("2024-07-07T02:00:00", "", 3600),
+        ("2024-03-31T02:00:00", "Z", 3600),
+        ("2024-03-31T02:00:00", "+01:00", 3600),
+        ("2024-03-31T02:00:00", "", 7200),
+    ):
+        stamps = [stamp + zone for stamp in local_stamps(SECONDS, change, on_s)]
+        table = frame("Date Time", stamps)
+        # The cell recovers from its load.
+        table["Current [A]"] = np.where(np.arange(160) % 20 < 15, -1.0, 0.0)
+        table["Voltage [V]"] = 3.9 + 0.05 * table["Current [A]"] + 0.01 * pause_s / 3600
+        record = barnax.record_from_frame(table)
+        np.testing.assert_allclose(record.time_s, SECONDS + on_s / 3600 * pause_s)
+        assert not record.warnings
+
+
+def test_a_load_that_goes_on_did_not_wait_an_hour():
+    """On any day, where neither current nor voltage changed."""
+    table = frame("Date Time", local_stamps(SECONDS, "2024-07-03T14:23:11"))
+    assert table["Current [A]"][69] == table["Current [A]"][70] == -1
+    np.testing.assert_allclose(barnax.record_from_frame(table).time_s, SECONDS)
+
+
 @pytest.mark.parametrize(("back_s", "what"), SET_BACK)
 def test_a_clock_of_irregular_intervals_is_set_back_too(back_s, what):
     """Ten samples a second in a pulse, and one in half a minute at rest, where it is set back."""

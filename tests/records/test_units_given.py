@@ -99,3 +99,69 @@ def test_the_voltage_of_a_pack_and_what_is_set_are_no_second_measurement():
     columns = [(pl.col(VOLTAGE) * factor).alias(name) for name, factor in others.items()]
     table = FRAME.with_columns(columns).rename({VOLTAGE: "Cell Voltage(V)"})
     assert not any("differ" in each for each in told(record_from_frame(table)))
+
+
+def bare(time_unit_s, current_a, voltage_v, frame=FRAME):
+    """The frame with names that have no unit, and values in units of so many s, A and V."""
+    named = {TIME: ("Time", time_unit_s), CURRENT: ("Current", current_a)}
+    named[VOLTAGE] = ("Voltage", voltage_v)
+    return frame.select((pl.col(own) / unit).alias(new) for own, (new, unit) in named.items())
+
+
+ALL_BARE = "`columns='time=Time:UNIT,current=Current:UNIT,voltage=Voltage:UNIT'`"
+
+
+@pytest.mark.parametrize(
+    "units",
+    [(60, 1e-3, 1), (3600, 1e-3, 1), (1, 1e-3, 1e-3), (60, 1, 1e-3), (60, 1e-3, 1e-3)],
+)
+def test_several_units_that_are_missing_are_one_question(units):
+    # Twenty amperes, so that they are no cell's where they are milliamperes.
+    large = FRAME.with_columns(pl.col(CURRENT) * 10)
+    table = bare(*units, large)
+    with pytest.raises(InputError) as refused:
+        record_from_frame(table)
+    assert ALL_BARE in str(refused.value)
+    symbols = {60: "min", 3600: "h"}, {1e-3: "mA"}, {1e-3: "mV"}
+    bases = ("s", "A", "V")
+    given = {
+        quantity: f"{name}:{known.get(unit, base)}"
+        for quantity, name, unit, known, base in zip(
+            ("time", "current", "voltage"), table.columns, units, symbols, bases, strict=True
+        )
+    }
+    record, true = record_from_frame(table, columns=given), record_from_frame(large)
+    for name in ("time_s", "current_a", "voltage_v"):
+        np.testing.assert_allclose(getattr(record, name), getattr(true, name), atol=1e-9)
+
+
+def test_a_slow_sweep_in_minutes_and_milliamperes_is_no_large_cell_without_a_word():
+    """A C/20 sweep of 3 Ah, sampled each minute: 150 for 20 hours is a cell of 50 Ah at 3C."""
+    minutes = np.arange(1200.0)
+    table = pl.DataFrame({"Time": minutes, "Current": np.full(1200, -150.0)})
+    table = table.with_columns(pl.Series("Voltage", 4.15 - 1.2 * minutes / 1200))
+    (warning,) = record_from_frame(table).warnings
+    assert (warning.code, "150 A" in str(warning)) == ("columns.units-open", True)
+    given = {"time": "Time:min", "current": "Current:mA"}
+    record = record_from_frame(table, columns=given)
+    assert not record.warnings
+    assert record.discharged_ah[-1] == pytest.approx(0.15 * 1199 / 60)
+
+
+@pytest.mark.parametrize("unit", ["A", "mA", "uA"])
+def test_amperes_under_another_unit_are_named_by_a_counter_in_a_unit_of_its_own(unit):
+    time_s = FRAME[TIME].to_numpy()
+    current_a = np.full(len(time_s), -2.0)
+    counted_mah = 1e3 * np.abs(np.append(0, np.cumsum(current_a[:-1] * np.diff(time_s)))) / 3600
+    table = FRAME.with_columns(
+        pl.Series(f"Current [{unit}]", current_a), pl.Series("Capacity", counted_mah)
+    )
+    table = table.drop(CURRENT)
+    if unit == "A":
+        assert "current-unit" not in " ".join(one.code for one in record_from_frame(table).warnings)
+        return
+    try:
+        said = [str(one) for one in record_from_frame(table).warnings]
+    except InputError as refused:
+        said = [str(refused)]
+    assert any(f"current=Current [{unit}]:A" in words for words in said)

@@ -23,6 +23,8 @@ NAMES = ("specimen", "cell_name", "name", "serial", "cell_id")
 # Years in a unit of time; of what is no time, so many of its units are judged as a year.
 YEARS = {"year": 1.0, "month": 1 / 12, "week": 7 / 365.25, "day": 1 / 365.25}
 CYCLES_A_YEAR = 365.0
+# Lithium-ion cells are hardly older.
+MOST_YEARS = 40
 # With fewer cells nobody can say what is odd; covariates that vary by less say nothing.
 FEWEST, LEAST_K = 8, 2.0
 # Errors of so many OCVs are told apart over the whole fleet; those of more within each cell.
@@ -132,6 +134,14 @@ def life_of(
         raise InputError("the dataset says nothing of ageing; identify the fleet with `ageing`")
     names, ages = _column(rows, by, NAMES, "by"), _column(rows, age, AGES, "age")
     at, unit = ages_of(rows[ages], ages)
+    years = YEARS.get(unit, 1 / CYCLES_A_YEAR)
+    if unit in YEARS and (np.nanmax(at) - np.nanmin(at)) * years > MOST_YEARS:
+        first_row, last_row = int(np.nanargmin(at)), int(np.nanargmax(at))
+        raise InputError(
+            f"`age` {ages}: {rows[ages][first_row]} in row {first_row + 1} and "
+            f"{rows[ages][last_row]} in row {last_row + 1} are more than {MOST_YEARS} years apart; "
+            "correct the wrong one, or leave it empty"
+        )
     rows = rows.with_columns(pl.col(names).cast(pl.String), pl.Series("_age", at))
     without_age = len(rows)
     rows = rows.filter(pl.col(names).is_not_null() & pl.col("_age").is_not_nan()).sort("_age")
@@ -147,7 +157,6 @@ def life_of(
     first, last = float(good["_age"].min()), float(good["_age"].max())  # pyright: ignore
     span = last - first or 1.0
     spans = [float(np.ptp(rows["_age"].to_numpy())) for rows in own.values()]
-    years = YEARS.get(unit, 1 / CYCLES_A_YEAR)
     nominal_ah = {name: float(rows["capacity [A.h]"][0]) for name, rows in own.items()}
     if unit == "A.h":
         years = 1 / (CYCLES_A_YEAR * 2 * float(np.median([*nominal_ah.values()])))

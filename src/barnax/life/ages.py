@@ -26,6 +26,8 @@ _UNITS = (
 # Without a unit, numbers so large are days such as 20240115, or seconds since 1970, thousandths of
 # them and so on; such a small one in a column of dates may be a year.
 _COMPACT, _EPOCH_S, _YEARS = (19_000_101, 22_001_231), (1e8, 1e11), (1900, 2200)
+# Days that spreadsheets count go to that of the year 2100.
+_LATEST_DAY = 73_051
 
 
 def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
@@ -38,9 +40,14 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
     if column.dtype == pl.String:
         column = column.replace("", None)
         number = column.cast(pl.Float64, strict=False)
-        # One text that is no number makes all of them dates.
-        if number.null_count() > column.null_count():
-            number = pl.Series([_date(text, row, name) for row, text in enumerate(column, 1)])
+        # A text that is no number makes all of them dates, unless most are numbers.
+        is_text = number.is_null() & column.is_not_null()
+        if is_text.any() and 2 * is_text.sum() < len(column) - column.null_count():
+            row = is_text.arg_true()[0]
+            raise _neither(column[row], row + 1, name)
+        if is_text.any():
+            texts = column.set((~number.is_finite()).fill_null(False), None)
+            number = pl.Series([_date(text, row, name) for row, text in enumerate(texts, 1)])
         column = number
     if column.dtype.is_temporal():
         days = column.cast(pl.Datetime("us")).cast(pl.Int64) / 86_400e6
@@ -60,17 +67,27 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
     for parts in (1.0, 1e3, 1e6, 1e9):
         if _EPOCH_S[0] * parts <= low and high < _EPOCH_S[1] * parts:
             return (number - low) / (86_400 * parts), "day"
+    if high > _LATEST_DAY:
+        row = int(np.nanargmax(number)) + 1
+        raise InputError(
+            f"`age` {name}: row {row} is {number[row - 1]:.12g}, which is neither an age in days "
+            "nor a date beside the others; write dates as 2024-01-15, and none as nothing"
+        )
     if lower.startswith("date") and _YEARS[0] <= low and high < _YEARS[1]:
         raise InputError(f"`age` {name}: {low:g} may be a year or a day; write it as 2024-01-15")
     return number, "day"
+
+
+def _neither(text: str, row: int, name: str) -> InputError:
+    return InputError(
+        f"`age` {name}: row {row} is {cut(text, 40)!r}; give a number in every row, or a date, as "
+        "2024-01-15"
+    )
 
 
 def _date(text: str | None, row: int, name: str) -> datetime.datetime | None:
     try:
         date = datetime.datetime.fromisoformat(text) if text else None
     except ValueError as problem:
-        raise InputError(
-            f"`age` {name}: row {row} is {cut(str(text), 40)!r}; give a number in every row, or a "
-            "date, as 2024-01-15"
-        ) from problem
+        raise _neither(str(text), row, name) from problem
     return date if date is None or date.tzinfo else date.replace(tzinfo=datetime.UTC)

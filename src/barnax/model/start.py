@@ -209,6 +209,7 @@ def find_start(
             known = None
     if window.initial_soc is not None:
         soc, soc_source = window.initial_soc, window.soc_source or "given"
+        soc_sd = 0.0 if window.registration is None else window.registration.told_sd
         if soc_source == "given":
             soc -= _counted_soc(record, window, first, capacity_ah)
     elif known is not None:

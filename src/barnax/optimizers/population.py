@@ -59,7 +59,8 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
       by a fresh one for every single evaluation; for objectives with noise of their own.
     - `y0` gives shape and dtype only; its value is never used as a guess.
 
-    To Optimistix the whole search is one step, so `max_steps` may be anything.
+    Optimistix traces `fn` before the search begins, so `fn` uses `jax.numpy`, or NumPy within
+    `jax.pure_callback`. To Optimistix the whole search is one step, so `max_steps` may be anything.
 
     With `bounded` every candidate is clipped to the box before it is evaluated. Without, only
     the first population lies inside; some published results were made that way.

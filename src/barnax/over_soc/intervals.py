@@ -26,7 +26,8 @@ from ..model.exponentials import span_through
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, blocks
 from ..model.reference import errors_along
-from ..uncertainty.covariance import CONFIDENCE, by_start_v, one_clock
+from ..uncertainty.covariance import CONFIDENCE
+from ..uncertainty.joined import one_clock, open_starts
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .curves import TableCurve, curves_of
 from .objective import Solution, TableObjective
@@ -127,16 +128,19 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     of_tables = lighter.ways(light)
     dependence, numbers = objective.facts[0].dependence, objective.numbers
     of_constants = block_diag(np.eye(len(is_open))[:, is_open], np.eye(len(numbers)))
-    ways = np.asarray(block_diag(of_tables, of_constants))
+    starts_v, starts_sd = open_starts(objective.prepared_records)
+    ways = np.asarray(block_diag(of_tables, of_constants, np.eye(len(starts_sd))))
     values, curves = np.concatenate(light.values)[:, None], [*curves_of(objective, best)]
-    # Beside the error, the one that lines leave of the curves, and those that starts may make.
-    starts = sum(prepared.start.soc_sd > 0 for prepared in objective.prepared_records)
-    sides = np.hstack([values, np.zeros((len(values), 1 + starts))])
-    rows = _with_curves(objective, curves, linearized(lighter, light))
+    # Beside the error, the one that lines leave of the curves.
+    sides = np.hstack([values, np.zeros_like(values)])
+    rows = _with_curves(objective, curves, starts_v, linearized(lighter, light))
     (noise, *_), to_noise, products, slopes = noises_behind(lighter, sides, ways, rows)
     normal = with_penalty(lighter, products, of_tables)
     usual = {} if dependence is None else dependence.usual
-    places = [len(normal) - len(numbers) + [*numbers].index(name) for name in usual]
+    begun = np.arange(len(normal) - len(starts_sd), len(normal))
+    weight = float(np.mean(np.diag(noise.spread_v2))) / objective.reduced.scored
+    normal[begun, begun] += weight
+    places = [len(normal) - len(begun) - len(numbers) + [*numbers].index(name) for name in usual]
     pull = best.objective_v2 * np.array([number.pull for number in usual.values()])
     normal[places, places] += pull
     is_seen = np.diag(products) > UNSEEN**2 * np.max(np.diag(products))
@@ -144,8 +148,10 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     # By least squares, for a short record leaves some of them undetermined.
     moved = ways @ np.linalg.lstsq(normal, to_noise.T)[0]
     variance = np.einsum("ij,jk,ik->i", moved, noise.spread_v2, moved)
-    moved_by_lines, *moved_by_starts = (ways @ np.linalg.lstsq(normal, slopes[:, 1:])[0]).T
-    variance += np.sum(np.square(moved_by_starts), axis=0)
+    moved_by_lines = ways @ np.linalg.lstsq(normal, slopes[:, 1])[0]
+    by_starts = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, begun])[0]
+    variance += np.sum((weight * by_starts) ** 2, axis=1)
+    to_joint = -by_starts @ (slopes[begun, 0] + weight * starts_sd)
     if places:
         # What is usual is itself uncertain.
         back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, places])[0]
@@ -156,13 +162,16 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     is_known = np.any(ways[:, is_seen] != 0, axis=1)
 
     def interval(name: str, soc: float | None, number: int, value: float, *unmoved: float):
-        """Around what would stand there had nothing moved it, as far as the value."""
+        """Around what would stand there had nothing moved it, with the starts that fit best, as
+        far as the value."""
         bias = max((value - other for other in unmoved), key=abs)
         if not is_known[number]:
             return NodeInterval(name, soc, value, 0.0, bias, None, None)
         error = float(errors[number])
         reach = float(factors[number]) * error
-        low, high = min(value, min(unmoved) - reach), max(value, max(unmoved) + reach)
+        joint = float(to_joint[number])
+        low = min(value, min(unmoved) + joint - reach)
+        high = max(value, max(unmoved) + joint + reach)
         return NodeInterval(name, soc, value, error, bias, low, high)
 
     held = _held_level(objective, best)
@@ -213,15 +222,13 @@ def _held_level(objective: TableObjective, best: Solution) -> range:
 
 
 def _with_curves(
-    objective: TableObjective, curves: Sequence[TableCurve], rows: Iterable[Rows]
+    objective: TableObjective,
+    curves: Sequence[TableCurve],
+    starts_v: Float[np.ndarray, "samples starts"],
+    rows: Iterable[Rows],
 ) -> Iterator[Rows]:
-    """The rows with more sides: the errors that would be, were the tables' curves the truth, and
-    those that a standard error of a record's start makes."""
-    # Half the digits are enough of an error of an error.
-    starts_v = np.asarray(
-        block_diag(*(by_start_v(own).astype(np.float32) for own in objective.prepared_records))
-    )
-    starts_v = starts_v[:, np.any(starts_v, axis=0)]
+    """The rows with columns of the records' starts, and with one more side: the errors that would
+    be, were the tables' curves the truth."""
     soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
     first = 0
     for columns, base, informed in rows:
@@ -232,7 +239,7 @@ def _with_curves(
             columns[:, objective.block(table)].sum(axis=1) * curve.above_lines(here)
             for table, curve in enumerate(curves)
         )
-        yield columns, np.column_stack([base, left, begun_v]), informed
+        yield np.hstack([columns, begun_v]), np.column_stack([base, left]), informed
 
 
 def unsmoothed(objective: TableObjective, found: Solution) -> tuple[TableObjective, Solution]:

@@ -14,7 +14,7 @@ tables would take for resistance and for an OCV that no other record has.
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -133,7 +133,7 @@ def _all_moved(
 ) -> list[PreparedRecord]:
     """The records with their starts and capacities moved, each as its row says."""
     return [
-        _moved(prepared, *row, follows=follows)
+        with_start(prepared, *row, follows=follows)
         for prepared, row in zip(prepared_records, rows, strict=True)
     ]
 
@@ -167,7 +167,8 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
 
     def moved(shift: Float[np.ndarray, "two"], *errors: float) -> PreparedRecord | None:
         try:
-            return _moved(prepared, told_soc, told_ah, *shift.tolist(), *(errors or (0.0, 0.0)))
+            where = *shift.tolist(), *(errors or (0.0, 0.0))
+            return with_start(prepared, told_soc, told_ah, *where, by="OCV test")
         except InputError:
             return None
 
@@ -204,10 +205,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
             return prepared
         prior = furthest / FURTHEST
         errors = estimate(*fitted(found, at, plain), _of_starts, np.zeros(2), [prior])[0].errors
-    found = moved(best.x, *errors.tolist()) or found
-    assert found.window.registration is not None, "moved so"
-    own = replace(found.window.registration, by="OCV test")
-    return replace(found, window=replace(found.window, registration=own))
+    return moved(best.x, *errors.tolist()) or found
 
 
 def _is_worse(one: SocErrors, other: SocErrors) -> bool:
@@ -232,10 +230,10 @@ def counted_alike(
         if prepared.window.capacity_ah is not None or is_loaded(prepared):
             return prepared
         told_soc, told_ah = prepared.start.soc, prepared.capacity_ah
-        moved = _moved(prepared, told_soc, told_ah, 0.0, share - 1, *told_within(prepared))
-        assert moved.window.registration is not None, "moved so"
-        known = replace(moved.window.registration, by="OCV test")
+        where = 0.0, share - 1, *told_within(prepared)
+        moved = with_start(prepared, told_soc, told_ah, *where, by="OCV test")
         # Where it starts is found as before.
+        known = moved.window.registration
         return prepared.again(capacity_ah=share * told_ah, registration=known)
 
     return [counted(own) if own is one else own for one, own in pairs]
@@ -305,7 +303,7 @@ def told_within(prepared: PreparedRecord, level_v: float = 0.0) -> tuple[float, 
     return start_sd, capacity_sd
 
 
-def _moved(
+def with_start(
     prepared: PreparedRecord,
     soc: float,
     capacity_ah: float,
@@ -314,8 +312,9 @@ def _moved(
     soc_error: float,
     share_error: float,
     follows: Dependence | None = None,
+    **by: Any,
 ) -> PreparedRecord:
-    """The record with its start and capacity moved.
+    """The record with its start and capacity moved, `by` what, as `Registration` has it.
 
     Raises `InputError` where more of it than before lies far beyond the OCV points.
     """
@@ -331,6 +330,7 @@ def _moved(
         capacity_low_ah=own_ah - reach_ah,
         capacity_high_ah=own_ah + reach_ah,
         follows={} if follows is None else asdict(follows),
+        **by,
     )
     moved = prepared.registered(own, own_ah, registration=known)
     is_beyond = any(told.code == "soc.without-ocv" for told in moved.warnings)

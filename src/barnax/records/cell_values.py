@@ -246,6 +246,15 @@ def _looks_dated(text: pl.Series) -> bool:
     return bool(first) and bool(re.match(r"\s*\d+[-/.]([A-Za-z]+|\d+)[-/.]\d+", first[0]))
 
 
+def is_local_date(cells: pl.Series, column: Column) -> bool:
+    """True for dates of the local time, which say no offset from UTC; Unix times do."""
+    if cells.dtype.is_numeric():
+        return column.unit.offset != 0
+    if cells.dtype != pl.String:
+        return getattr(cells.dtype, "time_zone", None) is None
+    return not cells.head(1).str.strip_chars().str.contains(_ZONE).any()
+
+
 _DAYS = (
     "%Y-%m-%d",
     "%Y/%m/%d",
@@ -261,13 +270,14 @@ _TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M", "%I:%M %p", "")
 
 
 _OFFSET = r"([+-]\d\d(?::?\d\d)?)"
+_ZONE = rf"(:.*?)\s?(?:Z|UTC|GMT|{_OFFSET})$"
 
 
 def _dates(text: pl.Series) -> pl.Series:
     """The dates that a column of text spells: day or month first as the shorter time tells."""
     text = text.str.strip_chars()
     offsets = text.str.extract(rf":.*?{_OFFSET}$")
-    plain = text.str.replace(rf"(:.*?)\s?(?:Z|UTC|GMT|{_OFFSET})$", "$1")
+    plain = text.str.replace(_ZONE, "$1")
     plain = plain.str.replace("T", " ", literal=True).str.replace(r"(:\d\d:\d\d)[,:]", "$1.")
     first = plain.drop_nulls().head(1)
     read = []

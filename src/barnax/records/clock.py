@@ -5,7 +5,7 @@ import polars as pl
 from jaxtyping import Bool, Float
 
 from ..notices import Notice, notice
-from .cell_values import is_clock
+from .cell_values import is_clock, is_local_date
 from .samples import Samples
 from .table import found_at
 
@@ -18,7 +18,11 @@ _MOSTLY = 0.5
 # By how much clocks are set back, and how late the next stamp may come: so many intervals, or as
 # late as any does, up to a share of that.
 _SET_BACK = (3600.0, "clock.hour-back"), (_DAY_S / 2, "clock.twelve-hours")
-_LATE, _LATEST_SHARE = 3, 0.05
+_LATE, _LATEST_SHARE = 3, 0.1
+# The hour of spring is skipped on a Sunday in one of these months, before five o'clock. Elsewhere,
+# an hour passes neither by so little of the usual interval, nor with a voltage that goes on as it
+# does over most intervals.
+_SPRING, _SPRING_HOURS, _EXACT, _GOES_ON = (3, 4, 9, 10), 5, 0.05, 0.9
 
 Clock = Float[np.ndarray, "samples"]
 
@@ -30,7 +34,7 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
     made to run on.
     """
     if not len(samples) or samples.intervals_s.min(initial=0) >= 0:
-        return samples, []
+        return _set_forward(samples)
     findings = list[Notice]()
     for mend in (_without_zeros, _set_back, _by_counter, _join_steps, _without_jitter):
         samples, found = mend(samples)
@@ -94,6 +98,43 @@ def _set_back(samples: Samples) -> tuple[Samples, list[Notice]]:
             mended = time + period_s * np.append(0, np.cumsum(falls))
             return samples.having(time=mended), [found.rated("warning" if is_dated else "error")]
     return samples, []
+
+
+def _set_forward(samples: Samples) -> tuple[Samples, list[Notice]]:
+    """The samples on a clock that runs on where it is set forward, by the hour of spring: dates of
+    the local time that skip one hour, the one of the calendar, or under a load that goes on."""
+    time = samples.columns["time"]
+    is_local = is_local_date(samples.table.columns[time.index], time)
+    if samples.zero_date_s is None or len(samples) < _SLIPS or not is_local:
+        return samples, []
+    (hour_s, _), interval_s = _SET_BACK[0], samples.interval_s
+    over_s = samples.intervals_s - hour_s
+    # The stamp may come as late as any does, up to a share of the hour.
+    latest_s = min(np.max(over_s[over_s < 0], initial=-hour_s) + hour_s, _LATEST_SHARE * hour_s)
+    late_s = max(_LATE * interval_s, latest_s)
+    jumps = np.flatnonzero((over_s >= 0) & (over_s <= late_s))
+    if len(jumps) != 1 or interval_s > _LATEST_SHARE * hour_s:
+        return samples, []
+    at = int(jumps[0])
+    before_s, after_s = samples.time_s[at : at + 2]
+    zero = np.datetime64(round(1e3 * samples.zero_date_s), "ms")
+    last, first = (
+        (zero + np.timedelta64(round(1e3 * s), "ms")).item() for s in (before_s, after_s)
+    )
+    is_spring = last.isoweekday() == 7 and last.month in _SPRING and last.hour < _SPRING_HOURS
+    # From just before a whole hour to just after the next.
+    is_spring &= first.hour == last.hour + 2 and 60 * first.minute <= late_s
+    step_a, step_v = samples.step_a, samples.step_v
+    ohm = step_v @ step_a / max(step_a @ step_a, 1e-300)
+    beside_v = np.abs(step_v - ohm * step_a)
+    goes_on = beside_v[at] <= np.quantile(beside_v, _GOES_ON)
+    goes_on &= np.abs(samples.current_a[at : at + 2]).min() > _MOSTLY * samples.peak_a
+    goes_on &= abs(over_s[at] - interval_s) <= _EXACT * interval_s
+    if not (is_spring or goes_on):
+        return samples, []
+    given = {"before_s": before_s, "after_s": after_s, "column": samples.header("time")}
+    mended = samples.time_s - hour_s * (np.arange(len(samples)) > at)
+    return samples.having(time=mended), [found_at(samples, at + 1, "clock.hour-on", **given)]
 
 
 def _by_counter(samples: Samples) -> tuple[Samples, list[Notice]]:

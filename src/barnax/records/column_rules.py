@@ -25,7 +25,7 @@ from .columns import (
     normal,
     other_table,
 )
-from .quantities import CELL_RANGE_V, OCV_QUANTITIES, QUANTITIES, Quantity
+from .quantities import CELL_RANGE_V, NEEDED, OCV_QUANTITIES, QUANTITIES, Quantity
 from .table import Table, impedance_rows, one_row_a
 
 Columns = Mapping[str, Column]
@@ -368,3 +368,12 @@ def describe_units(found: Columns) -> Iterator[Notice]:
     ]
     if converted:
         yield notice("columns.converted", columns=", ".join(converted))
+
+
+def bare_units(found: Columns, reason: str) -> Notice:
+    """A warning that names all columns without a unit, with the one option that settles them."""
+    judged = (name for name in NAMES if name in NEEDED or name.endswith("capacity"))
+    bare = [found[name] for name in judged if name in found and found[name].is_unit_assumed]
+    units = ", ".join(f"{column.unit.symbol} for '{column.header}'" for column in bare)
+    option = ",".join(f"{column.quantity.name}={column.header}:UNIT" for column in bare)
+    return notice("columns.units-open", units=units, reason=reason, option=option)

@@ -14,8 +14,8 @@ import numpy as np
 from ..errors import InputError
 from ..notices import Notice, notice, raise_first_error
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
-from .column_rules import describe_units, examine_columns, read_columns
-from .columns import NOTHING
+from .column_rules import bare_units, describe_units, examine_columns, read_columns
+from .columns import NOTHING, Column
 from .counters import skipped_ah
 from .dialects import CHARGE, DISCHARGE, Sign
 from .hold import decide_hold
@@ -23,7 +23,7 @@ from .lag import aligned
 from .quantities import NEEDED
 from .record import Decision, Hold, Record
 from .samples import Samples, samples_of
-from .scale import examine_scale
+from .scale import UNITS_ASKED, examine_scale
 from .sign import decide_sign, examine_direction
 from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
@@ -96,11 +96,27 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
                 return Examined(None, None, (*findings, short))
             # The rules that follow judge the voltages, which a record keeps as they are.
             samples = mended if rule is judge_scale else samples
-        findings += [*describe_units(mended.columns), *examine_twins(source, mended)]
+        findings = [*_one_question(findings, columns), *describe_units(mended.columns)]
+        findings += examine_twins(source, mended)
         is_usable = bool(mended.intervals_s.min() > 0 and mended.peak_a > 0)
     if not any(finding.severity == "error" for finding in findings):
         samples = merge_repeats(samples)
     return Examined(samples, mended if is_usable else None, tuple(findings))
+
+
+def _one_question(findings: list[Notice], columns: Mapping[str, Column]) -> list[Notice]:
+    """The findings, with one error that asks for all units that are missing, where one is asked for
+    and that of another column is in doubt too; beside bare millivolts all are."""
+    bare = {column.header for column in columns.values() if column.is_unit_assumed}
+    asked = [one for one in findings if one.code in UNITS_ASKED and one.values["column"] in bare]
+    errors = [one for one in asked if one.severity == "error"]
+    open_too = [one for one in findings if one.code == "columns.units-open"]
+    doubts = {one.values["column"] for one in asked}
+    is_milli = any(one.code == "voltage-unit.milli" for one in errors) and len(bare) > 1
+    if not errors or not (is_milli or open_too or len(doubts) > 1):
+        return findings
+    others = [one for one in findings if one not in (*asked, *open_too)]
+    return [bare_units(columns, errors[0].what).rated("error"), *others]
 
 
 def _require_common_rows(lines: Lines, file: str) -> None:

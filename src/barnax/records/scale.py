@@ -12,6 +12,7 @@ import numpy as np
 
 from ..notices import Notice
 from .cell_values import FINEST_S, epoch_unit, is_clock, is_usual, numbers
+from .column_rules import bare_units
 from .columns import NOTHING, Column, columns_of
 from .counters import gain_ah
 from .quantities import QUANTITIES, Unit
@@ -41,6 +42,10 @@ class Witness:
 
     def agrees(self, quantity: str, factor: float, other: float = 1.0) -> bool:
         return bool(self.holds(other * self.value * factor ** self.powers.get(quantity, 0)))
+
+    def is_brought(self, quantity: str, factor: float) -> bool:
+        others = (1.0,) if factor < 1 or quantity != "current" else (1.0, self.follows)
+        return any(self.agrees(quantity, factor, other) for other in others)
 
     def is_put_off(self, quantity: str, factor: float) -> bool:
         values = (self.agrees(quantity, factor, other) for other in (1.0, self.follows))
@@ -82,6 +87,7 @@ def examine_scale(
     if samples.peak_a < _LEAST_A:
         column = samples.header("current")
         findings.append(found_at(samples, 0, "current-unit.zero", column=column))
+    asked = None
     # One unit is the odd one out, and behind it may be another.
     for _ in range(2):
         best = _best(samples, list(_witnesses(samples, capacity_ah, given)))
@@ -90,7 +96,14 @@ def examine_scale(
         samples, finding = _settled(samples, best)
         findings.append(finding)
         if finding.code.endswith((".doubtful", ".open")):
+            asked = best[0].reading.quantity
             break
+    witnesses = _witnesses(samples, capacity_ah, given)
+    left = [one for one in witnesses if asked not in one.powers and not one.holds(one.value)]
+    if left and samples.columns["time"].is_unit_assumed:
+        # No other unit explains it, and none is named.
+        reason = "; ".join(dict.fromkeys(one.says for one in left))
+        findings.append(bare_units(samples.columns, reason))
     return samples, findings
 
 
@@ -100,13 +113,16 @@ def _best(samples: Samples, witnesses: list[Witness]) -> list[Verdict]:
     verdicts = []
     for reading in _readings(samples) if against else ():
         how = reading.quantity, reading.factor
-        brought = [witness for witness in against if witness.agrees(*how)]
+        brought = [witness for witness in against if witness.is_brought(*how)]
         put_off = [witness for witness in witnesses if witness.is_put_off(*how)]
         weight = sum(w.weight for w in brought) - sum(w.weight for w in put_off)
         if weight >= _DOUBTFUL:
             verdicts.append(Verdict(reading, weight, tuple(w.says for w in brought)))
     most = max((verdict.weight for verdict in verdicts), default=0.0)
-    return [verdict for verdict in verdicts if verdict.weight == most]
+    best = [verdict for verdict in verdicts if verdict.weight == most]
+    # Of two units of the current as good, the usual one.
+    currents = [verdict for verdict in best if verdict.reading.quantity == "current"]
+    return [verdict for verdict in best if verdict not in currents[1:]]
 
 
 def _readings(samples: Samples) -> Iterator[Reading]:
@@ -122,10 +138,10 @@ def _readings(samples: Samples) -> Iterator[Reading]:
         if time.unit.factor == 1 and not time.is_unit_assumed:
             yield Reading("time", None, 1 / 60, "minutes, converted to seconds twice")
             yield Reading("time", None, 1 / 3600, "hours, converted to seconds twice")
-    if not current.is_unit_given and current.unit.factor == 1:
-        yield Reading("current", _UNITS["current"]["ma"], 1e-3, "milliamperes, not amperes")
-    elif not current.is_unit_given and current.unit.factor == 1e-3:
-        yield Reading("current", _UNITS["current"]["a"], 1e3, "amperes, not milliamperes")
+    for unit in () if current.is_unit_given else dict.fromkeys(_UNITS["current"].values()):
+        if unit != current.unit:
+            words = f"{_WORDS[unit.symbol]}, not {_WORDS[current.unit.symbol]}"
+            yield Reading("current", unit, unit.factor / current.unit.factor, words)
     counters = [samples.columns[name] for name in _COUNTERS if name in samples.columns]
     if counters and not any(column.is_unit_given or column.unit.factor != 1 for column in counters):
         yield Reading(CHARGE, _UNITS["net capacity"]["mah"], 1e-3, "milliampere-hours")
@@ -140,6 +156,9 @@ _WORDS = {
     "min": "minutes",
     "h": "hours",
     "d": "days",
+    "A": "amperes",
+    "mA": "milliamperes",
+    "uA": "microamperes",
 }
 
 
@@ -147,6 +166,8 @@ _CODES = (
     *("time-unit.open", "time-unit.doubtful", "time-unit.wrong", "time-unit.taken"),
     *("current-unit.open", "current-unit.doubtful", "current-unit.wrong", "charge-unit.taken"),
 )
+# What asks for the unit of a column, or takes one.
+UNITS_ASKED = (*_CODES[:-1], "voltage-unit.milli")
 
 
 def _settled(samples: Samples, best: list[Verdict]) -> tuple[Samples, Notice]:
@@ -296,6 +317,9 @@ def _of_current(samples: Samples) -> Iterator[Witness]:
     loaded_a = float(np.median(magnitude_a[magnitude_a >= 0.05 * peak_a], axis=None))
     load = f"the current under load is {loaded_a:.6g} A"
     yield Witness(loaded_a, {"current": 1}, lambda a: a <= _LOADED_A, load)
+    if samples.columns["current"].is_unit_assumed and samples.columns["time"].is_unit_assumed:
+        # Minutes and milliamperes together are the charge of a larger cell.
+        yield Witness(loaded_a, {}, lambda a: a <= _HEAVY_A, load, 0.0)
     if not ohm:
         return
     is_large, over = ohm > _MAX_OHM, {"current": -1}

@@ -197,13 +197,21 @@ def start_sentence(part: "InputPart", is_planned: bool = False, has_direction: b
     given = "as the folder's plan says" if is_planned else "given"
     known = {"given": given, **known_words(start)}[part.start_source]
     if part.window and (own := part.window.registration):
-        by = "the OCV test" if own.by == "OCV test" else "all records, on their common axis"
-        capacity = f"{own.capacity_low_ah:.4g} to {own.capacity_high_ah:.4g}"
+        by = {
+            "OCV test": "the OCV test",
+            "records": "all records, on their common axis",
+            "circuit": "the fit of the circuit",
+        }[own.by]
         known = (
             f"95 %: {own.soc_low:.3f} to {own.soc_high:.3f}, by {by}; alone "
-            f"{own.origin.told_soc:.3f}, {known}. Its capacity is {part.window.capacity_ah:.4g} "
-            f"Ah, {capacity}; alone {own.origin.told_capacity_ah:.4g}"
+            f"{own.origin.told_soc:.3f}, {known}"
         )
+        if own.by != "circuit":
+            capacity = f"{own.capacity_low_ah:.4g} to {own.capacity_high_ah:.4g}"
+            known += (
+                f". Its capacity is {part.window.capacity_ah:.4g} Ah, {capacity}; alone "
+                f"{own.origin.told_capacity_ah:.4g}"
+            )
     last = f"last {CAME_FROM[start.direction]}"
     direction = {
         "given": f"with the cell {last}, as given",

@@ -24,9 +24,9 @@ from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input, compile_for, in_float64
 from ..model.padding import records_in
-from ..model.prepared import PreparedRecord
 from ..model.problem import Objective, Problem, point_blocks, residuals
 from ..search.refine import at_bound
+from .joined import one_clock, open_starts
 from .noise import Noise, fit_noise
 
 CONFIDENCE = 0.95
@@ -53,7 +53,8 @@ class Linearization(Brief):
     why it is not free. `time_s` joins the clocks of all records, further apart than `longest_s`,
     the duration of the longest of them. `informed` are the samples that say something of the
     circuit: those of a rest before the first load do not. `by_start_v` is what a standard error of
-    each record's start makes of the errors.
+    each record's start makes of the errors, for the starts that voltages tell; `starts_sd` is how
+    far those are from what these tell, in standard errors.
     """
 
     point: Float[np.ndarray, "coordinates"]
@@ -61,6 +62,7 @@ class Linearization(Brief):
     names: tuple[str, ...]
     held: dict[str, Held]
     by_start_v: Float[np.ndarray, "scored starts"]
+    starts_sd: Float[np.ndarray, "starts"]
     time_s: Float[np.ndarray, "scored"]
     longest_s: float
     error_v: Float[np.ndarray, "scored"]
@@ -150,12 +152,14 @@ def linearize(
         if name not in held and not is_seen[index]
     }
     free = tuple(index for index, name in enumerate(box.names) if name not in held)
+    by_start_v, starts_sd = open_starts(problem.prepared_records)
     return Linearization(
         point=point,
         free=free,
         names=tuple(box.names[index] for index in free),
         held=held,
-        by_start_v=np.asarray(block_diag(*map(by_start_v, problem.prepared_records))),
+        by_start_v=by_start_v,
+        starts_sd=starts_sd,
         time_s=one_clock(problem.prepared_records),
         longest_s=max(prepared.scored_duration_s for prepared in problem.prepared_records),
         error_v=error_v,
@@ -164,12 +168,6 @@ def linearize(
             [prepared.informed[prepared.scored] for prepared in problem.prepared_records]
         ),
     )
-
-
-def by_start_v(prepared: PreparedRecord) -> Float[np.ndarray, "scored 1"]:
-    """What a standard error of a record's start makes of its errors."""
-    soc = prepared.soc[prepared.scored]
-    return -prepared.start.soc_sd * prepared.cell.ocv_slope(soc)[:, None]
 
 
 @in_float64
@@ -183,23 +181,6 @@ def _errors_and_slopes(
     point: Float[Array, "free"], objective: Objective
 ) -> tuple[Float[Array, "samples"], Float[Array, "samples free"]]:
     return residuals(point, objective), jax.jacfwd(residuals)(point, objective)
-
-
-def one_clock(prepared_records: Sequence[PreparedRecord]) -> Float[np.ndarray, "scored"]:
-    """Times of all scored samples, no lag within a record being one between records."""
-    gap_s = max(
-        prepared.scored_duration_s + 2 * prepared.median_interval_s for prepared in prepared_records
-    )
-    times, start_s = [], 0.0
-    for prepared in prepared_records:
-        time_s = prepared.time_s[prepared.scored]
-        first_s = time_s[0]
-        # In place: a long record has no room for copies.
-        time_s += start_s
-        time_s -= first_s
-        times.append(time_s)
-        start_s = times[-1][-1] + gap_s
-    return np.concatenate(times)
 
 
 @dataclass(frozen=True)
@@ -305,13 +286,20 @@ class Uncertainty(Brief):
 class Covariance(Brief):
     """Covariances of the free parameters' logarithms, and the noise that they follow from.
 
-    `matrix` reckons with the correlation of the residuals, `white_noise_matrix` does not.
+    Starts that voltages tell are estimated together with the parameters: each is one more unknown,
+    with what is told of it as its prior. `matrix` reckons with the correlation of the residuals,
+    `white_noise_matrix` does not. `step` and `starts_step` lead
+    to the joint optimum, in logarithms and standard errors of the starts; of these, there remain
+    `starts_error`.
     """
 
     linearization: Linearization
     noise: Noise
     matrix: Float[np.ndarray, "free free"]
     white_noise_matrix: Float[np.ndarray, "free free"]
+    step: Float[np.ndarray, "free"]
+    starts_step: Float[np.ndarray, "starts"]
+    starts_error: Float[np.ndarray, "starts"]
     _to_noise: Float[np.ndarray, "columns free"]
 
     @classmethod
@@ -319,17 +307,28 @@ class Covariance(Brief):
         """The covariance at an optimum."""
         here = linearization.informed
         error_v, time_s = linearization.error_v[here], linearization.time_s[here]
-        values, vectors = _basis(linearization.slope_v[here])
+        values, vectors = _basis(np.hstack([linearization.slope_v, linearization.by_start_v])[here])
         noise = fit_noise(error_v, vectors, time_s, linearization.longest_s)
-        to_noise = np.linalg.inv(values).T
-        free = len(error_v) - len(linearization.names)
-        variance_v2 = float(error_v @ error_v) / max(free, 1)
-        by_start = to_noise.T @ vectors.T @ linearization.by_start_v[here]
+        count, free = len(values), len(linearization.names)
+        # The noise's own strength, against which a start that is told weighs.
+        weight_v2 = float(np.mean(np.diag(noise.spread_v2))) if count else 0.0
+        told = math.sqrt(weight_v2) * np.eye(count)[free:]
+        orthogonal, triangle = np.linalg.qr(np.vstack([values, told]))
+        moved = np.linalg.solve(triangle, orthogonal.T)
+        spread_v2 = np.asarray(block_diag(noise.spread_v2, weight_v2 * np.eye(count - free)))
+        matrix = moved @ spread_v2 @ moved.T
+        told_v = math.sqrt(weight_v2) * linearization.starts_sd
+        step = -moved @ np.append(vectors.T @ error_v, told_v)
+        to_noise = moved[:free, :count].T
+        variance_v2 = float(error_v @ error_v) / max(len(error_v) - free, 1)
         return cls(
             linearization=linearization,
             noise=noise,
-            matrix=to_noise.T @ noise.spread_v2 @ to_noise + by_start @ by_start.T,
+            matrix=matrix[:free, :free],
             white_noise_matrix=variance_v2 * to_noise.T @ to_noise,
+            step=step[:free],
+            starts_step=step[free:],
+            starts_error=np.sqrt(np.diag(matrix)[free:]),
             _to_noise=to_noise,
         )
 
@@ -345,6 +344,8 @@ class Covariance(Brief):
         samples = int(np.count_nonzero(linearization.informed))
         freedom = max(1.0, min(freedom, samples - len(linearization.names)))
         half_width = float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) * error
+        # Around the joint optimum, as far as the value.
+        joint = float(direction @ self.step) if len(self.starts_error) else 0.0
         is_open = not half_width < math.log(WIDEST_FACTOR)
         return Estimate(
             name=name,
@@ -352,8 +353,8 @@ class Covariance(Brief):
             relative_error=error,
             white_noise_relative_error=white_noise_error,
             degrees_of_freedom=freedom,
-            low=None if is_open else float(value * np.exp(-half_width)),
-            high=None if is_open else float(value * np.exp(half_width)),
+            low=None if is_open else float(value * np.exp(min(0.0, joint - half_width))),
+            high=None if is_open else float(value * np.exp(max(0.0, joint + half_width))),
         )
 
     def estimate_of(self, name: str, value: float) -> Estimate:

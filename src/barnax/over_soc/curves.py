@@ -12,10 +12,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
+from ..cell.soc_axis import ABOVE_SOC
 from .objective import Solution, TableObjective
 
 # Of Gauss quadrature between two nodes: exact for a cubic times a line.
 POINTS = 4
+# Of a curve's mean.
+SAMPLES = 201
 
 
 def sag_of(
@@ -56,6 +59,12 @@ class TableCurve:
         curve = CubicSpline(self.nodes, self.values + self.sags)(soc)
         inside = (self.nodes[0] <= soc) & (soc <= self.nodes[-1])
         return np.where(inside, curve - np.interp(soc, self.nodes, self.values), 0.0)
+
+    @property
+    def mean_above_lines(self) -> float:
+        """The same, averaged over its nodes above 10 % SOC."""
+        soc = np.linspace(max(self.nodes[0], ABOVE_SOC), max(self.nodes[-1], ABOVE_SOC), SAMPLES)
+        return float(np.mean(self.above_lines(soc)))
 
 
 def curves_of(objective: TableObjective, found: Solution) -> Iterator[TableCurve]:

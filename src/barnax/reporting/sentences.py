@@ -18,6 +18,7 @@ from .words import (
     between,
     extent,
     figures,
+    interval,
     joined,
     percent,
     symbol,
@@ -156,7 +157,9 @@ def finding_sentence(finding: Undetermined) -> str:
             if first.held == "unseen":
                 return f"{name} is not determined: no scored sample depends on it."
             where = held_words(first.held or "fixed")
-            return f"{name} = {value} is {where}: the bounds set it, not the data."
+            is_open = first.low is not None or first.high is None
+            most = "" if is_open else f"; it is {interval(first.name, None, first.high)}"
+            return f"{name} = {value} is {where}: the bounds set it, not the data{most}."
         case "loose":
             return f"{_loose(finding)}."
         case "direction":
@@ -202,7 +205,7 @@ def _loose(finding: Undetermined) -> str:
     (estimate,) = finding.estimates
     name = symbol(estimate.name)
     if estimate.low is None or estimate.high is None:
-        return f"{name} is not determined"
+        return f"{name} is {interval(estimate.name, estimate.low, estimate.high)}"
     text = f"{name} is only known to be {between(estimate.name, estimate.low, estimate.high)}"
     if name.startswith("tau") and estimate.low < finding.interval_s / 2:
         text += f"; it may be too fast for {figures(finding.interval_s)} s sampling"
@@ -275,9 +278,9 @@ def _equation(estimate: Estimate) -> str:
 
 
 def _with_interval(estimate: Estimate) -> str:
-    if estimate.low is None or estimate.high is None:
+    if estimate.low is None and estimate.high is None:
         return _equation(estimate)
-    return f"{_equation(estimate)} ({between(estimate.name, estimate.low, estimate.high)})"
+    return f"{_equation(estimate)} ({interval(estimate.name, estimate.low, estimate.high)})"
 
 
 def _times(log_step: float) -> str:

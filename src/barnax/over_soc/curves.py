@@ -17,8 +17,6 @@ from .objective import Solution, TableObjective
 
 # Of Gauss quadrature between two nodes: exact for a cubic times a line.
 POINTS = 4
-# Of a curve's mean.
-SAMPLES = 201
 
 
 def sag_of(
@@ -63,8 +61,13 @@ class TableCurve:
     @property
     def mean_above_lines(self) -> float:
         """The same, averaged over its nodes above 10 % SOC."""
-        soc = np.linspace(max(self.nodes[0], ABOVE_SOC), max(self.nodes[-1], ABOVE_SOC), SAMPLES)
-        return float(np.mean(self.above_lines(soc)))
+        low, high = max(self.nodes[0], ABOVE_SOC), self.nodes[-1]
+        if len(self.nodes) < 3 or low >= high:
+            return 0.0
+        curve = CubicSpline(self.nodes, self.values + self.sags).integrate(low, high)
+        ends = np.append(low, self.nodes[self.nodes > low])
+        lines = np.trapezoid(np.interp(ends, self.nodes, self.values), ends)
+        return float((curve - lines) / (high - low))
 
 
 def curves_of(objective: TableObjective, found: Solution) -> Iterator[TableCurve]:

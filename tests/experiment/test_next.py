@@ -210,9 +210,9 @@ def test_before_with_the_test_and_reached_are_one_quantity(design, result):
     printed = {"R0": reaching.printed["R0 [Ohm]", 0.5]}
     told = design.model_copy(update={"printed": printed, "beyond": reaching.beyond})
     text = screen_of(design_screen(told, as_flags))
-    assert "Printed:        the result's intervals of R0 " in text
+    assert "Intervals:      the result's intervals of R0 " in text
     assert "identify again with the right --current-hold" in text
-    assert "Printed" not in screen_of(design_screen(design, as_flags))
+    assert "Intervals:" not in screen_of(design_screen(design, as_flags))
 
 
 def test_a_test_that_widens_an_interval_says_so(design):

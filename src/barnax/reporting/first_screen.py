@@ -117,10 +117,11 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
     low, high = part.soc_range or (math.nan, math.nan)
     first = part.start.soc if part.start else high
     ends = (high, low) if abs(first - high) <= abs(first - low) else (low, high)
+    of = "" if part.capacity_ah is None else f" of {part.capacity_ah:.4g} Ah"
     return (
         duration(part.duration_s or 0.0),
         f"{part.samples or 0:,} samples",
-        f"SOC {100 * ends[0] + 0.0:.0f} to {100 * ends[1] + 0.0:.0f} %".replace("-0 ", "0 "),
+        f"SOC {100 * ends[0] + 0.0:.0f} to {100 * ends[1] + 0.0:.0f} %{of}".replace("-0 ", "0 "),
     )
 
 

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..cell.elements import names_beside
-from ..cell.parameters import OCV, RATE
-from ..cell.soc_axis import ABOVE_SOC
+from ..cell.parameters import RATE
 from ..over_soc.means import parts_of
 from ..table_run import MIDDLE_SOC
-from .soc_tables import short_name
+from .soc_tables import over_soc_words, short_name, visited_soc
 from .temperatures import numbers_of
 from .words import (
     aligned_millivolt,
@@ -46,7 +45,7 @@ def headline(result: "Result") -> tuple[list[str], list[Row]]:
     at_soc = MIDDLE_SOC
     if fit.is_over_soc:
         at_soc = min(visited_soc(fit), key=lambda soc: abs(soc - MIDDLE_SOC))
-    heads = ["", _over(fit), kind, f"at {100 * at_soc:g} %" if fit.is_over_soc else ""]
+    heads = ["", over_soc_words(fit), kind, f"at {100 * at_soc:g} %" if fit.is_over_soc else ""]
     rows = []
     for mean in shown_means(fit):
         parts = parts_of(mean.name)
@@ -78,20 +77,6 @@ def shown_means(fit: "TableFit") -> Iterator["NodeInterval"]:
             taken.update(parts_of(own.name))
         elif mean.name not in taken:
             yield mean
-
-
-def visited_soc(fit: "TableFit") -> list[float]:
-    """The nodes of resistances that samples visit."""
-    pairs = zip(fit.tables.nodes, fit.tables.visited or fit.tables.nodes, strict=True)
-    return [soc for soc, is_visited in pairs if is_visited is not False]
-
-
-def _over(fit: "TableFit") -> str:
-    soc = visited_soc(fit) if fit.is_over_soc else [own.soc or 0.0 for own in fit.of_table(OCV)]
-    if not soc:
-        return ""
-    low = max(soc[0], min(ABOVE_SOC, soc[-1]))
-    return f"over {100 * low:.0f}-{100 * soc[-1]:.0f} % SOC"
 
 
 def _interval_of(own: "NodeInterval", value: str, result: "Result") -> str:
@@ -132,7 +117,7 @@ def _by_temperature(result: "Result") -> tuple[list[str], list[Row]]:
     fits, over = result.fits.fits, result.fits.over_temperature
     assert over is not None, "asked for above"
     names = [mean.name for mean in fits[0].means if len(parts_of(mean.name)) == 1]
-    heads = [_over(result.fit), *map(symbol, names), "RMSE", "unseen", "left out"]
+    heads = [over_soc_words(result.fit), *map(symbol, names), "RMSE", "unseen", "left out"]
     rows = []
     for fit, left in zip(fits, over.left_out, strict=True):
         held = fit.cross_validation

@@ -17,14 +17,12 @@ from .render import to_fragment
 from .words import (
     NOT_DETERMINED,
     NOTHING,
-    between,
     degrees,
     gathered,
-    interval,
+    interval_beside,
     joined,
     millivolt,
     percent,
-    shown,
     symbol,
     with_unit,
 )
@@ -56,17 +54,10 @@ class Known(NamedTuple):
     def words(self) -> str:
         if math.isnan(self.value):
             return NOT_DETERMINED
+        value = with_unit(self.name, self.value)
         if self.low is None and self.high is None:
-            return with_unit(self.name, self.value)
-        if not self.low or self.high is None:
-            ends = interval(self.name, self.low, self.high)
-            return f"{with_unit(self.name, self.value)} ({ends})"
-        (value, unit), (low, low_unit), (high, high_unit) = (
-            shown(self.name, end) for end in (self.value, self.low, self.high)
-        )
-        if not unit == low_unit == high_unit:
-            return f"{value} {unit} ({between(self.name, self.low, self.high)})"
-        return f"{value} ({low} to {high}) {unit}".rstrip()
+            return value
+        return f"{value} ({interval_beside(value, self.name, self.low, self.high, self.value)})"
 
     @property
     def place(self) -> str:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..result_parts import GlobalPart
 
 # Rounded up, since a claim may not say more than was proved.
-ROUNDED_UP = Context(prec=2, rounding=ROUND_CEILING)
+ROUNDED_UP = Context(prec=1, rounding=ROUND_CEILING)
 # Another optimum within this share of the best one is nearly as good.
 HARDLY_ABOVE = 0.01
 # A band is worth a sentence where its share of the squared error is this many times its samples'.

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
+from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
+from ..cell.soc_axis import ABOVE_SOC
 from .candidates import (
     errors_words,
     ocv_test_sentences,
@@ -68,10 +69,10 @@ def answer_tables(found: "TableFits") -> tuple[Table, ...]:
     if not fit.is_over_soc:
         return (constants_table(fit),)
     if degc is None:
-        return constants_table(fit), nodes_table(fit)
+        return means_table(fit), constants_table(fit), nodes_table(fit)
     alone = degrees(degc)
-    both = f" and at every temperature; intervals are those of {alone} alone"
-    return constants_table(fit, both), nodes_table(fit, f" at {alone}")
+    both, where = f" and at every temperature; intervals are those of {alone} alone", f" at {alone}"
+    return means_table(fit, where), constants_table(fit, both), nodes_table(fit, where)
 
 
 def _sentences(result: "Result", settings: "TableSettings") -> Iterator[str]:
@@ -145,7 +146,7 @@ def best_of(found: "TableFits", model: str, aim: float) -> str:
 def best_tables(fit: "TableFit", model: str) -> str:
     """The gap between the tables of one temperature and the best possible ones."""
     what = f"{model} {'tables' if fit.is_over_soc else 'circuit and OCV'} in the bounds"
-    gap = f"no {what} are over {percent(fit.proved_gap)} better."
+    gap = f"no {what} {'are' if fit.is_over_soc else 'is'} {better_than(fit.proved_gap)}."
     if fit.status == "certified":
         return f"proved: {gap}"
     if fit.lower_bound_v <= 0:
@@ -186,6 +187,30 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
         heads,
         rows,
     )
+
+
+def means_table(fit: "TableFit", where: str = "") -> Table:
+    """The mean of every table over SOC, with its interval."""
+    cells: Cells[NodeInterval] = {
+        "mean": lambda mean: short_name(mean.name),
+        "value": lambda mean: with_unit(mean.name, mean.value),
+        "95 % interval": lambda mean: _interval_of(with_unit(mean.name, mean.value), mean),
+    }
+    return make_table(f"Means{where} {over_soc_words(fit)}.", fit.means, cells, cells)
+
+
+def over_soc_words(fit: "TableFit") -> str:
+    """The range of SOC that means are over; empty of a constant circuit."""
+    soc = visited_soc(fit) if fit.is_over_soc else [own.soc or 0.0 for own in fit.of_table(OCV)]
+    if not soc:
+        return ""
+    low = max(soc[0], min(ABOVE_SOC, soc[-1]))
+    return f"over {100 * low:.0f}-{100 * soc[-1]:.0f} % SOC"
+
+
+def visited_soc(fit: "TableFit") -> list[float]:
+    """The nodes of tables that samples visit."""
+    return [fit.tables.nodes[place] for place in _visited(fit)]
 
 
 def constants_table(fit: "TableFit", where: str = "") -> Table:

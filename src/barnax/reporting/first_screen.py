@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ..results import Result
 from .verdict import best_possible, search_sentences
 
-LONGEST_NAME = 34
+LONGEST_NAME = 26
 # With more files than this, the rest are only counted.
 MAX_FILES = 5
 # The error above 10 % SOC is shown where it is lower than the whole by this share.

@@ -65,8 +65,12 @@ def optimum_words(optimum: "GlobalOptimum | GlobalPart") -> str:
 
 def better_than(proved_gap: float) -> str:
     """The gain that no circuit exceeds, by the proof."""
-    gap = f"{ROUNDED_UP.create_decimal(repr(100 * proved_gap)):f} %"
-    return f"more than {gap} better" if proved_gap > 0 else "better"
+    return f"more than {rounded_up(proved_gap)} better" if proved_gap > 0 else "better"
+
+
+def rounded_up(proved_gap: float) -> str:
+    """What was proved, in percent."""
+    return f"{ROUNDED_UP.create_decimal(repr(100 * proved_gap)):f} %"
 
 
 def local_optima_sentence(optimum: "GlobalOptimum | GlobalPart") -> str:

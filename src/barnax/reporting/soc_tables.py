@@ -10,7 +10,7 @@ from .candidates import (
     ocv_test_sentences,
 )
 from .document import Bullets, Cells, Pictures, Section, Table, make_table, rows_table
-from .sentences import better_than
+from .sentences import better_than, rounded_up
 from .temperatures import expectation, numbers_of, resistance_sentences
 from .words import (
     NOTHING,
@@ -146,7 +146,7 @@ def best_of(found: "TableFits", model: str, aim: float) -> str:
 def best_tables(fit: "TableFit", model: str) -> str:
     """The gap between the tables of one temperature and the best possible ones."""
     what = f"{model} {'tables' if fit.is_over_soc else 'circuit and OCV'} in the bounds"
-    gap = f"no {what} {'are' if fit.is_over_soc else 'is'} {better_than(fit.proved_gap)}."
+    gap = f"no {what} are over {rounded_up(fit.proved_gap)} better."
     if fit.status == "certified":
         return f"proved: {gap}"
     if fit.lower_bound_v <= 0:

@@ -70,7 +70,7 @@ def better_than(proved_gap: float) -> str:
 
 def rounded_up(proved_gap: float) -> str:
     """What was proved, in percent."""
-    return f"{ROUNDED_UP.create_decimal(repr(100 * proved_gap)):f} %"
+    return f"{ROUNDED_UP.create_decimal(repr(100 * proved_gap)):f} %" if proved_gap else "0 %"
 
 
 def local_optima_sentence(optimum: "GlobalOptimum | GlobalPart") -> str:

@@ -80,7 +80,7 @@ FAULTS = (
           "tests/global_optimum/test_certificate.py"),
     # Intervals.
     fault("quantile of tables", "over_soc/intervals.py",
-          f"stdtrit(np.array(freedom), {QUANTILE})", "stdtrit(np.array(freedom), CONFIDENCE)",
+          f"stdtrit(freedom, {QUANTILE})", "stdtrit(freedom, CONFIDENCE)",
           DENSE),
     fault("quantile of constants", "uncertainty/covariance.py",
           f"stdtrit(freedom, {QUANTILE})", "stdtrit(freedom, CONFIDENCE)",
@@ -91,7 +91,7 @@ FAULTS = (
           "smoothing_scale=LIGHT * objective.smoothing_scale",
           "smoothing_scale=objective.smoothing_scale", DENSE),
     fault("lines for curves", "over_soc/intervals.py",
-          "on_curve = own + sag - float(moved_by_lines[row])", "on_curve = own + sag", DENSE),
+          "on_curve = own + sag - float(moves.by_lines[row])", "on_curve = own + sag", DENSE),
     fault("noise that a fit has followed", "uncertainty/noise.py",
           "_binned(pairs * decays, edges).T + taken]", "_binned(pairs * decays, edges).T]",
           "tests/uncertainty/test_noise.py"),

@@ -17,6 +17,9 @@ from helpers.reference import filtered_response
 
 INTERVAL_S, NODES, TAU_S = 5.0, (0.3, 0.6, 0.9), (4.0, 60.0)
 ROWS = {"R0 [Ohm]": (0.05, 0.04, 0.06), "R1 [Ohm]": (0.02, 0.03, 0.015), "R2 [Ohm]": (0.03,) * 3}
+# Of lines between nodes.
+MEANS = {name: (row[0] + 2 * row[1] + row[2]) / 4 for name, row in ROWS.items()}
+R0 = MEANS["R0 [Ohm]"]
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,7 @@ class Fit:
     """As much of a fit as sampling is concerned with."""
 
     intervals: tuple[NodeInterval, ...]
+    means: tuple[NodeInterval, ...]
     tables: CircuitParameters
 
     def of_table(self, name):
@@ -45,7 +49,11 @@ def made_run(hold):
     tables = CircuitParameters.over_soc(NODES, TAU_S, r0, tuple(pairs))
     record = SimpleNamespace(hold=SimpleNamespace(value=hold))
     prepared = SimpleNamespace(record=record, median_interval_s=INTERVAL_S)
-    fits = TableFits((Fit(intervals=tuple(intervals), tables=tables),))
+    means = [
+        NodeInterval(name, None, ohm, 0.001, 0.0, ohm - 0.002, ohm + 0.002)
+        for name, ohm in MEANS.items()
+    ]
+    fits = TableFits((Fit(tuple(intervals), tuple(means), tables),))
     return TableRun(TableSettings(nodes=NODES), fits, [SimpleNamespace(prepared=prepared)], [])
 
 
@@ -64,8 +72,8 @@ def regressed(tau, hold, other):
 def test_the_other_sampling_moves_r0_and_the_pairs_as_a_regression_does(hold, other):
     run = made_run(hold)
     moved = [regressed(tau, hold, other) for tau in TAU_S]
-    medians = [float(np.median(ROWS[name])) for name in ("R1 [Ohm]", "R2 [Ohm]")]
-    shift_ohm = sum(ohm * r0 for ohm, (r0, _) in zip(medians, moved, strict=True))
+    means = [MEANS[name] for name in ("R1 [Ohm]", "R2 [Ohm]")]
+    shift_ohm = sum(ohm * r0 for ohm, (r0, _) in zip(means, moved, strict=True))
     assert run.hold_shift_ohm == pytest.approx(shift_ohm, rel=1e-9)
     shares = {name: r - 1 for name, (_, r) in zip(("R1 [Ohm]", "R2 [Ohm]"), moved, strict=True)}
     assert run.hold_shares == pytest.approx(shares, rel=1e-9)
@@ -90,16 +98,16 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     given = problem, answer, run, other_hold, assessment, warnings
     others, tables = identification._widened(*given)
     # A shift of more than a twentieth is a warning besides.
-    far = abs(run.hold_shift_ohm) > 0.05 * 0.05
-    assert [told[2:] for told in warnings] == far * [(0.05, 0.05 + run.hold_shift_ohm)]
+    far = abs(run.hold_shift_ohm) > 0.05 * R0
+    assert [told[2:] for told in warnings] == far * [(R0, R0 + run.hold_shift_ohm)]
     assert [circuit.r0 for circuit in others] == pytest.approx([0.07, 0.041])
     shares = run.hold_shares
-    for before, after in zip(
-        run.found.fits[0].intervals, tables.found.fits[0].intervals, strict=True
-    ):
+    fit, widened = run.found.fits[0], tables.found.fits[0]
+    before_all, after_all = fit.intervals + fit.means, widened.intervals + widened.means
+    for before, after in zip(before_all, after_all, strict=True):
         moved = [0.0, shares.get(before.name, 0.0) * before.value]
         if before.name == "R0 [Ohm]":
-            # Beside the median: what comes late, and the tables' own shift.
-            moved = [0.0, 0.07 - 0.05, run.hold_shift_ohm]
+            # Beside the mean: what comes late, and the tables' own shift.
+            moved = [0.0, 0.07 - R0, run.hold_shift_ohm]
         assert after.low == pytest.approx(max(before.low + min(moved), 0.0), rel=1e-12)
         assert after.high == pytest.approx(before.high + max(moved), rel=1e-12)

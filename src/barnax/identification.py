@@ -314,11 +314,11 @@ def _widened(
     assessment = replace(assessment, uncertainty=known.spanning(others))
     if tables is None:
         return assessment, None
-    shifts_ohm = [ohm - tables.median_ohm(R0) for ohm in late_ohm]
+    shifts_ohm = [ohm - tables.mean_ohm(R0) for ohm in late_ohm]
     if other_hold is not None:
         shifts_ohm.append(tables.hold_shift_ohm)
-        if abs(shifts_ohm[-1]) > FAR * tables.median_ohm(R0):
-            r0_ohm = tables.median_ohm(R0), tables.median_ohm(R0) + shifts_ohm[-1]
+        if abs(shifts_ohm[-1]) > FAR * tables.mean_ohm(R0):
+            r0_ohm = tables.mean_ohm(R0), tables.mean_ohm(R0) + shifts_ohm[-1]
             warnings.append(hold_warning(problem, other_hold.value, *r0_ohm))
     shares = tables.hold_shares if other_hold is not None else None
     return assessment, tables.spanning(shifts_ohm, shares)

@@ -1,6 +1,8 @@
 """The parts of `result.json`: what is stored of the search, the answer, its errors and inputs."""
 
 import math
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
@@ -352,7 +354,18 @@ class ConstantPart(Part):
             intervals=tuple(map(self._interval, self.estimates.values())),
             cross_validation=None,
             warnings=(),
+            means=tuple(self._means()),
         )
+
+    def _means(self) -> Iterator[NodeInterval]:
+        """The resistances, each its own mean, and sums of pairs that the data do not tell apart."""
+        for name, value in self.parameters.named_ohm.items():
+            own = self.estimates.get(name, Estimate(name, value))
+            yield replace(self._interval(own), soc=None)
+        findings = () if self.assessment is None else self.assessment.identifiability.findings
+        for finding in findings:
+            if finding.kind == "alike" and finding.combined is not None:
+                yield self._interval(finding.combined)
 
     def _interval(self, own: Estimate) -> NodeInterval:
         soc = self.parameters.nodes[0] if own.name in self.parameters.tables else None

@@ -21,6 +21,7 @@ from .over_soc import (
     TableSettings,
     table_name,
 )
+from .over_soc.means import parts_of
 from .records.record import EARLIER_SHARE
 from .search.evaluate import Evaluation, evaluate_from_either, with_registered
 
@@ -68,12 +69,10 @@ class TableRun(Brief):
         ]
         return cls(settings, found, own, others)
 
-    def median_ohm(self, name: str) -> float:
-        """The median of a table over the nodes that have an interval, 0 without such."""
-        named = [interval for fit in self.found.fits for interval in fit.of_table(name)]
-        return float(
-            np.median([interval.value for interval in named if interval.low is not None] or [0.0])
-        )
+    def mean_ohm(self, name: str) -> float:
+        """The mean of a resistance over the visited SOC above 10 %, and over temperatures."""
+        means = [mean for fit in self.found.fits for mean in fit.means if mean.name == name]
+        return float(np.mean([mean.value for mean in means]))
 
     @property
     def mean_drop_v(self) -> float:
@@ -83,7 +82,7 @@ class TableRun(Brief):
         is_loaded = current_a >= max(own.rest_current_a for own in prepared)
         mean_a = float(np.mean(current_a[is_loaded])) if is_loaded.any() else 0.0
         names = self.found.reference.tables.named_ohm
-        return mean_a * sum(map(self.median_ohm, names))
+        return mean_a * sum(map(self.mean_ohm, names))
 
     @property
     def hold_shift_ohm(self) -> float:
@@ -126,7 +125,7 @@ class TableRun(Brief):
             own, others = (_answer(kind, max(kept, least)) for kind in (self._hold, other))
             return own[0] - own[1] / others[1] * others[0]
 
-        return sum(self.median_ohm(name) * share * moved(kept) for name, share, kept in pairs)
+        return sum(self.mean_ohm(name) * share * moved(kept) for name, share, kept in pairs)
 
     @property
     def _hold(self) -> str:
@@ -155,11 +154,18 @@ class TableRun(Brief):
         def reaching(own: NodeInterval) -> NodeInterval:
             if own.name == R0:
                 return own.spanning(shifts_ohm)
-            share = (shares or {}).get(own.name)
+            told = [(shares or {}).get(part) for part in parts_of(own.name)]
+            # Of a sum, that of the pair that is moved most.
+            share = max((share for share in told if share is not None), key=abs, default=None)
             return own if share is None else own.spanning([share * own.value])
 
         fits = tuple(
-            replace(fit, intervals=tuple(map(reaching, fit.intervals))) for fit in self.found.fits
+            replace(
+                fit,
+                intervals=tuple(map(reaching, fit.intervals)),
+                means=tuple(map(reaching, fit.means)),
+            )
+            for fit in self.found.fits
         )
         return replace(self, found=replace(self.found, fits=fits))
 

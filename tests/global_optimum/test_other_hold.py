@@ -169,12 +169,12 @@ def test_tables_move_under_the_other_hold_by_the_closed_form_of_their_own_pairs(
     forward, backward = tables["forward"], tables["backward"]
     assert forward
     assert backward
-    r0 = [each.median_ohm("R0 [Ohm]") for each in (forward, backward)]
+    r0 = [each.mean_ohm("R0 [Ohm]") for each in (forward, backward)]
     own = 0.9 * 10 / 3600 / pchip_cell.capacity_ah
     assert forward.hold_shift_ohm == pytest.approx(r0[1] - r0[0] + own, rel=0.15)
     assert backward.hold_shift_ohm == pytest.approx(r0[0] - r0[1] - own, rel=0.15)
     for name, share in forward.hold_shares.items():
-        pair = [each.median_ohm(name) for each in (forward, backward)]
+        pair = [each.mean_ohm(name) for each in (forward, backward)]
         assert pair[0] * (1 + share) == pytest.approx(pair[1], rel=0.02)
         reaching = forward.spanning([], {name: share}).found.fits[0]
         for node in reaching.of_table(name):

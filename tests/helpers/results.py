@@ -34,7 +34,7 @@ from barnax.search.evaluate import Evaluation, evaluate
 from barnax.search.refine import Optimum, Refinement
 from barnax.search.seeds import Search, SeedAnswer
 from barnax.storing import make_result as store
-from barnax.uncertainty import Band, Diagnostics, Uncertainty
+from barnax.uncertainty import Band, Diagnostics, Identifiability, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts
 from helpers.reference import make_record as record_of
 
@@ -167,6 +167,7 @@ def make_result(
     noise = NoiseParts((0.0, 25.0, 700.0), (0.002, 0.015, 0.018))
     assessment = AssessmentPart.model_construct(
         uncertainty=Uncertainty(0.95, 99, (), (), (), noise),
+        identifiability=Identifiability(1.0, 1.0, (), ()),
         diagnostics=Diagnostics((), (), 100.0, 9.0, 99, bands, (), None),
     )
     given = Start(initial_soc, "given", initial_direction, "given", row=2, voltage_v=4.0)
@@ -178,6 +179,7 @@ def make_result(
         metrics=block,
         assessment=assessment,
         bounds={},
+        fixed={},
     )
     return Result.model_construct(
         model=model,
@@ -228,6 +230,13 @@ def make_fit(circuit: str = "so-rc") -> TableFit:
         for soc, value, is_visited in zip(NODES, values, visited, strict=True)
         if is_visited
     )
+    # By trapezoids over the nodes that samples visit, which are all above 10 %.
+    means = tuple(
+        NodeInterval(name, None, ohm, 1e-3, 0.0, max(ohm - 2e-3, 0.0), ohm + 2e-3)
+        for name in tables.resistances
+        for row in [tables.tables[name]]
+        for ohm in [float(np.trapezoid(row[2:], NODES[2:]) / (NODES[-1] - NODES[2]))]
+    )
     return TableFit(
         tables=tables,
         objective_v=5e-3,
@@ -241,6 +250,7 @@ def make_fit(circuit: str = "so-rc") -> TableFit:
         intervals=intervals,
         cross_validation=None,
         warnings=(),
+        means=means,
     )
 
 

@@ -71,7 +71,8 @@ def test_an_interval_is_students_t_times_the_root_of_the_sandwich():
     curved = light + np.concatenate([curve.sags for curve in curves]) - moved
     low = np.minimum(smooth, np.minimum(light, curved) - reaches[:12])
     high = np.maximum(smooth, np.maximum(light, curved) + reaches[:12])
-    *nodes, first, second = intervals_of(objective, best)
+    found = intervals_of(objective, best)
+    nodes, (first, second) = found[:12], found[12:14]
     np.testing.assert_allclose([node.standard_error for node in nodes], errors[:12], rtol=1e-9)
     np.testing.assert_allclose([node.value for node in nodes], smooth, rtol=1e-9)
     np.testing.assert_allclose([node.low for node in nodes], low, rtol=1e-9)

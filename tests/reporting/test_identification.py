@@ -189,21 +189,30 @@ def test_what_the_bounds_decide_is_on_the_first_screen():
     longest = STORED.inputs[0].duration_s
     slow = STORED.constant.parameters
     slow = CircuitParameters.of_tau(slow.r0, slow.r, (slow.tau_s[0], longest))
+    assessment = STORED.constant.assessment
+    held = {"R1 [Ohm]": {"high": 0.0123}, "tau1 [s]": {"high": None}}
+    estimates = tuple(
+        replace(own, low=None, **held[own.name]) if own.name in held else own
+        for own in assessment.uncertainty.estimates
+    )
+    uncertainty = replace(assessment.uncertainty, estimates=estimates)
     bounded = with_constant(
         STORED,
         parameters=slow,
-        at_bound=(AtBound("tau2 [s]", "upper"), AtBound("R1 [Ohm]", "lower")),
+        at_bound=(AtBound("tau2 [s]", "upper"), AtBound("tau1 [s]", "lower")),
+        assessment=assessment.model_copy(update={"uncertainty": uncertainty}),
     )
     text = screen(bounded)
     assert "> 25 min  longer than the record" in text
     assert "at its lower bound" in text
+    assert "at most 12.3" in text
 
 
 def test_names_that_a_terminal_would_obey_are_shown_whole_in_80_columns():
     name = "a [bold]long[/bold] name \x1b[2J of a file " + 60 * "x" + ".csv"
     text = screen(changed(STORED, name=name))
     assert "\x1b" not in text
-    assert "a [bold]long[/b...xxxxxxxxxxxx.csv" in text
+    assert "a [bold]lon...xxxxxxxx.csv" in text
     assert max(map(len, text.splitlines())) <= 80
 
 

@@ -3,6 +3,9 @@
 import csv
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
+
 from barnax.pulses import Pulse
 from barnax.reporting.illustrations import _over_soc
 from barnax.reporting.pulses import (
@@ -101,4 +104,9 @@ def test_the_csv_of_tables_has_every_node_with_its_interval():
     assert [float(row["value"]) for row in own] == list(TABLE_OHM[0])
     assert (own[0]["low"], own[0]["visited"]) == ("", "0")
     assert float(own[3]["low"]) < TABLE_OHM[0][3] < float(own[3]["high"])
-    assert rows[-1]["table"] == "tau2 [s]"
+    assert rows[-4]["table"] == "tau2 [s]"
+    mean = rows[-3]
+    assert (mean["table"], mean["SOC"]) == ("mean R0 [Ohm]", "")
+    # Over the nodes from 10 to 100 % SOC.
+    assert float(mean["value"]) == pytest.approx(np.trapezoid(TABLE_OHM[0][2:], NODES[2:]) / 0.9)
+    assert float(mean["low"]) < float(mean["value"]) < float(mean["high"])

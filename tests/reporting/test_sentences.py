@@ -17,6 +17,7 @@ from barnax.over_soc import NodeInterval, SocErrors, TableFits
 from barnax.over_soc.current_offset import OffsetEffect
 from barnax.records import Decision
 from barnax.reporting.decisions import guess_sentences
+from barnax.reporting.headline import headline
 from barnax.reporting.sentences import (
     diagnostics_sentences,
     finding_sentence,
@@ -25,7 +26,7 @@ from barnax.reporting.sentences import (
     optimum_words,
     uncertainty_sentence,
 )
-from barnax.reporting.soc_tables import constants_table, middle_of_tables, nodes_table
+from barnax.reporting.soc_tables import constants_table, nodes_table
 from barnax.reporting.starts import beyond_sentence, carried_sentences, offset_sentence
 from barnax.reporting.temperatures import dependence_sentences
 from barnax.reporting.verdict import next_step, search_sentences
@@ -184,17 +185,19 @@ def interval_of(name: str, low: float | None, high: float | None) -> str:
     ("name", "low", "high", "told"),
     [
         ("R0 [Ohm]", 0.001, 0.1, "1 to 100"),
-        ("R0 [Ohm]", 0.001, 0.101, "not determined"),
-        ("R0 [Ohm]", 0.0, 0.01, "not determined"),
+        ("R0 [Ohm]", 0.001, 0.101, "1 to 101"),
+        ("R0 [Ohm]", 0.0, 0.01, "at most 10"),
+        ("R0 [Ohm]", None, 0.01, "at most 10"),
+        ("R0 [Ohm]", 0.01, None, "at least 10"),
         ("R0 [Ohm]", None, None, "not determined"),
         ("tau1 [s]", 1.0, 99.0, "1 to 99"),
-        ("tau1 [s]", 0.00327, 3.81e6, "not determined"),
+        ("tau1 [s]", 0.00327, 3.81e6, "0.00327 s to 1060 h"),
         (OCV_CORRECTION, -0.01, 0.019, "-10 to 19"),
-        (OCV_CORRECTION, -0.01, 0.021, "not determined"),
-        (HALF_HYSTERESIS, 0.0, 0.01, "0 to 10"),
+        (OCV_CORRECTION, -0.01, 0.021, "-10 to 21"),
+        (HALF_HYSTERESIS, 0.0, 0.01, "at most 10"),
     ],
 )
-def test_an_interval_that_says_nothing_is_not_determined(name, low, high, told):
+def test_an_interval_is_not_determined_only_where_neither_end_is_known(name, low, high, told):
     assert interval_of(name, low, high) == told
 
 
@@ -275,17 +278,22 @@ def test_heating_that_moves_next_to_nothing_is_said_to(kappa_per_a2, said):
 
 
 def test_what_another_record_would_show_is_said_alike_on_the_screen_and_in_full():
-    """An interval of several records that holds zero is not determined in both."""
-    fit = make_table_result().fit
-    intervals = tuple(
-        replace(
-            node, record_low=0.0 if node.name == "R0 [Ohm]" else node.low, record_high=node.high
-        )
-        for node in fit.intervals
+    """An interval of several records that holds zero has one end in both."""
+    result = make_table_result()
+
+    def shown(own):
+        low = 0.0 if own.name == "R0 [Ohm]" else own.low
+        return replace(own, record_low=low, record_high=own.high)
+
+    fit = replace(
+        result.fit,
+        intervals=tuple(map(shown, result.fit.intervals)),
+        means=tuple(map(shown, result.fit.means)),
     )
-    fit = replace(fit, intervals=intervals)
-    _, rows = middle_of_tables(TableFits((fit,)), 3)
-    full = nodes_table(fit)
-    (middle,) = (row for row in full.rows if row[0] == "50")
-    assert [row[2] for row in rows[:2]] == [middle[2], middle[4]]
-    assert middle[2] == "not determined"
+    part = result.tables.model_copy(update={"fits": (fit,)})
+    heads, rows = headline(result.model_copy(update={"tables": part}))
+    assert heads[1:4] == ["over 10-100 % SOC", "another record", "at 50 %"]
+    # By trapezoids, by hand: 52.1 mOhm, and 2 more.
+    assert rows[0][:4] == ("R0", "51.6 mOhm", "at most 53.6", "50")
+    (middle,) = (row for row in nodes_table(fit).rows if row[0] == "50")
+    assert middle[2] == "at most 52"

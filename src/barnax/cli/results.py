@@ -106,7 +106,6 @@ def show(of: Shown) -> None:
     intervals, and which differ beyond them.
     """
     from ..reporting.candidates import choice_document
-    from ..reporting.first_screen import first_screen
     from ..reporting.identification import identification_document
     from ..reporting.terminal import to_terminal
 
@@ -124,7 +123,6 @@ def show(of: Shown) -> None:
         session.show(to_terminal(choice_document(stored)))
         return
     session.show(to_terminal(identification_document(stored).with_option_names(as_flags)))
-    session.show(first_screen(stored, as_flags))
 
 
 def _names(paths: list[Path]) -> tuple[str, ...]:

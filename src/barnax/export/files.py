@@ -133,6 +133,7 @@ def _rows(tables: Tables, result: Result) -> Iterator[tuple[str, float, str]]:
             yield "gamma", tables.gamma, "1"
     for pair, tau_s in enumerate(tables.tau_s, start=1):
         yield f"tau{pair}", tau_s, "s"
+    yield from _means(result)
     yield "capacity", tables.capacity_ah, "A.h"
     yield "initial SOC", tables.initial_soc, "1"
     yield "initial direction", tables.initial_direction, "1"
@@ -141,6 +142,19 @@ def _rows(tables: Tables, result: Result) -> Iterator[tuple[str, float, str]]:
     yield from _points("OCV", tables.ocv.soc, tables.ocv_v, "V", tables.degc)
     if tables.hysteresis is not None:
         yield from _points("W", tables.hysteresis.soc, tables.hysteresis.voltage_v, "V")
+
+
+def _means(result: Result) -> Iterator[tuple[str, float, str]]:
+    """The means of tables over SOC with the ends of their intervals, or the ends of constants."""
+    for degc, fit in result.fits.by_degc:
+        where = "" if degc is None else f", {degc:.4g} degC"
+        for mean in fit.means:
+            name, _, unit = mean.name.rstrip("]").partition(" [")
+            own = f"mean {name}" if fit.is_over_soc else name
+            ends = {own: mean.value, f"{own} low": mean.low, f"{own} high": mean.high}
+            for called, value in ends.items():
+                if value is not None and (fit.is_over_soc or called != name or " + " in name):
+                    yield f"{called}{where}", value, unit
 
 
 def _beside(result: Result) -> Iterator[tuple[str, float, str]]:

@@ -7,8 +7,8 @@ from .fit import OcvCompared as OcvCompared
 from .fit import TableFit as TableFit
 from .fit import errors_on as errors_on
 from .fit import fit_tables as fit_tables
-from .intervals import NodeInterval as NodeInterval
 from .level import with_own_ocv as with_own_ocv
+from .node_interval import NodeInterval as NodeInterval
 from .ocv_compared import compare_with_own as compare_with_own
 from .own_ocv import OwnOcv as OwnOcv
 from .own_ocv import OwnRecords as OwnRecords

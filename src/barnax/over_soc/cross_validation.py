@@ -17,7 +17,8 @@ from ..model.reduced import Reduced
 from ..model.reference import error_blocks_of
 from ..uncertainty.covariance import CONFIDENCE
 from .blocks import BANDS, are_left_out_whole, block_length_s, numbered_blocks
-from .intervals import NodeInterval
+from .means import mean_weights, parts_of
+from .node_interval import NodeInterval
 from .objective import Solution, TableObjective
 from .problem import held_at, reduced_objective
 from .search import find_best
@@ -322,10 +323,21 @@ def with_spread(
         rows.append(objective.to_tables @ x)
         visits.append(np.concatenate([alone.visited_of(n) for n in range(objective.tables)]))
     values, is_there = np.array(rows), np.array(visits)
+    joint = np.concatenate(best.values)
 
     def spread(interval: NodeInterval) -> NodeInterval:
-        at = objective.visited_rows.get((interval.name, interval.soc))
-        own = values[is_there[:, at], at] if at is not None else []
+        if interval.soc is not None:
+            weights = np.zeros(len(joint))
+            weights[objective.visited_rows[interval.name, interval.soc]] = 1.0
+        elif parts_of(interval.name)[0] in objective.names:
+            weights = mean_weights(objective, interval.name)
+        else:
+            return interval
+        # A mean is moved as far as over the nodes that the record visits.
+        seen = weights * is_there
+        shares = seen.sum(axis=1) / weights.sum()
+        moved = np.sum(seen * (values - joint), axis=1)[shares > 0] / shares[shares > 0]
+        own = weights @ joint + moved
         if len(own) < FEWEST_RECORDS:
             return interval
         reach = stdtrit(len(own) - 1, (1 + CONFIDENCE) / 2) * np.std(own, ddof=1)
@@ -340,9 +352,9 @@ def with_spread(
             )
             ends = float(max(interval.value - both, least)), float(interval.value + both)
             interval = replace(interval, standard_error=error, low=ends[0], high=ends[1])
-        if interval.low is not None and interval.high is not None:
-            # What all records leave open, another one can show too.
-            low, high = min(low, interval.low), max(high, interval.high)
+        # What all records leave open, another one can show too.
+        low = min(low, low if interval.low is None else interval.low)
+        high = max(high, high if interval.high is None else interval.high)
         return replace(interval, record_low=low, record_high=high)
 
     return tuple(map(spread, intervals))

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
+from ..cell.soc_axis import ABOVE_SOC
 from .objective import Solution, TableObjective
 
 # Of Gauss quadrature between two nodes: exact for a cubic times a line.
@@ -56,6 +57,17 @@ class TableCurve:
         curve = CubicSpline(self.nodes, self.values + self.sags)(soc)
         inside = (self.nodes[0] <= soc) & (soc <= self.nodes[-1])
         return np.where(inside, curve - np.interp(soc, self.nodes, self.values), 0.0)
+
+    @property
+    def mean_above_lines(self) -> float:
+        """The same, averaged over its nodes above 10 % SOC."""
+        low, high = max(self.nodes[0], ABOVE_SOC), self.nodes[-1]
+        if len(self.nodes) < 3 or low >= high:
+            return 0.0
+        curve = CubicSpline(self.nodes, self.values + self.sags).integrate(low, high)
+        ends = np.append(low, self.nodes[self.nodes > low])
+        lines = np.trapezoid(np.interp(ends, self.nodes, self.values), ends)
+        return float((curve - lines) / (high - low))
 
 
 def curves_of(objective: TableObjective, found: Solution) -> Iterator[TableCurve]:

@@ -27,7 +27,9 @@ from .cross_validation import (
 )
 from .current_offset import OffsetEffect
 from .dependence import with_asked
-from .intervals import NodeInterval, intervals_of
+from .intervals import intervals_of
+from .means import parts_of
+from .node_interval import NodeInterval
 from .objective import TableObjective
 from .problem import BOTH_WAYS_SOC, HELD_GAMMA, least_travel_soc, reduced_objective
 from .search import find_best
@@ -73,6 +75,9 @@ class TableFit(Brief):
         cross_validation: Errors on blocks held out.
         warnings: What is doubtful, with what to do.
         own_ocv: What an OCV of the records' own gives, beside that of an OCV test.
+        means: Every table's mean over the visited SOC above 10 %, by length of SOC, with its 95 %
+            interval, but not an OCV's; then sums such as "R1 + R2" of pairs that have nearly one
+            time constant.
         of_offset: What an offset of the current would do that one record cannot tell from an OCV of
             its own.
     """
@@ -91,6 +96,7 @@ class TableFit(Brief):
     warnings: tuple[Told, ...]
     own_ocv: OcvCompared | None = None
     of_offset: OffsetEffect | None = None
+    means: tuple[NodeInterval, ...] = ()
 
     @property
     def proved_gap(self) -> float:
@@ -162,7 +168,10 @@ def fit_of(
         tables = objective.tables_at(best)
         known = intervals_of(objective, best) if intervals is None else intervals
         intervals = with_spread(objective, best, known)
-        intervals = tuple(_at_stored_nodes(tables, intervals))
+        means = tuple(
+            own for own in intervals if own.soc is None and parts_of(own.name)[0] in tables.tables
+        )
+        intervals = tuple(_at_stored_nodes(tables, intervals[: len(intervals) - len(means)]))
         held_out = cross_validate(objective, best)
     searched_axes = zip(objective.axes, best.log_scales, strict=True)
     at_bound = near_ends(
@@ -189,6 +198,7 @@ def fit_of(
         intervals=intervals,
         cross_validation=held_out,
         warnings=(),
+        means=means,
     )
     fit = replace(fit, warnings=_warnings(objective, fit))
     return fit.proved(proof, settings.proved_share)

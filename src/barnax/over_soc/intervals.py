@@ -18,8 +18,8 @@ from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
-from ..cell.elements import rungs_of
-from ..cell.parameters import HALF_HYSTERESIS, CircuitParameters
+from ..cell.elements import alike, rungs_of
+from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, CircuitParameters
 from ..cell.soc_axis import is_above
 from ..execution import in_float64
 from ..model.exponentials import span_through
@@ -27,9 +27,12 @@ from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, blocks
 from ..model.reference import errors_along
 from ..uncertainty.covariance import CONFIDENCE
+from ..uncertainty.identifiability import are_one
 from ..uncertainty.joined import one_clock, open_starts
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .curves import TableCurve, curves_of
+from .means import mean_weights, parts_of, sum_name
+from .node_interval import NodeInterval
 from .objective import Solution, TableObjective
 
 # Of the smoothing weights, those of the fit that standard errors are of.
@@ -46,151 +49,81 @@ WIDEST = 9 * math.log(10)
 
 # Of some samples: columns, base error of every side, and which come after the first load.
 Rows = tuple[Columns, Float[np.ndarray, "rows sides"], Bool[np.ndarray, "rows"]]
-# The ends of what another record would show.
-RECORD_ENDS = ("record_low", "record_high")
 
 
-@dataclass(frozen=True)
-class NodeInterval:
-    """One node's value of one table with its confidence interval; `soc` is None of a constant.
+@dataclass(frozen=True, eq=False)
+class _Moves:
+    """What moves all values, tables' first: the noise, by column; a standard error each of starts
+    and of what is usual; the curves that lines leave; and the starts that fit best. `is_seen` is
+    False of a value that no sample and no way to move depends on."""
 
-    `standard_error` allows for the residuals' autocorrelation, `bias` is what smoothing and the
-    straight lines between nodes may have moved; the interval holds both. `low` and `high` are None,
-    and the error zero, where a bound decides the value or no sample depends on it. `record_low` and
-    `record_high` are what another record of the cell would show, by the spread of those identified
-    on; None of fewer than three.
-    """
+    noise: Noise
+    spread_v2: Float[np.ndarray, "columns columns"]
+    by_noise: Float[np.ndarray, "values columns"]
+    beside: Float[np.ndarray, "values errors"]
+    by_lines: Float[np.ndarray, "values"]
+    by_best_starts: Float[np.ndarray, "values"]
+    is_seen: Bool[np.ndarray, "values"]
 
-    name: str
-    soc: float | None
-    value: float
-    standard_error: float
-    bias: float
-    low: float | None
-    high: float | None
-    record_low: float | None = None
-    record_high: float | None = None
-
-    @property
-    def is_biased(self) -> bool:
-        """True where the value may have been moved further than its standard error."""
-        return abs(self.bias) > self.standard_error
-
-    def opened(self) -> "NodeInterval":
-        """The same, not determined."""
-        ends = dict.fromkeys(("low", "high", "record_low", "record_high"))
-        return replace(self, standard_error=0.0, **ends)
-
-    def between(self, other: "NodeInterval", soc: float) -> "NodeInterval":
-        """What lies on the line to another node: no wider, for what the two leave open is not all
-        in common. Not determined where one of them is not."""
-        first, last = self.soc or 0.0, other.soc or 0.0
-        share = (soc - first) / (last - first)
-        pairs = {
-            name: (getattr(self, name), getattr(other, name))
-            for name in ("value", "standard_error", "bias", "low", "high", *RECORD_ENDS)
-        }
-        lines = {
-            name: None if None in pair else (1 - share) * pair[0] + share * pair[1]
-            for name, pair in pairs.items()
-        }
-        line = replace(self, soc=soc, **lines)
-        return line.opened() if line.low is None or line.high is None else line
-
-    def moved(self, by: float) -> "NodeInterval":
-        """The same with value and interval counted from elsewhere."""
-        ends = {
-            name: None if (end := getattr(self, name)) is None else end + by
-            for name in ("low", "high", "record_low", "record_high")
-        }
-        return replace(self, value=self.value + by, **ends)
-
-    def spanning(self, shifts: Sequence[float]) -> "NodeInterval":
-        """The same with an interval that includes those of equally possible values so far off."""
-        if self.low is None or self.high is None:
-            return self
-        low, high = max(self.low + min([0.0, *shifts]), 0.0), self.high + max([0.0, *shifts])
-        if self.record_low is None or self.record_high is None:
-            return replace(self, low=low, high=high)
-        # Another record leaves it open too.
-        ends = {"record_low": min(self.record_low, low), "record_high": max(self.record_high, high)}
-        return replace(self, low=low, high=high, **ends)
+    def reach(self, weights: Float[np.ndarray, "values"]) -> tuple[float, float] | None:
+        """The standard error of a sum of values, and half its interval; None of what is unseen."""
+        if not np.any(weights[self.is_seen]):
+            return None
+        moved = weights @ self.by_noise
+        variance = moved @ self.spread_v2 @ moved + np.sum((weights @ self.beside) ** 2)
+        freedom = max(1.0, min(self.noise.degrees_of_freedom(moved), 1e6))
+        error = math.sqrt(max(float(variance), 0.0))
+        return error, float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) * error
 
 
 @in_float64
 def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:
-    """The intervals of visited nodes, table after table, then of the time constants and gamma."""
+    """The intervals of visited nodes, table after table, of the time constants and gamma, and of
+    the means of resistances and of sums of them (`means`), which have no SOC."""
     lighter, light = unsmoothed(objective, best)
-    is_open = [
-        axis.low < scale < axis.high
-        for axis, scale in zip(objective.axes, best.log_scales, strict=True)
-    ]
-    of_tables = lighter.ways(light)
-    dependence, numbers = objective.facts[0].dependence, objective.numbers
-    of_constants = block_diag(np.eye(len(is_open))[:, is_open], np.eye(len(numbers)))
-    starts_v, starts_sd = open_starts(objective.prepared_records)
-    ways = np.asarray(block_diag(of_tables, of_constants, np.eye(len(starts_sd))))
-    values, curves = np.concatenate(light.values)[:, None], [*curves_of(objective, best)]
-    # Beside the error, the one that lines leave of the curves.
-    sides = np.hstack([values, np.zeros_like(values)])
-    rows = _with_curves(objective, curves, starts_v, linearized(lighter, light))
-    (noise, *_), to_noise, products, slopes = noises_behind(lighter, sides, ways, rows)
-    normal = with_penalty(lighter, products, of_tables)
-    usual = {} if dependence is None else dependence.usual
-    begun = np.arange(len(normal) - len(starts_sd), len(normal))
-    weight = float(np.mean(np.diag(noise.spread_v2))) / objective.reduced.scored
-    normal[begun, begun] += weight
-    places = [len(normal) - len(begun) - len(numbers) + [*numbers].index(name) for name in usual]
-    pull = best.objective_v2 * np.array([number.pull for number in usual.values()])
-    normal[places, places] += pull
-    is_seen = np.diag(products) > UNSEEN**2 * np.max(np.diag(products))
-    # Columns of H^-1 J' / N by which the noise moves every value.
-    # By least squares, for a short record leaves some of them undetermined.
-    moved = ways @ np.linalg.lstsq(normal, to_noise.T)[0]
-    variance = np.einsum("ij,jk,ik->i", moved, noise.spread_v2, moved)
-    moved_by_lines = ways @ np.linalg.lstsq(normal, slopes[:, 1])[0]
-    by_starts = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, begun])[0]
-    variance += np.sum((weight * by_starts) ** 2, axis=1)
-    to_joint = -by_starts @ (slopes[begun, 0] + weight * starts_sd)
-    if places:
-        # What is usual is itself uncertain.
-        back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, places])[0]
-        variance += (back * pull) ** 2 @ np.array([number.sd for number in usual.values()]) ** 2
-    errors = np.sqrt(np.maximum(variance, 0.0))
-    freedom = [max(1.0, min(noise.degrees_of_freedom(row), 1e6)) for row in moved]
-    factors = stdtrit(np.array(freedom), (1 + CONFIDENCE) / 2)
-    is_known = np.any(ways[:, is_seen] != 0, axis=1)
+    curves = [*curves_of(objective, best)]
+    moves = _moves_of(lighter, light, best, curves)
+    count = len(best.unknowns)
+    least, most = lighter.box
+    is_bound = (light.sides != 0) & (least < most)
+    rows = [row for (name, _), row in objective.visited_rows.items() if name.startswith("R")]
+    is_bound &= np.isin(np.arange(count), rows)
+    # Beyond a bound of a resistance the data have no say; to its other side they do.
+    freed = replace(light, sides=np.where(is_bound, 0, light.sides))
+    away = _moves_of(lighter, freed, best, curves) if is_bound.any() else moves
 
-    def interval(name: str, soc: float | None, number: int, value: float, *unmoved: float):
+    def interval(name: str, soc: float | None, weights, value: float, *unmoved: float):
         """Around what would stand there had nothing moved it, with the starts that fit best, as
         far as the value."""
         bias = max((value - other for other in unmoved), key=abs)
-        if not is_known[number]:
-            return NodeInterval(name, soc, value, 0.0, bias, None, None)
-        error = float(errors[number])
-        reach = float(factors[number]) * error
-        joint = float(to_joint[number])
-        low = min(value, min(unmoved) + joint - reach)
-        high = max(value, max(unmoved) + joint + reach)
-        return NodeInterval(name, soc, value, error, bias, low, high)
+        known, told = moves.reach(weights), away.reach(weights)
+        sides = light.sides[is_bound & (weights[:count] != 0)]
+        below, above = (told if np.any(sides == side) else known for side in (1, -1))
+        joint = float(weights @ moves.by_best_starts)
+        low = None if below is None else min(value, min(unmoved) + joint - below[1])
+        high = None if above is None else max(value, max(unmoved) + joint + above[1])
+        if low is not None and name.startswith(("R", HALF_HYSTERESIS)):
+            low = max(low, 0.0)
+        return NodeInterval(name, soc, value, known[0] if known else 0.0, bias, low, high)
 
     held = _held_level(objective, best)
-    found, both = [], np.column_stack([np.concatenate(best.values), values]).tolist()
+    both = np.column_stack([np.concatenate(values) for values in (best.values, light.values)])
+    unit = np.eye(len(moves.is_seen))
+    found = []
     sags = np.concatenate([curve.sags for curve in curves]).tolist()
-    places = zip(objective.visited_rows.items(), sags, strict=True)
-    for ((name, soc), row), sag in places:
-        value, own = both[row]
-        on_curve = own + sag - float(moved_by_lines[row])
-        around = interval(name, soc, row, value, own, on_curve)
-        if name.startswith(("R", HALF_HYSTERESIS)) and around.low is not None:
-            around = replace(around, low=max(around.low, 0.0))
+    for ((name, soc), row), sag in zip(objective.visited_rows.items(), sags, strict=True):
+        value, own = both[row].tolist()
+        on_curve = own + sag - float(moves.by_lines[row])
+        around = interval(name, soc, unit[row], value, own, on_curve)
         found.append(around.opened() if row in held else around)
+    dependence, numbers = objective.facts[0].dependence, objective.numbers
+    usual = {} if dependence is None else dependence.usual
     of_numbers = {name: math.log(value) for name, value in numbers.items()}
     names = [axis.name for axis in objective.axes]
     logarithms = dict(zip(names, best.log_scales, strict=True)) | of_numbers
     for number, (name, scale) in enumerate(logarithms.items()):
         # Of the logarithm, so that the interval is positive.
-        around = interval(name, None, len(best.unknowns) + number, scale, scale)
+        around = interval(name, None, unit[count + number], scale, scale)
         value, ends = math.exp(scale), (around.low, around.high)
         if name in usual and around.low is not None and around.high is not None:
             # However little the data tell, that is what cells usually have.
@@ -204,7 +137,69 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         low, high = (math.exp(end) if is_told and end is not None else None for end in ends)
         error = value * around.standard_error if is_told else 0.0
         found.append(NodeInterval(name, None, value, error, 0.0, low, high))
-    return tuple(found)
+
+    def mean(name: str) -> NodeInterval:
+        weights = np.pad(mean_weights(objective, name), (0, len(unit) - count))
+        value, own = (weights[:count] @ both).tolist()
+        tables = [objective.names.index(part) for part in parts_of(name)]
+        sag = sum(curves[table].mean_above_lines for table in tables)
+        return interval(name, None, weights, value, own, own + sag - weights @ moves.by_lines)
+
+    means = {name: mean(name) for name in objective.names if name not in (OCV, OCV_CORRECTION)}
+    sums = []
+    for last, first in enumerate(range(alike(objective.elements) - 1), 1):
+        two = [*means.values()][first + 1 : last + 2]
+        total = mean(sum_name([own.name for own in two]))
+        gap = best.log_scales[last] - best.log_scales[first]
+        reach = moves.reach(unit[count + last] - unit[count + first])
+        errors = (own.standard_error / own.value if own.value else 0.0 for own in (total, *two))
+        if reach is not None and are_one(gap, reach[1], *errors):
+            sums.append(total)
+    return (*found, *means.values(), *sums)
+
+
+def _moves_of(
+    lighter: TableObjective, light: Solution, best: Solution, curves: Sequence[TableCurve]
+) -> _Moves:
+    """What moves the values of the fit hardly smoothed, in the ways that its sides leave."""
+    is_open = [
+        axis.low < scale < axis.high
+        for axis, scale in zip(lighter.axes, best.log_scales, strict=True)
+    ]
+    of_tables = lighter.ways(light)
+    dependence, numbers = lighter.facts[0].dependence, lighter.numbers
+    of_constants = block_diag(np.eye(len(is_open))[:, is_open], np.eye(len(numbers)))
+    starts_v, starts_sd = open_starts(lighter.prepared_records)
+    ways = np.asarray(block_diag(of_tables, of_constants, np.eye(len(starts_sd))))
+    values = np.concatenate(light.values)[:, None]
+    # Beside the error, the one that lines leave of the curves.
+    sides = np.hstack([values, np.zeros_like(values)])
+    rows = _with_curves(lighter, curves, starts_v, linearized(lighter, light))
+    (noise, *_), to_noise, products, slopes = noises_behind(lighter, sides, ways, rows)
+    normal = with_penalty(lighter, products, of_tables)
+    usual = {} if dependence is None else dependence.usual
+    begun = np.arange(len(normal) - len(starts_sd), len(normal))
+    weight = float(np.mean(np.diag(noise.spread_v2))) / lighter.reduced.scored
+    normal[begun, begun] += weight
+    places = [len(normal) - len(begun) - len(numbers) + [*numbers].index(name) for name in usual]
+    pull = best.objective_v2 * np.array([number.pull for number in usual.values()])
+    normal[places, places] += pull
+    is_seen = np.diag(products) > UNSEEN**2 * np.max(np.diag(products))
+    # Columns of H^-1 J' / N by which the noise moves every value.
+    # By least squares, for a short record leaves some of them undetermined.
+    by_starts = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, begun])[0]
+    # What is usual is itself uncertain.
+    back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, places])[0]
+    errors = pull * np.array([number.sd for number in usual.values()])
+    return _Moves(
+        noise=noise,
+        spread_v2=noise.spread_v2,
+        by_noise=ways @ np.linalg.lstsq(normal, to_noise.T)[0],
+        beside=np.hstack([weight * by_starts, back * errors]),
+        by_lines=ways @ np.linalg.lstsq(normal, slopes[:, 1])[0],
+        by_best_starts=-by_starts @ (slopes[begun, 0] + weight * starts_sd),
+        is_seen=np.any(ways[:, is_seen] != 0, axis=1),
+    )
 
 
 def _held_level(objective: TableObjective, best: Solution) -> range:

@@ -26,8 +26,9 @@ from ..model.prepared import PreparedRecord, prepare_record
 from ..model.reduced import Reduced, reduce_records, together
 from .cross_validation import record_errors
 from .fit import TableFit, fit_of
-from .intervals import NodeInterval
 from .level import OCV_NODES, level_cell, leveled, with_own_ocv
+from .means import mean_weights
+from .node_interval import NodeInterval
 from .objective import Solution, TableObjective
 from .problem import box_of
 from .search import find_best
@@ -293,11 +294,13 @@ def _empty(layout: Layout) -> Reduced:
 
 
 def _without_noise(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:
-    """The values of visited nodes and the time constants, whose intervals are not known yet."""
+    """The values of visited nodes, time constants and means, whose intervals are not known yet."""
     rows, scales = np.concatenate(best.values), np.exp(best.log_scales)
     values = {place: float(rows[row]) for place, row in objective.visited_rows.items()}
     names = [(axis.name, None) for axis in objective.axes]
     values |= dict(zip(names, scales.tolist(), strict=True))
+    for name in objective.names[: 1 + objective.pairs]:
+        values[name, None] = float(mean_weights(objective, name) @ rows)
     return tuple(NodeInterval(*own, value, 0.0, 0.0, None, None) for own, value in values.items())
 
 

@@ -228,7 +228,7 @@ def known_screen(
     told = {
         "No test needed": f"{joined(design.earlier)} told what is wanted: {_already(design)}. For "
         "a test anyway, give `max_hours`; for narrower intervals, `want`.",
-        "Printed": _printed(design),
+        "Intervals": _printed(design),
     }
     for head, text in told.items():
         if text:
@@ -295,7 +295,7 @@ def _sentences(design: "Design") -> Iterator[tuple[str, str]]:
         yield "Known already", f"{_already(design)}; no further test is needed for it{best}."
     if not design.is_reached:
         yield "Not reached", _not_reached(design)
-    for head, text in (("Widened", _widened(design)), ("Printed", _printed(design))):
+    for head, text in (("Wider", _widened(design)), ("Intervals", _printed(design))):
         if text:
             yield head, text
     # What reaches the lowest voltage ends there.

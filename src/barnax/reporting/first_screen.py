@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 from rich.console import RenderableType
 from rich.text import Text
 
-from ..cell.elements import names_beside
 from .candidates import choice_line, ocv_test_sentences, ranked
 from .decisions import guess_sentences
+from .headline import headline
 from .pulses import middle_heads, middle_pulses
-from .soc_tables import left_out_sentences, middle_of_tables
+from .soc_tables import left_out_sentences
 from .starts import (
     beyond_sentence,
     carried_sentences,
@@ -27,23 +27,18 @@ from .temperatures import (
 from .terminal import Whole, bare_table, headed_line, indented
 from .words import (
     aligned_millivolt,
-    between,
     capitalized,
     degrees,
     duration,
-    figures,
-    symbol,
-    with_unit,
 )
 
 if TYPE_CHECKING:
     from ..over_soc import OverTemperature
     from ..result_parts import InputPart, MetricsPart
     from ..results import Result
-    from ..uncertainty import Estimate
 from .verdict import best_possible, search_sentences
 
-LONGEST_NAME = 34
+LONGEST_NAME = 26
 # With more files than this, the rest are only counted.
 MAX_FILES = 5
 # The error above 10 % SOC is shown where it is lower than the whole by this share.
@@ -122,10 +117,11 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
     low, high = part.soc_range or (math.nan, math.nan)
     first = part.start.soc if part.start else high
     ends = (high, low) if abs(first - high) <= abs(first - low) else (low, high)
+    of = "" if part.capacity_ah is None else f" of {part.capacity_ah:.4g} Ah"
     return (
         duration(part.duration_s or 0.0),
         f"{part.samples or 0:,} samples",
-        f"SOC {100 * ends[0] + 0.0:.0f} to {100 * ends[1] + 0.0:.0f} %".replace("-0 ", "0 "),
+        f"SOC {100 * ends[0] + 0.0:.0f} to {100 * ends[1] + 0.0:.0f} %{of}".replace("-0 ", "0 "),
     )
 
 
@@ -198,42 +194,10 @@ def _numbered(role: str, count: int) -> list[str]:
 
 def _parameters_table(result: "Result") -> Whole:
     """Resistances at the left, the time constants of their pairs at the right."""
-    if result.tables is not None:
-        heads, rows = middle_of_tables(result.fits, len(result.of_role("identification")))
-        if result.fits.over_temperature is not None:
-            return bare_table(heads, rows)
-        return bare_table(heads, rows, [place in (1, 5) for place in range(len(heads))], (5, 6))
-    constant = result.constant
-    estimates = constant.estimates
-    circuit = constant.parameters
-    bounds = {bound.name: bound.side for bound in constant.at_bound}
-    longest_s = max(part.duration_s or 0.0 for part in result.of_role("identification"))
-    rows = []
-    for resistance, r_ohm in circuit.named_ohm.items():
-        value = with_unit(resistance, r_ohm)
-        left = (symbol(resistance), value, _interval(resistance, estimates, bounds))
-        right, name = ("", "", ""), names_beside(resistance).tau
-        tau_s = circuit.named_tau_s.get(name)
-        if tau_s is not None:
-            right = (symbol(name), with_unit(name, tau_s), _interval(name, estimates, bounds))
-            if bounds.get(name) == "upper" and tau_s >= longest_s * (1 - 1e-3):
-                right = (symbol(name), f"> {duration(longest_s)}", "longer than the record")
-        rows.append((*left, *right))
-    if circuit.gamma is not None:
-        value = f"{figures(circuit.gamma)} /SOC"
-        rows.append(("gamma", value, _interval("gamma", estimates, bounds), "", "", ""))
-    return bare_table((), rows, [place in (1, 4) for place in range(6)], (4, 5))
-
-
-def _interval(name: str, estimates: "dict[str, Estimate]", bounds: dict[str, str]) -> str:
-    if name in bounds:
-        return f"at its {bounds[name]} bound"
-    estimate = estimates.get(name)
-    if estimate is None or estimate.held is not None:
-        return "" if estimate is None else "held"
-    if estimate.low is None or estimate.high is None:
-        return "not determined"
-    return between(name, estimate.low, estimate.high, estimate.value)
+    heads, rows = headline(result)
+    if result.fits.over_temperature is not None:
+        return bare_table(heads, rows)
+    return bare_table(heads, rows, [place in (1, 3, 5) for place in range(7)], (5, 6))
 
 
 def _short(name: str, longest: int) -> str:

@@ -14,16 +14,15 @@ from ..results import Result
 from .document import Bullets, Document, Section, Table, rows_table
 from .pulses import table_rows
 from .render import to_fragment
-from .soc_tables import NOT_DETERMINED, determined_ends
 from .words import (
+    NOT_DETERMINED,
     NOTHING,
-    between,
     degrees,
     gathered,
+    interval_beside,
     joined,
     millivolt,
     percent,
-    shown,
     symbol,
     with_unit,
 )
@@ -55,14 +54,10 @@ class Known(NamedTuple):
     def words(self) -> str:
         if math.isnan(self.value):
             return NOT_DETERMINED
-        if self.low is None or self.high is None:
-            return with_unit(self.name, self.value)
-        (value, unit), (low, low_unit), (high, high_unit) = (
-            shown(self.name, end) for end in (self.value, self.low, self.high)
-        )
-        if not unit == low_unit == high_unit:
-            return f"{value} {unit} ({between(self.name, self.low, self.high)})"
-        return f"{value} ({low} to {high}) {unit}".rstrip()
+        value = with_unit(self.name, self.value)
+        if self.low is None and self.high is None:
+            return value
+        return f"{value} ({interval_beside(value, self.name, self.low, self.high, self.value)})"
 
     @property
     def place(self) -> str:
@@ -71,15 +66,17 @@ class Known(NamedTuple):
 
     def is_beyond(self, other: "Known") -> bool | None:
         """True if the intervals do not overlap; None where one of them is missing."""
-        if None in (self.low, self.high, other.low, other.high):
+        if any(own.low is None and own.high is None for own in (self, other)):
             return None
-        return self.low > other.high or self.high < other.low  # pyright: ignore[reportOperatorIssue]
+        lows = [-math.inf if own.low is None else own.low for own in (self, other)]
+        highs = [math.inf if own.high is None else own.high for own in (self, other)]
+        return lows[0] > highs[1] or highs[0] < lows[1]
 
     @property
     def is_wide(self) -> bool:
         """True if its interval could hide a doubling."""
         if self.low is None or self.high is None:
-            return False
+            return True
         return self.low <= 0 or self.high > TOO_WIDE * self.low
 
     def change_words(self, other: "Known") -> str:
@@ -162,10 +159,12 @@ def _constants(result: Result) -> list[Known]:
 
 
 def _tabulated(fit: "TableFit") -> Iterator[Known]:
-    """Tables at a few states of charge between visited nodes, and the constants."""
+    """Means over SOC, tables at a few states of charge between visited nodes, and constants."""
+    for mean in fit.means if fit.is_over_soc else ():
+        yield Known(f"mean {mean.name}", None, mean.value, mean.low, mean.high)
     for name in fit.tables.tables:
         nodes = fit.of_table(name)
-        known = [node for node in nodes if node.low is not None]
+        known = [node for node in nodes if (node.low, node.high) != (None, None)]
         if not fit.is_over_soc:
             (value,) = fit.tables.tables[name]
             ends = ((node.low, node.high) for node in known)
@@ -176,13 +175,12 @@ def _tabulated(fit: "TableFit") -> Iterator[Known]:
             continue
         soc = np.array([node.soc for node in nodes], float)
         # Between nodes of which one is not determined, nothing is.
-        ends = [determined_ends(node, fit) or (np.nan, np.nan) for node in nodes]
-        rows = np.array([(node.value, *of) for node, of in zip(nodes, ends, strict=True)])
+        rows = np.array([(node.value, node.low, node.high) for node in nodes], float)
         for at in COMPARED_SOC:
             if soc[0] <= at <= soc[-1]:
-                value, low, high = (float(np.interp(at, soc, row)) for row in rows.T)
-                is_open = math.isnan(low)
-                yield Known(name, at, np.nan) if is_open else Known(name, at, value, low, high)
+                value, *ends = (float(np.interp(at, soc, row)) for row in rows.T)
+                low, high = (None if math.isnan(end) else end for end in ends)
+                yield Known(name, at, np.nan if low is high is None else value, low, high)
     known_ends = {node.name: (node.low, node.high) for node in fit.intervals if node.soc is None}
     for name, value in fit.tables.constants.items():
         yield Known(name, None, value, *known_ends.get(name, (None, None)))

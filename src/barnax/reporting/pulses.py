@@ -177,7 +177,7 @@ def fit_csv(fit: "TableFit") -> bytes:
 
 
 def table_rows(fit: "TableFit") -> Iterator[tuple[Any, ...]]:
-    """Every node of every table, and every constant: what stands under `TABLE_HEADS`.
+    """Every node of every table, constants and means over SOC: what stands under `TABLE_HEADS`.
 
     An OCV of the records' own, which has nodes of its own, is among them.
     """
@@ -190,5 +190,7 @@ def table_rows(fit: "TableFit") -> Iterator[tuple[Any, ...]]:
             yield name, soc if fit.is_over_soc else None, value, *ends, int(is_visited)
     for name, value in fit.tables.constants.items():
         yield name, None, value, *known.get((name, None), unknown), 1
+    for mean in fit.means if fit.is_over_soc else ():
+        yield f"mean {mean.name}", None, mean.value, mean.low, mean.high, 1
     for node in fit.of_table(OCV):
         yield node.name, node.soc, node.value, node.low, node.high, 1

@@ -18,6 +18,7 @@ from .words import (
     between,
     extent,
     figures,
+    interval,
     joined,
     percent,
     symbol,
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from ..result_parts import GlobalPart
 
 # Rounded up, since a claim may not say more than was proved.
-ROUNDED_UP = Context(prec=2, rounding=ROUND_CEILING)
+ROUNDED_UP = Context(prec=1, rounding=ROUND_CEILING)
 # Another optimum within this share of the best one is nearly as good.
 HARDLY_ABOVE = 0.01
 # A band is worth a sentence where its share of the squared error is this many times its samples'.
@@ -64,8 +65,12 @@ def optimum_words(optimum: "GlobalOptimum | GlobalPart") -> str:
 
 def better_than(proved_gap: float) -> str:
     """The gain that no circuit exceeds, by the proof."""
-    gap = f"{ROUNDED_UP.create_decimal(repr(100 * proved_gap)):f} %"
-    return f"more than {gap} better" if proved_gap > 0 else "better"
+    return f"more than {rounded_up(proved_gap)} better" if proved_gap > 0 else "better"
+
+
+def rounded_up(proved_gap: float) -> str:
+    """What was proved, in percent."""
+    return f"{ROUNDED_UP.create_decimal(repr(100 * proved_gap)):f} %" if proved_gap else "0 %"
 
 
 def local_optima_sentence(optimum: "GlobalOptimum | GlobalPart") -> str:
@@ -156,7 +161,9 @@ def finding_sentence(finding: Undetermined) -> str:
             if first.held == "unseen":
                 return f"{name} is not determined: no scored sample depends on it."
             where = held_words(first.held or "fixed")
-            return f"{name} = {value} is {where}: the bounds set it, not the data."
+            is_open = first.low is not None or first.high is None
+            most = "" if is_open else f"; it is {interval(first.name, None, first.high)}"
+            return f"{name} = {value} is {where}: the bounds set it, not the data{most}."
         case "loose":
             return f"{_loose(finding)}."
         case "direction":
@@ -202,7 +209,7 @@ def _loose(finding: Undetermined) -> str:
     (estimate,) = finding.estimates
     name = symbol(estimate.name)
     if estimate.low is None or estimate.high is None:
-        return f"{name} is not determined"
+        return f"{name} is {interval(estimate.name, estimate.low, estimate.high)}"
     text = f"{name} is only known to be {between(estimate.name, estimate.low, estimate.high)}"
     if name.startswith("tau") and estimate.low < finding.interval_s / 2:
         text += f"; it may be too fast for {figures(finding.interval_s)} s sampling"
@@ -275,9 +282,9 @@ def _equation(estimate: Estimate) -> str:
 
 
 def _with_interval(estimate: Estimate) -> str:
-    if estimate.low is None or estimate.high is None:
+    if estimate.low is None and estimate.high is None:
         return _equation(estimate)
-    return f"{_equation(estimate)} ({between(estimate.name, estimate.low, estimate.high)})"
+    return f"{_equation(estimate)} ({interval(estimate.name, estimate.low, estimate.high)})"
 
 
 def _times(log_step: float) -> str:

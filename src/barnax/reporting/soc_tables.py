@@ -1,31 +1,27 @@
 """Tables over SOC, and over temperature, in words and tables: how good they are, every node."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ..cell.elements import names_beside
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
 from ..cell.soc_axis import ABOVE_SOC
-from ..table_run import MIDDLE_SOC
-from ..uncertainty.covariance import WIDEST_FACTOR
 from .candidates import (
     errors_words,
     ocv_test_sentences,
 )
 from .document import Bullets, Cells, Pictures, Section, Table, make_table, rows_table
-from .sentences import better_than
+from .sentences import better_than, rounded_up
 from .temperatures import expectation, numbers_of, resistance_sentences
 from .words import (
     NOTHING,
-    aligned_millivolt,
-    between,
     capitalized,
     degrees,
     duration,
     figures,
+    interval_beside,
     joined,
     millivolt,
+    one_sided,
     percent,
     symbol,
     with_unit,
@@ -43,7 +39,6 @@ if TYPE_CHECKING:
     )
     from ..results import Result
 
-NOT_DETERMINED = "not determined"
 # A value within this share of its interval from an end is marked.
 AT_EDGE, EDGE = 0.01, "(*)"
 SHORT = {OCV_CORRECTION: "OCV correction", HALF_HYSTERESIS: "half hysteresis"}
@@ -74,10 +69,10 @@ def answer_tables(found: "TableFits") -> tuple[Table, ...]:
     if not fit.is_over_soc:
         return (constants_table(fit),)
     if degc is None:
-        return constants_table(fit), nodes_table(fit)
+        return means_table(fit), constants_table(fit), nodes_table(fit)
     alone = degrees(degc)
-    both = f" and at every temperature; intervals are those of {alone} alone"
-    return constants_table(fit, both), nodes_table(fit, f" at {alone}")
+    both, where = f" and at every temperature; intervals are those of {alone} alone", f" at {alone}"
+    return means_table(fit, where), constants_table(fit, both), nodes_table(fit, where)
 
 
 def _sentences(result: "Result", settings: "TableSettings") -> Iterator[str]:
@@ -151,7 +146,7 @@ def best_of(found: "TableFits", model: str, aim: float) -> str:
 def best_tables(fit: "TableFit", model: str) -> str:
     """The gap between the tables of one temperature and the best possible ones."""
     what = f"{model} {'tables' if fit.is_over_soc else 'circuit and OCV'} in the bounds"
-    gap = f"no {what} are over {percent(fit.proved_gap)} better."
+    gap = f"no {what} are over {rounded_up(fit.proved_gap)} better."
     if fit.status == "certified":
         return f"proved: {gap}"
     if fit.lower_bound_v <= 0:
@@ -166,18 +161,19 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
     are_several = any(node.record_low is not None for node in fit.intervals)
     intervals = [node for node in fit.intervals if node.soc is not None]
     if are_several:
-        intervals = [*map(_on_another_record, intervals)]
+        intervals = [own.on_another_record for own in intervals]
     known = {(node.name, node.soc): node for node in intervals}
     heads = ["SOC [%]"]
     for name in fit.tables.tables:
-        heads += [f"{_name(name)} [{'mOhm' if 'Ohm' in name else 'mV'}]", f"{_name(name)}, 95 %"]
+        short = short_name(name)
+        heads += [f"{short} [{'mOhm' if 'Ohm' in name else 'mV'}]", f"{short}, 95 %"]
     rows = []
     for place in _visited(fit):
         soc = fit.tables.nodes[place]
         row = [f"{100 * soc:g}"]
         for name, values in fit.tables.tables.items():
             node = known.get((name, soc))
-            row += [figures(1e3 * values[place]) + _edge(node), _interval(node, fit, scale=1e3)]
+            row += [figures(1e3 * values[place]) + _edge(node), _interval(node, 1e3)]
         rows.append(row)
     mark = " 95 %: what another record of the cell would show." if are_several else ""
     if any(map(_edge, intervals)):
@@ -193,6 +189,30 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
     )
 
 
+def means_table(fit: "TableFit", where: str = "") -> Table:
+    """The mean of every table over SOC, with its interval."""
+    cells: Cells[NodeInterval] = {
+        "mean": lambda mean: short_name(mean.name),
+        "value": lambda mean: with_unit(mean.name, mean.value),
+        "95 % interval": lambda mean: _interval_of(with_unit(mean.name, mean.value), mean),
+    }
+    return make_table(f"Means{where} {over_soc_words(fit)}.", fit.means, cells, cells)
+
+
+def over_soc_words(fit: "TableFit") -> str:
+    """The range of SOC that means are over; empty of a constant circuit."""
+    soc = visited_soc(fit) if fit.is_over_soc else [own.soc or 0.0 for own in fit.of_table(OCV)]
+    if not soc:
+        return ""
+    low = max(soc[0], min(ABOVE_SOC, soc[-1]))
+    return f"over {100 * low:.0f}-{100 * soc[-1]:.0f} % SOC"
+
+
+def visited_soc(fit: "TableFit") -> list[float]:
+    """The nodes of tables that samples visit."""
+    return [fit.tables.nodes[place] for place in _visited(fit)]
+
+
 def constants_table(fit: "TableFit", where: str = "") -> Table:
     """The parameters with one value at every SOC: time constants, gamma if there is one, and
     resistances of one node."""
@@ -203,7 +223,9 @@ def constants_table(fit: "TableFit", where: str = "") -> Table:
     cells: Cells[str] = {
         "parameter": symbol,
         "value": lambda name: with_unit(name, values[name]),
-        "95 % interval": lambda name: _interval_of(known.get(name), fit),
+        "95 % interval": lambda name: (
+            _interval_of(with_unit(name, values[name]), known[name]) if name in known else NOTHING
+        ),
     }
     elsewhere = "" if fit.is_over_soc else "; tables.csv has the OCV"
     caption = f"The parameters with one value at every SOC{where}{elsewhere}."
@@ -228,101 +250,12 @@ def _temperature_table(fits: "TableFits", over: "OverTemperature") -> Table:
     )
 
 
-def middle_of_tables(found: "TableFits", records: int) -> tuple[list[str], list[tuple[str, ...]]]:
-    """Heads and rows: each table at 50 % SOC with its interval and its range, or the resistances
-    and errors of each temperature; then what is the same at every SOC. The range leaves out nodes
-    below 10 % SOC, where curves bend more than lines between nodes follow.
-
-    The head of the intervals says what they are of: the `records` identified on, or of three and
-    more what another one would show.
-    """
-    if found.over_temperature is not None:
-        return _middle_by_temperature(found.fits, found.over_temperature)
-    fit, nodes = found.reference, found.reference.tables.nodes
-    visited = _visited(fit)
-    middle = min(visited, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
-    are_several = any(node.record_low is not None for node in fit.intervals)
-    # The intervals of one record may miss what another record would show.
-    kind = "another record" if are_several else "this record" if records == 1 else "these records"
-    where = f"at {100 * nodes[middle]:g} % SOC"
-    if not fit.is_over_soc:
-        seen_soc = [100 * node.soc for node in fit.of_table(OCV) if node.soc is not None]
-        where = f"at {min(seen_soc):.0f} to {max(seen_soc):.0f} % SOC"
-    ranged = [place for place in visited if nodes[place] >= ABOVE_SOC] or visited
-    over = "over SOC" if ranged == visited else f"above {percent(ABOVE_SOC)} SOC"
-    heads = ["", where, kind, over if fit.is_over_soc else "", "", "", ""]
-    known = {}
-    for node in fit.intervals:
-        is_of_others = are_several and node.soc is not None
-        ends = determined_ends(_on_another_record(node) if is_of_others else node, fit)
-        known[node.name, node.soc] = (
-            NOT_DETERMINED if ends is None else between(node.name, *ends, node.value)
-        )
-    constants = fit.tables.constants
-    rows = []
-    for name, values in fit.tables.tables.items():
-        if name == OCV_CORRECTION:
-            continue
-        told = {node.soc for node in fit.of_table(name) if node.low is not None}
-        seen = [values[n] for n in ranged if nodes[n] in told] or [values[n] for n in ranged]
-        here = known.get((name, nodes[middle]), "")
-        ranges = between(name, min(seen), max(seen)) if fit.is_over_soc else ""
-        row = [_name(name), *_under_one_unit(with_unit(name, values[middle]), here, ranges)]
-        # A pair's time constant stands beside its resistance.
-        tau = names_beside(name).tau
-        if tau in constants:
-            value = with_unit(tau, constants[tau])
-            row += [symbol(tau), *_under_one_unit(value, known.get((tau, None), ""))]
-        rows.append((*row, *[""] * (len(heads) - len(row))))
-    for name, value in constants.items():
-        if not name.startswith("tau") and name not in numbers_of(fit):
-            row = (symbol(name), with_unit(name, value), known.get((name, None), ""))
-            rows.append((*row, *[""] * (len(heads) - len(row))))
-    return heads, rows
-
-
-def _under_one_unit(value: str, *others: str) -> list[str]:
-    """A value with its unit, and what stands beside it without the same unit."""
-    unit = value.rpartition(" ")[2]
-    # An interval whose ends have two units keeps both.
-    return [
-        value,
-        *(
-            text if " " in text.partition(" to ")[0] else text.removesuffix(f" {unit}")
-            for text in others
-        ),
-    ]
-
-
-def _middle_by_temperature(
-    fits: "Sequence[TableFit]", over: "OverTemperature"
-) -> tuple[list[str], list[tuple[str, ...]]]:
-    nodes = fits[0].tables.nodes
-    # The node nearest to the middle that every temperature visits; else any node.
-    everywhere = set.intersection(*(set(_visited(fit)) for fit in fits))
-    places = sorted(everywhere) or range(len(nodes))
-    middle = min(places, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
-    names = [name for name in fits[0].tables.tables if name.endswith("[Ohm]")]
-    heads = [f"at {100 * nodes[middle]:g} % SOC", *map(symbol, names), "RMSE", "unseen", "left out"]
-    rows = []
-    for fit, left in zip(fits, over.left_out, strict=True):
-        held = fit.cross_validation
-        values = [with_unit(name, fit.tables.tables[name][middle]) for name in names]
-        errors = (left.own, held and held.tables, left.errors)
-        told = [aligned_millivolt(error and error.rmse_v) for error in errors]
-        rows.append((degrees(left.temperature_degc), *values, *told))
-    for name, value in fits[0].tables.constants.items():
-        if name in numbers_of(fits[0]):
-            continue
-        rows.append((symbol(name), with_unit(name, value), *[""] * (len(names) + 2)))
-    return heads, rows
-
-
 def _visited(fit: "TableFit") -> list[int]:
     return [place for place, is_visited in enumerate(fit.tables.visited) if is_visited]
 
 
-def _name(name: str) -> str:
+def short_name(name: str) -> str:
+    """How the head of a column calls a table."""
     return SHORT.get(name, symbol(name))
 
 
@@ -339,20 +272,18 @@ def left_out_sentences(result: "Result") -> Iterator[str]:
     yield f"predicted by the other records, in mV (above 10 % SOC): {'; '.join(told)}"
 
 
-def _interval(node: "NodeInterval | None", fit: "TableFit", scale: float = 1.0) -> str:
+def _interval(node: "NodeInterval | None", scale: float) -> str:
     if node is None:
         return NOTHING
-    known = determined_ends(node, fit)
-    return NOT_DETERMINED if known is None else " to ".join(figures(scale * end) for end in known)
+    open_end = one_sided(node.low, node.high, lambda end: figures(scale * end))
+    if open_end or node.low is None or node.high is None:
+        return open_end
+    return f"{figures(scale * node.low)} to {figures(scale * node.high)}"
 
 
-def _interval_of(node: "NodeInterval | None", fit: "TableFit") -> str:
+def _interval_of(value: str, node: "NodeInterval") -> str:
     """An interval in the unit of the value that it stands beside."""
-    known = None if node is None else determined_ends(node, fit)
-    if node is None or known is None:
-        return _interval(node, fit)
-    value = with_unit(node.name, node.value)
-    return _under_one_unit(value, between(node.name, *known, node.value))[1]
+    return interval_beside(value, node.name, node.low, node.high, node.value)
 
 
 def _edge(node: "NodeInterval | None") -> str:
@@ -361,23 +292,3 @@ def _edge(node: "NodeInterval | None") -> str:
         return ""
     near = AT_EDGE * (node.high - node.low)
     return f" {EDGE}" if min(node.value - node.low, node.high - node.value) <= near else ""
-
-
-def _on_another_record(node: "NodeInterval") -> "NodeInterval":
-    return replace(node, low=node.record_low, high=node.record_high)
-
-
-def determined_ends(node: "NodeInterval", fit: "TableFit") -> tuple[float, float] | None:
-    """The ends of an interval; None where it is so wide that it says nothing."""
-    if node.low is None or node.high is None:
-        return None
-    if node.name == OCV_CORRECTION:
-        seen = [fit.tables.tables[node.name][place] for place in _visited(fit)]
-        is_wide = node.high - node.low > max(seen) - min(seen)
-    else:
-        # Half the hysteresis may well be zero, a resistance or time constant may not.
-        is_positive = node.low > 0
-        is_wide = (
-            node.high > WIDEST_FACTOR * node.low if is_positive else node.name != HALF_HYSTERESIS
-        )
-    return None if is_wide else (node.low, node.high)

@@ -35,7 +35,8 @@ BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
 ONE_OPTION = r"--[a-z][\w-]*(?: (?!--)(?:'[^']*'|[^\s']+))?"
 # Intervals too, with their units where each end has its own.
 INTERVAL = r"(?<![^ (])[-\d.]+ (?:[A-Za-z]+ )?to [-\d.]+(?: (?:[mu]?Ohm|s|min|h|d)\b)?"
-UNBROKEN = re.compile(f"{ONE_OPTION}(?: {ONE_OPTION})*|{INTERVAL}|not determined")
+ONE_END = r"at (?:most|least) [-\d.]+(?: (?:[mu]?Ohm|s|min|h|d)\b)?"
+UNBROKEN = re.compile(f"{ONE_OPTION}(?: {ONE_OPTION})*|{INTERVAL}|{ONE_END}|not determined")
 GLUE = "\ue000"
 # Longer words, such as file names, may be broken.
 LONGEST_WORD = 24

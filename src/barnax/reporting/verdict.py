@@ -171,7 +171,7 @@ def next_step(result: "Result") -> Next:
         return Next(what, {"over": OVER_TEMPERATURE})
     unseen = Unseen.of(result)
     if unseen and (told := _more_data(result, unseen)):
-        return Next(told, designs=True)
+        return Next(told)
     crossed = result.fit.cross_validation
     is_tried = bool(result.metrics.validation or (crossed and crossed.by_record))
     if not is_tried:

@@ -1,11 +1,12 @@
 """Numbers and lists as a sentence or a table says them."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import TypeVar
 
 from ..errors import counted as counted
 
 NOTHING = "–"
+NOT_DETERMINED = "not determined"
 # No more digits tell the ends of an interval from the value in it.
 FEWEST_DIGITS, MOST_DIGITS = 3, 5
 # From here on a resistance is read in Ohm, as those of coin cells are.
@@ -210,6 +211,47 @@ def between(name: str, low: float, high: float, value: float | None = None) -> s
         decimals = max(len(text.partition(".")[2]) for text in (least, most))
         least, most = (f"{float(text):.{decimals}f}" for text in (least, most))
     return f"{least} to {most} {unit}".rstrip()
+
+
+def one_sided(low: float | None, high: float | None, said: Callable[[float], str]) -> str:
+    """An interval of which the data leave an end open; empty of one with two ends.
+
+    >>> one_sided(0.0, 0.02, str), one_sided(0.01, None, str), one_sided(0.01, 0.02, str)
+    ('at most 0.02', 'at least 0.01', '')
+    """
+    if high is None:
+        return NOT_DETERMINED if low is None else f"at least {said(low)}"
+    return "" if low else f"at most {said(high)}"
+
+
+def interval(name: str, low: float | None, high: float | None, value: float | None = None) -> str:
+    """An interval of a parameter as it is read, whichever of its ends is known.
+
+    >>> interval("R1 [Ohm]", 0.0136, 0.0687), interval("R1 [Ohm]", 0.0, 0.0687)
+    ('13.6 to 68.7 mOhm', 'at most 68.7 mOhm')
+    >>> interval("R1 [Ohm]", None, None)
+    'not determined'
+    """
+    if low is None or high is None or not low:
+        return one_sided(low, high, lambda end: with_unit(name, end))
+    return between(name, low, high, value)
+
+
+def interval_beside(
+    value: str, name: str, low: float | None, high: float | None, middle: float
+) -> str:
+    """The same without the unit of the value that it stands beside."""
+    return without_unit(interval(name, low, high, middle), value)
+
+
+def without_unit(text: str, value: str) -> str:
+    """A text without the unit of the value beside it; of two units both stay.
+
+    >>> without_unit("1 to 2 s", "1.5 s"), without_unit("9 s to 3 h", "2 h")
+    ('1 to 2', '9 s to 3 h')
+    """
+    first, _, last = text.partition(" to ")
+    return text if last and " " in first else text.removesuffix(f" {value.rpartition(' ')[2]}")
 
 
 def _digits_apart(name: str, end: float, value: float | None) -> int:

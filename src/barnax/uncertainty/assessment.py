@@ -5,10 +5,11 @@ An assessment needs no further fit; an examination fits again, some hundred time
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import stdtrit
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
@@ -16,7 +17,7 @@ from ..display import Brief
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem, rmse_by_scan
 from .batch_fit import Refit
-from .covariance import Covariance, Uncertainty, linearize
+from .covariance import CONFIDENCE, Covariance, Estimate, Uncertainty, linear_end, linearize
 from .identifiability import Identifiability, identifiability
 from .profiles import Profile, profile
 
@@ -195,13 +196,33 @@ def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
         covariance = Covariance.of(linearization)
-        uncertainty = covariance.summary(parameters)
+        uncertainty = _with_upper_ends(problem, parameters, covariance.summary(parameters))
         return Assessment(
             covariance=covariance,
             uncertainty=uncertainty,
             identifiability=identifiability(problem, covariance, uncertainty),
             diagnostics=diagnostics(problem, covariance),
         )
+
+
+def _with_upper_ends(
+    problem: Problem, parameters: CircuitParameters, uncertainty: Uncertainty
+) -> Uncertainty:
+    """The same with what resistances at their lower bounds are at most."""
+    names = [own.name for own in uncertainty.estimates if own.held == "at lower bound"]
+    names = tuple(name for name in names if name.endswith("[Ohm]"))
+    if not names:
+        return uncertainty
+    covariance = Covariance.of(linearize(problem, parameters, freed=names))
+
+    def bounded(own: Estimate) -> Estimate:
+        freed = covariance.estimate_of(own.name, own.value)
+        if own.name not in names or freed.relative_error is None:
+            return own
+        factor = float(stdtrit(freed.degrees_of_freedom, (1 + CONFIDENCE) / 2))
+        return replace(own, high=linear_end(own.value, factor * freed.relative_error))
+
+    return replace(uncertainty, estimates=tuple(map(bounded, uncertainty.estimates)))
 
 
 def examine(problem: Problem, parameters: CircuitParameters, assessment: Assessment) -> Examination:

@@ -185,7 +185,8 @@ def _errors_and_slopes(
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter, its standard errors and its interval; what cannot be told is None.
+    """A parameter, its standard errors and its interval; what cannot be told is None, as the lower
+    end is of a resistance that may be zero.
 
     Attributes:
         name: PyBaMM's name, with its unit.
@@ -219,16 +220,16 @@ class Estimate:
             return None
         return self.relative_error / self.white_noise_relative_error
 
-    @property
-    def is_determined(self) -> bool:
-        return self.low is not None
-
     def spanning(self, values: Sequence[float]) -> "Estimate":
         """The same with an interval that reaches over those of other values."""
-        if self.low is None or self.high is None:
-            return self
         shares = [1.0, *(value / self.value for value in values)]
-        return replace(self, low=min(shares) * self.low, high=max(shares) * self.high)
+        low = None if self.low is None else min(shares) * self.low
+        return replace(self, low=low, high=None if self.high is None else max(shares) * self.high)
+
+
+def linear_end(value: float, half_width: float) -> float | None:
+    """The upper end of a resistance that may be zero: the voltage is linear in it."""
+    return value * (1 + half_width) if half_width < WIDEST_FACTOR else None
 
 
 @dataclass(frozen=True)
@@ -347,6 +348,9 @@ class Covariance(Brief):
         # Around the joint optimum, as far as the value.
         joint = float(direction @ self.step) if len(self.starts_error) else 0.0
         is_open = not half_width < math.log(WIDEST_FACTOR)
+        high = None if is_open else float(value * np.exp(max(0.0, joint + half_width)))
+        if is_open and name.endswith("[Ohm]"):
+            high = linear_end(value, half_width)
         return Estimate(
             name=name,
             value=value,
@@ -354,7 +358,7 @@ class Covariance(Brief):
             white_noise_relative_error=white_noise_error,
             degrees_of_freedom=freedom,
             low=None if is_open else float(value * np.exp(min(0.0, joint - half_width))),
-            high=None if is_open else float(value * np.exp(max(0.0, joint + half_width))),
+            high=high,
         )
 
     def estimate_of(self, name: str, value: float) -> Estimate:

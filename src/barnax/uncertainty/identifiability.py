@@ -18,6 +18,8 @@ from .covariance import Covariance, Estimate, Uncertainty
 COLLINEAR = 15.0
 # A combination is worth telling where its error is this much smaller than its members'.
 SHARPER = 1 / 3
+# Time constants within this factor of each other are one to the data.
+SAME_TAU = 1.5
 # A parameter whose interval ends more than this factor away from its value is hardly determined.
 LOOSE_FACTOR = 2.0
 # A time constant at its bound, 0.1 % of the box's log width, is this close to it.
@@ -108,6 +110,14 @@ def identifiability(
     )
 
 
+def are_one(log_ratio: float, reach: float, total: float, *members: float) -> bool:
+    """True where two pairs show as the sum of their resistances: their time constants are nearly
+    the same, or may be (`reach` is half the interval of that logarithm) and the sum is known far
+    better than its members, by relative errors. Not where a bound decides one of these."""
+    is_better = log_ratio <= reach and total < SHARPER * min(members)
+    return min(members) > 0 and (log_ratio <= math.log(SAME_TAU) or is_better)
+
+
 def collinearity(scaled: Float[np.ndarray, "samples columns"]) -> float:
     """Brun's collinearity index of columns of length 1 (2001, Eq. 11)."""
     return float(1 / np.maximum(_singular(scaled)[-1], LEAST_SHARE))
@@ -192,11 +202,12 @@ class _Search:
             self.estimates[second].value / self.estimates[first].value,
             direction_of(second)[0] - direction_of(first)[0],
         )
-        if ratio.low is not None and ratio.high is not None and not ratio.low <= 1 <= ratio.high:
-            return []
         resistances = (faster.resistance, slower.resistance)
         total = self.sum_of(resistances)
-        if not self.is_sharper(total, resistances):
+        reach = math.inf if ratio.high is None else math.log(ratio.high / ratio.value)
+        errors = [self.estimates[name].relative_error or 0.0 for name in resistances]
+        own = math.inf if total.relative_error is None else total.relative_error
+        if ratio.relative_error == 0 or not are_one(math.log(ratio.value), reach, own, *errors):
             return []
         return [self.finding("alike", (first, second, *resistances), total)]
 

@@ -1,0 +1,161 @@
+"""The mean of a table over SOC and its interval: by dense algebra, by coverage, and at a bound."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barnax.execution import in_float64
+from barnax.over_soc.curves import curves_of
+from barnax.over_soc.intervals import LIGHT, intervals_of
+from barnax.over_soc.means import node_weights
+from barnax.over_soc.problem import reduced_objective
+from helpers.dense import (
+    BOX,
+    CAPACITY_AH,
+    LOG_SCALES,
+    NODES,
+    SETTINGS,
+    TAU_S,
+    columns_of,
+    fitted_tables,
+    made_record,
+    penalty_of,
+    prepared_of,
+    reaches_of,
+    slopes_of,
+)
+from helpers.known_cell import ocv_v
+from helpers.problems import drive_a
+from helpers.reference import banded_response, drop_v, make_record
+
+NAMES = ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")
+HELD = {name: (tau_s, tau_s) for name, tau_s in zip(BOX, TAU_S, strict=True)}
+# Of lines between the nodes, by trapezoids: half an interval of each end's.
+TRAPEZOIDS = np.array([1, 2, 2, 1]) / 6
+
+
+@given(
+    st.lists(st.floats(0.0, 1.0), min_size=2, max_size=9, unique_by=lambda soc: round(soc, 3)),
+    st.lists(st.floats(1e-3, 1.0), min_size=9, max_size=9),
+)
+def test_weights_make_the_mean_of_the_lines_above_10_percent(nodes, values):
+    nodes = np.sort(np.array(nodes))
+    values = np.array(values[: len(nodes)])
+    weights = node_weights(nodes, np.ones(len(nodes), bool))
+    assert weights.sum() == pytest.approx(1.0)
+    low = max(nodes[0], 0.1)
+    if nodes[-1] - low > 1e-3:
+        soc = low + (nodes[-1] - low) * (np.arange(20000) + 0.5) / 20000
+        assert weights @ values == pytest.approx(np.mean(np.interp(soc, nodes, values)), rel=2e-3)
+
+
+def test_a_gap_that_no_sample_visits_is_not_averaged_over():
+    visited = np.array([True, True, False, True, True])
+    weights = node_weights(np.array([0.2, 0.4, 0.5, 0.6, 0.8]), visited)
+    np.testing.assert_allclose(weights, [0.25, 0.25, 0.0, 0.25, 0.25])
+    alone = node_weights(np.array([0.05, 0.2, 0.4]), np.array([True, True, False]))
+    np.testing.assert_allclose(alone, [1 / 3, 2 / 3, 0.0])
+
+
+@in_float64
+def test_a_mean_s_interval_is_students_t_times_the_root_of_the_sandwich_of_its_weights():
+    prepared = prepared_of(made_record())
+    objective = reduced_objective([prepared], SETTINGS, BOX)
+    best = objective.solve(LOG_SCALES, exact=True)
+    columns, base = columns_of(prepared)
+    smooth = fitted_tables(columns, penalty_of(), base)
+    light = fitted_tables(columns, penalty_of(LIGHT), base)
+    jacobian = np.hstack([columns, slopes_of(prepared, light)])
+    penalty = np.pad(penalty_of(LIGHT), ((0, 0), (0, 2)))
+    weights = np.zeros((3, 14))
+    for table in range(3):
+        weights[table, 4 * table : 4 * table + 4] = TRAPEZOIDS
+    error = base + columns @ light
+    errors, reaches = reaches_of(weights, jacobian, penalty, error, prepared.time_s)
+    curves = [*curves_of(objective, best)]
+    left = sum(
+        columns[:, objective.block(table)].sum(axis=1) * curve.above_lines(prepared.soc)
+        for table, curve in enumerate(curves)
+    )
+    normal = jacobian.T @ jacobian / len(base) + penalty.T @ penalty
+    moved = weights @ np.linalg.solve(normal, jacobian.T @ left / len(base))
+    soc = NODES[0] + (NODES[-1] - NODES[0]) * (np.arange(3000) + 0.5) / 3000
+    above = np.array([np.mean(curve.above_lines(soc)) for curve in curves])
+    smooth, light = weights[:, :12] @ smooth, weights[:, :12] @ light
+    means = [own for own in intervals_of(objective, best) if own.name in NAMES and own.soc is None]
+    assert [mean.name for mean in means] == list(NAMES)
+    np.testing.assert_allclose([mean.value for mean in means], smooth, rtol=1e-9)
+    np.testing.assert_allclose([mean.standard_error for mean in means], errors, rtol=1e-9)
+    curved = light + above - moved
+    low = np.minimum(smooth, np.minimum(light, curved) - reaches)
+    high = np.maximum(smooth, np.maximum(light, curved) + reaches)
+    np.testing.assert_allclose([mean.low for mean in means], np.maximum(low, 0.0), rtol=1e-6)
+    np.testing.assert_allclose([mean.high for mean in means], high, rtol=1e-6)
+
+
+def simulated(seed, r_ohm, tau_s=TAU_S, noise_v=1e-3, samples=240):
+    """A record of a cell of constant resistances, with white noise."""
+    time_s = 3.0 * np.arange(samples)
+    current_a = drive_a(samples, seed, interval=4)
+    current_a[0] = 1.5
+    soc = 0.9 - np.append(0.0, np.cumsum(current_a[:-1]) * 3.0) / 3600 / CAPACITY_AH
+    drop = drop_v(banded_response, time_s, current_a, (0.05, r_ohm, tau_s))
+    noise_v = noise_v * np.random.default_rng(seed).standard_normal(samples)
+    return make_record(time_s, current_a, ocv_v(soc) - drop + noise_v)
+
+
+@in_float64
+def test_means_of_95_in_100_cells_are_in_their_intervals():
+    """At time constants that are held at the truth, so that a search costs nothing."""
+    hits = []
+    for seed in range(60):
+        objective = reduced_objective([prepared_of(simulated(seed, (0.02, 0.03)))], SETTINGS, HELD)
+        found = intervals_of(objective, objective.solve(LOG_SCALES, exact=True))
+        means = [own for own in found if own.soc is None and own.name in NAMES]
+        truth = (0.05, 0.02, 0.03)
+        hits.append([m.low <= ohm <= m.high for m, ohm in zip(means, truth, strict=True)])
+    # 95 % of 180, give or take, for the three of a cell hang together.
+    assert 0.90 <= np.mean(hits) <= 0.98, np.mean(hits, axis=0)
+
+
+@in_float64
+def test_pairs_of_nearly_one_time_constant_have_the_interval_of_their_sum():
+    prepared = prepared_of(simulated(3, (0.025, 0.025), (30.0, 30.0), noise_v=5e-4))
+    wide = dict.fromkeys(BOX, (2.0, 200.0))
+    objective = reduced_objective([prepared], replace(SETTINGS, nodes=(0.5,)), wide)
+    best = objective.solve((math.log(29.0), math.log(31.0)), exact=True)
+    *_, total = intervals_of(objective, best)
+    assert total.name == "R1 + R2 [Ohm]"
+    assert total.low < 0.05 < total.high
+    assert total.high < 1.05 * total.low
+    # Pairs far apart have none.
+    apart = objective.solve((math.log(8.0), math.log(31.0)), exact=True)
+    assert intervals_of(objective, apart)[-1].name == "R2 [Ohm]"
+
+
+@in_float64
+@pytest.mark.parametrize("seed", range(3))
+def test_a_resistance_at_zero_is_at_most_what_the_data_leave(seed):
+    """R2 is none: the upper end is Student's t times its error without the bound, and what the
+    error is for each of these noises follows by dense algebra."""
+    settings = replace(SETTINGS, nodes=(0.5,))
+    prepared = prepared_of(simulated(seed, (0.02, 0.0)))
+    objective = reduced_objective([prepared], settings, HELD)
+    best = objective.solve(LOG_SCALES, exact=True)
+    found = {own.name: own for own in intervals_of(objective, best) if own.soc is None}
+    r2 = found["R2 [Ohm]"]
+    columns, base = columns_of(prepared)
+    # One node of a table is all of them alike.
+    columns = columns @ np.kron(np.eye(3), np.ones((4, 1)))
+    error = base + columns @ np.array([best.values[table][0] for table in range(3)])
+    penalty = np.zeros((1, 3))
+    _, (*_, reach) = reaches_of(np.eye(3), columns, penalty, error, prepared.time_s)
+    if best.values[2][0] == 0.0:
+        assert r2.low is None
+        assert r2.high == pytest.approx(reach, rel=0.05)
+    else:
+        assert r2.low == pytest.approx(max(r2.value - reach, 0.0), rel=0.05, abs=1e-6)

@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from ..errors import InputError, listed
 from .column_rules import FEWEST_CELLS, cell_voltages, in_volts
-from .quantities import CELL_RANGE_V
 from .lag import Scan, aligned, find_scan
+from .quantities import CELL_RANGE_V
 from .read import read_record
 from .record import Record
 from .source import Source

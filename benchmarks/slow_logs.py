@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 import barnax
-from barnax.records.slow_log import rows_are
 from benchmarks.operation import (
     CELLS,
     KINDS,
@@ -92,7 +91,7 @@ def degraded(cell: Cell) -> Degraded:
     logs = {rows: logged(cell, rows) for rows in ("means", "instants")}
     taken = {
         rows: [
-            rows_are(record.current_a, record.voltage_v, -record.discharged_ah)
+            record.evidence.slow.kind
             for record in records
         ]
         for rows, records in logs.items()

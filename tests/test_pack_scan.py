@@ -52,8 +52,8 @@ def test_cells_that_are_scanned_have_their_own_lags_and_resistances_that_do_not_
     )  # fmt: skip
     rows = pack.rows()
     assert [row[LAG] for row in rows] == pytest.approx(lag_s.tolist(), abs=0.03)
-    shares = [row["R0 [Ohm]"] / cell.r0_ohm for row, cell in zip(rows, cells, strict=True)]
-    assert np.ptp(shares) < 0.02
+    r0_ohm = np.array([row["R0 [Ohm]"] for row in rows], float)
+    assert np.ptp(r0_ohm / [cell.r0_ohm for cell in cells]) < 0.02
     assert {(odd.cell, odd.quantity) for odd in pack.odd} == {
         ("V7", "R0 [Ohm]"), ("V7", "total R [Ohm]"),
     }  # fmt: skip

@@ -8,9 +8,9 @@ from typing import Any
 from .cell import get_circuit
 from .errors import InputError
 from .global_optimum import with_better_directions, with_better_hold, without_sweep_drop
-from .inputs import Inputs, ranges_of
+from .inputs import Inputs
 from .model.problem import Kind, Problem, make_problem, require_enough
-from .model.search_space import Range
+from .model.search_space import Range, ranges_of
 from .model.window import Window
 from .over_soc import OwnOcv, TableSettings
 from .select import limits_of

@@ -25,9 +25,10 @@ from .global_optimum import (
     try_other_hold,
     with_better_directions,
 )
-from .inputs import Inputs, Watch, ranges_of
+from .inputs import Inputs, Watch
 from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Problem
+from .model.search_space import ranges_of
 from .model.window import Window
 from .notices import Notice, notice
 from .over_soc import (

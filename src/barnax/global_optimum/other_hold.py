@@ -11,8 +11,7 @@ from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Problem
 from ..notices import Notice, notice
-from ..records import Decision
-from ..records.record import Hold
+from ..records import Decision, Hold
 from ..search.evaluate import evaluate
 from .search import find_global_optimum
 

@@ -20,7 +20,7 @@ SHARED = Path(os.environ.get("BARNAX_SHARED_DATA", Path(__file__).parents[3] / "
 HOLD = SHARED.parent / "cases" / "systems" / "hold"
 
 
-def in_time(seed, share=0.38):
+def in_time(seed, share=0.7):
     """A slow log in time with its load, some of whose levels last for one row: near the share at
     which a load is taken to change between rows."""
     rng = np.random.default_rng(seed)

@@ -90,11 +90,7 @@ def degraded(cell: Cell) -> Degraded:
     """All of one cell."""
     logs = {rows: logged(cell, rows) for rows in ("means", "instants")}
     taken = {
-        rows: [
-            record.evidence.slow.kind
-            for record in records
-        ]
-        for rows, records in logs.items()
+        rows: [record.evidence.slow.kind for record in records] for rows, records in logs.items()
     }
     offsets = offset_found_a(cell, OFFSET_A), offset_found_a(cell, 0.0)
     return Degraded(identified(cell, logs["means"]), taken, *offsets)

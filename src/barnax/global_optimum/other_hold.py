@@ -1,17 +1,18 @@
 """The hold of a record's current, where only the voltage can tell it: tried both ways."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ..cell import CircuitParameters, get_circuit
+from ..cell import get_circuit
 from ..checks.step_answers import late_answers_ohm
 from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Problem
+from ..model.sampling import other_sampling
 from ..notices import Notice, notice
-from ..records import Decision, Hold
+from ..records import Decision
 from ..search.evaluate import evaluate
 from .search import find_global_optimum
 
@@ -23,35 +24,8 @@ PARTS, FAR, SHARP = 24, 0.05, 4.0
 EVEN, SHORT_S = 0.01, 1.5
 
 
-@dataclass(frozen=True)
-class OtherHold:
-    """The best circuit if the current flowed as it was not assumed to, and its RMSE."""
-
-    value: Hold
-    rmse_v: float
-    parameters: CircuitParameters
-
-
-def try_other_hold(problem: Problem) -> OtherHold | None:
-    """The answer with the other hold in every record whose own is only assumed.
-
-    None where all are known, or where the box is too wide to look. On an even clock both holds fit
-    alike: a pair of resistance R and decay a between samples, under a current that flowed before
-    its sample, is one of a R with R (1 - a) more in R0 under a current that flows after it.
-    """
-    turned = _turned(problem, lambda hold, value: Decision(value, "given", "tried"))
-    if turned is None:
-        return None
-    value, tried = turned
-    try:
-        found = find_global_optimum(tried, prove=False)
-    except InputError:
-        return None
-    return OtherHold(value, found.rmse_v, found.parameters)
-
-
-def hold_warning(problem: Problem, other: Hold, own_ohm: float, other_ohm: float) -> Notice:
-    """The notice that the other hold would give an R0 outside the interval."""
+def hold_warning(problem: Problem, own_ohm: float, other_ohm: float) -> Notice:
+    """The notice that the other sampling would give an R0 outside the interval."""
     records = [
         prepared.record
         for prepared in problem.prepared_records
@@ -64,7 +38,7 @@ def hold_warning(problem: Problem, other: Hold, own_ohm: float, other_ohm: float
         circuit=problem.circuit,
         own_ohm=own_ohm,
         other_ohm=other_ohm,
-        hold=other,
+        hold=other_sampling(records[0].hold.value),
     )
 
 
@@ -82,11 +56,13 @@ def with_better_hold(problem: Problem) -> Problem:
     is_own = problem.cell.is_of_records
     if not any(_can_tell(prepared, is_own) for prepared in problem.prepared_records):
         return problem
-    turned = _turned(problem, lambda hold, value: Decision(value, "weak", reason))
-    if turned is None:
+    assumed = [prepared.record.hold for prepared in problem.prepared_records]
+    assumed = [hold.value for hold in assumed if hold.strength == "assumed"]
+    if not assumed:
         return problem
-    _, other = turned
+    turned = Decision(other_sampling(assumed[0]), "weak", reason)
     try:
+        other = replace(problem, prepared_records=_decided(problem, lambda _: turned, again=True))
         own_v, other_v = (
             [
                 np.diff(evaluation.error_v[evaluation.prepared.scored])
@@ -134,22 +110,6 @@ def _log_ratios(own_v: np.ndarray, other_v: np.ndarray) -> np.ndarray:
     own, other = (np.add.reduceat(error_v[:count] ** 2, edges) for error_v in (own_v, other_v))
     least = np.finfo(float).tiny
     return np.log(np.maximum(own, least) / np.maximum(other, least))
-
-
-def _turned(
-    problem: Problem, decide: Callable[[Decision, Hold], Decision]
-) -> tuple[Hold, Problem] | None:
-    """The other hold, and the problem with it where it is open; None where it nowhere is."""
-    holds = [prepared.record.hold for prepared in problem.prepared_records]
-    assumed = [hold.value for hold in holds if hold.strength == "assumed"]
-    if not assumed:
-        return None
-    value: Hold = "backward" if assumed[0] == "forward" else "forward"
-    try:
-        records = _decided(problem, lambda hold: decide(hold, value), again=True)
-    except InputError:
-        return None
-    return value, replace(problem, prepared_records=records)
 
 
 def _decided(

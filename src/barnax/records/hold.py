@@ -5,7 +5,7 @@ counters: the increments follow the current of the interval's last sample. A col
 mean current of the interval before the row says so by its name.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -70,6 +70,17 @@ def sampled(record: Any, loggers: Mapping[tuple[str, ...], Logger]) -> Any:
         return record
     is_open = record.hold.strength == "assumed" or (record.hold.strength == "weak" and logger.proof)
     return replace(record, hold=logger.sampling(evidence)) if is_open else record
+
+
+def sampled_as(record: Record, others: Sequence[Record]) -> Record:
+    """The record with the sampling that the voltage of others of its logger has decided, where its
+    own is only assumed."""
+    for other in others:
+        are_one = other.evidence and record.evidence
+        is_decided = other.hold.strength == "weak" and record.hold.strength == "assumed"
+        if are_one and is_decided and other.evidence.header == record.evidence.header:
+            return replace(record, hold=other.hold)
+    return record
 
 
 def evidence_of(samples: Samples, name: str) -> SamplingEvidence:

@@ -76,9 +76,9 @@ def sampled_as(record: Record, others: Sequence[Record]) -> Record:
     """The record with the sampling that the voltage of others of its logger has decided, where its
     own is only assumed."""
     for other in others:
-        are_one = other.evidence and record.evidence
         is_decided = other.hold.strength == "weak" and record.hold.strength == "assumed"
-        if are_one and is_decided and other.evidence.header == record.evidence.header:
+        headers = [one.evidence and one.evidence.header for one in (record, other)]
+        if is_decided and None not in headers and headers[0] == headers[1]:
             return replace(record, hold=other.hold)
     return record
 

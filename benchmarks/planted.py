@@ -124,8 +124,8 @@ FAULTS = (
     fault("R0 by the other sampling", "identification.py",
           "shifts_ohm.append(tables.hold_shift_ohm)", "shifts_ohm.append(0.0)",
           "tests/test_table_run.py"),
-    fault("pairs by the other sampling", "table_run.py",
-          "shares[name] = own / other - 1", "shares[name] = other / own - 1",
+    fault("pairs by the other sampling", "model/sampling.py",
+          "= own / others - 1", "= others / own - 1",
           "tests/test_table_run.py"),
     # Choice.
     fault("gain in bands of SOC", "select/policy.py",

@@ -91,15 +91,14 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     monkeypatch.setattr(identification, "late_answers_ohm", lambda record: (0.06, 0.01, 0.0))
     problem = SimpleNamespace(prepared_records=[SimpleNamespace(record=None)])
     answer = SimpleNamespace(parameters=constant)
-    other_hold = SimpleNamespace(parameters=other, value="backward")
     assessment = SimpleNamespace(uncertainty=uncertainty)
     monkeypatch.setattr(identification, "hold_warning", lambda *given: given)
     warnings = []
-    given = problem, answer, run, other_hold, assessment, warnings
+    given = problem, answer, run, other, assessment, warnings
     others, tables = identification._widened(*given)
     # A shift of more than a twentieth is a warning besides.
     far = abs(run.hold_shift_ohm) > 0.05 * R0
-    assert [told[2:] for told in warnings] == far * [(R0, R0 + run.hold_shift_ohm)]
+    assert [told[1:] for told in warnings] == far * [(R0, R0 + run.hold_shift_ohm)]
     assert [circuit.r0 for circuit in others] == pytest.approx([0.07, 0.041])
     shares = run.hold_shares
     fit, widened = run.found.fits[0], tables.found.fits[0]

@@ -16,10 +16,10 @@ from .global_optimum import (
     with_better_hold,
     without_sweep_drop,
 )
-from .inputs import Inputs, ranges_of
+from .inputs import Inputs
 from .model.prepared import PreparedRecord
 from .model.problem import Kind, Problem, make_problem, require_enough
-from .model.search_space import Range
+from .model.search_space import Range, ranges_of
 from .model.window import Window
 from .over_soc import OwnOcv, TableSettings
 from .over_soc.registration import ROUNDS, SETTLED, with_start

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from .blas import one_blas_thread
-from .cell import Dependence, get_circuit
+from .cell import CircuitParameters, Dependence, get_circuit
 from .cell.parameters import RATE
 from .checks.step_answers import late_answers_ohm
 from .constant_problem import problem_of
@@ -19,15 +19,15 @@ from .errors import InputError
 from .execution import in_float64, threads
 from .global_optimum import (
     GlobalOptimum,
-    OtherHold,
     find_global_optimum,
     hold_warning,
-    try_other_hold,
     with_better_directions,
 )
-from .inputs import Inputs, Watch, ranges_of
+from .inputs import Inputs, Watch
 from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Problem
+from .model.sampling import ocv_shift_ohm, other_sampling, resistance_shares, shift_ohm
+from .model.search_space import ranges_of
 from .model.window import Window
 from .notices import Notice, notice
 from .over_soc import (
@@ -188,7 +188,6 @@ def search_and_assess(
         linearization = beside.submit(compile_linearization, problem) if trust != "none" else None
         with watch("Finding the best constant circuit", 0):
             optimum = _optimum_or_none(problem)
-        other = beside.submit(try_other_hold, problem) if advise else None
         if settings.seeds:
             descent = beside.submit(Descent, problem)
             with watch("Searching", settings.seeds) as advance:
@@ -202,8 +201,8 @@ def search_and_assess(
             if linearization is not None:
                 linearization.result()
             fits = fitting.result() if fitting else None
-            other_hold = other.result() if other else None
     answer = best_answer(refinement, optimum)
+    other = _otherwise_sampled(problem, answer.parameters) if advise else None
     with watch("Evaluating", 0):
         identified, validated = _evaluated(setup, answer)
         tables = None if fits is None else _table_run(setup, fits)
@@ -214,7 +213,7 @@ def search_and_assess(
                 "answer.no-intervals", warnings, assess, problem, answer.parameters
             )
         if assessment is not None:
-            assessment, tables = _widened(problem, answer, tables, other_hold, assessment, warnings)
+            assessment, tables = _widened(problem, answer, tables, other, assessment, warnings)
         if tables is not None:
             tables = tables.spanning(tables.means_shifts_ohm)
         if trust == "full" and assessment is not None:
@@ -223,7 +222,7 @@ def search_and_assess(
     return Run(
         problem, search, refinement, optimum, answer, identified, validated, assessment,
         examination, tables, _candidates(setup, optimum, identified, validated, tables),
-        setup.tried, other_hold, warnings=tuple(warnings),
+        setup.tried, other and other.r0 - answer.parameters.r0, warnings=tuple(warnings),
     )  # fmt: skip
 
 
@@ -297,31 +296,46 @@ def _widened(
     problem: Problem,
     answer: Answer,
     tables: TableRun | None,
-    other_hold: OtherHold | None,
+    other: CircuitParameters | None,
     assessment: Assessment,
     warnings: list[Notice],
 ) -> tuple[Assessment, TableRun | None]:
     """The assessment and the tables, whose intervals reach over what else R0 may be: with the other
     sampling of the current, or a lag."""
     own, known = answer.parameters, assessment.uncertainty
-    if other_hold is not None and tables is None and R0 in known.beyond(other_hold.parameters):
-        r0_ohm = own.r0, other_hold.parameters.r0
-        warnings.append(hold_warning(problem, other_hold.value, *r0_ohm))
+    if other is not None and tables is None and R0 in known.beyond(other):
+        warnings.append(hold_warning(problem, own.r0, other.r0))
     jumps = [late_answers_ohm(prepared.record) for prepared in problem.prepared_records]
     late_ohm = [jump[0] + jump[1] for jump in jumps if jump is not None]
     others = [own.with_tables({R0: [ohm]}) for ohm in late_ohm]
-    others += [other_hold.parameters] if other_hold else []
+    others += [other] if other else []
     assessment = replace(assessment, uncertainty=known.spanning(others))
     if tables is None:
         return assessment, None
     shifts_ohm = [ohm - tables.mean_ohm(R0) for ohm in late_ohm]
-    if other_hold is not None:
+    if other is not None:
         shifts_ohm.append(tables.hold_shift_ohm)
         if abs(shifts_ohm[-1]) > FAR * tables.mean_ohm(R0):
             r0_ohm = tables.mean_ohm(R0), tables.mean_ohm(R0) + shifts_ohm[-1]
-            warnings.append(hold_warning(problem, other_hold.value, *r0_ohm))
-    shares = tables.hold_shares if other_hold is not None else None
+            warnings.append(hold_warning(problem, *r0_ohm))
+    shares = tables.hold_shares if other is not None else None
     return assessment, tables.spanning(shifts_ohm, shares)
+
+
+def _otherwise_sampled(problem: Problem, own: CircuitParameters) -> CircuitParameters | None:
+    """The constant circuit as it would be with the other sampling of the current, to the closed
+    form; None where the sampling is not only assumed."""
+    for prepared in problem.prepared_records:
+        if prepared.record.hold.strength != "assumed":
+            continue
+        sampling, interval_s = prepared.record.hold.value, prepared.median_interval_s
+        other = other_sampling(sampling)
+        moved_ohm = shift_ohm(sampling, other, own, own.named_ohm, interval_s)
+        moved_ohm += ocv_shift_ohm(sampling, other, prepared)
+        shares = resistance_shares(sampling, other, own, interval_s)
+        rows = {name: [own.named_ohm[name] * (1 + share)] for name, share in shares.items()}
+        return own.with_tables({R0: [max(own.r0 + moved_ohm, 0.0)], **rows})
+    return None
 
 
 def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:

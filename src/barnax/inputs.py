@@ -16,12 +16,13 @@ from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import Kind, require_load
 from .checks.sampling import OF_R0
 from .errors import InputError, printable
-from .model.search_space import Range, read_bounds
 from .model.temperature import group_tests, temperature_of
 from .model.window import Window, first_sample, scored_samples
 from .notices import Notice, notice, raise_first_error
 from .records import Record, Source, read_record, read_source, source_from_frame
 from .records.fingerprint import Content
+from .records.hold import sampled
+from .records.logger import loggers_of
 from .records.source import STDIN, STDIN_NAME
 from .settings import CellSettings, Reading
 
@@ -85,7 +86,7 @@ def read_inputs(
     names = file_names(
         [source for source in (*given, *tests, *others) if isinstance(source, str | Path)]
     )
-    looked_at: list[tuple[str, Source, Record | OcvTable]] = []
+    looked_at: list[tuple[str, Source, Any]] = []
     called: dict[str, int] = {}
 
     def take(item: Given, role: str) -> Any:
@@ -109,6 +110,14 @@ def read_inputs(
         ocv_records = [take(source, "OCV test") for source in tests]
         dynamic = [take(source, "identification") for source in given]
         further = [take(source, "validation") for source in others]
+        loggers = loggers_of([*ocv_records, *dynamic, *further])
+        loggers |= {own.logger.header: own.logger for _, own, _ in looked_at if own.logger}
+        for several in (ocv_records, dynamic, further):
+            several[:] = [sampled(record, loggers) for record in several]
+        looked_at = [
+            (role, replace(own, logger=loggers.get(own.table.header)), sampled(taken, loggers))
+            for role, own, taken in looked_at
+        ]
         _require_different([*dynamic, *further])
         # A table has no samples of its own.
         _require_different([test for test in ocv_records if isinstance(test, Record)])
@@ -348,15 +357,6 @@ def windows_of(
         name: own if own.capacity_ah is not None else replace(own, capacity_ah=capacity)
         for name, own in chosen.items()
     }
-
-
-def ranges_of(
-    bounds: Mapping[str, Range] | str | Path | None,
-) -> tuple[str, Mapping[str, Range] | None]:
-    """The origin of the box, for messages, and its ranges."""
-    if isinstance(bounds, str | Path):
-        return Path(bounds).name, read_bounds(Path(bounds))
-    return ("`fix`" if bounds is None else "`bounds`"), bounds
 
 
 def listed(sources: Given | Sequence[Given]) -> list[Given]:

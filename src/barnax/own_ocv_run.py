@@ -7,9 +7,10 @@ from dataclasses import replace
 from .blas import one_blas_thread
 from .cell import get_circuit
 from .execution import in_float64
-from .inputs import ranges_of, window_of
+from .inputs import window_of
 from .job import Job
 from .model.prepared import PreparedRecord
+from .model.search_space import ranges_of
 from .notices import Notice, notice
 from .over_soc import OwnOcv, OwnRecords, TableSettings
 from .over_soc.own_starts import Starts

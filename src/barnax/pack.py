@@ -5,7 +5,7 @@ the axis of SOC, the time constants and what resistances follow. The cells are t
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -16,9 +16,11 @@ from .errors import InputError
 from .inputs import how_read, listed, source_of
 from .job import Job, takes_options
 from .metrics import robust_deviations
-from .over_soc.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, fit_pack
+from .notices import notice
+from .over_soc.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, Value, fit_pack
 from .pipeline import identify
-from .records.pack import read_pack
+from .records.lag import Scan
+from .records.pack import PackRecord, read_pack
 from .results import Result
 from .settings import Reading
 
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 ODD, FEWEST = 6.0, 8
 # What odd cells are looked for in.
 LOOKED_AT = (R0, TOTAL, SHIFT, CAPACITY)
+LAG = "voltage lag [s]"
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class Pack(Brief):
         rows = []
         for cell in self.fit.cells:
             row: dict[str, str | float | None] = {"cell": cell.name, "RMSE [V]": cell.rmse_v}
-            for name in (*LOOKED_AT, LOADED):
+            for name in (*LOOKED_AT, LOADED, *([LAG] if LAG in cell.values else ())):
                 known = cell.values.get(name)
                 row[name] = known and known.value
                 row[f"{name} low"], row[f"{name} high"] = (
@@ -138,6 +141,8 @@ def identify_pack(job: PackJob) -> Pack:
     read = read_pack(source, job.cells, **how_read(reading, source.name))
     chosen = {"seeds": 0, "trust": "none", "advise": False, "model": "so-rc", **job.chosen}
     chosen |= {"records": [read.source], "over": "soc"}
+    if read.scan is not None:
+        chosen["voltage_lag"] = read.record.voltage_lag_s
     of_cells = ("cells", "own_time_constants")
     result = identify(**{name: value for name, value in chosen.items() if name not in of_cells})
     if result.tables is None or result.run.tables is None:
@@ -156,8 +161,32 @@ def identify_pack(job: PackJob) -> Pack:
         tables.settings,
         job.own_time_constants,
     )
+    if read.scan is not None:
+        fit, result = _with_lags(fit, read, read.scan), _telling_scan(result, read, read.scan)
     weakest = min(fit.cells, key=lambda cell: cell.values[LOADED].value).name
     return Pack(result, fit, tuple(odd_ones(fit)), weakest, read.left_out, beside_v)
+
+
+def _with_lags(fit: PackFit, read: PackRecord, scan: Scan) -> PackFit:
+    """The fit with every cell's lag, whose error is in the interval of R0."""
+    lags = zip(scan.lag_s, 1.96 * scan.error_s, scan.reach_ohm(read.record), strict=True)
+
+    def lagging(values: Mapping[str, Value], lag_s: float, error_s: float, ohm: float):
+        known = {name: own.widened(ohm) for name, own in values.items() if name in (R0, TOTAL)}
+        return {**values, **known, LAG: Value(lag_s, lag_s - error_s, lag_s + error_s)}
+
+    cells = [
+        replace(cell, values=lagging(cell.values, *map(float, lag)))
+        for cell, lag in zip(fit.cells, lags, strict=True)
+    ]
+    return replace(fit, cells=tuple(cells))
+
+
+def _telling_scan(result: Result, read: PackRecord, scan: Scan) -> Result:
+    """The result with the warning that the cells were measured one after another."""
+    ends = {"least_s": float(scan.lag_s.min()), "most_s": float(scan.lag_s.max())}
+    told = notice("late-voltage.scanned", read.record.name, **ends)
+    return result.model_copy(update={"warnings": (*result.warnings, told)})
 
 
 def odd_ones(fit: PackFit) -> list[Odd]:

@@ -41,6 +41,7 @@ from .own_ocv_run import bounded_tables, own_ocv_of
 from .plan import plan_of, planned
 from .plan.running import prepare_pulse_tests
 from .records import Record
+from .records.hold import sampled_as
 from .results import Result
 from .run import Run
 from .search.evaluate import step_warnings
@@ -120,7 +121,9 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
             one.hold.value != record.hold.value
             for one, record in zip(held, inputs.records, strict=True)
         )
-        inputs = replace(inputs, records=held)
+        inputs = replace(
+            inputs, records=held, validation=[sampled_as(one, held) for one in inputs.validation]
+        )
         if found and is_other:
             # An OCV of the records' own was fitted with the other sampling of the current. Its
             # capacity is that of the first fit.

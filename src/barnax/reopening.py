@@ -199,7 +199,7 @@ def reopened(result: Result, inputs: Inputs) -> Run:
         tables=tables,
         candidates=result.candidates,
         tried=result.tried,
-        other_hold=constant.other_hold,
+        hold_shift_ohm=constant.hold_shift_ohm,
         notes=result.notes,
         warnings=result.warnings,
     )

@@ -9,7 +9,6 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 
 from .cell import CircuitParameters, get_circuit
 from .cell.model import SAME_DEGC
-from .global_optimum import OtherHold
 from .model.problem import Kind
 from .model.start import Start
 from .model.window import Window
@@ -307,8 +306,8 @@ class ConstantPart(Part):
         metrics: Its errors.
         global_optimum: The best circuit in the bounds, None if they are too wide to look for it.
         assessment: Intervals and diagnostics, None if skipped or failed.
-        other_hold: The answer if a sample's current flowed on its other side, where that is
-            assumed.
+        hold_shift_ohm: How much more R0 would be if a sample's current flowed on its other side,
+            where that is assumed.
         search: What the seeds found, None without seeds.
         refined: Where Levenberg-Marquardt took them.
         bounds: Lowest and highest value of each parameter.
@@ -322,7 +321,7 @@ class ConstantPart(Part):
     metrics: MetricsBlock
     global_optimum: GlobalPart | None = None
     assessment: AssessmentPart | None = None
-    other_hold: OtherHold | None = None
+    hold_shift_ohm: float | None = None
     search: SearchPart | None = None
     refined: RefinedPart | None = None
     bounds: dict[str, tuple[float, float]]

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from .cell import CircuitParameters, OcvTable
 from .display import Brief
 from .errors import InputError
-from .global_optimum import GlobalOptimum, OtherHold
+from .global_optimum import GlobalOptimum
 from .model.problem import Problem
 from .notices import Notice
 from .over_soc import SocErrors, table_name
@@ -111,7 +111,8 @@ class Run(Brief):
         tables: The circuit with tables over SOC.
         candidates: The constant circuit and the answer.
         tried: The circuits of the family that were tried, rung by rung.
-        other_hold: The answer if a sample's current flowed on its other side.
+        hold_shift_ohm: How much more R0 of the constant circuit would be if a sample's current
+            flowed on its other side, where that is open.
         ocv: The OCV tests.
         notes: What was done with the inputs.
         warnings: What is doubtful, with what to do.
@@ -129,7 +130,7 @@ class Run(Brief):
     tables: TableRun | None = None
     candidates: tuple[Candidate, ...] = ()
     tried: tuple[Tried, ...] = ()
-    other_hold: OtherHold | None = None
+    hold_shift_ohm: float | None = None
     ocv: list[Record | OcvTable] = field(default_factory=list)
     notes: tuple[Notice, ...] = ()
     warnings: tuple[Notice, ...] = ()

@@ -58,7 +58,7 @@ def make_result(run: Run) -> Result:
         and AssessmentPart.model_validate(run.assessment, from_attributes=True).model_copy(
             update={"examination": run.examination}
         ),
-        other_hold=run.other_hold,
+        hold_shift_ohm=run.hold_shift_ohm,
         search=search_part(run.search) if run.search else None,
         refined=run.refinement and RefinedPart.model_validate(run.refinement, from_attributes=True),
         bounds=dict(problem.bounds.ranges),
@@ -73,7 +73,7 @@ def make_result(run: Run) -> Result:
             fits=run.tables.found.fits,
             over_temperature=run.tables.found.over_temperature,
             by_soc=bands_by_soc(run.tables.identification),
-            hold_shift_ohm=None if run.other_hold is None else run.tables.hold_shift_ohm,
+            hold_shift_ohm=None if run.hold_shift_ohm is None else run.tables.hold_shift_ohm,
         )
     result = Result(
         schema_version=SCHEMA_VERSION,

@@ -1,6 +1,5 @@
 """Tables over SOC, and over temperature, of a run: fitted, evaluated, and what to beware of."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -8,10 +7,10 @@ import numpy as np
 
 from .cell import CellModel
 from .cell.dependence import BETA
-from .cell.elements import names_beside, rungs_of
 from .cell.parameters import OCV_CORRECTION
 from .display import Brief
 from .model.prepared import PreparedRecord
+from .model.sampling import other_sampling, resistance_shares, shift_ohm
 from .model.window import SAME_FULL
 from .notices import Notice, notice
 from .over_soc import (
@@ -22,7 +21,6 @@ from .over_soc import (
     table_name,
 )
 from .over_soc.means import parts_of
-from .records.record import EARLIER_SHARE
 from .search.evaluate import Evaluation, evaluate_from_either, with_registered
 
 # The OCV of a test and that of records lie apart by 3 to 20 mV at 25 degC; a capacity 10 % off, or
@@ -32,8 +30,6 @@ from .search.evaluate import Evaluation, evaluate_from_either, with_registered
 # A correction that is not determined is said from the last on.
 DISAGREES_V, DISAGREES_SHARE, OVERRULED_V = 0.03, 0.2, 0.05
 R0 = "R0 [Ohm]"
-# A pair that leaves less of itself after a sample is not seen under a current that flowed before.
-GONE = 0.02
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
 
@@ -86,64 +82,37 @@ class TableRun(Brief):
 
     @property
     def hold_shift_ohm(self) -> float:
-        """By how much R0 would be another with the other hold that is tried.
-
-        On an even clock a pair R, tau answers in its sample by R w and is one of R q under a
-        current that flows after it; with a = exp(-T / tau), w is 0 and q is 1 there, 1 - a and a
-        under one that flowed before it; between these where it is a share of both.
-        """
-        return self._moved_ohm(self._other_hold)
+        """By how much R0 would be another with the other sampling that is tried."""
+        return self._shift_ohm(other_sampling(self._sampling))
 
     @property
     def hold_shares(self) -> dict[str, float]:
-        """By what share of itself the resistance of every RC pair would be more with the other
-        hold, under which it answers alike in later samples. Not of elements of several pairs."""
-        shares = {}
-        for name, share, kept in self._pairs():
-            own, other = (_answer(hold, kept)[1] for hold in (self._hold, self._other_hold))
-            # What is gone within a sample shows in no later one.
-            if share == 1 and other > GONE:
-                shares[name] = own / other - 1
-        return shares
+        """By what share of itself the resistance of every RC pair would be more with that."""
+        given = self.found.fits[0].tables, self._interval_s
+        return resistance_shares(self._sampling, other_sampling(self._sampling), *given)
 
     @property
     def means_shifts_ohm(self) -> tuple[float, ...]:
         """Possible errors of R0 where rows are taken for means, whose current is half that of the
         interval before and half that of the one after: as it would be for a current that stood
         still in each of them, to either side, for what it does in them is not known."""
-        if self._hold != "centered":
+        if self._sampling != "centered":
             return ()
-        moved_ohm = self._moved_ohm("means")
+        moved_ohm = self._shift_ohm("means")
         return moved_ohm, -moved_ohm
 
-    def _moved_ohm(self, other: str) -> float:
-        pairs = list(self._pairs())
-        # Of a mixture, what is far faster than the sampling moves to R0 as a whole.
-        least = 0.0 if all(share == 1 for _, share, _ in pairs) else 0.5
-
-        def moved(kept: float) -> float:
-            own, others = (_answer(kind, max(kept, least)) for kind in (self._hold, other))
-            return own[0] - own[1] / others[1] * others[0]
-
-        return sum(self.mean_ohm(name) * share * moved(kept) for name, share, kept in pairs)
+    def _shift_ohm(self, other: str) -> float:
+        tables = self.found.fits[0].tables
+        ohm = {own.resistance: self.mean_ohm(own.resistance) for own in tables.names}
+        return shift_ohm(self._sampling, other, tables, ohm, self._interval_s)
 
     @property
-    def _hold(self) -> str:
+    def _sampling(self) -> str:
         return self.identification[0].prepared.record.hold.value
 
     @property
-    def _other_hold(self) -> str:
-        return "backward" if self._hold == "forward" else "forward"
-
-    def _pairs(self) -> Iterator[tuple[str, float, float]]:
-        """Every RC pair: its resistance, its share of that, and what an interval leaves of it."""
-        fit = self.found.fits[0]
-        taus = [interval for interval in fit.intervals if interval.name.startswith("tau")]
-        interval_s = self.identification[0].prepared.median_interval_s
-        for rung in rungs_of(fit.tables.elements):
-            tau = taus[rung.element]
-            kept = math.exp(-interval_s / (tau.value * rung.ratio))
-            yield names_beside(tau.name).resistance, rung.share, kept
+    def _interval_s(self) -> float:
+        return self.identification[0].prepared.median_interval_s
 
     def spanning(
         self, shifts_ohm: Sequence[float], shares: Mapping[str, float] | None = None
@@ -168,18 +137,6 @@ class TableRun(Brief):
             for fit in self.found.fits
         )
         return replace(self, found=replace(self.found, fits=fits))
-
-
-def _answer(hold: str, kept: float) -> tuple[float, float]:
-    """A pair's answer in its own sample, and what it is under a current that flows after it,
-    as shares of it; `kept` is what an interval leaves of it."""
-    if hold == "centered":
-        own = (1 - EARLIER_SHARE) * (1 - kept)
-        return own, 1 - own
-    if hold == "means":
-        later = (1 - kept) / -math.log(kept) if 0 < kept < 1 else 1 - kept
-        return 1 - later, later
-    return (0.0, 1.0) if hold == "forward" else (1 - kept, kept)
 
 
 def table_warnings(run: TableRun) -> Iterator[Notice]:

@@ -10,7 +10,7 @@ from barnax.cell import CircuitParameters
 from barnax.model.problem import Problem, make_problem
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
-from barnax.records.record import Decision, Hold
+from barnax.records import Decision, Hold
 from barnax.search.refine import refine
 from barnax.search.seeds import Search, SeedAnswer
 from barnax.uncertainty import Assessment, Refit, assess

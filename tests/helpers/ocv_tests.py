@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from barnax.records.record import Decision, Hold, Record
+from barnax.records import Decision, Hold, Record
 from helpers.reference import make_record
 
 CAPACITY_AH = 2.0

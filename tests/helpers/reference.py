@@ -10,7 +10,7 @@ from scipy.linalg import solve_banded
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from barnax.records.record import Decision, Hold, Record
+from barnax.records import Decision, Hold, Record
 
 ROWS_BEFORE = 2
 

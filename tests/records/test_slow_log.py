@@ -8,7 +8,6 @@ from scipy.signal import lfilter
 import barnax
 from barnax.checks import check_file
 from barnax.records import record_from_frame, source_from_frame
-from barnax.records.slow_log import rows_are
 from helpers.records import CURRENT, TIME, VOLTAGE
 
 EVERY = 10
@@ -59,7 +58,7 @@ def log(seed, rows, every=EVERY, step_v=0.0):
 
 def kind_of(record):
     """What the rows of a record are taken for."""
-    return rows_are(record.current_a, record.voltage_v, -record.discharged_ah)
+    return record.evidence.slow.kind
 
 
 @pytest.mark.parametrize("step_v", [0.0, 0.005])

@@ -14,7 +14,6 @@ from ..notices import Notice, notice
 from ..records import Hold
 from ..records.columns import is_ocv_table
 from ..records.dialects import Sign
-from ..records.hold import decide_hold
 from ..records.read import examine, make_record
 from ..records.sign import decide_sign
 from ..records.source import Source, read_source
@@ -180,7 +179,7 @@ def check_file(
             # A current without any sign has been reported already.
             is_told = any(finding.check == "sign" for finding in examined.findings)
             findings += found if is_told else [*found, *doubts]
-            record = make_record(source, samples, sign, decide_hold(samples, current_hold))
+            record = make_record(source, samples, sign, current_hold)
             given = CheckInput(source.cut(samples), record, capacity_ah, rest_current_a)
             given = in_its_rows(given, voltage_lag)
             for check in CHECKS.values():

@@ -7,7 +7,6 @@ import numpy as np
 from ..notices import Notice, notice
 from ..records.segments import equal_runs
 from ..records.silence import gaps_in
-from ..records.slow_log import changes_between_rows, rows_are
 from .check_input import CheckInput
 from .roles import FINE_S
 from .step_answers import LASTING, LATE_SURE, Known, late_of
@@ -208,11 +207,12 @@ def _smoothed_voltage(known: Known | None, interval_s: float) -> Iterator[Notice
 def find_fast_load(given: CheckInput) -> Iterator[Notice]:
     """A current that changes as often as it is logged, slowly: its rows are means, or instants
     between which nobody knows what flowed."""
-    if not changes_between_rows(given.samples):
-        return
-    record = given.record
-    rows, hold = rows_are(record.current_a, record.voltage_v, -record.discharged_ah), record.hold
+    hold, evidence = given.record.hold, given.record.evidence
     is_given = hold.strength == "given"
+    slow = evidence and evidence.slow
+    if slow is None or not (slow.changes_between and (is_given or hold.value != "forward")):
+        return
+    rows = slow.kind
     # Whoever says "forward" knows that the load switches in time with the log.
     is_told = rows == "instants" and not (is_given and hold.value == "forward")
     if is_told or hold.strength == "assumed":

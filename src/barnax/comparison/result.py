@@ -14,9 +14,10 @@ from ..constant_problem import first_problem
 from ..errors import InputError
 from ..global_optimum import GlobalOptimum
 from ..identification import search_and_assess, set_up
-from ..inputs import listed, ranges_of, read_inputs, unwatched, windows_of
+from ..inputs import listed, read_inputs, unwatched, windows_of
 from ..job import Job, takes_options
 from ..model.problem import Problem
+from ..model.search_space import ranges_of
 from ..notices import Notice
 from ..own_ocv_run import bounded_tables
 from ..records import Record

@@ -38,6 +38,8 @@ TYPES = {
     "warning codes": pl.List(pl.String),
     "at bound": pl.String,
     "pack": pl.String,
+    "sampling": pl.String,
+    "sampling evidence": pl.String,
     "fingerprint": pl.String,
 }
 

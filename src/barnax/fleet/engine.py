@@ -131,7 +131,8 @@ def identify_fleet(
             queue = iter(few)
         first = next(queue, None)
         if first is not None:
-            from .rows import grid_of, job_of  # loads JAX
+            from .loggers import loggers_of_fleet  # loads JAX
+            from .rows import grid_of, job_of
 
             # Before all cells fail of it.
             _ = job_of(chosen)
@@ -145,7 +146,13 @@ def identify_fleet(
                     # A small number of cells is shared among the workers, four batches each.
                     size = max(1, min(size, -(-len(few) // (4 * count))))
                 batches = iter(lambda: tuple(itertools.islice(queue, size)), ())
-                work = partial(_submit, folder=folder, out=root, settings=chosen)
+                # Of a lazy iterable no cell is looked at before its turn.
+                every = cells if isinstance(cells, Sequence) else ()
+                given = [cell if isinstance(cell, FleetCell) else cell_of(cell) for cell in every]
+                loggers = loggers_of_fleet(given, chosen)
+                work = partial(
+                    _submit, folder=folder, out=root, settings={**chosen, "loggers": loggers}
+                )
                 for rows, failed in _run(batches, reopen, work, folder, WAITING * (count + 1)):
                     state = replace(
                         state, finished=state.finished + rows, failed=state.failed + failed

@@ -25,7 +25,8 @@ from ..over_soc import TableFit, table_name
 from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
 from ..pack import Pack, identify_pack
 from ..pipeline import bounded_tables, identify, identify_problem
-from ..records import Record, read_source
+from ..records import Record, Source, read_source
+from ..records.logger import Logger
 from ..records.table import LARGEST_FILE
 from ..result_parts import MetricsPart
 from ..results import Result
@@ -37,7 +38,7 @@ from .dataset import keep_factors, keep_result
 from .manifest import FleetCell, short_name, stamp
 
 # Settings of a fleet that are no arguments of `identify`.
-OWN = ("keep_results", "keep_factors", "pack_cells", "ageing")
+OWN = ("keep_results", "keep_factors", "pack_cells", "ageing", "loggers")
 CELLS_KEPT = 16
 # Where tables stand in a row.
 MIDDLE_SOC = 0.5
@@ -117,10 +118,11 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
         **cell.options, bounds=cell.bounds, window=_windows(cell), advise=False,
     )  # fmt: skip
     reading = job.part(Reading)
-    job = job.changed(
-        records=[_given(path, reading) for path in cell.records],
-        validate=[_given(path, reading) for path in cell.validate],
-    )
+    paths, loggers = (*cell.records, *cell.validate), settings.get("loggers")
+    read = [_given(path, reading) for path in paths]
+    if loggers:
+        read = sources_of(paths, reading, loggers)
+    job = job.changed(records=read[: len(cell.records)], validate=read[len(cell.records) :])
     if not cell.ocv and cell.cell is None:
         # Which file serves for what, the roles say. Tables, as a refit of kept factors gives.
         found = identify(job if job.model or job.over else job.changed(over="soc"))
@@ -270,6 +272,15 @@ def _known_cell(
     return _Known(model, tests, warnings, temperatures_degc)
 
 
+def sources_of(
+    paths: Sequence[str], reading: Reading, loggers: Mapping[tuple[str, ...], Logger]
+) -> list[Source]:
+    """Files as they are read, each with what is told of its logger."""
+    names = file_names([path for path in paths if not is_address(path)])
+    read = [source_of(_given(path, reading), names, reading) for path in paths]
+    return [replace(source, logger=loggers.get(source.table.header)) for source in read]
+
+
 def _given(path: str, reading: Reading) -> Any:
     """A file as `identify` takes it; what lies in a store is fetched."""
     if not is_address(path):
@@ -293,6 +304,8 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
         "capacity [A.h]": first.capacity_ah,
         "temperature [degC]": run.identification[0].prepared.temperature_degc,
         "initial SOC": result.initial_soc,
+        "sampling": first.hold and first.hold.value,
+        "sampling evidence": first.hold and first.hold.reason,
     }
     ends = {name: (known.low, known.high) for name, known in constant.estimates.items()}
     for name, value in named_values(constant.parameters).items():

@@ -1,11 +1,6 @@
 """The best circuit there is in a box: a landscape, a polish and a proof."""
 
-from .other_hold import (
-    OtherHold,
-    hold_warning,
-    try_other_hold,
-    with_better_hold,
-)
+from .other_hold import hold_warning, with_better_hold
 from .search import (
     GlobalOptimum,
     Landscape,
@@ -18,11 +13,9 @@ from .search import (
 __all__ = [
     "GlobalOptimum",
     "Landscape",
-    "OtherHold",
     "find_global_optimum",
     "hold_warning",
     "optimality_gap",
-    "try_other_hold",
     "with_better_directions",
     "with_better_hold",
     "without_sweep_drop",

@@ -1,18 +1,17 @@
 """The hold of a record's current, where only the voltage can tell it: tried both ways."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ..cell import CircuitParameters, get_circuit
+from ..cell import get_circuit
 from ..checks.step_answers import late_answers_ohm
 from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Problem
+from ..model.sampling import other_sampling
 from ..notices import Notice, notice
 from ..records import Decision
-from ..records.record import Hold
 from ..search.evaluate import evaluate
 from .search import find_global_optimum
 
@@ -24,35 +23,8 @@ PARTS, FAR, SHARP = 24, 0.05, 4.0
 EVEN, SHORT_S = 0.01, 1.5
 
 
-@dataclass(frozen=True)
-class OtherHold:
-    """The best circuit if the current flowed as it was not assumed to, and its RMSE."""
-
-    value: Hold
-    rmse_v: float
-    parameters: CircuitParameters
-
-
-def try_other_hold(problem: Problem) -> OtherHold | None:
-    """The answer with the other hold in every record whose own is only assumed.
-
-    None where all are known, or where the box is too wide to look. On an even clock both holds fit
-    alike: a pair of resistance R and decay a between samples, under a current that flowed before
-    its sample, is one of a R with R (1 - a) more in R0 under a current that flows after it.
-    """
-    turned = _turned(problem, lambda hold, value: Decision(value, "given", "tried"))
-    if turned is None:
-        return None
-    value, tried = turned
-    try:
-        found = find_global_optimum(tried, prove=False)
-    except InputError:
-        return None
-    return OtherHold(value, found.rmse_v, found.parameters)
-
-
-def hold_warning(problem: Problem, other: Hold, own_ohm: float, other_ohm: float) -> Notice:
-    """The notice that the other hold would give an R0 outside the interval."""
+def hold_warning(problem: Problem, own_ohm: float, other_ohm: float) -> Notice:
+    """The notice that the other sampling would give an R0 outside the interval."""
     records = [
         prepared.record
         for prepared in problem.prepared_records
@@ -65,7 +37,7 @@ def hold_warning(problem: Problem, other: Hold, own_ohm: float, other_ohm: float
         circuit=problem.circuit,
         own_ohm=own_ohm,
         other_ohm=other_ohm,
-        hold=other,
+        hold=other_sampling(records[0].hold.value),
     )
 
 
@@ -77,44 +49,48 @@ def with_better_hold(problem: Problem) -> Problem:
     which can turn within a sample and then follows one hold only. An OCV that was identified with
     the record follows the hold that was assumed, and tells nothing.
     """
-    if get_circuit(problem.circuit).has_rate:
+    records = problem.prepared_records
+    is_open = [prepared.record.hold.strength == "assumed" for prepared in records]
+    has_rate, is_own = get_circuit(problem.circuit).has_rate, problem.cell.is_of_records
+    if has_rate or not any(is_open) or not any(_can_tell(each, is_own) for each in records):
         return problem
     reason = "the voltage follows it far better than the other"
-    is_own = problem.cell.is_of_records
-    if not any(_can_tell(prepared, is_own) for prepared in problem.prepared_records):
-        return problem
-    turned = _turned(problem, lambda hold, value: Decision(value, "weak", reason))
-    if turned is None:
-        return problem
-    _, other = turned
+    assumed = records[is_open.index(True)].record.hold
+    turned = Decision(other_sampling(assumed.value), "weak", reason)
     try:
-        own_v, other_v = (
-            [
-                np.diff(evaluation.error_v[evaluation.prepared.scored])
-                for evaluation in (
-                    evaluate(one, optimum.parameters) for one in tried.prepared_records
-                )
-            ]
-            for tried in (problem, other)
-            for optimum in [find_global_optimum(tried, prove=False)]
-        )
+        other = replace(
+            problem,
+            prepared_records=tuple(
+                prepare_record(
+                    replace(each.record, hold=turned), problem.cell, problem.circuit,
+                    each.settled_window,
+                ) if one else each
+                for each, one in zip(records, is_open, strict=True)
+            ),
+        )  # fmt: skip
+        own_v, other_v = map(_moved_errors_v, (problem, other))
     except InputError:
         return problem
-    is_open = [prepared.record.hold.strength == "assumed" for prepared in problem.prepared_records]
-    ratios = np.concatenate(
-        [
-            _log_ratios(mine, others)
-            for mine, others, one in zip(own_v, other_v, is_open, strict=True)
-            if one
-        ]
-    )
+    pairs = zip(own_v, other_v, is_open, strict=True)
+    ratios = np.concatenate([_log_ratios(mine, others) for mine, others, one in pairs if one])
     mean, spread = np.mean(ratios), np.std(ratios, ddof=1) / np.sqrt(len(ratios))
     if not abs(mean) > max(FAR, SHARP * spread):
         return problem
     if mean > 0:
         return other
-    decided = _decided(problem, lambda hold: replace(hold, strength="weak", reason=reason))
-    return problem.keeping_computed(prepared_records=decided)
+    settled = replace(assumed, strength="weak", reason=reason)
+    kept = [
+        replace(each, record=replace(each.record, hold=settled)) if one else each
+        for each, one in zip(records, is_open, strict=True)
+    ]
+    return problem.keeping_computed(prepared_records=tuple(kept))
+
+
+def _moved_errors_v(problem: Problem) -> list[np.ndarray]:
+    """The differences between samples of the best circuit's errors, record by record."""
+    best = find_global_optimum(problem, prove=False).parameters
+    errors = [evaluate(prepared, best) for prepared in problem.prepared_records]
+    return [np.diff(one.error_v[one.prepared.scored]) for one in errors]
 
 
 def _can_tell(prepared: PreparedRecord, is_own_ocv: bool) -> bool:
@@ -135,35 +111,3 @@ def _log_ratios(own_v: np.ndarray, other_v: np.ndarray) -> np.ndarray:
     own, other = (np.add.reduceat(error_v[:count] ** 2, edges) for error_v in (own_v, other_v))
     least = np.finfo(float).tiny
     return np.log(np.maximum(own, least) / np.maximum(other, least))
-
-
-def _turned(
-    problem: Problem, decide: Callable[[Decision, Hold], Decision]
-) -> tuple[Hold, Problem] | None:
-    """The other hold, and the problem with it where it is open; None where it nowhere is."""
-    holds = [prepared.record.hold for prepared in problem.prepared_records]
-    assumed = [hold.value for hold in holds if hold.strength == "assumed"]
-    if not assumed:
-        return None
-    value: Hold = "backward" if assumed[0] == "forward" else "forward"
-    try:
-        records = _decided(problem, lambda hold: decide(hold, value), again=True)
-    except InputError:
-        return None
-    return value, replace(problem, prepared_records=records)
-
-
-def _decided(
-    problem: Problem, decide: Callable[[Decision], Decision], again: bool = False
-) -> tuple[PreparedRecord, ...]:
-    """The records with the hold decided where it is open; prepared again for another."""
-
-    def one(prepared: PreparedRecord) -> PreparedRecord:
-        if prepared.record.hold.strength != "assumed":
-            return prepared
-        record = replace(prepared.record, hold=decide(prepared.record.hold))
-        if not again:
-            return replace(prepared, record=record)
-        return prepare_record(record, problem.cell, problem.circuit, prepared.settled_window)
-
-    return tuple(map(one, problem.prepared_records))

@@ -288,3 +288,12 @@ def parse_fixed(texts: list[str]) -> dict[str, float]:
                 f'`fix` {text!r}: write a name and a number, such as "C1 [F]=500"'
             ) from problem
     return fixed
+
+
+def ranges_of(
+    bounds: Mapping[str, Range] | str | Path | None,
+) -> tuple[str, Mapping[str, Range] | None]:
+    """The origin of the box, for messages, and its ranges."""
+    if isinstance(bounds, str | Path):
+        return Path(bounds).name, read_bounds(Path(bounds))
+    return ("`fix`" if bounds is None else "`bounds`"), bounds

@@ -53,6 +53,11 @@ class Value:
     low: float
     high: float
 
+    def widened(self, reach: float) -> "Value":
+        """The value with an interval that has another independent half-width in it."""
+        low = self.value - math.hypot(self.value - self.low, reach)
+        return Value(self.value, low, self.value + math.hypot(self.high - self.value, reach))
+
 
 @dataclass(frozen=True, eq=False)
 class PackCell:

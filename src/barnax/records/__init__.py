@@ -1,7 +1,8 @@
 """Measured data in, checked records out."""
 
+from .logger import Decision, Hold
 from .read import read_record, record_from_frame
-from .record import Decision, Hold, Record
+from .record import Record
 from .segments import current_direction, is_rested, rest_blocks, rest_current_a
 from .source import Source, find_file, folders_around, read_source, source_from_frame
 

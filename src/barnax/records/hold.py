@@ -5,8 +5,9 @@ counters: the increments follow the current of the interval's last sample. A col
 mean current of the interval before the row says so by its name.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,9 +15,10 @@ from jaxtyping import Bool, Float, Int
 from ..errors import counted
 from .columns import Column
 from .counters import inner
-from .record import Decision, Hold
+from .logger import Decision, Hold, Logger, SamplingEvidence
+from .record import Record
 from .samples import Samples
-from .slow_log import changes_between_rows
+from .slow_log import slow_rows
 
 Increments = Float[np.ndarray, "intervals"]
 
@@ -47,33 +49,50 @@ class _Ledger:
         return (self.counted_ah - self.forward_ah) / (self.backward_ah - self.forward_ah)
 
 
-def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
-    """The record's hold: given, else by the counters, else by what the column or the make is."""
-    found = _from_counters(samples)
-    column = samples.columns["current"]
-    if _is_mean(column) and (found is None or found.strength != "strong"):
+def decide_hold(
+    evidence: SamplingEvidence, given: Hold | Literal["auto"], logger: Logger | None = None
+) -> Decision:
+    """The record's hold: given, else by its counters, else that of its logger."""
+    if given == "auto":
+        return (logger or Logger.of([evidence])).sampling(evidence)
+    reason, proof = "given by the user", evidence.proof
+    if proof is not None and proof.value != given:
+        reason += f", although {proof.reason}"
+    return Decision(given, "given", reason)
+
+
+def sampled(record: Any, loggers: Mapping[tuple[str, ...], Logger]) -> Any:
+    """The record with the sampling of its logger, where it has no firmer one; what is none as it
+    is."""
+    evidence = record.evidence if isinstance(record, Record) else None
+    logger = loggers.get(evidence.header) if evidence else None
+    if evidence is None or logger is None:
+        return record
+    is_open = record.hold.strength == "assumed" or (record.hold.strength == "weak" and logger.proof)
+    return replace(record, hold=logger.sampling(evidence)) if is_open else record
+
+
+def sampled_as(record: Record, others: Sequence[Record]) -> Record:
+    """The record with the sampling that the voltage of others of its logger has decided, where its
+    own is only assumed."""
+    for other in others:
+        is_decided = other.hold.strength == "weak" and record.hold.strength == "assumed"
+        headers = [one.evidence and one.evidence.header for one in (record, other)]
+        if is_decided and None not in headers and headers[0] == headers[1]:
+            return replace(record, hold=other.hold)
+    return record
+
+
+def evidence_of(samples: Samples, name: str) -> SamplingEvidence:
+    """What the samples of a record show of its logger."""
+    proof, column = _from_counters(samples), samples.columns["current"]
+    if _is_mean(column) and (proof is None or proof.strength != "strong"):
         words = f"'{column.header}' is the mean current since the row before"
-        found = Decision("backward", "weak", words)
-    if given != "auto":
-        reason = "given by the user"
-        if found is not None and found.value != given:
-            reason += f", although {found.reason}"
-        return Decision(given, "given", reason)
-    if found is not None:
-        return found
-    if samples.dialect.logs_at_end:
+        proof = Decision("backward", "weak", words)
+    if proof is None and samples.dialect.logs_at_end:
         words = f"{samples.dialect.name} testers log a sample at its interval's end"
-        return Decision("backward", "weak", words)
-    if changes_between_rows(samples):
-        reason = (
-            "the load changes between samples, as often as it is logged or through parts of both"
-        )
-        return Decision("centered", "assumed", reason)
-    reason = (
-        "no counters prove otherwise; `current_hold='backward'` is for testers that log a sample "
-        "at the end of its interval"
-    )
-    return Decision("forward", "assumed", reason)
+        proof = Decision("backward", "weak", words)
+    return SamplingEvidence(tuple(samples.table.header), name, proof, slow_rows(samples))
 
 
 def _is_mean(column: Column) -> bool:

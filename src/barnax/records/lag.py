@@ -64,20 +64,42 @@ class Lag:
 
 def find_lag(record: Record) -> Lag | None:
     """The lag of a record's voltage, None where it shows none for certain."""
-    usual_s = _usual_s(record.interval_s)
-    known = _changes(record.interval_s, record.current_a, _NEAR, _MANY)
-    if known is None or not np.ptp(record.voltage_v):
-        return None
-    places, changes, scale = known
     whole = whole_lag(record.interval_s, record.current_a, record.voltage_v)
-    table = np.column_stack([changes, -np.diff(record.voltage_v)[places + whole]])
+    fitted = _fitted(record, record.voltage_v, whole)
+    return None if fitted is None else _certain(fitted, _usual_s(record.interval_s))
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """Answers b_j to a step, and the lag in samples, of which some are whole, with its error."""
+
+    ohm: Float[np.ndarray, "3"]
+    whole: int
+    samples: float
+    error: float
+
+
+def _fitted(record: Record, voltage_v: Rows, whole: int) -> _Fitted | None:
+    """The fit of a voltage that is about so many whole samples older than the record's current;
+    None where its steps are too few."""
+    moves = _changes(record.interval_s, record.current_a, _NEAR, _MANY)
+    if moves is None or not np.ptp(voltage_v):
+        return None
+    rows, changes, scale = moves
+    table = np.column_stack([changes, -np.diff(voltage_v)[rows + whole]])
     edges = np.linspace(0, len(table), _PARTS + 1).astype(int)
     parts = np.array([table[a:b].T @ table[a:b] for a, b in itertools.pairwise(edges)])
     products = parts.sum(axis=0)
     ohm, _ = _answers(products, scale)
-    first, at_once, last = ohm
     of_parts = np.array([_answers(products - part, scale)[0] for part in parts])
-    samples, error = whole + _share(ohm), np.sqrt((_PARTS - 1) * np.var(_share(of_parts.T)))
+    error = np.sqrt((_PARTS - 1) * np.var(_share(of_parts.T)))
+    return _Fitted(ohm, whole, float(whole + _share(ohm)), float(error))
+
+
+def _certain(fitted: _Fitted, usual_s: float) -> Lag | None:
+    """The lag of a fit, None where it may be none."""
+    ohm, whole, samples, error = fitted.ohm, fitted.whole, fitted.samples, fitted.error
+    first, at_once, last = ohm
     beside, other = (last, first) if samples > whole else (first, last)
     # Beside whole samples there may be no part of one.
     least_ohm = max(_OTHER_SIDE * beside, _LEAST * at_once if whole else 0.0)
@@ -86,6 +108,61 @@ def find_lag(record: Record) -> Lag | None:
     if not is_sure or is_part or abs(other) > least_ohm:
         return None
     return Lag(float(samples * usual_s), float(samples), float(ohm.sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """Cells that were measured one after another.
+
+    Attributes:
+        lag_s: The lag of every cell's voltage.
+        error_s: Its standard error.
+        ohm: What every cell shows of a step of the current, at once but for the lag.
+    """
+
+    lag_s: Float[np.ndarray, "cells"]
+    error_s: Float[np.ndarray, "cells"]
+    ohm: Float[np.ndarray, "cells"]
+
+    def aligned_v(
+        self, record: Record, cells_v: Float[np.ndarray, "samples cells"]
+    ) -> Float[np.ndarray, "samples cells"]:
+        """The voltages as if all had the mean lag; `record` is of their mean, before any lag.
+
+        Between rows everything is taken for linear, so that a lag of x samples leaves x D v of the
+        voltage v out, D being the step to a row. Of D v the drop R0 D i is the cell's own, and what
+        is slow is that of the mean of the cells.
+        """
+        usual_s = _usual_s(record.interval_s)
+        step_a = np.diff(record.current_a, prepend=record.current_a[:1])
+        lagged_a = aligned(record, float(np.mean(self.lag_s))).current_a
+        slow_v = np.diff(record.voltage_v, prepend=record.voltage_v[:1])
+        slow_v += np.mean(self.ohm) * np.diff(lagged_a, prepend=lagged_a[:1])
+        later = (self.lag_s - np.mean(self.lag_s)) / usual_s
+        return cells_v + later * (slow_v[:, None] - self.ohm * step_a[:, None])
+
+    def reach_ohm(self, record: Record) -> Float[np.ndarray, "cells"]:
+        """Half the 95 % interval of every cell's resistance at once, by its lag's error alone."""
+        step_a = np.diff(record.current_a)
+        lagged_a = np.diff(aligned(record, float(np.mean(self.lag_s))).current_a)
+        share = np.diff(step_a) @ lagged_a[1:] / (lagged_a @ lagged_a)
+        return 1.96 * np.abs(self.error_s / _usual_s(record.interval_s) * self.ohm * share)
+
+
+def find_scan(record: Record, cells_v: Float[np.ndarray, "samples cells"]) -> Scan | None:
+    """The lags of cells beside the current of a record without a lag; None where all have one."""
+    whole = whole_lag(record.interval_s, record.current_a, record.voltage_v)
+    fits = [_fitted(record, voltage_v, whole) for voltage_v in cells_v.T]
+    fits = [fitted for fitted in fits if fitted is not None]
+    usual_s = _usual_s(record.interval_s)
+    if len(fits) < cells_v.shape[1] or not any(_certain(fitted, usual_s) for fitted in fits):
+        return None
+    samples, error = np.array([(fitted.samples, fitted.error) for fitted in fits]).T
+    apart = np.ptp(samples)
+    if not apart > max(_LEAST, 2 * _SURE * float(np.median(error))):
+        return None
+    ohm = np.array([fitted.ohm.sum() for fitted in fits])
+    return Scan(samples * usual_s, error * usual_s, ohm)
 
 
 def whole_lag(interval_s: Intervals, current_a: Rows, voltage_v: Rows) -> int:

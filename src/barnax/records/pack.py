@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from ..errors import InputError, listed
 from .column_rules import FEWEST_CELLS, cell_voltages, in_volts
+from .lag import Scan, aligned, find_scan
 from .quantities import CELL_RANGE_V
 from .read import read_record
 from .record import Record
@@ -25,7 +26,8 @@ class PackRecord:
     """A record of the mean cell voltage, and what every cell's is above it at each of its samples.
 
     `source` is the table of the record; `left_out` are the cells whose voltages cannot be used,
-    each with the reason.
+    each with the reason. `scan` has the lag of every cell where they were measured one after
+    another; the voltages are as if all had the lag of the record.
     """
 
     source: Source
@@ -33,6 +35,7 @@ class PackRecord:
     cells: tuple[str, ...]
     beside_v: Float[np.ndarray, "samples cells"]
     left_out: Mapping[str, str]
+    scan: Scan | None = None
 
 
 def read_pack(source: Source, cells: str | None = None, **reading: Any) -> PackRecord:
@@ -76,12 +79,18 @@ def read_pack(source: Source, cells: str | None = None, **reading: Any) -> PackR
     )
     given = {**source.columns, "voltage": f"{MEAN}:V"}
     of_mean = replace(source, table=alone, columns=given)
-    record = read_record(of_mean, **reading)
-    lines = np.searchsorted(table.row, record.row)
-    if np.any(np.diff(table.row) <= 0) or np.any(table.row[lines] != record.row):
+    lag_s = reading.get("voltage_lag")
+    logged = read_record(of_mean, **{**reading, "voltage_lag": 0.0})
+    lines = np.searchsorted(table.row, logged.row)
+    if np.any(np.diff(table.row) <= 0) or np.any(table.row[lines] != logged.row):
         raise InputError(f"{source.name}: its rows are not in order; give one sheet of them")
-    beside_v = (values_v - mean_v[:, None])[lines]
-    return PackRecord(of_mean, record, tuple(names[place] for place in used), beside_v, left_out)
+    cells_v = values_v[lines]
+    scan = find_scan(logged, cells_v) if lag_s is None else None
+    if scan is not None:
+        cells_v, lag_s = scan.aligned_v(logged, cells_v), float(np.mean(scan.lag_s))
+    beside_v = cells_v - mean_v[lines][:, None]
+    names = tuple(names[place] for place in used)
+    return PackRecord(of_mean, aligned(logged, lag_s), names, beside_v, left_out, scan)
 
 
 def _voltages(source: Source, pattern: str | None) -> dict[str, Float[np.ndarray, "lines"]]:

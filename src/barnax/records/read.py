@@ -18,10 +18,11 @@ from .column_rules import bare_units, describe_units, examine_columns, read_colu
 from .columns import NOTHING, Column
 from .counters import skipped_ah
 from .dialects import CHARGE, DISCHARGE, Sign
-from .hold import decide_hold
+from .hold import decide_hold, evidence_of
 from .lag import aligned
+from .logger import Decision, Hold
 from .quantities import NEEDED
-from .record import Decision, Hold, Record
+from .record import Record
 from .samples import Samples, samples_of
 from .scale import UNITS_ASKED, examine_scale
 from .sign import decide_sign, examine_direction
@@ -205,7 +206,7 @@ def read_record(
     samples = examined.samples
     assert samples is not None  # Where there are none, that was an error.
     sign, doubts = decide_sign(samples, current_sign, source.name)
-    record = make_record(source, samples, sign, decide_hold(samples, current_hold))
+    record = make_record(source, samples, sign, current_hold)
     found = [finding.about(source.name) for finding in (*examined.findings, *doubts)]
     return replace(
         aligned(record, voltage_lag),
@@ -253,11 +254,15 @@ def record_from_frame(
     return read_record(source, **how, voltage_lag=voltage_lag)
 
 
-def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision) -> Record:
+def make_record(
+    source: Source, samples: Samples, sign: Decision, current_hold: Hold | Literal["auto"]
+) -> Record:
     """The record of a source's checked samples, turned to discharge-positive.
 
     Sign and hold are those of the whole file, of which the source may be a part.
     """
+    evidence = evidence_of(samples, source.name)
+    hold = decide_hold(evidence, current_hold, source.logger)
     samples = source.cut(samples)
     if short := _too_short(samples):
         raise short.about(source.name).error(".")
@@ -281,6 +286,7 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
         cycle=_own(samples.values.get("cycle")),
         state=_own(samples.state),
         zero_date_s=samples.zero_date_s,
+        evidence=evidence,
     )
     return record if counted_ah is not None else replace(record, flowing=flowing_shares(record))
 

@@ -2,16 +2,14 @@
 
 import re
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ..display import Brief
 from ..notices import Notice
+from .logger import Decision, SamplingEvidence
 
-Hold = Literal["forward", "backward", "centered"]
-Strength = Literal["given", "strong", "weak", "assumed"]
 # A centered current is, between two rows, so much of the first one's. That of means changes within
 # its row, and what it changes to has less than half of the row to be answered in: with one half, R0
 # of means over 10 s is 1 to 3 % low under most loads, with this within 2 %.
@@ -24,15 +22,6 @@ _NAMED_DEGC = re.compile(
     r"[ _]?(?:degC|deg_?C|°C)(?![a-zA-Z])",
     re.IGNORECASE,
 )
-
-
-@dataclass(frozen=True)
-class Decision:
-    """A decision about a file, how firm it is, and why, in words for the user."""
-
-    value: str
-    strength: Strength
-    reason: str
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,6 +55,7 @@ class Record(Brief):
             and `OTHER_STATE` where it says anything else.
         voltage_lag_s: By how much the file's voltage is older than the current in its row.
         zero_date_s: The date at which the clock is zero, in s since 1970, where it has dates.
+        evidence: What it shows of its logger.
     """
 
     name: str
@@ -87,6 +77,7 @@ class Record(Brief):
     state: Int[np.ndarray, "samples"] | None = None
     voltage_lag_s: float = 0.0
     zero_date_s: float | None = None
+    evidence: SamplingEvidence | None = None
 
     def __post_init__(self):
         for name, values in vars(self).copy().items():

@@ -17,9 +17,9 @@ from .table import Lines
 # still by less than that share.
 STEP_SHARE, STEADY_SHARE = 0.1, 0.01
 _FEWEST_STEPS, _AGREEING = 3, 0.5
-# From this interval on, a current that differs from both its neighbors in so many of the samples
-# under load, by this share of the largest, also changed between them.
-SLOW_S, ALONE, ALONE_SHARE = 2.5, 0.35, 0.05
+# A log is slow from this interval on. A current differs from a neighbor by this share of the
+# largest.
+SLOW_S, ALONE_SHARE = 2.5, 0.05
 # Levels of a load stand within this share of the largest current and are so far apart; so many
 # changes through a value between them, more than straight ones, are of means.
 _STEADY, _APART, _BETWEEN, _FEWEST_BETWEEN = 0.015, 0.1, (0.1, 0.9), 5
@@ -145,20 +145,13 @@ class Samples(Lines):
         return self.begun_ah if hold == "forward" else self.ended_ah
 
     @cached_property
-    def alone_share(self) -> float:
-        """The share of the samples under load whose current differs from both neighbors'."""
+    def alone(self) -> tuple[int, int]:
+        """How many samples are under load, and of them have a current that differs from both
+        neighbors'."""
         is_changed = np.abs(self.step_a) > ALONE_SHARE * self.peak_a
         is_loaded = np.abs(self.current_a[1:-1]) > STEADY_SHARE * self.peak_a
         is_alone = is_changed[1:] & is_changed[:-1]
-        return float(np.sum(is_alone & is_loaded)) / max(float(np.sum(is_loaded)), 1.0)
-
-    @cached_property
-    def changes_between(self) -> bool:
-        """True if the current changes between samples: it does where it changes as often as it is
-        logged, slowly, and where its levels change through rows that hold a part of both."""
-        if self.interval_s < SLOW_S:
-            return False
-        return self.alone_share >= ALONE or changes_through_values_between(self.current_a)
+        return int(np.sum(is_loaded)), int(np.sum(is_alone & is_loaded))
 
     @cached_property
     def is_loaded(self) -> Bool[np.ndarray, "intervals"]:
@@ -278,8 +271,9 @@ def step_resistance_ohm(
     return abs(float(np.median(step_v[is_large] / step_a[is_large])))
 
 
-def changes_through_values_between(current_a: Float[np.ndarray, "rows"]) -> bool:
-    """True if levels of the load mostly change through a row that holds a part of both."""
+def changes_through_values_between(current_a: Float[np.ndarray, "rows"]) -> int:
+    """How many changes of a load's level go through a row that holds a part of both; 0 where most
+    do not."""
     largest_a = float(np.max(np.abs(current_a)))
     is_steady = np.abs(np.diff(current_a)) < _STEADY * largest_a
     is_far = np.abs(np.diff(current_a)) > _APART * largest_a
@@ -289,4 +283,4 @@ def changes_through_values_between(current_a: Float[np.ndarray, "rows"]) -> bool
     share = (current_a[2:-2] - current_a[1:-3]) / np.where(is_apart, whole_a, 1.0)
     is_between = (share > _BETWEEN[0]) & (share < _BETWEEN[1])
     through = np.count_nonzero(is_steady[:-3] & is_apart & is_between & is_steady[3:])
-    return bool(through > max(straight, _FEWEST_BETWEEN - 1))
+    return int(through) if through > max(straight, _FEWEST_BETWEEN - 1) else 0

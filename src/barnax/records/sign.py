@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from ..errors import counted
 from ..notices import Notice, notice
 from .dialects import CHARGE, DISCHARGE, Sign
-from .record import Decision
+from .logger import Decision
 from .samples import Samples, some, voltage_noise_v
 from .segments import equal_runs, runs
 from .table import found_at

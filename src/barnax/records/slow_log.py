@@ -6,66 +6,47 @@ between rows that a circuit leaves are innovations. Of means the charge is right
 is of each row alone, as noise is: its differences have a correlation of -1/2 with the next.
 """
 
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from .lag import lagged
+from .logger import SOMETIMES, SlowRows
 from .samples import SLOW_S, Samples, changes_through_values_between
 
 # Time constants of pairs in rows, and SOC nodes of R0 and of the OCV.
 _TAUS, _R0_NODES, _OCV_NODES = (1.0, 3.0, 10.0, 30.0), 5, 11
 # No circuit follows near empty and full; between, each column needs this many rows.
 _INSIDE, _FEWEST = (0.15, 0.98), 3
-# A correlation above this, by so much more over the root of the rows, and innovations of so much of
-# what the voltage moves are of instants; a correlation below the last is of means.
-_INSTANTS, _MORE, _MOVES, _MEANS = -0.455, 0.5, 0.02, -0.5
-# A current that differs from both its neighbors in a larger share of the samples under load than
-# this may change between them; a load in time with its log does too.
-_SOMETIMES = 0.05
 # Innovations are looked for in so many rows at a time, as shares of the noise.
 _BLOCK, _SHARES = 64, np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 40)])
 
-Rows = Literal["instants", "means", "open"]
 
-
-def changes_between_rows(samples: Samples) -> bool:
-    """True if the load changes between samples: by the current alone, or by a voltage from which
-    charge is missing where the current changes as often as it is logged here and there only."""
-    if samples.changes_between:
-        return True
-    if samples.interval_s < SLOW_S or samples.alone_share <= _SOMETIMES:
-        return False
+def slow_rows(samples: Samples) -> SlowRows | None:
+    """What a slow record shows of its rows; None where its load seldom changes from row to row."""
+    if samples.interval_s < SLOW_S:
+        return None
+    loaded, alone = samples.alone
+    through = changes_through_values_between(samples.current_a)
+    if not through and alone <= SOMETIMES * loaded:
+        return None
+    shown = SlowRows(loaded, alone, through)
     charge_ah = np.append(0.0, np.cumsum(samples.held_ah("centered")))
     # Charging raises the voltage, whichever sign it has in the file.
     charge_ah *= np.sign(np.cov(charge_ah, samples.voltage_v)[0, 1])
-    return rows_are(samples.current_a, samples.voltage_v, charge_ah) == "instants"
-
-
-def rows_are(
-    current_a: Float[np.ndarray, "rows"],
-    voltage_v: Float[np.ndarray, "rows"],
-    charge_ah: Float[np.ndarray, "rows"],
-) -> Rows:
-    """The kind of rows of a record whose load changes between them.
-
-    Args:
-        current_a: The current, of either sign.
-        voltage_v: The voltage.
-        charge_ah: The charge in the cell, from any zero.
-    """
-    left = _left_v(current_a, voltage_v, charge_ah)
-    if changes_through_values_between(current_a):
-        return "means"
+    left = _left_v(samples.current_a, samples.voltage_v, charge_ah)
     if left is None:
-        return "open"
+        return shown
     left_v, moved_v = left
+    rows = len(left_v)
     correlation = float(np.mean(left_v[1:] * left_v[:-1]) / np.mean(left_v**2))
-    least = _INSTANTS + _MORE / np.sqrt(len(left_v))
-    if correlation > least and _innovation(left_v, moved_v) > _MOVES:
-        return "instants"
-    return "means" if correlation < _MEANS else "open"
+    return replace(
+        shown,
+        rows=rows,
+        correlation=rows * correlation,
+        innovation=rows * _innovation(left_v, moved_v),
+    )
 
 
 def _left_v(

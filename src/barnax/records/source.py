@@ -19,6 +19,7 @@ from ..notices import Notice, notice
 from .cell_values import settled
 from .column_rules import read_columns
 from .columns import NOTHING
+from .logger import Logger
 from .quantities import CELL_RANGE_V
 from .readers import read_table
 from .samples import Samples
@@ -56,7 +57,7 @@ class Source:
     `name` is what messages and results call it; `sha256` is of the file's bytes, or of the
     frame's names and values. `columns` are the user's own names of columns, by quantity. A source
     with `span_s` is the part of a file between two times of its own clock. Its voltage is that of
-    so many cells in `series`.
+    so many cells in `series`. `logger` has what other records of its logger show.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Source:
     columns: Mapping[str, str] = field(default_factory=dict)
     span_s: tuple[float, float] | None = None
     series: int = 1
+    logger: Logger | None = None
 
     def __post_init__(self):
         if not 1 <= self.series <= _MAX_IN_SERIES:

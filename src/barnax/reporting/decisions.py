@@ -140,14 +140,9 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
 
 def _other_r0(stored: "Result") -> tuple[float, float] | None:
     """The answer's R0, of tables the median one, and by how much the other hold changes it."""
-    if stored.tables is not None:
-        shift_ohm = stored.tables.hold_shift_ohm
-        r0_ohm = median(stored.fit.tables.tables[OHMIC])
-        return None if shift_ohm is None else (r0_ohm, shift_ohm)
-    found, optimum = stored.constant.other_hold, stored.constant.global_optimum
-    if found is None or optimum is None:
-        return None
-    return optimum.parameters.r0, found.parameters.r0 - optimum.parameters.r0
+    ohm = stored.fit.tables.tables[OHMIC] if stored.tables else [stored.constant.parameters.r0]
+    change_ohm = (stored.tables or stored.constant).hold_shift_ohm
+    return None if change_ohm is None else (median(ohm), change_ohm)
 
 
 def _would_be(own_ohm: float, change_ohm: float) -> str:

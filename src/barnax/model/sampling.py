@@ -1,0 +1,90 @@
+"""What a circuit would be if a logger sampled the current otherwise, by the closed form.
+
+On an even clock a pair R, tau answers in its sample by R w and is one of R q under a current that
+flows after it; with a = exp(-T / tau), w is 0 and q is 1 there, 1 - a and a under one that flowed
+before it; between these where it is a share of both.
+"""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..cell import CircuitParameters
+from ..cell.elements import rungs_of
+from ..records import Hold
+from ..records.record import EARLIER_SHARE
+from .prepared import PreparedRecord
+
+# A pair that leaves less of itself after a sample is not seen under a current that flowed before.
+GONE = 0.02
+
+
+def other_sampling(sampling: str) -> Hold:
+    """The sampling that is tried beside one that is assumed."""
+    return "backward" if sampling == "forward" else "forward"
+
+
+def shift_ohm(
+    sampling: str,
+    other: str,
+    circuit: CircuitParameters,
+    ohm: Mapping[str, float],
+    interval_s: float,
+) -> float:
+    """By how much R0 would be another.
+
+    Args:
+        sampling: That with which the circuit was fitted.
+        other: Another, or "means": of a current that stood still in each row.
+        circuit: Its elements and time constants.
+        ohm: The resistance of every element by name.
+        interval_s: That of the clock.
+    """
+    pairs = rungs_of(circuit.elements)
+    # Of a mixture, what is far faster than the sampling moves to R0 as a whole.
+    least = 0.0 if all(pair.share == 1 for pair in pairs) else 0.5
+    moved_ohm = 0.0
+    for pair in pairs:
+        kept = max(math.exp(-interval_s / (circuit.tau_s[pair.element] * pair.ratio)), least)
+        own, others = _answer(sampling, kept), _answer(other, kept)
+        whole_ohm = ohm[circuit.names[pair.element].resistance] * pair.share
+        moved_ohm += whole_ohm * (own[0] - own[1] / others[1] * others[0])
+    return moved_ohm
+
+
+def ocv_shift_ohm(sampling: str, other: str, prepared: PreparedRecord) -> float:
+    """By how much R0 would be another for the charge that an interval moves of the OCV, by the mean
+    slope of that: what a sample's current takes out before it shows in it."""
+    before = {"forward": 0.0, "centered": 1 - EARLIER_SHARE, "backward": 1.0}
+    ends_soc = np.array([prepared.soc.min(), prepared.soc.max()])
+    slope_v = np.ptp(prepared.cell.average_ocv_v(ends_soc)) / max(np.ptp(ends_soc), 1e-6)
+    moved_soc = prepared.median_interval_s / 3600 / prepared.capacity_ah
+    return float(slope_v * moved_soc * (before[sampling] - before[other]))
+
+
+def resistance_shares(
+    sampling: str, other: str, circuit: CircuitParameters, interval_s: float
+) -> dict[str, float]:
+    """By what share of itself the resistance of every RC pair would be more, under which it answers
+    alike in later samples. Not of elements of several pairs."""
+    shares = {}
+    for pair in rungs_of(circuit.elements):
+        kept = math.exp(-interval_s / (circuit.tau_s[pair.element] * pair.ratio))
+        own, others = (_answer(each, kept)[1] for each in (sampling, other))
+        # What is gone within a sample shows in no later one.
+        if pair.share == 1 and others > GONE:
+            shares[circuit.names[pair.element].resistance] = own / others - 1
+    return shares
+
+
+def _answer(sampling: str, kept: float) -> tuple[float, float]:
+    """A pair's answer in its own sample, and what it is under a current that flows after it,
+    as shares of it; `kept` is what an interval leaves of it."""
+    if sampling == "centered":
+        own = (1 - EARLIER_SHARE) * (1 - kept)
+        return own, 1 - own
+    if sampling == "means":
+        later = (1 - kept) / -math.log(kept) if 0 < kept < 1 else 1 - kept
+        return 1 - later, later
+    return (0.0, 1.0) if sampling == "forward" else (1 - kept, kept)

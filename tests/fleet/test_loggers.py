@@ -1,0 +1,56 @@
+"""One logger of a fleet: a sample of its files decides for all, whoever identifies which."""
+
+import polars as pl
+import pytest
+
+from barnax.fleet.loggers import SAMPLED, loggers_of_fleet
+from barnax.fleet.manifest import read_manifest
+from barnax.fleet.rows import sources_of
+from barnax.records import read_record
+from barnax.settings import Reading
+from helpers.records import CURRENT, TIME, VOLTAGE
+from records.test_hold import counted
+from records.test_logger import in_time
+
+
+@pytest.fixture(scope="module")
+def cells(tmp_path_factory):
+    """Twenty-four logs of one logger, some too short to show alone what it does."""
+    folder = tmp_path_factory.mktemp("logs")
+    for k in range(24):
+        table = pl.DataFrame(in_time(k)).head(1440 if k % 3 else 70)
+        table.write_parquet(folder / f"c{k}.parquet")
+    rows = [{"id": f"c{k}", "records": f"c{k}.parquet"} for k in range(24)]
+    pl.DataFrame(rows).write_csv(folder / "manifest.csv")
+    return read_manifest(folder / "manifest.csv")[0]
+
+
+def sampling(cell, loggers):
+    (source,) = sources_of(cell.records, Reading(), loggers)
+    return read_record(source).hold
+
+
+def test_every_file_of_one_logger_has_the_same_sampling(cells):
+    loggers = loggers_of_fleet(cells, {})
+    assert loggers == loggers_of_fleet(cells[::-1], {})
+    assert set(loggers) == {(TIME, CURRENT, VOLTAGE)}
+    assert {sampling(cell, loggers).value for cell in cells} == {"forward"}
+    # By itself, a short one shows nothing but how often its load changes.
+    assert {sampling(cell, {}).value for cell in cells} == {"forward", "centered"}
+    assert loggers[TIME, CURRENT, VOLTAGE].slow_records <= SAMPLED
+
+
+def test_counters_of_one_file_decide_for_a_fleet(tmp_path):
+    for k in range(3):
+        table = counted("backward", seed=k)
+        names = [name for name in table.columns if "Cap" in name]
+        silent = table.with_columns(**{name: 0 * table[name] for name in names})
+        (table if k == 0 else silent).write_parquet(tmp_path / f"c{k}.parquet")
+    (tmp_path / "broken.parquet").write_bytes(b"PAR1")
+    rows = [{"id": f"c{k}", "records": f"c{k}.parquet"} for k in range(3)]
+    pl.DataFrame([*rows, {"id": "d", "records": "broken.parquet"}]).write_csv(tmp_path / "m.csv")
+    cells = read_manifest(tmp_path / "m.csv")[0]
+    loggers = loggers_of_fleet(cells, {})
+    samplings = [sampling(cell, loggers) for cell in cells[:3]]
+    assert [one.value for one in samplings] == ["backward"] * 3
+    assert samplings[2].reason.startswith("in c0.parquet at ")

@@ -156,7 +156,7 @@ def _holds(uncertainty: Uncertainty, name: str, truth: float) -> tuple[bool, boo
 
 
 def _is_open(estimate: Estimate) -> bool:
-    return estimate.relative_error is not None and not estimate.is_determined
+    return estimate.relative_error is not None and None in (estimate.low, estimate.high)
 
 
 def values_of(truth: barnax.CircuitParameters) -> dict[str, float]:

@@ -83,8 +83,9 @@ class PreparedRecord(Brief):
     def start_shift_sd(self) -> float:
         """How far the start is from the one that voltages told, in standard errors of that."""
         known = self.window.registration
-        is_moved = known is not None and known.told_sd
-        return (self.start.soc - known.told_soc) / known.told_sd if is_moved else 0.0
+        if known is None or not known.told_sd:
+            return 0.0
+        return (self.start.soc - known.told_soc) / known.told_sd
 
     def again(self, record: Record | None = None, **changes: Any) -> "PreparedRecord":
         """The same prepared anew with `changes` of its window, or another record in place of its

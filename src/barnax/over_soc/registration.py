@@ -167,8 +167,9 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
 
     def moved(shift: Float[np.ndarray, "two"], *errors: float) -> PreparedRecord | None:
         try:
-            where = *shift.tolist(), *(errors or (0.0, 0.0))
-            return with_start(prepared, told_soc, told_ah, *where, by="OCV test")
+            return with_start(
+                prepared, told_soc, told_ah, *shift.tolist(), *(errors or (0.0, 0.0)), by="OCV test"
+            )
         except InputError:
             return None
 

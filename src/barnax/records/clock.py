@@ -1,5 +1,7 @@
 """The rules on the clock: it never falls, and no sample stands in the record twice."""
 
+from datetime import datetime
+
 import numpy as np
 import polars as pl
 from jaxtyping import Bool, Float
@@ -119,7 +121,7 @@ def _set_forward(samples: Samples) -> tuple[Samples, list[Notice]]:
     before_s, after_s = samples.time_s[at : at + 2]
     zero = np.datetime64(round(1e3 * samples.zero_date_s), "ms")
     last, first = (
-        (zero + np.timedelta64(round(1e3 * s), "ms")).item() for s in (before_s, after_s)
+        (zero + np.timedelta64(round(1e3 * s), "ms")).astype(datetime) for s in (before_s, after_s)
     )
     is_spring = last.isoweekday() == 7 and last.month in _SPRING and last.hour < _SPRING_HOURS
     # From just before a whole hour to just after the next.

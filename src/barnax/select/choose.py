@@ -188,11 +188,9 @@ class Bench:
             gain = self.policy.gain(chosen.loss, more.loss)
             outcome = self._outcome(chosen, more, gain)
             self.tried.append(_tried(ladder, more, gain, outcome))
-            if best is not None and more.point in dict(
-                map(reversed, self.limits.rungs(best.point))
-            ):
-                # What a richer one of both adds to the simpler one has to be worth it.
-                assert best.loss is not None
+            richer_still = [point for _, point in self.limits.rungs(best.point)] if best else []
+            if best is not None and best.loss is not None and more.point in richer_still:
+                # What it adds to the other one has to be worth it.
                 step = self.policy.gain(best.loss, more.loss)
                 outcome = self._outcome(best, more, step)
             if outcome == "less gain" and gain.value > best_gain:

@@ -180,7 +180,7 @@ def _report(
     from ..reporting.comparison import comparison_document
     from ..reporting.illustrations import comparison_illustrations
 
-    draw = partial(comparison_illustrations, result, comparison, comparison.optima, live=live)
+    draw = partial(comparison_illustrations, result, comparison, live=live)
     return drawn_files(draw, lambda drawn: comparison_document(result, drawn, seconds), True, paper)
 
 

@@ -41,14 +41,14 @@ def blocks_of(
     if not folds:
         return [partial(_all_scored, prepared) for prepared in prepared_records], 1
 
-    def group(here: slice, number: int) -> Int[np.ndarray, "samples"]:
+    def group_of(here: slice, number: int) -> Int[np.ndarray, "samples"]:
         prepared = prepared_records[number]
         block = block_numbers(prepared, settings, here)
-        own = 2 * (number * folds + block % folds) + is_above(prepared.soc[here])
-        return np.where(block >= 0, own, -1)
+        group = 2 * (number * folds + block % folds) + is_above(prepared.soc[here])
+        return np.where(block >= 0, group, -1)
 
     count = len(prepared_records)
-    return [partial(group, number=n) for n in range(count)], 2 * folds * count
+    return [partial(group_of, number=n) for n in range(count)], 2 * folds * count
 
 
 def _all_scored(prepared: PreparedRecord, here: slice) -> Int[np.ndarray, "samples"]:
@@ -81,7 +81,7 @@ def numbered_blocks(
     there are. A record's first block is of the first fold, so that each has its number's."""
     numbered, first, folds = [], 0, max(settings.folds, 1)
     for prepared in prepared_records:
-        own = block_numbers(prepared, settings)
-        numbered.append(np.where(own >= 0, own + first, -1))
-        first += math.ceil((int(own.max()) + 1) / folds) * folds
+        block = block_numbers(prepared, settings)
+        numbered.append(np.where(block >= 0, block + first, -1))
+        first += math.ceil((int(block.max()) + 1) / folds) * folds
     return numbered, first

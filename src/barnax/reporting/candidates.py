@@ -37,8 +37,8 @@ def candidates_section(
         return []
     rule = (
         "From the simplest circuit on, one rung at a time. A rung is kept if its gain over the "
-        "circuit kept before exceeds 0.03 and 1.5 of its standard errors (a hysteresis 0.2, where "
-        "the OCV test was under load), and no other rung of that round gained more (less gain). "
+        "circuit kept before exceeds 0.03 and 1.5 of its standard errors (a hysteresis 0.2, "
+        "beside an OCV test), and no other rung of that round gained more (less gain). "
         "Not determined: its hysteresis turns within 1 % SOC, or the interval of its law spans "
         "more than a factor of ten."
     )

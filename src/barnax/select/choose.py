@@ -181,7 +181,7 @@ class Bench:
 
     def _best_of(self, chosen: Fitted, richer: Iterable[tuple[Ladder, Fitted]]) -> Fitted | None:
         """The one of some richer circuits that lowers the loss most; None where none is better."""
-        best, best_gain, place = None, 0.0, 0
+        best, best_gain, index = None, 0.0, 0
         for ladder, more in richer:
             assert chosen.loss is not None
             assert more.loss is not None
@@ -194,9 +194,9 @@ class Bench:
                 step = self.policy.gain(best.loss, more.loss)
                 outcome = self._outcome(best, more, step)
             if outcome == "less gain" and gain.value > best_gain:
-                best, best_gain, place = more, gain.value, len(self.tried) - 1
+                best, best_gain, index = more, gain.value, len(self.tried) - 1
         if best is not None:
-            self.tried[place] = replace(self.tried[place], outcome="kept")
+            self.tried[index] = replace(self.tried[index], outcome="kept")
         return best
 
     def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain) -> Outcome:
@@ -224,16 +224,16 @@ class Bench:
         # Its time constants were held.
         more = self.fit(more.point)
         numbers = more.objective.numbers
-        own = [one for one in intervals_of(more.objective, more.best) if one.name in numbers]
+        intervals = [one for one in intervals_of(more.objective, more.best) if one.name in numbers]
         widest = 10.0**self.policy.widest
-        return all(one.low and one.high and one.high < widest * one.low for one in own)
+        return all(one.low and one.high and one.high < widest * one.low for one in intervals)
 
     def _laws(self, chosen: Fitted, laws: Sequence[str]) -> Iterator[tuple[Ladder, Fitted]]:
         """The same circuit with one law more, each at the time constants that it fits best with."""
-        known = chosen.point.law
+        law = chosen.point.law
         for what in laws:
             proposed = propose(chosen.objective, chosen.best, what)
-            if proposed is None or (known and proposed[0].numbers.keys() == known.numbers.keys()):
+            if proposed is None or (law and proposed[0].numbers.keys() == law.numbers.keys()):
                 continue
             point = replace(chosen.point, law=proposed[0])
             records, settings = (
@@ -254,7 +254,7 @@ class Bench:
     def records_of(self, point: Point) -> list[PreparedRecord]:
         """The records made ready for a point."""
         prepared = self._all_prepared(point)
-        return [replace(own, circuit=point.circuit).following(point.law) for own in prepared]
+        return [replace(one, circuit=point.circuit).following(point.law) for one in prepared]
 
     def fit(self, point: Point) -> Fitted:
         """The best parameters of a point, from one reduction with the finest nodes."""
@@ -288,9 +288,9 @@ class Bench:
 
 
 def _tried(
-    ladder: Ladder | None, own: Fitted, gain: Gain | None, outcome: Outcome = "kept"
+    ladder: Ladder | None, fitted: Fitted, gain: Gain | None, outcome: Outcome = "kept"
 ) -> Tried:
-    law, point, held = own.point.law, own.point, own.loss and own.loss.errors
+    law, point, held = fitted.point.law, fitted.point, fitted.loss and fitted.loss.errors
     follows = tuple(law.numbers) if law else ()
-    given = ladder, point.circuit, len(point.nodes), follows, own.best.rms_v, held, gain
+    given = ladder, point.circuit, len(point.nodes), follows, fitted.best.rms_v, held, gain
     return Tried(*given, outcome)

@@ -84,8 +84,8 @@ class Limits:
 
     def simpler(self, point: Point) -> Iterator[Point]:
         """The circuits of which this one is one rung away, but for laws."""
-        if place := self.nodes.index(point.nodes):
-            yield replace(point, nodes=self.nodes[place - 1])
+        if index := self.nodes.index(point.nodes):
+            yield replace(point, nodes=self.nodes[index - 1])
         for circuit, others in self.richer.items():
             if point.circuit in others.values() and circuit != point.circuit:
                 yield replace(point, circuit=circuit)

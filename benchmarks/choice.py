@@ -1,8 +1,8 @@
 """How far the chosen circuit is from the best of its family, on records that it was not fitted to.
 
 Run with `python -m benchmarks.choice [FOLDER OF MEASURED CELLS] [--most N]`. Writes
-benchmarks/results/choice.md. Of every cell and temperature, each set of one and of two records is
-fitted; its regret is the error of the chosen circuit over the least error of all circuits of the
+benchmarks/results/choice.md. Of every cell and temperature, each set of one record (with `--most 2` of
+two too) is fitted; its regret is the error of the chosen circuit over the least error of all circuits of the
 family (1, 5, 9 and 17 nodes, one to three RC pairs) on all other records. The error is the
 geometric mean of the RMSE over whole records and that above 10 % SOC.
 """
@@ -134,7 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """The page of all sets."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.choice", description=__doc__)
     parser.add_argument("folder", nargs="*", help="the folder of measured cells")
-    parser.add_argument("--most", type=int, default=2, help="records in a set at most")
+    parser.add_argument("--most", type=int, default=1, help="records in a set at most")
     options = parser.parse_args(arguments)
     rows = []
     for cell in cells(given_folder(options.folder)):
@@ -149,7 +149,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         f"{row.best} | {1e3 * row.best_v:.2f} | {100 * row.regret:.1f} % |"
         for row in rows
     ]
-    facts = provenance("python -m benchmarks.choice", 0)
+    most = f" --most {options.most}" if options.most > 1 else ""
+    facts = provenance(f"python -m benchmarks.choice{most}", 0)
     publish(RESULTS, "\n".join([*lines, "", as_markdown(facts), ""]))
 
 

@@ -17,8 +17,9 @@ def node_weights(
     It is taken between visited neighbors, above 10 % SOC; where there are none, the visited nodes
     count alike.
 
-    >>> node_weights(np.array([0.0, 0.2, 0.6, 1.0]), np.array([True, True, True, False])).tolist()
-    [0.05, 0.55, 0.4]
+    >>> nodes, visited = np.array([0.0, 0.2, 0.6, 1.0]), np.array([True, True, True, False])
+    >>> np.round(node_weights(nodes, visited), 3).tolist()
+    [0.05, 0.55, 0.4, 0.0]
     """
     first, last = nodes[:-1], nodes[1:]
     low = np.maximum(first, ABOVE_SOC)

@@ -138,10 +138,12 @@ def _readings(samples: Samples) -> Iterator[Reading]:
         if time.unit.factor == 1 and not time.is_unit_assumed:
             yield Reading("time", None, 1 / 60, "minutes, converted to seconds twice")
             yield Reading("time", None, 1 / 3600, "hours, converted to seconds twice")
-    for unit in () if current.is_unit_given else dict.fromkeys(_UNITS["current"].values()):
-        if unit != current.unit:
-            words = f"{_WORDS[unit.symbol]}, not {_WORDS[current.unit.symbol]}"
-            yield Reading("current", unit, unit.factor / current.unit.factor, words)
+    # By factors, for a current may be given as the charge of every interval.
+    units = {unit.factor: unit for unit in _UNITS["current"].values()}
+    for factor, unit in () if current.is_unit_given else units.items():
+        if factor != current.unit.factor and current.unit.factor in units:
+            words = f"{_WORDS[unit.symbol]}, not {_WORDS[units[current.unit.factor].symbol]}"
+            yield Reading("current", unit, factor / current.unit.factor, words)
     counters = [samples.columns[name] for name in _COUNTERS if name in samples.columns]
     if counters and not any(column.is_unit_given or column.unit.factor != 1 for column in counters):
         yield Reading(CHARGE, _UNITS["net capacity"]["mah"], 1e-3, "milliampere-hours")

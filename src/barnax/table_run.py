@@ -10,7 +10,7 @@ from .cell.dependence import BETA
 from .cell.parameters import OCV_CORRECTION
 from .display import Brief
 from .model.prepared import PreparedRecord
-from .model.sampling import other_sampling, resistance_shares, shift_ohm
+from .model.sampling import ocv_shift_ohm, other_sampling, resistance_shares, shift_ohm
 from .model.window import SAME_FULL
 from .notices import Notice, notice
 from .over_soc import (
@@ -83,7 +83,8 @@ class TableRun(Brief):
     @property
     def hold_shift_ohm(self) -> float:
         """By how much R0 would be another with the other sampling that is tried."""
-        return self._shift_ohm(other_sampling(self._sampling))
+        other = other_sampling(self._sampling)
+        return self._shift_ohm(other) + ocv_shift_ohm(self._sampling, other, self._assumed)
 
     @property
     def hold_shares(self) -> dict[str, float]:
@@ -107,12 +108,19 @@ class TableRun(Brief):
         return shift_ohm(self._sampling, other, tables, ohm, self._interval_s)
 
     @property
+    def _assumed(self) -> PreparedRecord:
+        """The first record whose sampling is only assumed."""
+        records = [evaluation.prepared for evaluation in self.identification]
+        assumed = [one for one in records if one.record.hold.strength == "assumed"]
+        return (assumed or records)[0]
+
+    @property
     def _sampling(self) -> str:
-        return self.identification[0].prepared.record.hold.value
+        return self._assumed.record.hold.value
 
     @property
     def _interval_s(self) -> float:
-        return self.identification[0].prepared.median_interval_s
+        return self._assumed.median_interval_s
 
     def spanning(
         self, shifts_ohm: Sequence[float], shares: Mapping[str, float] | None = None

@@ -1,10 +1,10 @@
 """How far the chosen circuit is from the best of its family, on records that it was not fitted to.
 
 Run with `python -m benchmarks.choice [FOLDER OF MEASURED CELLS] [--most N]`. Writes
-benchmarks/results/choice.md. Of every cell and temperature, each set of one record (with `--most 2` of
-two too) is fitted; its regret is the error of the chosen circuit over the least error of all circuits of the
-family (1, 5, 9 and 17 nodes, one to three RC pairs) on all other records. The error is the
-geometric mean of the RMSE over whole records and that above 10 % SOC.
+benchmarks/results/choice.md. Of every cell and temperature, each set of one record (with `--most 2`
+of two too) is fitted; its regret is the error of the chosen circuit over the least error of all
+circuits of the family (1, 5, 9 and 17 nodes, one to three RC pairs) on all other records. The error
+is the geometric mean of the RMSE over whole records and that above 10 % SOC.
 """
 
 import argparse

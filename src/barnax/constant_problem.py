@@ -53,23 +53,21 @@ def first_problem(
 
 
 def with_joint_starts(problem: Problem) -> Problem:
-    """The problem with the starts that voltages tell where they fit best together with the circuit,
-    each held to what was told by its standard error, if that is worth millivolts for one of them.
-    """
-    told = problem.prepared_records
-    doubts_v = [own.start.soc_sd * own.cell.ocv_slope(own.soc[:1])[0] for own in told]
-    for _ in range(ROUNDS if max(doubts_v) >= LEAST_DOUBT_V else 0):
+    """The problem of one record with the start that its voltages tell where that fits best together
+    with the circuit, held to the rest's by its standard error, if that is worth millivolts."""
+    first, *others = problem.prepared_records
+    doubt_v = first.start.soc_sd * first.cell.ocv_slope(first.soc[:1])[0]
+    # Several records tell each other's starts.
+    for _ in range(ROUNDS if doubt_v >= LEAST_DOUBT_V and not others else 0):
         try:
             optimum = find_global_optimum(problem, prove=False)
             joint = Covariance.of(linearize(problem, optimum.parameters))
-            moves = zip(joint.starts_step.tolist(), joint.starts_error.tolist(), strict=True)
-            records = [
-                _fitted(own, now, *next(moves)) if own.start.soc_sd else own
-                for own, now in zip(told, problem.prepared_records, strict=True)
-            ]
-        except InputError:  # too wide a box, or beyond the OCV
+            (step,), (error,) = joint.starts_step.tolist(), joint.starts_error.tolist()
+            record = _fitted(first, problem.prepared_records[0], step, error)
+        except (InputError, ValueError, np.linalg.LinAlgError):
+            # Too wide a box, beyond the OCV, or nothing that tells the start.
             break
-        problem = replace(problem, prepared_records=records)
+        problem = replace(problem, prepared_records=[record])
         if np.all(np.abs(joint.starts_step) < SETTLED * joint.starts_error):
             break
     return problem

@@ -27,7 +27,7 @@ from .search.seeds import SeedAnswer
 from .settings import AutoHold, AutoSign, choices_in
 from .uncertainty import Band, Diagnostics, Estimate, Examination, Identifiability, Uncertainty
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 Key = Annotated[int, Field(ge=0, lt=2**64)]
 # A state of charge; a record may run beyond full and empty, but not far.
 Soc = Annotated[float, Field(ge=-10, le=10)]

@@ -66,7 +66,7 @@ class Result(Document):
     barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
     """
 
-    schema_version: Literal[5]
+    schema_version: Literal[6]
     model: CircuitName
     metrics: MetricsBlock
     candidates: tuple[Candidate, ...] = ()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.uncertainty.identifiability import collinearity
+from barnax.uncertainty.identifiability import are_one, collinearity
 from helpers.noisy_fits import SAMPLES, TRUTH, colored_noise, fit, made_problem, white_noise
 from helpers.reference import filtered_response
 
@@ -124,3 +124,12 @@ def test_loose_parameters_and_directions_are_findings(short_problem):
     # The steps are within one standard error of each alone.
     for step, each in zip(direction.log_steps, direction.estimates, strict=True):
         assert abs(step) <= each.relative_error * (1 + 1e-9)
+
+
+def test_pairs_are_one_whichever_is_slower():
+    for sign in (1, -1):
+        assert are_one(0.3 * sign, 0.1, 0.01, 0.01, 0.01)
+        # Far apart, and well told.
+        assert not are_one(2.1 * sign, 0.1, 0.001, 0.1, 0.1)
+        # Far apart in value, and perhaps the same.
+        assert are_one(2.1 * sign, 3.0, 0.001, 0.1, 0.1)

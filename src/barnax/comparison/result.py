@@ -138,7 +138,7 @@ class BudgetPart(ComparisonPart):
     objective: Literal["scan", "compressed"]
 
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 
 class ComparisonResult(Document, ComparisonPart):
@@ -159,7 +159,7 @@ class ComparisonResult(Document, ComparisonPart):
         versions: Versions of barnax and of what it computes with.
     """
 
-    schema_version: Literal[4] = SCHEMA_VERSION
+    schema_version: Literal[5] = SCHEMA_VERSION
     rows: tuple[RowPart, ...]
     differences: tuple[Difference, ...]
     candidates: tuple[Candidate, ...] = ()

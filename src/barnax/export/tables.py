@@ -341,7 +341,8 @@ def _not_determined(result: Result) -> str:
     for fit in result.fits:
         for interval in fit.intervals:
             name, _, unit = interval.name.partition(" ")
-            if interval.soc is not None and interval.low is None and unit == "[Ohm]":
+            is_open = interval.low is None and interval.high is None
+            if interval.soc is not None and is_open and unit == "[Ohm]":
                 found.setdefault(name, set()).add(interval.soc)
     return "; ".join(
         f"{name} at SOC {', '.join(f'{soc:g}' for soc in sorted(at))}" for name, at in found.items()

@@ -125,7 +125,7 @@ KNOWN = {"id", "cell", "bounds", *FILES, *OPTIONS, *OF_WINDOWS}
 OWN = re.compile(
     r"error( code)?|samples|answer|certified|proved gap|at bound|warnings|warning codes|seconds"
     r"|factor bytes|pack|odd|weakest|SOC shift.*|capacity ratio.*|loaded voltage.*|total R.*"
-    r"|sampling( evidence)?|aged .*|record throughput \[A\.h\]"
+    r"|voltage lag.*|sampling( evidence)?|aged .*|record throughput \[A\.h\]"
     r"|inputs sha256|fingerprint|duration \[s\]|capacity \[A\.h\]|temperature \[degC\]|initial SOC"
     r"|(validation |tables |held-out )?(RMSE|max error).* \[V\]|tables at SOC"
     r"|((tables )?(R|C|tau)\d \[\w+\]|gamma)( low| high)?"

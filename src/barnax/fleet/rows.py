@@ -119,9 +119,11 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     )  # fmt: skip
     reading = job.part(Reading)
     paths, loggers = (*cell.records, *cell.validate), settings.get("loggers")
-    read = [_given(path, reading) for path in paths]
-    if loggers:
+    # Files whose roles are to be found stay files.
+    if loggers and (cell.ocv or cell.cell is not None):
         read = sources_of(paths, reading, loggers)
+    else:
+        read = [_given(path, reading) for path in paths]
     job = job.changed(records=read[: len(cell.records)], validate=read[len(cell.records) :])
     if not cell.ocv and cell.cell is None:
         # Which file serves for what, the roles say. Tables, as a refit of kept factors gives.

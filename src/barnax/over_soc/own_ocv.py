@@ -30,6 +30,7 @@ from .directions import best_tables
 from .fit import TableFit, fit_of
 from .intervals import NodeInterval
 from .level import cell_of, level_cell, with_own_ocv
+from .means import parts_of
 from .objective import Solution, TableObjective
 from .own_axis import axis_capacity
 from .own_starts import Starts, find_starts, windows_of
@@ -201,18 +202,23 @@ def _own_ocv_of(objective: TableObjective, proof: Proof[Solution], cell: CellMod
         effect = offset_effect(objective, best) if len(prepared) == 1 else None
     fit = replace(fit_of(objective, proof, _at_home(objective, cell)), of_offset=effect)
     fit = _of_ocv(fit, prepared[0].cell)
-    fit = replace(fit, intervals=tuple(_with_open_pairs(fit, circuit)))
+    intervals, means = (
+        tuple(_with_open_pairs(fit, own, circuit)) for own in (fit.intervals, fit.means)
+    )
+    fit = replace(fit, intervals=intervals, means=means)
     return OwnOcv(cell, windows, TableFits((fit,)), objective.settings, circuit)
 
 
-def _with_open_pairs(fit: TableFit, circuit: str) -> Iterator[NodeInterval]:
+def _with_open_pairs(
+    fit: TableFit, intervals: Sequence[NodeInterval], circuit: str
+) -> Iterator[NodeInterval]:
     """The intervals; resistances of a pair whose time constant ended at the slowest have none, for
     the OCV takes up what is slower still."""
     slowest = {hit.name for hit in fit.at_bound if hit.side == "upper"}
     pairs = names_of(get_circuit(circuit).elements)
     is_open = {pair.resistance for pair in pairs if pair.tau in slowest}
-    for node in fit.intervals:
-        yield node.opened() if node.name in is_open else node
+    for one in intervals:
+        yield one if is_open.isdisjoint(parts_of(one.name)) else one.opened()
 
 
 def _at_home(objective: TableObjective, cell: CellModel) -> list[PreparedRecord]:

@@ -137,8 +137,8 @@ class Logger:
         pooled = "" if self.slow_records < 2 else f" in {counted(self.slow_records, 'record')}"
         if evidence.slow is not None and self.slow.changes_between:
             reason = (
-                "the load changes between samples, as often as it is logged or through parts of "
-                f"both{pooled}"
+                "the load changes from sample to sample, or passes through values between "
+                f"two{pooled}"
             )
             return Decision("centered", "assumed", reason)
         reason = (

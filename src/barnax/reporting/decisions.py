@@ -276,8 +276,8 @@ def reproduction_section(stored: "Stored") -> Section:
     )
     made = Paragraph(
         "The same files, options, key and versions on the same machine give the same numbers to "
-        "the last bit. A plan.toml that stands beside the result has the files and the options: "
-        "barnax identify plan.toml runs it again."
+        "the last bit. If there is a plan.toml beside the result, "
+        "barnax identify plan.toml repeats the run."
     )
     return Section("How to repeat this", (made, versions))
 

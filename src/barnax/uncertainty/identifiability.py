@@ -114,8 +114,9 @@ def are_one(log_ratio: float, reach: float, total: float, *members: float) -> bo
     """True where two pairs show as the sum of their resistances: their time constants are nearly
     the same, or may be (`reach` is half the interval of that logarithm) and the sum is known far
     better than its members, by relative errors. Not where a bound decides one of these."""
-    is_better = log_ratio <= reach and total < SHARPER * min(members)
-    return min(members) > 0 and (log_ratio <= math.log(SAME_TAU) or is_better)
+    apart = abs(log_ratio)
+    is_better = apart <= reach and total < SHARPER * min(members)
+    return min(members) > 0 and (apart <= math.log(SAME_TAU) or is_better)
 
 
 def collinearity(scaled: Float[np.ndarray, "samples columns"]) -> float:

@@ -155,7 +155,7 @@ def test_a_tampered_part_is_refused_under_the_files_name(read, place, value):
 
 
 CONTENTS = [
-    b"", b"not json", b"null", b"[]", b"{}", b'{"schema_version": 5', b"[" * 100_000,
+    b"", b"not json", b"null", b"[]", b"{}", b'{"schema_version": 6', b"[" * 100_000,
     b'{"cell": ' * 100_000, b"\x89PNG\r\n\x1a\n\xff\xfe", "{}".encode("utf-16"),
 ]  # fmt: skip
 
@@ -172,14 +172,14 @@ def test_what_is_no_file_is_refused(tmp_path, place):
         Result.from_json(tmp_path / place)
 
 
-@pytest.mark.parametrize("version", [0, 1, 4, 6, 99])
+@pytest.mark.parametrize("version", [0, 1, 5, 7, 99])
 def test_a_file_of_another_version_says_which_barnax_wrote_it(read, version):
     with pytest.raises(InputError, match=f"schema version {version}, written by ") as caught:
         read(DOCUMENT | {"schema_version": version, "versions": {"barnax": "0.1.2"}})
     assert caught.value.code == "file.schema-version"
     assert str(caught.value).endswith(
         "result.json: has schema version "
-        f"{version}, written by barnax 0.1.2; this version of barnax reads schema version 5; "
+        f"{version}, written by barnax 0.1.2; this version of barnax reads schema version 6; "
         "make the file again with this version, or read it with the version that wrote it"
     )
 

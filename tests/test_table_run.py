@@ -17,6 +17,7 @@ from helpers.reference import filtered_response
 
 INTERVAL_S, NODES, TAU_S = 5.0, (0.3, 0.6, 0.9), (4.0, 60.0)
 ROWS = {"R0 [Ohm]": (0.05, 0.04, 0.06), "R1 [Ohm]": (0.02, 0.03, 0.015), "R2 [Ohm]": (0.03,) * 3}
+SLOPE_V, CAPACITY_AH = 0.8, 2.0
 # Of lines between nodes.
 MEANS = {name: (row[0] + 2 * row[1] + row[2]) / 4 for name, row in ROWS.items()}
 R0 = MEANS["R0 [Ohm]"]
@@ -47,8 +48,15 @@ def made_run(hold):
     ]
     r0, *pairs = ROWS.values()
     tables = CircuitParameters.over_soc(NODES, TAU_S, r0, tuple(pairs))
-    record = SimpleNamespace(hold=SimpleNamespace(value=hold))
-    prepared = SimpleNamespace(record=record, median_interval_s=INTERVAL_S)
+    record = SimpleNamespace(hold=SimpleNamespace(value=hold, strength="assumed"))
+    cell = SimpleNamespace(average_ocv_v=lambda soc: 3 + SLOPE_V * soc)
+    prepared = SimpleNamespace(
+        record=record,
+        median_interval_s=INTERVAL_S,
+        cell=cell,
+        soc=np.array([0.9, 0.2, 0.3]),
+        capacity_ah=CAPACITY_AH,
+    )
     means = [
         NodeInterval(name, None, ohm, 0.001, 0.0, ohm - 0.002, ohm + 0.002)
         for name, ohm in MEANS.items()
@@ -74,6 +82,9 @@ def test_the_other_sampling_moves_r0_and_the_pairs_as_a_regression_does(hold, ot
     moved = [regressed(tau, hold, other) for tau in TAU_S]
     means = [MEANS[name] for name in ("R1 [Ohm]", "R2 [Ohm]")]
     shift_ohm = sum(ohm * r0 for ohm, (r0, _) in zip(means, moved, strict=True))
+    # A current that flowed before its sample has already moved the OCV by one more interval.
+    later = {"forward": -1, "backward": 1}[hold]
+    shift_ohm += later * SLOPE_V * INTERVAL_S / (3600 * CAPACITY_AH)
     assert run.hold_shift_ohm == pytest.approx(shift_ohm, rel=1e-9)
     shares = {name: r - 1 for name, (_, r) in zip(("R1 [Ohm]", "R2 [Ohm]"), moved, strict=True)}
     assert run.hold_shares == pytest.approx(shares, rel=1e-9)

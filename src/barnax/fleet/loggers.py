@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import fields
 from pathlib import PurePath
 from typing import Any
 
@@ -16,6 +17,7 @@ from .rows import job_of, sources_of
 
 # So many files of each kind are looked at, evenly among all by the ids of their cells.
 SAMPLED = 12
+READING = {option.name for option in fields(Reading)}
 
 
 def loggers_of_fleet(
@@ -29,7 +31,8 @@ def loggers_of_fleet(
     for cell in sorted(cells, key=lambda cell: cell.id):
         if cell.records and not cell.missing and not is_factor_file(cell.records[0]):
             suffix = PurePath(cell.records[0]).suffix.lower()
-            kinds.setdefault((suffix, repr(sorted(cell.options.items()))), []).append(cell)
+            how_to_read = sorted(item for item in cell.options.items() if item[0] in READING)
+            kinds.setdefault((suffix, repr(how_to_read)), []).append(cell)
     records = []
     for alike in kinds.values():
         count = min(SAMPLED, len(alike))

@@ -37,11 +37,13 @@ def known_circuits(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """What one process of the run has compiled serves all of them, and nobody else."""
+    """What one process of the run has compiled serves all of them, and nobody else, unless a
+    folder is given that keeps it for the next run."""
     if not hasattr(config, "workerinput"):
-        folder = tempfile.mkdtemp(prefix="barnax-tests-")
-        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
-        os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
+        if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+            folder = tempfile.mkdtemp(prefix="barnax-tests-")
+            config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+            os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
         os.environ["XLA_FLAGS"] = QUICK_FLAGS
         # Workers share the cores: threads of their own would only take turns.

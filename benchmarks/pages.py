@@ -6,13 +6,10 @@ import importlib.metadata
 import io
 import os
 import platform
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barnax.cli.output import write_file
-from barnax.reporting.words import bound_words
-from barnax.search.refine import AtBound
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,8 +67,3 @@ def provenance(command: str, key: int, *more_packages: str) -> dict[str, str]:
 def as_markdown(facts: dict[str, str]) -> str:
     """The facts as a list."""
     return "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
-
-
-def bounds_named(at_bound: Sequence[AtBound], notes: Sequence[str] = ()) -> str:
-    """What is at a bound, and notes, in one cell of a table."""
-    return "; ".join([*(bound_words(each.name, each.side) for each in at_bound), *notes]) or "-"

@@ -18,7 +18,6 @@ from barnax.records import Decision, Record, read_record
 from barnax.reporting.design_promised import reached_half
 from barnax.search.evaluate import evaluate
 from benchmarks.coverage.simulated import Noise
-from benchmarks.table_coverage import EMPTY_SOC, FINE, curve
 
 SEED = 30
 DISCHARGE_C, CHARGE_C = 2.0, 1.0
@@ -26,6 +25,7 @@ RATES = {"max_discharge": DISCHARGE_C, "max_charge": CHARGE_C}
 SETTINGS = barnax.TableSettings(folds=0, max_boxes=0, resistances_follow="none")
 WINDOW = Window(initial_soc=1.0, initial_direction=1)
 GAMMA, SHARES, LONGEST_H = 30.0, (6, 10), 3.0
+FINE, EMPTY_SOC = np.linspace(-0.05, 1.0, 211), 0.08
 TABLES = ("R0", "R1", "R2")
 Row = dict[str, float | str]
 
@@ -60,6 +60,13 @@ def as_record(name: str, current_a: np.ndarray, voltage_v: np.ndarray) -> Record
     return Record(
         name, second.astype(float), current_a, voltage_v, None, None, second + 2, sign, hold, ""
     )
+
+
+def curve(rng: np.random.Generator) -> np.ndarray:
+    """A few waves over SOC with random phases, about one in size."""
+    waves = np.arange(1, 5)
+    sizes, phases = rng.normal(size=4) / waves, rng.uniform(0, 2 * np.pi, 4)
+    return sizes @ np.sin(np.pi * waves[:, None] * FINE + phases[:, None])
 
 
 def truth_of(number: int) -> Truth:

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from barnax.comparison.statistics import Resampled, compare_over_time
+from barnax.reporting.words import bound_words
 from barnax.search.evaluate import Evaluation
-from benchmarks.pages import bounds_named
 
 from .cases import EXACT, MODELS, Ran
 
@@ -110,7 +110,8 @@ def rows_table(ran: Ran) -> Iterator[str]:
             *_millivolts(*(band.rmse_v for band in row.bands[0])),
             *_millivolts(row.evaluations[0].metrics.max_v),
             *_millivolts(ran.validation[row.name].metrics.rmse_v if ran.validation else None),
-            bounds_named(row.at_bound, row.notes),
+            "; ".join([*(bound_words(each.name, each.side) for each in row.at_bound), *row.notes])
+            or "-",
         ]
         yield f"| {' | '.join(cells)} |"
 

@@ -1,33 +1,23 @@
-"""Reading of large files against the libraries alone: `python -m benchmarks.speed.reading [NDAX]`.
+"""Reading of large files against Polars alone: CSV of 100 MB in three dialects."""
 
-Writes benchmarks/results/reading.md: CSV of 100 MB in three dialects against Polars, and, where
-one is given, an .ndax file against fastnda.
-"""
-
-import argparse
-import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import fastnda
 import numpy as np
 import polars as pl
 
 from barnax.checks import check_file
 from barnax.records import read_record, read_source
-from benchmarks.pages import as_markdown, provenance, save_page
 
-from .report import work_table
 from .row import Row
 from .sizes import KEY, Sizes
 from .turns import Run, take_turns
 
-PAGE = Path(__file__).parents[1] / "results" / "reading.md"
 AIM = 2.0
 
 
-def time_reading(sizes: Sizes, ndax: Path | None = None) -> list[Row]:
+def time_reading(sizes: Sizes) -> list[Row]:
     """Tables and checked records from files, each beside the library that parses it."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
@@ -37,16 +27,11 @@ def time_reading(sizes: Sizes, ndax: Path | None = None) -> list[Row]:
             what = f"{name}, {file.stat().st_size / 1e6:.0f} MB"
             options = {"separator": separator, "skip_rows": above.count("\n")}
             alone = Run(lambda file=file, options=options: pl.read_csv(file, **options))
-            rows += _rows(what, file, alone, "Polars alone", AIM, sizes)
-    if ndax is not None:
-        alone = Run(lambda: fastnda.read(ndax, cycle_mode="auto"))
-        rows += _rows(
-            f".ndax, {ndax.stat().st_size / 1e6:.1f} MB", ndax, alone, "fastnda", 1, sizes
-        )
+            rows += _rows(what, file, alone, sizes)
     return rows
 
 
-def _rows(what: str, file: Path, alone: Run, name: str, aim: float, sizes: Sizes) -> list[Row]:
+def _rows(what: str, file: Path, alone: Run, sizes: Sizes) -> list[Row]:
     runs = {
         "alone": alone,
         "table": Run(lambda: read_source(file)),
@@ -58,14 +43,14 @@ def _rows(what: str, file: Path, alone: Run, name: str, aim: float, sizes: Sizes
         Row(
             f"{what}: {words}",
             taken[ours],
-            name,
+            "Polars alone",
             taken["alone"],
             taken.ratio(ours, "alone"),
             "times as long",
-            own_aim,
+            aim,
         )
-        for ours, words, own_aim in (
-            ("table", "read", aim),
+        for ours, words, aim in (
+            ("table", "read", AIM),
             ("record", "read and checked, sign and hold decided", None),
             ("check", "looked through by `barnax check`", None),
         )
@@ -151,19 +136,3 @@ def _clock(time_s: np.ndarray) -> pl.Series:
             whole % 10,
         )
     ).to_series()
-
-
-def main() -> None:
-    """Measure and write the page."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.speed.reading", description=__doc__)
-    parser.add_argument("ndax", type=Path, nargs="?", help="an .ndax file")
-    rows = time_reading(Sizes(), parser.parse_args().ndax)
-    facts = provenance("python -m benchmarks.speed.reading NDAX", KEY, "polars", "fastnda")
-    facts["load average"] = ", ".join(f"{load:.1f}" for load in os.getloadavg())
-    lines = ["# Reading", "", as_markdown(facts), "", *work_table(rows), ""]
-    save_page(PAGE, "\n".join(lines))
-    print(*lines, sep="\n")
-
-
-if __name__ == "__main__":
-    main()

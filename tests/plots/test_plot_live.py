@@ -5,7 +5,7 @@ import base64
 import numpy as np
 import pytest
 
-from barnax.plots.live import MAX_NUMBERS, live_record
+from barnax.plots.voltage import MAX_NUMBERS, live_record
 from helpers.results import make_evaluation, make_record
 
 

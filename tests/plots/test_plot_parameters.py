@@ -5,7 +5,7 @@ import io
 import numpy as np
 
 from barnax.plots import plot_compared_parameters
-from barnax.plots.parameters import readable
+from barnax.plots.search import readable
 from helpers.comparisons import BOX, PARAMETERS, make_comparison, make_row
 from helpers.results import line
 

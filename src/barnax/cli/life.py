@@ -89,7 +89,7 @@ def life(given: LifeOptions, output: Output) -> None:
 
 
 def _pages(found: "Life", cells: Iterable[str]) -> dict[str, bytes]:
-    from ..plots.life import plot_cell_life, plot_fleet_life
+    from ..plots import plot_cell_life, plot_fleet_life
     from ..plots.pictures import illustrate
     from ..reporting.life import cell_document, life_document
     from ..reporting.render import report_files, to_html

@@ -6,16 +6,13 @@ package loads matplotlib, but not JAX.
 """
 
 from .cell import plot_ocv, plot_pulse_resistances, plot_pulses
-from .design import plot_design
+from .cells import plot_cell_life, plot_fleet_life, plot_pack
 from .error import plot_error, plot_soc_replay
-from .life import plot_cell_life, plot_fleet_life
-from .pack import plot_pack
-from .parameters import plot_compared_parameters
-from .search import plot_compared_convergence, plot_convergence
+from .search import plot_compared_convergence, plot_compared_parameters, plot_convergence
 from .soc_tables import plot_over_temperature, plot_tables
 from .style import column_width
 from .summary import plot_summary
-from .voltage import plot_voltage
+from .voltage import plot_design, plot_voltage
 
 __all__ = [
     "column_width",

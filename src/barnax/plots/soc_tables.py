@@ -7,36 +7,22 @@ from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib
 import numpy as np
-from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..cell.elements import names_beside
 from ..cell.parameters import HALF_HYSTERESIS, OCV
 from ..errors import counted
+from . import style
 from .pictures import illustration
-from .style import (
-    BLUE,
-    GREY,
-    OPEN,
-    SKY_BLUE,
-    SOC_LABEL,
-    VERMILLION,
-    finish,
-    is_column,
-    label_plainly,
-    letters_pt,
-    make_panels,
-    name_below,
-    title,
-)
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
     from ..over_soc import TableFit, TableFits
 
 PANELS_ACROSS: Final = 2
-PANEL_IN: Final = 1.9
+# Of a row of panels, and of what is around all of them.
+HEIGHTS_IN: Final = (1.9, 0.6)
 # What sets no scale may extend it to this many times the largest value that does.
 WIDEST: Final = 1.6
 # Resistances over this many times the median set no scale.
@@ -46,43 +32,74 @@ LETTERS: Final = 34
 # What a hysteresis is called on its axis.
 HALF: Final = HALF_HYSTERESIS.partition(" [")[0]
 
-Values = Float[np.ndarray, "nodes"]
+
+# Of a node the SOC, whether samples visit it, and its value with the ends of its interval.
+NODE: Final = np.dtype(
+    [("soc", float), ("is_visited", bool), ("value", float), ("low", float), ("high", float)]
+)
 
 
 @dataclass(frozen=True)
 class DrawnTable:
-    """One table of a fit as figures have it: in the unit of its label, NaN where an interval is
-    open."""
+    """One table of a fit as figures have it.
+
+    Attributes:
+        label: Its name, with the unit of its values.
+        is_resistance: It is in mOhm.
+        nodes: A `NODE` each, NaN where an end of the interval is open; of one value at every SOC,
+            both ends of the SOC.
+        has_nodes: It is not one value at every SOC.
+    """
 
     label: str
     is_resistance: bool
-    nodes: Values
-    is_visited: Bool[np.ndarray, "nodes"]
-    values: Values
-    low: Values
-    high: Values
-    has_nodes: bool = True
-
-    @property
-    def at_every_soc(self) -> "DrawnTable":
-        """The one value of a table at both ends of the SOC."""
-        rows = ("is_visited", "values", "low", "high")
-        both = {row: np.repeat(getattr(self, row), 2) for row in rows}
-        return replace(self, nodes=np.array([0.0, 1.0]), has_nodes=False, **both)
+    nodes: np.ndarray
+    has_nodes: bool
 
     @property
     def seen(self) -> "DrawnTable":
         """The table at the nodes that samples visit."""
-        rows = ("nodes", "is_visited", "values", "low", "high")
-        return replace(self, **{row: getattr(self, row)[self.is_visited] for row in rows})
+        return replace(self, nodes=self.nodes[self.nodes["is_visited"]])
+
+
+def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
+    """Every table of a fit by its name, with both ends of every node's interval; and the OCV of the
+    records' own, which has nodes of its own."""
+    soc = np.array(fit.tables.nodes)
+    is_visited = np.array(fit.tables.visited or np.ones(len(soc)), bool)
+    drawn = {
+        name: _drawn(fit, name, soc, is_visited, np.array(values))
+        for name, values in fit.tables.tables.items()
+    }
+    if ocv := fit.of_table(OCV):
+        soc, ocv_v = np.array([(node.soc, node.value) for node in ocv], float).T
+        drawn[OCV] = _drawn(fit, OCV, soc, np.full(len(soc), True), ocv_v)
+    return drawn
+
+
+def _drawn(
+    fit: "TableFit", name: str, soc: np.ndarray, is_visited: np.ndarray, values: np.ndarray
+) -> DrawnTable:
+    symbol, _, unit = name.partition(" [")
+    scale, shown = (1.0, "V") if name == OCV else (1e3, f"m{unit.rstrip(']')}")
+    ends = np.full((len(soc), 2), np.nan)
+    for node in fit.of_table(name):
+        at = int(np.argmin(np.abs(soc - (node.soc or 0.0))))
+        ends[at] = scale * np.array([node.low, node.high], float)
+    columns = [soc, is_visited, scale * values, *ends.T]
+    if len(soc) == 1:
+        columns = [np.array([0.0, 1.0]), *(np.repeat(column, 2) for column in columns[1:])]
+    nodes = np.array([*zip(*columns, strict=True)], NODE)
+    return DrawnTable(f"{symbol} [{shown}]", unit == "Ohm]", nodes, len(soc) > 1)
 
 
 def scale_of(tables: Sequence[DrawnTable]) -> tuple[float, float]:
     """One scale for tables at the nodes that samples visit, from zero but for OCVs: of those
     that the data determine, with an interval narrower than the value, and that are not far above
     the others."""
-    seen = [table.seen if table.is_visited.any() else table for table in tables]
-    values, low, high = (_rows(seen, name) for name in ("values", "low", "high"))
+    seen = [table.seen if table.nodes["is_visited"].any() else table for table in tables]
+    nodes = np.concatenate([table.nodes for table in seen])
+    values, low, high = nodes["value"], nodes["low"], nodes["high"]
     is_resistance = tables[0].is_resistance
     # Of constants, all are shown.
     are_some = is_resistance and tables[0].has_nodes
@@ -106,52 +123,20 @@ def off_the_scale(
     """The nodes outside the limits, how many of them are extrapolated, and the constant circuit's
     value; empty where none is."""
     bottom, top = limits
-    values, is_visited = _rows(tables, "values"), _rows(tables, "is_visited")
-    is_outside = (values < bottom) | (values > top)
-    seen, others = values[is_outside & is_visited], values[is_outside & ~is_visited]
-    unit, told = tables[0].label.partition("[")[2].rstrip("]"), []
-    if len(seen):
-        at = "at" if len(seen) == 1 else "up to"
-        told.append(f"{counted(len(seen), 'node')} {at} {max(seen, key=abs):.3g} {unit}")
-    if len(others):
-        told.append(counted(len(others), "extrapolated node"))
+    nodes = np.concatenate([table.nodes for table in tables])
+    is_outside = (nodes["value"] < bottom) | (nodes["value"] > top)
+    values, is_visited = nodes["value"][is_outside], nodes["is_visited"][is_outside]
+    unit = tables[0].label.partition("[")[2].rstrip("]")
+    reasons = []
+    if is_visited.any():
+        at = "at" if is_visited.sum() == 1 else "up to"
+        farthest = max(values[is_visited], key=abs)
+        reasons.append(f"{counted(is_visited.sum(), 'node')} {at} {farthest:.3g} {unit}")
+    if not is_visited.all():
+        reasons.append(counted(np.sum(~is_visited), "extrapolated node"))
     if constant is not None and not bottom <= constant <= top:
-        told.append(f"constant circuit at {constant:.3g} {unit}")
-    return f"off scale: {', '.join(told)}" if told else ""
-
-
-def _rows(tables: Sequence[DrawnTable], name: str) -> np.ndarray:
-    return np.concatenate([getattr(table, name) for table in tables])
-
-
-def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
-    """Every table of a fit by its name, with both ends of every node's interval; and the OCV of the
-    records' own, which has nodes of its own."""
-    nodes = np.array(fit.tables.nodes)
-    visited = np.array(fit.tables.visited or np.ones(len(nodes)), bool)
-    found = {
-        name: _drawn(fit, name, nodes, visited, np.array(values))
-        for name, values in fit.tables.tables.items()
-    }
-    if own := fit.of_table(OCV):
-        nodes, values_v = np.array([(node.soc, node.value) for node in own], float).T
-        found[OCV] = _drawn(fit, OCV, nodes, np.full(len(nodes), True), values_v)
-    return found
-
-
-def _drawn(
-    fit: "TableFit", name: str, nodes: Values, visited: Bool[np.ndarray, "nodes"], values: Values
-) -> DrawnTable:
-    symbol, _, unit = name.partition(" [")
-    scale, shown = (1.0, "V") if name == OCV else (1e3, f"m{unit.rstrip(']')}")
-    low, high = np.full((2, len(nodes)), np.nan)
-    for node in fit.of_table(name):
-        at = int(np.argmin(np.abs(nodes - (node.soc or 0.0))))
-        low[at] = np.nan if node.low is None else scale * node.low
-        high[at] = np.nan if node.high is None else scale * node.high
-    label = f"{symbol} [{shown}]"
-    table = DrawnTable(label, unit == "Ohm]", nodes, visited, scale * values, low, high)
-    return table if len(nodes) > 1 else table.at_every_soc
+        reasons.append(f"constant circuit at {constant:.3g} {unit}")
+    return f"off scale: {', '.join(reasons)}" if reasons else ""
 
 
 @illustration(
@@ -182,55 +167,56 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
     >>> [axes.get_ylabel() for axes in plot_tables(fit).axes]
     ['R0 [mOhm]', 'R1 [mOhm]']
     """
-    tables, ohm = drawn_tables(fit).values(), {} if constant is None else constant.named_ohm
-    across = min(1 if is_column() else PANELS_ACROSS, len(tables))
-    figure, panels = make_panels(len(tables), across, row_in=PANEL_IN, around_in=0.6, sharex=True)
-    for axes, table in zip(panels, tables, strict=True):
+    tables, ohm = drawn_tables(fit), {} if constant is None else constant.named_ohm
+    across = min(1 if style.is_column() else PANELS_ACROSS, len(tables))
+    figure, panels = style.make_panels(
+        len(tables), across, HEIGHTS_IN, style.SOC_LABEL, sharex=True
+    )
+    for axes, (name, table) in zip(panels, tables.items(), strict=True):
         axes.set_ylabel(table.label)
-        resistance = table.label.replace("[mOhm]", "[Ohm]")
-        tau = names_beside(resistance).tau
-        value = 1e3 * ohm[resistance] if resistance in ohm else None
         _draw_table(axes, table)
+        value = 1e3 * ohm[name] if name in ohm else None
         if value is not None:
-            label = "constant circuit"
             # It says something where the records do.
-            soc = table.seen.nodes if table.is_visited.any() else table.nodes
-            ends = soc[[0, -1]]
-            axes.plot(ends, [value] * 2, color=GREY, linewidth=1.4, zorder=1, label=label)
+            told = table.seen if table.nodes["is_visited"].any() else table
+            look = {"color": style.GREY, "linewidth": 1.4, "zorder": 1}
+            axes.plot(told.nodes["soc"][[0, -1]], [value] * 2, **look, label="constant circuit")
         limits = scale_of([table])
         axes.set_ylim(limits)
-        outside = off_the_scale([table], limits, value)
-        axes.set_title(textwrap.fill(outside, LETTERS), loc="right", fontsize=letters_pt(8))
+        outside = textwrap.fill(off_the_scale([table], limits, value), LETTERS)
+        axes.set_title(outside, loc="right", fontsize=style.letters_pt(8))
+        tau = names_beside(name).tau
         if tau in fit.tables.constants:
-            title(axes, f"{tau.partition(' ')[0]} = {fit.tables.constants[tau]:.3g} s")
-    name_below(panels, across, SOC_LABEL)
-    return finish(figure, *panels, columns=4)
+            style.title(axes, f"{tau.partition(' ')[0]} = {fit.tables.constants[tau]:.3g} s")
+    return style.finish(figure, *panels, columns=4)
 
 
 def _draw_table(axes: Axes, table: DrawnTable) -> None:
-    nodes, values, visited = table.nodes, table.values, table.is_visited
-    known = visited & np.isfinite(table.low) & np.isfinite(table.high)
-    line = {"color": BLUE, "zorder": 3}
-    axes.plot(nodes, values, linestyle=(0, (3, 2)), linewidth=0.8, **line)
-    axes.plot(nodes, np.where(visited, values, np.nan), linewidth=1.2, **line)
-    band = {"color": SKY_BLUE, "alpha": 0.35, "linewidth": 0.0, "label": "95 % interval"}
-    axes.fill_between(nodes, table.low, table.high, where=known, zorder=2, **band)
+    nodes, is_visited = table.nodes, table.nodes["is_visited"]
+    is_known = is_visited & np.isfinite(nodes["low"]) & np.isfinite(nodes["high"])
+    known = nodes[is_known]
+    line = {"color": style.BLUE, "zorder": 3}
+    axes.plot(nodes["soc"], nodes["value"], linestyle=(0, (3, 2)), linewidth=0.8, **line)
+    axes.plot(nodes["soc"], np.where(is_visited, nodes["value"], np.nan), linewidth=1.2, **line)
+    band = {"color": style.SKY_BLUE, "alpha": 0.35, "linewidth": 0.0, "label": "95 % interval"}
+    axes.fill_between(nodes["soc"], nodes["low"], nodes["high"], where=is_known, zorder=2, **band)
     # A node whose neighbors have no interval has no area to fill.
-    ends = {"color": SKY_BLUE, "linewidth": 1.0, "zorder": 2}
-    axes.vlines(nodes[known], table.low[known], table.high[known], **ends)
-    style = {"linestyle": "none", "marker": "o", "markersize": 3.6, "zorder": 4, "clip_on": True}
-    crossed = {"marker": "x", "markersize": 5.5, "color": VERMILLION}
-    hollow = {**OPEN, "markeredgecolor": BLUE}
-    for label, where, own in (
-        ("node", visited & table.has_nodes, {"color": BLUE}),
-        ("not determined", visited & ~known, crossed),
-        ("node without samples", ~visited, hollow),
+    ends = {"color": style.SKY_BLUE, "linewidth": 1.0, "zorder": 2}
+    axes.vlines(known["soc"], known["low"], known["high"], **ends)
+    dot = {"marker": "o", "markersize": 3.6, "color": style.BLUE}
+    cross = {"marker": "x", "markersize": 5.5, "color": style.VERMILLION}
+    hollow = {**dot, **style.OPEN, "markeredgecolor": style.BLUE}
+    for label, is_drawn, mark in (
+        ("node", is_visited & table.has_nodes, dot),
+        ("not determined", is_visited & ~is_known, cross),
+        ("node without samples", ~is_visited, hollow),
     ):
-        if where.any():
-            axes.plot(nodes[where], values[where], label=label, **{**style, **own})
+        if is_drawn.any():
+            drawn = nodes[is_drawn]
+            axes.plot(drawn["soc"], drawn["value"], label=label, linestyle="none", zorder=4, **mark)
 
 
-TEMPERATURE_PANEL_IN: Final = 2.1
+TALL_IN: Final = (2.1, 0.7)
 # States of charge that are drawn over temperature: the nodes nearest to these.
 SOC: Final = (0.1, 0.3, 0.5, 0.7, 0.9)
 COLORS: Final = "plasma"
@@ -257,62 +243,49 @@ def plot_over_temperature(found: "TableFits") -> Figure:
     """Every resistance over temperature, a line a state of charge.
 
     Marks with intervals are the measured temperatures, drawn a little apart so that none hides
-    another; dashed lines are what is interpolated between them.
+    another; dashed lines are what is interpolated between them. Raises `ValueError` for tables of
+    one temperature.
 
     Args:
         found: Tables of several temperatures.
     """
-    degc, fits, between = _degc(found), [drawn_tables(fit) for fit in found.fits], found.tables
-    assert between is not None, "asked by _degc"
+    over, between = found.over_temperature, found.tables
+    if over is None or between is None:
+        raise ValueError("these tables are of one temperature")
+    degc, fits = np.array(over.temperatures_degc), [drawn_tables(fit) for fit in found.fits]
     names = [name for name, table in fits[0].items() if table.is_resistance]
-    nodes, places = found.fits[0].tables.nodes, _places(found.fits)
+    chosen = _chosen_nodes(found.fits)
+    colors = matplotlib.colormaps[COLORS](np.linspace(0.0, LIGHTEST, len(chosen)))
     fine = np.linspace(degc[0], degc[-1], POINTS)
     courses = [between.at(float(at_degc)).tables for at_degc in fine]
-    figure, panels = _panels(len(names))
+    figure, panels = style.make_panels(
+        len(names), min(PANELS_ACROSS, len(names)), TALL_IN, "Temperature [degC]", sharex=True
+    )
     for axes, name in zip(panels, names, strict=True):
-        values = 1e3 * np.array([[tables[name][place] for place in places] for tables in courses])
-        is_log, label = values.min() > 0, fits[0][name].label
-        for number, (place, color) in enumerate(zip(places, _colors(len(places)), strict=True)):
-            axes.plot(fine, values[:, number], color=color, **BETWEEN)
-            value, low, high = np.array(
-                [[rows[place] for rows in (fit[name].values, fit[name].low, fit[name].high)]
-                 for fit in fits]
-            ).T  # fmt: skip
-            apart = APART * (fine[-1] - fine[0]) * (number - (len(places) - 1) / 2)
-            axes.errorbar(
-                np.array(degc) + apart, value, np.maximum([value - low, high - value], 0.0),
-                fmt="o", color=color, markersize=3.6, label=f"SOC {100 * nodes[place]:g} %",
-            )  # fmt: skip
-        axes.plot([], [], color=GREY, **BETWEEN, label="interpolated")
+        ohm = np.array([tables[name] for tables in courses])[:, chosen]
+        for number, (node, color) in enumerate(zip(chosen, colors, strict=True)):
+            axes.plot(fine, 1e3 * ohm[:, number], color=color, **BETWEEN)
+            at = np.stack([fit[name].nodes[node] for fit in fits])
+            reach = np.maximum([at["value"] - at["low"], at["high"] - at["value"]], 0.0)
+            apart = APART * (fine[-1] - fine[0]) * (number - (len(chosen) - 1) / 2)
+            look = {"fmt": "o", "color": color, "markersize": 3.6}
+            label = f"SOC {100 * found.fits[0].tables.nodes[node]:g} %"
+            axes.errorbar(degc + apart, at["value"], reach, **look, label=label)
+        axes.plot([], [], color=style.GREY, **BETWEEN, label="interpolated")
         axes.margins(x=0.05)
-        axes.set_ylabel(f"{label}\n(log scale)" if is_log else label)
-        if is_log:
-            axes.set_yscale("log")
+        axes.set_ylabel(fits[0][name].label)
+        if ohm.min() > 0:
+            axes.set(yscale="log", ylabel=f"{fits[0][name].label}\n(log scale)")
             low, high = axes.get_ylim()
-            axes.set_ylim(max(low, values.min() / WIDEST_LOG), min(high, values.max() * WIDEST_LOG))
-            label_plainly(axes.yaxis)
-    name_below(panels, PANELS_ACROSS, "Temperature [degC]")
-    return finish(figure, *panels, columns=3)
+            least, most = 1e3 * ohm.min() / WIDEST_LOG, 1e3 * ohm.max() * WIDEST_LOG
+            axes.set_ylim(max(low, least), min(high, most))
+            style.label_plainly(axes.yaxis)
+    return style.finish(figure, *panels, columns=3)
 
 
-def _degc(found: "TableFits") -> tuple[float, ...]:
-    if found.over_temperature is None:
-        raise ValueError("these tables are of one temperature")
-    return found.over_temperature.temperatures_degc
-
-
-def _places(fits: "tuple[TableFit, ...]") -> list[int]:
+def _chosen_nodes(fits: "Sequence[TableFit]") -> list[int]:
     """The nodes nearest to `SOC` of those that samples of every temperature visit."""
-    seen = np.all([fit.tables.visited for fit in fits], axis=0)
+    is_seen = np.all([fit.tables.visited for fit in fits], axis=0)
     nodes = np.array(fits[0].tables.nodes)
-    known = np.flatnonzero(seen) if seen.any() else np.arange(len(nodes))
+    known = np.flatnonzero(is_seen) if is_seen.any() else np.arange(len(nodes))
     return sorted({int(known[np.argmin(np.abs(nodes[known] - soc))]) for soc in SOC})
-
-
-def _colors(count: int) -> np.ndarray:
-    return matplotlib.colormaps[COLORS](np.linspace(0.0, LIGHTEST, count))
-
-
-def _panels(count: int) -> tuple[Figure, list[Axes]]:
-    size = {"row_in": TEMPERATURE_PANEL_IN, "around_in": 0.7}
-    return make_panels(count, min(PANELS_ACROSS, count), **size, sharex=True)

@@ -15,10 +15,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, fontManager, get_font
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
@@ -134,11 +132,11 @@ def figure_style() -> Iterator[None]:
     chosen: dict[Any, Any] = {
         name: default[name] for name in default if not name.startswith("backend")
     }
-    with matplotlib.rc_context(chosen | _scaled(STYLE)):
+    with matplotlib.rc_context(chosen | scaled(STYLE)):
         yield
 
 
-def _scaled(style: dict[Any, Any]) -> dict[Any, Any]:
+def scaled(style: dict[Any, Any]) -> dict[Any, Any]:
     """The style with letters of the layout's size."""
     letters = _layout.get().letters
     return style | {name: letters * style[name] for name in style if name.endswith("size")}
@@ -169,29 +167,20 @@ def make_figure(height_in: float = HEIGHT_IN) -> Figure:
 
 
 def make_panels(
-    count: int, across: int, *, row_in: float, around_in: float = 0.0, **shared: Any
+    count: int, across: int, heights_in: tuple[float, float], below: str = "", **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with `count` panels in rows of `across`, each so high, and what is around them."""
+    """A figure with `count` panels in rows of `across`; `heights_in` are those of a row and of what
+    is around all of them, and `below` names the x axis of the lowest panel of each column."""
     rows = -(-count // across)
+    row_in, around_in = heights_in
     figure = make_figure(height_in=around_in + row_in * rows)
     panels = figure.subplots(rows, across, squeeze=False, **shared).ravel()
     for axes in panels[count:]:
         axes.remove()
-    return figure, list(panels[:count])
-
-
-def name_below(panels: Sequence[Axes], across: int, text: str) -> None:
-    """Label the x axis of the lowest panel of each column."""
-    for axes in panels[-across:]:
-        axes.set_xlabel(text)
+    for axes in panels[:count][-across:] if below else ():
+        axes.set_xlabel(below)
         axes.tick_params(labelbottom=True)
-
-
-def space_columns(figure: Figure) -> None:
-    """Room between columns of panels, so that no label stands nearer to the panel left of it."""
-    engine = figure.get_layout_engine()
-    if isinstance(engine, ConstrainedLayoutEngine):
-        engine.set(wspace=0.08)
+    return figure, list(panels[:count])
 
 
 def finish(
@@ -201,8 +190,8 @@ def finish(
     and above it, where it hides no data, one legend of all labels in `legend_of`, by default the
     panels; none where there is no label."""
     for axes in panels:
-        axes.tick_params(which="major", **_scaled(TICKS))
-        axes.tick_params(which="minor", **_scaled(MINOR_TICKS))
+        axes.tick_params(which="major", **scaled(TICKS))
+        axes.tick_params(which="minor", **scaled(MINOR_TICKS))
         axes.grid(visible=True, which="major", **GRID)
         axes.set_axisbelow(True)
     figure.align_ylabels(panels)
@@ -218,11 +207,6 @@ def finish(
         for text in legend.get_texts():
             show_name(text)
     return figure
-
-
-def finish_bar(bar: Colorbar) -> None:
-    """Ticks of a color scale like those of the axes."""
-    bar.ax.tick_params(which="both", **_scaled(TICKS))
 
 
 def title(axes: Axes, text: str) -> None:

@@ -1,68 +1,99 @@
-"""Records over time: voltage, current and state of charge; one circuit's voltage, or many."""
+"""Records over time: voltage, current and state of charge, measured, simulated and as designed."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+import base64
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from . import style
 from .pictures import illustration
-from .style import (
-    ALONE,
-    BLACK,
-    COLUMNS,
-    HEIGHT_IN,
-    SHADE,
-    SKY_BLUE,
-    VERMILLION,
-    RowLook,
-    draw_line,
-    finish,
-    is_column,
-    make_figure,
-    row_looks,
-    title,
-)
 
 if TYPE_CHECKING:
+    from ..experiment import Design
     from ..model.prepared import PreparedRecord
     from ..search.evaluate import Evaluation
 
-
-FRAME: Final = "#7A7A7A"
-NOT_SCORED = "not scored"
-HOURS_FROM_S = 7200.0
-STRETCH_SAMPLES = 200
-STRETCHES_PER_RECORD = 5
-SHORTEST_STRETCH = 20
-
 Samples = Float[np.ndarray, "samples"]
 
+FRAME: Final = "#7A7A7A"
+NOT_SCORED: Final = "not scored"
+ERROR_LABEL: Final = "Error [mV]\n(measured − simulated)"
+CURRENT_LABEL: Final = "Current [A]\n(discharge > 0)"
+HOURS_FROM_S: Final = 7200.0
+STRETCH_SAMPLES: Final = 200
+STRETCHES_PER_RECORD: Final = 5
+SHORTEST_STRETCH: Final = 20
+# More voltage lines than this hide each other even in the magnified stretch.
+MAX_VOLTAGES: Final = 8
+MARKERS_PER_LINE: Final = 8
+# How lines and scripts draw what flows between samples, by the record's hold.
+STEPS: Final = {
+    "forward": ("steps-post", "after"),
+    "backward": ("steps-pre", "before"),
+    "centered": ("steps-mid", ""),
+}
+# Numbers that all records of a report share, each of 5.3 bytes in the page.
+MAX_NUMBERS: Final = 480_000
 
-@dataclass(frozen=True)
-class TimeUnit:
-    """A unit of time and how many seconds it has."""
 
-    name: str
-    seconds: float
+class Clock:
+    """Times of samples in hours for two hours and more, else in seconds.
 
-    @property
-    def label(self) -> str:
-        return f"Time [{self.name}]"
-
-
-def choose_time_unit(time_s: Samples) -> TimeUnit:
-    """Hours for records of two hours and more, else seconds.
-
-    >>> choose_time_unit(np.array([0.0, 7200.0])).label
+    >>> Clock(np.array([0.0, 7200.0])).label
     'Time [h]'
     """
-    if time_s[-1] - time_s[0] >= HOURS_FROM_S:
-        return TimeUnit("h", 3600.0)
-    return TimeUnit("s", 1.0)
+
+    def __init__(self, time_s: Samples):
+        is_long = time_s[-1] - time_s[0] >= HOURS_FROM_S
+        self.unit, self.seconds = ("h", 3600.0) if is_long else ("s", 1.0)
+        self.label = f"Time [{self.unit}]"
+        self.time = time_s / self.seconds
+
+
+class Rows:
+    """The circuits drawn on one record: of the rows given, `most` with the lowest RMSE.
+
+    One evaluation is a row too. Raises `ValueError` where there is nothing to draw, or not the same
+    samples in every row.
+
+    Attributes:
+        shown: The rows by their labels, in the order given.
+        best: The one with the lowest RMSE.
+        looks: The looks of all rows given.
+        title: The record's name, and what it says where not every row is drawn.
+    """
+
+    def __init__(self, evaluations: "Evaluation | Mapping[str, Evaluation]", most: int):
+        rows = evaluations
+        if not isinstance(rows, Mapping):
+            rows = {style.ALONE: rows}
+        if not rows:
+            raise ValueError("there is no row to draw; give at least one evaluation")
+        simulated = {
+            (row.prepared.record.name, row.prepared.first, len(row.simulated_v))
+            for row in rows.values()
+        }
+        names = sorted({name for name, _, _ in simulated})
+        if len(simulated) > 1:
+            raise ValueError(
+                f"the rows are on different samples ({', '.join(names)}); draw one record and "
+                "window at a time"
+            )
+        ranked = sorted(rows, key=lambda label: rows[label].metrics.rmse_v)[:most]
+        self.shown = {label: row for label, row in rows.items() if label in ranked}
+        self.best = rows[ranked[0]]
+        self.prepared = self.best.prepared
+        self.looks = style.row_looks(rows)
+        self.is_one = style.ALONE in rows
+        self.title = names[0]
+        if len(rows) > most:
+            self.title += f": the {most} of {len(rows)} rows with the lowest RMSE"
+        # Grey behind many colors.
+        self.measured_color = style.SKY_BLUE if self.is_one else "#BEBEBE"
 
 
 def unscored_spans(
@@ -75,7 +106,7 @@ def unscored_spans(
     changes = np.diff(~scored, prepend=False, append=False)
     starts, stops = np.flatnonzero(changes).reshape(-1, 2).T
     spans = np.stack([time[starts], time[np.minimum(stops, len(time) - 1)]], axis=1)
-    return spans[np.diff(spans)[:, 0] >= (time[-1] - time[0]) / COLUMNS]
+    return spans[np.diff(spans)[:, 0] >= (time[-1] - time[0]) / style.COLUMNS]
 
 
 def shade_unscored(axes: Axes, time: Samples, scored: Bool[np.ndarray, "samples"]) -> None:
@@ -84,8 +115,8 @@ def shade_unscored(axes: Axes, time: Samples, scored: Bool[np.ndarray, "samples"
     if not spans:
         return
     bottom, top = axes.get_ylim()
-    style = {"facecolor": SHADE, "edgecolor": "none", "zorder": 0, "label": NOT_SCORED}
-    axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), **style)
+    look = {"facecolor": style.SHADE, "edgecolor": "none", "zorder": 0, "label": NOT_SCORED}
+    axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), **look)
     axes.set_ylim(bottom, top)
 
 
@@ -100,72 +131,6 @@ def worst_stretch(error_v: Samples, scored: Bool[np.ndarray, "samples"]) -> slic
     squares = np.concatenate([[0.0], np.cumsum(np.where(scored, error_v, 0.0) ** 2)])
     start = int(np.argmax(squares[length:] - squares[:-length]))
     return slice(start, start + length)
-
-
-def stretch_clock(time_s: Samples, span: slice, unit: TimeUnit) -> tuple[Samples, str]:
-    """Seconds after a round time before a stretch, and what an axis of them is called.
-
-    Hours would need too many digits on so short an axis.
-    """
-    origin = np.floor(time_s[span.start] / unit.seconds * 100) / 100
-    return time_s - origin * unit.seconds, f"Time after {origin:g} {unit.name} [s]"
-
-
-def _draw_current(axes: Axes, prepared: "PreparedRecord", time: np.ndarray, span: slice) -> None:
-    """The current as it flowed between samples, by the record's hold."""
-    drawn = {"forward": "steps-post", "backward": "steps-pre", "centered": "steps-mid"}
-    steps = drawn[prepared.record.hold.value]
-    current_a = prepared.current_a[span]
-    draw_line(axes, time[span], current_a, color=VERMILLION, linewidth=0.8, drawstyle=steps)
-    axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    axes.set_ylabel("Current [A]\n(discharge > 0)")
-
-
-# More voltage lines than this hide each other even in the magnified stretch.
-MAX_VOLTAGES: Final = 8
-MARKERS_PER_LINE: Final = 8
-
-
-def rows_of(evaluations: "Evaluation | Mapping[str, Evaluation]") -> "Mapping[str, Evaluation]":
-    """The rows to draw, by label; one circuit's evaluation is a row too.
-
-    Raises `ValueError` where there is nothing to draw, or not the same samples in every row.
-    """
-    if not isinstance(evaluations, Mapping):
-        return {ALONE: evaluations}
-    if not evaluations:
-        raise ValueError("there is no row to draw; give at least one evaluation")
-    simulated = {
-        (row.prepared.record.name, row.prepared.first, len(row.simulated_v))
-        for row in evaluations.values()
-    }
-    if len(simulated) > 1:
-        names = ", ".join(sorted({name for name, _, _ in simulated}))
-        raise ValueError(
-            f"the rows are on different samples ({names}); draw one record and window at a time"
-        )
-    return evaluations
-
-
-def most_accurate(evaluations: Mapping[str, "Evaluation"], most: int) -> dict[str, "Evaluation"]:
-    """At most `most` rows, those of the lowest RMSE, in their own order."""
-    ranked = sorted(evaluations, key=lambda label: evaluations[label].metrics.rmse_v)
-    kept = set(ranked[:most])
-    return {label: row for label, row in evaluations.items() if label in kept}
-
-
-def measured_color(rows: Mapping[str, "Evaluation"]) -> str:
-    """Of what was measured: grey behind many colors."""
-    return SKY_BLUE if ALONE in rows else "#BEBEBE"
-
-
-def heading(record: str, kept: int, of: int) -> str:
-    """The record's name, and what a title adds where not every row is drawn.
-
-    >>> heading("cycle.csv", 8, 12)
-    'cycle.csv: the 8 of 12 rows with the lowest RMSE'
-    """
-    return record if kept == of else f"{record}: the {kept} of {of} rows with the lowest RMSE"
 
 
 @illustration(
@@ -194,17 +159,19 @@ def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure
     >>> [plot_voltage(drawn).axes[0].get_ylabel() for drawn in (rows, rows["so-rc"])]
     ['Voltage [V]', 'Voltage [V]']
     """
-    rows = rows_of(evaluations)
-    looks, shown = row_looks(rows), most_accurate(rows, MAX_VOLTAGES)
-    best = min(shown.values(), key=lambda row: row.metrics.rmse_v)
-    prepared, unit = best.prepared, choose_time_unit(best.prepared.time_s)
-    time = prepared.time_s / unit.seconds
-    columns = [(time, unit.label, slice(None))]
-    span = worst_stretch(best.error_v, prepared.scored)
-    if span is not None:
-        columns.append((*stretch_clock(prepared.time_s, span, unit), span))
-    whole, height_in = (1.3 if is_column() else 1.9, HEIGHT_IN) if len(rows) == 1 else (1.0, 6.0)
-    figure = make_figure(height_in)
+    rows = Rows(evaluations, MAX_VOLTAGES)
+    prepared, clock = rows.prepared, Clock(rows.prepared.time_s)
+    columns = [(clock.time, clock.label, slice(None))]
+    stretch = worst_stretch(rows.best.error_v, prepared.scored)
+    if stretch is not None:
+        # Hours would need too many digits on so short an axis.
+        origin = np.floor(clock.time[stretch.start] * 100) / 100
+        label = f"Time after {origin:g} {clock.unit} [s]"
+        columns.append((prepared.time_s - origin * clock.seconds, label, stretch))
+    whole, height_in = (1.0, 6.0)
+    if len(rows.looks) == 1:
+        whole, height_in = (1.3 if style.is_column() else 1.9, style.HEIGHT_IN)
+    figure = style.make_figure(height_in)
     panels = figure.subplots(
         2,
         len(columns),
@@ -213,45 +180,143 @@ def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure
         width_ratios=[whole, 1.0][: len(columns)],
         height_ratios=[2.0, 1.0],
     )
-    for (voltage, current), (clock, label, samples) in zip(panels.T, columns, strict=True):
-        is_close = samples is span or span is None
-        draw_rows(voltage, clock, samples, shown, looks, is_close=is_close)
-        _draw_current(current, prepared, clock, samples)
+    for (voltage, current), (time, label, samples) in zip(panels.T, columns, strict=True):
+        draw_rows(voltage, rows, time, samples, is_close=samples is stretch or stretch is None)
+        _draw_current(current, prepared, time, samples)
         current.set_xlabel(label)
     for axes in panels[:, 0]:
-        shade_unscored(axes, time, prepared.scored)
-    title(panels[0, 0], heading(prepared.record.name, len(shown), len(rows)))
-    if span is not None:
-        title(panels[0, 1], "largest error")
-        edges = time[[span.start, span.stop - 1]]
+        shade_unscored(axes, clock.time, prepared.scored)
+    style.title(panels[0, 0], rows.title)
+    if stretch is not None:
+        style.title(panels[0, 1], "largest error")
+        edges = clock.time[[stretch.start, stretch.stop - 1]]
         for left, right in panels:
             right.set_ylabel("")
             left.axvspan(*edges, facecolor="none", edgecolor=FRAME, linewidth=0.9, zorder=3)
-    return finish(figure, *panels.flat)
+    return style.finish(figure, *panels.flat)
 
 
-def draw_rows(
-    axes: Axes,
-    time: np.ndarray,
-    samples: slice,
-    shown: Mapping[str, "Evaluation"],
-    looks: Mapping[str, RowLook],
-    *,
-    is_close: bool,
-) -> None:
+def draw_rows(axes: Axes, rows: Rows, time: Samples, samples: slice, *, is_close: bool) -> None:
     """The measured line and every row's; markers only where single samples can be seen."""
-    measured_v = next(iter(shown.values())).prepared.voltage_v
-    style = {"color": measured_color(shown), "linewidth": 2.9 if is_close else 1.8}
-    draw_line(axes, time[samples], measured_v[samples], label="measured", **style)
-    for place, (label, row) in enumerate(shown.items()):
-        look = looks[label]
-        name = f"{label} (RMSE {1e3 * row.metrics.rmse_v:.3g} mV)"
-        style = {"color": look.color, "linewidth": 1.0 if is_close else 0.6}
-        drawn = draw_line(axes, time[samples], row.simulated_v[samples], label=name, **style)
+    look = {"color": rows.measured_color, "linewidth": 2.9 if is_close else 1.8}
+    measured_v = rows.prepared.voltage_v[samples]
+    style.draw_line(axes, time[samples], measured_v, label="measured", **look)
+    for number, (label, row) in enumerate(rows.shown.items()):
+        look = rows.looks[label]
+        line = style.draw_line(axes, time[samples], row.simulated_v[samples], color=look.color)
+        line.set(label=f"{label} (RMSE {1e3 * row.metrics.rmse_v:.3g} mV)")
+        line.set(linewidth=1.0 if is_close else 0.6)
         if is_close:
-            drawn.set(linestyle=look.line, marker=look.marker, markersize=3.6)
-            drawn.set_markerfacecolor("white")
+            line.set(linestyle=look.line, marker=look.marker, markersize=3.6)
+            line.set_markerfacecolor("white")
             # Shifted from row to row, so that markers of equal answers stay visible.
-            spacing = max(1, np.size(drawn.get_xdata()) // MARKERS_PER_LINE)
-            drawn.set_markevery((spacing * place // len(shown), spacing))
+            spacing = max(1, np.size(line.get_xdata()) // MARKERS_PER_LINE)
+            line.set_markevery((spacing * number // len(rows.shown), spacing))
     axes.set_ylabel("Voltage [V]")
+
+
+def _draw_current(axes: Axes, prepared: "PreparedRecord", time: Samples, samples: slice) -> None:
+    """The current as it flowed between samples."""
+    look = {"color": style.VERMILLION, "linewidth": 0.8}
+    steps, _ = STEPS[prepared.record.hold.value]
+    style.draw_line(axes, time[samples], prepared.current_a[samples], drawstyle=steps, **look)
+    axes.axhline(0.0, color=style.BLACK, linewidth=0.6)
+    axes.set_ylabel(CURRENT_LABEL)
+
+
+def live_record(
+    evaluations: "Mapping[str, Evaluation]", max_numbers: int = MAX_NUMBERS
+) -> dict[str, Any]:
+    """Measured and simulated voltage, errors and current of one record, on one axis of time, ready
+    for JSON, as the script of a page takes them.
+
+    `evaluations` are those of circuits by their labels. Every sample is held, as float32, unless
+    that takes more than `max_numbers`; then those that `decimate` keeps of any line. The first
+    column is the time since the first sample in s, `origin` that sample's own.
+    """
+    rows = Rows(evaluations, MAX_VOLTAGES)
+    prepared, clock = rows.prepared, Clock(rows.prepared.time_s)
+    simulated_v = [row.simulated_v for row in rows.shown.values()]
+    columns = [prepared.voltage_v, prepared.current_a, *simulated_v]
+    lines = [*columns, *(row.error_v for row in rows.shown.values())]
+    kept = enough_samples(prepared.time_s, lines, max_numbers // (len(columns) + 1))
+    voltage = [_live_line("measured [V]", 1, rows.measured_color, width=2.5)]
+    errors = []
+    for column, label in enumerate(rows.shown, 3):
+        color, of = rows.looks[label].color, f" of {label}"
+        voltage.append(_live_line(f"{label} [V]", column, color))
+        if rows.is_one:
+            color, of = style.BLUE, ""
+        errors.append(_live_line(f"error{of} [mV]", 1, color, minus=column))
+    _, step = STEPS[prepared.record.hold.value]
+    rmse_mv = 1e3 * rows.best.metrics.rmse_v
+    levels = [-rmse_mv, rmse_mv] if rows.is_one else []
+    current = _live_line("current [A]", 2, style.VERMILLION, step=step)
+    return {
+        "label": clock.label,
+        "origin": float(prepared.time_s[0]),
+        "seconds": clock.seconds,
+        "columns": [
+            base64.b64encode(np.asarray(column[kept], "<f4").tobytes()).decode()
+            for column in (prepared.time_s - prepared.time_s[0], *columns)
+        ],
+        "shaded": unscored_spans(prepared.time_s, prepared.scored).tolist(),
+        "panels": [
+            {"label": "Voltage [V]", "height": 260, "lines": voltage},
+            {"label": "Error [mV]", "height": 200, "lines": errors, "levels": levels},
+            {"label": "Current [A]", "height": 170, "lines": [current]},
+        ],
+        "samples": len(prepared.time_s),
+        "held": len(kept),
+    }
+
+
+def enough_samples(time_s: Samples, lines: Sequence[Samples], most: int) -> Int[np.ndarray, "kept"]:
+    """Indices of all samples, or of at most about `most` with every peak of every line.
+
+    >>> enough_samples(np.arange(5.0), [np.zeros(5)], 10)
+    array([0, 1, 2, 3, 4])
+    """
+    if len(time_s) <= most:
+        return np.arange(len(time_s))
+    columns = max(most // (2 + 2 * len(lines)), 1)
+    return np.unique(np.concatenate([style.decimate(time_s, line, columns) for line in lines]))
+
+
+def _live_line(label: str, column: int, color: str, width: float = 1.0, **more: Any) -> dict:
+    return {"label": label, "column": column, "color": color, "width": width, **more}
+
+
+@illustration(
+    "The test for {} as predicted: current (discharge > 0), voltage with its range up "
+    "to the largest resistances allowed for and an OCV that is off either way, state of charge.",
+    "Current, voltage and state of charge over time",
+    is_main=True,
+)
+def plot_design(design: "Design") -> Figure:
+    """Current, voltage and state of charge over time, as a design predicts them.
+
+    Args:
+        design: A design.
+    """
+    predicted, limits = design.predicted, design.limits
+    hours = predicted.time_s / 3600
+    figure = style.make_figure(height_in=4.6)
+    panels = figure.subplots(3, 1, sharex=True, height_ratios=(2, 2, 1))
+    current, voltage, soc = panels
+    current.plot(hours, predicted.current_a, color=style.BLACK, linewidth=0.6)
+    current.set_ylabel(CURRENT_LABEL)
+    low_v = np.minimum(predicted.low_v, predicted.voltage_v)
+    high_v = np.maximum(predicted.high_v, predicted.voltage_v)
+    band = {"color": style.SKY_BLUE, "alpha": 0.45, "linewidth": 0.0}
+    voltage.fill_between(hours, low_v, high_v, **band, label="worst case")
+    line = {"color": style.BLUE, "linewidth": 0.6}
+    voltage.plot(hours, predicted.voltage_v, **line, label="predicted")
+    limit = {"color": style.VERMILLION, "linewidth": 0.8, "linestyle": "--"}
+    for limit_v in (limits.low_v, limits.high_v):
+        voltage.axhline(limit_v, **limit, label="limits")
+    voltage.set_ylabel("Voltage [V]")
+    soc.plot(hours, predicted.soc, color=style.GREY)
+    soc.set_ylim(0.0, 1.05)
+    soc.set(xlabel="Time [h]", ylabel="SOC [-]")
+    return style.finish(figure, *panels)

@@ -119,7 +119,7 @@ def circuits_table(
     `further` columns follow, filled by what they give for a name.
     """
     # The styles of figures load matplotlib, which a check of files does without.
-    from ..plots.parameters import readable
+    from ..plots.search import readable
 
     values = {name: readable(parameters) for name, parameters in circuits.items()}
     heads = sorted(dict.fromkeys(chain.from_iterable(values.values())), key=_order)

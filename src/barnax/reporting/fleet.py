@@ -26,7 +26,7 @@ def fleet_illustrations(
 ) -> "list[Illustration]":
     """Distributions, and the worst fits."""
     from ..fleet.summary import summed_up
-    from ..plots.parameters import plot_distributions
+    from ..plots.cells import plot_distributions
     from ..plots.pictures import Illustration, illustrate
     from ..plots.voltage import plot_voltage
 

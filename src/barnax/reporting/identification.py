@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..over_soc import circuit_name
-from ..plots.parameters import readable
 from ..plots.pictures import Illustration, record_roles
+from ..plots.search import readable
 from .candidates import candidates_section
 from .decisions import (
     box_sentences,

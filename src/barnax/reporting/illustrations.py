@@ -10,9 +10,9 @@ from ..cell.model import SAME_DEGC
 from ..cell.parameters import OCV
 from ..errors import InputError
 from ..plots.cell import plot_own_ocv
-from ..plots.live import MAX_NUMBERS, live_record
 from ..plots.pictures import Illustration, illustrate, record_roles
 from ..plots.style import ALONE
+from ..plots.voltage import MAX_NUMBERS, live_record
 from ..pulses import levels, pulses_of
 
 if TYPE_CHECKING:

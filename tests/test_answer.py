@@ -46,6 +46,19 @@ def test_the_answer_is_the_last_rung_that_was_kept(result):
     assert 1e3 * result.metrics.validation[0].rmse_v < 5.3
 
 
+def test_tables_are_level_beyond_the_nodes_next_to_samples(result):
+    low_soc, high_soc = result.of_role("identification")[0].soc_range
+    tables = result.fit.tables
+    below = [soc for soc in tables.nodes if soc <= low_soc]
+    above = [soc for soc in tables.nodes if soc >= high_soc]
+    assert len(below) > 1
+    for name in tables.tables:
+        for ends, soc in ((below, low_soc), (above, high_soc)):
+            at_ends = tables.at(name, np.array(ends))
+            assert np.ptp(at_ends) == 0.0
+            assert tables.at(name, np.array([soc]))[0] != at_ends[0]
+
+
 def test_a_proved_constant_circuit_stands_beside_the_tables(result):
     constant = result.constant
     assert constant.model == result.candidates[0].model == "so-rc"

@@ -40,7 +40,7 @@ from .over_soc import (
     register,
 )
 from .over_soc.certificate import certify
-from .over_soc.fit import fit_of
+from .over_soc.fit import fit_of, level_beyond
 from .over_soc.problem import reduced_objective
 from .over_soc.search import find_best
 from .run import Answer, Candidate, Run, best_answer
@@ -228,18 +228,25 @@ def search_and_assess(
 
 def _fitted(setup: Setup) -> TableFits:
     """The tables of the answer, proved, with their intervals and held-out errors."""
+    records = [setup.problem.prepared_records]
     if setup.fits is not None:
-        return setup.fits
-    if setup.over_temperature:
-        groups = group_by_temperature(setup.problem.prepared_records)
-        return fit_temperatures(groups, setup.tables)
-    assert setup.chosen is not None, "a point of the family"
-    objective = setup.chosen.objective
-    with one_blas_thread():
-        proof = certify(objective, setup.chosen.best)
-    fit = fit_of(objective, proof)
-    own = compare_with_own(objective.prepared_records, fit, objective.settings)
-    return TableFits((replace(fit, own_ocv=own),))
+        fits = setup.fits
+    elif setup.over_temperature:
+        fits = fit_temperatures(group_by_temperature(*records), setup.tables)
+    else:
+        assert setup.chosen is not None, "a point of the family"
+        objective = setup.chosen.objective
+        with one_blas_thread():
+            proof = certify(objective, setup.chosen.best)
+        records = [objective.prepared_records]
+        fit = fit_of(objective, proof)
+        own = compare_with_own(*records, fit, objective.settings)
+        fits = TableFits((replace(fit, own_ocv=own),))
+    if fits.over_temperature is not None:
+        records = [group for _, group in sorted(group_by_temperature(*records).items())]
+    level = [level_beyond(fit.tables, own) for fit, own in zip(fits, records, strict=True)]
+    pairs = zip(fits, level, strict=True)
+    return replace(fits, fits=tuple(replace(fit, tables=tables) for fit, tables in pairs))
 
 
 def _evaluated(setup: Setup, answer: Answer) -> tuple[list[Evaluation], list[Evaluation]]:

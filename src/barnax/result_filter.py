@@ -98,9 +98,10 @@ def errors_of(result: Result) -> ErrorModel:
 
     White and lasting parts are multiples of the residuals in a tenth of SOC. The bias is that of
     the OCV: the standard error and the bias of its correction at a node, which allow for the
-    correlation of the residuals, and beyond the visited nodes what the correction goes on by.
-    Residuals would say far less than that, for the correction was fitted to them. A circuit without
-    a correction is off for long by its residuals. What the hysteresis leaves open is added.
+    correlation of the residuals, and beyond the visited nodes a walk by its median step from node
+    to node. Residuals would say far less than that, for the correction was fitted to them. A
+    circuit without a correction is off for long by its residuals. What the hysteresis leaves open
+    is added.
 
     Raises `InputError` for a result without an assessment.
     """
@@ -123,9 +124,12 @@ def errors_of(result: Result) -> ErrorModel:
         bias_v = np.interp(
             GRID, soc, [np.hypot(interval.standard_error, interval.bias) for interval in known]
         )
-        moved_v = fit.tables.at(OCV_CORRECTION, GRID)
-        held_v = fit.tables.at(OCV_CORRECTION, np.clip(GRID, soc[0], soc[-1]))
-        bias_v = np.hypot(bias_v, moved_v - held_v)
+        nodes = np.array(fit.tables.nodes)
+        behind = np.interp(GRID, nodes, np.arange(len(nodes)))
+        behind -= np.clip(behind, *np.interp(soc[[0, -1]], nodes, np.arange(len(nodes))))
+        values = [interval.value for interval in known]
+        step_v = np.median(np.abs(np.diff(values, prepend=values[:1])))
+        bias_v = np.hypot(bias_v, step_v * np.sqrt(np.abs(behind)))
     is_turned = tables is None or fit.tables.gamma is None or fit.is_rate_told
     share = ELSEWHERE.hysteresis if is_turned else ELSEWHERE.unturned
     half_v = result.cell_at().branch_gap_v(np.clip(GRID, 0.0, 1.0)) / 2

@@ -1,6 +1,7 @@
 """The family and its choice on cells of known structure."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from barnax.cell.parameters import ANYWHERE
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import TableSettings
+from barnax.over_soc.cross_validation import HeldOut
 from barnax.over_soc.problem import coarsened, reduced_objective
 from barnax.over_soc.search import find_best
 from barnax.select import Limits, choose, limits_of
+from barnax.select.choose import Bench, Fitted
 from barnax.select.family import NODE_LADDER
 from helpers.known_cell import ocv_v
 from helpers.reference import make_record
@@ -151,3 +154,33 @@ def limits_of_all():
     from barnax.select.family import RICHER
 
     return Limits("1rc", richer=RICHER)
+
+
+class StatedBench(Bench):
+    """A bench whose held-out errors are given by the number of nodes."""
+
+    def __init__(self, rms_v):
+        super().__init__(lambda circuit: [], TableSettings(), Limits("1rc"))
+        self.rms_v = rms_v
+        self.__dict__["_spans_enough"] = True
+
+    def fit(self, point):
+        counts = np.full((30, 3), 100)
+        # Blocks differ, and by as much from circuit to circuit.
+        spread = 1 + 0.02 * np.random.default_rng(len(point.nodes)).standard_normal((30, 3))
+        loss = HeldOut(counts * self.rms_v[len(point.nodes)] ** 2 * spread, counts)
+        return Fitted(point, SimpleNamespace(), SimpleNamespace(rms_v=0.0), loss)
+
+
+@pytest.mark.parametrize(
+    ("rms_v", "nodes"),
+    [
+        ({1: 9e-3, 5: 5e-3, 9: 4.96e-3, 17: 3e-3}, 17),
+        ({1: 9e-3, 5: 5e-3, 9: 4.96e-3, 17: 4.94e-3}, 5),
+        ({1: 9e-3, 5: 5e-3, 9: 5.2e-3, 17: 3e-3}, 5),
+        ({1: 9e-3, 5: 5e-3, 9: 4e-3, 17: 4e-3}, 9),
+    ],
+)
+def test_nodes_that_gain_too_little_do_not_hide_finer_ones(rms_v, nodes):
+    """But finer ones are not looked at behind nodes that are worse."""
+    assert len(StatedBench(rms_v).chosen().chosen.point.nodes) == nodes

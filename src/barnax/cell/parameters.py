@@ -270,6 +270,14 @@ class CircuitParameters(Brief):
         """The table of that name at some states of charge. Raises `KeyError` for an unknown one."""
         return np.interp(soc, self.nodes, self.tables[name])
 
+    def level_beyond(self, low_soc: float, high_soc: float) -> Self:
+        """The same with tables that are level beyond the nodes next to these states of charge."""
+        first = np.searchsorted(self.nodes, low_soc, side="right") - 1
+        last = np.searchsorted(self.nodes, high_soc)
+        nodes = np.clip(np.arange(len(self.nodes)), max(first, 0), last)
+        tables = {name: tuple(table[node] for node in nodes) for name, table in self.tables.items()}
+        return replace(self, tables=tables)
+
     def with_tables(self, changed: Mapping[str, Rows]) -> Self:
         """The same with other values in some tables, or with more of them."""
         own = {name: tuple(map(float, row)) for name, row in changed.items()}

@@ -216,6 +216,15 @@ def _at_stored_nodes(
         yield own
 
 
+def level_beyond(
+    tables: CircuitParameters, prepared_records: Sequence[PreparedRecord]
+) -> CircuitParameters:
+    """The tables, level beyond the nodes next to which records have scored samples: there, the
+    penalty alone would take them straight on."""
+    soc = np.concatenate([prepared.soc[prepared.scored] for prepared in prepared_records])
+    return tables.level_beyond(float(soc.min()), float(soc.max()))
+
+
 def errors_on(prepared: PreparedRecord, tables: CircuitParameters) -> SocErrors:
     """The errors of tables on a record, by scan."""
     return pooled_errors([prepared], tables)

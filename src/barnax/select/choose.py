@@ -127,8 +127,10 @@ class Bench:
             return Choice(chosen, tuple(self.tried))
         laws = self._laws_to_try(chosen.point)
         while True:
-            step = self._best_of(chosen, self._fitted(self._rungs(chosen.point))) or self._best_of(
-                chosen, self._laws(chosen, laws)
+            step = (
+                self._best_of(chosen, self._fitted(self._rungs(chosen.point)))
+                or self._best_of(chosen, self._fitted(self._finest_nodes(chosen)))
+                or self._best_of(chosen, self._laws(chosen, laws))
             )
             if step is None:
                 return Choice(self._without_needless(chosen), tuple(self.tried))
@@ -172,6 +174,17 @@ class Bench:
             if ladder == "nodes" and not self._spans_enough:
                 continue
             yield ladder, richer
+
+    def _finest_nodes(self, chosen: Fitted) -> Iterator[tuple[Ladder, Point]]:
+        """The nodes behind those that gain something and too little."""
+        finer = self.limits.nodes[self.limits.nodes.index(chosen.point.nodes) + 1 :]
+        if len(finer) < 2 or not self._spans_enough:
+            return
+        next_loss = self.fit(replace(chosen.point, nodes=finer[0])).loss
+        assert chosen.loss is not None
+        assert next_loss is not None
+        if self.policy.gain(chosen.loss, next_loss).value > 0:
+            yield "nodes", replace(chosen.point, nodes=finer[1])
 
     @cached_property
     def _spans_enough(self) -> bool:

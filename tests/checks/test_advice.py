@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 import barnax
-from barnax.cli.options import RecordOptions
+from barnax.cli.options import windows_of
 from barnax.errors import InputError
 from barnax.inputs import read_inputs, read_validation
 from barnax.records import source_from_frame
@@ -36,7 +36,7 @@ def warned(table, cell, capacity_ah, given):
         name: HOW_READ[name](value.strip("'")) for name, value in given.items() if name in HOW_READ
     }
     others = {name: [value] for name, value in given.items() if name not in HOW_READ}
-    window = RecordOptions(given=others).windows()
+    window = windows_of(others) or None
     source = source_from_frame(table, "cell", columns=how.get("columns", ""))
     try:
         inputs = read_inputs(

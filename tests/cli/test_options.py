@@ -9,7 +9,7 @@ from typer.main import get_command
 
 import barnax
 from barnax.cli.app import app
-from barnax.cli.options import RecordOptions
+from barnax.cli.options import windows_of
 from barnax.cli.session import as_flags
 from barnax.errors import InputError
 from barnax.model.window import Window
@@ -63,14 +63,13 @@ def test_a_message_is_spelled_for_who_reads_it(text, spelled):
 
 def test_a_record_s_own_start_replaces_the_common_one():
     given = {"start_time": ["60"], "initial_soc": ["0.9"], "score_to": ["900"]}
-    options = RecordOptions(given={**given, "start_after_step": ["b.csv=3"]})
-    assert options.windows() == {
+    assert windows_of({**given, "start_after_step": ["b.csv=3"]}) == {
         "": Window(start_time_s=60.0, initial_soc=0.9, score_to_s=900.0),
         "b.csv": Window(start_after_step=3, initial_soc=0.9, score_to_s=900.0),
     }
 
 
 def test_what_contradicts_itself_is_refused_by_the_name_of_its_record():
-    options = RecordOptions(given={"start_time": ["b.csv=60"], "start_after_step": ["b.csv=3"]})
+    given = {"start_time": ["b.csv=60"], "start_after_step": ["b.csv=3"]}
     with pytest.raises(InputError, match=r"^b\.csv: give `start_time` or `start_after_step`"):
-        options.windows()
+        windows_of(given)

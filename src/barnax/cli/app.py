@@ -8,13 +8,10 @@ from .. import __version__
 from .compare import compare, optimizers
 from .design import design
 from .files import check, convert, export
-from .fleet import fleet
-from .identify import hppc, identify
-from .life import life
+from .fleet import fleet, life
+from .identify import hppc, identify, pack
 from .options import grouped
-from .pack import pack
-from .report import report
-from .results import show, soc, validate
+from .results import report, show, soc, validate
 
 app = typer.Typer(
     name="barnax",
@@ -25,21 +22,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS = (
-    identify,
-    hppc,
-    pack,
-    fleet,
-    life,
-    show,
-    report,
-    validate,
-    soc,
-    design,
-    compare,
-    export,
-    check,
-    convert,
-    optimizers,
+    *(identify, hppc, pack, fleet, life, show, report, validate, soc, design, compare),
+    *(export, check, convert, optimizers),
 )
 for command in COMMANDS:
     app.command()(grouped(command))

@@ -1,7 +1,7 @@
 """`barnax compare`: models and methods side by side on one cell; `barnax optimizers`."""
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -9,24 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..settings import Scope
-from .options import (
-    LIVE,
-    PAPER,
-    SEARCH,
-    Files,
-    Given,
-    RecordOptions,
-    SearchOptions,
-    argument,
-    group,
-    option,
-    options_of,
-    require_choice,
-    run_options,
-)
+from .options import OF_FILES, OF_RECORDS, OF_SEARCH, Given, group, options_of, options_of_job
 from .output import DEFAULT_FOLDER, Output, drawn_files
-from .session import Session, as_flags, shown, use_compilation_cache
+from .session import Session, as_flags, shown
 
 if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
@@ -36,40 +21,27 @@ SHOWN = {*("Circuits", "Verdict", "Parameters", "Search"), *("Identification", "
 
 
 @group
-class Rows:
-    """The rows that are compared."""
-
-    models: str | None = option(
-        SEARCH,
-        "NAME,NAME",
-        "Circuits, each with every method (default: the five rows of the paper).",
-    )
-    methods: str | None = option(
-        SEARCH,
-        "NAME,NAME",
-        "Methods, each with every circuit: ls, rls, wrls, rls-ekf, dual-ukf, n4sid, varpro, lm, "
-        "pso-lm, de, or any that [bold]barnax optimizers[/bold] lists.",
-    )
-    record: Path | None = argument(
-        "RECORD",
-        "Dynamic record to identify on. For a folder or a plan, files are chosen as by identify. "
-        "Without it, the bundled cell is used.",
-        None,
-    )
-
-
-@group
 class Comparing:
-    """All that a comparison can be told."""
+    """All that a comparison can be told.
 
-    files: Files
-    of_records: RecordOptions
-    search: SearchOptions
-    rows: Rows
+    Arguments:
+        record (RECORD): Dynamic record to identify on. For a folder or a plan, files are chosen as
+            by identify. Without it, the bundled cell is used.
+
+    Search:
+        models (NAME,NAME): Circuits, each with every method (default: the five rows of the paper).
+        methods (NAME,NAME): Methods, each with every circuit: ls, rls, wrls, rls-ekf, dual-ukf,
+            n4sid, varpro, lm, pso-lm, de, or any that [bold]barnax optimizers[/bold] lists.
+    """
+
+    job: Given = options_of(*OF_FILES, *OF_RECORDS, *OF_SEARCH)
+    models: str | None = None
+    methods: str | None = None
+    record: Path | None = None
     output: Output
-    scope: Given = options_of(Scope(), SEARCH, "setup")
-    live: bool = LIVE
-    paper: bool = PAPER
+    scope: Given = options_of("setup")
+    live: bool = False
+    paper: bool = False
 
 
 def compare(options: Comparing) -> None:
@@ -81,10 +53,8 @@ def compare(options: Comparing) -> None:
 
     Without arguments, it runs the paper's five rows on the bundled cell.
     """
-    record, output = options.rows.record, options.output
-    session, folder = output.begun(DEFAULT_FOLDER)
-    with session.watch("Loading JAX"):
-        use_compilation_cache()
+    record, run = options.record, options.output.begun(DEFAULT_FOLDER)
+    with run.loading():
         from ..baselines import METHODS
         from ..cell import CIRCUITS
         from ..comparison import PAPER_ROWS
@@ -92,30 +62,35 @@ def compare(options: Comparing) -> None:
         from ..plan import plan_of, planned
         from ..reporting.terminal import plan_lines
 
-    rows = chosen_rows(options.rows.models, options.rows.methods, PAPER_ROWS)
+    rows = chosen_rows(options.models, options.methods, PAPER_ROWS)
     for model, method in rows:
-        require_choice("models", model, CIRCUITS)
-        require_choice("methods", method, METHODS)
-    records = [record] if record else []
-    given = run_options(options.files, options.of_records, options.search, records)
-    job = ComparisonJob(**given, **options.scope, rows=rows, watch=session.watch)
-    found = plan_of(job)
-    if found is not None:
-        if found.command == "hppc":
+        _require_choice("models", model, CIRCUITS)
+        _require_choice("methods", method, METHODS)
+    given = options_of_job({**options.job, **options.scope})
+    job = ComparisonJob([record] if record else [], **given, rows=rows, watch=run.watch)
+    plan = plan_of(job)
+    if plan is not None:
+        if plan.command == "hppc":
             raise InputError(f"{record}: a pulse test is identified by barnax hppc, not compared")
-        found = found.on_one
-        session.show(plan_lines(found, as_flags))
-        job = planned(found, job)
+        plan = plan.on_one
+        run.show(plan_lines(plan, as_flags))
+        job = planned(plan, job)
     total = sum(1 if METHODS[method].is_deterministic else job.seeds for _, method in rows)
-    with session.watch("Comparing", total) as advance:
-        comparison, result = compare_files(job.changed(watch=_row_watch(session, advance)))
-    seconds = {row.name: session.seconds[row.name] for row in result.rows}
+    with run.watch("Comparing", total) as advance:
+        comparison, result = compare_files(job.changed(watch=_row_watch(run, advance)))
+    seconds = {row.name: run.seconds[row.name] for row in result.rows}
     draw = partial(_report, result, comparison, seconds, options.paper, options.live)
-    folder, written = output.deliver(session, folder, "comparison.json", result.to_json(), draw)
-    _show(session, result, seconds, output.verbose)
-    if folder is not None:
-        name = "report.html" if "report.html" in written else "comparison.json"
-        session.show([f"\nThe results are in [bold]{shown(folder)}/{name}[/bold]."])
+    run.deliver("comparison.json", result.to_json(), draw)
+    _show(run, result, seconds, options.output.verbose)
+    if run.folder is not None:
+        name = "report.html" if "report.html" in run.written else "comparison.json"
+        run.show([f"\nThe results are in [bold]{shown(run.folder)}/{name}[/bold]."])
+
+
+def _require_choice(option: str, value: str, choices: Iterable[str]) -> None:
+    """Raise `InputError` where an option's value is none of its choices."""
+    if value not in choices:
+        raise InputError(f"`{option}` {value!r} is not known; there are {', '.join(choices)}")
 
 
 def _show(

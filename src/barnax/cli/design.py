@@ -7,149 +7,134 @@ from typing import TYPE_CHECKING, Literal
 
 from ..errors import InputError
 from ..settings import WINDOW_OPTIONS, Over, choices_in
-from .options import DATA, argument, group, option
+from .options import group
 from .output import Output
-from .session import as_flags, flag_of, use_compilation_cache
+from .session import as_flags, flag_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from ..experiment import Design
+    from ..experiment import Block, Design
     from ..reopening import Places
     from ..results import Result
-
-FOLDER = Path("barnax-design")
-CELL, TEST, LIMITS = "Cell", "Test", "Limits"
 
 
 @group
 class Cell:
-    """Knowledge of the cell."""
+    """Knowledge of the cell.
 
-    result: Path | None = argument(
-        "[RESULT]",
-        "The folder that identify wrote, or its result.json: what it determines counts. "
-        "Without it, --capacity and --chemistry are what is known.",
-        None,
-    )
-    data: list[Path] | None = DATA
-    capacity: float | None = option(CELL, "AH", "Capacity (default: the result's).")
-    chemistry: str | None = option(
-        CELL,
-        "nmc|lfp",
-        "Typical cell without a result (default: nmc), or beyond the SOC that it knows.",
-    )
+    Arguments:
+        result ([RESULT]): The folder that identify wrote, or its result.json: what it determines
+            counts. Without it, --capacity and --chemistry are what is known.
+
+    Cell:
+        capacity (AH): Capacity (default: the result's).
+        chemistry (nmc|lfp): Typical cell without a result (default: nmc), or beyond the SOC that it
+            knows.
+    """
+
+    result: Path | None = None
+    data: list[Path] | None = None
+    capacity: float | None = None
+    chemistry: str | None = None
 
 
 @group
 class Test:
-    """The aim of the test."""
+    """The aim of the test, and the limits that it must keep.
 
-    want: list[str] | None = option(
-        TEST,
-        "NAME=HALF",
-        "Half the 95 % interval that is wanted from 10 to 90 % SOC, such as R0=2%, R1=10%, R2=10% "
-        "or OCV=10mV, or the error on a drive cycle, drive=8mV; repeatable; hppc wants what an "
-        "HPPC would tell.",
-    )
-    max_hours: float | None = option(
-        TEST,
-        "HOURS",
-        "The longest that it may take (default: 3, and no test of what the result tells already).",
-    )
-    blocks: str | None = option(
-        TEST, "NAME,NAME", "Only pieces whose names begin so, such as long,short,binary."
-    )
-    key: int = option(TEST, "N", "Random key of the random pieces.", 0)
+    Test:
+        want (NAME=HALF): Half the 95 % interval that is wanted from 10 to 90 % SOC, such as R0=2%,
+            R1=10%, R2=10% or OCV=10mV, or the error on a drive cycle, drive=8mV; repeatable; hppc
+            wants what an HPPC would tell.
+        max_hours (HOURS): The longest that it may take (default: 3, and no test of what the result
+            tells already).
+        blocks (NAME,NAME): Only pieces whose names begin so, such as long,short,binary.
+        key (N): Random key of the random pieces.
 
+    Limits:
+        low_voltage (V): Lowest voltage (default: the chemistry's).
+        high_voltage (V): Highest voltage.
+        max_discharge (RATE): Largest discharge in 1/h of the capacity, or over SOC as
+            SOC=RATE,SOC=RATE (default: 1, with a result the largest of its records).
+        max_charge (RATE): Largest charge, likewise (default: half of that).
+        max_warming (K): How much the test may warm the cell in moving air (default: no limit).
+        temperature (DEGC): Temperature of the test.
+    """
 
-@group
-class Kept:
-    """Limits that the test must keep."""
-
-    low_voltage: float | None = option(LIMITS, "V", "Lowest voltage (default: the chemistry's).")
-    high_voltage: float | None = option(LIMITS, "V", "Highest voltage.")
-    max_discharge: str | None = option(
-        LIMITS,
-        "RATE",
-        "Largest discharge in 1/h of the capacity, or over SOC as SOC=RATE,SOC=RATE (default: 1, "
-        "with a result the largest of its records).",
-    )
-    max_charge: str | None = option(
-        LIMITS, "RATE", "Largest charge, likewise (default: half of that)."
-    )
-    max_warming: float | None = option(
-        LIMITS, "K", "How much the test may warm the cell in moving air (default: no limit)."
-    )
-    temperature: float | None = option(LIMITS, "DEGC", "Temperature of the test.")
+    want: list[str] | None = None
+    max_hours: float | None = None
+    blocks: str | None = None
+    key: int = 0
+    low_voltage: float | None = None
+    high_voltage: float | None = None
+    max_discharge: str | None = None
+    max_charge: str | None = None
+    max_warming: float | None = None
+    temperature: float | None = None
 
 
-def design(cell: Cell, test: Test, kept: Kept, output: Output) -> None:
+def design(cell: Cell, test: Test, output: Output) -> None:
     """Design the next test of a cell: the shortest that narrows its intervals to what is wanted.
 
     Writes the steps as CSV, as a profile, as a PyBaMM experiment and as text
     for a cycler's editor, with what they are predicted to tell.
     """
-    given = [] if cell.result is None else [cell.result]
-    session, folder = output.begun(FOLDER, given)
-    with session.watch("Loading JAX"):
-        use_compilation_cache()
-        import jax
-
-        from ..experiment import candidate_blocks
+    run = output.begun("barnax-design", [] if cell.result is None else [cell.result])
+    with run.loading():
         from ..experiment import design as designed
         from ..experiment.belief import believed_of
-        from ..experiment.protocol import drive_levels
         from ..reporting.design import design_screen, planned_lines
         from ..reporting.design_forms import design_files
         from ..results import Result
 
-    blocks = None
-    if test.blocks is not None:
-        beginnings = tuple(name.strip() for name in test.blocks.split(","))
-        usual = candidate_blocks(jax.random.key(test.key), drive_levels())
-        blocks = [block for block in usual if block.name.startswith(beginnings)]
-        for beginning in beginnings:
-            if not beginning or not any(block.name.startswith(beginning) for block in usual):
-                raise InputError(
-                    f"`blocks` {beginning!r}: no piece is called so; there are "
-                    f"{'; '.join(block.name for block in usual)}"
-                )
-    with session.watch("Looking at the records"):
-        known = None if cell.result is None else Result.load(cell.result, data=cell.data or ())
-        believed = believed_of(known, cell.capacity, cell.chemistry, kept.temperature)
-    rates = {"max_discharge": kept.max_discharge, "max_charge": kept.max_charge}
+    blocks = None if test.blocks is None else _blocks(test.blocks, test.key)
+    with run.watch("Looking at the records"):
+        stored = None if cell.result is None else Result.load(cell.result, data=cell.data or ())
+        believed = believed_of(stored, cell.capacity, cell.chemistry, test.temperature)
+    rates = {name: _rate(name, vars(test)[name]) for name in ("max_discharge", "max_charge")}
+    with run.watch("Designing"):
+        options = {**vars(test), **rates, "want": _wanted(test.want), "blocks": blocks}
+        test_design = designed(believed, **options)
     chosen = [name for name, rate in rates.items() if rate is not None]
-    with session.watch("Designing"):
-        found = designed(
-            believed, max_hours=test.max_hours, want=_wanted(test.want), blocks=blocks,
-            key=test.key, low_voltage=kept.low_voltage, high_voltage=kept.high_voltage,
-            max_discharge=_rate("max_discharge", kept.max_discharge),
-            max_charge=_rate("max_charge", kept.max_charge), max_warming=kept.max_warming,
-            temperature=kept.temperature,
-        )  # fmt: skip
-
-    session.show(planned_lines(believed, as_flags, chosen))
-    if not found.is_needed:
+    run.show(planned_lines(believed, as_flags, chosen))
+    if not test_design.is_needed:
         # A folder that nobody asked for would hold no test.
-        folder = output.out
+        run.folder = output.out
 
     def files() -> dict[str, bytes]:
-        if not found.is_needed:
+        if not test_design.is_needed:
             return {}
         from ..plots import plot_design
         from ..plots.pictures import encode
 
-        return {**design_files(found), "figures/design.png": encode(plot_design(found))}
+        picture = encode(plot_design(test_design))
+        return {**design_files(test_design), "figures/design.png": picture}
 
-    session.show(design_screen(found, as_flags))
-    folder, _ = output.deliver(session, folder, "design.json", found.to_json(), files)
-    if folder is not None and not found.is_needed:
-        session.show_written(folder, ["design.json"])
-    elif folder is not None:
+    run.show(design_screen(test_design, as_flags))
+    run.deliver("design.json", test_design.to_json(), files)
+    if not test_design.is_needed:
+        run.show_written(["design.json"])
+    elif run.folder is not None:
         names = ["steps.csv", "profile.csv", "experiment_pybamm.py", "procedure.txt", "figures"]
-        session.show_written(folder, names)
-        session.show(next_after(found, known, cell, folder))
+        run.show_written(names)
+        run.show(next_after(test_design, stored, cell, run.folder))
+
+
+def _blocks(text: str, key: int) -> "list[Block]":
+    """The usual pieces whose names begin as one of several texts."""
+    import jax
+
+    from ..experiment import candidate_blocks
+    from ..experiment.protocol import drive_levels
+
+    usual = candidate_blocks(jax.random.key(key), drive_levels())
+    beginnings = tuple(name.strip() for name in text.split(","))
+    for beginning in beginnings:
+        if not beginning or not any(block.name.startswith(beginning) for block in usual):
+            names = "; ".join(block.name for block in usual)
+            raise InputError(f"`blocks` {beginning!r}: no piece is called so; there are {names}")
+    return [block for block in usual if block.name.startswith(beginnings)]
 
 
 def next_after(

@@ -4,7 +4,7 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -12,24 +12,9 @@ import typer
 
 from ..errors import InputError, printable
 from ..settings import Reading
-from .options import (
-    FORCE,
-    HOW_READ,
-    INPUT,
-    OUTPUT,
-    QUIET,
-    STORED,
-    Given,
-    argument,
-    flag,
-    group,
-    known_names,
-    option,
-    options_of,
-)
+from .options import HOW_READ, Given, group, known_names, options_of
 from .output import require_free_file, tell_unfinished, write_file
-from .results import load
-from .session import Session, as_flags, shown, use_compilation_cache
+from .session import Session, as_flags, shown
 
 if TYPE_CHECKING:
     from ..export import Verification
@@ -41,22 +26,27 @@ FINDINGS = 1
 
 @group
 class Checked:
-    """The files to check, and what is printed of them."""
+    """The files to check, and what is printed of them.
 
-    files: list[Path] = argument(
-        "FILE", "Files from a cycler, or folders of them; - is standard input."
-    )
-    capacity: float | None = option(
-        INPUT, "AH", "Capacity of the cell, to check the ampere-hours against."
-    )
-    rest_current: float | None = option(
-        INPUT, "A", "The cell rests below this current (default: C/100, more where it is noisy)."
-    )
-    read: Given = options_of(Reading(), INPUT, *HOW_READ)
-    as_json: bool = flag(OUTPUT, "--json", "Print the findings as JSON.")
-    quiet: bool = flag(
-        OUTPUT, "--quiet -q", "Print no tables and no notes; findings go to stderr, one per line."
-    )
+    Arguments:
+        files (FILE): Files from a cycler, or folders of them; - is standard input.
+
+    Files:
+        capacity (AH): Capacity of the cell, to check the ampere-hours against.
+        rest_current (A): The cell rests below this current (default: C/100, more where it is
+            noisy).
+
+    Output:
+        as_json (--json): Print the findings as JSON.
+        quiet (--quiet -q): Print no tables and no notes; findings go to stderr, one per line.
+    """
+
+    files: list[Path]
+    capacity: float | None = None
+    rest_current: float | None = None
+    read: Given = options_of(*HOW_READ)
+    as_json: bool = False
+    quiet: bool = False
 
 
 def check(what: Checked) -> None:
@@ -74,10 +64,9 @@ def check(what: Checked) -> None:
         from ..reporting.checks import check_document, count_sentence, finding_line
         from ..reporting.terminal import to_terminal
 
-    if what.capacity is not None and not what.capacity > 0:
-        raise InputError(f"`capacity` {what.capacity} Ah must be positive")
-    if what.rest_current is not None and not what.rest_current > 0:
-        raise InputError(f"`rest_current` {what.rest_current} A must be positive")
+    for name, unit in (("capacity", "Ah"), ("rest_current", "A")):
+        if (value := getattr(what, name)) is not None and not value > 0:
+            raise InputError(f"`{name}` {value} {unit} must be positive")
     how = Reading(**what.read)
     chosen = {"capacity_ah": what.capacity, "rest_current_a": what.rest_current}
     found, unreadable = [], []
@@ -118,23 +107,23 @@ def check(what: Checked) -> None:
 
 @group
 class Converted:
-    """The file to convert, and the format it is converted to."""
+    """The file to convert, and the format it is converted to.
 
-    files: list[Path] = argument(
-        "FILE...",
-        "File from a cycler, or several that one log was cut into, in order; - is standard input.",
-    )
-    to: Literal["bdf"] = typer.Option(
-        "bdf", help="Format: the Battery Data Format.", rich_help_panel=OUTPUT
-    )
-    out: Path | None = option(
-        OUTPUT,
-        "FILE",
-        "File to write, .parquet or .csv (default: the name of FILE with .bdf.parquet).",
-    )
-    read: Given = options_of(Reading(), INPUT, *HOW_READ)
-    force: bool = FORCE
-    quiet: bool = QUIET
+    Arguments:
+        files (FILE...): File from a cycler, or several that one log was cut into, in order; - is
+            standard input.
+
+    Output:
+        to: Format: the Battery Data Format.
+        out (FILE): File to write, .parquet or .csv (default: the name of FILE with .bdf.parquet).
+    """
+
+    files: list[Path]
+    to: Literal["bdf"] = "bdf"
+    out: Path | None = None
+    read: Given = options_of(*HOW_READ)
+    force: bool = False
+    quiet: bool = False
 
 
 def convert(what: Converted) -> None:
@@ -191,31 +180,24 @@ def _require_another(path: Path, read: Path) -> None:
 
 @group
 class ExportChoices:
-    """The target of an export, and whether it is simulated there."""
+    """The target of an export, and whether it is simulated there.
 
-    result: Path = STORED
-    to: str = option(
-        OUTPUT,
-        "pybamm|thevenin|simscape|c-header|csv|xlsx|json|c-filter",
-        "The tool or format to export to.",
-        ...,
-        autocompletion=known_names("export", "EXPORTERS"),
-    )
-    out: Path | None = option(
-        OUTPUT,
-        "FILE",
-        "File to write (default: beside the result, barnax_pybamm.py, barnax_thevenin.py, "
-        "barnax_simscape.mat, barnax_cell.h, barnax_parameters.csv or .xlsx, barnax_cell.json or "
-        "barnax_filter.h).",
-    )
-    force: bool = FORCE
-    verify: bool = flag(
-        OUTPUT,
-        "--verify",
-        "Simulate the exported circuit in PyBaMM or thevenin, and print the largest difference "
-        "from barnax.",
-    )
-    quiet: bool = QUIET
+    Output:
+        to (pybamm|thevenin|simscape|c-header|csv|xlsx|json|c-filter): The tool or format to export
+            to.
+        out (FILE): File to write (default: beside the result, barnax_pybamm.py, barnax_thevenin.py,
+            barnax_simscape.mat, barnax_cell.h, barnax_parameters.csv or .xlsx, barnax_cell.json or
+            barnax_filter.h).
+        verify: Simulate the exported circuit in PyBaMM or thevenin, and print the largest
+            difference from barnax.
+    """
+
+    result: Path
+    to: str = field(metadata={"autocompletion": known_names("export", "EXPORTERS")})
+    out: Path | None = None
+    force: bool = False
+    verify: bool = False
+    quiet: bool = False
 
 
 def export(chosen: ExportChoices) -> None:
@@ -227,10 +209,10 @@ def export(chosen: ExportChoices) -> None:
     session, result = Session(is_quiet=chosen.quiet), chosen.result
     # PyBaMM would ask, and then report, what it is used for.
     os.environ.setdefault("PYBAMM_DISABLE_TELEMETRY", "true")
-    with session.watch("Loading JAX"):
-        use_compilation_cache()
+    with session.loading():
         from ..export import get_exporter, require_package
         from ..export import verify as simulate_both
+        from ..results import Result
 
     exporter = get_exporter(chosen.to)
     if chosen.verify:
@@ -243,7 +225,7 @@ def export(chosen: ExportChoices) -> None:
         ending = Path(exporter.file_name).suffix
         raise InputError(f"{path}: has no ending; give `out` a name that ends in {ending}")
     tell_unfinished(session, path.parent)
-    stored = load(result)
+    stored = Result.load(result)
     content, caveats = exporter.write(stored)
     found = None
     if chosen.verify:

@@ -1,163 +1,124 @@
-"""`barnax fleet`: many cells of a manifest, identified on processes or on Dask, a row each."""
+"""`barnax fleet`: many cells of a manifest, identified on processes or on Dask, a row each; and
+`barnax life`: what such rows say of the cells' ageing."""
 
+import io
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import typer
-
 from ..errors import InputError, as_keys
-from ..files import changed_ns, located, replacing
+from ..files import changed_ns, is_address, located, replacing
 from ..settings import Settings
 from .options import (
-    FIX,
-    INPUT,
-    OUTPUT,
+    OF_FILES,
+    OF_JOB,
+    OF_RECORDS,
+    OF_TABLES,
     SEARCH,
-    Files,
     Given,
-    RecordOptions,
-    Tables,
-    argument,
-    flag,
     group,
-    option,
     options_of,
+    options_of_job,
+    options_of_settings,
 )
-from .output import tell_unfinished
+from .output import Output, tell_unfinished
 from .session import Session, as_flags, require_platform, shown
 
 if TYPE_CHECKING:
     from ..fleet import FleetCell, Progress
+    from ..life import Life
 
-ENGINE = "Engine"
 # Problems of a manifest that a dry run lists one by one.
 MAX_LISTED = 50
-
-
-@group
-class FleetSearch:
-    """The circuit, and the search for that of each cell."""
-
-    settings: Given = options_of(Settings(seeds=0), SEARCH, "model", "method", "seeds", "key")
-    trust: Literal["none", "basic"] = option(
-        SEARCH, "none|basic", "Compute intervals (basic) or not (none).", "basic"
-    )
-    bounds: Path | None = option(
-        SEARCH, "FILE.toml", "Bounds of the cells without any in the manifest."
-    )
-    fix: list[str] | None = FIX
-    cell: Path | None = option(
-        INPUT, "RESULT", "result.json whose OCV and capacity all cells use, instead of --ocv."
-    )
-
-
-@group
-class EngineOptions:
-    """The engine, and the part of the fleet that it computes."""
-
-    workers: int | None = option(ENGINE, "N", "Processes (default: as many as cores).", None, min=1)
-    scheduler: str | None = option(
-        ENGINE, "ADDRESS|local", "Dask scheduler instead of processes; local starts one."
-    )
-    shard: str | None = option(
-        ENGINE, "K/N", "Only the K-th of N parts of the fleet, for an array of jobs."
-    )
-    retry: bool = flag(ENGINE, "--retry", "Repeat the cells that failed.")
-    dry_run: bool = flag(
-        ENGINE,
-        "--dry-run",
-        "List missing files and values that cannot be used, and compute nothing.",
-    )
-
-
-@group
-class KeptFleet:
-    """A fleet whose factors were kept, in place of a manifest, and how its rows are grouped."""
-
-    fleet: str | None = typer.Option(
-        None, "--from", metavar="FOLDER", rich_help_panel=INPUT,
-        help="Instead of a manifest, a fleet that kept factors: fit them without its records.",
-    )  # fmt: skip
-    group: str = option(
-        INPUT, "COLUMN,...", "With --from: rows that are alike in these columns are one cell.", "id"
-    )
+# Odd cells have a page each, of many the oddest.
+MOST_PAGES = 20
 
 
 @group
 class FleetOptions:
-    """All that identifying a fleet can be told."""
+    """All that identifying a fleet can be told.
 
-    manifest: str | None = argument(
-        "[MANIFEST]",
-        "Table in CSV, Parquet or TOML with one row per cell: id, records, ocv and further "
-        "options; other columns are copied to the dataset.",
-        None,
+    Arguments:
+        manifest ([MANIFEST]): Table in CSV, Parquet or TOML with one row per cell: id, records, ocv
+            and further options; other columns are copied to the dataset.
+
+    Files:
+        fleet (--from FOLDER): Instead of a manifest, a fleet that kept factors: fit them without
+            its records.
+        group (COLUMN,...): With --from: rows that are alike in these columns are one cell.
+        addresses (ADDRESS): What the manifest may read besides files: all below s3://bucket/folder;
+            repeatable.
+        cell (RESULT): result.json whose OCV and capacity all cells use, instead of --ocv.
+
+    Search:
+        trust (none|basic): Compute intervals (basic) or not (none).
+        bounds (FILE.toml): Bounds of the cells without any in the manifest.
+
+    Engine:
+        workers (N): Processes (default: as many as cores).
+        scheduler (ADDRESS|local): Dask scheduler instead of processes; local starts one.
+        shard (K/N): Only the K-th of N parts of the fleet, for an array of jobs.
+        retry: Repeat the cells that failed.
+        dry_run: List missing files and values that cannot be used, and compute nothing.
+
+    Output:
+        out (FOLDER): Folder of the dataset, or its address; an interrupted run continues there.
+        keep_results: Also write each cell's result.json, to results/ID.
+        keep_factors (tables|constants): Also keep what a fit of the records needs, to factors/ID:
+            of tables over SOC, or of constant circuits alone.
+        ageing: Also keep what each row's records tell of ageing, for barnax life: capacity, OCV
+            shift, R0 and all resistances at 50 % SOC.
+        quiet (--quiet -q): Print nothing but warnings.
+    """
+
+    manifest: str | None = None
+    fleet: str | None = None
+    group: str = "id"
+    addresses: list[str] | None = None
+    files: Given = options_of(*OF_FILES)
+    of_records: Given = options_of(*OF_RECORDS)
+    search: Given = options_of(
+        *("model", "method", "seeds", "key"),
+        known=OF_JOB | options_of_settings(Settings(seeds=0), SEARCH),
     )
-    kept: KeptFleet
-    addresses: list[str] | None = option(
-        INPUT,
-        "ADDRESS",
-        "What the manifest may read besides files: all below s3://bucket/folder; repeatable.",
-    )
-    files: Files
-    of_records: RecordOptions
-    search: FleetSearch
-    tables: Tables
-    engine: EngineOptions
-    out: str = option(
-        OUTPUT,
-        "FOLDER",
-        "Folder of the dataset, or its address; an interrupted run continues there.",
-        "barnax-fleet",
-    )
-    keep_results: bool = flag(
-        OUTPUT, "--keep-results", "Also write each cell's result.json, to results/ID."
-    )
-    keep_factors: Literal["tables", "constants"] | None = option(
-        OUTPUT,
-        "tables|constants",
-        "Also keep what a fit of the records needs, to factors/ID: of tables over SOC, or of "
-        "constant circuits alone.",
-    )
-    ageing: bool = flag(
-        OUTPUT,
-        "--ageing",
-        "Also keep what each row's records tell of ageing, for barnax life: capacity, OCV shift, "
-        "R0 and all resistances at 50 % SOC.",
-    )
-    quiet: bool = flag(OUTPUT, "--quiet -q", "Print nothing but warnings.")
+    trust: Literal["none", "basic"] = "basic"
+    bounds: Path | None = None
+    fix: Given = options_of("fix")
+    cell: Path | None = None
+    tables: Given = options_of(*OF_TABLES)
+    workers: int | None = field(default=None, metadata={"min": 1})
+    scheduler: str | None = None
+    shard: str | None = None
+    retry: bool = False
+    dry_run: bool = False
+    out: str = "barnax-fleet"
+    keep_results: bool = False
+    keep_factors: Literal["tables", "constants"] | None = None
+    ageing: bool = False
+    quiet: bool = False
 
     @property
     def settings(self) -> dict[str, Any]:
         """Settings that hold for every cell."""
-        search = self.search
-        chosen: dict[str, Any] = {"seeds": 0, "trust": search.trust, **search.settings}
-        if search.fix:
-            from ..model.search_space import parse_fixed
-
-            chosen["fix"] = parse_fixed(search.fix)
-        keep: dict[str, Any] = {"keep_results": True} if self.keep_results else {}
-        keep |= {"keep_factors": self.keep_factors} if self.keep_factors else {}
-        keep |= {"ageing": True} if self.ageing else {}
-        return chosen | self.tables.chosen() | keep
+        chosen = options_of_job({**self.search, **self.fix, **self.tables})
+        kept = {name: getattr(self, name) for name in ("keep_results", "keep_factors", "ageing")}
+        kept = {name: value for name, value in kept.items() if value}
+        return {"seeds": 0, "trust": self.trust, **chosen, **kept}
 
     @property
     def defaults(self) -> dict[str, Any]:
         """Values for what a row of the manifest leaves empty."""
-        files = {"ocv": self.files.ocv, "validate": self.files.validate}
-        given = {
-            name: [path.absolute() for path in paths] for name, paths in files.items() if paths
-        }
-        given |= {name: values[-1] for name, values in self.of_records.given.items()}
-        given |= {**self.files.cell, **self.files.read}
+        given = dict(self.files)
+        for name in {"ocv", "validate"} & given.keys():
+            given[name] = [path.absolute() for path in given[name]]
+        given |= {name: values[-1] for name, values in self.of_records.items()}
         for name in ("bounds", "cell"):
-            if value := getattr(self.search, name):
-                given[name] = value.absolute()
+            if path := getattr(self, name):
+                given[name] = path.absolute()
         return given
 
 
@@ -174,20 +135,20 @@ def fleet(given: FleetOptions) -> None:
     from ..reporting.fleet import closing_lines, problem_lines, progress_remark
     from ..reporting.words import counted
 
-    engine, where = given.engine, given.manifest or given.kept.fleet
-    if where is None or (given.manifest and given.kept.fleet):
+    where = given.manifest or given.fleet
+    if where is None or (given.manifest and given.fleet):
         raise InputError("give a manifest, or the folder of a fleet with `from`")
     out, manifest = located(given.out), located(where)
     lines = list[str]()
     if given.manifest:
-        problems = lines if engine.dry_run else None
+        problems = lines if given.dry_run else None
         cells, carried = read_manifest(where, given.defaults, given.addresses or (), problems)
     elif manifest.resolve() == out.resolve():
         raise InputError(f"{out}: is the fleet that is regrouped; give `out` another folder")
     else:
         from ..fleet.regroup import regrouped
 
-        columns = tuple(name.strip() for name in given.kept.group.split(","))
+        columns = tuple(name.strip() for name in given.group.split(","))
         cells, carried = regrouped(where, columns), columns
     session.note(_what_is_there(cells, carried))
     prepare_process()
@@ -196,7 +157,7 @@ def fleet(given: FleetOptions) -> None:
 
     settings = given.settings
     _ = job_of(settings)
-    if engine.dry_run:
+    if given.dry_run:
         lines = list(map(as_keys, lines)) + problem_lines(cells)
         session.show(map(shown, lines[:MAX_LISTED]))
         if lines:
@@ -223,18 +184,18 @@ def fleet(given: FleetOptions) -> None:
             cells,
             out,
             settings=settings,
-            workers=engine.workers,
-            scheduler=engine.scheduler,
-            shard=parse_shard(engine.shard) if engine.shard else None,
-            retry=engine.retry,
+            workers=given.workers,
+            scheduler=given.scheduler,
+            shard=parse_shard(given.shard) if given.shard else None,
+            retry=given.retry,
             report=report,
         )
     # Parts, factors and results are folders in it.
     for folder in (out, *filter(Path.is_dir, out.iterdir())) if isinstance(out, Path) else ():
         tell_unfinished(session, folder)
-    lines = closing_lines(state, out, session.elapsed_s, engine.shard)
+    lines = closing_lines(state, out, session.elapsed_s, given.shard)
     # Shards run beside each other: the command that takes them together writes the report.
-    if not engine.shard:
+    if not given.shard:
         is_old = not page.exists() or changed_ns(page) < changed_ns(manifest)
         with session.watch("Writing the report"):
             lines[1] = _summed_up(cells, settings, out, write=is_old or state.finished > 0)
@@ -299,3 +260,86 @@ def _what_is_there(cells: "list[FleetCell]", carried: tuple[str, ...]) -> str:
     records = sum(len(cell.records) for cell in cells)
     text = f"{counted(len(cells), 'row')}, {counted(records, 'record')}"
     return f"{text}; copied to the dataset: {', '.join(carried)}" if carried else text
+
+
+@group
+class LifeOptions:
+    """The dataset, and which of its columns say what.
+
+    Arguments:
+        dataset (DATASET): Folder that barnax fleet --ageing wrote, or its address.
+
+    Ageing:
+        by (COLUMN): Column that names the cell of a row (default: specimen, cell_name, name or
+            serial).
+        age (COLUMN): Column of dates, or of ages in days, weeks, months, years, cycles or
+            ampere-hours, by its name (default: the first called so).
+        throughput (COLUMN): Column of ampere-hours since new, for equivalent full cycles.
+        false_alarms (RATE): Cells flagged without a fault, of each cell and year, or 365 cycles.
+        cell (NAME): A page of this cell too; repeatable (default: of those that are odd).
+        key (N): Random key of the fleets without faults.
+    """
+
+    dataset: str
+    by: str | None = None
+    age: str | None = None
+    throughput: str | None = None
+    false_alarms: float = 0.005
+    cell: list[str] | None = None
+    key: int = 0
+
+
+def life(given: LifeOptions, output: Output) -> None:
+    """Trends of capacity, resistances and OCV over the life of a fleet's cells, and odd cells.
+
+    Each with 95 % intervals, smooth in age and pooled over the fleet. What
+    the records do not determine is said, not guessed.
+    """
+    dataset = given.dataset
+    run = output.begun("barnax-life", [] if is_address(dataset) else [Path(dataset)])
+    with run.watch("Fitting trends"):
+        from ..fleet.summary import read_fleet
+        from ..life import life_of
+        from ..reporting.life import life_frame, life_json, life_lines
+
+        if not 0 < given.false_alarms < 1:
+            raise InputError(f"`false_alarms` {given.false_alarms:g}: give a rate such as 0.005")
+        asked = given.age, given.by, given.throughput, given.false_alarms, given.key
+        found = life_of(read_fleet(dataset), *asked)
+    unknown = [name for name in given.cell or () if name not in found.cells]
+    if unknown:
+        raise InputError(f"`cell` {unknown[0]!r}: no cell of {dataset} is called so")
+    odd = list(dict.fromkeys(fault.cell for fault in found.faults))[:MOST_PAGES]
+    pages = dict.fromkeys([*(given.cell or ()), *odd])
+
+    def files() -> dict[str, bytes]:
+        table = io.BytesIO()
+        life_frame(found).write_parquet(table)
+        return {"trends.parquet": table.getvalue(), **_pages(found, pages)}
+
+    run.show(shown(as_flags(line)) for line in life_lines(found))
+    run.deliver("life.json", life_json(found), files)
+    names = ["report.html", "trends.parquet", "life.json"]
+    run.show_written(names, f"{len(pages)} pages in cells")
+
+
+def _pages(found: "Life", cells: Iterable[str]) -> dict[str, bytes]:
+    from ..plots import plot_cell_life, plot_fleet_life
+    from ..plots.pictures import illustrate
+    from ..reporting.life import cell_document, life_document
+    from ..reporting.render import report_files, to_html
+
+    drawn = [illustrate("life", "all cells", plot_fleet_life, found)]
+    files = report_files(life_document(found, drawn).with_option_names(as_flags), drawn)
+    for number, cell in enumerate(cells, 1):
+        own = [illustrate(f"cell-{number}", cell, plot_cell_life, found, cell)]
+        page = cell_document(found, cell, own).with_option_names(as_flags)
+        files[f"cells/{number}-{_file_name(cell)}.html"] = to_html(page).encode()
+        files[f"figures/cell-{number}.png"] = own[0].png
+    return files
+
+
+def _file_name(cell: str) -> str:
+    """A name that is one of a file in its folder."""
+    kept = "".join(letter if letter.isalnum() or letter in "-_ " else "-" for letter in cell)
+    return kept[:100] or "cell"

@@ -6,34 +6,25 @@ from contextlib import suppress
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
 from ..errors import InputError
 from ..files import is_factor_file, write_whole
-from ..settings import Scope, Settings, TableOptions
+from ..settings import TableOptions
 from .options import (
-    INPUT,
-    LIVE,
-    OUTPUT,
-    PAPER,
-    REPORT,
-    SEARCH,
-    Files,
+    OF_FILES,
+    OF_RECORDS,
+    OF_SEARCH,
+    OF_TABLES,
     Given,
-    RecordOptions,
-    SearchOptions,
-    Tables,
-    argument,
-    flag,
     group,
-    option,
     options_of,
-    run_options,
+    options_of_job,
 )
 from .output import DEFAULT_FOLDER, Output, drawn_files, free_name
-from .session import Session, as_flags, flag_of, use_compilation_cache
+from .session import Session, as_flags, flag_of
 
 if TYPE_CHECKING:
     from ..plan import Plan
@@ -44,65 +35,55 @@ PLAN = "plan.toml"
 
 
 @group
-class Choices:
-    """The circuit, the method, and how closely the answer is examined."""
-
-    circuit: Given = options_of(Settings(), SEARCH, "model", "method")
-    scope: Given = options_of(Scope(), SEARCH)
-    report: bool = REPORT
-    live: bool = LIVE
-    design: Path | None = option(
-        OUTPUT, "FOLDER", "Show what this barnax design promised beside what the record reached."
-    )
-    paper: bool = PAPER
-
-
-@group
 class Identification:
-    """All that identifying a circuit can be told."""
+    """All that identifying a circuit can be told.
 
-    files: Files
-    of_records: RecordOptions
-    search: SearchOptions
-    chosen: Choices
-    tables: Tables
+    Output:
+        design (FOLDER): Show what this barnax design promised beside what the record reached.
+    """
+
+    job: Given = options_of(*OF_FILES, *OF_RECORDS, *OF_SEARCH, "model", "method", "setup", "trust")
+    report: bool = False
+    live: bool = False
+    design: Path | None = None
+    paper: bool = False
+    tables: Given = options_of(*OF_TABLES)
     output: Output
 
-    def given(self, records: list[Path]) -> dict[str, Any]:
+    @property
+    def given(self) -> Given:
         """The chosen options, by the names of `barnax.identify`."""
-        shared = run_options(self.files, self.of_records, self.search, records)
-        return {**shared, **self.chosen.circuit, **self.chosen.scope, **self.tables.chosen()}
+        return options_of_job({**self.job, **self.tables})
 
 
 @group
 class Records:
-    """The records to identify on."""
+    """The records to identify on.
 
-    records: list[Path] | None = argument(
-        "[RECORD]...",
-        "Dynamic record to identify on; several give one circuit for all of them. For a folder, or "
-        "files without --ocv, barnax chooses roles and windows; a plan is run as it is. Without "
-        "any, the bundled cell is identified.",
-        None,
-    )
-    plan: bool = flag(
-        INPUT,
-        "--plan",
-        "Only print the plan, as TOML: what would be done with which file. identify accepts it in "
-        "place of the folder.",
-    )
+    Arguments:
+        records ([RECORD]...): Dynamic record to identify on; several give one circuit for all of
+            them. For a folder, or files without --ocv, barnax chooses roles and windows; a plan is
+            run as it is. Without any, the bundled cell is identified.
+
+    Files:
+        plan: Only print the plan, as TOML: what would be done with which file. identify accepts it
+            in place of the folder.
+    """
+
+    records: list[Path] | None = None
+    plan: bool = False
 
 
 @group
 class PulseTests:
-    """The pulse tests to identify on."""
+    """The pulse tests to identify on.
 
-    records: list[Path] | None = argument(
-        "[RECORD]...",
-        "Pulse test (HPPC); several give one circuit. Without any, the bundled cell's test at "
-        "25 degC is used, and its drive cycles for validation.",
-        None,
-    )
+    Arguments:
+        records ([RECORD]...): Pulse test (HPPC); several give one circuit. Without any, the bundled
+            cell's test at 25 degC is used, and its drive cycles for validation.
+    """
+
+    records: list[Path] | None = None
 
 
 def identify(options: Identification, on: Records) -> None:
@@ -120,8 +101,7 @@ def identify(options: Identification, on: Records) -> None:
 def _fit_factors(options: Identification, paths: list[Path]) -> None:
     """Tables of records of which only factors were kept, on the screen; files of `out` if given."""
     session = Session(is_quiet=options.output.quiet)
-    with session.watch("Loading JAX"):
-        use_compilation_cache()
+    with session.loading():
         from ..factors import read_factors
         from ..job import Job
         from ..over_soc.kept import fit_kept
@@ -130,11 +110,10 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         from ..reporting.pulses import fit_csv
         from ..reporting.terminal import to_terminal
 
-    job = Job(**options.given([]), watch=session.watch)
+    job = Job(**options.given, watch=session.watch)
     known = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch"}
-    chosen = options.chosen
-    shown = {"json": options.output.as_json, "report": chosen.report, "live": chosen.live}
-    shown |= {"paper": chosen.paper, "design": chosen.design}
+    shown = {name: getattr(options, name) for name in ("report", "live", "paper", "design")}
+    shown |= {"json": options.output.as_json}
     idle = [*(job.chosen.keys() - known), *(name for name, value in shown.items() if value)]
     if idle:
         first = min(idle)
@@ -162,7 +141,7 @@ def _print_plan(options: Identification, records: list[Path]) -> None:
 
     if not records:
         raise InputError("`plan` is for files or a folder; give them")
-    job = Job(**options.given(records), watch=session.watch)
+    job = Job(records, **options.given, watch=session.watch)
     found = plan_of(job)
     plan = plan_given(job, "identify") if found is None else with_choices(found, job)
     typer.echo(plan_to_toml(plan), nl=False)
@@ -179,60 +158,59 @@ def hppc(options: Identification, on: PulseTests) -> None:
 def _run(
     command: Literal["identify", "hppc"], options: Identification, records: list[Path]
 ) -> None:
-    chosen, output, files = options.chosen, options.output, options.files
-    inputs = [*records, *(files.ocv or ()), *(files.validate or ())]
-    session, folder = output.begun(DEFAULT_FOLDER, inputs)
-    with session.watch("Loading JAX"):
-        use_compilation_cache()
+    inputs = [*records, *options.job.get("ocv", ()), *options.job.get("validate", ())]
+    run = options.output.begun(DEFAULT_FOLDER, inputs)
+    with run.loading():
         from .. import pipeline
         from ..experiment import Design
         from ..job import Job
         from ..plan import found_anywhere, plan_given, plan_of, plan_to_toml, with_choices
         from ..reporting.design_promised import promised_lines
-        from ..reporting.terminal import plan_lines
+        from ..reporting.terminal import next_lines, plan_lines
 
-    promise = None if chosen.design is None else Design.load(chosen.design)
-    if folder is not None:
+    promise = None if options.design is None else Design.load(options.design)
+    if run.folder is not None:
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
         module = "matplotlib.backends.backend_agg"
         # No daemon: a process that ends while one loads C++ aborts.
         threading.Thread(target=__import__, args=(module,)).start()
-    job = Job(**options.given(records), watch=session.watch)
+    job = Job(records, **options.given, watch=run.watch)
     found = plan_of(job) if command == "identify" else None
     plan = None
     if found is not None:
         plan = with_choices(found, job)
         if not plan.missing:
-            session.show(plan_lines(plan, as_flags))
+            run.show(plan_lines(plan, as_flags))
     elif records:
         plan = plan_given(job, command)
     if plan is not None:
-        job = Job(plan, watch=session.watch)
+        job = Job(plan, watch=run.watch)
     is_pulsed = plan is None and command == "hppc"
     result = pipeline.hppc(job) if is_pulsed else pipeline.identify(job)
     unseen = None
     try:
         # Read while the figures are drawn.
-        _show_answer(session, result, output.verbose)
+        _show_answer(run, result, options.output.verbose)
         if promise is not None:
-            session.show(promised_lines(promise, result, as_flags))
+            run.show(promised_lines(promise, result, as_flags))
     except OSError as problem:
         # A screen that takes no more, such as a closed pipe, costs no result.
         unseen = problem
-    draw = partial(result_files, result, chosen.report, chosen.paper, chosen.live)
+    draw = partial(result_files, result, options.report, options.paper, options.live)
     beside: dict[str, str] = {}
     # A name that no plan can hold costs the plan.
     with suppress(InputError):
         if plan is not None:
             beside[PLAN] = plan_to_toml(found_anywhere(plan, result.inputs))
-    document = result.to_json()
-    folder, written = output.deliver(session, folder, "result.json", document, draw, beside)
+    run.deliver("result.json", result.to_json(), draw, beside)
     if unseen is not None:
         raise unseen
-    following = _next(result, folder, plan if PLAN in written else None, chosen.design)
-    _show_files(session, folder, written, following)
-    session.tell(result.notes)
-    session.warn(result.warnings)
+    plan = plan if PLAN in run.written else None
+    run.show(next_lines(*_next(result, run.folder, plan, options.design)))
+    names = ["report.html", "result.json", "tables.csv", "pulses.csv", "figures"]
+    run.show_written(names, following=f"barnax show {shlex.quote(str(run.folder))}")
+    run.tell(result.notes)
+    run.warn(result.warnings)
 
 
 def result_files(
@@ -260,21 +238,6 @@ def _show_answer(session: Session, result: "Result", verbose: bool) -> None:
     session.show(first_screen(result, as_flags))
 
 
-def _show_files(
-    session: Session, folder: Path | None, written: set[str], following: tuple[str, str]
-) -> None:
-    """Print the next step, and what was written."""
-    from ..reporting.terminal import next_lines
-
-    session.show(next_lines(*following))
-    if folder is not None:
-        names = ["report.html"] if "report.html" in written else []
-        names.append("result.json")
-        names += [name for name in ("tables.csv", "pulses.csv") if name in written]
-        names += ["figures"] if any(name.startswith("figures/") for name in written) else []
-        session.show_written(folder, names, f"barnax show {shlex.quote(str(folder))}")
-
-
 def _next(
     result: "Result", folder: Path | None, plan: "Plan | None", design: Path | None
 ) -> tuple[str, str]:
@@ -299,5 +262,59 @@ def _next(
     if any(part.path == STDIN or part.path.is_relative_to("/dev") for part in plan.parts):
         return f"{advice}: {shlex.join(words)}, with what was piped saved as a file", ""
     words += [] if design is None else ["--design", str(design)]
-    words += ["--out", str(free_name(DEFAULT_FOLDER))]
+    words += ["--out", str(free_name(Path(DEFAULT_FOLDER)))]
     return advice, shlex.join(["barnax", "identify", str(folder / PLAN), *words])
+
+
+@group
+class OfPack:
+    """The file of a pack, and how its cells are told.
+
+    Arguments:
+        record (FILE): Record with one current and many cell voltages.
+
+    Files:
+        cells ('V*'): Columns of the cell voltages, as patterns with commas between several
+            (default: those that are numbered alike).
+        own_time_constants: Let every cell have its own, instead of the mean cell's.
+    """
+
+    record: Path
+    cells: str | None = None
+    own_time_constants: bool = False
+    job: Given = options_of(*OF_FILES, *OF_RECORDS, *OF_TABLES)
+
+
+def pack(on: OfPack, output: Output) -> None:
+    """Identify every cell of a pack: resistances, capacity and SOC beside the mean, the odd ones.
+
+    Writes cells.csv, a fleet's dataset of them, a figure, and the mean cell's
+    result.json.
+    """
+    if "validate" in on.job:
+        raise InputError("`validate` does nothing for a pack, whose record is the only one")
+    run = output.begun("barnax-pack", [on.record, *on.job.get("ocv", ())])
+    with run.loading():
+        from ..fleet.rows import pack_rows
+        from ..pack import identify_pack
+        from ..reporting.pack import cells_csv, pack_document
+        from ..reporting.terminal import to_terminal
+
+    given = options_of_job({name: value for name, value in on.job.items() if name != "over"})
+    of_cells = {"cells": on.cells, "own_time_constants": on.own_time_constants}
+    found = identify_pack(on.record, **of_cells, **given, watch=run.watch)
+    run.show(to_terminal(pack_document(found).with_option_names(as_flags)))
+
+    def draw() -> dict[str, bytes]:
+        from ..fleet.dataset import rows_bytes
+        from ..plots.pictures import encode
+
+        return {
+            "cells.parquet": rows_bytes(pack_rows(found, on.record.stem)),
+            "figures/cells.png": encode(found.figure()),
+        }
+
+    beside = {"cells.csv": cells_csv(found)}
+    run.deliver("result.json", found.result.to_json(), draw, beside)
+    run.show_written(["cells.csv", "cells.parquet", "result.json", "figures"])
+    run.warn(found.result.warnings)

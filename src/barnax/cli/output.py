@@ -13,16 +13,17 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import typer
+from rich.text import Text
 
-from ..errors import InputError
+from ..errors import InputError, printable
 from ..files import aside, locked, restore, undisturbed, unfinished, write_whole
-from .options import OUTPUT, QUIET, flag, group, option
+from .options import group
 from .session import Session, as_flags
 
 if TYPE_CHECKING:
     from ..reporting.document import Document
 
-DEFAULT_FOLDER = Path("barnax-out")
+DEFAULT_FOLDER = "barnax-out"
 # One of these is in every folder of results.
 RESULTS = ("result.json", "comparison.json", "soc.json", "design.json", "life.json")
 # What barnax wrote into a folder, each file with its SHA-256: all else is the user's, whatever its
@@ -32,69 +33,86 @@ LIST = "files.json"
 
 @group
 class Output:
-    """The folder of the results, and what is printed."""
+    """The folder of the results, and what is printed.
 
-    out: Path | None = option(
-        OUTPUT,
-        "FOLDER",
-        "Folder for the results (default: barnax-out; barnax-soc for "
-        "soc, barnax-design for design, barnax-life for life).",
-    )
-    force: bool = flag(OUTPUT, "--force", "Replace the result in the folder.")
-    as_json: bool = flag(OUTPUT, "--json", "Print the result as JSON; write files only with --out.")
-    verbose: bool = flag(OUTPUT, "--verbose", "Print every decision, table and warning.")
-    quiet: bool = QUIET
+    Output:
+        out (FOLDER): Folder for the results (default: barnax-out; barnax-soc for soc, barnax-design
+            for design, barnax-life for life).
+        force: Replace the result in the folder.
+        as_json (--json): Print the result as JSON; write files only with --out.
+        verbose: Print every decision, table and warning.
+    """
 
-    def begun(self, default: Path, inputs: Iterable[Path] = ()) -> tuple[Session, Path | None]:
-        """The session of a run, and the folder of its results, None where they are only printed.
+    out: Path | None = None
+    force: bool = False
+    as_json: bool = False
+    verbose: bool = False
+    quiet: bool = False
 
-        Raises `InputError` where an input is missing, or results cannot go there.
-        """
+    def begun(self, default: str, inputs: Iterable[Path] = ()) -> "Delivery":
+        """The run of a command. Raises `InputError` where an input is missing, or results cannot go
+        to their folder."""
         for path in inputs:
             require_there(path)
-        folder = self.out or (None if self.as_json else default)
+        folder = self.out or (None if self.as_json else Path(default))
         if folder is not None:
             require_free(folder, self.force)
-        session = Session(is_quiet=self.quiet or self.as_json)
+        run = Delivery(self, folder)
         if folder is not None:
-            tell_unfinished(session, folder.resolve().parent)
-        return session, folder
+            tell_unfinished(run, folder.resolve().parent)
+        return run
+
+
+class Delivery(Session):
+    """A session whose results go to a folder; None where they are only printed."""
+
+    def __init__(self, output: Output, folder: Path | None):
+        super().__init__(output.quiet or output.as_json)
+        self.output, self.folder = output, folder
+        self.written: set[str] = set()
 
     def deliver(
         self,
-        session: Session,
-        folder: Path | None,
         name: str,
         document: str,
         draw: Callable[[], Mapping[str, bytes]],
         beside: Mapping[str, str] | None = None,
-    ) -> tuple[Path | None, set[str]]:
+    ) -> None:
         """Write a result under its name with its figures and what stands `beside` it, and print it,
-        as far as is wanted.
-
-        What fails to be drawn costs only itself. Gives the folder that it went to, and the files
-        in it.
-        """
+        as far as is wanted. What fails to be drawn costs only itself."""
         texts = {name: document, **(beside or {})}
-        written = {name: text.encode() for name, text in texts.items()}
-        if folder is not None:
-            with session.watch("Drawing figures"):
+        files = {name: text.encode() for name, text in texts.items()}
+        if self.folder is not None:
+            with self.watch("Drawing figures"):
                 try:
-                    written |= draw()
+                    files |= draw()
                 except Exception as problem:
-                    session.warn(
+                    self.warn(
                         [f"the figures could not be drawn ({problem}); the result is written"]
                     )
-            written["timings.json"] = session.timings_json()
-            place = write_folder(folder, written, self.force)
-            if place != folder:
-                session.warn(
-                    [f"{folder}: something else has appeared there; the results are in {place}"]
-                )
-            folder = place
-        if self.as_json:
+            files["timings.json"] = self.timings_json()
+            place = write_folder(self.folder, files, self.output.force)
+            if place != self.folder:
+                where = f"the results are in {place}"
+                self.warn([f"{self.folder}: something else has appeared there; {where}"])
+            self.folder, self.written = place, {*files}
+        if self.output.as_json:
             typer.echo(document, nl=False)
-        return folder, set(written)
+
+    def show_written(self, names: Sequence[str], remark: str = "", following: str = "") -> None:
+        """Print which of these files and folders were written, a remark, and how long all took."""
+        if self.folder is not None:
+            heads = self.written | _folders(self.written)
+            first, *others = (name for name in names if name in heads)
+            parts = [
+                f"{self.folder}/{first}",
+                *others,
+                remark,
+                f"{self.elapsed_s:.1f} s",
+                following,
+            ]
+            line = printable("  ".join(filter(None, parts)))
+            self.show(["", Text(f"  {line}", no_wrap=True)])
 
 
 def drawn_files(

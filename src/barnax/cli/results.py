@@ -1,5 +1,8 @@
-"""Commands on a stored result: show it, validate it, replay a record with it."""
+"""Commands on a stored result: show it, its page, validate it, replay a record with it."""
 
+import json
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -8,49 +11,36 @@ import typer
 
 from ..errors import InputError
 from ..settings import Reading, Window
-from .options import (
-    FILTER,
-    FORCE,
-    HOW_READ,
-    INPUT,
-    OUTPUT,
-    PAPER,
-    QUIET,
-    REPORT,
-    STORED,
-    WINDOW,
-    Given,
-    RecordOptions,
-    argument,
-    flag,
-    group,
-    option,
-    options_of,
-)
-from .output import Output, drawn_files, require_free_file, write_file
+from .options import HOW_READ, OF_RECORDS, Given, group, options_of, windows_by_record
+from .output import RESULTS, Output, add_file, drawn_files, require_free_file, write_file
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..records import Source
     from ..replay import SocReplay
-    from ..reporting.document import Table
+    from ..reporting.document import Document, Table
     from ..results import Result
     from ..search.evaluate import Evaluation
 
-SOC_FOLDER = Path("barnax-soc")
+PAGE = "report.html"
 
 
 @group
 class OnRecord:
-    """A stored result and a record; the window stored of it applies, unless changed."""
+    """A stored result and a record; the window stored of it applies, unless changed.
 
-    result: Path = STORED
-    record: Path = argument("RECORD", "Record to simulate.")
-    of_records: RecordOptions
-    read: Given = options_of(Reading(), INPUT, *HOW_READ)
-    whole_record: bool = flag(
-        WINDOW, "--whole-record", "Use the whole record, ignoring its stored window."
-    )
+    Arguments:
+        record (RECORD): Record to simulate.
+
+    Records (FILE=VALUE for one of them):
+        whole_record: Use the whole record, ignoring its stored window.
+    """
+
+    result: Path
+    record: Path
+    of_records: Given = options_of(*OF_RECORDS)
+    read: Given = options_of(*HOW_READ)
+    whole_record: bool = False
 
     @property
     def how(self) -> dict[str, Any]:
@@ -70,7 +60,7 @@ class OnRecord:
         from ..model.window import merged
         from ..result_filter import window_of
 
-        name, chosen = self.record.name, self.of_records.chosen()
+        name, chosen = self.record.name, windows_by_record(self.of_records)
         unknown = sorted(chosen.keys() - {"", name})
         if unknown:
             raise InputError(f"an option is given for {unknown[0]!r}; the record is {name}")
@@ -81,22 +71,20 @@ class OnRecord:
         return source, merged(window_of(stored, source), given) if chosen else None
 
 
-def load(path: Path) -> "Result":
-    """The result in a file, or in a folder that identify wrote."""
-    from ..results import Result
-
-    return Result.load(path)
-
-
 @group
 class Shown:
-    """One result, or several."""
+    """One result, or several.
 
-    results: list[Path] = argument(
-        "RESULT...",
-        "The folder that identify wrote, or its result.json; two or more are shown side by side.",
-    )
-    choice: bool = flag(OUTPUT, "--choice", "Show how the circuit was chosen, and no more.")
+    Arguments:
+        results (RESULT...): The folder that identify wrote, or its result.json; two or more are
+            shown side by side.
+
+    Output:
+        choice: Show how the circuit was chosen, and no more.
+    """
+
+    results: list[Path]
+    choice: bool = False
 
 
 def show(of: Shown) -> None:
@@ -108,21 +96,18 @@ def show(of: Shown) -> None:
     from ..reporting.candidates import choice_document
     from ..reporting.identification import identification_document
     from ..reporting.terminal import to_terminal
+    from ..results import Result
 
-    session = Session(is_quiet=False)
     if len(of.results) > 1:
         from ..reporting.parameters import show as side_by_side
 
-        beside = side_by_side(*of.results, names=_names(of.results))
-        session.show(to_terminal(beside.document.with_option_names(as_flags)))
-        return
-    stored = load(of.results[0])
-    if of.choice:
-        if not stored.tried:
+        document = side_by_side(*of.results, names=_names(of.results)).document
+    else:
+        stored = Result.load(of.results[0])
+        if of.choice and not stored.tried:
             raise InputError(f"{of.results[0]}: its circuit was asked for, so none was chosen")
-        session.show(to_terminal(choice_document(stored)))
-        return
-    session.show(to_terminal(identification_document(stored).with_option_names(as_flags)))
+        document = choice_document(stored) if of.choice else identification_document(stored)
+    Session(is_quiet=False).show(to_terminal(document.with_option_names(as_flags)))
 
 
 def _names(paths: list[Path]) -> tuple[str, ...]:
@@ -134,14 +119,17 @@ def _names(paths: list[Path]) -> tuple[str, ...]:
 
 @group
 class Errors:
-    """The form in which errors on a record are printed."""
+    """The form in which errors on a record are printed.
 
-    as_json: bool = flag(OUTPUT, "--json", "Print the errors as JSON.")
-    report: Path | None = option(
-        OUTPUT, "FILE", "Also write the errors and their figures, as HTML."
-    )
-    force: bool = FORCE
-    quiet: bool = QUIET
+    Output:
+        as_json (--json): Print the errors as JSON.
+        report (FILE): Also write the errors and their figures, as HTML.
+    """
+
+    as_json: bool = False
+    report: Path | None = None
+    force: bool = False
+    quiet: bool = False
 
 
 def validate(on: OnRecord, output: Errors) -> None:
@@ -151,17 +139,17 @@ def validate(on: OnRecord, output: Errors) -> None:
     change it; of another record all is simulated.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
-    with session.watch("Loading JAX"):
-        use_compilation_cache()
+    with session.loading():
         from ..reporting.identification import metrics_table
         from ..reporting.starts import moved_start_sentence
         from ..reporting.temperatures import prediction_sentence
         from ..reporting.terminal import terminal_table
+        from ..results import Result
         from ..storing import metrics_part
 
     if output.report is not None:
         require_free_file(output.report, output.force)
-    stored = load(on.result)
+    stored = Result.load(on.result)
     record, window = on.meeting(stored)
     with session.watch("Simulating"):
         evaluation = stored.validate(record, window, **on.how)
@@ -200,29 +188,21 @@ def _validation_page(evaluation: "Evaluation", table: "Table", answer: str) -> b
 
 @group
 class FilterOptions:
-    """The filter that replays the record, and the parameters it estimates."""
+    """The filter that replays the record, and the parameters it estimates.
 
-    filter: Literal["sum", "ekf", "ukf"] = option(
-        FILTER,
-        "sum|ekf|ukf",
-        "Gaussian sum of extended Kalman filters, one extended or one unscented Kalman filter.",
-        "sum",
-    )
-    estimate: str = option(
-        FILTER,
-        "NAME,NAME",
-        "Parameters to estimate: offset (of the current), capacity, R0, R1, tau1 and so on; '' for "
-        "none.",
-        "offset,capacity",
-    )
-    tables: bool = flag(
-        FILTER,
-        "--tables/--no-tables",
-        "Use the tables over SOC if the result has them, or not.",
-        True,
-    )
-    report: bool = REPORT
-    paper: bool = PAPER
+    Filter:
+        filter (sum|ekf|ukf): Gaussian sum of extended Kalman filters, one extended or one unscented
+            Kalman filter.
+        estimate (NAME,NAME): Parameters to estimate: offset (of the current), capacity, R0, R1,
+            tau1 and so on; '' for none.
+        tables (--tables/--no-tables): Use the tables over SOC if the result has them, or not.
+    """
+
+    filter: Literal["sum", "ekf", "ukf"] = "sum"
+    estimate: str = "offset,capacity"
+    tables: bool = True
+    report: bool = False
+    paper: bool = False
 
 
 def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
@@ -232,26 +212,24 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     with a current offset, and with a wrong capacity. The window of a
     record that the result is of applies, unless options change it.
     """
-    session, folder = output.begun(SOC_FOLDER, (on.result, on.record))
-    with session.watch("Loading JAX"):
-        use_compilation_cache()
+    run = output.begun("barnax-soc", (on.result, on.record))
+    with run.loading():
         from ..replay import replay_soc
         from ..reporting.terminal import soc_screen
         from ..result_filter import FilterSettings
+        from ..results import Result
 
-    stored = load(on.result)
+    stored = Result.load(on.result)
     record, window = on.meeting(stored)
     names = tuple(name.strip() for name in chosen.estimate.split(",") if name.strip())
     settings = FilterSettings(chosen.filter, names, tables=chosen.tables)
-    with session.watch("Replaying"):
+    with run.watch("Replaying"):
         replay = replay_soc(stored, record, window, settings, **on.how)
     draw = partial(_soc_figures, replay, chosen.report, chosen.paper)
-    folder, written = output.deliver(session, folder, "soc.json", replay.to_json(), draw)
-    session.show(soc_screen(replay))
-    if folder is not None:
-        names = ["report.html"] if "report.html" in written else []
-        session.show_written(folder, [*names, "soc.json", "figures"])
-    session.warn(replay.warnings)
+    run.deliver("soc.json", replay.to_json(), draw)
+    run.show(soc_screen(replay))
+    run.show_written([PAGE, "soc.json", "figures"])
+    run.warn(replay.warnings)
 
 
 def _soc_figures(replay: "SocReplay", report: bool, paper: bool) -> dict[str, bytes]:
@@ -260,3 +238,102 @@ def _soc_figures(replay: "SocReplay", report: bool, paper: bool) -> dict[str, by
 
     document_of = partial(replay_document, replay)
     return drawn_files(lambda: [replay_illustration(replay)], document_of, report, paper)
+
+
+@group
+class Stored:
+    """A stored result, and the file for its page.
+
+    Arguments:
+        result (RESULT): The folder that identify, hppc, compare, soc or fleet wrote, or its
+            result.json, comparison.json or soc.json.
+
+    Output:
+        out (FILE): The page (default: report.html beside the result).
+    """
+
+    result: Path
+    out: Path | None = None
+    data: list[Path] | None = None
+    live: bool = False
+    force: bool = False
+
+
+def report(of: Stored) -> None:
+    """Write the report of a stored result as one HTML page.
+
+    The figures of identify and hppc are drawn again from the measured files. Where
+    those are not found, and for compare and soc, figures over time are left out.
+    """
+    place = of.result if of.result.is_dir() else of.result.parent
+    out = of.out or place / PAGE
+    require_free_file(out, of.force)
+    session = Session(is_quiet=False)
+    with session.watch("Writing the report"):
+        from ..reporting.render import to_html
+
+        document, missing = _document(_file_of(of.result), of.data or (), of.live)
+        if missing:
+            left_out = f"{document.summary} Figures over time are left out: {missing}."
+            document = replace(document, summary=left_out.strip())
+        add_file(out, to_html(document.with_option_names(as_flags)).encode())
+    if missing:
+        session.warn([f"figures over time are left out: {missing}"])
+    session.show([str(out)])
+
+
+def _file_of(path: Path) -> Path:
+    """The file that holds a result; a fleet's own folder."""
+    if not path.is_dir():
+        return path
+    found = [path / name for name in RESULTS if (path / name).is_file()]
+    if found:
+        return found[0]
+    if (path / "cells.parquet").is_file():
+        return path
+    raise InputError(f"{path}: holds no result; give the folder that a command of barnax wrote")
+
+
+def _document(path: Path, data: Sequence[Path], live: bool) -> "tuple[Document, str]":
+    """The document of what is stored, and why figures over time are missing, if they are."""
+    if path.is_dir():
+        from ..fleet.summary import read_fleet, summarize
+        from ..reporting.fleet import fleet_document, fleet_illustrations
+
+        rows = read_fleet(path)
+        missing = "the worst fits are drawn by barnax fleet, with its manifest"
+        return fleet_document(summarize(rows), fleet_illustrations(rows, {})), missing
+    use_compilation_cache()
+    keys = _keys(path)
+    if "scenarios" in keys:
+        from ..replay import SocReplay
+        from ..reporting.replay import replay_document
+
+        missing = "soc.json has no estimates over time; barnax soc --report draws them"
+        return replay_document(SocReplay.from_json(path)), missing
+    if "rows" in keys:
+        from ..comparison import ComparisonResult
+        from ..reporting.comparison import comparison_document
+        from ..reporting.illustrations import comparison_illustrations
+
+        stored = ComparisonResult.from_json(path)
+        missing = "comparison.json has no records; barnax compare draws them"
+        return comparison_document(stored, comparison_illustrations(stored)), missing
+    from ..reporting.identification import identification_document
+    from ..reporting.illustrations import identification_illustrations, stored_illustrations
+    from ..results import Result
+
+    result, missing = Result.load(path, data=data), ""
+    try:
+        drawn = identification_illustrations(result, live=live)
+    except InputError as problem:
+        drawn, missing = stored_illustrations(result), str(problem)
+    return identification_document(result, drawn), missing
+
+
+def _keys(path: Path) -> set[str]:
+    """The keys of a file; what is no JSON is refused by whoever reads it as a result."""
+    try:
+        return {*json.loads(path.read_text(encoding="utf-8"))}
+    except (OSError, ValueError, TypeError, RecursionError):
+        return set()

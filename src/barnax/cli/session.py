@@ -5,9 +5,8 @@ import os
 import re
 import shlex
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import platformdirs
 from rich.console import Console, RenderableType
@@ -63,7 +62,8 @@ class Session:
         self._is_quiet = is_quiet
         self._console = Console(highlight=False)
         self._notes = Console(stderr=True, highlight=False)
-        self._timings: dict[str, float] = {}
+        # Of every stage so far.
+        self.seconds: dict[str, float] = {}
         self._started = time.perf_counter()
 
     @contextmanager
@@ -73,6 +73,13 @@ class Session:
         columns = [BarColumn(pulse_style="cyan"), *count, TimeElapsedColumn()]
         with self._progress(title, total, columns) as (progress, task):
             yield lambda gained: progress.advance(task, gained)
+
+    @contextmanager
+    def loading(self) -> Iterator[None]:
+        """A stage in which JAX is loaded, and modules that use it."""
+        with self.watch("Loading JAX"):
+            use_compilation_cache()
+            yield
 
     @contextmanager
     def counting(self, title: str, total: int) -> Iterator[Callable[[int, str], None]]:
@@ -103,7 +110,7 @@ class Session:
         try:
             yield
         finally:
-            self._timings[title] = time.perf_counter() - start
+            self.seconds[title] = time.perf_counter() - start
 
     def show(self, blocks: Iterable[RenderableType]) -> None:
         """Print tables and sentences, unless the command is quiet."""
@@ -112,11 +119,6 @@ class Session:
                 # What is to be copied stays in one line, however narrow the terminal.
                 is_whole = isinstance(block, Text) and bool(block.no_wrap)
                 self._console.print(block, soft_wrap=is_whole, crop=False)
-
-    def show_written(self, folder: Path, names: Sequence[str], *following: str) -> None:
-        """Print the files that were written to a folder, and how long that took."""
-        parts = [f"{folder}/{names[0]}", *names[1:], f"{self.elapsed_s:.1f} s", *following]
-        self.show(["", Text("  " + printable("  ".join(parts)), no_wrap=True)])
 
     def note(self, text: str) -> None:
         """Print a sentence to stderr, unless the command is quiet."""
@@ -138,17 +140,12 @@ class Session:
             self._notes.print("[yellow]warning:[/yellow]", shown(as_flags(warning)), soft_wrap=True)
 
     @property
-    def seconds(self) -> Mapping[str, float]:
-        """Seconds of every stage so far."""
-        return self._timings
-
-    @property
     def elapsed_s(self) -> float:
         return time.perf_counter() - self._started
 
     def timings_json(self) -> bytes:
         """Seconds of every stage so far, as `timings.json`."""
-        seconds = {f"{stage} [s]": round(spent, 3) for stage, spent in self._timings.items()}
+        seconds = {f"{stage} [s]": round(spent, 3) for stage, spent in self.seconds.items()}
         return (json.dumps(seconds, indent=1) + "\n").encode()
 
 

@@ -173,7 +173,7 @@ def test_no_test_is_designed_for_what_is_known_already(result, tmp_path, monkeyp
     # What shows a test shows that there is none.
     assert screen_of(design_screen(none, as_flags)) == text
     assert design_files(none) == {}
-    monkeypatch.setattr("barnax.experiment.design", lambda *_, **__: none)
+    monkeypatch.setattr("barnax.design", lambda *_, **__: none)
     monkeypatch.chdir(tmp_path)
     words = ["design", "--capacity=2"]
     for more, written in (([], []), (["--out=out"], ["design.json", "files.json", "timings.json"])):

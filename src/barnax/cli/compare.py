@@ -6,15 +6,13 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import barnax
 
 from ..errors import InputError
 from .options import OF_FILES, OF_RECORDS, OF_SEARCH, Given, group, options_of, options_of_job
 from .output import DEFAULT_FOLDER, Output, drawn_files
 from .session import Session, as_flags, shown
-
-if TYPE_CHECKING:
-    from ..comparison import Comparison, ComparisonResult
 
 # What of the report stands in the terminal unless everything is asked for.
 SHOWN = {*("Circuits", "Verdict", "Parameters", "Search"), *("Identification", "Validation")}
@@ -55,17 +53,16 @@ def compare(options: Comparing) -> None:
     """
     record, run = options.record, options.output.begun(DEFAULT_FOLDER)
     with run.loading():
-        from ..baselines import METHODS
         from ..cell import CIRCUITS
         from ..comparison import PAPER_ROWS
-        from ..comparison.result import ComparisonJob, compare_files
+        from ..comparison.result import ComparisonJob
         from ..plan import plan_of, planned
         from ..reporting.terminal import plan_lines
 
     rows = chosen_rows(options.models, options.methods, PAPER_ROWS)
     for model, method in rows:
         _require_choice("models", model, CIRCUITS)
-        _require_choice("methods", method, METHODS)
+        _require_choice("methods", method, barnax.METHODS)
     given = options_of_job({**options.job, **options.scope})
     job = ComparisonJob([record] if record else [], **given, rows=rows, watch=run.watch)
     plan = plan_of(job)
@@ -75,9 +72,9 @@ def compare(options: Comparing) -> None:
         plan = plan.on_one
         run.show(plan_lines(plan, as_flags))
         job = planned(plan, job)
-    total = sum(1 if METHODS[method].is_deterministic else job.seeds for _, method in rows)
+    total = sum(1 if barnax.METHODS[method].is_deterministic else job.seeds for _, method in rows)
     with run.watch("Comparing", total) as advance:
-        comparison, result = compare_files(job.changed(watch=_row_watch(run, advance)))
+        comparison, result = barnax.compare_files(job.changed(watch=_row_watch(run, advance)))
     seconds = {row.name: run.seconds[row.name] for row in result.rows}
     draw = partial(_report, result, comparison, seconds, options.paper, options.live)
     run.deliver("comparison.json", result.to_json(), draw)
@@ -94,10 +91,9 @@ def _require_choice(option: str, value: str, choices: Iterable[str]) -> None:
 
 
 def _show(
-    session: Session, result: "ComparisonResult", seconds: dict[str, float], is_verbose: bool
+    session: Session, result: "barnax.ComparisonResult", seconds: dict[str, float], is_verbose: bool
 ) -> None:
     from ..reporting.comparison import comparison_document
-    from ..reporting.terminal import to_terminal
 
     document = comparison_document(result, (), seconds)
     if not is_verbose:
@@ -105,7 +101,7 @@ def _show(
             section for section in document.sections if section.title.partition(":")[0] in SHOWN
         ]
         document = replace(document, sections=tuple(kept))
-    session.show(to_terminal(document.with_option_names(as_flags)))
+    session.show_document(document)
     session.warn(result.warnings)
 
 
@@ -145,8 +141,8 @@ def _names(text: str) -> dict[str, None]:
 
 
 def _report(
-    result: "ComparisonResult",
-    comparison: "Comparison",
+    result: "barnax.ComparisonResult",
+    comparison: "barnax.Comparison",
     seconds: dict[str, float],
     paper: bool,
     live: bool,

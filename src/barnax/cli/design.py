@@ -5,6 +5,8 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+import barnax
+
 from ..errors import InputError
 from ..settings import WINDOW_OPTIONS, Over, choices_in
 from .options import group
@@ -14,9 +16,7 @@ from .session import as_flags, flag_of
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from ..experiment import Block, Design
     from ..reopening import Places
-    from ..results import Result
 
 
 @group
@@ -82,20 +82,20 @@ def design(cell: Cell, test: Test, output: Output) -> None:
     """
     run = output.begun("barnax-design", [] if cell.result is None else [cell.result])
     with run.loading():
-        from ..experiment import design as designed
         from ..experiment.belief import believed_of
         from ..reporting.design import design_screen, planned_lines
         from ..reporting.design_forms import design_files
-        from ..results import Result
 
     blocks = None if test.blocks is None else _blocks(test.blocks, test.key)
     with run.watch("Looking at the records"):
-        stored = None if cell.result is None else Result.load(cell.result, data=cell.data or ())
+        stored = (
+            None if cell.result is None else barnax.Result.load(cell.result, data=cell.data or ())
+        )
         believed = believed_of(stored, cell.capacity, cell.chemistry, test.temperature)
     rates = {name: _rate(name, vars(test)[name]) for name in ("max_discharge", "max_charge")}
     with run.watch("Designing"):
         options = {**vars(test), **rates, "want": _wanted(test.want), "blocks": blocks}
-        test_design = designed(believed, **options)
+        test_design = barnax.design(believed, **options)
     chosen = [name for name, rate in rates.items() if rate is not None]
     run.show(planned_lines(believed, as_flags, chosen))
     if not test_design.is_needed:
@@ -105,10 +105,9 @@ def design(cell: Cell, test: Test, output: Output) -> None:
     def files() -> dict[str, bytes]:
         if not test_design.is_needed:
             return {}
-        from ..plots import plot_design
         from ..plots.pictures import encode
 
-        picture = encode(plot_design(test_design))
+        picture = encode(test_design.figure())
         return {**design_files(test_design), "figures/design.png": picture}
 
     run.show(design_screen(test_design, as_flags))
@@ -121,14 +120,13 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         run.show(next_after(test_design, stored, cell, run.folder))
 
 
-def _blocks(text: str, key: int) -> "list[Block]":
+def _blocks(text: str, key: int) -> "list[barnax.Block]":
     """The usual pieces whose names begin as one of several texts."""
     import jax
 
-    from ..experiment import candidate_blocks
     from ..experiment.protocol import drive_levels
 
-    usual = candidate_blocks(jax.random.key(key), drive_levels())
+    usual = barnax.candidate_blocks(jax.random.key(key), drive_levels())
     beginnings = tuple(name.strip() for name in text.split(","))
     for beginning in beginnings:
         if not beginning or not any(block.name.startswith(beginning) for block in usual):
@@ -138,7 +136,7 @@ def _blocks(text: str, key: int) -> "list[Block]":
 
 
 def next_after(
-    found: "Design", known: "Result | None", cell: Cell, folder: Path
+    found: "barnax.Design", known: "barnax.Result | None", cell: Cell, folder: Path
 ) -> "list[RenderableType]":
     """The step after the test: to identify its record, with what counted and its options."""
     from ..reopening import Places, file_of
@@ -170,7 +168,7 @@ def next_after(
 
 
 def _files_of(
-    known: "Result", places: "Places", replaced: Collection[str]
+    known: "barnax.Result", places: "Places", replaced: Collection[str]
 ) -> tuple[list[str], list[str]]:
     """The stored records and OCV tests where they lie, with the circuit that was asked for and the
     options of the records but those `replaced`; and the names of the files that were not found."""

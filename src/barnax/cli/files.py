@@ -6,18 +6,17 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import typer
+
+import barnax
 
 from ..errors import InputError, printable
 from ..settings import Reading
 from .options import HOW_READ, Given, group, known_names, options_of
 from .output import require_free_file, tell_unfinished, write_file
-from .session import Session, as_flags, shown
-
-if TYPE_CHECKING:
-    from ..export import Verification
+from .session import Session, shown
 
 SCHEMA_VERSION = 1
 # The exit status of a command that has something to tell.
@@ -56,13 +55,11 @@ def check(what: Checked) -> None:
     """
     session = Session(is_quiet=what.quiet or what.as_json)
     with session.watch("Loading"):
-        from ..checks import check_file
         from ..inputs import how_read, lags_of, require_records
         from ..plan.looking import files_of
         from ..records import read_source
         from ..records.source import name_of
         from ..reporting.checks import check_document, count_sentence, finding_line
-        from ..reporting.terminal import to_terminal
 
     for name, unit in (("capacity", "Ah"), ("rest_current", "A")):
         if (value := getattr(what, name)) is not None and not value > 0:
@@ -84,14 +81,14 @@ def check(what: Checked) -> None:
         try:
             with session.watch(f"Looking at {file.name}"):
                 source = read_source(file, columns=how.columns, series=how.series)
-                check = check_file(source, **chosen, **how_read(how, source.name))
+                check = barnax.check_file(source, **chosen, **how_read(how, source.name))
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})
             continue
         found.append(check)
         listed.append(check.to_dict())
-        session.show(to_terminal(check_document(check).with_option_names(as_flags)))
+        session.show_document(check_document(check))
         if what.quiet:
             told = [finding for finding in check.findings if finding.counts]
             session.warn(finding_line(check.file, finding) for finding in told)
@@ -136,9 +133,8 @@ def convert(what: Converted) -> None:
     """
     session, file = Session(is_quiet=what.quiet), what.files[0]
     with session.watch("Loading"):
-        from ..checks import check_file
         from ..inputs import how_read, lags_of, require_records
-        from ..records import read_record, read_source
+        from ..records import read_source
         from ..records.bdf import bdf_files
         from ..records.source import joined
 
@@ -158,8 +154,8 @@ def convert(what: Converted) -> None:
         require_records(lags_of(how), {source.name})
         # A current that is moved to the voltage's moments is no longer the file's.
         how = replace(how, voltage_lag=how.voltage_lag or 0.0)
-        record = read_record(source, **how_read(how, source.name))
-        found = check_file(source, **how_read(how, source.name)).findings
+        record = barnax.read_record(source, **how_read(how, source.name))
+        found = barnax.check_file(source, **how_read(how, source.name)).findings
     for name, content in bdf_files(record, path.name).items():
         write_file(path.with_name(name), content)
     told = [finding.about(record.name) for finding in found if finding.counts]
@@ -212,7 +208,6 @@ def export(chosen: ExportChoices) -> None:
     with session.loading():
         from ..export import get_exporter, require_package
         from ..export import verify as simulate_both
-        from ..results import Result
 
     exporter = get_exporter(chosen.to)
     if chosen.verify:
@@ -225,7 +220,7 @@ def export(chosen: ExportChoices) -> None:
         ending = Path(exporter.file_name).suffix
         raise InputError(f"{path}: has no ending; give `out` a name that ends in {ending}")
     tell_unfinished(session, path.parent)
-    stored = Result.load(result)
+    stored = barnax.Result.load(result)
     content, caveats = exporter.write(stored)
     found = None
     if chosen.verify:
@@ -238,7 +233,7 @@ def export(chosen: ExportChoices) -> None:
         session.show([_verification(found)])
 
 
-def _verification(found: "Verification") -> str:
+def _verification(found: "barnax.export.Verification") -> str:
     degc = ", ".join(f"{degc:.3g}" for degc in found.temperatures_degc)
     at = f" at each of {degc} degC" if degc else ""
     text = (

@@ -25,7 +25,7 @@ from .options import (
     options_of_job,
     options_of_settings,
 )
-from .output import Output, tell_unfinished
+from .output import Output, page_of, tell_unfinished
 from .session import Session, as_flags, require_platform, shown
 
 if TYPE_CHECKING:
@@ -327,14 +327,14 @@ def _pages(found: "Life", cells: Iterable[str]) -> dict[str, bytes]:
     from ..plots import plot_cell_life, plot_fleet_life
     from ..plots.pictures import illustrate
     from ..reporting.life import cell_document, life_document
-    from ..reporting.render import report_files, to_html
+    from ..reporting.render import report_files
 
     drawn = [illustrate("life", "all cells", plot_fleet_life, found)]
     files = report_files(life_document(found, drawn).with_option_names(as_flags), drawn)
     for number, cell in enumerate(cells, 1):
         own = [illustrate(f"cell-{number}", cell, plot_cell_life, found, cell)]
-        page = cell_document(found, cell, own).with_option_names(as_flags)
-        files[f"cells/{number}-{_file_name(cell)}.html"] = to_html(page).encode()
+        page = cell_document(found, cell, own)
+        files[f"cells/{number}-{_file_name(cell)}.html"] = page_of(page)
         files[f"figures/cell-{number}.png"] = own[0].png
     return files
 

@@ -6,9 +6,11 @@ from contextlib import suppress
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import typer
+
+import barnax
 
 from ..errors import InputError
 from ..files import is_factor_file, write_whole
@@ -25,10 +27,6 @@ from .options import (
 )
 from .output import DEFAULT_FOLDER, Output, drawn_files, free_name
 from .session import Session, as_flags, flag_of
-
-if TYPE_CHECKING:
-    from ..plan import Plan
-    from ..results import Result
 
 # The file beside a result by which the run is repeated.
 PLAN = "plan.toml"
@@ -103,14 +101,12 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
     session = Session(is_quiet=options.output.quiet)
     with session.loading():
         from ..factors import read_factors
-        from ..job import Job
         from ..over_soc.kept import fit_kept
         from ..pipeline import bounded_tables
         from ..reporting.kept import kept_document
         from ..reporting.pulses import fit_csv
-        from ..reporting.terminal import to_terminal
 
-    job = Job(**options.given, watch=session.watch)
+    job = barnax.Job(**options.given, watch=session.watch)
     known = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch"}
     shown = {name: getattr(options, name) for name in ("report", "live", "paper", "design")}
     shown |= {"json": options.output.as_json}
@@ -124,7 +120,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         )
     kept = [record for path in paths for record in read_factors(path)]
     fit = fit_kept(kept, bounded_tables(job, but="[F]"))
-    session.show(to_terminal(kept_document(kept, fit)))
+    session.show_document(kept_document(kept, fit))
     if folder := options.output.out:
         if (place := folder / "tables.csv").exists() and not options.output.force:
             raise InputError(f"{place}: is there already; give `out` another folder")
@@ -136,15 +132,14 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
 def _print_plan(options: Identification, records: list[Path]) -> None:
     session = Session(is_quiet=options.output.quiet)
     with session.watch("Loading"):
-        from ..job import Job
-        from ..plan import plan_given, plan_of, plan_to_toml, with_choices
+        from ..plan import plan_given, plan_of, with_choices
 
     if not records:
         raise InputError("`plan` is for files or a folder; give them")
-    job = Job(records, **options.given, watch=session.watch)
+    job = barnax.Job(records, **options.given, watch=session.watch)
     found = plan_of(job)
     plan = plan_given(job, "identify") if found is None else with_choices(found, job)
-    typer.echo(plan_to_toml(plan), nl=False)
+    typer.echo(barnax.plan_to_toml(plan), nl=False)
 
 
 def hppc(options: Identification, on: PulseTests) -> None:
@@ -161,20 +156,17 @@ def _run(
     inputs = [*records, *options.job.get("ocv", ()), *options.job.get("validate", ())]
     run = options.output.begun(DEFAULT_FOLDER, inputs)
     with run.loading():
-        from .. import pipeline
-        from ..experiment import Design
-        from ..job import Job
-        from ..plan import found_anywhere, plan_given, plan_of, plan_to_toml, with_choices
+        from ..plan import found_anywhere, plan_given, plan_of, with_choices
         from ..reporting.design_promised import promised_lines
         from ..reporting.terminal import next_lines, plan_lines
 
-    promise = None if options.design is None else Design.load(options.design)
+    promise = None if options.design is None else barnax.Design.load(options.design)
     if run.folder is not None:
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
         module = "matplotlib.backends.backend_agg"
         # No daemon: a process that ends while one loads C++ aborts.
         threading.Thread(target=__import__, args=(module,)).start()
-    job = Job(records, **options.given, watch=run.watch)
+    job = barnax.Job(records, **options.given, watch=run.watch)
     found = plan_of(job) if command == "identify" else None
     plan = None
     if found is not None:
@@ -184,9 +176,9 @@ def _run(
     elif records:
         plan = plan_given(job, command)
     if plan is not None:
-        job = Job(plan, watch=run.watch)
+        job = barnax.Job(plan, watch=run.watch)
     is_pulsed = plan is None and command == "hppc"
-    result = pipeline.hppc(job) if is_pulsed else pipeline.identify(job)
+    result = barnax.hppc(job) if is_pulsed else barnax.identify(job)
     unseen = None
     try:
         # Read while the figures are drawn.
@@ -201,7 +193,7 @@ def _run(
     # A name that no plan can hold costs the plan.
     with suppress(InputError):
         if plan is not None:
-            beside[PLAN] = plan_to_toml(found_anywhere(plan, result.inputs))
+            beside[PLAN] = barnax.plan_to_toml(found_anywhere(plan, result.inputs))
     run.deliver("result.json", result.to_json(), draw, beside)
     if unseen is not None:
         raise unseen
@@ -214,7 +206,7 @@ def _run(
 
 
 def result_files(
-    result: "Result", report: bool, paper: bool = False, live: bool = False
+    result: "barnax.Result", report: bool, paper: bool = False, live: bool = False
 ) -> dict[str, bytes]:
     """The figures, and the report where it is wanted, by their path in the folder."""
     from ..reporting.identification import identification_document
@@ -228,18 +220,17 @@ def result_files(
     return tables | drawn_files(draw, document_of, report or live, paper)
 
 
-def _show_answer(session: Session, result: "Result", verbose: bool) -> None:
+def _show_answer(session: Session, result: "barnax.Result", verbose: bool) -> None:
     from ..reporting.first_screen import first_screen
     from ..reporting.identification import identification_document
-    from ..reporting.terminal import to_terminal
 
     if verbose:
-        session.show(to_terminal(identification_document(result).with_option_names(as_flags)))
+        session.show_document(identification_document(result))
     session.show(first_screen(result, as_flags))
 
 
 def _next(
-    result: "Result", folder: Path | None, plan: "Plan | None", design: Path | None
+    result: "barnax.Result", folder: Path | None, plan: "barnax.Plan | None", design: Path | None
 ) -> tuple[str, str]:
     """The next step, and the command for it, empty where there is none.
 
@@ -296,14 +287,12 @@ def pack(on: OfPack, output: Output) -> None:
     run = output.begun("barnax-pack", [on.record, *on.job.get("ocv", ())])
     with run.loading():
         from ..fleet.rows import pack_rows
-        from ..pack import identify_pack
         from ..reporting.pack import cells_csv, pack_document
-        from ..reporting.terminal import to_terminal
 
     given = options_of_job({name: value for name, value in on.job.items() if name != "over"})
     of_cells = {"cells": on.cells, "own_time_constants": on.own_time_constants}
-    found = identify_pack(on.record, **of_cells, **given, watch=run.watch)
-    run.show(to_terminal(pack_document(found).with_option_names(as_flags)))
+    found = barnax.identify_pack(on.record, **of_cells, **given, watch=run.watch)
+    run.show_document(pack_document(found))
 
     def draw() -> dict[str, bytes]:
         from ..fleet.dataset import rows_bytes

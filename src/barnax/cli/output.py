@@ -115,6 +115,13 @@ class Delivery(Session):
             self.show(["", Text(f"  {line}", no_wrap=True)])
 
 
+def page_of(document: "Document") -> bytes:
+    """A document as a page, with options as the command line spells them."""
+    from ..reporting.render import to_html
+
+    return to_html(document.with_option_names(as_flags)).encode()
+
+
 def drawn_files(
     draw: Callable[[], Any], document_of: Callable[[Any], "Document"], report: bool, paper: bool
 ) -> dict[str, bytes]:

@@ -9,18 +9,17 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
+import barnax
+
 from ..errors import InputError
 from ..settings import Reading, Window
 from .options import HOW_READ, OF_RECORDS, Given, group, options_of, windows_by_record
-from .output import RESULTS, Output, add_file, drawn_files, require_free_file, write_file
-from .session import Session, as_flags, shown, use_compilation_cache
+from .output import RESULTS, Output, add_file, drawn_files, page_of, require_free_file, write_file
+from .session import Session, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..records import Source
-    from ..replay import SocReplay
     from ..reporting.document import Document, Table
-    from ..results import Result
-    from ..search.evaluate import Evaluation
 
 PAGE = "report.html"
 
@@ -51,7 +50,7 @@ class OnRecord:
         require_records(lags, {self.record.name})
         return {**self.read, "voltage_lag": lags.get(self.record.name, lags.get(""))}
 
-    def meeting(self, stored: "Result") -> "tuple[Source, Window | None]":
+    def meeting(self, stored: "barnax.Result") -> "tuple[Source, Window | None]":
         """The record's file, and its window where options change that.
 
         Raises `InputError` for an option that is given for another record.
@@ -95,19 +94,15 @@ def show(of: Shown) -> None:
     """
     from ..reporting.candidates import choice_document
     from ..reporting.identification import identification_document
-    from ..reporting.terminal import to_terminal
-    from ..results import Result
 
     if len(of.results) > 1:
-        from ..reporting.parameters import show as side_by_side
-
-        document = side_by_side(*of.results, names=_names(of.results)).document
+        document = barnax.show(*of.results, names=_names(of.results)).document
     else:
-        stored = Result.load(of.results[0])
+        stored = barnax.Result.load(of.results[0])
         if of.choice and not stored.tried:
             raise InputError(f"{of.results[0]}: its circuit was asked for, so none was chosen")
         document = choice_document(stored) if of.choice else identification_document(stored)
-    Session(is_quiet=False).show(to_terminal(document.with_option_names(as_flags)))
+    Session(is_quiet=False).show_document(document)
 
 
 def _names(paths: list[Path]) -> tuple[str, ...]:
@@ -144,12 +139,11 @@ def validate(on: OnRecord, output: Errors) -> None:
         from ..reporting.starts import moved_start_sentence
         from ..reporting.temperatures import prediction_sentence
         from ..reporting.terminal import terminal_table
-        from ..results import Result
         from ..storing import metrics_part
 
     if output.report is not None:
         require_free_file(output.report, output.force)
-    stored = Result.load(on.result)
+    stored = barnax.Result.load(on.result)
     record, window = on.meeting(stored)
     with session.watch("Simulating"):
         evaluation = stored.validate(record, window, **on.how)
@@ -170,11 +164,10 @@ def validate(on: OnRecord, output: Errors) -> None:
     session.warn(evaluation.warnings)
 
 
-def _validation_page(evaluation: "Evaluation", table: "Table", answer: str) -> bytes:
+def _validation_page(evaluation: "barnax.Evaluation", table: "Table", answer: str) -> bytes:
     from ..plots import plot_error, plot_voltage
     from ..plots.pictures import illustrate
     from ..reporting.document import Document, Section, picture
-    from ..reporting.render import to_html
 
     record = evaluation.prepared.record.name
     figures = (
@@ -182,8 +175,7 @@ def _validation_page(evaluation: "Evaluation", table: "Table", answer: str) -> b
         illustrate("error", record, plot_error, evaluation),
     )
     drawn = tuple(map(picture, figures))
-    document = Document(f"{answer} on {record}", "", (Section("Errors", (table, *drawn)),))
-    return to_html(document).encode()
+    return page_of(Document(f"{answer} on {record}", "", (Section("Errors", (table, *drawn)),)))
 
 
 @group
@@ -214,17 +206,14 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     """
     run = output.begun("barnax-soc", (on.result, on.record))
     with run.loading():
-        from ..replay import replay_soc
         from ..reporting.terminal import soc_screen
-        from ..result_filter import FilterSettings
-        from ..results import Result
 
-    stored = Result.load(on.result)
+    stored = barnax.Result.load(on.result)
     record, window = on.meeting(stored)
     names = tuple(name.strip() for name in chosen.estimate.split(",") if name.strip())
-    settings = FilterSettings(chosen.filter, names, tables=chosen.tables)
+    settings = barnax.FilterSettings(chosen.filter, names, tables=chosen.tables)
     with run.watch("Replaying"):
-        replay = replay_soc(stored, record, window, settings, **on.how)
+        replay = barnax.replay_soc(stored, record, window, settings, **on.how)
     draw = partial(_soc_figures, replay, chosen.report, chosen.paper)
     run.deliver("soc.json", replay.to_json(), draw)
     run.show(soc_screen(replay))
@@ -232,7 +221,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     run.warn(replay.warnings)
 
 
-def _soc_figures(replay: "SocReplay", report: bool, paper: bool) -> dict[str, bytes]:
+def _soc_figures(replay: "barnax.SocReplay", report: bool, paper: bool) -> dict[str, bytes]:
     from ..reporting.illustrations import replay_illustration
     from ..reporting.replay import replay_document
 
@@ -270,13 +259,11 @@ def report(of: Stored) -> None:
     require_free_file(out, of.force)
     session = Session(is_quiet=False)
     with session.watch("Writing the report"):
-        from ..reporting.render import to_html
-
         document, missing = _document(_file_of(of.result), of.data or (), of.live)
         if missing:
             left_out = f"{document.summary} Figures over time are left out: {missing}."
             document = replace(document, summary=left_out.strip())
-        add_file(out, to_html(document.with_option_names(as_flags)).encode())
+        add_file(out, page_of(document))
     if missing:
         session.warn([f"figures over time are left out: {missing}"])
     session.show([str(out)])
@@ -306,24 +293,21 @@ def _document(path: Path, data: Sequence[Path], live: bool) -> "tuple[Document, 
     use_compilation_cache()
     keys = _keys(path)
     if "scenarios" in keys:
-        from ..replay import SocReplay
         from ..reporting.replay import replay_document
 
         missing = "soc.json has no estimates over time; barnax soc --report draws them"
-        return replay_document(SocReplay.from_json(path)), missing
+        return replay_document(barnax.SocReplay.from_json(path)), missing
     if "rows" in keys:
-        from ..comparison import ComparisonResult
         from ..reporting.comparison import comparison_document
         from ..reporting.illustrations import comparison_illustrations
 
-        stored = ComparisonResult.from_json(path)
+        stored = barnax.ComparisonResult.from_json(path)
         missing = "comparison.json has no records; barnax compare draws them"
         return comparison_document(stored, comparison_illustrations(stored)), missing
     from ..reporting.identification import identification_document
     from ..reporting.illustrations import identification_illustrations, stored_illustrations
-    from ..results import Result
 
-    result, missing = Result.load(path, data=data), ""
+    result, missing = barnax.Result.load(path, data=data), ""
     try:
         drawn = identification_illustrations(result, live=live)
     except InputError as problem:

@@ -7,6 +7,7 @@ import shlex
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import platformdirs
 from rich.console import Console, RenderableType
@@ -119,6 +120,12 @@ class Session:
                 # What is to be copied stays in one line, however narrow the terminal.
                 is_whole = isinstance(block, Text) and bool(block.no_wrap)
                 self._console.print(block, soft_wrap=is_whole, crop=False)
+
+    def show_document(self, document: Any) -> None:
+        """Print a `Document`, with options as the command line spells them."""
+        from ..reporting.terminal import to_terminal
+
+        self.show(to_terminal(document.with_option_names(as_flags)))
 
     def note(self, text: str) -> None:
         """Print a sentence to stderr, unless the command is quiet."""

@@ -38,8 +38,7 @@ MAKE_RECORD = (
     "measure a drive cycle, or pulses after rests (HPPC), sampled about every second under load, "
     "over most of the state of charge"
 )
-# A file to simulate, and its window; and the files of each temperature with their OCV test.
-Runnable = tuple[CandidateFile, Window]
+# The files of each temperature with their OCV test.
 Chosen = Sequence[tuple[Sequence[CandidateFile], OcvChoice | None]]
 
 
@@ -80,15 +79,9 @@ def plan(
     given, tests, others = (
         files_of(found_in(listed(several), listed(sources))) for several in (sources, ocv, validate)
     )
-    settled = {Path(file).resolve() for file in (*tests, *others) if isinstance(file, str | Path)}
-    free = [
-        file
-        for file in given
-        if not isinstance(file, str | Path) or Path(file).resolve() not in settled
-    ]
-    validated = {Path(file).resolve() for file in others if isinstance(file, str | Path)}
+    free = [file for file in given if not _places([file]) & _places([*tests, *others])]
     for file in given if not free else ():
-        if isinstance(file, str | Path) and Path(file).resolve() in validated:
+        if _places([file]) & _places(others):
             raise notice("role.given-twice", Path(file).name, same="name").error()
     windows = windows_by_name(window)
     looked = list(look([*free, *tests, *others], reading or Reading(), watch, windows))
@@ -105,6 +98,10 @@ def plan(
         given_ah = windows.get("", Window()).capacity_ah if capacity is None else capacity
         draft = Draft(files, given_ah=given_ah, is_over=over == OVER_TEMPERATURE)
         return _decide(draft, looked[first:last], looked[last:])
+
+
+def _places(files: Sequence[Given]) -> set[Path]:
+    return {Path(file).resolve() for file in files if isinstance(file, str | Path)}
 
 
 def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[CandidateFile]) -> Plan:
@@ -124,7 +121,7 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     if others and doubled:
         raise copies[doubled[-1]].error()
     for file in others:
-        draft.take(file, "validation", "given", file.window)
+        draft.take(file, "validation", "given")
     for file in tests:
         draft.take(file, "OCV test", "given")
     for file, why in ({} if tests else of_other_cells(free, draft.given_ah)).items():
@@ -141,7 +138,7 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     if not with_test:
         groups = [group for group, _ in chosen if dynamic]
         return _on_records(draft, groups) or _without_record(draft, free)
-    choice, is_pulsed, runs = with_test[0][1], False, []
+    choice, is_pulsed, runs = with_test[0][1], False, list[CandidateFile]()
     for group, choice in with_test if dynamic else []:
         is_pulsed = not _holds_drive(group)
         runs = _runnable(draft, group, choice, is_pulsed)
@@ -159,13 +156,13 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         return Plan(
             "identify", draft.parts(), missing=unfit if dynamic else NO_RECORD + MAKE_RECORD
         )
-    record, window = runs[0]
+    record = runs[0]
     is_own = is_pulsed and choice.tests == (record,)
     why = f"{ocv_reason([record])}; " if is_own else ""
-    draft.take(record, "identification", why + words_of(draft, record), window)
+    draft.take(record, "identification", why + words_of(draft, record))
     draft.take_tests(choice)
     if draft.is_over or is_pulsed:
-        runs = [runs[0], *(run for run in runs[1:] if run[0] not in draft.taken)]
+        runs = [record, *(file for file in runs if file not in draft.taken)]
         _choose_validation(draft, record, runs[1:], is_given=bool(others))
         _take_other_temperatures(draft, record, chosen, choice, is_pulsed)
     else:
@@ -188,17 +185,16 @@ def _on_records(draft: Draft, groups: Sequence[Sequence[CandidateFile]]) -> Plan
         runs = [run for group in together for run in _without_test(draft, group)]
         if not runs:
             continue
-        record = runs[0][0]
-        for file, window in runs:
+        record = runs[0]
+        for file in runs:
             alone = file is record and len(together) == 1
             its = "its OCV" if alone else "the OCV of its temperature" if draft.is_over else ""
             why = f"{its} is identified with it, because there is no OCV test" if its else ""
             if missing := file.missing_for(draft.given_ah):
-                reason = f"too little to identify on: {missing}"
-                draft.take(file, "validation", reason, window)
+                draft.take(file, "validation", f"too little to identify on: {missing}")
             else:
                 told = "; ".join(filter(None, (words_of(draft, file), why)))
-                draft.take(file, "identification", told, window)
+                draft.take(file, "identification", told)
         if draft.is_over:
             draft.tell_temperatures()
         at = named_degc(record.temperature_degc)
@@ -212,16 +208,16 @@ def _on_records(draft: Draft, groups: Sequence[Sequence[CandidateFile]]) -> Plan
     return None
 
 
-def _without_test(draft: Draft, group: Sequence[CandidateFile]) -> list[Runnable]:
+def _without_test(draft: Draft, group: Sequence[CandidateFile]) -> list[CandidateFile]:
     """Records to identify on without an OCV test, then those to validate on, the widest first; none
     where the first cannot be identified on."""
     runs = [
-        (file, file.window)
+        file
         for file in group
         if file not in draft.taken and not file.missing_for(draft.given_ah, is_validated=True)
     ]
-    runs.sort(key=lambda run: (bool(run[0].missing_for(draft.given_ah)), -reach_ah(run[0])))
-    return [] if not runs or runs[0][0].missing_for(draft.given_ah) else runs
+    runs.sort(key=lambda file: (bool(file.missing_for(draft.given_ah)), -reach_ah(file)))
+    return [] if not runs or runs[0].missing_for(draft.given_ah) else runs
 
 
 def _without_record(draft: Draft, free: Sequence[CandidateFile]) -> Plan:
@@ -237,39 +233,36 @@ def _without_record(draft: Draft, free: Sequence[CandidateFile]) -> Plan:
 
 def _runnable(
     draft: Draft, group: Sequence[CandidateFile], choice: OcvChoice, is_pulsed: bool
-) -> list[Runnable]:
-    """Records that can be simulated with the cell, in their windows, the best to identify on first.
+) -> list[CandidateFile]:
+    """Records that can be simulated with the cell, the best to identify on first.
 
     Those that cannot are left with the reason.
     """
-    found: list[Runnable] = []
+    runs: list[CandidateFile] = []
     for file in group:
         if file in draft.taken or (not is_pulsed and file in choice.tests):
             continue
         missing = file.missing_for(choice.cell.capacity_ah, is_validated=True)
-        window = file.window
         if not missing and not is_pulsed:
             try:
-                draft.starts[file] = started(draft.files, file, window, choice)
-                window = draft.starts[file].window
+                draft.starts[file] = started(draft.files, file, file.window, choice)
             except InputError as problem:
                 own = str(problem).removeprefix(f"{file.name}: ")
                 missing = another_cell(file, choice.cell.capacity_ah) or own
         if missing:
             draft.take(file, "not used", missing)
         else:
-            found.append((file, window))
+            runs.append(file)
     # An OCV test that is cut short may hold less than a record, but not by so much.
     max_ah = math.inf if choice.capacity_ah else _ANOTHER * choice.cell.capacity_ah
-    others = [file for file, _ in found if file.traits and file.traits.span_ah > max_ah]
-    if len(others) < len(found):
+    others = [file for file in runs if file.traits and file.traits.span_ah > max_ah]
+    if len(others) < len(runs):
         for file in others:
             draft.take(file, "not used", why_useless(file, choice.cell.capacity_ah))
-        found = [run for run in found if run[0] not in others]
-    widest_ah = max((reach_ah(file) for file, _ in found), default=0.0)
+        runs = [file for file in runs if file not in others]
+    widest_ah = max(map(reach_ah, runs), default=0.0)
 
-    def rank(run: Runnable) -> tuple:
-        file = run[0]
+    def rank(file: CandidateFile) -> tuple:
         is_wide = reach_ah(file) >= _AS_WIDE * widest_ah
         return (
             _LOADS.index(file.kind(None)),
@@ -280,7 +273,7 @@ def _runnable(
             -reach_ah(file),
         )
 
-    return sorted(found, key=rank)
+    return sorted(runs, key=rank)
 
 
 def _holds_drive(files: Sequence[CandidateFile]) -> bool:
@@ -288,31 +281,30 @@ def _holds_drive(files: Sequence[CandidateFile]) -> bool:
 
 
 def _choose_validation(
-    draft: Draft, record: CandidateFile, others: Sequence[Runnable], is_given: bool
+    draft: Draft, record: CandidateFile, others: Sequence[CandidateFile], is_given: bool
 ) -> None:
     """Another profile of the same temperature before the same one again, and the widest of them."""
     if is_given or not others:
         return
-    file, window = min(others, key=lambda run: (run[0].is_like(record), -reach_ah(run[0])))
+    file = min(others, key=lambda file: (file.is_like(record), -reach_ah(file)))
     which = "the same profile again" if file.is_like(record) else "another profile"
-    draft.take(file, "validation", f"{which}: {words_of(draft, file)}", window)
-    for file, _ in others:
-        draft.take(
-            file, "not used", "equally suitable; add it with `validate` to validate on it too"
-        )
+    draft.take(file, "validation", f"{which}: {words_of(draft, file)}")
+    reason = "equally suitable; add it with `validate` to validate on it too"
+    for file in others:
+        draft.take(file, "not used", reason)
 
 
-def _take_others(draft: Draft, others: Sequence[Runnable], capacity_ah: float | None) -> None:
+def _take_others(draft: Draft, others: Sequence[CandidateFile], capacity_ah: float) -> None:
     """All further records of the same temperature are identified on too, each left out once; those
     too poor for that are left to validate on."""
-    for file, window in others:
+    for file in others:
         if missing := file.missing_for(capacity_ah):
-            draft.take(file, "validation", f"too little to identify on: {missing}", window)
+            draft.take(file, "validation", f"too little to identify on: {missing}")
         elif file.kind(None) == "pulse test":
             reason = f"pulses, to predict from the drive: {words_of(draft, file)}"
-            draft.take(file, "validation", reason, window)
+            draft.take(file, "validation", reason)
         else:
-            draft.take(file, "identification", words_of(draft, file), window)
+            draft.take(file, "identification", words_of(draft, file))
 
 
 def _take_charges(draft: Draft, record: CandidateFile, choice: OcvChoice) -> None:
@@ -327,7 +319,7 @@ def _take_charges(draft: Draft, record: CandidateFile, choice: OcvChoice) -> Non
             with suppress(InputError):
                 draft.starts[file] = own = started(draft.files, file, file.window, choice)
                 why = f"a charge of {charged_ah:.3g} Ah, for the other direction{own.words}"
-                draft.take(file, "identification", why, own.window)
+                draft.take(file, "identification", why)
 
 
 def _take_other_temperatures(
@@ -341,9 +333,9 @@ def _take_other_temperatures(
         own = [file for file in group if file.temperature_degc is not None]
         if test is None or not (test.tells_temperature and choice.tells_temperature):
             test = choice
-        for file, window in _runnable(draft, own, test, is_pulsed)[:1]:
+        for file in _runnable(draft, own, test, is_pulsed)[:1]:
             why = f"for tables over temperature too: {words_of(draft, file)}"
-            draft.take(file, "identification", why, window)
+            draft.take(file, "identification", why)
             draft.take_tests(test)
     draft.tell_temperatures()
 
@@ -372,22 +364,23 @@ def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
 
 
 def _options(
-    draft: Draft, runs: Sequence[Runnable], choice: OcvChoice
+    draft: Draft, runs: Sequence[CandidateFile], choice: OcvChoice
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
     options: dict[str, Any] = {}
     reasons: dict[str, str] = {}
-    (record, window), own_ah = runs[0], None
-    for file, own in runs:
+    record, own_ah = runs[0], None
+    for file in runs:
+        own = draft.window(file)
         is_full = own.initial_soc == 1.0 or draft.starts.get(file, SHOWN).is_full
         taken_ah = record_capacity_ah(file, own, choice, is_full)
         is_used = draft.taken[file][0] == "identification"
         if taken_ah is not None and is_used and taken_ah > (own_ah or 0.0):
-            record, window, own_ah = file, own, taken_ah
+            record, own_ah = file, taken_ah
     if draft.given_ah is not None:
         options["capacity"] = draft.given_ah
         reasons["capacity"] = "given"
-    elif window.capacity_ah is None and own_ah is not None:
+    elif draft.window(record).capacity_ah is None and own_ah is not None:
         options["capacity"] = own_ah
         reasons["capacity"] = (
             f"the Ah that {record.name} takes out of the full cell; the OCV test has "

@@ -2,10 +2,10 @@
 
 import functools
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, get_args, get_type_hints
 
 import tomlkit
 from pydantic import StrictBool, StrictFloat, StrictInt, StrictStr, TypeAdapter
@@ -14,7 +14,7 @@ from tomlkit.items import Table
 from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
 from ..inputs import file_names, window_of, windows_by_name
-from ..job import OPTIONS, PLANNED, Job
+from ..job import PLANNED, Job
 from ..model.window import START, merged
 from ..notices import Notice
 from ..records import Source
@@ -23,6 +23,8 @@ from ..result_parts import PlannedFile, Use
 from ..settings import WINDOW_OPTIONS, Window
 
 ROLES: tuple[Use, ...] = get_args(Use)
+# Those with a window.
+SIMULATED: tuple[Use, ...] = ("identification", "validation")
 
 # Why an option is so where a user chose it.
 GIVEN = "given"
@@ -55,7 +57,7 @@ class Part:
     @property
     def is_simulated(self) -> bool:
         """True if its role is one with a window."""
-        return self.role in ("identification", "validation")
+        return self.role in SIMULATED
 
 
 @dataclass(frozen=True, repr=False)
@@ -152,68 +154,51 @@ _HEAD = (
 )
 
 
-# What a key of a plan takes, in words and as a type.
-_NUMBER = ("a number", TypeAdapter(StrictFloat))
-_WHOLE = ("a whole number", TypeAdapter(StrictInt))
-_WHOLES = ("whole numbers, as [7, 8]", TypeAdapter(tuple[StrictInt, ...]))
-_PAIR = ("two numbers, as [0.1, 1.0]", TypeAdapter(tuple[StrictFloat, StrictFloat]))
-_TEXT = ("text in quotes", TypeAdapter(StrictStr))
-_FLAG = ("true or false", TypeAdapter(StrictBool))
-_NUMBERS = ("numbers, as [0.1, 0.5, 1.0]", TypeAdapter(tuple[StrictFloat, ...]))
-_VALUES = ("numbers by name", TypeAdapter(dict[StrictStr, StrictFloat]))
-_RANGES = dict[StrictStr, tuple[StrictFloat, StrictFloat]]
-_BOUNDS = ("the name of a file, or pairs of numbers by name", TypeAdapter(StrictStr | _RANGES))
-_COLUMNS = ("text in quotes, or texts by name", TypeAdapter(StrictStr | dict[StrictStr, StrictStr]))
-_LAG = StrictFloat | StrictStr | list[StrictStr] | dict[StrictStr, StrictFloat]
-_LAGS = ("a number, texts like FILE=0.3, or numbers by name of record", TypeAdapter(_LAG))
-# By the type of an option; of all others it is a text.
-_BY_TYPE: Mapping[Any, tuple[str, TypeAdapter[Any]]] = {
-    int: _WHOLE,
-    float: _NUMBER,
-    float | None: _NUMBER,
-    bool: _FLAG,
-    tuple[float, ...]: _NUMBERS,
-    tuple[float, ...] | None: _NUMBERS,
+# What a key of a plan takes by its type, in words and strictly; all others take a text.
+_Kind = tuple[str, Any]
+_TEXT: _Kind = ("text in quotes", StrictStr)
+_BY_TYPE: dict[Any, _Kind] = {
+    int: ("a whole number", StrictInt),
+    Literal[-1, 1]: ("a whole number", StrictInt),
+    float: ("a number", StrictFloat),
+    bool: ("true or false", StrictBool),
+    tuple[int, ...]: ("whole numbers, as [7, 8]", tuple[StrictInt, ...]),
+    tuple[float, ...]: ("numbers, as [0.1, 0.5, 1.0]", tuple[StrictFloat, ...]),
+    tuple[float, float]: ("two numbers, as [0.1, 1.0]", tuple[StrictFloat, StrictFloat]),
 }
-_Kinds = Mapping[str, tuple[str, TypeAdapter[Any]]]
+_BY_TYPE |= {kind | None: takes for kind, takes in _BY_TYPE.items()}
+_RANGES = dict[StrictStr, tuple[StrictFloat, StrictFloat]]
+_LAGS = StrictFloat | StrictStr | list[StrictStr] | dict[StrictStr, StrictFloat]
+_BY_NAME: dict[str, _Kind] = {
+    "bounds": ("the name of a file, or pairs of numbers by name", StrictStr | _RANGES),
+    "fix": ("numbers by name", dict[StrictStr, StrictFloat]),
+    "columns": ("text in quotes, or texts by name", StrictStr | dict[StrictStr, StrictStr]),
+    "voltage_lag": ("a number, texts like FILE=0.3, or numbers by name of record", _LAGS),
+}
+
+
+def _kinds(owner: Any, names: Iterable[str]) -> dict[str, _Kind]:
+    """What fields of a class take, by name."""
+    hints = get_type_hints(owner)
+    return {name: _BY_NAME.get(name) or _BY_TYPE.get(hints[name], _TEXT) for name in names}
+
 
 # Options of a record, in the order of a `Window`, whose fields they are.
 _OPTION_OF = {name: option for option, (name, *_) in WINDOW_OPTIONS.items()}
 _FIELD_OF = {
     _OPTION_OF[field.name]: field.name for field in fields(Window) if field.name in _OPTION_OF
 }
-_OF_RECORD: _Kinds = {
-    **dict.fromkeys(_FIELD_OF, _NUMBER),
-    "start_after_step": _WHOLE,
-    "initial_direction": _WHOLE,
-    "score_steps": _WHOLES,
-    "score_soc": _PAIR,
-}
-# Those of all records; one capacity for all is an option of the run.
-_COMMON = {*_FIELD_OF} - {"capacity"}
+_OF_RECORD = dict(zip(_FIELD_OF, _kinds(Window, _FIELD_OF.values()).values(), strict=True))
 # What was found of a file: results tell it again.
-_TOLD: _Kinds = {
-    **dict.fromkeys(("kind", "reason", "sha256"), _TEXT),
-    "temperature_degc": _NUMBER,
-    "plans_soc": _FLAG,
-}
-# Options of the run, by the names of `barnax.identify`.
-_OF_RUN: _Kinds = {
-    **{name: _BY_TYPE.get(OPTIONS[name], _TEXT) for name in PLANNED},
-    "bounds": _BOUNDS,
-    "fix": _VALUES,
-    "columns": _COLUMNS,
-    "voltage_lag": _LAGS,
-    **{name: _OF_RECORD[name] for name in _COMMON},
-}
+_FINDINGS = _kinds(Part, ("kind", "reason", "sha256", "temperature_degc", "plans_soc"))
+# Options of the run, by the names of `barnax.identify`; one capacity for all records is one too.
+_OF_RUN = {**_OF_RECORD, **_kinds(Job, PLANNED)}
 # What a file's table may hold.
-_OF_FILE: _Kinds = {
-    "file": _TEXT,
-    "name": _TEXT,
-    "role": _TEXT,
-    "span": _PAIR,
+_OF_FILE = {
+    **dict.fromkeys(("file", "name", "role"), _TEXT),
+    "span": _BY_TYPE[tuple[float, float]],
     **_OF_RECORD,
-    **_TOLD,
+    **_FINDINGS,
 }
 
 
@@ -267,7 +252,7 @@ def _table(part: Part, common: Mapping[str, Any]) -> Table:
         own = {option: value for option, value in own.items() if value != common.get(option)}
     for option, value in own.items():
         table.add(option, value)
-    for name in _TOLD:
+    for name in _FINDINGS:
         value = getattr(part, name)
         # 0 degC is told.
         if value is not None and value is not False and value != "":
@@ -308,7 +293,8 @@ def plan_from_toml(path: str | Path) -> Plan:
     if not isinstance(reasons, dict):
         raise InputError(f"{shown}: reasons must be a table, [reasons]")
     options = _read(shown, content, _OF_RUN)
-    common = {_FIELD_OF[name]: options.pop(name) for name in _COMMON if name in options}
+    of_records = [name for name in _FIELD_OF if name in options and name not in PLANNED]
+    common = {_FIELD_OF[name]: options.pop(name) for name in of_records}
     warnings: tuple[Notice, ...] = ()
     if isinstance(options.get("bounds"), str):
         bounds = Path(options["bounds"])
@@ -342,14 +328,14 @@ def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
             f"{shown}: role {role!r} of {file} is not known; there are {', '.join(ROLES)}"
         )
     name, span = given.pop("name", ""), given.pop("span", None)
-    told = {key: given.pop(key) for key in _TOLD if key in given}
+    findings = {key: given.pop(key) for key in _FINDINGS if key in given}
     if span and not name:
         raise InputError(f"{shown}: a part of {file} needs a 'name' beside its span")
     try:
         window = Window(**{_FIELD_OF[option]: value for option, value in given.items()})
     except InputError as problem:
         raise InputError(f"{shown}: {file}: {as_keys(str(problem))}") from problem
-    part = Part(Path(file), name, role, window=window, span_s=span, **told)
+    part = Part(Path(file), name, role, window=window, span_s=span, **findings)
     return replace(part, window=merged(common, window)) if part.is_simulated else part
 
 
@@ -367,7 +353,7 @@ def _named(parts: tuple[Part, ...], place: Path) -> tuple[tuple[Part, ...], tupl
     return tuple(found), tuple(warnings)
 
 
-def _read(shown: str, table: Mapping[str, Any], known: _Kinds) -> dict[str, Any]:
+def _read(shown: str, table: Mapping[str, Any], known: Mapping[str, _Kind]) -> dict[str, Any]:
     """The table's values as what their keys take."""
     unknown = sorted(table.keys() - known.keys())
     if unknown:
@@ -378,7 +364,7 @@ def _read(shown: str, table: Mapping[str, Any], known: _Kinds) -> dict[str, Any]
     for key, value in table.items():
         words, kind = known[key]
         try:
-            values[key] = kind.validate_python(value)
+            values[key] = TypeAdapter(kind).validate_python(value)
         except ValueError as problem:
             raise InputError(f"{shown}: {key} is {value!r}; it takes {words}") from problem
     return values

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from ..model.window import Window
-from .document import ROLES, Part, Use
+from .document import ROLES, SIMULATED, Part, Use
 from .looking import CandidateFile
 from .ocv import SHOWN, OcvChoice, Started, ocv_reason
 
@@ -27,11 +27,14 @@ class Draft:
     tests: dict[CandidateFile, None] = field(default_factory=dict)
     starts: dict[CandidateFile, Started] = field(default_factory=dict)
 
-    def take(
-        self, file: CandidateFile, role: Use, reason: str, window: Window | None = None
-    ) -> None:
-        """Settle a file's role, unless it is settled."""
-        self.taken.setdefault(file, (role, reason, window or Window()))
+    def window(self, file: CandidateFile) -> Window:
+        """The window of a record: from its start on, where that was looked for."""
+        return self.starts[file].window if file in self.starts else file.window
+
+    def take(self, file: CandidateFile, role: Use, reason: str) -> None:
+        """Settle a file's role, unless it is settled; what is simulated has its window then."""
+        window = self.window(file) if role in SIMULATED else Window()
+        self.taken.setdefault(file, (role, reason, window))
 
     def take_tests(self, choice: OcvChoice) -> None:
         """Settle the files of an OCV test."""
@@ -55,14 +58,21 @@ class Draft:
         parts = []
         best = [file for file, (role, *_) in self.taken.items() if role == "identification"]
         is_given = any(role == "OCV test" for role, *_ in self.taken.values())
-        for file in (*best, *(file for file in self.files if file not in best)):
+        for file in dict.fromkeys((*best, *self.files)):
             role, reason, window = self.taken[file]
-            kept = None if role == "not used" else file.source
-            what = (role, file.kind(self.capacity_ah), reason, window)
-            planned = window.initial_soc is not None and file.chosen.initial_soc is None
-            known = (file.source and file.source.span_s, file.temperature_degc, planned, kept)
-            digest = file.source.sha256 if file.source else ""
-            part = Part(file.path, file.name, *what, *known, sha256=digest)
+            part = Part(
+                file.path,
+                file.name,
+                role,
+                file.kind(self.capacity_ah),
+                reason,
+                window,
+                span_s=file.source and file.source.span_s,
+                temperature_degc=file.temperature_degc,
+                plans_soc=window.initial_soc is not None and file.chosen.initial_soc is None,
+                source=None if role == "not used" else file.source,
+                sha256=file.source.sha256 if file.source else "",
+            )
             parts.append(part)
             if is_given and role == "identification" and file in self.tests:
                 why = ocv_reason([file])

@@ -71,6 +71,7 @@ def test_cells_that_are_measured_at_once_are_no_scan(late_s):
     assert find_scan(record, voltages_v) is None
 
 
+@pytest.mark.slow
 @needs_cases
 def test_of_a_scanned_pack_the_planted_cells_are_odd_and_r0_does_not_fall_along_it():
     pack = barnax.identify_pack(

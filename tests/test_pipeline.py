@@ -250,6 +250,7 @@ def test_an_open_direction_is_tried_both_ways_and_told(cut_record):
     assert result.metrics.identification.rmse_v == pytest.approx(5e-4, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_given_direction_is_not_tried_again(cut_record):
     result = barnax.identify(cut_record, ocv=OCV, window=Window(initial_direction=1), **SMALL)
     assert (result.start.direction, result.start.direction_source) == (1, "given")

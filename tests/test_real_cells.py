@@ -165,7 +165,8 @@ class OwnRecord:
 
 
 @pytest.mark.parametrize(
-    "circuit", ["so-rc", pytest.param("iso-rc", marks=pytest.mark.slow), "esc"]
+    "circuit",
+    ["so-rc", *(pytest.param(each, marks=pytest.mark.slow) for each in ("iso-rc", "esc"))],
 )
 def test_the_samsung_cell_has_the_accepted_errors(samsung, real_data, circuit):
     cell, answer = samsung

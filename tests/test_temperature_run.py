@@ -144,6 +144,7 @@ def test_an_ocv_test_of_unknown_temperature_beside_others_is_refused():
     assert group_tests(tests[:1], None) == {}
 
 
+@pytest.mark.slow
 def test_without_an_ocv_test_each_temperature_has_the_ocv_of_its_records():
     nodes = (0.05, 0.25, 0.5, 0.75, 1.0)
     found = identify(

@@ -50,6 +50,7 @@ def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path):
     assert (dry.status, dry.out.count("initial_soc 95.0")) == (2, 1)
 
 
+@pytest.mark.slow
 def test_a_pack_is_a_row_that_is_not_computed_again(run, tmp_path):
     current_a = drive_a(2000)
     frame(simulated(alike(3), current_a), current_a).write_csv(tmp_path / "pack.csv")

@@ -41,6 +41,7 @@ def test_json_goes_to_stdout_and_writes_nothing(run, finished, tmp_path):
     assert contents(tmp_path) == {}
 
 
+@pytest.mark.slow
 def test_columns_that_are_not_recognized_can_be_named(run, finished, tmp_path):
     table = pl.read_parquet(BUNDLED.validation).head(1200)
     table.write_parquet(tmp_path / "known.parquet")

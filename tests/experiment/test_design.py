@@ -196,6 +196,7 @@ def test_a_large_cell_warms_more_than_a_small_one(believed):
     assert 1.4 < warming_k[1] / warming_k[0] < 2.0
 
 
+@pytest.mark.slow
 def test_the_same_key_gives_the_same_design(pulsed):
     again = barnax.design(capacity=2.0, max_hours=1.8, want={"R0": 0.01}, blocks=BLOCKS, **LIMITS)
     assert again.to_json() == pulsed.to_json()
@@ -203,6 +204,7 @@ def test_the_same_key_gives_the_same_design(pulsed):
     assert other != barnax.candidate_blocks(jax.random.key(0))
 
 
+@pytest.mark.slow
 def test_a_wish_that_is_easy_takes_the_least_time_whatever_is_given():
     """The best of a long test has more pieces than fit into a short one."""
     hours = []
@@ -283,7 +285,11 @@ def test_all_forms_hold_the_same_current(pulsed, tmp_path):
         ({"capacity": -2.0}, "positive"),
         ({"capacity": 2.0, "temperature": -10.0}, "typical of 25 degC"),
         ({"capacity": 2.0, "max_discharge": 0.0}, "`max_discharge`: a test discharges the cell"),
-        ({"capacity": 2.0, "max_warming": 0.3, "max_hours": 2.0}, "larger `max_warming`"),
+        pytest.param(
+            {"capacity": 2.0, "max_warming": 0.3, "max_hours": 2.0},
+            "larger `max_warming`",
+            marks=pytest.mark.slow,
+        ),
         (
             {"capacity": 2.0, "chemistry": "lfp", "high_voltage": 3.5},
             r"3\.578 V if the cell's data",

@@ -339,6 +339,7 @@ def test_currents_that_were_not_given_are_told(result):
     assert "Currents" not in both
 
 
+@pytest.mark.slow
 def test_no_test_is_looked_for_that_is_longer_than_any(result, monkeypatch):
     monkeypatch.setattr(next_test, "MOST_HOURS", 1.5)
     monkeypatch.setattr(next_test, "is_reached_in", None)

@@ -178,6 +178,7 @@ def told(cell):
     return cache(lambda **how: told_of(cell, **how))
 
 
+@pytest.mark.slow
 def test_a_row_with_another_capacity_than_its_record_shows_says_so(cell):
     prepared = aged(cell)
     _, (told,) = ageing_row([prepared])

@@ -99,6 +99,7 @@ def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alon
         assert ours.history_v.tobytes() == expected.history_v.tobytes()
 
 
+@pytest.mark.slow
 @in_float64
 def test_joint_records_padded_have_their_bits(bundled_cell):
     # Each problem has the longest record in one of two columns.

@@ -262,6 +262,7 @@ def result():
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_every_way_to_a_record_gives_the_same_start(result):
     (identified,), (validated,) = map(result.of_role, ("identification", "validation"))
     assert (identified.start.soc, identified.samples) == (0.98, 1501)

@@ -28,15 +28,16 @@ def in_mv(errors):
             *(1, KNOWN, 17.2737, 71.895),
             [16.913, 3.899, 34.111, 4.741, 25.292, 3.111, 39.066, 2.333],
         ),
-        (
+        pytest.param(
             *(1, FREE, 6.2154, 70.717),
             [5.495, 1.252, 25.899, 5.154, 8.277, 2.908, 22.879, 2.186],
+            marks=pytest.mark.slow,
         ),
         (
             *(2, FREE, 9.3685, 71.547),
             [8.994, 2.656, 8.598, 2.813, 9.542, 2.734, 13.536, 1.328],
         ),
-        (1, RISING, 6.939, None, [6.46, 1.34, 24.47, 5.17]),
+        pytest.param(1, RISING, 6.939, None, [6.46, 1.34, 24.47, 5.17], marks=pytest.mark.slow),
         (2, RISING, 10.263, None, [10.35, 2.71, 9.60, 2.84]),
     ],
 )
@@ -76,6 +77,7 @@ def test_held_out_blocks_have_the_accepted_errors(measured):
     assert fit.cross_validation.tables.above_v < 0.4 * fit.cross_validation.constant.above_v
 
 
+@pytest.mark.slow
 def test_a_record_left_out_is_predicted_as_a_fit_to_the_others_does(measured):
     settings = TableSettings(fixed=GIVEN, max_boxes=0)
     both = fit_tables(measured[:2], settings).cross_validation

@@ -181,6 +181,7 @@ def test_a_current_of_butler_and_volmer_is_found():
     assert known.numbers.keys() == {"i0 [A]"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [1.0, 1.3])
 def test_resistances_that_differ_with_the_direction_are_told_from_one_record(ratio):
     """Else an OCV of the record's own is too high by half the difference."""

@@ -41,9 +41,9 @@ FAST = {"seeds": 0, "trust": "none", "advise": False, "max_boxes": 0}
 @pytest.mark.parametrize(
     ("count", "rising", "root_mv", "errors_mv"),
     [
-        (1, False, 6.164, [5.44, 1.35, 24.54, 5.26]),
-        (1, True, 6.398, [5.83, 1.36, 24.63, 5.28]),
-        (2, False, 9.300, [8.97, 2.73, 8.60, 2.92]),
+        pytest.param(1, False, 6.164, [5.44, 1.35, 24.54, 5.26], marks=pytest.mark.slow),
+        pytest.param(1, True, 6.398, [5.83, 1.36, 24.63, 5.28], marks=pytest.mark.slow),
+        pytest.param(2, False, 9.300, [8.97, 2.73, 8.60, 2.92], marks=pytest.mark.slow),
         (2, True, 9.555, [9.60, 2.72, 8.91, 2.93]),
     ],
 )
@@ -119,9 +119,8 @@ def test_capacity_only_names_the_axis(known):
     assert one_v == pytest.approx(own.cell.average_ocv_v(1 - charge_ah / 2.0), abs=4e-3)
 
 
-@pytest.mark.parametrize(
-    ("lower_v", "is_part"), [pytest.param(0.5, False, marks=pytest.mark.slow), (0.0, True)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("lower_v", "is_part"), [(0.5, False), (0.0, True)])
 def test_a_span_that_ends_far_from_empty_is_no_capacity_and_says_so(lower_v, is_part):
     record, _ = made(hours=1.0)
     record = replace(record, voltage_v=record.voltage_v - lower_v)
@@ -237,7 +236,7 @@ def hysteretic(
     return make_record(time_s, current_a, voltage_v), soc
 
 
-@pytest.fixture(scope="module", params=[0.0, 0.006])
+@pytest.fixture(scope="module", params=[pytest.param(0.0, marks=pytest.mark.slow), 0.006])
 def turning(request):
     record, soc = hysteretic(request.param)
     return request.param, soc, barnax.identify(record, window=FROM_FULL, **FAST)
@@ -272,6 +271,7 @@ def test_a_hysteresis_without_an_ocv_test_is_told_stored_and_exported(turning, t
     assert (tables_of(again).hysteresis is not None) is bool(half_gap_v)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("half_gap_v", [0.0, 0.006])
 def test_a_circuit_that_was_asked_for_without_the_hysteresis_shown_says_so(half_gap_v):
     record, _ = hysteretic(half_gap_v)
@@ -280,9 +280,10 @@ def test_a_circuit_that_was_asked_for_without_the_hysteresis_shown_says_so(half_
     assert ("tables.hysteresis-left-out" in told) is bool(half_gap_v)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("noise_v", "start", "state"),
-    [(2e-3, 1.0, 1.0), pytest.param(5e-4, 0.8, -1.0, marks=pytest.mark.slow)],
+    [(2e-3, 1.0, 1.0), (5e-4, 0.8, -1.0)],
 )
 def test_a_hysteresis_is_found_under_noise_and_from_the_other_direction(noise_v, start, state):
     """Of errors that are mostly noise it lowers little; and a cell at rest may come from either
@@ -381,6 +382,7 @@ def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, t
     assert again.fit.own_ocv == bad.fit.own_ocv
 
 
+@pytest.mark.slow
 def test_a_record_that_is_not_suitable_cannot_speak_against_its_ocv_test(tmp_path):
     """Under one constant current, slow resistances and a lower OCV look the same."""
     time_s, current_a = np.arange(0, 7600.0, 10), np.full(760, 1.0)
@@ -399,6 +401,7 @@ def test_a_record_that_is_not_suitable_cannot_speak_against_its_ocv_test(tmp_pat
     assert "predicts better" not in "".join(ocv_test_sentences(found))
 
 
+@pytest.mark.slow
 def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     result = barnax.identify(
         BUNDLED.record,
@@ -437,9 +440,8 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     assert all(frame["OCV [V]"] < frame["OCV high [V]"])
 
 
-@pytest.mark.parametrize(
-    ("rise_ohm", "over"), [pytest.param(0.0, "ocv", marks=pytest.mark.slow), (0.03, "soc")]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("rise_ohm", "over"), [(0.0, "ocv"), (0.03, "soc")])
 def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, over):
     record, soc = made(2, noise_v=1e-3)
     fallen_v = rise_ohm * (1 - soc) * record.current_a
@@ -495,6 +497,7 @@ def test_the_frame_of_one_value_has_the_nodes_of_the_ocv(narrow):
     assert len(rows) == 3 + 2 + len(nodes)
 
 
+@pytest.mark.slow
 def test_nothing_calls_one_value_tables_or_what_was_found_given(narrow):
     result, _ = narrow
     texts = [to_markdown(identification_document(result)), *map(str, result.warnings)]

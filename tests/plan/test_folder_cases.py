@@ -117,7 +117,9 @@ def test_pulses_of_12_min_show_the_circuit_and_their_resistances(tmp_path):
     check_cell(result, np.linspace(0.2, 0.9, 20))
 
 
-@pytest.mark.parametrize("run", [barnax.identify, barnax.hppc])
+@pytest.mark.parametrize(
+    "run", [pytest.param(barnax.identify, marks=pytest.mark.slow), barnax.hppc]
+)
 def test_pulses_of_6_min_show_the_circuit_either_way(run, cases):
     result = run(cases / "cells" / "01_pulse_discharge_6min" / "pulses.csv", max_boxes=0, **FAST)
     assert len(result.pulses) == 10
@@ -136,7 +138,7 @@ def test_the_measured_incremental_test_is_ocv_test_and_record(real_data):
 
 
 @given(count=st.integers(5, 14), minutes=st.sampled_from([6.0, 8.0, 12.0]))
-@settings(max_examples=8)
+@settings(max_examples=4)
 def test_check_identify_and_hppc_agree_what_long_pulses_serve_as(count, minutes, tmp_path_factory):
     path = tmp_path_factory.mktemp("pulses") / "x.csv"
     write(path, long_pulses(minutes, rate=0.95 / count / minutes * 60, count=count))
@@ -192,7 +194,9 @@ def test_folders_with_an_ocv_test_and_a_record_each_are_cells(tmp_path):
         assert reason(planned, name).startswith("of another cell than B, by the OCV test")
 
 
-@pytest.mark.parametrize(("scale", "stays"), [(1.0, 2.5), (6.8e-4, 1.7e-3)])
+@pytest.mark.parametrize(
+    ("scale", "stays"), [pytest.param(1.0, 2.5, marks=pytest.mark.slow), (6.8e-4, 1.7e-3)]
+)
 def test_a_test_of_a_cell_of_44_ah_serves_no_small_one(scale, stays, tmp_path):
     write(tmp_path / "a.csv", slow_sweep(44.0, back=True))
     write(tmp_path / "b.csv", drive(2.5, rest_s=60), scale=scale)

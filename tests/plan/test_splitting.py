@@ -53,6 +53,7 @@ def test_each_test_of_a_schedule_has_a_role_of_its_own(schedule):
     assert end_s - begin_s == pytest.approx(5.47 * 3600, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_copy_of_a_schedule_serves_nothing(schedule, tmp_path):
     for name in ("one.parquet", "two.parquet"):
         shutil.copy(schedule, tmp_path / name)

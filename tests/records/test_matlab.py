@@ -124,6 +124,7 @@ def untried(monkeypatch):
     monkeypatch.setattr(matlab, "require_trial", lambda *_: None)
 
 
+@pytest.mark.usefixtures("untried")
 @by_format
 @pytest.mark.parametrize("name", FILES)
 def test_a_structure_of_columns_is_a_record(tmp_path, writer, name):

@@ -53,7 +53,10 @@ def test_a_measured_record_has_its_samples_sign_hold_and_ampere_hours(real_data,
     assert np.sum(np.maximum(-moved, 0)) == pytest.approx(charged_ah, abs=1e-4)
 
 
-@pytest.mark.parametrize("raw", RAW)
+@pytest.mark.parametrize(
+    "raw",
+    [pytest.param(each, marks=[pytest.mark.slow] if "50SOC" in each else []) for each in RAW],
+)
 def test_an_original_file_gives_the_record_made_from_it(real_data, raw):
     original = read_record(real_data / "raw" / raw)
     (made,) = real_data.glob(f"*/{RAW[raw]}.parquet")
@@ -65,6 +68,7 @@ def test_an_original_file_gives_the_record_made_from_it(real_data, raw):
     assert original.sign.value == record.sign.value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", range(0, 9000, 600))
 @pytest.mark.parametrize("sweep", ["ocv-s1", "ocv-s3"])
 def test_a_piece_of_a_slow_sweep_is_never_strongly_wrong(real_data, tmp_path, sweep, start):
@@ -74,6 +78,7 @@ def test_a_piece_of_a_slow_sweep_is_never_strongly_wrong(real_data, tmp_path, sw
     assert sign.value == "charge-positive"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [60, 300])
 def test_a_piece_of_a_drive_cycle_never_proves_an_arbin_record_forward(
     real_data, tmp_path, samples

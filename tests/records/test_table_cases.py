@@ -197,7 +197,7 @@ def test_a_given_state_tells_the_direction_or_is_said_to_tell_none(tmp_path):
     assert {"cells.state-words", "sign.none"} <= {finding.code for finding in findings}
 
 
-@pytest.mark.parametrize("form", ["{}_data", "{}Data", "{}_vec", "{}_meas", "data.{}_data"])
+@pytest.mark.parametrize("form", ["{}Data", "{}_vec", "data.{}_data"])
 def test_names_of_script_variables_are_those_of_quantities(tmp_path, form):
     savemat = pytest.importorskip("scipy.io").savemat
     names = [form.format(letter) for letter in ("t", "I", "V")]

@@ -87,7 +87,9 @@ def test_resistances_that_bend_with_soc_get_nodes(cell):
     assert all(own.gain.value > 1.5 * own.gain.standard_error for own in kept[1:])
 
 
-@pytest.mark.parametrize(("swept_a", "half_gap_v"), [(0.0, 0.004), (0.1, 0.015)])
+@pytest.mark.parametrize(
+    ("swept_a", "half_gap_v"), [(0.0, 0.004), pytest.param(0.1, 0.015, marks=pytest.mark.slow)]
+)
 def test_a_switched_hysteresis_is_chosen_where_the_test_has_its_gap(swept_a, half_gap_v):
     """The smaller one where it was measured at rest, one worth a tenth of the error by a sweep."""
     soc = np.linspace(0.0, 1.0, 101)
@@ -123,7 +125,7 @@ def test_what_is_asked_for_is_not_chosen(cell):
     assert (alone.chosen.loss, len(alone.tried)) == (None, 1)
 
 
-@pytest.mark.parametrize("nodes", NODE_LADDER)
+@pytest.mark.parametrize("nodes", [NODE_LADDER[0], NODE_LADDER[2]])
 def test_a_coarser_circuit_from_a_finer_reduction_is_the_one_reduced_for_it(cell, nodes):
     (prepared,) = driven(cell, (8.0, 150.0), (0.01, 0.02), bend=0.02)("so-rc")
     settings = TableSettings(ocv_correction=len(nodes) > 1)

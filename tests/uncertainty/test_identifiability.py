@@ -83,6 +83,7 @@ def test_a_pair_of_half_a_second_that_the_data_determine_is_no_finding(short_pro
 SLOW = CircuitParameters.constant(0.05, (0.02, 0.1), (10 / 0.02, 50_000))
 
 
+@pytest.mark.slow
 def test_of_a_pair_slower_than_the_record_only_the_capacitance_is_known(short_problem):
     wide = {f"R{pair} [Ohm]": (1e-4, 1e3) for pair in (1, 2)}
     wide |= {f"tau{pair} [s]": (0.5, 1e6) for pair in (1, 2)}

@@ -13,7 +13,8 @@ from scipy.optimize import lsq_linear
 from barnax.global_optimum.certificate import CERTIFIED_GAP, certify
 from barnax.global_optimum.objective import ConstantObjective
 from barnax.global_optimum.remainders import THIRD_DERIVATIVE, lowest_of_parabola
-from barnax.global_optimum.search import landscape_of
+from barnax.global_optimum.search import GRID
+from barnax.model.grid import lowest_scales
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.search_space import Bounds
 from barnax.model.window import Window
@@ -56,23 +57,29 @@ def least_error(reduced, place):
     return np.sqrt(2 * found.cost)
 
 
+def lowest_on_grid(reduced):
+    """The scales of the lowest point of the search's grid, and its RMSE in V."""
+    (lowest, *_) = lowest_scales(reduced, GRID, apart=False)
+    return lowest, float(np.sqrt(reduced.least_v2(np.array([lowest]).T)[0]))
+
+
 def random_places(reduced, count, seed):
-    """Places in the box, half of them near the lowest point of the landscape."""
+    """Places in the box, half of them near the lowest point of a grid."""
     rng = np.random.default_rng(seed)
     low, high = np.array([[axis.low, axis.high] for axis in reduced.axes]).T
     anywhere = rng.uniform(low, high, (count, len(low)))
-    landscape = landscape_of(reduced)
-    taus = np.log(landscape.circuit(landscape.minima(1.0)[0]).tau_s)
-    near = np.clip(taus + 0.3 * rng.standard_normal((count, len(low))), low, high)
+    near = np.clip(
+        lowest_on_grid(reduced)[0] + 0.3 * rng.standard_normal((count, len(low))), low, high
+    )
     return np.concatenate([anywhere, near])
 
 
 def proved(reduced, rmse_v, max_boxes=MANY):
     """What is proved from that error on; a better circuit counts with its own."""
 
-    def polish(circuit):
-        log_scales = np.log([*circuit.tau_s, circuit.gamma][: len(reduced.axes)])
-        return SimpleNamespace(rmse_v=least_error(reduced, log_scales), circuit=circuit)
+    def polish(log_scales):
+        circuit = reduced.circuit(reduced.solve(log_scales))
+        return SimpleNamespace(rmse_v=least_error(reduced, np.array(log_scales)), circuit=circuit)
 
     return certify(reduced, SimpleNamespace(rmse_v=rmse_v, circuit=None), polish, max_boxes)
 
@@ -155,7 +162,7 @@ def test_what_a_response_does_between_the_three_scales_is_allowed_for(wave, phas
 )
 def test_no_circuit_beats_the_bound(bundled_cell, seed, noise_v, max_boxes, changes):
     reduced = reduced_problem(bundled_cell, seed, noise_v=noise_v, **changes)
-    lowest_v = np.nanmin(landscape_of(reduced).rmse_v)
+    lowest_v = lowest_on_grid(reduced)[1]
     proof = proved(reduced, lowest_v, max_boxes)
     bound_v = proof.lower_bound_v
     for place in random_places(reduced, 15, seed):
@@ -168,7 +175,7 @@ def test_no_circuit_beats_the_bound(bundled_cell, seed, noise_v, max_boxes, chan
 @pytest.mark.parametrize("circuit", ["3rc", "esc"])
 def test_three_pairs_and_dynamic_hysteresis_are_proved_too(bundled_cell, circuit):
     reduced = reduced_problem(bundled_cell, 1, circuit)
-    lowest_v = np.nanmin(landscape_of(reduced).rmse_v)
+    lowest_v = lowest_on_grid(reduced)[1]
     proof = proved(reduced, lowest_v)
     least_v = proof.best.rmse_v * (1 - 1.01 * CERTIFIED_GAP)
     assert least_v <= proof.lower_bound_v <= lowest_v
@@ -177,8 +184,7 @@ def test_three_pairs_and_dynamic_hysteresis_are_proved_too(bundled_cell, circuit
 def test_a_better_basin_is_met_and_is_really_better(bundled_cell):
     problem = make_problem(made_record(0), bundled_cell, "so-rc", window=KNOWN_SOC)
     reduced = ConstantObjective.of(problem)
-    landscape = landscape_of(reduced)
-    worse_v = 1.2 * np.nanmin(landscape.rmse_v)
+    worse_v = 1.2 * lowest_on_grid(reduced)[1]
     proof = proved(reduced, worse_v)
     (better_v,) = rmse_by_scan(problem, [proof.best.circuit])
     assert proof.lower_bound_v <= better_v < worse_v
@@ -186,7 +192,7 @@ def test_a_better_basin_is_met_and_is_really_better(bundled_cell):
 
 def test_a_certificate_has_the_same_bits_every_time(bundled_cell):
     reduced = reduced_problem(bundled_cell)
-    lowest_v = np.nanmin(landscape_of(reduced).rmse_v)
+    lowest_v = lowest_on_grid(reduced)[1]
     first, again = (proved(reduced, lowest_v) for _ in range(2))
     assert (first.lower_bound_v, first.boxes) == (again.lower_bound_v, again.boxes)
 

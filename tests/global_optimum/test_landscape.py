@@ -1,13 +1,12 @@
-"""The landscape over time constants, against SciPy's bounded least squares on simulations."""
+"""The least errors at time constants, against SciPy's bounded least squares on simulations."""
 
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
 from barnax.cell import CircuitParameters
-from barnax.global_optimum import Landscape
 from barnax.global_optimum.objective import ConstantObjective
-from barnax.global_optimum.search import landscape_of
+from barnax.model.grid import GridSizes, lowest_scales, minima_of
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.search.evaluate import evaluate
@@ -47,18 +46,6 @@ def problem_of(bundled_cell):
     return make
 
 
-@pytest.fixture(scope="module")
-def landscape_in(problem_of):
-    made = {}
-
-    def make(case) -> Landscape:
-        if case not in made:
-            made[case] = landscape_of(ConstantObjective.of(problem_of(case)))
-        return made[case]
-
-    return make
-
-
 def errors_of(problem, resistances, taus, gamma):
     """The error at every scored sample of every record, by simulation."""
     r0, *r = (float(each) for each in resistances)
@@ -84,12 +71,12 @@ def least_rmse(problem, low, high, taus, gamma):
     return np.sqrt(2 * found.cost / len(base))
 
 
-def some_points(landscape, count, seed=0):
-    """The lowest point and some others."""
-    known = np.argwhere(np.isfinite(landscape.rmse_v))
-    picked = np.random.default_rng(seed).integers(0, len(known), count)
-    lowest = np.argwhere(landscape.rmse_v == np.nanmin(landscape.rmse_v))[:1]
-    return [tuple(point) for point in np.concatenate([lowest, known[picked]]).tolist()]
+def some_scales(objective, count, seed=0):
+    """Scales in the box, those of interchangeable pairs in order."""
+    low, high = np.transpose([[axis.low, axis.high] for axis in objective.axes])
+    found = np.random.default_rng(seed).uniform(low, high, (count, len(low)))
+    found[:, : objective.interchangeable].sort(axis=1)
+    return found
 
 
 def resistance_limits(bounds, tau_s):
@@ -109,19 +96,21 @@ def resistance_limits(bounds, tau_s):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_every_point_is_the_circuit_with_the_least_error_of_all_resistances_in_the_box(
-    problem_of, landscape_in, case
+def test_everywhere_it_is_the_circuit_with_the_least_error_of_all_resistances_in_the_box(
+    problem_of, case
 ):
-    problem, landscape = problem_of(case), landscape_in(case)
-    for point in some_points(landscape, 5):
-        circuit = landscape.circuit(point)
+    problem = problem_of(case)
+    objective = ConstantObjective.of(problem)
+    scales = some_scales(objective, 5)
+    for log_scales, least_v2 in zip(scales, objective.least_v2(scales.T), strict=True):
+        circuit = objective.circuit(objective.solve(tuple(log_scales), exact=True))
         expected = least_rmse(
             problem, *resistance_limits(problem.bounds, circuit.tau_s), circuit.tau_s, circuit.gamma
         )
-        assert landscape.rmse_v[point] == pytest.approx(expected, rel=1e-8)
+        assert np.sqrt(least_v2) == pytest.approx(expected, rel=1e-8)
         errors_v = errors_of(problem, (circuit.r0, *circuit.r), circuit.tau_s, circuit.gamma)
         own_v = np.sqrt(np.mean(errors_v**2))
-        assert landscape.rmse_v[point] == pytest.approx(own_v, rel=1e-9)
+        assert np.sqrt(least_v2) == pytest.approx(own_v, rel=1e-8)
         values = named_values(circuit)
         for name, (low, high) in problem.bounds.ranges.items():
             assert low * (1 - 1e-12) <= values[name] <= high * (1 + 1e-12)
@@ -129,38 +118,37 @@ def test_every_point_is_the_circuit_with_the_least_error_of_all_resistances_in_t
             assert values[name] == pytest.approx(value, rel=1e-12)
 
 
-def test_pairs_of_one_box_have_values_only_where_they_are_in_order(landscape_in):
-    tau_s, rmse_v = landscape_in("two pairs").tau_s, landscape_in("two pairs").rmse_v
-    in_order = tau_s[0][:, None] <= tau_s[1]
-    np.testing.assert_array_equal(np.isfinite(rmse_v), in_order)
+def test_minima_of_the_grid_are_in_order_and_the_best_comes_first(problem_of):
+    objective = ConstantObjective.of(problem_of("two pairs"))
+    starts = lowest_scales(objective, GridSizes({2: 48}, {}, 1), apart=False)
+    least_v2 = objective.least_v2(np.transpose(starts))
+    assert all(fast <= slow for fast, slow in starts)
+    assert np.all(np.diff(least_v2) >= 0)
+    assert least_v2[0] <= np.min(objective.least_v2(some_scales(objective, 400).T)) * 1.05
 
 
-def test_pairs_with_boxes_of_their_own_have_values_everywhere(landscape_in):
-    landscape = landscape_in("two boxes")
-    assert np.all(np.isfinite(landscape.rmse_v))
-    assert landscape.tau_s[0][-1] == pytest.approx(50.0)
-
-
-def test_a_fixed_value_is_one_point_of_its_axis(landscape_in):
-    assert landscape_in("a fixed rate").gamma == pytest.approx([50.0])
-    assert landscape_in("a fixed time constant").tau_s[0] == pytest.approx([10.0])
+@pytest.mark.parametrize(
+    ("case", "axis", "value"), [("a fixed rate", 2, 50.0), ("a fixed time constant", 0, 10.0)]
+)
+def test_a_fixed_value_is_one_point_of_its_axis(problem_of, case, axis, value):
+    objective = ConstantObjective.of(problem_of(case))
+    found = lowest_scales(objective, GridSizes({2: 8}, {2: 8}, 8), apart=False)
+    assert [scales[axis] for scales in found] == pytest.approx([np.log(value)] * len(found))
 
 
 def test_minima_are_lower_than_all_around_them_and_the_best_comes_first():
     valleys = np.array([3.0, 1.0, 1.0, 2.0, 5.0, 1.2, 4.0, 9.0, 8.0])
-    taus = np.geomspace(1, 100, len(valleys))
-    landscape = Landscape((taus,), None, valleys, np.ones((2, len(valleys))))
-    assert landscape.minima(1.5) == [(1,), (5,)]
-    assert landscape.minima(10) == [(1,), (5,), (8,)]
+    assert minima_of(valleys, 1.5) == [(1,), (5,)]
+    assert minima_of(valleys, 10) == [(1,), (5,), (8,)]
 
 
-def test_records_together_have_the_landscape_of_their_joint_error(bundled_cell):
+def test_records_together_have_their_joint_error(bundled_cell):
     records = [drive_record("gaps", 300, 1), drive_record("gaps", 200, 2, "backward")]
     problem = make_problem(records, bundled_cell, "so-rc", window=KNOWN_SOC)
-    landscape = landscape_of(ConstantObjective.of(problem))
+    objective = ConstantObjective.of(problem)
     low, high = np.full(3, R_BOX[0]), np.full(3, R_BOX[1])
     scale = 2 / bundled_cell.capacity_ah
-    for point in some_points(landscape, 4):
-        taus = landscape.circuit(point).tau_s
-        expected = least_rmse(problem, low * scale, high * scale, taus, None)
-        assert landscape.rmse_v[point] == pytest.approx(expected, rel=1e-8)
+    scales = some_scales(objective, 4)
+    for log_scales, least_v2 in zip(scales, objective.least_v2(scales.T), strict=True):
+        expected = least_rmse(problem, low * scale, high * scale, np.exp(log_scales), None)
+        assert np.sqrt(least_v2) == pytest.approx(expected, rel=1e-8)

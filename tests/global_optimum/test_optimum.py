@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from barnax.cell import characterize
-from barnax.global_optimum import Landscape, find_global_optimum, optimality_gap
+from barnax.global_optimum import find_global_optimum, optimality_gap, search
+from barnax.global_optimum.objective import ConstantObjective
+from barnax.model.grid import lowest_scales
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.window import Window
 from barnax.records import read_record
@@ -93,8 +95,8 @@ def test_scipys_many_starts_find_the_optimum_that_seeds_and_grid_find(
 
 
 def test_the_proof_finds_the_basin_that_the_grid_missed(short_problem, short_optimum, monkeypatch):
-    minima = Landscape.minima
-    monkeypatch.setattr(Landscape, "minima", lambda *given: minima(*given)[1:])
+    minima = search.lowest_scales
+    monkeypatch.setattr(search, "lowest_scales", lambda *given, **how: minima(*given, **how)[1:])
     # Another one, for a problem keeps what was found.
     problem = replace(short_problem)
     missed = find_global_optimum(problem, prove=False)
@@ -122,7 +124,9 @@ def test_a_circuit_with_dynamic_hysteresis_is_certified_too(problem_of):
     problem = problem_of("esc")
     optimum = find_global_optimum(problem)
     assert_certified(optimum, problem)
-    assert optimum.rmse_v <= np.nanmin(optimum.landscape.rmse_v) * (1 + SAME)
+    objective = ConstantObjective.of(problem)
+    (lowest, *_) = lowest_scales(objective, search.GRID, apart=False)
+    assert optimum.rmse_v <= objective.solve(lowest).rms_v * (1 + SAME)
 
 
 def test_the_answer_does_not_depend_on_the_problems_own_objective(short_problem, short_optimum):

@@ -1,9 +1,8 @@
-"""The best circuit there is in a box: a landscape, a polish and a proof."""
+"""The best circuit there is in a box: a grid, a polish and a proof."""
 
 from .other_hold import hold_warning, with_better_hold
 from .search import (
     GlobalOptimum,
-    Landscape,
     find_global_optimum,
     optimality_gap,
     with_better_directions,
@@ -12,7 +11,6 @@ from .search import (
 
 __all__ = [
     "GlobalOptimum",
-    "Landscape",
     "find_global_optimum",
     "hold_warning",
     "optimality_gap",

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..blas import one_blas_thread
-from ..cell import CircuitParameters
 from ..model.axes import Axis
 from ..model.box_least_squares import Columns, dot, errors_of, least_in_boxes, normal_equations
+from ..model.descent import LogScales
 from ..search.refine import RefinedSeed
 from .objective import ConstantObjective
 from .proof import ABSOLUTE_V, SMALLEST_RMSE_V, Boxes, Proof, first_boxes, prove
@@ -34,7 +34,7 @@ FEW_BOXES = 4096
 def certify(
     objective: ConstantObjective,
     best: RefinedSeed,
-    polish: Callable[[CircuitParameters], RefinedSeed],
+    polish: Callable[[LogScales], RefinedSeed],
     max_boxes: int,
 ) -> Proof[RefinedSeed]:
     """A bound on how far below the best known RMSE that of any circuit in the box could be.
@@ -65,8 +65,9 @@ def certify(
 
 def _bound(
     objective: ConstantObjective, boxes: Boxes, best_v: float
-) -> tuple[Float[np.ndarray, "boxes"], Int[np.ndarray, "boxes"], CircuitParameters | None]:
-    """A lower bound of the errors in a box, the axis to split it along, a better circuit if met.
+) -> tuple[Float[np.ndarray, "boxes"], Int[np.ndarray, "boxes"], LogScales | None]:
+    """A lower bound of the errors in a box, the axis to split it along, and scales of a better
+    circuit if one is met.
 
     The first y is the direction of the error at the middle of the box, with the resistances best
     there. To first order that error has no slope in free resistances, but what y.phi loses over
@@ -87,7 +88,7 @@ def _bound(
     better = None
     best = int(np.argmin(at_middle_v))
     if at_middle_v[best] < best_v * (1 - NARROW_GAP) - ABSOLUTE_V:
-        better = objective.circuit(middle[:, best], found[:, best])
+        better = tuple(middle[:, best].tolist())
 
     # A little more slope than needed leaves free resistances at their lower limits, which cost
     # far less than the upper ones.

@@ -12,7 +12,15 @@ from ..cell import CircuitParameters
 from ..cell.elements import RC, get_element
 from ..cell.parameters import RATE
 from ..model.axes import Axis
-from ..model.box_least_squares import Columns, Sides, least_in_box, with_free_values
+from ..model.box_least_squares import (
+    Columns,
+    Sides,
+    errors_of,
+    least_in_box,
+    least_in_boxes,
+    normal_equations,
+    with_free_values,
+)
 from ..model.descent import LogScales, Solved
 from ..model.layout import Spans
 from ..model.prepared import PreparedRecord
@@ -124,6 +132,17 @@ class ConstantObjective:
         error = base + columns @ ohm
         return ConstantSolution(log_scales, sides, float(error @ error), ohm, columns, error)
 
+    def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
+        """The least J at many scales, all at once."""
+        answers = []
+        for axis, scales in zip(self.axes, log_scales, strict=True):
+            places, at = np.unique(scales, return_inverse=True)
+            answers.append(axis.columns(places)[at, :, 0])
+        columns, base = self.columns(answers)
+        box = self.coefficient_box(log_scales)
+        found = least_in_boxes(*normal_equations(columns, base), *box)
+        return np.sum(errors_of(columns, base, found) ** 2, axis=1)
+
     def slope(self, found: ConstantSolution) -> Float[np.ndarray, "axes"]:
         """The derivative of the least J by the scales: that at fixed resistances, and where one is
         at a bound in F, what that bound moves."""
@@ -161,12 +180,9 @@ class ConstantObjective:
         low, high = self.bounds.resistance_box(tau_s)
         return low[:, 0], high[:, 0]
 
-    def circuit(
-        self, log_scales: Float[np.ndarray, "axes"], coefficients: Float[np.ndarray, "unknowns"]
-    ) -> CircuitParameters:
-        """The circuit of the scales on all axes and what multiplies the columns there."""
+    def circuit(self, found: ConstantSolution) -> CircuitParameters:
+        """The circuit of a solution."""
+        (r0, *r), scales = found.ohm.tolist(), np.exp(found.log_scales).tolist()
         pairs = self.bounds.pairs
-        tau_s, gamma = np.exp(log_scales[:pairs]).tolist(), np.exp(log_scales[pairs:]).tolist()
-        r0, *r = coefficients[: pairs + 1].tolist()
-        rate = gamma[0] if gamma else None
-        return CircuitParameters.of_tau(r0, r, tau_s, rate, self.bounds.elements)
+        rate = scales[pairs] if len(scales) > pairs else None
+        return CircuitParameters.of_tau(r0, r, scales[:pairs], rate, self.bounds.elements)

@@ -1,12 +1,12 @@
-"""The landscape over the time constants, the search for its lowest point, and what was assumed."""
+"""The best circuit over a grid of time constants, polished and proved, and what was assumed."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters, without_drop
@@ -14,9 +14,8 @@ from ..cell.model import NEAR_DEGC
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
-from ..model.box_least_squares import errors_of, least_in_boxes, normal_equations
-from ..model.descent import polish
-from ..model.grid import GridSizes, minima_of, points_in_order
+from ..model.descent import LogScales, polish
+from ..model.grid import GridSizes, lowest_scales
 from ..model.prepared import both_directions, prepare_record
 from ..model.problem import Problem, rmse_by_scan
 from ..search.refine import AtBound, Optimum, RefinedSeed, at_bound, distinct_optima, largest_change
@@ -27,8 +26,6 @@ from .proof import SMALLEST_RMSE_V, Proof
 # Grid points of a time constant by the number of pairs, and of gamma. A unit response varies
 # over a factor of e in tau; four pairs are still sampled twice as densely as that.
 GRID = GridSizes({1: 192, 2: 96, 3: 28, 4: 18}, {1: 96, 2: 48, 3: 20, 4: 12}, 24)
-# Points that are solved at a time.
-CHUNK = 8192
 # Local minima of the grid up to this many times its lowest error are polished, but never more of
 # them than this.
 FACTOR = 1.5
@@ -41,84 +38,19 @@ _rmse_v = attrgetter("rmse_v")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Landscape(Brief):
-    """RMSE in V with the best resistances, at every point of a grid.
-
-    One axis a pair, in the order of the pairs, then gamma's where the circuit has one. `rmse_v`
-    and `resistances_ohm` (R0, R1, ... first) are NaN where pairs of one box would be out of order.
-    `elements` are those of the circuit, none where all are RC pairs.
-    """
-
-    tau_s: tuple[Float[np.ndarray, "taus"], ...]
-    gamma: Float[np.ndarray, "gammas"] | None
-    rmse_v: Float[np.ndarray, "*grid"]
-    resistances_ohm: Float[np.ndarray, "resistances *grid"]
-    elements: tuple[str, ...] = ()
-
-    def circuit(self, point: tuple[int, ...]) -> CircuitParameters:
-        """The best circuit at a point of the grid."""
-        taus = [float(axis[index]) for axis, index in zip(self.tau_s, point, strict=False)]
-        r0, *r = self.resistances_ohm[:, *point].tolist()
-        gamma = None if self.gamma is None else float(self.gamma[point[-1]])
-        return CircuitParameters.of_tau(r0, r, taus, gamma, self.elements)
-
-    def minima(self, factor: float) -> list[tuple[int, ...]]:
-        """The points no neighbor of which is lower, best first; level ground counts once.
-
-        Only those with at most `factor` times the lowest error.
-        """
-        return minima_of(self.rmse_v, factor)
-
-
-def landscape_of(objective: ConstantObjective) -> Landscape:
-    """The landscape of a problem, whichever its objective, from the compressed form."""
-    pairs = objective.bounds.pairs
-    places = GRID.places(((axis.low, axis.high) for axis in objective.axes), pairs)
-    # One thread: what a library does with several would change the last bits.
-    with one_blas_thread():
-        tables = [
-            axis.columns(place)[..., 0] for axis, place in zip(objective.axes, places, strict=True)
-        ]
-    shape = tuple(len(place) for place in places)
-    points = points_in_order(shape, objective.interchangeable, apart=False)
-    rmse_v = np.full(shape, np.nan)
-    resistances_ohm = np.full((pairs + 1, *shape), np.nan)
-    for first in range(0, points.shape[1], CHUNK):
-        here = points[:, first : first + CHUNK]
-        columns, base = objective.columns(
-            [table[index] for table, index in zip(tables, here, strict=True)]
-        )
-        at = np.stack([place[index] for place, index in zip(places, here, strict=True)])
-        box = objective.coefficient_box(at)
-        found = least_in_boxes(*normal_equations(columns, base), *box)
-        errors_v = errors_of(columns, base, found)
-        rmse_v[tuple(here)] = np.linalg.norm(errors_v, axis=1)
-        resistances_ohm[:, *here] = found[: pairs + 1]
-    return Landscape(
-        tau_s=tuple(np.exp(place) for place in places[:pairs]),
-        gamma=np.exp(places[pairs]) if len(places) > pairs else None,
-        rmse_v=rmse_v,
-        resistances_ohm=resistances_ohm,
-        elements=objective.bounds.elements,
-    )
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class GlobalOptimum(Brief):
-    """The best circuit in a box, what is proved about it, and the landscape around it.
+    """The best circuit in a box, and what is proved about it.
 
     Attributes:
         optima: The distinct local optima up to `FACTOR` times the best, which comes first; their
             errors are computed by the scan.
         at_bound: Parameters of the best at a bound.
         proof: What the search for a proof came to, None without one.
-        landscape: The lowest RMSE over the time constants.
     """
 
     optima: tuple[Optimum, ...]
     at_bound: tuple[AtBound, ...]
     proof: Proof[RefinedSeed] | None
-    landscape: Landscape
 
     @property
     def parameters(self) -> CircuitParameters:
@@ -186,16 +118,14 @@ def find_global_optimum(
     # Kept with the problem: where the direction before the start is open, it was looked for before.
     if "minima" not in vars(problem):
         objective = ConstantObjective.of(problem)
-        landscape = landscape_of(objective)
-        starts = landscape.minima(FACTOR)[:MAX_MINIMA]
-        ends = _polish(problem, objective, [landscape.circuit(point) for point in starts])
-        vars(problem)["minima"] = objective, landscape, ends
-    objective, landscape, ends = vars(problem)["minima"]
+        starts = _grid_minima(objective, FACTOR)[:MAX_MINIMA]
+        vars(problem)["minima"] = objective, _polish(problem, objective, starts)
+    objective, ends = vars(problem)["minima"]
     proof = None
     if prove:
         ends = [*ends]
 
-        def descend(met: CircuitParameters) -> RefinedSeed:
+        def descend(met: LogScales) -> RefinedSeed:
             # The grid can miss a basin; a proof cannot.
             ends.extend(_polish(problem, objective, [met]))
             return min(ends, key=_rmse_v)
@@ -204,28 +134,30 @@ def find_global_optimum(
     optima = distinct_optima(ends)
     optima = tuple(optimum for optimum in optima if optimum.rmse_v <= FACTOR * optima[0].rmse_v)
     bounded = at_bound(problem.log_coordinates, optima[0].parameters)
-    return GlobalOptimum(optima, bounded, proof, landscape)
+    return GlobalOptimum(optima, bounded, proof)
+
+
+def _grid_minima(objective: ConstantObjective, factor: float) -> list[LogScales]:
+    """The scales of the grid's minima up to so many times its lowest error, best first."""
+    # One thread: what a library does with several would change the last bits.
+    with one_blas_thread():
+        return lowest_scales(objective, GRID, apart=False, factor=factor)
 
 
 def _polish(
-    problem: Problem, objective: ConstantObjective, circuits: list[CircuitParameters]
+    problem: Problem, objective: ConstantObjective, starts: Sequence[LogScales]
 ) -> list[RefinedSeed]:
-    """The ends of descents from circuits, with the errors of the scan."""
-    ends, are_flat = [], []
+    """The ends of descents from some scales, with the errors of the scan."""
+    ends, moved, are_flat = [], [], []
     with one_blas_thread():
-        for circuit in circuits:
-            rate = () if circuit.gamma is None else (circuit.gamma,)
-            log_scales = tuple(np.log([*circuit.tau_s, *rate]).tolist())
-            met = polish(objective, objective.solve(log_scales))
+        for log_scales in starts:
+            start = objective.solve(log_scales)
+            met = polish(objective, start)
             exact = objective.solve(met.log_scales, met.sides, exact=True)
-            ends.append(objective.circuit(np.array(exact.log_scales), exact.ohm))
+            ends.append(objective.circuit(exact))
+            moved.append(largest_change(objective.circuit(start), ends[-1]))
             are_flat.append(objective.is_flat(exact))
-    return [
-        RefinedSeed(float(rmse_v), end, largest_change(circuit, end), is_flat)
-        for rmse_v, circuit, end, is_flat in zip(
-            rmse_by_scan(problem, ends), circuits, ends, are_flat, strict=True
-        )
-    ]
+    return [*map(RefinedSeed, rmse_by_scan(problem, ends), ends, moved, are_flat)]
 
 
 # What a circuit resists after so long a constant current; slower pairs imitate the OCV.
@@ -261,13 +193,6 @@ def without_sweep_drop(problem: Problem) -> Problem:
     return found
 
 
-def best_on_grid(problem: Problem) -> CircuitParameters:
-    """The best circuit of the landscape's grid, not polished."""
-    landscape = landscape_of(ConstantObjective.of(problem))
-    (lowest, *_) = landscape.minima(1.0)
-    return landscape.circuit(lowest)
-
-
 def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> float:
     """The resistance after `DROP_S` of the best circuit of the records nearest to a temperature."""
     records = problem.prepared_records
@@ -276,7 +201,8 @@ def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> fl
         apart = np.nan_to_num(np.abs(degc - temperature_degc))
         is_near = apart <= apart.min() + NEAR_DEGC
         records = tuple(itertools.compress(records, is_near))
-    found = best_on_grid(replace(problem, prepared_records=records))
+    objective = ConstantObjective.of(replace(problem, prepared_records=records))
+    found = objective.circuit(objective.solve(_grid_minima(objective, 1.0)[0]))
     shown = -np.expm1(-DROP_S / np.array(found.tau_s))
     return found.r0 + float(shown @ found.r)
 

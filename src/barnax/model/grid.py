@@ -2,12 +2,17 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.ndimage import label, minimum_filter
 
+from ..cell.parameters import RATE
 from .search_space import Range
+
+# Points that are solved at a time.
+CHUNK = 8192
 
 
 @dataclass(frozen=True)
@@ -66,3 +71,28 @@ def minima_of(values: Float[np.ndarray, "*grid"], factor: float = np.inf) -> lis
     _, first = np.unique(grounds[is_minimum], return_index=True)
     points = np.argwhere(is_minimum)[first].tolist()
     return sorted(map(tuple, points), key=lambda point: values[point])
+
+
+def lowest_scales(
+    objective: Any, sizes: GridSizes, *, apart: bool, factor: float = np.inf
+) -> list[tuple[float, ...]]:
+    """The minima of an objective on a grid over its axes, as `minima_of` has them.
+
+    Args:
+        objective: Its axes, how many are `interchangeable`, and its `least_v2` at many scales.
+        sizes: Places on every axis.
+        apart: Whether interchangeable pairs have time constants that differ.
+        factor: How many times the lowest sqrt(J) one may have.
+    """
+    elements = sum(axis.name != RATE for axis in objective.axes)
+    places = sizes.places(((axis.low, axis.high) for axis in objective.axes), elements)
+    lowest_v2 = np.full([len(axis) for axis in places], np.inf)
+    points = points_in_order(lowest_v2.shape, objective.interchangeable, apart=apart)
+    for first in range(0, points.shape[1], CHUNK):
+        here = points[:, first : first + CHUNK]
+        log_scales = np.stack([axis[at] for axis, at in zip(places, here, strict=True)])
+        lowest_v2[*here] = objective.least_v2(log_scales)
+    return [
+        tuple(float(axis[at]) for axis, at in zip(places, point, strict=True))
+        for point in minima_of(lowest_v2, factor**2)
+    ]

@@ -13,7 +13,7 @@ from barnax.optimizers import make_optimizer
 from barnax.records import Decision, Hold
 from barnax.search.refine import refine
 from barnax.search.seeds import Search, SeedAnswer
-from barnax.uncertainty import Assessment, Refit, assess
+from barnax.uncertainty import Assessment, assess
 from helpers.reference import drop_v, filtered_response
 
 TRUTH = CircuitParameters.constant(r0=0.05, r=(0.02, 0.03), c=(10 / 0.02, 120 / 0.03))
@@ -31,15 +31,6 @@ class Fit:
     @cached_property
     def assessment(self) -> Assessment:
         return assess(self.problem, self.parameters)
-
-    @cached_property
-    def refit(self) -> Refit:
-        return Refit(self.problem)
-
-    @property
-    def known(self) -> dict:
-        """What need not be computed again."""
-        return {"covariance": self.assessment.covariance, "refit": self.refit}
 
 
 def fit(problem: Problem, start: CircuitParameters = TRUTH) -> Fit:

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from barnax.errors import InputError
 from barnax.schema import Part
-from barnax.uncertainty import Examination, examine
-from helpers.noisy_fits import TRUTH
+from barnax.uncertainty import Examination, examine, profile
+from helpers.noisy_fits import TRUTH, fit, made_problem, white_noise
 from helpers.reference import drop_v, filtered_response
 
 
@@ -61,3 +62,23 @@ def test_scipy_refits_the_others_to_the_same_error(slot, white, examination):
         fitted = least_squares(errors_mv, others, args=(value,), xtol=1e-14)
         expected_v = 1e-3 * np.sqrt(np.mean(fitted.fun**2))
         assert found.rmse_v[place] == pytest.approx(expected_v, rel=1e-6)
+
+
+def test_an_end_that_the_data_leave_open_is_not_made_up(short_problem):
+    # Under 300 mV of noise a slower pair of the same capacitance fits as well.
+    loose = fit(made_problem(short_problem, white_noise(2, 0.3)))
+    assert loose.assessment.uncertainty["tau2 [s]"].held == "at upper bound"
+    found = profile(loose.problem, loose.parameters, "tau2 [s]")
+    assert found.high is None
+    assert max(found.values) <= 1500
+
+
+def test_a_parameter_the_circuit_does_not_have_is_refused(white):
+    with pytest.raises(InputError, match=r"'R7 \[Ohm\]' is not a parameter"):
+        profile(white.problem, white.parameters, "R7 [Ohm]")
+
+
+def test_a_held_parameter_has_no_profile(short_problem):
+    problem = made_problem(short_problem, white_noise(5), fixed={"tau2 [s]": 120.0})
+    with pytest.raises(InputError, match="held: fixed"):
+        profile(problem, TRUTH, "tau2 [s]")

@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
 from ..cell import CircuitParameters
-from ..cell.elements import RC, get_element
+from ..cell.elements import RC, get_element, names_beside
 from ..cell.parameters import RATE
 from ..model.axes import Axis
 from ..model.box_least_squares import (
@@ -57,17 +57,14 @@ class ConstantObjective:
     axes: tuple[Axis, ...]
     bounds: Bounds
     prepared_records: tuple[PreparedRecord, ...]
+    # Number of the first axes that are of pairs with one box: only circuits with tau1 <= tau2 and
+    # so on are in it.
+    interchangeable: int
 
     @cached_property
     def remainders(self) -> list[Float[np.ndarray, "2 _"]]:
         """The allowance of a proof between the scales that it looks at."""
         return remainders(self.prepared_records, self.axes, (0.5,))
-
-    @property
-    def interchangeable(self) -> int:
-        """Number of the first axes that are of pairs with one box: only circuits with tau1 <= tau2
-        and so on are in it."""
-        return self.bounds.interchangeable_pairs
 
     @classmethod
     def of(cls, problem: Problem) -> "ConstantObjective":
@@ -90,8 +87,24 @@ class ConstantObjective:
         ]
         if in_rate is not None and bounds.gamma_range is not None:
             axes.append(axis(RATE, bounds.gamma_range, answers[count:], None, in_rate, -1, RC))
-        records = problem.prepared_records
-        return cls(factor[:, -1], factor[:, -2], tuple(axes), bounds, records)
+        records, alike = problem.prepared_records, bounds.interchangeable_pairs
+        return cls(factor[:, -1], factor[:, -2], tuple(axes), bounds, records, alike)
+
+    def fixing(self, name: str, value: float) -> "ConstantObjective":
+        """The same with one value of a resistance, a time constant, a capacitance or gamma."""
+        end, bounds = math.log(value), self.bounds
+        axes = tuple(
+            replace(axis, low=end, high=end) if axis.name == name else axis for axis in self.axes
+        )
+        if axes == self.axes:
+            # A capacitance bounds its resistance, beside the time constants that it had.
+            others = {name, names_beside(name).tau} if name.startswith("C") else {name}
+            ranges, fixed = (
+                {own: known for own, known in given.items() if own not in others}
+                for given in (bounds.ranges, bounds.fixed)
+            )
+            bounds = replace(bounds, ranges=ranges, fixed={**fixed, name: value})
+        return replace(self, axes=axes, bounds=bounds, interchangeable=0)
 
     def columns(self, responses: Sequence[Columns]) -> tuple[list[Columns], Columns]:
         """The columns of R0 and of every axis, which are given, at some points; the base error."""

@@ -6,7 +6,6 @@ from .assessment import Diagnostics as Diagnostics
 from .assessment import Examination as Examination
 from .assessment import assess as assess
 from .assessment import examine as examine
-from .batch_fit import Refit as Refit
 from .covariance import Covariance as Covariance
 from .covariance import Estimate as Estimate
 from .covariance import Uncertainty as Uncertainty

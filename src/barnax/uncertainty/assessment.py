@@ -14,9 +14,9 @@ from scipy.special import stdtrit
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
 from ..display import Brief
+from ..global_optimum.objective import ConstantObjective
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem, rmse_by_scan
-from .batch_fit import Refit
 from .covariance import CONFIDENCE, Covariance, Estimate, Uncertainty, linear_end, linearize
 from .identifiability import Identifiability, identifiability
 from .profiles import Profile, profile
@@ -233,11 +233,8 @@ def examine(problem: Problem, parameters: CircuitParameters, assessment: Assessm
         parameters: An optimum of it.
         assessment: Its assessment from `assess`.
     """
-    refit, covariance = Refit(problem), assessment.covariance
+    given = {"covariance": assessment.covariance, "objective": ConstantObjective.of(problem)}
     free = [own.name for own in assessment.uncertainty.estimates if own.relative_error]
-    return Examination(
-        rmse_v=rmse_by_scan(problem, [parameters])[0],
-        profiles=tuple(
-            profile(problem, parameters, name, covariance=covariance, refit=refit) for name in free
-        ),
-    )
+    with one_blas_thread():
+        profiles = tuple(profile(problem, parameters, name, **given) for name in free)
+    return Examination(rmse_by_scan(problem, [parameters])[0], profiles)

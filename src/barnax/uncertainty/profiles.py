@@ -1,24 +1,23 @@
 """Profile likelihood: how the best error rises as one parameter is moved away from its value."""
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.special import stdtrit
 
 from ..cell import CircuitParameters
 from ..errors import InputError
-from ..execution import in_float64
-from ..model.coordinates import Coordinates
+from ..global_optimum.objective import ConstantObjective, ConstantSolution
+from ..model.descent import LogScales, polish
 from ..model.problem import Problem
-from .batch_fit import Refit, holding
 from .covariance import CONFIDENCE, Covariance, Linearization, linearize, named_values
 
-POINTS = 15
-# The grid first reaches this many half-widths of the linear interval, then to the end of the box.
+# Values to either side of the parameter's own.
+POINTS = 7
+# They first reach this many half-widths of the linear interval, then to the end of the box.
 REACH = 2.0
 
 
@@ -45,13 +44,13 @@ def profile(
     name: str,
     *,
     covariance: Covariance | None = None,
-    refit: Refit | None = None,
+    objective: ConstantObjective | None = None,
 ) -> Profile:
     """The profile of a parameter under PyBaMM's name or of a time constant, `tau1 [s]`.
 
     With independent residuals the interval would end where the squared error has risen by t^2 s^2;
     with correlated ones that rise is scaled by the square of the inflation factor (Kent, Biometrika
-    69 (1982) 19). `covariance` and `refit` may be given where they exist already. Raises
+    69 (1982) 19). `covariance` and `objective` may be given where they exist already. Raises
     `InputError` for a name the circuit does not have or that is held.
     """
     values = named_values(parameters)
@@ -67,100 +66,93 @@ def profile(
     direction, held = linearization.direction_of(name)
     if not np.any(direction):
         raise InputError(f"{name!r} has no profile because it is held: {held}")
-    refit = refit or Refit(problem)
     linear = covariance.estimate(name, values[name], direction)
     freedom = max(linearization.samples - len(linearization.names), 1)
     quantile = stdtrit(linear.degrees_of_freedom, (1 + CONFIDENCE) / 2)
     rise = (quantile * (linear.inflation or 1.0)) ** 2 / freedom
     best_v = float(np.sqrt(np.mean(linearization.error_v**2)))
     threshold_v = best_v * math.sqrt(1 + rise)
-
-    ordered = problem.bounds.interchangeable_pairs
-    full = np.zeros(len(linearization.point))
-    full[list(linearization.free)] = direction
-    # How the others follow to first order: along the white-noise covariance, by which fits move.
-    follow = np.zeros(len(linearization.point))
-    follow[list(linearization.free)] = covariance.white_noise_matrix @ direction
-    # Rounding can leave no variance at all where pairs coincide; the others then start in place.
-    follow = follow / (full @ follow) if full @ follow > 0 else full / (full @ full)
-    reach = np.array(_reach(full, linearization.point, refit))
     half_width = REACH * quantile * (linear.relative_error or 0.0)
-    steps = np.clip(np.linspace(-half_width, half_width, POINTS), *reach)
-    steps, rmse_v = _walk(np.unique(steps), full, follow, linearization, refit, ordered)
-    for side, end in zip((-1, 1), reach, strict=True):
-        is_there = (steps * side >= 0) & (rmse_v > threshold_v)
-        outermost = np.max(steps * side, initial=0.0)
-        if not np.any(is_there) and outermost < end * side * (1 - 1e-9):
-            further = np.linspace(side * outermost, end, POINTS // 2 + 1)[1:]
-            more, more_v = _walk(further, full, follow, linearization, refit, ordered)
-            steps, rmse_v = np.append(steps, more), np.append(rmse_v, more_v)
-    order = np.argsort(steps)
-    steps, rmse_v = steps[order], rmse_v[order]
-    low, high = (_crossing(side, steps, rmse_v, best_v, threshold_v) for side in (-1, 1))
+
+    objective = objective or ConstantObjective.of(problem)
+    for other, reason in linearization.held.items():
+        if reason != "fixed":
+            objective = objective.fixing(other, values[other])
+    # What is made of one free parameter alone moves with that.
+    moving = [own for own, share in zip(linearization.names, direction, strict=True) if share]
+    moved, sign = (name, 1.0) if len(moving) > 1 else (moving[0], float(direction.sum()))
+    rate = () if parameters.gamma is None else (parameters.gamma,)
+    scales = tuple(np.log([*parameters.tau_s, *rate]).tolist())
+    ordered = problem.bounds.interchangeable_pairs
+    ends, found = {}, dict[float, float]()
+    for side, end in zip((-1, 1), _reach(problem, linearization, direction), strict=True):
+        first = np.unique(np.minimum(np.linspace(0.0, half_width, POINTS + 1), end))
+        further = np.linspace(first[-1], end, POINTS + 1)[1:]
+        start, root = scales, {0.0: 0.0}
+        for steps in (first, further if first[-1] < end * (1 - 1e-9) else first[:0]):
+            if max(root.values()) ** 2 + best_v**2 > threshold_v**2:
+                break
+            there = values[moved] * np.exp(sign * side * steps)
+            for step, met in zip(
+                steps.tolist(), _refitted(objective, moved, there, start), strict=True
+            ):
+                start = met.log_scales
+                # In another order of the pairs the name belongs to another pair.
+                if np.all(np.diff(start[:ordered]) >= 0):
+                    found[side * step] = met.rms_v
+                    root[step] = math.sqrt(max(met.objective_v2 - best_v**2, 0.0))
+        ends[side] = _crossing(root, math.sqrt(threshold_v**2 - best_v**2))
+    steps = sorted(found)
+    low, high = (
+        None if step is None else values[name] * math.exp(side * step)
+        for side, step in ends.items()
+    )
     return Profile(
         name=name,
         value=values[name],
         values=tuple((values[name] * np.exp(steps)).tolist()),
-        rmse_v=tuple(rmse_v.tolist()),
+        rmse_v=tuple(found[step] for step in steps),
         threshold_v=threshold_v,
-        low=None if low is None else values[name] * math.exp(low),
-        high=None if high is None else values[name] * math.exp(high),
+        low=low,
+        high=high,
     )
 
 
-def _reach(full, point, refit: Refit) -> tuple[float, float]:
+def _reach(
+    problem: Problem, linearization: Linearization, direction: Float[np.ndarray, "free"]
+) -> tuple[float, float]:
     """The reach of the quantity's logarithm down and up inside the box.
 
     What it is made of may all move: C is largest where its tau is and its R is smallest.
     """
-    box = refit.box
-    lower, upper = np.asarray(box.lower) - point, np.asarray(box.upper) - point
-    downward = np.where(full > 0, full * lower, full * upper)
-    upward = np.where(full > 0, full * upper, full * lower)
+    box, free = problem.log_coordinates, list(linearization.free)
+    lower, upper = (np.asarray(end)[free] for end in (box.lower, box.upper))
+    to_lower, to_upper = linearization.logarithms - lower, upper - linearization.logarithms
+    downward = np.where(direction > 0, direction * to_lower, -direction * to_upper)
+    upward = np.where(direction > 0, direction * to_upper, -direction * to_lower)
     return float(downward.sum()), float(upward.sum())
 
 
-def _walk(steps, full, follow, linearization: Linearization, refit: Refit, ordered: int):
-    """The refitted RMSE where the quantity's logarithm has moved by each of `steps`.
-
-    Steps whose fit has its pairs in another order are left out: there the name belongs to another
-    pair.
-    """
-    matrix, shift = holding(linearization)
-    slot = int(np.argmax(np.abs(full)))
-    others = np.where(np.arange(len(full)) == slot, 0.0, full) / full[slot]
-    row = np.eye(len(full))[slot]
-    constrained = matrix - np.outer(row, row @ matrix) - np.outer(row, others @ matrix)
-    targets = (full @ linearization.point + steps) / full[slot]
-    shifts = shift + np.outer(targets - others @ shift - shift[slot], row)
-    box = refit.box
-    starts = np.clip(linearization.point + np.outer(steps, follow), box.lower, box.upper)
-    ends = refit(starts, matrix=constrained, shift=shifts)
-    is_kept = np.isfinite(ends.rmse_v)
-    if ordered:
-        tau = np.stack([np.asarray(tau_s) for tau_s in _taus(ends.points, box)[:ordered]])
-        is_kept &= np.all(np.diff(tau, axis=0) >= 0, axis=0)
-    return steps[is_kept], ends.rmse_v[is_kept]
+def _refitted(
+    objective: ConstantObjective, name: str, values: Sequence[float], start: LogScales
+) -> Iterator[ConstantSolution]:
+    """The best circuits with each of a parameter's values, from the scales of the one before."""
+    for value in values:
+        fixed = objective.fixing(name, value)
+        ends = np.transpose([[axis.low, axis.high] for axis in fixed.axes])
+        met = polish(fixed, fixed.solve(tuple(np.clip(start, *ends).tolist())))
+        start = met.log_scales
+        yield met
 
 
-@in_float64
-def _taus(points: Float[np.ndarray, "points coordinates"], box: Coordinates):
-    return jax.vmap(box.decode)(jnp.asarray(points)).tau
-
-
-def _crossing(side, steps, rmse_v, best_v, threshold_v) -> float | None:
-    """The step at which the profile rises to the threshold on one side, None where it does not.
+def _crossing(root: dict[float, float], wanted: float) -> float | None:
+    """The step at which the profile rises to the threshold, None where it does not.
 
     The root of the rise is all but linear in the step, and is what is interpolated.
     """
-    here = steps * side > 0
-    distance = np.append(0.0, np.sort(steps[here] * side))
-    height = rmse_v[here][np.argsort(steps[here] * side)]
-    root = np.append(0.0, np.sqrt(np.maximum(height**2 - best_v**2, 0.0)))
-    wanted = math.sqrt(threshold_v**2 - best_v**2)
-    above = np.flatnonzero(root > wanted)
-    if not len(above):
+    steps, roots = [*root], [*root.values()]
+    above = next((place for place, height in enumerate(roots) if height > wanted), None)
+    if above is None:
         return None
-    first = int(above[0])
-    share = (wanted - root[first - 1]) / (root[first] - root[first - 1])
-    return side * float(distance[first - 1] + share * (distance[first] - distance[first - 1]))
+    share = (wanted - roots[above - 1]) / (roots[above] - roots[above - 1])
+    return steps[above - 1] + share * (steps[above] - steps[above - 1])

@@ -1,6 +1,6 @@
 """Known circuits on a problem's current, identified again under noise, and whether intervals hold.
 
-Simulated with SciPy's lfilter; identified by Levenberg-Marquardt that starts at the truth.
+Simulated with SciPy's lfilter; identified by descents that start at the truth.
 """
 
 from dataclasses import dataclass, replace
@@ -11,8 +11,9 @@ from scipy.stats import binom
 from scipy.stats import t as student
 
 import barnax
+from barnax.global_optimum.objective import ConstantObjective
+from barnax.model.descent import polish
 from barnax.model.problem import Problem
-from barnax.uncertainty.batch_fit import Ends, Refit
 from barnax.uncertainty.covariance import CONFIDENCE, Covariance, Estimate, Uncertainty, linearize
 
 
@@ -76,23 +77,26 @@ def coverage(
     prepared = problem.prepared
     rng = np.random.default_rng(seed)
     base_v = -_drop_v(truth, prepared.current_a) + noise.draw(rng, records, len(prepared.soc))
-    refit = Refit(problem)
-    scored = prepared.scored
-    start = refit.encode(truth)
-    projected = refit.voltages.project(base_v[:, scored])
-    ends = refit(np.broadcast_to(start, (records, len(start))), base_v=projected)
-    found = problem.parameters_at(list(ends.points), refit.box)
+    scales = tuple(np.log(truth.tau_s).tolist())
     hits: dict[str, list[tuple[bool, bool, float]]] = {}
-    every = []
-    for parameters, base in zip(found, base_v, strict=True):
+    rises: dict[str, list[float]] = {}
+    every, names = [], problem.log_coordinates.names
+    for base in base_v:
         changed = _with_voltage(problem, prepared.source_v + base)
+        objective = ConstantObjective.of(changed)
+        best = polish(objective, objective.solve(scales))
+        parameters = objective.circuit(best)
         uncertainty = Covariance.of(linearize(changed, parameters)).summary(parameters)
         every.append(uncertainty)
         for name, value in values_of(truth).items():
             hits.setdefault(name, []).append(_holds(uncertainty, name, value))
+            if name in names:
+                # How much of the squared error it adds where it is held at its truth.
+                fixed = objective.fixing(name, value)
+                there = polish(fixed, fixed.solve(_within(fixed, best.log_scales)))
+                rises.setdefault(name, []).append(there.objective_v2 / best.objective_v2 - 1)
     table = {name: np.array(rows, float).mean(axis=0).tolist() for name, rows in hits.items()}
-    rises = _rises_at(start, refit, ends, projected)
-    held = sum(len(uncertainty.free) < len(start) for uncertainty in every)
+    held = sum(len(uncertainty.free) < len(names) for uncertainty in every)
     return Coverage(
         profile={
             name: float(
@@ -119,18 +123,9 @@ def chance_band(records: int, confidence: float = 0.999) -> tuple[float, float]:
     return float(low) / records, float(high) / records
 
 
-def _rises_at(
-    truth: np.ndarray, refit: Refit, ends: Ends, projected: np.ndarray
-) -> dict[str, np.ndarray]:
-    """How much of the squared error each parameter adds where it is held at its truth."""
-    rises = {}
-    for slot, name in enumerate(refit.box.names):
-        matrix = np.diag(np.arange(len(truth)) != slot).astype(float)
-        shift = np.where(np.arange(len(truth)) == slot, truth, 0.0)
-        shifts = np.broadcast_to(shift, ends.points.shape)
-        there = refit(ends.points, base_v=projected, matrix=matrix, shift=shifts)
-        rises[name] = (there.rmse_v / ends.rmse_v) ** 2 - 1
-    return rises
+def _within(objective: ConstantObjective, log_scales: tuple[float, ...]) -> tuple[float, ...]:
+    ends = np.transpose([[axis.low, axis.high] for axis in objective.axes])
+    return tuple(np.clip(log_scales, *ends).tolist())
 
 
 def _is_below(uncertainty: Uncertainty, name: str, rise: float) -> bool:

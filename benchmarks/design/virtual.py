@@ -13,7 +13,9 @@ from barnax.experiment.belief import believed_of_fit
 from barnax.experiment.protocol import hppc_steps, sampled
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.over_soc import TableFit, errors_on, fit_tables, fit_with_ocv
+from barnax.over_soc import OwnRecords, TableFit, errors_on, fit_tables, prove_own
+from barnax.over_soc.problem import reduced_objective
+from barnax.over_soc.search import find_best
 from barnax.records import Decision, Record, read_record
 from barnax.reporting.design_promised import reached_half
 from barnax.search.evaluate import evaluate
@@ -116,7 +118,11 @@ def with_ocv(cell: CellModel, *records: Record) -> TableFit:
 
 def without_ocv(record: Record, capacity_ah: float, drive: Record) -> float:
     """The RMSE in V on the drive of tables and OCV of a record alone."""
-    own = fit_with_ocv([record], "so-rc", {record.name: WINDOW}, SETTINGS, capacity_ah)
+    alone = OwnRecords.of([record], {record.name: WINDOW}, SETTINGS, capacity_ah)
+    starts = alone.starts("so-rc")
+    prepared = alone.prepared("so-rc", starts.windows)
+    objective = reduced_objective(prepared, alone.settings_of("so-rc"))
+    own = prove_own(alone, objective, find_best(objective), starts)
     return errors_on(prepared_for(drive, own.cell, "so-rc"), own.fit.tables).rmse_v
 
 

@@ -12,7 +12,7 @@ from .job import Job
 from .model.prepared import PreparedRecord
 from .model.search_space import ranges_of
 from .notices import Notice, notice
-from .over_soc import OwnOcv, OwnRecords, TableSettings
+from .over_soc import OwnOcv, OwnRecords, TableSettings, fit_own_temperatures, prove_own
 from .over_soc.own_starts import Starts
 from .over_soc.problem import reduced_objective
 from .over_soc.search import find_best
@@ -51,14 +51,14 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     tables = bounded_tables(job)
     own = OwnRecords.of(records, windows, tables, job.capacity, is_over)
     if is_over:
-        return own.by_temperature(job.model or "so-rc")
+        return fit_own_temperatures(own, job.model or "so-rc")
     over_soc = None if job.model is None and job.over is None else job.over is not None
     limits = limits_of(own.level, tables, job.model, over_soc, has_ocv=True)
     starts: dict[str, Starts] = {}
 
     def prepare(circuit: str) -> list[PreparedRecord]:
         starts[circuit] = own.starts(circuit, next(iter(starts.values()), None))
-        return own.prepared(circuit, starts[circuit])
+        return own.prepared(circuit, starts[circuit].windows)
 
     choice = choose(prepare, tables, limits)
     chosen, point = choice.chosen, choice.chosen.point
@@ -69,7 +69,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
         with one_blas_thread():
             chosen = Fitted(point, objective, find_best(objective), chosen.loss)
     begun = starts.get(point.circuit) or starts[_alike(starts, point.circuit)]
-    found = own.proved(chosen.objective, chosen.best, begun)
+    found = prove_own(own, chosen.objective, chosen.best, begun)
     return replace(
         found,
         tried=choice.tried,

@@ -15,9 +15,9 @@ from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.over_soc import TableSettings
-from barnax.over_soc.own_ocv import fit_with_ocv
 from barnax.records import read_record, record_from_frame
 from barnax.search.evaluate import evaluate
+from helpers.own_ocv import fit_with_ocv
 from helpers.records import CURRENT, TIME, VOLTAGE
 
 WINDOW = Window(initial_soc=0.9)

@@ -6,10 +6,11 @@ import pytest
 from barnax.cell.parameters import OCV
 from barnax.cell.tables import hats
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings, fit_with_ocv
+from barnax.over_soc import TableSettings
 from barnax.over_soc.curves import TableCurve, sag_of
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, made, ocv_v
+from helpers.own_ocv import fit_with_ocv
 
 INSIDE = np.array([node for node in NODES if 0 <= node <= 1])
 

@@ -15,7 +15,7 @@ from barnax.errors import InputError
 from barnax.export.tables import tables_of
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings, errors_on, fit_with_ocv, own_ocv
+from barnax.over_soc import TableSettings, errors_on, own_ocv
 from barnax.over_soc.certificate import certify
 from barnax.over_soc.current_offset import offset_effect
 from barnax.over_soc.level import level_cell
@@ -30,6 +30,7 @@ from barnax.reporting.pulses import fit_csv
 from barnax.reporting.render import to_markdown
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
+from helpers.own_ocv import fit_with_ocv
 from helpers.reference import filtered_response, make_record
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}

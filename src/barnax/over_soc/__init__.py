@@ -11,8 +11,9 @@ from .level import with_own_ocv as with_own_ocv
 from .node_interval import NodeInterval as NodeInterval
 from .ocv_compared import compare_with_own as compare_with_own
 from .own_ocv import OwnOcv as OwnOcv
-from .own_ocv import OwnRecords as OwnRecords
-from .own_ocv import fit_with_ocv as fit_with_ocv
+from .own_ocv import fit_own_temperatures as fit_own_temperatures
+from .own_ocv import prove_own as prove_own
+from .own_starts import OwnRecords as OwnRecords
 from .problem import HELD_GAMMA as HELD_GAMMA
 from .registration import counted_alike as counted_alike
 from .registration import register as register

@@ -1,8 +1,9 @@
-"""Where records without an OCV test start on the axis of SOC, and from which direction."""
+"""Records of a cell without an OCV test: where they start on the axis of SOC, and from which
+direction."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +20,8 @@ from ..notices import Notice, notice
 from ..records import Record, rest_current_a
 from ..records.record import in_means
 from .directions import WithDirections, best_tables
-from .level import cell_of, level_cell
-from .own_axis import Axis, axis_of, require_on_axis, span_ah_of
+from .level import cell_of, level_cell, with_own_ocv
+from .own_axis import Axis, axis_capacity, axis_of, require_on_axis, span_ah_of
 from .registration import MEANS_S, ROUNDS, register
 from .settings import TableSettings
 
@@ -42,179 +43,181 @@ class Starts(NamedTuple):
         )
 
 
-def find_starts(
-    records: Sequence[Record],
-    circuit: str,
-    windows: Mapping[str, Window],
-    settings: TableSettings,
-    capacity_ah: float,
-    origin: str,
-    over_temperature: bool = False,
-    simpler: Mapping[str, Window] | None = None,
-) -> Starts:
-    """The starts of records of one cell, over temperature by the OCV of each temperature.
+@dataclass(frozen=True, eq=False)
+class OwnRecords:
+    """Records of one cell without an OCV test, and where they start on the axis of its SOC.
 
-    Args:
+    Attributes:
         records: The records.
-        circuit: Name of the circuit, with which several are registered.
-        windows: The window of each record by its name.
-        settings: How tables are fitted, with those of the OCV.
+        windows: Their windows, as given.
+        settings: How tables are fitted.
         capacity_ah: The capacity of the axis.
-        origin: Where it comes from.
+        capacity_origin: Where that comes from.
         over_temperature: Whether records of each temperature are taken by themselves.
-        simpler: The windows with the starts of a simpler circuit, where these are known.
-
-    Raises `InputError` where a start or a temperature is not known.
     """
-    groups: list[Sequence[Record]] = [records]
-    if over_temperature:
+
+    records: Sequence[Record]
+    windows: Mapping[str, Window]
+    settings: TableSettings
+    capacity_ah: float
+    capacity_origin: str
+    over_temperature: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        records: Sequence[Record],
+        windows: Mapping[str, Window],
+        settings: TableSettings,
+        capacity_ah: float | None = None,
+        over_temperature: bool = False,
+    ) -> "OwnRecords":
+        """The records on the axis of a capacity; None takes what the records span.
+
+        Raises `InputError` where the axis is not known.
+        """
+        axis = axis_capacity(records, windows, capacity_ah)
+        return cls(records, windows, settings, *axis, over_temperature)
+
+    @property
+    def level(self) -> CellModel:
+        """A cell whose OCV says nothing."""
+        return level_cell(self.capacity_ah, float(np.median(self.records[0].voltage_v)))
+
+    def settings_of(self, circuit: str) -> TableSettings:
+        """The settings with a table of the OCV, and one of a dynamic hysteresis."""
+        return with_own_ocv(self.settings, circuit)
+
+    def prepared(
+        self, circuit: str, windows: Mapping[str, Window], cell: CellModel | None = None
+    ) -> list[PreparedRecord]:
+        """The records in these windows, made ready for a circuit, with a cell that is known."""
+        cell = cell or self.level
+        return [
+            prepare_record(record, cell, circuit, windows[record.name]) for record in self.records
+        ]
+
+    def starts(self, circuit: str, simpler: Starts | None = None) -> Starts:
+        """Where the records start, by the best tables of a circuit, over temperature by the OCV of
+        each temperature; the starts of a simpler circuit may be known. Raises `InputError` where a
+        start or a temperature is not known."""
+        if not self.over_temperature:
+            return self._starts(circuit, simpler)
         known: list[tuple[float, Record]] = []
-        for record in records:
-            if (degc := temperature_of(record, windows[record.name])) is None:
+        for record in self.records:
+            if (degc := temperature_of(record, self.windows[record.name])) is None:
                 raise notice("temperature.unknown", record.name).error()
             known.append((degc, record))
-        groups = list(group_near(known).values())
-    found = Starts({})
-    for alike in groups:
-        own = _starts_of(alike, circuit, windows, settings, capacity_ah, origin, simpler)
-        found = found.together(own)
-    return found
+        found = Starts({})
+        for alike in group_near(known).values():
+            found = found.together(replace(self, records=alike)._starts(circuit, simpler))
+        return found
 
-
-def _starts_of(
-    records: Sequence[Record],
-    circuit: str,
-    windows: Mapping[str, Window],
-    own: TableSettings,
-    axis_ah: float,
-    origin: str,
-    simpler: Mapping[str, Window] | None,
-) -> Starts:
-    """The starts of records of one temperature."""
-    axes = {record.name: axis_of(record, windows[record.name], axis_ah) for record in records}
-    known = [record for record in records if axes[record.name].source != "own span"]
-    known = known or [max(records, key=span_ah_of)]
-    for record in known:
-        require_on_axis(record, windows[record.name], axes[record.name].initial_soc, axis_ah)
-    quick, warnings = replace(own, folds=0, max_boxes=0), list[Notice]()
-    turned = dict[str, Window]()
-    if len(known) < len(records):
-        at_axes = _on_axes(known, windows, axes, axis_ah)
-        cell, _ = _cell_found(known, circuit, at_axes, quick, axis_ah, origin)
-        for record in records:
-            if record not in known:
-                window = replace(windows[record.name], capacity_ah=axis_ah)
-                rest_a = window.rest_current_a or rest_current_a(record, axis_ah)
-                given = axis_ah, first_sample(record, window, rest_a), rest_a
-                try:
-                    start, _, against = find_start(record, cell, window, *given)
-                except InputError as unknown:
-                    require_whole_log(record, records, unknown)
-                    raise
-                warnings += against
-                axes[record.name] = Axis(start.soc, "rest elsewhere")
-                if not get_circuit(circuit).has_rate or start.direction_source != "assumed":
-                    continue
-                window = replace(window, initial_direction=-start.direction)
-                with suppress(InputError):
-                    axis = Axis(find_start(record, cell, window, *given)[0].soc, "rest elsewhere")
-                    turned |= _on_axes(
-                        [record], {record.name: window}, {record.name: axis}, axis_ah
-                    )
-    told, directions = _on_axes(records, windows, axes, axis_ah), dict[str, float]()
-    is_registered = len(records) > 1 and not own.keep_starts
-    if turned or (is_registered and _has_open_directions(records, circuit, told)):
-        # A start would move to make up for a direction that is wrong.
-        _, fitted = _cell_found(records, circuit, told, quick, axis_ah, origin, turned)
-        directions = {**fitted.directions}
-        told = {
-            one.record.name: replace(one.window, initial_direction=one.start.direction)
-            if one.record.name in directions
-            else one.window
-            for one in fitted.objective.prepared_records
+    def _starts(self, circuit: str, simpler: Starts | None) -> Starts:
+        """The starts of records of one temperature."""
+        axes = {
+            record.name: axis_of(record, self.windows[record.name], self.capacity_ah)
+            for record in self.records
         }
-    if is_registered:
-        told = _registered(records, circuit, told, own, axis_ah, origin, simpler)
-    return Starts(told, tuple(warnings), directions)
+        known = [record for record in self.records if axes[record.name].source != "own span"]
+        known = known or [max(self.records, key=span_ah_of)]
+        for record in known:
+            begun = axes[record.name].initial_soc
+            require_on_axis(record, self.windows[record.name], begun, self.capacity_ah)
+        warnings, turned = list[Notice](), dict[str, Window]()
+        if len(known) < len(self.records):
+            cell, _ = replace(self, records=known)._fitted(circuit, self._on_axes(axes))
+            for record in self.records:
+                if record not in known:
+                    warnings += self._by_rest(record, cell, circuit, axes, turned)
+        told, directions = self._on_axes(axes), dict[str, float]()
+        is_registered = len(self.records) > 1 and not self.settings.keep_starts
+        if turned or (is_registered and self._has_open_directions(circuit, told)):
+            # A start would move to make up for a direction that is wrong.
+            _, fitted = self._fitted(circuit, told, turned)
+            directions = {**fitted.directions}
+            told = {
+                one.record.name: replace(one.window, initial_direction=one.start.direction)
+                if one.record.name in directions
+                else one.window
+                for one in fitted.objective.prepared_records
+            }
+        if is_registered:
+            told = self._registered(circuit, told, simpler)
+        return Starts(told, tuple(warnings), directions)
 
+    def _by_rest(
+        self,
+        record: Record,
+        cell: CellModel,
+        circuit: str,
+        axes: dict[str, Axis],
+        turned: dict[str, Window],
+    ) -> list[Notice]:
+        """What speaks against the start that a rest on the cell's OCV tells, which is added to
+        `axes`; to `turned` the window with the other direction, where that is open."""
+        window = replace(self.windows[record.name], capacity_ah=self.capacity_ah)
+        rest_a = window.rest_current_a or rest_current_a(record, self.capacity_ah)
+        given = self.capacity_ah, first_sample(record, window, rest_a), rest_a
+        try:
+            start, _, against = find_start(record, cell, window, *given)
+        except InputError as unknown:
+            require_whole_log(record, self.records, unknown)
+            raise
+        axes[record.name] = Axis(start.soc, "rest elsewhere")
+        if get_circuit(circuit).has_rate and start.direction_source == "assumed":
+            window = replace(window, initial_direction=-start.direction)
+            with suppress(InputError):
+                axis = Axis(find_start(record, cell, window, *given)[0].soc, "rest elsewhere")
+                turned[record.name] = self._on_axis(window, axis)
+        return against
 
-def _registered(
-    records: Sequence[Record],
-    circuit: str,
-    told: Mapping[str, Window],
-    settings: TableSettings,
-    capacity_ah: float,
-    origin: str,
-    simpler: Mapping[str, Window] | None,
-) -> dict[str, Window]:
-    """The windows with starts and capacities that the records tell each other."""
-    quick, found = replace(settings, folds=0, max_boxes=0), dict(told)
-    for name, window in (simpler or {}).items():
-        found[name] = replace(window, initial_direction=told[name].initial_direction)
-    # An OCV of starts that differ is less steep than any record's.
-    for rounds in (ROUNDS,) if simpler else (1, ROUNDS):
-        cell, fitted = _cell_found(records, circuit, found, quick, capacity_ah, origin)
-        prepared = _prepared(records, cell, circuit, told)
-        found = windows_of(register(prepared, settings, rounds, fitted.best.log_scales))
-    return found
+    def _registered(
+        self, circuit: str, told: Mapping[str, Window], simpler: Starts | None
+    ) -> dict[str, Window]:
+        """The windows with starts and capacities that the records tell each other."""
+        found = dict(told)
+        for name, window in (simpler.windows if simpler else {}).items():
+            found[name] = replace(window, initial_direction=told[name].initial_direction)
+        # An OCV of starts that differ is less steep than any record's.
+        for rounds in (ROUNDS,) if simpler else (1, ROUNDS):
+            cell, fitted = self._fitted(circuit, found)
+            prepared = self.prepared(circuit, told, cell)
+            settings, log_scales = self.settings_of(circuit), fitted.best.log_scales
+            found = windows_of(register(prepared, settings, rounds, log_scales))
+        return found
 
-
-def _has_open_directions(
-    records: Sequence[Record], circuit: str, windows: Mapping[str, Window]
-) -> bool:
-    """True where a dynamic hysteresis starts from a direction that is not known."""
-    if not get_circuit(circuit).has_rate:
-        return False
-    level = level_cell(1.0, float(records[0].voltage_v[0]))
-    return any(
-        one.start.direction_source == "assumed"
-        for one in _prepared(records, level, circuit, windows)
-    )
-
-
-def _on_axes(
-    records: Sequence[Record],
-    windows: Mapping[str, Window],
-    axes: Mapping[str, Axis],
-    capacity_ah: float,
-) -> dict[str, Window]:
-    """The windows of records with their starts on the axis."""
-    return {
-        record.name: replace(
-            windows[record.name],
-            initial_soc=axis.initial_soc,
-            soc_source=None if axis.source == "given" else axis.source,
-            capacity_ah=capacity_ah,
+    def _has_open_directions(self, circuit: str, windows: Mapping[str, Window]) -> bool:
+        """True where a dynamic hysteresis starts from a direction that is not known."""
+        return get_circuit(circuit).has_rate and any(
+            one.start.direction_source == "assumed" for one in self.prepared(circuit, windows)
         )
-        for record in records
-        for axis in [axes[record.name]]
-    }
+
+    def _on_axes(self, axes: Mapping[str, Axis]) -> dict[str, Window]:
+        """The windows of records with their starts on the axis."""
+        return {name: self._on_axis(self.windows[name], axis) for name, axis in axes.items()}
+
+    def _on_axis(self, window: Window, axis: Axis) -> Window:
+        source = None if axis.source == "given" else axis.source
+        start = {"initial_soc": axis.initial_soc, "soc_source": source}
+        return replace(window, **start, capacity_ah=self.capacity_ah)
+
+    def _fitted(
+        self,
+        circuit: str,
+        windows: Mapping[str, Window],
+        turned: Mapping[str, Window] | None = None,
+    ) -> tuple[CellModel, WithDirections]:
+        """The cell of the records, and its tables before anything else is asked of them."""
+        means = [in_means(record, MEANS_S) for record in self.records]
+        prepared = replace(self, records=means).prepared(circuit, windows, self.level)
+        quick = replace(self.settings_of(circuit), folds=0, max_boxes=0)
+        with one_blas_thread():
+            found = best_tables(prepared, quick, turned=turned)
+        axis = self.capacity_ah, self.capacity_origin
+        return cell_of(found.objective, found.best, *axis), found
 
 
 def windows_of(prepared_records: Sequence[PreparedRecord]) -> dict[str, Window]:
     """The windows of records by their names."""
     return {prepared.record.name: prepared.window for prepared in prepared_records}
-
-
-def _prepared(
-    records: Sequence[Record], cell: CellModel, circuit: str, windows: Mapping[str, Window]
-) -> list[PreparedRecord]:
-    return [prepare_record(record, cell, circuit, windows[record.name]) for record in records]
-
-
-def _cell_found(
-    records: Sequence[Record],
-    circuit: str,
-    windows: Mapping[str, Window],
-    settings: TableSettings,
-    capacity_ah: float,
-    origin: str,
-    turned: Mapping[str, Window] | None = None,
-) -> tuple[CellModel, WithDirections]:
-    """The cell of records, and its tables before anything else is asked of them."""
-    level = level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
-    means = [in_means(record, MEANS_S) for record in records]
-    prepared = _prepared(means, level, circuit, windows)
-    with one_blas_thread():
-        found = best_tables(prepared, settings, turned=turned)
-    return cell_of(found.objective, found.best, capacity_ah, origin), found

@@ -1,7 +1,7 @@
 """Profile likelihood: how the best error rises as one parameter is moved away from its value."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,10 +134,10 @@ def _reach(
 
 
 def _refitted(
-    objective: ConstantObjective, name: str, values: Sequence[float], start: LogScales
+    objective: ConstantObjective, name: str, values: Float[np.ndarray, "values"], start: LogScales
 ) -> Iterator[ConstantSolution]:
     """The best circuits with each of a parameter's values, from the scales of the one before."""
-    for value in values:
+    for value in values.tolist():
         fixed = objective.fixing(name, value)
         ends = np.transpose([[axis.low, axis.high] for axis in fixed.axes])
         met = polish(fixed, fixed.solve(tuple(np.clip(start, *ends).tolist())))

@@ -1,0 +1,24 @@
+"""Tables of one circuit with an OCV of the records' own."""
+
+from collections.abc import Mapping, Sequence
+
+from barnax.model.window import Window
+from barnax.over_soc import OwnOcv, OwnRecords, TableSettings, prove_own
+from barnax.over_soc.problem import reduced_objective
+from barnax.over_soc.search import find_best
+from barnax.records import Record
+
+
+def fit_with_ocv(
+    records: Sequence[Record],
+    circuit: str,
+    windows: Mapping[str, Window],
+    settings: TableSettings,
+) -> OwnOcv:
+    """The tables and the OCV that fit some records of one cell best, together, as a run has them
+    for a circuit that is asked for."""
+    own = OwnRecords.of(records, windows, settings)
+    starts = own.starts(circuit)
+    prepared = own.prepared(circuit, starts.windows)
+    objective = reduced_objective(prepared, own.settings_of(circuit))
+    return prove_own(own, objective, find_best(objective), starts)

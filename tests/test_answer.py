@@ -92,14 +92,6 @@ def test_what_is_stored_says_the_same(result, tmp_path):
     assert len(stored.parameters["R0 [Ohm]"]) == len(stored.parameters["SOC"])
 
 
-@pytest.mark.slow
-def test_a_record_of_little_soc_gets_no_tables():
-    result = barnax.identify(window=Window(score_to_s=1500.0), trust="none", seeds=0)
-    assert result.tables is None
-    assert {own.nodes for own in result.tried} == {1}
-    assert isinstance(result.parameters["R0 [Ohm]"], float)
-
-
 @pytest.fixture(scope="module")
 def moving_cell(bundled_cell):
     """The bundled cell with four times its hysteresis."""
@@ -152,12 +144,6 @@ def test_the_set_up_of_the_paper_is_one_word():
 
 
 @pytest.mark.slow
-def test_asking_for_tables_takes_the_simpler_ones_too_unless_others_are_worth_it(result):
-    asked = barnax.identify(over="soc", seeds=0, trust="none")
-    assert (asked.model, asked.fit.tables.nodes) == (result.model, result.fit.tables.nodes)
-
-
-@pytest.mark.slow
 def test_files_and_a_folder_get_the_same_answer(result, tmp_path):
     for path in (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv):
         (tmp_path / path.name).write_bytes(path.read_bytes())
@@ -166,17 +152,6 @@ def test_files_and_a_folder_get_the_same_answer(result, tmp_path):
     assert found.metrics.identification.rmse_v == pytest.approx(
         result.metrics.identification.rmse_v, rel=1e-6
     )
-
-
-@pytest.mark.slow
-def test_what_is_held_is_held_in_every_circuit_that_has_it():
-    few = {"window": Window(score_to_s=1500.0), "trust": "none", "seeds": 0}
-    # Tables have no capacitance.
-    farads = barnax.identify(fix={"C1 [F]": 1000.0}, **few)
-    assert farads.constant.parameters.scales["C1 [F]"] == pytest.approx(1000.0)
-    assert not any(each.over for each in farads.candidates)
-    with pytest.raises(barnax.InputError, match="'gamma' is not a parameter of this circuit"):
-        barnax.identify(model="so-rc", fix={"gamma": 50.0}, **few)
 
 
 def test_numbers_whole_and_not_are_one_column():

@@ -72,16 +72,6 @@ def test_an_ocv_of_ones_own_is_counted_from_one_level(records, bundled_cell):
     assert np.all(np.diff(ocv[0]) > 0)
 
 
-def test_equal_records_give_equal_bytes(kept, content):
-    assert factors_to_bytes(kept) == content
-
-
-def test_a_short_log_is_no_longer_than_its_rows(bundled_record, bundled_cell):
-    window = Window(score_from_s=200.0, score_to_s=219.5)
-    short = keep(prepare_record(bundled_record, bundled_cell, "so-rc", window), GRID)
-    assert sum(len(part.factor) for part in short.parts) <= short.scored + 1
-
-
 def test_another_grid_is_refused_in_words(records, kept):
     other = keep(records[1], replace(GRID, high_s=300.0))
     with pytest.raises(InputError, match="time constants 4 to 300 s instead of 4 to 250 s"):
@@ -172,14 +162,6 @@ def test_a_value_that_no_record_has_is_refused_by_its_name(content, tmp_path, fi
     assert str(path) in str(refused.value)
     assert field in str(refused.value)
     assert str(value) in str(refused.value)
-
-
-def test_a_record_without_samples_is_refused(kept, content, tmp_path):
-    head = json.loads(header_of(factors_to_bytes(kept[:1])).tobytes())["records"][0]
-    none = head | {"parts": [part | {"scored": 0} for part in head["parts"]]}
-    path = written(tmp_path, with_records(factors_to_bytes(kept[:1]), [none], {}))
-    with pytest.raises(InputError, match="scored is 0"):
-        read_factors(path)
 
 
 def test_a_header_that_promises_other_sizes_is_refused(content, tmp_path):

@@ -32,21 +32,6 @@ def test_a_test_starts_at_its_first_long_rest_and_is_its_own_ocv_test(asked):
     assert (asked["ocv_fit"], asked["over"], asked["capacity"]) == ("interpolated", "soc", 2.0)
 
 
-def test_with_another_ocv_the_rested_voltage_tells_the_soc(asked):
-    hppc(HPPC, ocv=OCV)
-    window = asked["window"]["hppc_25degC.parquet"]
-    assert window.start_time_s == pytest.approx(10800, abs=1e-3)
-    assert window.initial_soc is None
-    assert asked["ocv"] == OCV
-    assert "ocv_fit" not in asked
-
-
-def test_a_window_that_is_given_stays(asked):
-    own = Window(start_time_s=16000.0, initial_soc=0.9)
-    hppc(HPPC, window={"hppc_25degC.parquet": own})
-    assert asked["window"]["hppc_25degC.parquet"] == own
-
-
 def test_of_several_tests_the_first_is_the_ocv_test(asked, tmp_path):
     again = tmp_path / "again.parquet"
     pl.read_parquet(HPPC)[:-1].write_parquet(again)

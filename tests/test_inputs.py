@@ -8,28 +8,22 @@ import polars as pl
 import pytest
 
 from barnax.bundled import BUNDLED
-from barnax.cell import characterize, read_ocv_table
 from barnax.checks import FileCheck, check_file
-from barnax.checks.roles import are_unfit, require_load
+from barnax.checks.roles import are_unfit
 from barnax.errors import InputError
 from barnax.inputs import (
     file_names,
-    how_read,
     input_warnings,
     read_inputs,
     read_validation,
-    telling,
     windows_of,
 )
 from barnax.model.window import Window
-from barnax.notices import Notice, notice
-from barnax.over_soc import TableSettings
+from barnax.notices import Notice
 from barnax.pipeline import identify
-from barnax.records import read_record, source_from_frame
-from barnax.select import limits_of
+from barnax.records import source_from_frame
 from barnax.settings import CellSettings, Reading, Settings
 from helpers.records import logged
-from helpers.reference import make_record
 
 
 def read(records, ocv=BUNDLED.ocv, validate=(), window=None, capacity=None, **reading):
@@ -60,23 +54,6 @@ def test_more_than_any_memory_holds_and_less_than_one_are_refused(setting, value
         Settings(**{setting: value})
 
 
-def flat_cell(half_gap_v):
-    """A cell whose OCV rises by 0.1 V from empty to full, as that of LFP does."""
-    soc = np.linspace(0, 1, 21)
-    branches = {
-        f"{way} OCV [V]": 3.25 + 0.1 * soc + sign * half_gap_v
-        for way, sign in (("charge", 1), ("discharge", -1))
-    }
-    frame = pl.DataFrame({"SOC [-]": soc, **branches})
-    table = read_ocv_table(source_from_frame(frame, "ocv"))
-    return characterize([table], capacity_ah=2.0, ocv_fit="interpolated")
-
-
-@pytest.mark.parametrize(("half_gap_v", "expected"), [(0.02, "esc"), (0.005, "1rc")])
-def test_the_family_starts_with_a_hysteresis_on_flat_cells(half_gap_v, expected):
-    assert limits_of(flat_cell(half_gap_v), TableSettings()).start == expected
-
-
 def test_an_ocv_table_is_an_ocv_test():
     soc = np.linspace(0, 1, 21)
     table = pl.DataFrame({"SOC [-]": soc, "OCV [V]": 3.0 + 1.2 * soc})
@@ -89,11 +66,6 @@ def test_a_record_without_an_ocv_test_is_refused_by_its_name():
         read(BUNDLED.record, ocv=())
     with pytest.raises(InputError, match=r"^data frame: circuits are compared with"):
         read(pl.read_parquet(BUNDLED.record), ocv=())
-
-
-def test_records_made_by_hand_have_no_bytes_to_be_the_same():
-    records = [make_record(np.arange(9.0), 1.0, name=name) for name in ("a", "b")]
-    assert read(records).records == records
 
 
 def test_each_record_has_its_own_window_or_the_common_one():
@@ -119,11 +91,6 @@ def told(tmp_path):
         return input_warnings(check_file(path), role, window)
 
     return warnings
-
-
-def test_a_sound_record_is_in_no_doubt(told, bundled_record):
-    measured = bundled_record
-    assert told(measured.time_s, -measured.current_a, measured.voltage_v) == []
 
 
 def test_a_current_without_a_sign_is_a_finding_with_the_name_of_the_file(told, bundled_record):
@@ -171,13 +138,6 @@ def test_what_makes_r0_wrong_says_nothing_against_an_ocv_test():
     assert of_test == ["gaps.steady"]
 
 
-def test_what_stands_behind_a_refusal_is_no_second_one():
-    doubt = notice("role.unfit", "drive.csv", role="identification", reason="2 current steps")
-    with pytest.raises(InputError) as told, telling([doubt]):
-        raise InputError("drive.csv: refused")
-    assert str(told.value) == f"drive.csv: refused\nwarning: {doubt}"
-
-
 def test_a_window_is_proposed_where_none_is_chosen(real_data):
     (path,) = real_data.glob("calce*/us06_25degC_80soc*.parquet")
     found = check_file(path, capacity_ah=2.0)
@@ -215,15 +175,6 @@ def test_forty_samples_are_too_few_and_that_is_said(tmp_path):
     )
 
 
-@pytest.mark.slow
-def test_a_fast_record_too_short_for_three_pairs_is_identified_with_two(tmp_path):
-    frame = pl.read_parquet(BUNDLED.validation)[:60]
-    frame.with_columns(pl.col("Test Time / s") / 10).write_csv(tmp_path / "short.csv")
-    quick = {"seeds": 0, "trust": "none", "advise": False, "folds": 0, "max_boxes": 0}
-    found = identify(tmp_path / "short.csv", ocv=BUNDLED.ocv, **quick)
-    assert "3rc" not in {each.model for each in found.candidates}
-
-
 def test_a_record_without_changes_of_load_is_refused_with_what_to_give(tmp_path):
     for current_a, hours, what in ((1.0, 1.5, "only charges"), (0.1, 19.0, "is a slow sweep")):
         time_s = np.linspace(0, 3600 * hours, 2000)
@@ -233,12 +184,6 @@ def test_a_record_without_changes_of_load_is_refused_with_what_to_give(tmp_path)
         told = refusal(tmp_path / "charge.csv", window=Window(initial_soc=0.03))
         assert told.startswith(f"charge.csv: {what}")
         assert "give a record under a changing load" in told
-
-
-def test_a_charge_beside_a_drive_is_there_for_the_other_direction():
-    assert require_load({"drive.csv": "drive cycle", "charge.csv": "charge"}) is None
-    with pytest.raises(InputError, match="only charges"):
-        require_load({"one.csv": "charge", "two.csv": "charge"})
 
 
 def test_a_record_of_a_larger_cell_is_called_so(tmp_path):
@@ -284,15 +229,3 @@ def test_a_lag_is_given_for_one_record_by_its_name(given):
 def test_a_lag_of_no_record_or_no_number_is_refused(given, told):
     with pytest.raises(InputError, match=told):
         read(BUNDLED.record, voltage_lag=given)
-
-
-def test_a_lag_of_records_that_were_read_before_is_refused():
-    record = read_record(BUNDLED.record)
-    with pytest.raises(InputError, match="for which options are given; no file is read"):
-        read([record], map(read_record, BUNDLED.ocv), voltage_lag={record.name: 0.3})
-
-
-def test_one_lag_is_that_of_all_but_those_named():
-    reading = Reading(voltage_lag=["0.1", "a=1,b=0.2"])
-    assert [how_read(reading, name)["voltage_lag"] for name in ("a=1,b", "b")] == [0.2, 0.1]
-    assert how_read(Reading(), "a")["voltage_lag"] is None

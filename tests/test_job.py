@@ -22,11 +22,6 @@ def test_what_is_given_by_name_replaces_what_an_object_holds():
     assert job.part(Settings) == replace(settings, seeds=30)
 
 
-def test_a_changed_job_keeps_what_is_chosen_and_what_is_a_default():
-    job = Job("a.csv", ocv="b.csv").changed(seeds=3)
-    assert job.chosen == {"records": "a.csv", "ocv": "b.csv", "seeds": 3}
-
-
 def test_tables_may_have_bounds_of_their_own():
     own = TableSettings(folds=0, bounds={"tau1 [s]": (2.0, 20.0)})
     job = Job("a.csv", over="soc", tables=own, nodes=(0.2, 0.8))
@@ -71,8 +66,3 @@ def test_a_value_that_is_no_number_is_refused_with_its_option_and_what_to_give()
             Job(**{option: value})
     with pytest.raises(InputError, match="`start_time` '5 s' is not a number; give one"):
         barnax.Window(start_time_s="5 s")
-
-
-def test_a_comparison_refuses_what_is_of_one_circuit():
-    with pytest.raises(InputError, match="`model` is of one circuit"):
-        barnax.compare_files(model="esc")

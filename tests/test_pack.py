@@ -6,7 +6,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.cell import Dependence
 from barnax.errors import InputError
 from barnax.fleet.manifest import cell_of
 from barnax.fleet.rows import identify_rows
@@ -20,7 +19,7 @@ from barnax.records import record_from_frame, source_from_frame
 from barnax.records.pack import read_pack
 from barnax.reporting.pack import pack_document
 from barnax.reporting.render import to_markdown
-from helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, ocv_v, simulated
+from helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, simulated
 
 SAMPLES = 4500
 START = PackedCell().soc
@@ -199,28 +198,3 @@ def test_what_is_found_in_the_record_of_a_pack_is_told_with_what_is_assumed(volt
     assert late.result.inputs[0].voltage_lag_s == pytest.approx(2.0, abs=0.05)
     told = to_markdown(pack_document(late))
     assert "Assumed: each sample's current flows until the next sample" in " ".join(told.split())
-
-
-def test_the_law_that_the_resistances_of_a_pack_follow_is_named(pack):
-    part = pack.result.tables
-    assert "Resistances:" not in to_markdown(pack_document(pack))
-    tables = replace(pack.result.fit.tables, dependence=Dependence(onset_a=2.5))
-    fits = (replace(pack.result.fit, tables=tables),)
-    result = pack.result.model_copy(update={"tables": part.model_copy(update={"fits": fits})})
-    told = to_markdown(pack_document(replace(pack, result=result)))
-    assert "Resistances: those of the pairs fall with the current" in " ".join(told.split())
-
-
-def test_columns_that_are_not_plain_are_asked_for(voltages):
-    table = frame(voltages[0][:300], voltages[1][:300])
-    other = table.with_columns(pl.col(f"V{k}").alias(f"U{k}") for k in range(1, 13))
-    with pytest.raises(InputError, match="name them with `cells`"):
-        of(other)
-    with pytest.raises(InputError, match="fits no column"):
-        of(table, "X*")
-
-
-def test_the_simulator_rests_on_its_ocv():
-    cell = PackedCell()
-    rested = simulated([cell], np.zeros(10), noise_v=0.0)
-    assert rested[:, 0] == pytest.approx(ocv_v(cell.soc))

@@ -65,11 +65,6 @@ def test_the_version_is_one_everywhere():
     assert re.search(r"^version: (.*)$", citation, re.M)[1] == barnax.__version__
 
 
-def test_the_console_command_is_the_cli():
-    (command,) = importlib.metadata.entry_points(group="console_scripts", name="barnax")
-    assert command.value == PROJECT["scripts"]["barnax"] == "barnax.__main__:main"
-
-
 @pytest.fixture(scope="module")
 def everything():
     """What one fresh interpreter tells that imports every name, and again in another order."""
@@ -182,16 +177,6 @@ def build(folder, *targets):
         capture_output=True,
         timeout=120,
     )
-
-
-@pytest.mark.slow
-def test_building_twice_gives_the_same_bytes(tmp_path):
-    for folder in ("a", "b"):
-        build(tmp_path / folder)
-    names = sorted(path.name for path in (tmp_path / "a").iterdir())
-    assert [name.rpartition(".")[2] for name in names] == ["whl", "gz"]
-    for name in names:
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
 def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_licence(tmp_path):

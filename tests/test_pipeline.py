@@ -1,6 +1,5 @@
 """`barnax.identify`: the answer is the best circuit known, whatever it was found from."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.notices import notice
-from barnax.records import read_record
 from barnax.results import Result
 from helpers import known_cell
 from helpers.reference import filtered_response, make_record
@@ -36,15 +34,6 @@ def few():
     return barnax.identify(window=SHORT, **SMALL)
 
 
-def test_nothing_behind_a_result_is_shown_by_pages(few):
-    run = few.run
-    record = run.problem.prepared.record
-    behind = [few, run, *vars(run).values(), record, few.cell, few.metrics, few.constant.assessment]
-    behind += [*vars(few.cell).values(), *vars(few.constant).values(), *few.inputs]
-    assert all(len(repr(one)) < 1000 for one in behind if not isinstance(one, list | tuple))
-    assert f"time_s=<array {record.samples}>" in repr(record)
-
-
 def test_no_answer_lies_above_the_proved_optimum(few):
     optimum = few.constant.global_optimum
     assert optimum.status == "certified"
@@ -62,15 +51,6 @@ def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch
     assert result.constant.source == "seeds"
     assert result.parameters == result.run.refinement.parameters.to_dict()
     assert "not known" in result._repr_html_()
-
-
-@pytest.mark.slow
-def test_bounds_of_almost_nothing_are_searched_by_the_scan_and_lose_nothing():
-    bounds = {"tau1 [s]": (1e-6, 1e9), "R1 [Ohm]": (1e-9, 0.2)}
-    result = barnax.identify(window=SHORT, bounds=bounds, **(SMALL | {"trust": "basic"}))
-    assert result.constant.search.objective == "scan"
-    assert math.isfinite(result.metrics.identification.rmse_v)
-    assert result.to_json()
 
 
 def frame_of(path, library):
@@ -92,13 +72,6 @@ def test_data_frames_give_what_their_files_give(few, library):
     assert result.parameters == few.parameters
     assert result.metrics.validation[0].rmse_v == few.metrics.validation[0].rmse_v
     assert [each.sign for each in result.inputs] == [each.sign for each in few.inputs]
-
-
-def test_records_give_what_their_files_give(few):
-    record, *others = (read_record(path) for path in (BUNDLED.record, BUNDLED.validation, *OCV))
-    result = barnax.identify(record, ocv=others[1:], validate=others[0], window=SHORT, **SMALL)
-    assert result.parameters == few.parameters
-    assert result.inputs == few.inputs
 
 
 @pytest.mark.parametrize(
@@ -248,13 +221,6 @@ def test_an_open_direction_is_tried_both_ways_and_told(cut_record):
     shown = result._repr_html_()
     assert "the cell was last discharged before cut.csv" in shown
     assert result.metrics.identification.rmse_v == pytest.approx(5e-4, rel=0.1)
-
-
-@pytest.mark.slow
-def test_a_given_direction_is_not_tried_again(cut_record):
-    result = barnax.identify(cut_record, ocv=OCV, window=Window(initial_direction=1), **SMALL)
-    assert (result.start.direction, result.start.direction_source) == (1, "given")
-    assert result.metrics.identification.rmse_v > 1e-3
 
 
 def test_score_soc_leaves_out_what_it_says():

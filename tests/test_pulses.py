@@ -40,12 +40,6 @@ def closed_form(circuit, time_s):
     return r0 + sum(r * (1 - np.exp(-time_s / tau_s)) for r, tau_s in pairs)
 
 
-def test_a_pulse_whose_current_wanders_has_a_level_that_was_measured():
-    record = record_of([(600, 0), (4, 2.0), (1, 2.38), (1, 2.8)], interval_s=1.0)
-    (pulse,) = pulses_of(record)
-    assert pulse.current_a in (2.0, 2.38, 2.8)
-
-
 @pytest.mark.parametrize("circuit", [ONE_RC, TWO_RC], ids=["one RC", "two RC"])
 @pytest.mark.parametrize("current_a", [2.0, -4.0])
 @pytest.mark.parametrize("hold", ["forward", "backward"])
@@ -121,11 +115,6 @@ def test_pulses_of_both_directions_and_rates_are_told_apart():
     assert all(len(each) == 2 and each[0].soc > each[1].soc for each in levels(pulses))
 
 
-def test_soc_is_that_before_the_pulse():
-    pulses = pulses_of(record_of([(600, 0), (36, 2.0), (600, 0), (36, -2.0), (100, 0)]))
-    assert [pulse.soc for pulse in pulses] == pytest.approx([1.0, 0.99])
-
-
 @pytest.mark.parametrize(
     "loads",
     [
@@ -139,11 +128,6 @@ def test_soc_is_that_before_the_pulse():
 def test_what_is_no_pulse_is_not_taken_for_one(loads):
     currents = [pulse.current_a for pulse in pulses_of(record_of(loads))]
     assert currents == ([-2.0] if (10, -2.0) in loads else [])
-
-
-def test_a_slower_load_that_follows_at_once_is_no_part_of_a_pulse():
-    (pulse,) = pulses_of(record_of([(600, 0), (10, 2.0), (500, 0.5), (60, 0)]))
-    assert pulse.duration_s == pytest.approx(10.0)
 
 
 def test_a_ramp_belongs_to_its_pulse_and_counts_from_its_begin():

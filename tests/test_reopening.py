@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import shutil
 
 import numpy as np
@@ -60,20 +59,6 @@ def test_a_loaded_result_has_the_evaluations_and_figures_of_the_run(kept):
     names = [[each.name for each in identification_illustrations(own)] for own in (result, loaded)]
     assert names[0] == names[1]
     assert {"convergence", "tables"} < set(names[1])
-
-
-@pytest.mark.slow
-def test_a_loaded_result_writes_the_same_report(kept, tmp_path):
-    result, folder, data = kept
-    page = Result.load(folder / "result.json", data=[data]).report(tmp_path / "new" / "report.md")
-    assert (tmp_path / "new" / "report.md").read_text() == page == result.report(format="md")
-    pictures = {path.name for path in (tmp_path / "new" / "figures").iterdir()}
-    assert pictures
-    assert all(f"(figures/{name})" in page for name in pictures)
-    assert "</html>" in result.report()
-    assert len(repr(result.report())) < 100
-    with pytest.raises(InputError, match="is html or md, not 'docx'"):
-        result.report("report.docx")
 
 
 def test_files_are_looked_for_beside_the_result_and_told_where_they_are_not(kept, tmp_path):
@@ -136,20 +121,3 @@ def test_files_are_found_where_the_plan_beside_a_result_says_and_known_by_conten
     shutil.copy(BUNDLED.validation, record)
     with pytest.raises(InputError, match="SHA-256 differs"):
         Places.of(out).find("drive.parquet", sha256)
-
-
-PIPE = pytest.param(
-    None,
-    id="pipe",
-    marks=pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes"),
-)
-
-
-@pytest.mark.parametrize(
-    "plan", ["files = 3", "reasons = 3", "a = " + 3000 * "[", "a = " + "9" * 5000, PIPE]
-)
-def test_a_plan_that_cannot_be_read_names_no_folders(tmp_path, plan):
-    place = tmp_path / "plan.toml"
-    os.mkfifo(place) if plan is None else place.write_text(plan)
-    with pytest.raises(InputError, match="not found in"):
-        Places.of(tmp_path).find("drive.parquet", 64 * "0")

@@ -9,7 +9,6 @@ import pytest
 from rich.console import Console
 
 from barnax.bundled import BUNDLED
-from barnax.cell import Dependence, InterpolatedCurve
 from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.pipeline import identify
@@ -18,7 +17,6 @@ from barnax.replay import Scenario, SocReplay, _converged, replay_soc
 from barnax.reporting.replay import soc_lines
 from barnax.reporting.terminal import soc_screen
 from barnax.result_filter import FilterSettings
-from helpers.results import make_record, make_result, make_table_result
 
 SCENARIOS = (
     Scenario("right start"),
@@ -95,41 +93,6 @@ def test_a_notebook_shows_a_replay_as_its_figure_while_it_has_its_estimates(repl
     assert SocReplay.model_validate(replay.model_dump())._repr_png_() is None
 
 
-@pytest.mark.parametrize("soc", [np.inf, np.nan, 1e6])
-def test_a_filter_that_leaves_all_bounds_is_drawn(replay, soc):
-    traces = replay.traces
-    estimate = traces.estimate._replace(soc=np.full_like(traces.estimate.soc, soc))
-    far = replay.model_copy()
-    far._traces = replace(traces, estimate=estimate)
-    assert all(axes.get_ylim()[1] <= 100 for axes in plot_soc_replay(far).axes[1:])
-
-
-def test_a_lost_filter_has_a_scale_of_its_own(replay):
-    right, *others = replay.scenarios
-    away = replay.model_copy(
-        update={"scenarios": (right, *others[:-1], others[-1].model_copy(update={"rms": None}))}
-    )
-    estimate = replay.traces.estimate
-    soc = np.array(estimate.soc)
-    soc[-1] = replay.traces.truth + 0.4
-    away._traces = replace(replay.traces, estimate=estimate._replace(soc=soc))
-    _, first, *_, lost = plot_soc_replay(away).axes
-    assert first.get_ylim()[1] < 20
-    assert lost.get_ylim()[1] == pytest.approx(44)
-    assert "off scale" not in lost.get_title(loc="left")
-
-
-def test_an_error_off_the_scale_is_said(replay):
-    estimate = replay.traces.estimate
-    soc = np.array(estimate.soc)
-    soc[0, 0] = replay.traces.truth[0] + 0.5
-    away = replay.model_copy()
-    away._traces = replace(replay.traces, estimate=estimate._replace(soc=soc))
-    _, first, second, *_ = plot_soc_replay(away).axes
-    assert first.get_title(loc="left").endswith("; off scale: up to 50 %")
-    assert "50 %" not in second.get_title(loc="left")
-
-
 def test_a_band_that_is_wrong_is_said_before_anything_is_estimated(replay):
     assert "Overconfident" not in dict(soc_lines(replay))
     part = replay.scenarios[0].model_copy(update={"in_band": 0.131})
@@ -168,32 +131,6 @@ def test_a_wrong_start_is_seen_counted_and_the_filter_s_errors_fit_their_panel(r
     for axes, part in zip(errors, replay.scenarios, strict=True):
         assert axes.get_title(loc="left").startswith(part.name)
         assert part.max is None or axes.get_ylim()[1] > 100 * part.max
-
-
-@pytest.mark.slow
-def test_without_tables_the_cell_is_that_of_the_records_temperature():
-    made = make_result("so-rc")
-    soc = np.linspace(0, 1, 41)
-    cold = InterpolatedCurve.fit(soc, made.cell.average_ocv_v(soc) - 0.03)
-    there = replace(made.cell, charge=cold, discharge=cold, capacity_ah=1.8, temperature_degc=10.0)
-    cells = replace(made.cell, temperature_degc=25.0, elsewhere=(there,)), there
-    window, settings = Window(initial_soc=0.9, temperature_degc=10.0), FilterSettings(tables=False)
-    both, alone = (
-        replay_soc(made.model_copy(update={"cell": cell}), make_record(300), window, settings)
-        for cell in cells
-    )
-    np.testing.assert_array_equal(both.traces.estimate.soc, alone.traces.estimate.soc)
-    assert both.scenarios == alone.scenarios
-
-
-@pytest.mark.slow
-def test_resistances_that_follow_a_temperature_that_is_not_there_are_told_of():
-    made = make_table_result()
-    fit, warm = made.fit, Dependence(beta_per_k=0.03, reference_degc=20.0)
-    fits = (replace(fit, tables=replace(fit.tables, dependence=warm)),)
-    made = made.model_copy(update={"tables": made.tables.model_copy(update={"fits": fits})})
-    told = replay_soc(made, make_record(300), Window(initial_soc=0.9)).warnings
-    assert "tables.no-temperature" in [each.code for each in told]
 
 
 def test_convergence_must_hold_ten_minutes_or_to_the_end():

@@ -8,18 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 import barnax
 from barnax.bundled import BUNDLED
-from barnax.export.tables import tables_of
 from barnax.model.window import Window
-from barnax.optimizers import make_optimizer
 from barnax.over_soc import errors_on
 from barnax.results import Result
 from barnax.run import best_answer
-from barnax.storing import describe, make_result
-from helpers.golden import RESULT
+from barnax.storing import make_result
 
 OPTIONS = {
     "model": "so-rc",
@@ -141,37 +137,6 @@ def test_the_stored_cell_gives_the_curves_back(document, bundled_cell):
         np.testing.assert_array_equal(getattr(stored, branch)(soc), expected)
 
 
-@pytest.mark.slow
-def test_an_export_starts_where_the_simulation_does(bundled_cell):
-    # From 5,000 s on the cell comes from a discharge, whatever was before the record.
-    window = Window(start_time_s=5000.0, score_to_s=5900.0, initial_soc=0.7)
-    windows = {"identification.parquet": window, "": Window(score_to_s=900.0)}
-    stored = barnax.identify(
-        window=windows, setup="li2023", seeds=1, population=8, iterations=1, trust="none"
-    )
-    assert stored.start.direction_source == "load before"
-    assert stored.start.direction == -1
-    assert stored.start_rest_current_a == pytest.approx(bundled_cell.capacity_ah / 100)
-    prepared, away_v = stored.run.problem.prepared, tables_of(stored).initial_hysteresis_v
-    assert prepared.source_v[0] == pytest.approx(
-        bundled_cell.average_ocv_v(prepared.soc[:1])[0] + away_v, abs=1e-6
-    )
-    assert away_v < -1e-3
-
-
-def test_a_result_cannot_be_changed(result):
-    with pytest.raises(ValidationError, match="frozen"):
-        result.model = "iso-rc"
-
-
-def test_an_optimizer_with_other_settings_goes_by_its_class():
-    registered = make_optimizer("ibmo", 8, 4)
-    assert describe(registered)[0] == "ibmo"
-    name, settings = describe(replace(registered, pl=3))
-    assert name == type(registered).__name__
-    assert settings["pl"] == 3
-
-
 def test_a_seed_that_failed_at_first_or_altogether_is_stored(result):
     run = result.run
     first, second = run.search.seeds
@@ -195,10 +160,3 @@ def test_a_circuit_worse_than_a_constant_is_warned_of(result):
     assert "answer.worse-than-constant" not in {each.code for each in result.warnings}
     wrong = barnax.identify(**(OPTIONS | {"fix": {"R0 [Ohm]": 2.0}, "bounds": None}))
     assert "answer.worse-than-constant" in {each.code for each in wrong.warnings}
-
-
-def test_a_result_shows_itself_on_a_line():
-    shown = repr(Result.from_json(RESULT))
-    assert shown.startswith("Result(model='")
-    assert "R0 [Ohm]" in shown
-    assert len(shown) < 400

@@ -16,15 +16,6 @@ from barnax.scenarios import Scenario, case_of, first_with_room
 from helpers.results import make_record, make_result
 
 
-def test_a_wrong_start_begins_where_there_is_room_for_it():
-    soc = np.linspace(1.0, 0.5, 51)
-    assert first_with_room(soc, 0.0) == first_with_room(soc, -0.2) == 0
-    assert soc[first_with_room(soc, 0.2)] == pytest.approx(0.8)
-    assert first_with_room(soc, 0.6) is None
-    # What is called full may be a little above 1.
-    assert first_with_room(soc + 0.01, 0.0) == 0
-
-
 @in_float64
 def test_a_late_start_has_what_the_current_left_in_the_pairs():
     """After a constant current for t: R i (1 - exp(-t / tau)), in closed form."""

@@ -42,16 +42,6 @@ def test_a_constant_circuit_is_simulated_as_its_closed_form():
     np.testing.assert_allclose(found["SOC"], SOC, rtol=1e-12)
 
 
-def test_a_small_current_before_the_load_is_simulated_too():
-    result = make_result("so-rc")
-    time_s = 10.0 * np.arange(1500)
-    current_a = np.where(time_s < 14_400, 0.009 * CAPACITY_AH, 1.0)
-    found = result.simulate(current_a, time_s)
-    assert len(found["Voltage [V]"]) == len(time_s)
-    ohmic_v = found["Voltage [V]"][1] + 0.0511 * current_a[1]
-    assert ohmic_v == pytest.approx(result.cell.average_ocv_v(found["SOC"][1]), abs=1e-3)
-
-
 def test_tables_are_simulated_as_their_equations_say():
     result = make_table_result("so-rc")
     expected_v, across_v = [], np.zeros(2)
@@ -92,14 +82,6 @@ def test_a_start_of_ones_own_is_where_it_starts():
     np.testing.assert_allclose(found["Voltage [V]"][:20], first_v, rtol=1e-12)
 
 
-def test_two_samples_at_rest_are_enough():
-    result = make_result("so-rc")
-    found = result.simulate([0.0, 0.0], [0.0, 3600.0], initial_soc=0.4)
-    np.testing.assert_allclose(
-        found["Voltage [V]"], result.cell.average_ocv_v(np.array([0.4, 0.4]))
-    )
-
-
 @pytest.mark.parametrize(
     ("given", "options", "told"),
     [
@@ -133,11 +115,6 @@ def test_what_cannot_be_simulated_is_refused_in_words(given, options, told):
         make_result("so-rc").simulate(given, **options)
 
 
-def test_currents_and_times_that_are_no_numbers_are_refused():
-    with pytest.raises(InputError, match="the current is not all numbers"):
-        make_result("so-rc").simulate([0.0, "a"], [0.0, 1.0])
-
-
 def identified_on(result, **given):
     """The result with more known of the record that it was identified on."""
     (part, *others) = result.inputs
@@ -156,12 +133,6 @@ def test_a_current_far_beyond_that_of_the_identification_is_a_warning(current_a,
         "voltage there is an extrapolation"
     ]
     assert all(each.filename == __file__ for each in told)
-
-
-def test_a_state_of_charge_that_was_not_identified_on_is_a_warning():
-    result = identified_on(make_table_result("so-rc"), soc_range=(0.2, 1.0))
-    with pytest.warns(UserWarning, match=r"takes 2 samples, the first at 0 s, out of the SOC"):
-        result.simulate([0.0, 0.0], [0.0, 1.0], initial_soc=0.1)
 
 
 def test_a_column_of_temperature_that_changes_is_said_not_to_be_followed():

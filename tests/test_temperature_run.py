@@ -13,7 +13,6 @@ from barnax.cell.parameters import OCV_CORRECTION
 from barnax.errors import InputError
 from barnax.experiment.belief import believed_of_result
 from barnax.inputs import read_inputs
-from barnax.model.temperature import group_tests
 from barnax.model.window import Window
 from barnax.pipeline import hppc
 from barnax.reporting.first_screen import first_screen
@@ -135,15 +134,6 @@ def test_each_temperature_has_the_ocv_of_its_own_test(result):
         assert np.abs(fit.tables.tables[OCV_CORRECTION]).max() < 1e-3
 
 
-def test_an_ocv_test_of_unknown_temperature_beside_others_is_refused():
-    tests = [at(5.0), at(45.0), made_record(2.0)]
-    with pytest.raises(InputError, match=r"made: .*`temperature`"):
-        group_tests(tests, None)
-    known = group_tests(tests, {"made": Window(temperature_degc=24.0)})
-    assert list(known) == [5.0, 24.0, 45.0]
-    assert group_tests(tests[:1], None) == {}
-
-
 @pytest.mark.slow
 def test_without_an_ocv_test_each_temperature_has_the_ocv_of_its_records():
     nodes = (0.05, 0.25, 0.5, 0.75, 1.0)
@@ -182,10 +172,6 @@ def test_a_record_has_the_test_of_its_temperature_of_those_that_are_given():
             [at(45.0)], [given[0], again], [], Reading(), CellSettings(),
             capacity=CAPACITY_AH, window=None,
         )  # fmt: skip
-
-
-def test_pulses_stand_by_temperature(result):
-    assert "discharge at 1C (2 A), 45 degC" in shown(result)
 
 
 @pytest.mark.parametrize(

@@ -137,11 +137,6 @@ def test_least_squares_equals_the_regression_in_lagged_samples(known_problem):
     assert values_of(answer_of("ls", problem)) == pytest.approx(expected, rel=1e-6)
 
 
-def test_noise_pulls_least_squares_toward_faster_poles(known_problem):
-    noisy = answer_of("ls", known_problem(CIRCUITS["1rc"], "1rc", noise_v=5e-3))
-    assert noisy.parameters.tau_s[0] < 0.8 * CIRCUITS["1rc"][2][0]
-
-
 def test_samples_beside_a_gap_are_left_out_and_the_rest_is_exact(known_problem, bundled_cell):
     made = known_problem(TWO_PAIRS).prepared
     time_s = made.time_s + 60.0 * (np.arange(len(made.time_s)) > 1000)
@@ -175,25 +170,9 @@ def test_an_uneven_clock_is_a_failure_that_says_so(known_problem):
         even_samples(prepared, 2)
 
 
-@pytest.mark.parametrize("method", ["ls", "wrls", "rls-ekf", "n4sid"])
-def test_a_dynamic_hysteresis_is_beyond_a_linear_method(method, known_problem):
-    with pytest.raises(MethodFailure, match="open-circuit voltage in advance"):
-        answer_of(method, known_problem(TWO_PAIRS, "esc"))
-
-
 # White noise alone has no pole between zero and one, and none that is a circuit's.
 @pytest.mark.parametrize("method", ["ls", "rls"])
 def test_a_linear_method_refuses_what_it_cannot_hold(method, known_problem):
     held = known_problem(TWO_PAIRS, fixed={"R0 [Ohm]": 0.08})
     with pytest.raises(MethodFailure, match=r"cannot hold R0 \[Ohm\] = 0.08"):
         answer_of(method, held)
-
-
-def test_least_squares_says_why_noise_has_no_circuit(known_problem):
-    with pytest.raises(MethodFailure, match=r"poles|negative resistance"):
-        answer_of("ls", known_problem((1e-9, (1e-9, 1e-9), (8.0, 90.0)), noise_v=0.05))
-
-
-def test_a_circuit_outside_the_box_is_noted(known_problem):
-    problem = known_problem(TWO_PAIRS, bounds={"R0 [Ohm]": (0.06, 0.2)})
-    assert "R0 [Ohm] = 0.05 (0.06 to 0.2)" in answer_of("ls", problem).notes[0]

@@ -20,7 +20,6 @@ from helpers.ocv_tests import (
     both_ways,
     branch_v,
     charge_only,
-    conditioned,
     discharge_only,
     driven,
     pulses,
@@ -94,12 +93,6 @@ def test_one_file_keeps_one_axis_when_the_recharge_stops_short(returned, capacit
     assert cell.charge_points[-1].soc == pytest.approx(returned, abs=1e-9)
 
 
-def test_a_given_capacity_scales_the_axis_of_one_file():
-    cell = characterize([both_ways()], capacity_ah=2.02, ocv_fit="interpolated")
-    assert cell.discharge_points[-1].soc == 1.0
-    assert cell.discharge_points[0].soc == pytest.approx(1 - CAPACITY_AH / 2.02, abs=1e-9)
-
-
 def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
     half = half_discharge()
     upper = driven(half, name="upper.csv")
@@ -109,22 +102,10 @@ def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
     np.testing.assert_allclose(joined.discharge(GRID), whole.discharge(GRID), atol=1e-9)
 
 
-def test_conditioning_before_the_test_is_left_out():
-    parts = REST, pulses(+1, 1, share=0.4), pulses(-1), pulses(+1)
-    cell = characterize([driven(*parts, start_soc=0.6, direction=-1)], ocv_fit="interpolated")
-    np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
-
-
 def test_a_small_top_up_belongs_to_the_sweep_of_its_direction():
     parts = REST, pulses(+1, share=0.99), np.full(6, -0.2), REST
     cell = characterize([driven(*parts, start_soc=0.0, direction=-1)])
     assert len(cell.charge_points) == 22
-
-
-def test_points_name_their_file_row_and_rest():
-    point = characterize([discharge_only()]).discharge_points[0]
-    assert (point.source, point.rest_s) == ("discharge.csv", 3600.0)
-    assert point.row == discharge_only().row[-1]
 
 
 def test_offsets_and_noise_below_the_rest_current_do_not_matter():
@@ -150,21 +131,7 @@ def test_the_errors_of_the_branches_cancel_in_the_average():
     assert errors["charge"].max_v > 1e-4
 
 
-def test_the_average_of_one_direction_has_its_errors():
-    errors = characterize([discharge_only()]).errors
-    assert set(errors) == {"discharge", "average"}
-    assert errors["average"] == errors["discharge"]
-
-
 # Records that hold more than their OCV test, and testers that never read zero
-
-
-@pytest.mark.parametrize("minutes", [0, 10, 60])
-def test_a_slow_conditioning_discharge_does_not_hide_the_pulses(minutes):
-    cell = characterize([conditioned(np.zeros(minutes))], ocv_fit="interpolated")
-    assert (len(cell.discharge_points), len(cell.charge_points)) == (21, 21)
-    np.testing.assert_allclose(cell.discharge(GRID), branch_v(GRID, -1), atol=1e-9)
-    np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
 
 
 def test_slow_sweeps_of_both_directions_come_before_rests_of_one():
@@ -172,21 +139,6 @@ def test_slow_sweeps_of_both_directions_come_before_rests_of_one():
     cell = characterize([record], ocv_fit="interpolated")
     assert (len(cell.discharge_points), len(cell.charge_points)) == (101, 101)
     assert [each.values["ignored"] for each in cell.warnings] == ["rests"]
-
-
-@pytest.mark.parametrize("slow", [steady(-1, 20), [*steady(-1, 20), *steady(+1, 20), *REST]])
-def test_rests_of_both_directions_come_before_slow_sweeps(slow):
-    full = [] if len(slow) > 1200 else steady(+1, 2)
-    down, up = pulses(-1, 16, share=0.85), pulses(+1, 16, share=0.85)
-    record = driven(REST, slow, full, REST, down, up)
-    cell = characterize([record], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
-    assert (len(cell.discharge_points), len(cell.charge_points)) == (17, 17)
-
-
-def test_a_few_pulses_after_a_slow_discharge_are_not_the_test():
-    few = pulses(+1, 5, share=0.3), pulses(-1, 5, share=0.3)
-    cell = characterize([driven(REST, steady(-1, 20), REST, *few)])
-    assert len(cell.discharge_points) == 101
 
 
 def test_a_tester_that_reads_30_ma_at_rest_is_served_by_the_rest_current():
@@ -200,13 +152,6 @@ def test_a_tester_that_reads_30_ma_at_rest_is_served_by_the_rest_current():
     assert [p.voltage_v for p in cell.discharge_points] == [
         p.voltage_v for p in expected.discharge_points
     ]
-
-
-@pytest.mark.parametrize("test", [discharge_only, charge_only])
-@pytest.mark.parametrize("rest_current_a", [0.02, 1.0])
-def test_a_rest_current_up_to_that_of_the_pulses_serves(test, rest_current_a):
-    assert np.abs(test().current_a).max() == 1.0
-    assert characterize([test()], rest_current_a=rest_current_a) == characterize([test()])
 
 
 # When a test tells the capacity, and what its SOC is scaled by
@@ -228,12 +173,6 @@ def test_a_test_between_cutoffs_measures_its_capacity():
     cell = characterize([between_cutoffs()])
     assert assumptions(cell) == []
     assert cell.capacity_origin.startswith("measured")
-
-
-def test_a_test_that_only_reaches_empty_does_not_show_that_it_began_full():
-    parts = half_discharge()[:-63], REST, pulses(+1, 10, share=0.475)
-    cell = characterize([driven(*parts, start_soc=0.5)])
-    assert len(assumptions(cell)) == 1
 
 
 @pytest.mark.parametrize("test", [between_cutoffs, lambda: slow_sweep(-1)])
@@ -284,17 +223,3 @@ def test_two_files_that_agree_are_scaled_by_their_own_charge_and_say_so():
     cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
     assert cell.soc_range == pytest.approx((0.0, 1.0), abs=1e-9)
     assert [each.values.get("by") for each in cell.warnings].count("own") == 2
-
-
-@pytest.mark.parametrize("share", [0.981, 1.0, 1.019])
-def test_a_charge_within_two_percent_is_scaled_by_its_own_without_a_word(share):
-    records = [discharge_only(), scaled(charge_only(), share)]
-    cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
-    assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=1e-9)
-    assert "ocv-test.scaled" not in {each.code for each in cell.warnings}
-
-
-def test_the_ocv_is_interpolated_unless_told_otherwise():
-    assert characterize([both_ways()]).discharge == (
-        characterize([both_ways()], ocv_fit="interpolated").discharge
-    )

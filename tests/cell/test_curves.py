@@ -41,23 +41,6 @@ def test_points_out_of_order_are_refused(at):
         InterpolatedCurve.fit(SOC[at], VOLTAGE_V[at])
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_points_that_are_not_finite_are_refused(value):
-    with pytest.raises(InputError, match="finite"):
-        InterpolatedCurve(((0.0, 3.0), (0.5, value), (1.0, 4.0)))
-
-
-@pytest.mark.parametrize("points", [(), ((0.5, 3.0),), (0.0, 1.0), ((0.0, 3.0, 1), (1.0, 4.0, 2))])
-def test_what_is_no_two_pairs_of_soc_and_voltage_is_refused(points):
-    with pytest.raises(InputError, match="at least two points"):
-        InterpolatedCurve(points)
-
-
-@pytest.mark.parametrize("slope_v", [0.0, 1e-4, 1.0])
-def test_a_curve_through_points_that_do_not_fall_gives_no_warning(slope_v):
-    assert curve_warnings(InterpolatedCurve.fit(SOC, 3.2 + slope_v * SOC), "charge") == []
-
-
 def test_a_fall_between_points_is_warned_about_with_where_it_begins_and_ends():
     curve = InterpolatedCurve(((0.0, 3.0), (0.3, 3.3), (0.4, 3.35), (0.6, 3.31), (1.0, 3.6)))
     (told,) = curve_warnings(curve, "charge")
@@ -151,25 +134,3 @@ def test_the_nine_parameters_are_those_of_equation_4(kind):
 def test_a_constant_is_fitted_everywhere_however_few_the_points(soc, w, kind):
     fitted = SegmentedHysteresis.fit(np.array(soc), np.full(len(soc), w), kind)
     np.testing.assert_allclose(fitted(np.linspace(0, 1, 50)), w, atol=1e-6)
-
-
-@given(st.lists(st.floats(0.4, 0.7), min_size=1, max_size=6, unique=True), kinds)
-def test_segments_without_points_follow_their_neighbors(soc, kind):
-    w = 0.01 + 0.01 * np.array(soc)
-    fitted = SegmentedHysteresis.fit(np.array(soc), w, kind)
-    np.testing.assert_allclose(fitted(np.linspace(0, 1, 50)), w.mean(), atol=1e-6)
-
-
-def test_soc_beyond_full_and_empty_takes_the_end_values():
-    fitted = SegmentedHysteresis.fit(W_SOC, np.interp(W_SOC, KNOTS, AT_KNOTS_V))
-    np.testing.assert_array_equal(fitted(np.array([-0.5, 1.5])), fitted(np.array([0.0, 1.0])))
-
-
-def test_an_unknown_fit_is_refused():
-    with pytest.raises(ValueError, match="continuous, independent"):
-        SegmentedHysteresis.fit(W_SOC, W_SOC, "cubic")  # pyright: ignore[reportArgumentType]
-
-
-def test_no_point_at_all_is_refused():
-    with pytest.raises(InputError, match="at least one SOC on both branches"):
-        SegmentedHysteresis.fit(np.zeros(0), np.zeros(0))

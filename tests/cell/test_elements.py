@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.cell import CIRCUITS, Circuit, CircuitParameters, Element, get_circuit, make_circuit
+from barnax.cell import Circuit, CircuitParameters, Element, get_circuit, make_circuit
 from barnax.cell.elements import DIFFUSION, RC, add_element
 from barnax.errors import InputError
 
@@ -58,21 +58,6 @@ def test_a_slow_pair_of_next_to_nothing_does_not_bound_the_time_constant(short_p
     bounds = replace(short_problem.bounds, elements=circuit.elements)
     low_s, high_s = short_problem.bounds.tau_limits_s
     assert bounds.limits_s(1) == (low_s / 4, high_s / 4)
-
-
-def test_another_element_of_the_same_name_or_symbol_is_refused():
-    with pytest.raises(InputError, match="there is another element called diffusion"):
-        add_element(Element("mine", "D", "mine", (1.0,), (1.0,)))
-    assert add_element(DIFFUSION) is DIFFUSION
-
-
-def test_any_circuit_takes_elements_beside():
-    circuit = get_circuit("esc+diffusion")
-    assert circuit.elements == ("rc", "rc", "diffusion")
-    assert circuit.has_rate
-    assert circuit.parameter_names[-3:] == ("R_D [Ohm]", "tau_D [s]", "gamma")
-    assert "esc+diffusion" in CIRCUITS
-    assert "esc+diffusion" not in list(CIRCUITS)
 
 
 @pytest.mark.parametrize(

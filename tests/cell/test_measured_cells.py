@@ -32,12 +32,6 @@ def test_the_samsung_cell_has_the_published_rested_voltages(samsung):
     np.testing.assert_allclose(linear_v, published_v, atol=1.1e-3)
 
 
-def test_the_samsung_cell_has_the_published_gap(samsung):
-    gap_mv = 1e3 * (samsung.charge(TENTHS) - samsung.discharge(TENTHS))
-    published_mv = [14.0, 17.8, 10.4, 10.6, 7.8, 11.3, 12.5, 11.8, 10.4]
-    np.testing.assert_allclose(gap_mv, published_mv, atol=1.0)
-
-
 def test_the_samsung_test_measures_the_published_capacity(samsung):
     assert samsung.capacity_ah == pytest.approx(1.9960, abs=5e-4)
     assert samsung.capacity_origin.startswith("measured")
@@ -63,27 +57,6 @@ def test_the_lfp_cell_has_the_published_gap_at_c_30(real_data: Path):
     np.testing.assert_allclose(gap_mv, published_mv, atol=1.0)
     assert cell.capacity_ah == pytest.approx(2.060, abs=2e-3)
     assert cell.warnings == ()
-
-
-def test_a_wiggling_polynomial_of_the_lfp_cell_is_warned_about(real_data: Path):
-    record = read_record(real_data / "plett-a123-26650" / "ocv-s1_25degC.parquet")
-    cell = characterize([record], ocv_fit="polynomial")
-    assert "ocv-curve.falls" in {each.code for each in cell.warnings}
-
-
-def test_a_slow_pair_that_does_not_close_is_warned_about(real_data: Path):
-    folder = real_data / "calce-inr18650-20r"
-    record = read_record(folder / "ocv-low-current_25degC_SP20-1.parquet")
-    cell = characterize([record], ocv_fit="interpolated")
-    assert len(cell.charge_points) == len(cell.discharge_points) == 101
-    assert any("2.157 Ah out" in each.what for each in cell.warnings)
-
-
-def test_the_leaf_hppc_test_is_a_discharge_of_long_rests(real_data: Path):
-    record = read_record(real_data / "nissan-leaf-lmo-33ah" / "hppc_25degC.parquet")
-    cell = characterize([record], capacity_ah=33.1, ocv_fit="interpolated")
-    assert (len(cell.discharge_points), len(cell.charge_points)) == (10, 0)
-    assert cell.discharge_points[-1].voltage_v == pytest.approx(4.182, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -18,15 +18,6 @@ def roles(outcome):
     return {role.name: role for role in outcome.roles}
 
 
-@pytest.mark.parametrize("name", ["identification", "validation"])
-def test_a_drive_record_serves_to_identify_and_to_validate(name):
-    found = roles(check_file(bundled_file(name)))
-    assert [found[role].is_usable for role in found] == [False, True, True]
-    assert "its longest rest is" in found["OCV test"].reason
-    assert "it starts at rest" in found["identification"].reason
-    assert found["identification"].window.options == {}
-
-
 @pytest.mark.parametrize(
     ("name", "words"), [("ocv_charge", "charge with 21 rests"), ("ocv_discharge", "with 22 rests")]
 )
@@ -51,17 +42,6 @@ def test_an_ocv_test_of_another_capacity_is_refused_as_such():
     found = roles(check_file(bundled_file("ocv_discharge"), capacity_ah=1.0))
     assert not found["OCV test"].is_usable
     assert "capacity 1 Ah was given" in found["OCV test"].reason
-
-
-def test_a_record_of_little_charge_does_not_serve_to_identify():
-    found = roles(check_file(bundled_file("identification"), capacity_ah=100.0))
-    assert "1.9 % of the capacity" in found["identification"].reason
-
-
-def test_a_record_without_steps_does_not_serve_to_identify(tmp_path):
-    time_s = 1.0 * np.arange(300)
-    found = roles(checked(tmp_path, logged(time_s, 0 * time_s - 1.0, 4.0 - 1e-4 * time_s)))
-    assert "do not tell R0; 33 % is wanted" in found["identification"].reason
 
 
 @pytest.mark.parametrize(("pulses", "serves"), [(1, False), (6, True)])
@@ -122,14 +102,6 @@ def test_a_whole_test_is_cut_to_its_profile_from_the_full_cell_on(tmp_path, rest
     assert role.window.options == {"start_after_step": 3, "initial_soc": 1, "score_steps": (7,)}
     assert "the cell is full at the end of step 3" in role.reason
     assert ("too short to settle" in role.reason) == (rest_s < 1800)
-
-
-def test_without_step_numbers_the_rest_after_the_charge_is_the_start(tmp_path):
-    table = whole_test().drop("Step Index / 1")
-    role = roles(checked(tmp_path, table))["identification"]
-    # Whether the charge was to full is for the rested voltage to say.
-    assert role.window.options == {"start_time_s": 7199.0}
-    assert "the charge that ends in row 3601" in role.reason
 
 
 def test_without_a_full_charge_the_long_rest_before_the_profile_is_the_start(tmp_path):

@@ -159,12 +159,6 @@ def test_a_platform_that_is_not_there_is_one_line_with_the_remedy(tmp_path, word
     assert (done.returncode, done.stderr.count("\n")) == (2, len(words))
 
 
-def test_no_command_at_all_shows_the_help(run):
-    outcome = run()
-    assert outcome.status == 2
-    assert "identify" in outcome.out + outcome.err
-
-
 def test_a_pack_has_nothing_to_validate_on(refuse):
     words = refuse("pack", BUNDLED.record, "--validate", BUNDLED.validation)
     assert "--validate does nothing for a pack" in words

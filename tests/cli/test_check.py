@@ -51,14 +51,6 @@ def test_a_lag_is_repeatable_and_one_of_no_file_is_refused(run, refuse, tmp_path
     assert "no record is called 'typo', for which options are given; there are" in told
 
 
-def test_a_file_is_checked_as_it_is_said_to_be(run, tmp_path):
-    changed(frame()[:3000], VOLTAGE, 3.7, slice(None)).write_csv(tmp_path / "flat.csv")
-    doubted = run("check", tmp_path / "flat.csv", "-q")
-    assert "--current-sign charge-positive" in doubted.err
-    settled = run("check", tmp_path / "flat.csv", "-q", "--current-sign", "charge-positive")
-    assert "--current-sign" not in settled.err
-
-
 def test_a_file_that_is_no_table_gives_status_2_and_the_others_are_told(run, faulty, unreadable):
     outcome = run("check", unreadable, faulty, BUNDLED.record)
     assert outcome.status == 2
@@ -68,14 +60,6 @@ def test_a_file_that_is_no_table_gives_status_2_and_the_others_are_told(run, fau
     assert "1 file could not be read" in outcome.out
     alone = run("check", unreadable)
     assert (alone.status, alone.out) == (2, "1 file could not be read, so nothing was checked.\n")
-
-
-def test_several_unreadable_files_are_a_line_each(refuse, unreadable, tmp_path):
-    (tmp_path / "empty").mkdir()
-    message = refuse("check", unreadable, "nowhere.csv", tmp_path / "empty", "-q")
-    assert [line.partition(": ")[0] for line in message.splitlines()] == [
-        "error", "nowhere.csv", str(tmp_path / "empty")
-    ]  # fmt: skip
 
 
 def test_quiet_gives_a_line_a_finding_and_nothing_else(run, faulty):
@@ -101,23 +85,6 @@ def test_json_holds_every_file_and_goes_to_stdout_alone(run, faulty, unreadable)
     outcome = run("check", unreadable, "--json")
     assert outcome.status == 2
     assert "binary" in json.loads(outcome.out)["files"][0]["unreadable"]
-
-
-def test_the_capacity_judges_the_charge(run, refuse):
-    outcome = run("check", BUNDLED.record, "--capacity", "1.5")
-    assert outcome.status == 1
-    assert "125.7 %" in " ".join(outcome.out.split())
-    message = refuse("check", BUNDLED.record, "--capacity", "0")
-    assert "--capacity 0.0 Ah must be positive" in message
-    assert "Missing argument" in refuse("check")
-
-
-def test_words_of_the_file_are_shown_as_they_stand(run, tmp_path):
-    frame().rename({VOLTAGE: "[bold]Voltage[/bold] x"}).write_csv(tmp_path / "[red]cell.csv")
-    outcome = run("check", tmp_path / "[red]cell.csv")
-    assert outcome.status == 1
-    assert "[red]cell.csv" in outcome.out
-    assert "[bold]Voltage[/bold] x" in " ".join(outcome.out.split())
 
 
 def test_the_rest_current_that_it_proposes_is_taken_and_settles_what_was_noted(run, tmp_path):

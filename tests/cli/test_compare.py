@@ -7,10 +7,7 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cli import compare as command
-from barnax.cli.compare import chosen_rows
-from barnax.comparison import PAPER_ROWS, ComparisonResult
-from barnax.comparison.result import compare_files
-from barnax.errors import InputError
+from barnax.comparison import ComparisonResult
 from barnax.optimizers import OPTIMIZERS
 
 from .conftest import BUDGET, contents, run_command
@@ -76,13 +73,6 @@ def test_a_folder_is_planned_and_its_circuits_are_ranked_before_its_methods(run,
     assert roles["validation.parquet"] == "validation"
 
 
-@pytest.mark.slow
-def test_json_goes_to_stdout_alone(run, tmp_path):
-    outcome = run("compare", "--models", "so-rc", "--methods", "ls", *COMMON, "--json")
-    assert json.loads(outcome.out)["rows"][0]["method"] == "ls"
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -98,23 +88,8 @@ def test_bad_input_is_one_message(words, message, refuse):
     assert message in " ".join(refuse("compare", *words).split())
 
 
-def test_a_choice_of_models_or_methods_gives_all_combinations_once():
-    assert chosen_rows(None, None, PAPER_ROWS) == list(PAPER_ROWS)
-    rows = chosen_rows("esc, so-rc", "ls,lm,ls", PAPER_ROWS)
-    assert rows == [("esc", "ls"), ("esc", "lm"), ("so-rc", "ls"), ("so-rc", "lm")]
-    assert chosen_rows("esc", None, PAPER_ROWS) == [
-        ("esc", method) for method in ("ls", "pso", "bmo", "ibmo")
-    ]
-
-
 def test_every_registered_optimizer_is_listed(run):
     outcome = run("optimizers")
     assert (outcome.status, outcome.err) == (0, "")
     listed = {line.split()[0] for line in outcome.out.splitlines() if line.split()}
     assert set(OPTIMIZERS) <= listed
-
-
-def test_a_second_record_is_refused_rather_than_left_out():
-    records = [BUNDLED.record, BUNDLED.validation]
-    with pytest.raises(InputError, match="uses one record, but 2 were given"):
-        compare_files(records, ocv=list(BUNDLED.ocv))

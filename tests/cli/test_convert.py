@@ -7,7 +7,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.checks import check_file
 from barnax.records import read_record
 from barnax.records.bdf import bdf_files
 from helpers.dialects import WRITERS, maccor_text, pulse_table
@@ -21,11 +20,6 @@ def cycler_file(tmp_path, monkeypatch):
     path = tmp_path / "cell.062"
     path.write_bytes(maccor_text(pulse_table()))
     return path
-
-
-def test_a_lag_of_another_file_is_refused(refuse, cycler_file):
-    told = refuse("convert", cycler_file, "--voltage-lag", "typo=0.3")
-    assert "no record is called 'typo', for which options are given; there are cell.062" in told
 
 
 def test_a_file_is_written_as_parquet_with_its_provenance(run, refuse, cycler_file, tmp_path):
@@ -55,36 +49,11 @@ def test_the_hold_is_the_same_after_a_conversion(name, suffix, tmp_path):
     assert before.hold.value == "backward" or "Arbin" not in name
 
 
-def test_csv_has_its_provenance_beside_it(run, cycler_file, tmp_path):
-    assert run("convert", cycler_file, "--out", tmp_path / "out.csv", "-q").status == 0
-    before, after = read_record(cycler_file), read_record(tmp_path / "out.csv")
-    np.testing.assert_array_equal(after.current_a, before.current_a)
-    assert json.loads((tmp_path / "out.json").read_text())["source"] == "cell.062"
-
-
 def test_neither_another_file_nor_the_measured_one_is_written_over(refuse, cycler_file, tmp_path):
     (tmp_path / "out.json").write_text("mine")
     assert "out.json: exists already" in refuse("convert", cycler_file, "--out", "out.csv")
     words = ("convert", cycler_file, "--out", cycler_file, "--force")
     assert "this is the file to read" in refuse(*words)
-
-
-def test_columns_reach_check_and_convert(run, tmp_path):
-    table = pulse_table()
-    table.columns = ["Zeit", "Strom", "Klemme"]
-    table.write_csv(tmp_path / "own.csv")
-    names = ("--columns", "time=Zeit:s,current=Strom:A,voltage=Klemme:V")
-    assert "300 samples" in run("check", tmp_path / "own.csv", *names).out
-    assert run("convert", tmp_path / "own.csv", *names, "--out", tmp_path / "o.csv").status == 0
-
-
-def test_converting_tells_all_that_a_check_finds(run, tmp_path):
-    table = pulse_table()
-    pl.concat([table[:100], table[200:]]).write_csv(tmp_path / "gap.csv")
-    told = run("convert", tmp_path / "gap.csv", "--out", tmp_path / "o.csv").err
-    found = [each for each in check_file(tmp_path / "gap.csv").findings if each.counts]
-    assert found
-    assert all(each.what in told for each in found)
 
 
 def test_a_pack_is_converted_to_one_of_its_cells(run, tmp_path):

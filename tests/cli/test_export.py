@@ -1,7 +1,6 @@
 """`barnax export`: one file, whole or not at all, and what it leaves out on stderr."""
 
 import importlib.util
-import os
 import re
 import shutil
 from pathlib import Path
@@ -34,13 +33,6 @@ def test_every_target_goes_to_its_own_file(run, stored, tmp_path, name):
     assert {*contents(stored.parent)} == {exporter.file_name, "result.json"}
 
 
-def test_out_names_the_file_and_quiet_leaves_the_caveats_alone(run, stored, tmp_path):
-    outcome = run("export", stored, "--to", "pybamm", "--out", "a/b/cell.py", "-q")
-    assert (outcome.status, outcome.out) == (0, "")
-    assert outcome.err.startswith("warning: PyBaMM's Thevenin model has no hysteresis voltage")
-    assert (tmp_path / "a/b/cell.py").is_file()
-
-
 def test_an_existing_file_is_replaced_only_by_force(run, refuse, stored):
     place = stored.with_name("barnax_cell.h")
     place.write_text("mine")
@@ -64,17 +56,6 @@ def test_an_existing_file_is_replaced_only_by_force(run, refuse, stored):
 def test_what_cannot_be_exported_is_refused(refuse, stored, words, message):
     assert message in refuse("export", stored, *(w.format(stored=stored) for w in words))
     Result.from_json(stored)
-
-
-@pytest.mark.parametrize(
-    "content", [None, b"", b"{}", b"\x89PNG\r\n\xff"], ids=["absent", "empty", "other", "binary"]
-)
-def test_a_result_that_is_none_is_refused(refuse, tmp_path, content):
-    if content is not None:
-        (tmp_path / "result.json").write_bytes(content)
-    message = refuse("export", "result.json", "--to", "csv")
-    assert message.startswith("error: result.json: ")
-    assert "give the result.json that barnax identify wrote" in message
 
 
 @pytest.mark.parametrize(
@@ -112,13 +93,3 @@ def test_verify_prints_the_largest_difference_in_volts(run, stored, name):
     words = " ".join(outcome.out.split())
     assert f"Largest difference from barnax in {name} " in words
     assert re.search(r"pulse test: [0-9.e-]+ V \(RMS [0-9.e-]+ V\)", words)
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")
-@pytest.mark.parametrize("target", ["pipe", "/dev/null"])
-def test_a_device_is_never_replaced(refuse, stored, tmp_path, target):
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "link").symlink_to(target)
-    for out in (target, "link"):
-        message = refuse("export", stored, "--to", "csv", "--out", out, "--force")
-        assert "is a device or a pipe, and no file; give --out another file" in message

@@ -116,13 +116,6 @@ def test_quiet_shows_warnings_alone_and_force_keeps_a_users_own_files(run, finis
     assert stored.read_bytes() == (finished.folder / "result.json").read_bytes()
 
 
-def test_the_result_names_no_folder_and_no_moment(finished, result):
-    text = (finished.folder / "result.json").read_text()
-    assert str(finished.folder.parent) not in text
-    assert str(BUNDLED.record.parent) not in text
-    assert not re.search(r'"/|[A-Z]:\\\\|\d{4}-\d{2}-\d{2}|\d{2}:\d{2}:\d{2}', text)
-
-
 def test_what_cannot_be_drawn_costs_only_itself(run, finished, tmp_path, monkeypatch):
     def broken(*_):
         raise RuntimeError("no fonts")

@@ -51,13 +51,6 @@ def written(folder: Path) -> dict[str, bytes]:
     return files
 
 
-def test_a_fresh_or_an_empty_folder_is_made_with_its_parents(tmp_path):
-    for place in (tmp_path / "a" / "b", tmp_path / "empty"):
-        (tmp_path / "empty").mkdir(exist_ok=True)
-        assert write_folder(place, NEW, False) == place
-        assert written(place) == NEW
-
-
 def test_a_new_result_leaves_nothing_of_the_old_one_and_all_of_the_users(old):
     appear(old, MINE)
     assert write_folder(old, NEW, True) == old
@@ -325,16 +318,6 @@ def test_results_go_to_where_a_link_points(tmp_path, old):
     assert (tmp_path / "real.h").read_text() == "new"
 
 
-def test_our_files_have_the_permissions_any_new_file_has(tmp_path):
-    (tmp_path / "plain").write_text("")
-    write_file(tmp_path / "ours", b"")
-    write_folder(tmp_path / "out", NEW, False)
-    modes = {path.stat().st_mode for path in (tmp_path / "ours", tmp_path / "out/result.json")}
-    assert modes == {(tmp_path / "plain").stat().st_mode}
-    (tmp_path / "folder").mkdir()
-    assert (tmp_path / "out").stat().st_mode == (tmp_path / "folder").stat().st_mode
-
-
 REFUSED = {
     "out": "out: holds a result; replace it with --force or give --out another folder",
     "foreign": "foreign: holds 'figures', which barnax did not write",
@@ -357,13 +340,6 @@ def test_a_place_that_takes_no_folder_is_refused_before_any_work(
     (tmp_path / "loop").symlink_to("loop")
     forced = () if name == "out" else ("--force",)
     assert message.format(tmp=tmp_path) in refuse(*IDENTIFY, "--out", name, *forced)
-
-
-@pytest.mark.usefixtures("without_work")
-def test_a_read_only_place_is_refused_before_any_work(refuse, monkeypatch):
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    message = refuse(*IDENTIFY, "--out", "out")
-    assert "cannot be written to; give --out another folder" in message
 
 
 @pytest.mark.parametrize(("files", "is_forced"), [(OLD, False), (MINE, False), (MINE, True)])

@@ -2,12 +2,8 @@
 
 import json
 
-import polars as pl
-import pytest
-
 from barnax.bundled import BUNDLED
 from barnax.replay import SCENARIOS
-from helpers.records import CURRENT, TIME, VOLTAGE
 
 from .conftest import contents
 
@@ -32,27 +28,6 @@ def test_a_replay_is_a_screen_a_file_and_a_figure(run, finished, tmp_path):
     assert [each["name"] for each in stored["scenarios"]] == tried
     again = run("soc", finished.folder, BUNDLED.validation)
     assert "holds a result; replace it with --force" in again.err
-
-
-@pytest.mark.slow
-def test_json_goes_to_stdout_and_writes_nothing(run, finished, tmp_path):
-    outcome = run("soc", finished.folder, BUNDLED.validation, "--json", "--score-to", "1000")
-    assert json.loads(outcome.out)["samples"] == 1001
-    assert contents(tmp_path) == {}
-
-
-@pytest.mark.slow
-def test_columns_that_are_not_recognized_can_be_named(run, finished, tmp_path):
-    table = pl.read_parquet(BUNDLED.validation).head(1200)
-    table.write_parquet(tmp_path / "known.parquet")
-    unknown = table.select(Zeit=TIME, Strom=CURRENT, Klemme=VOLTAGE)
-    unknown.write_parquet(tmp_path / "unknown.parquet")
-    names = ("--columns", "time=Zeit:s,current=Strom:A,voltage=Klemme:V")
-    expected, found = (
-        run("soc", finished.folder, *given, "--json", "--score-to", "1000")
-        for given in (["known.parquet"], ["unknown.parquet", *names])
-    )
-    assert json.loads(found.out)["scenarios"] == json.loads(expected.out)["scenarios"]
 
 
 def test_what_is_unknown_is_refused(refuse, finished):

@@ -5,7 +5,6 @@ import json
 import polars as pl
 import pytest
 
-import barnax
 from barnax.bundled import BUNDLED
 from barnax.results import Result
 
@@ -105,18 +104,6 @@ def test_a_new_start_drops_the_stored_step_and_state_of_charge(run, stored, rewr
     assert given == rmse_v(run, stored, own, *start, "--initial-soc", "0.9") != from_the_voltage
 
 
-def test_a_result_of_the_python_interface_validates_alike(stored):
-    result = Result.from_json(stored)
-    evaluation = barnax.validate(
-        barnax.read_record(BUNDLED.validation),
-        result.cell_model,
-        result.model,
-        result.constant.parameters,
-        result.window,
-    )
-    assert evaluation.metrics.rmse_v == result.metrics.validation[0].rmse_v
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -151,28 +138,6 @@ def test_what_was_said_of_one_record_is_not_another_s(run, stored, drive, tmp_pa
             part["window"] |= {"initial_soc": 0.5, "initial_direction": -1, "score_to [s]": 500.0}
     (tmp_path / "own.json").write_text(json.dumps(document))
     assert rmse_v(run, "own.json", drive) == rmse_v(run, stored, drive)
-
-
-def test_a_window_is_known_by_content_and_not_by_name(run, rewritten, stored, drive, tmp_path):
-    narrow = rewritten(**{"initial_soc": 0.5})
-    again = tmp_path / "again.parquet"
-    again.write_bytes(BUNDLED.validation.read_bytes())
-    assert rmse_v(run, narrow, again) == rmse_v(run, narrow, BUNDLED.validation)
-    plain = rmse_v(run, stored, drive)
-    other = tmp_path / "other" / BUNDLED.validation.name
-    other.parent.mkdir()
-    other.write_bytes((tmp_path / drive).read_bytes())
-    assert rmse_v(run, narrow, other) == plain
-
-
-def test_two_results_are_shown_side_by_side(run, stored, tmp_path):
-    folders = [tmp_path / name for name in ("fresh", "aged")]
-    for folder in folders:
-        folder.mkdir()
-        (folder / "result.json").write_bytes(stored.read_bytes())
-    shown = " ".join(run("show", *folders).out.split())
-    assert "aged: nothing differs from fresh beyond the intervals; for R1" in shown
-    assert "+0 %, within" in shown
 
 
 def test_the_choice_of_a_circuit_is_shown_where_there_was_one(run, stored, tmp_path):

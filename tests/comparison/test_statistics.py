@@ -32,11 +32,6 @@ def test_a_bands_figures_are_those_of_its_samples():
     assert middle.rmse_v == pytest.approx(np.sqrt(5))
 
 
-def test_a_band_without_samples_has_no_errors():
-    empty = errors_by_soc(np.ones(3), np.full(3, 0.5), np.full(3, True))[0]
-    assert (empty.samples, empty.rmse_v, empty.mean_v, empty.max_v) == (0, None, None, None)
-
-
 def test_differences_are_of_mean_squares_and_of_rmse():
     rng = np.random.default_rng(1)
     first, second = rng.normal(0, 1, 2000), rng.normal(0, 2, 2000)
@@ -81,10 +76,6 @@ def test_one_answer_stands_beside_every_seed():
     assert (found.wins, found.losses) == (1, 1)
 
 
-def test_two_answers_without_seeds_have_no_pairs():
-    assert compare_over_seeds(np.array([1.0]), np.array([2.0])) is None
-
-
 def autoregressive(correlation, samples, seed, rows=1):
     """Noise whose neighbors are correlated, after a start that is forgotten."""
     white = np.random.default_rng(seed).standard_normal((rows, samples + 500))
@@ -104,10 +95,6 @@ def test_a_series_that_drifts_all_along_is_capped_and_says_so():
     length, is_capped = block_length(np.linspace(0, 1, 10_000) ** 2)
     assert is_capped
     assert 200 < length <= 3 * np.sqrt(10_000)
-
-
-def test_a_constant_series_needs_no_block():
-    assert block_length(np.full(1000, 0.3)) == (1, False)
 
 
 @pytest.mark.parametrize("length", [1, 7, 50])

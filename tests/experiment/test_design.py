@@ -15,7 +15,7 @@ from barnax.errors import InputError
 from barnax.experiment import Block
 from barnax.experiment.belief import believed_of_chemistry
 from barnax.experiment.information import Seconds, columns_along, information_of
-from barnax.experiment.protocol import hppc_steps, sampled, voltage_along, warming_of
+from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
 from barnax.experiment.widths import widths_of
 from barnax.reporting.design_forms import procedure, profile_csv, pybamm_steps, steps_csv
 
@@ -168,32 +168,6 @@ def test_rates_over_soc_hold_for_pieces_that_leave_their_stretch():
     rows = csv.DictReader(steps_csv(found).splitlines())
     written = [float(row["Current / A"]) for row in rows]
     np.testing.assert_allclose(written, [abs(step.current_a) for step in found.steps], rtol=1e-4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["R0", "R1", "R2", "drive"])
-def test_a_design_promises_more_an_hour_than_a_pulse_test(designed, name):
-    hppc = designed.references[0]
-    assert designed.hours < hppc.hours / 6
-    own, others = (
-        np.sqrt(hours) * np.median([width.after for width in designed.of_table(name, widths)])
-        for hours, widths in ((designed.hours, designed.widths), (hppc.hours, hppc.widths))
-    )
-    assert own < others
-
-
-def test_a_large_cell_warms_more_than_a_small_one(believed):
-    """Heat grows with the capacity and cooling with the surface."""
-    current_a = np.repeat([0.0, 4.0], [60, 1200])
-    warming_k = []
-    for times in (1.0, 8.0):
-        # The same cell in parallel.
-        cell = replace(believed.cell, capacity_ah=2.0 * times)
-        other = replace(believed, cell=cell)
-        voltage_v, soc = voltage_along(believed, current_a, 0.8)
-        warming_k.append(warming_of(other, times * current_a, voltage_v, soc))
-    # Twice, less what the slower one has not reached yet.
-    assert 1.4 < warming_k[1] / warming_k[0] < 2.0
 
 
 @pytest.mark.slow

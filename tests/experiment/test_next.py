@@ -1,6 +1,5 @@
 """From a result to its next test, and from the test's record to what was promised."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,16 +14,13 @@ from barnax.cell.dependence import Dependence
 from barnax.cli.app import app
 from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
-from barnax.experiment import Step, next_test
+from barnax.experiment import Step
 from barnax.experiment.belief import believed_of, window_of
-from barnax.experiment.stored import Reference
-from barnax.experiment.widths import Width, before_of
+from barnax.experiment.widths import before_of
 from barnax.model.window import Window
 from barnax.reporting.design import (
-    TOGETHER,
     design_screen,
     known_screen,
-    pieces_table,
     planned_lines,
 )
 from barnax.reporting.design_forms import design_files
@@ -146,19 +142,6 @@ def test_the_advice_says_of_which_samples_its_errors_are(result):
     assert f"with its start moved, the error on validation.parquet is 40.00 mV, {fitted}" in advice
 
 
-def test_what_the_screen_says_of_records_together_was_measured():
-    root = Path(__file__).parents[2]
-    printed = (root / "benchmarks" / "results" / "design.md").read_text()
-    (medians,) = re.findall(r"\| median of 18 \| \| \| (.*?) \|\n", printed)
-    assert [f"{float(own):.1f}" for own in medians.split(" | ")[:3]] == [
-        f"{times:.1f}" for times in TOGETHER.values()
-    ]
-    guide = " ".join((root / "docs" / "design.md").read_text().split())
-    names, times = (joined([*own]) for own in (TOGETHER, map(str, TOGETHER.values())))
-    said = f"the intervals of {names} were {times} times as wide as promised"
-    assert f"in the median of 18 pairs of records of two measured cells, {said}" in guide
-
-
 def test_no_test_is_designed_for_what_is_known_already(result, tmp_path, monkeypatch):
     easy = {"R0": 0.5, "drive": 0.1}
     none = barnax.design(result, want=easy)
@@ -216,17 +199,6 @@ def test_before_with_the_test_and_reached_are_one_quantity(design, result):
     assert "Intervals:" not in screen_of(design_screen(design, as_flags))
 
 
-def test_a_test_that_widens_an_interval_says_so(design):
-    widths = tuple(
-        replace(one, before=0.9 * one.after) if one.name == "R1 [Ohm]" else one
-        for one in design.widths
-    )
-    text = screen_of(design_screen(design.model_copy(update={"widths": widths}), as_flags))
-    halves = [one.after for one in design.of_table("R1")]
-    before, after = (f"{100 * times * np.median(halves):.2g} %" for times in (0.9, 1.0))
-    assert f"R1 {before} before, {after} with it: the fit weighs all samples alike" in text
-
-
 @pytest.mark.parametrize("is_alone", [True, False])
 def test_promised_and_reached_stand_beside_each_other(design, result, is_alone):
     table = promised_table(design, result.fit, is_alone)
@@ -267,107 +239,6 @@ def test_what_the_fit_found_otherwise_than_was_promised_is_told(design, result):
     assert "errors of 20.00 mV (promise: 7.05 mV)" in text
 
 
-def test_narrower_than_promised_is_said_to_be_better(design, result):
-    wide = tuple(replace(one, after=10 * one.after) for one in design.widths)
-    table = promised_table(design.model_copy(update={"widths": wide}), result.fit, False)
-    assert all(row[4].endswith(" narrower") for row in table.rows)
-    assert "a ratio under 1 is better than promised" in table.caption
-
-
-def test_what_resistances_follow_is_said_to_be_left_out(result):
-    tables = replace(result.fit.tables, dependence=Dependence(onset_a=1.0))
-    part = result.tables.model_copy(update={"fits": (replace(result.fit, tables=tables),)})
-    known, plain = (
-        screen_of(planned_lines(believed_of(one, None), as_flags))
-        for one in (result.model_copy(update={"tables": part}), result)
-    )
-    assert "Resistances:    the result's follow the current too. The design takes them" in known
-    assert "Resistances" not in plain
-    assert "SOC:            from full to 5 %." in plain
-
-
-def test_a_constant_answer_says_which_option_shows_what_was_promised(design, result):
-    console = Console(width=80)
-    with console.capture() as shown:
-        for line in promised_lines(design, result.model_copy(update={"tables": None}), as_flags):
-            console.print(line)
-    assert shown.get().startswith("  Promised:       intervals of tables over SOC")
-    assert "with --over soc both are shown" in " ".join(shown.get().split())
-
-
-def test_records_that_are_not_found_are_told_before_the_search(result, tmp_path):
-    away = tuple(part.model_copy(update={"name": "away.csv"}) for part in result.inputs)
-    (tmp_path / "result.json").write_text(result.model_copy(update={"inputs": away}).to_json())
-    believed = believed_of(tmp_path, None, "nmc")
-    console = Console(width=80)
-    with console.capture() as shown:
-        for line in planned_lines(believed, as_flags):
-            console.print(line)
-    text = "".join(shown.get().split())
-    assert "Plannedfor:2Ah,measured" in text
-    # However long a path is, it is shown whole.
-    assert f"{tmp_path}," in text
-    assert "giveitsfolderwith--data" in text
-
-
-def test_a_capacity_that_only_a_record_tells_is_told_with_what_to_do():
-    believed = believed_of(None, 2.0, "nmc")
-    cell = believed.cell
-    own = tuple(replace(point, row=0) for point in cell.charge_points)
-    for origin, is_told in (("given", False), ("the charge that a.csv spans", True)):
-        spanned = replace(cell, charge_points=own, discharge_points=own, capacity_origin=origin)
-        console = Console(width=200)
-        with console.capture() as shown:
-            console.print(*planned_lines(replace(believed, cell=spanned), as_flags))
-        assert ("identify again with --capacity" in shown.get()) is is_told
-
-
-def test_currents_that_were_not_given_are_told(result):
-    from_records = screen_of(planned_lines(believed_of(result, None, "nmc"), as_flags))
-    (part,) = result.of_role("identification")
-    assert (
-        f"the limits are discharge up to {part.peak_current_a:.3g} A (the largest of the records)"
-        in (from_records)
-    )
-    usual = believed_of(None, 2.0, "nmc")
-    one = screen_of(planned_lines(usual, as_flags, ["max_discharge"]))
-    assert "the limits are charge up to 1 A (C/2); set your own with --max-charge." in one
-    assert "discharge up to" not in one
-    assert "a typical NMC cell (--chemistry takes nmc or lfp): its OCV is up to 50 mV off" in one
-    assert "a typical" not in from_records
-    both = screen_of(planned_lines(usual, as_flags, ["max_discharge", "max_charge"]))
-    assert "Currents" not in both
-
-
-@pytest.mark.slow
-def test_no_test_is_looked_for_that_is_longer_than_any(result, monkeypatch):
-    monkeypatch.setattr(next_test, "MOST_HOURS", 1.5)
-    monkeypatch.setattr(next_test, "is_reached_in", None)
-    longest = barnax.design(result, max_hours=1.5, blocks=BLOCKS)
-    assert not longest.is_reached
-    assert longest.hours_searched is None
-
-
-@pytest.mark.parametrize(("warming_k", "is_much"), [(4.0, False), (21.0, True)])
-def test_a_test_that_warms_the_cell_much_says_how_to_limit_it(design, warming_k, is_much):
-    predicted = design.predicted.model_copy(update={"warming_k": warming_k})
-    text = screen_of(design_screen(design.model_copy(update={"predicted": predicted}), as_flags))
-    assert ("limit it with --max-warming" in text) is is_much
-
-
-def test_a_step_that_ends_at_the_lowest_voltage_is_expected_no_lower(design):
-    lower = design.predicted.model_copy(update={"voltage_v": design.predicted.voltage_v - 1.0})
-    text = screen_of(design_screen(design.model_copy(update={"predicted": lower}), as_flags))
-    assert f"Voltage:        {design.limits.low_v:.2f} to " in text
-
-
-def test_an_error_that_a_drive_cycle_lowers_is_called_smaller(design):
-    wide = tuple(replace(one, after=10 * one.after, before=None) for one in design.widths)
-    short = {"widths": wide, "wanted": {"R0": 0.02, "drive": 5e-3}}
-    text = screen_of(design_screen(design.model_copy(update=short), as_flags))
-    assert "leaves R0 narrower and the error on a drive cycle smaller." in text
-
-
 def test_a_test_that_falls_short_says_where_and_why(design):
     assert not design.is_reached
     text = screen_of(design_screen(design, as_flags))
@@ -388,56 +259,6 @@ def test_a_test_that_falls_short_says_where_and_why(design):
     enough = dict.fromkeys(design.wanted, 10.0)
     reached = design.model_copy(update={"wanted": enough, "is_reached": True})
     assert "Not reached" not in screen_of(design_screen(reached, as_flags))
-
-
-def test_a_drive_cycle_is_said_to_be_better_at_what_falls_short_alone(design):
-    """A row that shows what is wanted, and one that a drive cycle narrows more at its widest."""
-
-    def widths(r0: list[float], r1: list[float]):
-        pairs = [("R0 [Ohm]", r0), ("R1 [Ohm]", r1)]
-        return tuple(
-            Width(name, soc, 1.0, half, half, None)
-            for name, halves in pairs
-            for soc, half in zip((0.3, 0.5, 0.7), halves, strict=True)
-        )
-
-    drive = Reference(
-        name="drive cycle", hours=5.5, widths=widths([0.01, 0.01, 0.01], [0.19, 0.2, 0.21])
-    )
-    hppc = Reference(name="HPPC", hours=12.0, widths=drive.widths)
-    own = {
-        "wanted": {"R0": 0.02, "R1": 0.2},
-        "widths": widths([0.0201, 0.0203, 0.0204], [0.18, 0.18, 0.3]),
-        "references": (hppc, drive),
-    }
-    text = screen_of(design_screen(design.model_copy(update=own), as_flags))
-    assert "Not reached:    R1 (30 %) at some SOC." in text
-    assert "a drive cycle of 5.5 h leaves the widest R1 narrower." in text
-    worse = widths([0.01, 0.01, 0.01], [0.19, 0.2, 0.4])
-    own["references"] = (hppc, drive.model_copy(update={"widths": worse}))
-    text = screen_of(design_screen(design.model_copy(update=own), as_flags))
-    assert "a drive cycle of 5.5 h does no better." in text
-
-
-@pytest.mark.parametrize(
-    ("left_out", "told"),
-    [
-        (0.0, "; no unmodeled effects."),
-        (1.0, "; unmodeled effects as large as in a typical cell."),
-        (2.0, "; unmodeled effects 2 times as large as in a typical cell."),
-    ],
-)
-def test_what_a_design_leaves_out_is_told(design, left_out, told):
-    error = replace(design.error, left_out=left_out)
-    text = screen_of(design_screen(design.model_copy(update={"error": error}), as_flags))
-    assert told in text
-
-
-def test_a_long_test_shows_its_begin_and_its_end(design):
-    rows = pieces_table(design).rows
-    left_out = len(design.pieces) - len(rows) + 1
-    assert (rows[8][1], left_out > 1) == (f"{left_out} more", True)
-    assert rows[-1][0].endswith(str(len(design.steps)))
 
 
 @pytest.mark.parametrize(("chemistry", "window_v"), [("nmc", (2.5, 4.2)), ("lfp", (2.0, 3.65))])

@@ -17,7 +17,6 @@ from barnax.experiment.protocol import sampled
 from barnax.records import read_record
 from barnax.reporting.design import planned_lines
 from barnax.reporting.design_forms import before, procedure, pybamm_script
-from barnax.search.refine import AtBound
 from helpers.designs import BLOCKS, screen_of
 
 QUICK = {"over": "soc", "model": "so-rc", "seeds": 0, "max_boxes": 0, "folds": 0}
@@ -117,15 +116,6 @@ def test_beyond_what_the_record_told_the_ocv_is_that_of_the_chemistry(joined, be
     )
 
 
-@pytest.mark.slow
-def test_a_chemistry_takes_it_from_full_to_empty(joined, truth):
-    design = barnax.design(joined, **LIMITS)
-    assert design.initial_soc == 1.0
-    assert any(step.block == "to empty" for step in design.steps)
-    voltage_v = true_voltage(truth, design, 1.0)
-    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
-
-
 def test_another_chemistry_than_the_record_shows_is_refused(placed):
     with pytest.raises(InputError, match=r"`chemistry` lfp: at 65 % SOC .* 3\.27 V, .* 3\.86"):
         believed_of(placed, None, "lfp")
@@ -200,32 +190,3 @@ def test_a_part_of_the_charge_without_a_node_is_refused():
     coarse = replace(believed, settings=settings, told_soc=(0.4, 0.8), typical="")
     with pytest.raises(InputError, match="`want` R0, R1, R2: no node lies from 43 to 80 % SOC"):
         barnax.design(coarse, max_hours=1.5, blocks=BLOCKS)
-
-
-@pytest.mark.slow
-def test_another_capacity_would_stretch_an_ocv_that_the_record_told(unplaced):
-    with pytest.raises(InputError, match=r"the OCV was identified over 0\.90.* would be stretched"):
-        barnax.design(unplaced, capacity=2.0)
-
-
-@pytest.mark.slow
-def test_a_flat_ocv_brings_no_cell_to_its_start():
-    flat = identified("lfp_identification", low=0.4)
-    with pytest.raises(InputError, match="too flat to bring it there"):
-        barnax.design(flat)
-
-
-def test_a_time_constant_at_a_bound_is_told_before_the_search(believed):
-    believed = replace(believed, at_bound=(AtBound("tau2 [s]", "upper"),))
-    screen = screen_of(planned_lines(believed, as_flags))
-    assert "Time constants: tau2 at the upper bound of its search" in screen
-
-
-@pytest.mark.slow
-def test_hours_that_are_too_few_are_told_with_the_least():
-    with pytest.raises(InputError, match=r"`max_hours` 0\.5: .* takes .* h without rests") as told:
-        barnax.design(capacity=2.0, max_hours=0.5, blocks=BLOCKS)
-    least = float(str(told.value).split(" h without rests")[0].split()[-1])
-    with pytest.raises(InputError, match="without rests"):
-        barnax.design(capacity=2.0, max_hours=least - 0.02, blocks=BLOCKS)
-    assert least - 0.02 < barnax.design(capacity=2.0, max_hours=least, blocks=BLOCKS).hours <= least

@@ -1,17 +1,12 @@
 """What holds for every registered exporter and every circuit."""
 
-import io
-import zipfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from barnax.cell import CIRCUITS as REGISTERED
-from barnax.cell.dependence import Dependence
-from barnax.errors import InputError
-from barnax.export import EXPORTERS, get_exporter
-from helpers.results import CIRCUITS, make_cell, make_result, make_table_result, with_constant
+from barnax.export import EXPORTERS
+from helpers.results import make_cell, make_result, with_constant
 
 from .conftest import every_circuit, every_exporter
 
@@ -23,28 +18,6 @@ def words_of(content: bytes) -> str:
     """The content as one line of words, without what marks a comment."""
     text = content.decode("utf-16-le" if b"b\0a\0r\0n\0a\0x\0" in content else "latin-1")
     return " ".join(word for word in text.replace("\0", " ").split() if word not in ("#", "*", "-"))
-
-
-def test_every_circuit_is_tested():
-    assert {name for name, each in REGISTERED.items() if each.turning is None} == set(CIRCUITS)
-
-
-def test_exporters_are_registered_under_their_names_and_write_different_files():
-    assert list(EXPORTERS) == [exporter.name for exporter in EXPORTERS.values()]
-    assert len({exporter.file_name for exporter in EXPORTERS.values()}) == len(EXPORTERS)
-
-
-def test_an_unknown_target_lists_the_known_ones():
-    with pytest.raises(InputError, match="'spice' is not known; there are pybamm, thevenin"):
-        get_exporter("spice")
-
-
-@pytest.mark.parametrize(
-    ("given", "meant"), [("HEADER", "c-header"), ("pybam", "pybamm"), ("simscap", "simscape")]
-)
-def test_an_unknown_target_names_the_ones_that_are_near(given, meant):
-    with pytest.raises(InputError, match=f"is not known; did you mean {meant}\\?$"):
-        get_exporter(given)
 
 
 @every_exporter
@@ -91,25 +64,6 @@ def test_a_hysteresis_that_a_tool_cannot_hold_is_named(name, circuit):
 
 
 @every_exporter
-def test_a_capacity_that_only_a_record_tells_is_named(exporter):
-    result = make_table_result()
-    own = [replace(point, row=0) for point in result.cell.charge_points]
-    cell = replace(result.cell, charge_points=tuple(own), discharge_points=tuple(own))
-    assert "capacity" not in "".join(
-        exporter.write(result.model_copy(update={"cell": cell})).caveats
-    )
-    spanned = replace(cell, capacity_origin="the charge that cycle.csv spans")
-    caveat = exporter.write(result.model_copy(update={"cell": spanned})).caveats[0]
-    assert caveat.startswith("The capacity, 2 Ah, is only the charge that cycle.csv spans: ")
-
-
-@every_exporter
-def test_nodes_near_no_sample_are_named(exporter):
-    caveats = exporter.write(make_table_result()).caveats
-    assert caveats[0].startswith("No sample is near the nodes at SOC -0.05, 0:")
-
-
-@every_exporter
 def test_every_export_names_the_measured_temperatures(exporter, over_temperature):
     content, caveats = exporter.write(over_temperature)
     told = " ".join(caveats)
@@ -120,19 +74,3 @@ def test_every_export_names_the_measured_temperatures(exporter, over_temperature
         return
     assert "Identified at 0, 25, 45 degC" in told
     assert "at 0, 25, 45 degC it was 1.9, 2, 2.1 Ah" in told
-
-
-@every_exporter
-def test_resistances_that_differ_by_direction_are_told_in_the_file_too(exporter):
-    result = make_table_result()
-    tables = replace(result.fit.tables, dependence=Dependence(charge_ratio=1.25))
-    fits = (replace(result.fit, tables=tables),)
-    part = result.tables.model_copy(update={"fits": fits})
-    content = exporter.write(result.model_copy(update={"tables": part})).content
-    if exporter.name == "xlsx":
-        with zipfile.ZipFile(io.BytesIO(content)) as file:
-            content = b"".join(map(file.read, file.namelist()))
-    words = words_of(content)
-    assert "geometric mean of charge and discharge" in words
-    assert "charge ratio" in words
-    assert "1.25" in words

@@ -3,13 +3,11 @@
 import csv
 import io
 import json
-import re
 import subprocess
 
 import fastexcel
 import numpy as np
 import pytest
-from scipy.interpolate import make_interp_spline
 from scipy.io import loadmat
 
 from barnax.export import EXPORTERS, pulse_profile
@@ -85,12 +83,6 @@ def test_a_program_prints_every_number_of_the_result(tmp_path, circuit):
     assert len(found) == len(expected)
     for numbers, values in zip(found, expected, strict=True):
         np.testing.assert_array_equal(numbers, values)
-
-
-@pytest.mark.parametrize(("circuit", "code"), [("so-rc", 0), ("iso-rc", 1), ("esc", 2)])
-def test_the_kind_of_hysteresis_can_be_asked_of_the_preprocessor(circuit, code):
-    text = EXPORTERS["c-header"].write(make_result(circuit)).content.decode()
-    assert f"#define BARNAX_HYSTERESIS {code}\n" in text
 
 
 SIMULATION = r"""
@@ -200,16 +192,6 @@ def test_a_workbook_has_the_parameters_and_both_branches_of_the_ocv(circuit):
     assert ("R0(" in " ".join(rows["name"])) == (tables.nodes is not None)
 
 
-@pytest.mark.parametrize("name", ["OCV", "W"])
-def test_csv_gives_a_curve_back_point_by_point(name):
-    found = rows_of(make_result("esc")).items()
-    matches = [(re.fullmatch(rf"{name}\((.+)\)", label), value) for label, (value, _) in found]
-    points = [(float(match[1]), value) for match, value in matches if match]
-    tables = tables_of(make_result("esc"))
-    table = tables.ocv if name == "OCV" else tables.hysteresis
-    np.testing.assert_array_equal(np.array(points), np.stack([table.soc, table.voltage_v], axis=1))
-
-
 @pytest.mark.parametrize("circuit", ["so-rc", "esc"])
 def test_json_and_csv_hold_every_value_of_tables(circuit):
     result = make_table_result(circuit)
@@ -290,20 +272,6 @@ def test_simscape_gets_tables_for_both_blocks():
     np.testing.assert_allclose(block["Tau2"].item(), TABLE_TAU_S[1])
     np.testing.assert_allclose(block["OpenCircuitVoltage"].item(), stored["V0_vec"])
     assert any("0 to 1" in caveat for caveat in EXPORTERS["simscape"].write(result).caveats)
-
-
-@pytest.mark.parametrize("kept", [slice(2, 6), slice(4, 5)], ids=["0.1 to 0.8", "0.5 alone"])
-def test_a_table_that_is_read_on_straight_is_constant_beyond_its_nodes(kept):
-    result = make_table_result("esc", kept)
-    expected_ohm = np.interp(SOC, NODES[kept], TABLE_OHM[0][kept])
-    found = json.loads(EXPORTERS["json"].write(result).content)["resistances"]
-    block = load(result)["BatteryEquivalentCircuit"]
-    for nodes, values in (
-        (found["SOC"], found["R0 [Ohm]"]),
-        (block["ResistanceSOCBreakpoints"].item(), block["R0"].item()),
-    ):
-        straight = make_interp_spline(nodes, values, k=1)
-        np.testing.assert_allclose(straight(SOC), expected_ohm, rtol=1e-12)
 
 
 def test_simscape_has_a_column_for_each_temperature(over_temperature):

@@ -11,7 +11,6 @@ from barnax.export.verification import pulse_profile, simulate_here
 from helpers.results import (
     CAPACITY_AH,
     CORRECTION_V,
-    GAMMA,
     NODES,
     PAIRS,
     PAIRS_OF,
@@ -67,23 +66,12 @@ def test_pybamm_gets_the_circuit_as_it_was_identified(fake_pybamm, circuit):
     assert np.abs(found_v - make_cell().average_ocv_v(SOC)).max() < 1.1 * TOLERANCE_V
 
 
-@pytest.mark.parametrize(("initial_soc", "given"), [(1.0, 1 - 1e-6), (0.0, 1e-6)])
-def test_pybamm_starts_inside_its_limits_of_soc(fake_pybamm, initial_soc, given):
-    values = load("pybamm", "so-rc", initial_soc=initial_soc)["get_parameter_values"]()
-    assert values["Initial SoC"] == given
-
-
 @every_circuit
 def test_thevenin_gets_every_name_it_asks_for_and_no_other(circuit):
     params = load("thevenin", circuit)["get_params"]()
     pairs = range(1, PAIRS_OF[circuit] + 1)
     assert set(params) == THEVENIN_NAMES | {f"{letter}{k}" for letter in "RC" for k in pairs}
     assert params["num_RC_pairs"] == PAIRS_OF[circuit]
-
-
-@pytest.mark.parametrize(("circuit", "rate"), [("so-rc", 0.0), ("iso-rc", 1e5), ("esc", GAMMA)])
-def test_thevenin_gets_the_rate_of_the_hysteresis(circuit, rate):
-    assert load("thevenin", circuit)["get_params"]()["gamma"] == rate
 
 
 def run_thevenin(module: dict[str, Any], profile: Profile) -> np.ndarray:
@@ -115,29 +103,6 @@ def test_thevenins_equations_give_barnax_voltage_from_the_exported_dictionary(ci
     here_v = simulate_here(result, profile)
     there_v = run_thevenin(load("thevenin", circuit), profile)
     assert np.abs(there_v - here_v).max() < 1.1 * TOLERANCE_V
-
-
-def test_an_instant_hysteresis_turns_in_thevenin_one_sample_later():
-    result = make_result("iso-rc")
-    profile = pulse_profile(result)
-    there_v = run_thevenin(load("thevenin", "iso-rc"), profile)
-    difference_v = there_v - simulate_here(result, profile)
-    flowing = np.flatnonzero(profile.current_a)
-    turns = flowing[np.flatnonzero(np.diff(np.sign(profile.current_a[flowing]))) + 1]
-    late = np.union1d(flowing[:1], turns)
-    assert np.abs(np.delete(difference_v, late)).max() < 1.1 * TOLERANCE_V
-    assert np.abs(difference_v[late]).min() > 5e-3
-
-
-def test_a_dynamic_hysteresis_differs_in_thevenin_by_its_slope_over_gamma():
-    result = make_result("esc")
-    profile = pulse_profile(result)
-    here_v = simulate_here(result, profile)
-    difference_v = run_thevenin(load("thevenin", "esc"), profile) - here_v
-    w = result.cell_model.hysteresis
-    steepest_v = max(abs(w.parameters[name]) for name in "ACEG") / 2
-    assert np.abs(difference_v).max() < 1.1 * steepest_v / GAMMA + TOLERANCE_V
-    assert np.abs(difference_v).max() > 0.3 * steepest_v / GAMMA
 
 
 def test_pybamm_gets_interpolants_of_the_tables(fake_pybamm):

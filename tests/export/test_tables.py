@@ -11,7 +11,6 @@ from scipy.interpolate import PchipInterpolator
 import barnax.export.tables
 from barnax.cell import SegmentedHysteresis
 from barnax.cell.circuits import Circuit
-from barnax.errors import InputError
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
 from barnax.search.refine import AtBound
 from helpers.results import (
@@ -46,20 +45,6 @@ def test_a_table_follows_any_monotone_cubic_within_the_tolerance(voltages_v, see
     assert np.abs(table(FINE) - clipped(FINE)).max() < 1.1 * TOLERANCE_V
 
 
-@pytest.mark.parametrize(
-    ("bends", "expected"), [([0.25], [0.0, 0.25, 1.0]), ([-0.02, 1.03], [0.0, 1.0])]
-)
-def test_a_straight_curve_needs_its_break_points_between_zero_and_one_only(bends, expected):
-    table = linear_table(lambda soc: np.maximum(soc, min(bends)), np.array(bends))
-    np.testing.assert_array_equal(table.soc, expected)
-
-
-def test_the_ocv_of_a_result_is_the_mean_of_both_branches():
-    cell, ocv = make_cell(), tables_of(make_result()).ocv
-    mean_v = (cell.charge(FINE) + cell.discharge(FINE)) / 2
-    assert np.abs(ocv(FINE) - mean_v).max() < 1.1 * TOLERANCE_V
-
-
 @pytest.mark.parametrize("fit", ["continuous", "independent"])
 def test_the_hysteresis_table_reads_as_its_segments(fit):
     rng = np.random.default_rng(1)
@@ -68,20 +53,6 @@ def test_the_hysteresis_table_reads_as_its_segments(fit):
     assert np.all(np.diff(table.soc) > 0)
     # A step takes a billionth of SOC.
     np.testing.assert_allclose(table(FINE), w(FINE), rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("circuit", "kind"),
-    [("so-rc", "none"), ("3rc", "none"), ("iso-rc", "instant"), ("esc", "dynamic")],
-)
-def test_the_kind_of_hysteresis_follows_the_circuit(circuit, kind):
-    tables = tables_of(make_result(circuit))
-    assert tables.kind == kind
-    assert (tables.hysteresis is None) == (kind == "none")
-
-
-def test_a_result_that_stores_no_rest_current_has_a_hundredth_of_the_capacity():
-    assert tables_of(make_result(rest_current_a=None)).rest_current_a == pytest.approx(0.02)
 
 
 def test_a_time_constant_at_a_bound_is_a_caveat():
@@ -122,11 +93,6 @@ def test_a_circuit_of_ones_own_is_exported_with_its_own_source(monkeypatch, sour
         assert tables.hysteresis is None
     else:
         assert np.abs(tables.hysteresis(FINE) - w_v).max() < 1.1 * TOLERANCE_V
-
-
-def test_a_circuit_that_remembers_its_turns_is_refused():
-    with pytest.raises(InputError, match="which no table over SOC holds"):
-        tables_of(make_result("so-rc").model_copy(update={"model": "takacs"}))
 
 
 def test_the_ocv_holds_the_correction_exactly():

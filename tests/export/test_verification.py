@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from barnax.errors import InputError
-from barnax.export import EXPORTERS, Profile, pulse_profile, require_package, verify
+from barnax.export import EXPORTERS, Profile, require_package, verify
 from barnax.export.tables import TOLERANCE_V, tables_of
 from barnax.export.verification import simulate_here
 from helpers.results import CAPACITY_AH, PAIRS, make_result, make_table_result
@@ -53,13 +53,6 @@ def test_the_hysteresis_voltage_is_told_apart():
     assert found.without_hysteresis_v == pytest.approx(0, abs=1e-12)
 
 
-def test_samples_at_which_the_current_turns_are_told_apart():
-    result, turned = make_result("so-rc"), np.arange(200) % 20 == 0
-    found = verify(result, faked(result, np.where(turned, 5e-3, 1e-6)), b"", SHORT)
-    assert found.largest_v == pytest.approx(5e-3)
-    assert found.without_turns_v == pytest.approx(1e-6)
-
-
 @pytest.mark.parametrize("own_ah", [None, 1.5])
 def test_barnax_own_side_is_the_circuit_that_was_identified(own_ah):
     result = make_result("so-rc", capacity_ah=own_ah)
@@ -83,25 +76,6 @@ def test_both_sides_start_in_the_direction_the_identification_started_in(circuit
     assert start_v * direction > 5e-3
     away_v = found_v - simulate_here(make_result("so-rc"), resting)
     np.testing.assert_allclose(away_v, start_v, atol=1e-5)
-
-
-@pytest.mark.parametrize("initial_soc", [0.0, 0.1, 0.49, 0.5, 0.9, 1.0])
-def test_the_pulse_test_stays_inside_the_cells_range_and_crosses_much_of_it(initial_soc):
-    result = make_result(initial_soc=initial_soc)
-    profile = pulse_profile(result)
-    passed_ah = np.append(0, np.cumsum(profile.current_a[:-1] * np.diff(profile.time_s))) / 3600
-    soc = initial_soc - passed_ah / CAPACITY_AH
-    assert soc.min() > -1e-9
-    assert soc.max() < 1 + 1e-9
-    assert np.ptp(soc) > 0.3
-    assert {np.sign(current) for current in profile.current_a} == {-1, 0, 1}
-    assert np.abs(profile.current_a).max() == CAPACITY_AH
-
-
-@pytest.mark.parametrize("name", ["simscape", "c-header", "csv"])
-def test_what_nothing_here_can_simulate_is_refused(name):
-    with pytest.raises(InputError, match=f"not for {name}"):
-        require_package(EXPORTERS[name])
 
 
 def test_a_missing_package_is_named_with_how_to_get_it():

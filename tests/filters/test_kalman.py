@@ -447,18 +447,6 @@ def test_a_noisier_voltage_is_believed_less():
     assert abs(noisy.soc[0] - 0.5) < abs(quiet.soc[0] - 0.5)
 
 
-def test_a_short_record_has_fewer_lags():
-    found = examine_innovations(np.random.default_rng(0).normal(size=11))
-    assert (found.samples, found.lags) == (11, 5)
-    assert 0 < found.p_value < 1
-
-
-def test_correlated_innovations_are_not_white():
-    noise = np.random.default_rng(0).normal(size=2001)
-    assert not examine_innovations(noise[1:] + 0.3 * noise[:-1]).are_white
-    assert examine_innovations(noise).are_white
-
-
 FAULTS = {
     "0 V": {"voltage_v": 0.0},
     "no number for V": {"voltage_v": np.nan},

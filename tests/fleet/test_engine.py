@@ -4,8 +4,6 @@ import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from pathlib import Path
-from types import SimpleNamespace
 
 import polars as pl
 import pytest
@@ -15,7 +13,7 @@ from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.errors import InputError
 from barnax.execution import AtOnce
-from barnax.fleet import FleetCell, cell_of, identify_fleet, read_manifest
+from barnax.fleet import cell_of, identify_fleet, read_manifest
 from barnax.fleet.dataset import read_rows
 from barnax.fleet.rows import identify_rows
 from barnax.model.problem import make_problem
@@ -100,12 +98,6 @@ def test_retry_repeats_what_failed_and_nothing_else(tmp_path, monkeypatch, is_in
     assert read_rows(tmp_path)["error"].to_list() == [None] * 3
 
 
-def test_a_folder_may_be_called_like_a_pattern(tmp_path, computed):
-    for names in ("ab", "abc"):
-        state = identify_fleet(cells_of(names), tmp_path / "[A1] *", executor=AtOnce())
-    assert (state.finished, state.skipped, computed) == (1, 2, ["a", "b", "c"])
-
-
 def test_settings_that_come_back_have_their_own_rows(tmp_path, computed):
     def stop(state):
         if state.finished:
@@ -119,13 +111,6 @@ def test_settings_that_come_back_have_their_own_rows(tmp_path, computed):
     options = {"executor": AtOnce(), "settings": {"trust": "none"}}
     assert identify_fleet(cells_of("a"), tmp_path, **options).finished == 1
     assert identify_fleet(cells_of("a"), tmp_path, **options).skipped == 1
-
-
-def test_rows_of_other_cells_stay(tmp_path, computed):
-    identify_fleet(cells_of("ab"), tmp_path, executor=AtOnce())
-    identify_fleet(cells_of("c"), tmp_path, executor=AtOnce())
-    assert read_rows(tmp_path)["id"].to_list() == ["a", "b", "c"]
-    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["cells.parquet"]
 
 
 def test_an_iterable_is_read_no_further_than_its_batches(tmp_path, computed):
@@ -185,44 +170,6 @@ def test_two_commands_cannot_write_to_one_folder(tmp_path, monkeypatch):
     made_rows(monkeypatch, begin_another)
     assert identify_fleet(cells_of("a"), tmp_path, executor=AtOnce()).finished == 1
     assert len(refused) == 1
-
-
-def test_an_id_that_stands_twice_is_refused(tmp_path, computed):
-    with pytest.raises(InputError, match="the id 'a' occurs twice"):
-        identify_fleet(cells_of("aba"), tmp_path, executor=AtOnce())
-
-
-def test_an_unknown_method_is_refused_before_any_cell(tmp_path, computed):
-    with pytest.raises(InputError, match="`method` 'magic' is not known; there are"):
-        identify_fleet(cells_of("a"), tmp_path, executor=AtOnce(), settings={"method": "magic"})
-    assert computed == []
-
-
-def test_a_mapping_may_leave_columns_empty(tmp_path, computed):
-    empty = {"capacity": None, "ocv": None, "circuit": None, "age": None}
-    cells = [*cells_of("a"), cells_of("b")[0] | empty]
-    assert identify_fleet(cells, tmp_path, executor=AtOnce()).finished == 2
-    assert read_rows(tmp_path)["age"].to_list() == [1, None]
-
-
-def test_an_edited_result_is_another_cell(tmp_path, monkeypatch):
-    given = []
-
-    def identify(job):
-        given.append(job.cell)
-        raise InputError("only the cell is looked at")
-
-    monkeypatch.setattr("barnax.fleet.rows.identify", identify)
-    monkeypatch.setattr(
-        "barnax.fleet.rows.Result.from_json",
-        lambda path: SimpleNamespace(cell=Path(path).read_text()),
-    )
-    path = tmp_path / "result.json"
-    for text in ("2 A.h", "1.5 A.h"):
-        path.write_text(text)
-        for name in "ab":
-            identify_rows(FleetCell(name, records=("drive.csv",), cell=str(path)), {})
-    assert given == ["2 A.h", "2 A.h", "1.5 A.h", "1.5 A.h"]
 
 
 class Deadly(Exception):
@@ -288,14 +235,6 @@ def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch)
     dies.append(False)
     state = identify_fleet(cells, tmp_path, executor=AtOnce(), batch=1)
     assert (state.finished, state.skipped, computed) == (2, 1, ["a", "deadly", "b"])
-
-
-def test_a_pool_that_breaks_while_nothing_runs_is_replaced(tmp_path, computed, monkeypatch):
-    broken = Fragile()
-    broken.is_broken = True
-    pools = iter([broken, AtOnce()])
-    use_pools(monkeypatch, lambda: next(pools))
-    assert identify_fleet(cells_of("ab"), tmp_path).finished == 2
 
 
 def test_workers_that_never_begin_are_no_endless_loop(tmp_path, monkeypatch):

@@ -10,7 +10,6 @@ import pytest
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError, as_keys
 from barnax.fleet import read_manifest
-from barnax.fleet.engine import in_shard, parse_shard
 from barnax.fleet.rows import identify_rows
 from barnax.records.readers import room
 from barnax.reporting.fleet import problem_lines
@@ -74,16 +73,6 @@ def test_a_pipe_or_a_device_is_told_with_its_row_and_never_read(folder, column):
         read_manifest(folder / "pipe.csv")
 
 
-def test_defaults_of_a_toml_manifest_are_for_every_cell(folder):
-    path = folder / "m.toml"
-    path.write_text(
-        '[defaults]\nocv = "ocv.csv"\nscore_soc = [0.1, 1]\n[[cell]]\nid = "b"\nrecords = "b.csv"\n'
-    )
-    (cell,), _ = read_manifest(path)
-    assert cell.ocv == (str(folder / "ocv.csv"),)
-    assert cell.window == {"score_soc": (0.1, 1.0)}
-
-
 def test_a_folder_of_folders_is_a_cell_each(folder):
     for name in ("one", "two"):
         (folder / name).mkdir()
@@ -91,23 +80,6 @@ def test_a_folder_of_folders_is_a_cell_each(folder):
     cells, _ = read_manifest(folder)
     assert [cell.id for cell in cells] == ["one", "two"]
     assert cells[0].records == (str(folder / "one" / "drive.csv"),)
-
-
-def test_only_what_a_row_says_is_a_pattern(tmp_path):
-    folder = tmp_path / "[A1] cells"
-    (folder / "c[1];2").mkdir(parents=True)
-    drive = folder / "c[1];2" / "drive.csv"
-    drive.write_text("time\n")
-    (folder / "m.csv").write_text("id,records\nx,*/dri*.csv\n")
-    assert read_manifest(folder / "m.csv")[0][0].records == (str(drive),)
-    assert read_manifest(folder)[0][0].records == (str(drive),)
-
-
-def test_a_pattern_without_a_file_is_missing_and_no_error(folder):
-    (folder / "m.csv").write_text("id,records\nx,nowhere*.csv;b.csv\n")
-    (cell,), _ = read_manifest(folder / "m.csv")
-    assert cell.missing == ("nowhere*.csv does not exist",)
-    assert cell.records == (str(folder / "b.csv"),)
 
 
 @pytest.mark.parametrize(
@@ -143,15 +115,6 @@ def test_a_fingerprint_follows_inputs_and_settings(folder):
     before = cell.fingerprint({})
     (folder / "a1.csv").write_text("time,current\n1,2\n")
     assert cell.fingerprint({}) != before
-
-
-def test_shards_share_the_cells_out(folder):
-    cells, _ = read_manifest(as_csv(folder))
-    shards = [{cell.id for cell in cells if in_shard(cell, (k, 3))} for k in (1, 2, 3)]
-    assert set().union(*shards) == {"007", "b"}
-    assert sum(map(len, shards)) == 2
-    with pytest.raises(InputError, match="such as 3/10"):
-        parse_shard("4/3")
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])

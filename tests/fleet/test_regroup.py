@@ -1,6 +1,5 @@
 """Fleets that kept factors, grouped and fitted again."""
 
-import polars as pl
 import pytest
 
 import barnax
@@ -59,21 +58,6 @@ def test_the_mean_cell_of_a_pack_is_none_of_its_cells(fleet, tmp_path):
         "car V1.factors.npz",
         "car V2.factors.npz",
     ]
-
-
-def test_a_row_that_names_another_folder_is_refused(tmp_path):
-    write_rows(dataset_path(tmp_path), [{"id": "../a", "error": None, "model": "x"}])
-    with pytest.raises(InputError, match=r"'../a', which is no name of a file"):
-        regrouped(tmp_path, ["model"])
-
-
-def test_factors_of_constants_are_small(fleet):
-    assert pl.read_parquet(dataset_path(fleet))["factor bytes"].max() < 10_000
-
-
-def test_a_column_that_is_not_there_is_refused(fleet):
-    with pytest.raises(InputError, match="month: no column"):
-        regrouped(fleet, ["cell_name", "month"])
 
 
 def test_groups_that_would_have_one_name_are_refused_with_both(fleet, tmp_path):

@@ -119,27 +119,12 @@ def test_a_manifest_reads_no_address_that_was_not_allowed(tmp_path, address):
         read_manifest(tmp_path / "m.csv", addresses=["s3://bucket/logs", "https://host/logs/"])
 
 
-def test_an_allowed_address_is_a_record(tmp_path):
-    (tmp_path / "m.csv").write_text("id,records\na,s3://bucket/logs/1/a.csv\n")
-    ((cell,), _) = read_manifest(tmp_path / "m.csv", addresses=["s3://bucket/logs"])
-    assert cell.records == ("s3://bucket/logs/1/a.csv",)
-
-
 @pytest.mark.parametrize("name", ["/etc/passwd", "../other/a.csv", "~/a.csv", "file:///etc/passwd"])
 def test_a_manifest_in_a_store_reads_no_file_of_this_machine(memory, name):
     manifest = memory / "in" / "m.csv"
     manifest.fs.pipe_file(manifest.path, f"id,records\na,{name}\n".encode())
     with pytest.raises(InputError, match=r"own folder|allow it"):
         read_manifest(str(manifest))
-
-
-def test_a_pattern_in_a_store_names_its_files(memory):
-    for name in ("b.csv", "a.csv"):
-        (memory / name).fs.pipe_file((memory / name).path, b"")
-    manifest = memory / "m.toml"
-    manifest.fs.pipe_file(manifest.path, b'[[cell]]\nid = "a"\nrecords = ["[ab].csv"]\n')
-    ((cell,), _) = read_manifest(str(manifest))
-    assert cell.records == (str(memory / "a.csv"), str(memory / "b.csv"))
 
 
 def test_a_store_that_is_not_there_is_told(memory):

@@ -64,10 +64,3 @@ def test_the_report_tells_it(rows):
     for part in ("cell 17", "row 7 is empty", "bad 0, bad 1", "cell 39", "look"):
         assert part in text
     assert text.count("<svg") + text.count("data:image") == 1
-
-
-def test_a_fleet_that_failed_as_a_whole_has_a_summary_too(rows):
-    failed = rows.filter(pl.col("error").is_not_null()).select("id", "error", "error code")
-    found = summarize(failed)
-    assert (found.cells, found.identified, len(found.failures)) == (3, 0, 2)
-    assert "3 failed" in to_html(fleet_document(found, fleet_illustrations(failed, {})))

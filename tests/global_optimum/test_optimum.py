@@ -129,12 +129,6 @@ def test_a_circuit_with_dynamic_hysteresis_is_certified_too(problem_of):
     assert optimum.rmse_v <= objective.solve(lowest).rms_v * (1 + SAME)
 
 
-def test_the_answer_does_not_depend_on_the_problems_own_objective(short_problem, short_optimum):
-    compressed = find_global_optimum(replace(short_problem, kind="compressed"))
-    assert compressed.parameters == short_optimum.parameters
-    assert compressed.rmse_v == short_optimum.rmse_v
-
-
 def test_another_problem_of_the_same_shape_compiles_nothing(problem_of, short_problem, caplog):
     voltages_v = [
         made_voltage_v(short_problem, (0.03, r1, 0.025), (4.0, 150.0)) for r1 in (0.01, 0.02, 0.03)

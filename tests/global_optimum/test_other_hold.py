@@ -14,10 +14,8 @@ from barnax.global_optimum import (
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings
 from barnax.records import read_record, record_from_frame
 from barnax.search.evaluate import evaluate
-from helpers.own_ocv import fit_with_ocv
 from helpers.records import CURRENT, TIME, VOLTAGE
 
 WINDOW = Window(initial_soc=0.9)
@@ -71,15 +69,6 @@ def test_an_uneven_clock_tells_the_hold(pchip_cell, hold):
 
 def test_an_even_clock_leaves_the_hold_open(pchip_cell):
     problem = problem_of(pchip_cell, simulated(pchip_cell, 1.0 * np.arange(900), "backward"))
-    assert with_better_hold(problem) is problem
-
-
-@pytest.mark.slow
-def test_an_ocv_of_the_record_itself_leaves_the_hold_open():
-    # Of a load that changes between samples 10 s apart, that OCV would speak for a wrong hold.
-    record = record_from_frame(pl.read_parquet(BUNDLED.record)[::10])
-    own = fit_with_ocv([record], "so-rc", {record.name: Window()}, TableSettings())
-    problem = make_problem(record, own.cell, "so-rc", window=own.windows[record.name])
     assert with_better_hold(problem) is problem
 
 

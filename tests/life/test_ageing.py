@@ -1,7 +1,6 @@
 """A dataset of known ageing: units of age, what is not determined, and what a record tells."""
 
 import json
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from scipy.signal import lfilter
 
 import barnax
-from barnax.errors import InputError
 from barnax.fleet.aged import ageing_row
 from barnax.life import QUANTITIES, life_of
 from barnax.model.prepared import prepare_record
@@ -89,14 +87,6 @@ def test_what_no_record_tells_is_not_determined():
     assert len(life_frame(life)) == 4 * 15
 
 
-@pytest.mark.slow
-def test_equivalent_full_cycles_count_what_passed():
-    passed = dataset().with_columns((pl.int_range(pl.len()) % 5 * 100.0).alias("ah_since_new"))
-    assert life_of(passed, throughput="ah_since_new").cycles["C1"] == 100.0
-    known = life_of(passed)
-    assert (known.cycles["C1"], known.cycles_known) == (5.0, False)
-
-
 def test_capacities_without_a_rest_near_empty_assume_the_shape_of_the_ocv(life):
     assert any("in 9 rows; an electrode may lose" in line for line in life_lines(life))
     told = dataset(cells=3).with_columns(pl.lit(True).alias("aged capacity to empty"))
@@ -116,15 +106,6 @@ def test_few_cells_are_drawn_by_name_and_not_judged(life):
     low, high = few.axes[1].get_ylim()
     assert low < 0.992 * 30
     assert high > 1.008 * 30 * 1.2
-
-
-def test_a_dataset_without_ageing_or_column_is_refused():
-    with pytest.raises(InputError, match="says nothing of ageing"):
-        life_of(dataset().select("id", "error", "specimen", "date"))
-    with pytest.raises(InputError, match="`by` nosuch: no such column; the dataset has"):
-        life_of(dataset(), by="nosuch")
-    with pytest.raises(InputError, match="row 1 is 'soon'; give a number in every row"):
-        life_of(dataset(date="soon"))
 
 
 OWN_AH, SHIFT_V, OWN_R0, PAIRS = 1.7, 0.006, 0.04, (0.012, 0.02)
@@ -176,14 +157,6 @@ def told_of(cell, **how):
 def told(cell):
     """The same, found once."""
     return cache(lambda **how: told_of(cell, **how))
-
-
-@pytest.mark.slow
-def test_a_row_with_another_capacity_than_its_record_shows_says_so(cell):
-    prepared = aged(cell)
-    _, (told,) = ageing_row([prepared])
-    assert told.code == "ageing.other-capacity"
-    assert not ageing_row([replace(prepared, capacity_ah=OWN_AH)])[1]
 
 
 def test_a_row_whose_ageing_has_not_settled_says_so(cell, monkeypatch):
@@ -264,14 +237,6 @@ def test_however_often_a_cell_rests_near_empty_what_is_called_empty_differs(cell
     assert told is not None
     assert len(told.columns) == 4
     assert 1 / np.linalg.norm(told.columns[:, 0]) > FULL_SD
-
-
-@pytest.mark.slow
-def test_the_voltage_that_told_a_start_moves_with_a_shift_of_the_ocv(cell):
-    found, _ = told_of(cell, begun=0.98, opening_s=4000, shift_v=0.025)
-    assert all(found[name].is_determined for name in ("start SOC", SHIFT))
-    for name, value in {"start SOC": 0.98, SHIFT: 0.025}.items():
-        assert found[name].low <= value <= found[name].high
 
 
 @pytest.mark.slow

@@ -103,19 +103,6 @@ def test_the_part_of_the_ocv_of_before_is_pooled_as_the_values_are():
     assert np.min(by_ocv) > 1e-3 / 0.016
 
 
-def test_a_row_without_evidence_stays_as_it_is_and_the_others_do_not():
-    rows, nothing = rows_of([0.0] * 8), [float("nan")] * len(SHAPES_V)
-    evidence = [nothing, None, *rows[EVIDENCE].to_list()[2:]]
-    _, low, _ = told(rows.with_columns(pl.Series(EVIDENCE, evidence)))
-    assert np.isnan(low[:2]).all()
-    assert np.isfinite(low[2:]).all()
-
-
-def test_older_datasets_stay_as_they_are():
-    rows = pl.DataFrame({"cell": ["C1"], "age": [0], f"aged {CAPACITY}": [2.0]})
-    assert pooled(rows).equals(rows)
-
-
 def test_an_interval_in_a_fleet_holds_the_spread_between_shapes():
     draw = np.random.default_rng(0)
     evidence = draw.normal(0.0, 2.0, (2, len(SHAPES_V)))

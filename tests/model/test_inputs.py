@@ -10,7 +10,6 @@ from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.cell.circuits import loops
 from barnax.errors import InputError
 from barnax.model.prepared import both_directions, prepare_record, soc_along
-from barnax.model.problem import make_problem
 from barnax.model.window import Window, first_sample, scored_samples
 from barnax.search.evaluate import evaluate
 from barnax.settings import Registration
@@ -85,17 +84,6 @@ def test_samples_outside_the_chosen_states_of_charge_are_not_scored(bundled_cell
     assert np.flatnonzero(course.scored).tolist() == expected.tolist()
 
 
-def test_the_simulation_ends_with_the_last_scored_sample(bundled_cell):
-    window = Window(start_time_s=100.0, initial_soc=0.8, score_from_s=200.0, score_to_s=500.0)
-    course = prepared(bundled_cell, window)
-    assert (course.time_s[0], course.time_s[-1]) == (100.0, 500.0)
-    assert course.scored.sum() == 31
-    assert course.scored_duration_s == 300.0
-    assert course.median_interval_s == 10.0
-    inputs = course.simulation_input(1.0)
-    np.testing.assert_array_equal(inputs.weight, course.scored * 1.0)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -147,19 +135,6 @@ def test_a_window_that_does_not_fit_the_record_is_refused_with_the_remedy(
         prepared(bundled_cell, window, **changes)
 
 
-def test_records_identified_together_have_a_window_each(bundled_cell):
-    windows = [FULL, Window(initial_soc=0.6, start_time_s=600.0, capacity_ah=1.5)]
-    voltage_v = 3.7 - 0.05 * CURRENT_A
-    records = [made(voltage_v=voltage_v, name=name) for name in ("first.csv", "second.csv")]
-    problem = make_problem(records, bundled_cell, window=windows)
-    assert [each.window for each in problem.prepared_records] == windows
-    assert [each.start.soc for each in problem.prepared_records] == [0.8, 0.6]
-    assert [each.time_s[0] for each in problem.prepared_records] == [50.0, 600.0]
-    assert problem.prepared_records[1].capacity_ah == 1.5
-    with pytest.raises(ValueError, match="1 windows for 2 records; give one for all, or one for"):
-        make_problem(records, bundled_cell, window=windows[:1])
-
-
 # The state of charge
 
 
@@ -170,16 +145,6 @@ def test_the_state_of_charge_falls_by_the_ampere_hours_taken_from_the_start_on(h
     assert soc[last_before + 1] == pytest.approx(0.9 - 10 * 2 / 3600 / 2.0, rel=1e-12)
     assert soc[60] == pytest.approx(0.9 - 250 * 2 / 3600 / 2.0, rel=1e-12)
     assert soc[99] - soc[90] == pytest.approx(90 * 1 / 3600 / 2.0, rel=1e-9)
-
-
-@pytest.mark.parametrize("given_ah", [None, 1.0])
-def test_the_capacity_of_a_window_is_the_records_own(bundled_cell, given_ah):
-    course = prepared(bundled_cell, Window(initial_soc=0.8, capacity_ah=given_ah))
-    expected_ah = given_ah or bundled_cell.capacity_ah
-    assert course.capacity_ah == expected_ah
-    assert course.soc[60] == pytest.approx(0.8 - 2.0 * 250 / 3600 / expected_ah)
-    # A hundredth of the capacity an hour is rest.
-    assert course.rest_current_a == pytest.approx(expected_ah / 100)
 
 
 @pytest.mark.parametrize("direction", [1, -1])
@@ -237,11 +202,6 @@ def test_a_start_that_other_records_moved_is_doubted_as_it_was_told(bundled_cell
         assert given == [0.95] * (told_soc is not None)
 
 
-def test_a_start_under_load_denies_nothing(bundled_cell):
-    voltage_v = ocv_v(bundled_cell.charge, 0.999)
-    assert rested_at(bundled_cell, voltage_v, initial_soc=0.95, start_time_s=310.0).warnings == ()
-
-
 @pytest.mark.parametrize("given_soc", [None, 1.0])
 @pytest.mark.parametrize(("above_v", "is_doubted"), [(0.047, True), (0.004, False)])
 def test_a_rested_voltage_beyond_the_ocv_of_a_full_cell_is_doubted(
@@ -251,13 +211,6 @@ def test_a_rested_voltage_beyond_the_ocv_of_a_full_cell_is_doubted(
     warnings = rested_at(bundled_cell, full_v + above_v, initial_soc=given_soc).warnings
     beyond = [(each.code, each.values["beyond_v"]) for each in warnings]
     assert beyond == [("start.beyond-ocv", pytest.approx(0.047))] * is_doubted
-
-
-def test_a_given_soc_is_not_asked_for_where_the_other_branch_ends_far_away(
-    bundled_cell,
-):
-    cell = replace(bundled_cell, discharge=lambda soc: bundled_cell.charge(soc) - 0.06)
-    assert rested_at(cell, ocv_v(cell.charge, 1.0), initial_soc=1.0).start.soc == 1.0
 
 
 # The direction before the start
@@ -325,26 +278,6 @@ def test_of_a_start_under_load_only_a_state_that_moves_keeps_what_was_before(
         np.testing.assert_allclose(gap_v, bundled_cell.hysteresis_v(course.soc), rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "window",
-    [
-        Window(initial_soc=0.8, initial_direction=1),
-        Window(initial_soc=0.8, start_time_s=600.0),
-    ],
-)
-def test_a_direction_that_is_known_has_no_other(bundled_cell, window):
-    assert both_directions(prepared(bundled_cell, window, "esc"), bundled_cell)[1] is None
-
-
-@pytest.mark.parametrize("hold", ["forward", "backward"])
-def test_the_load_that_the_start_begins_is_not_the_load_before(bundled_cell, hold):
-    # Sample 25 is the first of the discharge: its current flows after it, or before it.
-    window = Window(initial_soc=0.8, start_time_s=300.0, initial_direction=1)
-    start = prepared(bundled_cell, window, "esc", hold=hold).start
-    expected = (1, "given") if hold == "forward" else (-1, "load before")
-    assert (start.direction, start.direction_source) == expected
-
-
 def test_the_direction_lasts_through_rests_and_currents_below_the_resting_one(bundled_cell):
     expected = np.repeat([1.0, -1.0, -1.0, 1.0], 25)
     np.testing.assert_array_equal(prepared(bundled_cell).direction, expected)
@@ -368,13 +301,6 @@ def test_the_source_is_the_circuits_open_circuit_voltage(bundled_cell, circuit):
     if circuit == "esc":  # the state that moves starts at the last direction before the record
         expected_v = expected_v + bundled_cell.hysteresis_v(course.soc) / 2
     np.testing.assert_allclose(course.source_v, expected_v, rtol=1e-15)
-
-
-@pytest.mark.parametrize(("hold", "expected_a"), [("forward", [0, 2]), ("backward", [2, 2])])
-def test_the_current_is_held_as_the_record_says(bundled_cell, hold, expected_a):
-    inputs = prepared(bundled_cell, hold=hold).simulation_input(1.0)
-    assert inputs.held_a[24:26].tolist() == expected_a
-    np.testing.assert_array_equal(inputs.current_a, CURRENT_A)
 
 
 @pytest.mark.parametrize("voltage_v", [0.0, -0.5])
@@ -401,22 +327,6 @@ def test_samples_a_little_outside_the_ocv_points_are_warned_about_with_their_cou
     told = f"made.csv: {outside} of 75 scored samples lie up to {100 * farthest:.2g} % SOC"
     assert warning.severity == "warning"
     assert told in str(warning)
-
-
-def test_samples_as_far_outside_the_ocv_points_as_full_charges_differ_are_only_noted(bundled_cell):
-    course = prepared(bundled_cell, Window(initial_soc=0.06, start_time_s=300.0))
-    (note,) = course.warnings
-    assert 0 < note.values["farthest_soc"] < 0.01
-    assert (note.code, note.severity) == ("soc.outside-ocv", "note")
-
-
-def test_rounding_at_the_ends_of_the_ocv_points_is_not_warned_about(bundled_cell):
-    soc = prepared(bundled_cell, Window(initial_soc=0.5)).soc
-    lowest = bundled_cell.soc_range[0]
-    start = Window(initial_soc=float(lowest - 2e-5 + soc[0] - soc.min()), start_time_s=300.0)
-    course = prepared(bundled_cell, start)
-    assert course.soc.min() < lowest
-    assert course.warnings == ()
 
 
 def test_samples_where_an_ocv_test_has_no_points_are_left_out_unless_the_voltage_is_of_its_points(
@@ -482,8 +392,3 @@ def test_a_record_that_its_charge_empties_but_not_its_voltage_is_called_another_
     own = replace(bundled_cell, charge_points=(), discharge_points=of_records(bundled_cell))
     with pytest.raises(InputError, match=r"give their `capacity` if 2 Ah is not the cell's"):
         prepared(own, start, current_a=sign * CURRENT_A, voltage_v=3.6)
-
-
-def test_a_given_state_of_charge_is_taken(bundled_cell):
-    start = prepared(bundled_cell, Window(initial_soc=0.4, start_time_s=400.0)).start
-    assert (start.soc, start.soc_source) == (0.4, "given")

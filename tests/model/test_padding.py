@@ -1,7 +1,6 @@
 """Records of many lengths through one compiled scan: one program, and the bits of each alone."""
 
 import functools
-import pickle
 from contextlib import contextmanager
 
 import equinox as eqx
@@ -14,8 +13,7 @@ import pytest
 import barnax.search.seeds
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
-from barnax.model.padding import padding_for
-from barnax.model.problem import FACTOR_STEP, Objective, make_problem, rmse, rmse_by_scan
+from barnax.model.problem import FACTOR_STEP, make_problem, rmse_by_scan
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
@@ -38,10 +36,6 @@ def problem_of(cell, circuit, clocks):
         noise_v = np.random.default_rng(seed).normal(0, 1e-3, len(time_s))
         records.append(make_record(time_s, current_a, 3.7 - 0.05 * current_a + noise_v))
     return make_problem(records, cell, circuit, window=KNOWN_SOC)
-
-
-def even(samples):
-    return np.arange(samples) * 1.0
 
 
 def uneven(samples, seed):
@@ -99,24 +93,6 @@ def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alon
         assert ours.history_v.tobytes() == expected.history_v.tobytes()
 
 
-@pytest.mark.slow
-@in_float64
-def test_joint_records_padded_have_their_bits(bundled_cell):
-    # Each problem has the longest record in one of two columns.
-    joint, other = (
-        problem_of(bundled_cell, "so-rc", clocks)
-        for clocks in ([uneven(304, 2), even(150)], [uneven(221, 1), even(200)])
-    )
-    point = joint.coordinates.lower + 0.3 * (joint.coordinates.upper - joint.coordinates.lower)
-    rmse_at = jax.jit(rmse)
-    filled = padding_for([joint.scan, other.scan])(joint.scan)
-    plain_v, *padded_v = (
-        float(rmse_at(point, Objective(evaluator, joint.coordinates)))
-        for evaluator in (joint.scan, filled, joint.padded_scan)
-    )
-    assert padded_v == [plain_v, plain_v]
-
-
 @pytest.mark.parametrize("circuit", ["so-rc", pytest.param("esc", marks=pytest.mark.slow)])
 def test_a_new_length_in_a_known_size_compiles_nothing(bundled_cell, circuit):
     gamma = 100.0 if circuit == "esc" else None
@@ -151,17 +127,3 @@ def test_a_compressed_record_of_a_common_size_has_the_same_errors(bundled_cell):
         errors_v = common.errors(circuit)
         np.testing.assert_allclose(errors_v[: len(expected_v)], expected_v, rtol=1e-12, atol=1e-15)
         assert not np.any(errors_v[len(expected_v) :])
-
-
-def test_a_problem_that_traveled_gives_the_same_bits(short_problem):
-    _ = short_problem.compressed
-    traveled = pickle.loads(pickle.dumps(short_problem))
-    assert "compressed" not in vars(traveled)
-    assert np.asarray(traveled.compressed.factor).dtype == np.float64
-    np.testing.assert_array_equal(traveled.compressed.factor, short_problem.compressed.factor)
-
-
-@in_float64
-def test_compressed_records_stay_as_they_are(bundled_cell):
-    problem = problem_of(bundled_cell, "so-rc", [even(211)])
-    assert padding_for([problem.compressed, problem.scan])(problem.compressed) is problem.compressed

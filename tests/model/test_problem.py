@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.errors import InputError
 from barnax.model.coordinates import Coordinates
-from barnax.model.problem import make_problem, rc_parameters, residuals, rmse, rmse_by_scan
+from barnax.model.problem import make_problem, rc_parameters, residuals, rmse
 from barnax.model.window import Window
 from barnax.notices import notice
-from barnax.search.evaluate import evaluate
 from helpers.reference import drop_v, looped_response
 
 CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
@@ -42,11 +40,6 @@ def test_the_objective_is_the_rmse_of_a_plain_loop(short_problem):
     assert np.sum(errors**2) == pytest.approx(loss**2, rel=1e-12)
 
 
-def test_the_objective_is_the_rmse_that_the_report_gives(short_problem):
-    metrics = evaluate(short_problem.prepared, CIRCUIT).metrics
-    assert rmse_by_scan(short_problem, [CIRCUIT])[0] == pytest.approx(metrics.rmse_v, rel=1e-11)
-
-
 def test_unscored_samples_have_no_residual(bundled_record, bundled_cell):
     window = Window(score_to_s=60.0, score_from_s=30.0, initial_soc=1.0)
     problem = make_problem(bundled_record, bundled_cell, window=window)
@@ -62,11 +55,6 @@ def test_a_problem_is_in_double_precision_and_leaves_the_setting(bundled_record,
         assert problem.objective.evaluator.source_v.dtype == jnp.float64
         assert problem.objective.coordinates.lower.dtype == jnp.float64
         assert not jax.config.jax_enable_x64
-
-
-def test_no_record_is_no_problem(bundled_cell):
-    with pytest.raises(ValueError, match="at least one record"):
-        make_problem([], bundled_cell)
 
 
 def test_the_warnings_are_those_of_record_cell_and_window(bundled_record, bundled_cell):
@@ -103,12 +91,6 @@ def test_the_box_follows_the_cell_and_the_record(short_problem):
     scale = 2.0 / short_problem.cell.capacity_ah
     assert ranges["R0 [Ohm]"] == pytest.approx((1e-4 * scale, 0.2 * scale))
     assert ranges["tau1 [s]"] == pytest.approx((0.5, 1500.0))
-
-
-def test_a_flat_voltage_is_refused_by_name(bundled_record, bundled_cell):
-    flat = replace(bundled_record, voltage_v=np.full(bundled_record.samples, 4.1))
-    with pytest.raises(InputError, match=r"identification\.parquet: the voltage is 4.1 V at every"):
-        make_problem(flat, bundled_cell, window=SHORT)
 
 
 def test_other_notes_on_the_same_samples_keep_what_is_computed(short_problem):
@@ -149,23 +131,3 @@ def test_nothing_computed_for_other_records_is_kept(short_problem, name):
     changed = short_problem.keeping_computed(prepared_records=records)
     cached = {"compressed", "padded_compressed", "padded_scan", "all_inputs"}
     assert not cached & set(vars(changed))
-
-
-def test_another_record_has_errors_of_its_own(short_problem):
-    (higher,) = changed_records(short_problem)["voltage"]
-    _ = rmse_by_scan(short_problem, [CIRCUIT]), short_problem.compressed
-    problem = short_problem.keeping_computed(prepared_records=(higher,), kind="compressed")
-    errors_v = looped_error_v(problem, LOGARITHMS)
-    expected = np.sqrt(np.mean(errors_v**2))
-    assert rmse_by_scan(problem, [CIRCUIT])[0] == pytest.approx(expected, rel=1e-11)
-    with jax.enable_x64(True):
-        loss = rmse_jit(jnp.asarray(LOGARITHMS), replace(problem, scale="log").objective)
-    assert float(loss) == pytest.approx(expected, rel=1e-9)
-
-
-def test_another_box_is_computed_anew(short_problem):
-    _ = short_problem.compressed, short_problem.coordinates
-    bounds = short_problem.bounds.with_changes({"tau2 [s]": (20.0, 400.0)}, {}, "")
-    for changes in ({"bounds": bounds}, {"scale": "log"}):
-        changed = short_problem.keeping_computed(**changes)
-        assert not {"compressed", "coordinates"} & set(vars(changed))

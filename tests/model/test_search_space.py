@@ -9,7 +9,7 @@ import pytest
 
 from barnax.errors import InputError
 from barnax.model.coordinates import SCALES, Coordinates
-from barnax.model.search_space import Bounds, parse_fixed, read_bounds
+from barnax.model.search_space import Bounds, read_bounds
 from barnax.model.simulate import RCParameters
 
 DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0)
@@ -41,17 +41,6 @@ def _float64():
 
 
 # Bounds
-
-
-@pytest.mark.parametrize(
-    ("capacity_ah", "low_ohm", "high_ohm"),
-    # 0.1 to 200 mohm at 2 Ah; a 33 Ah cell has 2/33 of it.
-    [(2.0, 1e-4, 0.2), (33.0, 6.0606060606e-6, 0.012121212121)],
-)
-def test_resistances_scale_with_the_capacity(capacity_ah, low_ohm, high_ohm):
-    ranges = Bounds.default(capacity_ah, 1.0, 1000.0).ranges
-    for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):
-        assert ranges[name] == pytest.approx((low_ohm, high_ohm), rel=1e-9)
 
 
 def test_time_constants_run_from_half_an_interval_to_the_scored_duration():
@@ -93,12 +82,6 @@ def test_a_change_replaces_the_default_and_leaves_the_earlier_bounds_as_they_wer
     assert DEFAULT.ranges == before
 
 
-def test_a_capacitance_leaves_only_resistances_whose_time_constant_can_be_seen():
-    changed = box({"C1 [F]": (20.0, 50.0)})
-    assert changed.ranges["R1 [Ohm]"] == (DEFAULT.tau_limits_s[0] / 50.0, 0.2)
-    assert changed.ranges["R2 [Ohm]"] == DEFAULT.ranges["R2 [Ohm]"]
-
-
 @pytest.mark.parametrize(
     ("ranges", "fixed", "message"),
     [
@@ -129,19 +112,6 @@ def test_a_box_that_cannot_be_is_refused_with_its_source_name_and_value(ranges, 
         box(ranges, fixed)
     assert str(refusal.value).startswith("box.toml: ")
     assert message in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    ("name", "expected_s"),
-    [
-        ("default", 0.5),
-        ("own time constants", 1.0),
-        ("capacitance of one pair", 0.5),
-        ("fixed capacitance", 0.5),
-    ],
-)
-def test_the_shortest_time_constant_is_the_least_that_the_box_allows(name, expected_s):
-    assert Coordinates.of(BOXES[name], "log").shortest_tau_s == pytest.approx(expected_s)
 
 
 # Bounds that users write
@@ -181,26 +151,6 @@ def test_a_bounds_file_that_says_something_else_is_refused_by_name(tmp_path, con
         read_bounds(path)
     assert str(refusal.value).startswith(f"{path}: ")
     assert message in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    ("name", "reason"), [("box.toml", "No such file"), (".", "Is a directory")]
-)
-def test_a_bounds_file_that_cannot_be_read_is_refused_by_name(tmp_path, name, reason):
-    with pytest.raises(InputError, match=rf"cannot be read \({reason}.* give `bounds` a TOML file"):
-        read_bounds(tmp_path / name)
-
-
-def test_fixed_values_are_a_name_and_a_number():
-    assert parse_fixed(["C1 [F]=500", " R0 [Ohm] = 5e-2"]) == {"C1 [F]": 500.0, "R0 [Ohm]": 0.05}
-    with pytest.raises(InputError, match=r"'C1 \[F\]' is fixed twice"):
-        parse_fixed(["C1 [F]=500", "C1 [F]=600"])
-
-
-@pytest.mark.parametrize("text", ["C1 [F]", "C1 [F]=", "C1 [F]=many", "=", "C1 [F]=1=2"])
-def test_a_fixed_value_written_otherwise_is_refused_with_an_example(text):
-    with pytest.raises(InputError, match=r'`fix` .* such as "C1 \[F\]=500"'):
-        parse_fixed([text])
 
 
 # Coordinates
@@ -290,30 +240,12 @@ def test_a_bounded_capacitance_is_searched_as_such(scale):
 
 
 @every_scale
-def test_a_fixed_parameter_is_no_coordinate(scale):
-    names = Coordinates.of(BOXES["fixed resistances"], scale).names
-    assert len(names) == 3
-    assert not {"R0 [Ohm]", "R2 [Ohm]"} & set(names)
-
-
-@every_scale
 def test_a_circuit_outside_the_box_is_encoded_at_its_nearest_end(scale):
     coordinates = Coordinates.of(DEFAULT, scale)
     outside = jax.tree.map(jnp.asarray, RCParameters(9.0, (9.0, 1e-9), (1e6, 1e-6)))
     circuit = physical(coordinates.decode(coordinates.encode(outside)))
     found = [float(circuit[name]) for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")]
     assert found == pytest.approx([0.2, 0.2, 1e-4])
-
-
-def test_an_unknown_scale_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="'decibel' are not known; there are rc, log"):
-        Coordinates.of(DEFAULT, "decibel")
-
-
-def test_a_box_with_nothing_free_is_refused():
-    fixed = {"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.01, "R2 [Ohm]": 0.01, "C1 [F]": 1e3, "tau2 [s]": 60.0}
-    with pytest.raises(InputError, match="every parameter is fixed; leave at least one free"):
-        Coordinates.of(box(fixed=fixed), "log")
 
 
 # Resistances at given time constants

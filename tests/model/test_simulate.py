@@ -163,31 +163,6 @@ def test_derivatives_are_exact(clock):
         np.testing.assert_allclose(jacobian.tau[pair], r * slope, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("start_s", "samples"), [(7.3, SAMPLES), (7.3, 100_000), (1.7e9, SAMPLES), (-1.7e9, SAMPLES)]
-)
-def test_an_even_clock_needs_one_exponential(start_s, samples):
-    # However long it runs and far from zero: the rounding of its times is no jitter.
-    intervals = Intervals.measure(start_s + np.arange(samples) * 0.1, SHORTEST_TAU_S)
-    assert intervals.is_even
-    assert not intervals.has_offsets
-
-
-def test_a_single_odd_interval_of_a_long_record_keeps_its_offset():
-    time_s = np.arange(300_000.0)
-    time_s[150_000:] -= 1e-5
-    intervals = Intervals.measure(time_s, SHORTEST_TAU_S)
-    assert intervals.is_even
-    assert intervals.has_offsets
-
-
-def test_a_measured_clock_needs_few_exponentials():
-    # 399 intervals that all differ fall into a handful of nodes.
-    intervals = Intervals.measure(CLOCKS["measured"], SHORTEST_TAU_S)
-    assert len(np.unique(np.diff(CLOCKS["measured"]))) > 300
-    assert len(intervals.node_s) < 20
-
-
 def test_nodes_and_offsets_are_the_measured_intervals():
     intervals = Intervals.measure(CLOCKS["measured"], SHORTEST_TAU_S)
     rebuilt_s = intervals.node_s[intervals.node] + intervals.offset_s
@@ -195,12 +170,6 @@ def test_nodes_and_offsets_are_the_measured_intervals():
     np.testing.assert_allclose(rebuilt_s[:-1], interval_s, rtol=1e-15, atol=1e-15)
     # The last leads nowhere and is the one before again.
     assert rebuilt_s[-1] == rebuilt_s[-2]
-
-
-def test_single_precision_stays_single():
-    with jax.enable_x64(False):
-        simulated_v = terminal_voltage_jit(rc_parameters(CIRCUIT), drive_of(CLOCKS["even"]))
-    assert simulated_v.dtype == np.float32
 
 
 def moved_drive() -> SimulationInput:

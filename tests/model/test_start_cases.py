@@ -27,7 +27,6 @@ from barnax.records import read_record
 from barnax.uncertainty import assess
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import make_record
-from helpers.results import make_result
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -180,16 +179,6 @@ def test_the_last_rest_of_a_test_may_lack_the_interval_that_no_sample_shows():
 # A SOC that is given
 
 
-def test_a_given_soc_is_kept_without_a_rest(cases):
-    folder = cases / "08_cc_known_ocv"
-    columns = "time=Experimental_Time(s):s,current=It:A,voltage=Experimental_Voltage(v)"
-    record = read_record(folder / "Data.xlsx", columns=columns)
-    cell = characterize([read_ocv_test(folder / "ocv.csv")], capacity_ah=2.5)
-    prepared = prepare_record(record, cell, "so-rc", Window(initial_soc=1.0))
-    assert (prepared.first, prepared.start.soc, prepared.start.soc_source) == (0, 1.0, "given")
-    assert not codes(prepared) & {"start.other-soc", "start.fitted"}
-
-
 def test_a_given_soc_is_that_of_the_first_row_where_a_pulse_test_starts_later():
     record = read_record(BUNDLED.hppc[1])
     job = prepare_pulse_tests(Job(records=BUNDLED.hppc[1], window=Window(initial_soc=0.9)))
@@ -243,13 +232,6 @@ def test_a_record_that_begins_under_load_has_its_start_fitted(bundled_cell, soc)
     assert start.soc_sd < 0.2
 
 
-def test_what_tells_no_start_is_still_asked_for(bundled_cell):
-    record, _ = loaded(bundled_cell, 0.6)
-    record = replace(record, voltage_v=np.full(record.samples, 2.0))
-    with pytest.raises(barnax.InputError, match="give `initial_soc`"):
-        prepare_record(record, bundled_cell, "so-rc")
-
-
 # A result's windows and starts
 
 
@@ -275,27 +257,3 @@ def test_every_way_to_a_record_gives_the_same_start(result):
         replayed = barnax.replay_soc(result, path)
         assert replayed.start.soc == part.start.soc
     assert validated.start.soc != 0.98
-
-
-def test_another_record_has_a_start_of_its_own(result, tmp_path):
-    path = tmp_path / BUNDLED.record.name
-    pl.read_parquet(BUNDLED.validation).head(9000).write_parquet(path)
-    prepared = result.validate(path).prepared
-    alone = prepare_record(read_record(path), result.cell_model, result.model)
-    assert prepared.start.soc == alone.start.soc
-    assert prepared.scored.sum() == 9000
-    assert result.common_window == Window()
-
-
-@pytest.mark.parametrize("soc", [1.0000347, -2e-5])
-def test_a_result_s_own_start_is_simulated(soc):
-    result = make_result("so-rc")
-    (part, *others) = result.inputs
-    own = part.model_copy(update={"start": replace(part.start, soc=soc)})
-    result = result.model_copy(update={"inputs": (own, *others)})
-    time_s, current_a = np.arange(50.0), np.where(soc > 0.5, 1.0, -1.0) * np.ones(50)
-    for initial_soc in (None, soc):
-        found = result.simulate(current_a, time_s, initial_soc=initial_soc)
-        assert found["SOC"][0] == pytest.approx(soc, abs=1e-12)
-    with pytest.raises(barnax.InputError, match="is not a fraction"):
-        result.simulate(current_a, time_s, initial_soc=1.2)

@@ -8,7 +8,7 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from barnax.optimizers import BarnacleMating, Box, Swarm, evaluations_per_iteration, ibmo_centered
+from barnax.optimizers import BarnacleMating, Box, Swarm, ibmo_centered
 
 WIDTH = 8.0
 
@@ -97,11 +97,6 @@ def test_a_uniform_factor_keeps_offspring_between_their_parents():
     assert np.std(offspring - offspring[:, :1]) > 0.5
 
 
-def test_reevaluating_the_parents_doubles_the_cost():
-    assert evaluations_per_iteration(BarnacleMating(10)) == 10
-    assert evaluations_per_iteration(BarnacleMating(10, reevaluate_parents=True)) == 20
-
-
 def survivors(solver, generation):
     """What lives on when mothers of losses 2, 4, 6, 8 have offspring of losses 9, 1, 0, 9."""
     names = jnp.arange(4.0)[:, None]
@@ -117,14 +112,6 @@ def test_early_an_offspring_competes_with_its_mother_alone_and_later_with_everyo
     np.testing.assert_array_equal(early.positions[:, 0], [12, 11, 0, 3])
     np.testing.assert_array_equal(late.losses, [0, 1, 2, 4])
     np.testing.assert_array_equal(late.positions[:, 0], [12, 11, 0, 1])
-
-
-@pytest.mark.parametrize("center", ["centroid", "elite"])
-@pytest.mark.parametrize("mothers", ["one", "all"])
-def test_a_population_in_one_point_casts_nowhere_else(center, mothers):
-    solver = BarnacleMating(population=6, cast_center=center, cast_mothers=mothers, pl=-1)
-    swarm = Swarm(jnp.full((6, 2), 7.0), jnp.zeros(6))
-    np.testing.assert_allclose(proposed(solver, swarm, jr.key(0)), 7.0, rtol=1e-6)
 
 
 def test_the_elite_center_lies_in_the_better_half_and_nearest_to_the_best():

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from barnax.optimizers import Swarm, keep_best, sort_by_loss
+from barnax.optimizers import Swarm, keep_best
 from barnax.optimizers.candidates import COUNTED, items_at_ranks, ranks
 
 either_size = pytest.mark.parametrize("size", [1, 12, COUNTED + 10])
@@ -43,10 +43,3 @@ def test_the_best_of_parents_and_offspring_are_kept_in_order_and_parents_win_tie
     order = np.argsort(losses, kind="stable")[:size]
     np.testing.assert_array_equal(kept.losses, losses[order])
     np.testing.assert_array_equal(kept.positions[:, 0], order)
-
-
-def test_a_sorted_swarm_keeps_what_it_remembers():
-    swarm = Swarm(jnp.array([[1.0], [2.0]]), jnp.array([5.0, 3.0]), memory="elite")
-    found = sort_by_loss(swarm)
-    np.testing.assert_array_equal(found.positions[:, 0], [2, 1])
-    assert found.memory == "elite"

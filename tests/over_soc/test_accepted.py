@@ -85,21 +85,3 @@ def test_a_record_left_out_is_predicted_as_a_fit_to_the_others_does(measured):
     for own, other, errors in zip(measured[:2], measured[1::-1], both.by_record, strict=True):
         scanned = errors_on(own, fit_tables([other], settings).tables)
         assert in_mv([errors]) == pytest.approx(in_mv([scanned]), rel=1e-6)
-
-
-@pytest.mark.slow
-def test_the_interval_of_another_record_holds_what_a_fourth_one_shows(measured):
-    settings, holds, own_holds = TableSettings(fixed=GIVEN, max_boxes=0), [], []
-    for left, record in enumerate(measured):
-        others = [each for place, each in enumerate(measured) if place != left]
-        shown = {(e.name, e.soc): e.value for e in fit_tables([record], settings).intervals}
-        for each in fit_tables(others, settings).intervals:
-            if each.record_low is not None and (each.name, each.soc) in shown:
-                value = shown[each.name, each.soc]
-                holds.append(each.record_low <= value <= each.record_high)
-                if each.low is not None and each.high is not None:
-                    own_holds.append(each.low <= value <= each.high)
-    assert len(holds) > 100
-    assert np.mean(holds) >= 0.9
-    # What the joint fit says of itself is of these records alone.
-    assert np.mean(own_holds) < 0.85

@@ -9,14 +9,12 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
-from barnax.cell import OcvPoint, OcvTable
 from barnax.cell.parameters import OCV
 from barnax.errors import InputError
 from barnax.export.tables import tables_of
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings, errors_on, own_ocv
-from barnax.over_soc.certificate import certify
+from barnax.over_soc import TableSettings, errors_on
 from barnax.over_soc.current_offset import offset_effect
 from barnax.over_soc.level import level_cell
 from barnax.over_soc.problem import reduced_objective
@@ -24,10 +22,9 @@ from barnax.over_soc.search import find_best
 from barnax.records import read_record
 from barnax.records.record import in_means
 from barnax.reporting.candidates import ocv_test_sentences
-from barnax.reporting.decisions import decision_sentences, guess_sentences
+from barnax.reporting.decisions import guess_sentences
 from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import fit_csv
-from barnax.reporting.render import to_markdown
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.own_ocv import fit_with_ocv
@@ -120,15 +117,6 @@ def test_capacity_only_names_the_axis(known):
     assert one_v == pytest.approx(own.cell.average_ocv_v(1 - charge_ah / 2.0), abs=4e-3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("lower_v", "is_part"), [(0.5, False), (0.0, True)])
-def test_a_span_that_ends_far_from_empty_is_no_capacity_and_says_so(lower_v, is_part):
-    record, _ = made(hours=1.0)
-    record = replace(record, voltage_v=record.voltage_v - lower_v)
-    own = fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK)
-    assert ("so the cell holds more" in own.cell.capacity_origin) is is_part
-
-
 def test_a_full_charge_in_the_record_is_where_soc_is_one():
     record, _ = made(charge=True, start=1.0)
     first = float(record.time_s[1300])
@@ -157,22 +145,6 @@ def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
     both = fit_with_ocv([whole, part], "so-rc", windows | {whole.name: upper}, QUICK)
     assert both.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
     assert both.cell.soc_range[0] < 0.4
-
-
-@pytest.mark.slow
-def test_a_start_beyond_full_that_a_rest_tells_is_told():
-    whole, _ = made(seed=0)
-    drive, soc = made(seed=1, hours=1.5)
-    counted_a = np.concatenate([1.05 * drive.current_a, np.zeros(3000)])
-    voltage_v = np.concatenate([drive.voltage_v, np.full(3000, ocv_v(soc[-1]))])
-    time_s = (drive.time_s[1] - drive.time_s[0]) * np.arange(len(counted_a))
-    part = make_record(time_s, counted_a, voltage_v, name="part.csv")
-    windows = {whole.name: FROM_FULL, part.name: Window()}
-    own = fit_with_ocv([whole, part], "so-rc", windows, replace(QUICK, keep_starts=True))
-    (told,) = own.warnings
-    assert (told.code, told.subject) == ("start.beyond-an-end", part.name)
-    assert told.values["soc"] == pytest.approx(1 + 0.05 * (1 - soc[-1]), abs=5e-3)
-    assert own.windows[part.name].initial_soc == told.values["soc"]
 
 
 @pytest.mark.parametrize("window", [Window(capacity_ah=0.9), Window(initial_soc=0.5)])
@@ -499,48 +471,6 @@ def test_the_frame_of_one_value_has_the_nodes_of_the_ocv(narrow):
 
 
 @pytest.mark.slow
-def test_nothing_calls_one_value_tables_or_what_was_found_given(narrow):
-    result, _ = narrow
-    texts = [to_markdown(identification_document(result)), *map(str, result.warnings)]
-    texts = [text for part in texts for text in part.split("with tables over SOC")]
-    assert not any("ables over SOC" in text or "of the tables" in text for text in texts)
-    assert not any("easured OCV" in text or "constant circuit" in text for text in texts)
-    record, _ = made(1, hours=0.6)
-    alone = barnax.identify(record, model="so-rc", seeds=0, trust="none", advise=False)
-    assert not any("as given" in text for text in decision_sentences(alone))
-    axis, own, *_ = guess_sentences(alone)
-    assert "half of the hysteresis" in own
-    assert "spans, never below" in axis
-
-
-@pytest.mark.slow
-def test_one_node_beside_an_ocv_test_is_a_table_of_one_row():
-    record, _ = made(1, hours=0.6, noise_v=1e-3)
-    soc = np.linspace(0, 1, 101)
-    points = tuple(
-        OcvPoint(at, volt, "ocv.csv", 0, 0.0) for at, volt in zip(soc, ocv_v(soc), strict=True)
-    )
-    result = barnax.identify(
-        record,
-        ocv=[OcvTable("ocv.csv", {0: points}, sha256="")],
-        window=FROM_FULL,
-        bounds={"tau2 [s]": (60.0, TAU_S[1] / 2)},
-        over="soc",
-        nodes=(0.5,),
-        folds=0,
-        **FAST,
-    )
-    assert result.over == "soc"
-    (row,) = result.to_frame().iter_rows(named=True)
-    assert row["SOC"] == 0.5
-    assert row["R0 [Ohm]"] == pytest.approx(R0_OHM, rel=0.02)
-    rows = csv.DictReader(fit_csv(result.fit).decode().splitlines())
-    assert {line["SOC"] for line in rows if line["table"] == "R0 [Ohm]"} == {"0.5"}
-    (told,) = [warning for warning in result.warnings if "upper-bound" in warning.code]
-    assert told.subject == "tables over SOC"
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("chosen", [{"model": "so-rc"}, {"over": "soc", "nodes": (0.5,)}])
 def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
     """Those that take the OCV for known would miss the slow pair."""
@@ -561,21 +491,6 @@ def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
     assert np.mean(held) >= 0.85
 
 
-@pytest.mark.slow
-def test_only_the_answer_is_proved(monkeypatch):
-    seen = []
-
-    def counted(objective, best):
-        seen.append(objective.nodes)
-        return certify(objective, best)
-
-    monkeypatch.setattr(own_ocv, "certify", counted)
-    record, _ = made(1, noise_v=1e-3)
-    result = barnax.identify(record, window=FROM_FULL, advise=False, seeds=0, trust="none")
-    assert result.fit.status == "certified"
-    assert seen == [len(result.fit.tables.nodes)] == [1]
-
-
 def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):
     record, _, _ = known
     prepared = prepare_record(record, level_cell(2.0, 3.7), "so-rc", FROM_FULL)
@@ -583,22 +498,3 @@ def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):
     best = find_best(objective)
     assert offset_effect(objective, best) is not None
     assert offset_effect(objective, replace(best, values=0 * best.values)) is None
-
-
-@pytest.mark.slow
-def test_what_an_offset_of_the_current_would_do_is_what_it_does():
-    record, _ = made(0)
-
-    def fitted(record):
-        return fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK).fit
-
-    told = fitted(record)
-    effect = told.of_offset
-    moved = fitted(replace(record, current_a=record.current_a + effect.offset_a)).tables
-
-    def total_ohm(tables):
-        return tables.ohm.sum(axis=0)[list(tables.visited)]
-
-    change = np.median(np.abs(total_ohm(moved) / total_ohm(told.tables) - 1))
-    assert change > 1e-3
-    assert effect.total == pytest.approx(change, rel=0.1)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import barnax
-from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.inputs import Inputs
 from barnax.model.prepared import prepare_record
@@ -26,7 +25,7 @@ from barnax.pipeline import _between_ends
 from barnax.records import read_record
 from barnax.reporting.starts import registered_sentences
 from helpers import known_cell
-from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
+from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import drop_v, filtered_response, make_record
 
@@ -51,32 +50,6 @@ def identified(records, **options):
 @pytest.fixture(scope="module")
 def registered(records):
     return identified(records)
-
-
-@pytest.mark.slow
-def test_a_charge_beside_a_drive_leaves_blocks_out_and_not_the_drive(records, registered):
-    time_s = 4.0 * np.arange(3000)
-    current_a = np.where(time_s > 60, -0.55, 0.0)
-    soc = 0.05 + np.append(0.0, np.cumsum(-current_a[:-1] * 4.0)) / 7200
-
-    def response(time_s, current_a, tau, hold):
-        return filtered_response(4.0, current_a, tau, hold)
-
-    voltage_v = ocv_v(soc) - drop_v(response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
-    charge = make_record(time_s, current_a, voltage_v, name="charge.csv")
-    windows = {
-        records[0].name: Window(initial_soc=1.0, capacity_ah=2.0),
-        charge.name: Window(initial_soc=0.05, capacity_ah=2.0),
-    }
-    alone = {**ALONE, "keep_starts": True}
-    beside = barnax.identify([records[0], charge], window=windows, **alone)
-    held = beside.fit.cross_validation
-    # No drive follows from a charge alone.
-    assert held.block_s is not None
-    assert held.by_record == ()
-    # Blocks near full leave out what the OCV does between its closest nodes.
-    assert held.tables.rmse_v < 5e-3
-    assert len(registered.fit.cross_validation.by_record) == 3
 
 
 def test_starts_and_capacities_are_found_up_to_the_axis(registered):
@@ -145,20 +118,6 @@ def test_what_another_hold_tells_is_registered_with_it(records):
     soc = np.array([each.window.initial_soc for each in inputs])
     np.testing.assert_allclose(soc - soc.mean(), TRUE_SOC - TRUE_SOC.mean(), atol=1e-3)
     assert {each.window.registration.told_source for each in inputs} == {"given"}
-
-
-@pytest.mark.slow
-def test_bounds_of_what_tables_do_not_have_leave_records_registered():
-    given = {"fix": {"C1 [F]": 1e3}, "ocv": BUNDLED.ocv, "seeds": 0, "trust": "none"}
-    found = barnax.identify([BUNDLED.record, BUNDLED.validation], model="so-rc", **given)
-    for each in found.of_role("identification"):
-        assert each.window.registration is not None
-    windows = {each.name: each.window for each in found.of_role("identification")}
-    again = barnax.identify(
-        [BUNDLED.record, BUNDLED.validation], model="so-rc", window=windows, **given
-    )
-    # What was registered is no more told than before.
-    assert {each.name: each.window for each in again.of_role("identification")} == windows
 
 
 @pytest.fixture(scope="module")
@@ -353,18 +312,6 @@ def test_a_load_that_passes_zero_is_no_rest_that_reads_zero(rest_a, is_zero):
     assert np.count_nonzero(np.abs(current_a) < 0.01) > 60
     read = SimpleNamespace(current_a=current_a, capacity_ah=2.0, median_interval_s=1.0)
     assert reads_zero_at_rest(read) is is_zero
-
-
-@pytest.mark.slow
-def test_a_current_that_reads_zero_at_rest_has_no_offset_whatever_the_voltages_say():
-    records = [made(0, 0.98, 2.4, 1e-3)[0], made(1, 0.98, 4.8, 1e-3, scale=0.5)[0]]
-    records = [
-        replace(each, current_a=np.where(each.current_a == 0, 0.0, each.current_a + 0.03))
-        for each in records
-    ]
-    windows = {each.name: Window(initial_soc=0.98, capacity_ah=2.0) for each in records}
-    found = barnax.identify(records, window=windows, folds=0, **ALONE)
-    assert "answer.current-offset" not in {each.code for each in found.warnings}
 
 
 def test_a_rest_far_from_the_ocv_of_a_record_to_validate_on_is_told(emptied):

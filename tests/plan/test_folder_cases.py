@@ -75,11 +75,6 @@ def test_c20_hppc_and_drive_are_ocv_test_record_and_validation(form, tmp_path):
     assert "pulses, to predict from the drive" in other.reason
 
 
-def test_a_small_current_before_a_drive_is_no_offset(tmp_path):
-    write(tmp_path / "drive.csv", DRIVE)
-    assert not [one for one in check_file(tmp_path / "drive.csv").findings if one.counts]
-
-
 def test_measured_c20_hppc_and_drive_are_combined(real_data):
     files = [
         real_data / "lg-hg2-18650" / f"{name}_25degC.parquet" for name in ("c20", "hppc", "us06")
@@ -170,16 +165,6 @@ def test_long_pulses_down_and_up_in_two_files_are_one_ocv_test_and_a_record(tmp_
         (part.name, part.role) for part in planned.parts
     ]
     assert "current steps" in record.reason
-
-
-def test_tests_in_folders_of_their_own_are_of_one_cell(tmp_path):
-    for name, test in {"ocv/a": BOTH, "pulses/a": HPPC, "load/deep/a": drive(rest_s=60)}.items():
-        write(tmp_path / f"{name}.csv", test)
-    assert roles(plan(tmp_path)) == {
-        "deep/a.csv": "identification",
-        "pulses/a.csv": "validation",
-        "ocv/a.csv": "OCV test",
-    }
 
 
 def test_folders_with_an_ocv_test_and_a_record_each_are_cells(tmp_path):

@@ -110,14 +110,6 @@ def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folde
     assert roles(given)["cold.parquet"] == "identification"
 
 
-def test_an_ocv_test_at_0_degc_has_a_temperature(folder):
-    change(folder, "bcd", at(0.0))
-    warm = pl.read_parquet(BUNDLED.ocv[0]).with_columns(at(25.0), pl.col(VOLTAGE) + 1e-3)
-    warm.write_parquet(folder / "warm.parquet")
-    found = plan(folder)
-    assert reason(found, "warm.parquet") == "measured at 25 degC, the OCV test at 0 degC"
-
-
 def test_a_record_alone_shows_its_own_ocv_and_a_slow_sweep_alone_lacks_a_record(tmp_path):
     sweep = slow_sweep(-1)
     lone = plan(BUNDLED.record)
@@ -131,14 +123,6 @@ def test_a_record_alone_shows_its_own_ocv_and_a_slow_sweep_alone_lacks_a_record(
     columns = {TIME: sweep.time_s, CURRENT: -sweep.current_a, VOLTAGE: sweep.voltage_v}
     pl.DataFrame(columns).write_parquet(tmp_path / "sweep.parquet")
     assert "measure a drive" in plan(tmp_path).missing
-
-
-def test_a_pulse_test_alone_is_both(folder):
-    found = plan([bundled_file("hppc_25degC"), bundled_file("hppc_40degC")])
-    assert found.command == "hppc"
-    assert roles(found)["hppc_25degC.parquet"] == "identification"
-    assert roles(found)["hppc_40degC.parquet"] == "identification"
-    assert reason(found, "hppc_40degC.parquet").startswith("for tables over temperature too")
 
 
 @pytest.mark.slow
@@ -239,14 +223,6 @@ def test_a_record_that_begins_full_under_a_small_current_needs_no_start(tmp_path
     assert "at full: 4.1863 V" in reason(found, "us06_0degC.parquet")
 
 
-@pytest.mark.slow
-def test_a_charge_of_a_flat_ocv_is_identified_on_beside_the_drive(real_data):
-    found = plan(real_data / "plett-a123-26650")
-    names = [part.name for part in found.of_role("identification")]
-    assert names == ["dyn-s1_25degC.parquet", "dyn-s3_25degC.parquet"]
-    assert "for the other direction" in reason(found, "dyn-s3_25degC.parquet")
-
-
 def test_a_folder_in_a_folder_is_looked_into_unless_it_holds_a_result(folder):
     (folder / "cold").mkdir()
     shutil.move(folder / "a.parquet", folder / "cold")
@@ -292,14 +268,6 @@ def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
     whole = barnax.read_record(bundled_file("identification"))
     expected = 1 - whole.discharged_ah[half] / 2.0
     assert second.window.initial_soc == pytest.approx(expected, abs=0.005)
-
-
-def test_a_record_that_takes_a_little_more_than_its_test_has_a_capacity_of_its_own(folder):
-    change(folder, "bd", pl.col(CURRENT) * 0.85)
-    part = next(part for part in plan(folder).parts if part.name == "c.parquet")
-    assert part.role == "identification"
-    moved_ah = barnax.read_record(folder / "c.parquet").discharged_ah.max()
-    assert part.window.capacity_ah == pytest.approx(moved_ah, rel=1e-3)
 
 
 def test_records_of_another_cell_than_the_ocv_test_s_say_so(folder):

@@ -1,7 +1,5 @@
 """One file that holds a whole schedule is cut into its tests."""
 
-import shutil
-
 import numpy as np
 import polars as pl
 import pytest
@@ -51,15 +49,6 @@ def test_each_test_of_a_schedule_has_a_role_of_its_own(schedule):
     assert served["schedule.parquet#3"].window.initial_soc == 1.0
     begin_s, end_s = served["schedule.parquet#2"].span_s
     assert end_s - begin_s == pytest.approx(5.47 * 3600, rel=0.01)
-
-
-@pytest.mark.slow
-def test_a_copy_of_a_schedule_serves_nothing(schedule, tmp_path):
-    for name in ("one.parquet", "two.parquet"):
-        shutil.copy(schedule, tmp_path / name)
-    copies = [part for part in plan(tmp_path).parts if part.name.startswith("two.parquet")]
-    assert [part.role for part in copies] == ["not used"] * 3
-    assert copies[0].reason == "the same as one.parquet#1, byte for byte"
 
 
 @pytest.mark.slow

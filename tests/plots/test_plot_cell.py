@@ -10,7 +10,7 @@ from barnax import CircuitParameters, bundled_file, characterize, read_record
 from barnax.cell import CellModel, InterpolatedCurve, OcvPoint, SegmentedHysteresis
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.plots import plot_ocv, plot_pulse_resistances, plot_pulses
+from barnax.plots import plot_ocv, plot_pulses
 from barnax.plots.cell import plot_own_ocv
 from barnax.pulses import levels, pulses_of
 from barnax.search.evaluate import evaluate
@@ -49,26 +49,11 @@ def test_the_symbols_are_the_measured_points():
     np.testing.assert_allclose(line(axes, "charge points").get_ydata(), 3.02 + SOC)
 
 
-def test_the_average_lies_in_the_middle_of_the_branches():
-    average = line(plot_ocv(make_cell()).axes[0], "average")
-    np.testing.assert_allclose(average.get_ydata(), 3.01 + average.get_xdata())
-
-
 def test_the_residuals_are_point_minus_curve_in_millivolt(bundled_cell):
     residual = plot_ocv(bundled_cell).axes[1]
     drawn_mv = np.concatenate([line.get_ydata() for line in residual.get_lines()[1:]])
     expected_v = np.concatenate([bundled_cell.charge.errors_v, bundled_cell.discharge.errors_v])
     np.testing.assert_allclose(drawn_mv, -1e3 * expected_v, atol=1e-9)
-
-
-def test_curves_through_their_points_have_no_panel_of_residuals():
-    (axes,) = plot_ocv(make_cell()).axes
-    assert axes.get_xlabel() == "State of charge [-]"
-
-
-def test_a_branch_that_was_not_measured_is_not_drawn():
-    drawn = labels(plot_ocv(make_cell(has_charge=False)).axes[0])
-    assert drawn == ["discharge curve", "discharge points"]
 
 
 def test_an_ocv_of_the_records_own_is_a_line_with_intervals_and_no_points():
@@ -120,22 +105,3 @@ def test_a_pulse_is_drawn_measured_and_simulated_up_to_its_end(evaluation, pulse
     assert np.interp(10.0, since_s, measured_mohm) == pytest.approx(
         1e3 * first[0].resistance_ohm[2], rel=0.02
     )
-
-
-def test_a_rate_has_a_line_for_every_time_that_its_pulses_reach(pulses):
-    figure = plot_pulse_resistances(pulses, 2.0)
-    counts = [len(axes.get_lines()) for axes in figure.axes]
-    assert counts == [5, 3, 3, 3]
-    (at_once, *_) = figure.axes[0].get_lines()
-    np.testing.assert_allclose(
-        at_once.get_ydata(), [1e3 * pulse.resistance_ohm[0] for pulse in levels(pulses)[0]]
-    )
-
-
-def test_the_scale_that_panels_share_holds_the_pulses_of_all(evaluation, pulses):
-    for figure in (plot_pulse_resistances(pulses, 2.0), plot_pulses(evaluation, pulses)):
-        panels = [axes for axes in figure.axes if axes.get_title(loc="left")]
-        drawn = [line.get_ydata() for axes in panels for line in axes.get_lines()]
-        low_mohm, high_mohm = panels[0].get_ylim()
-        assert low_mohm == 0.0
-        assert high_mohm > max(np.max(values) for values in drawn if len(values))

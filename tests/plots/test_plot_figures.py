@@ -69,18 +69,6 @@ def test_every_axis_label_ends_in_or_holds_a_unit(figures, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_panels_at_the_edge_name_what_runs_along_them(figures, name):
-    figure = figures[name]
-    panels = [axes for axes in figure.axes if axes.get_visible() and axes.get_subplotspec()]
-    edges = [axes for axes in panels if axes.get_subplotspec().is_last_row()]
-    assert edges
-    assert all(axes.get_xlabel() for axes in edges)
-    # One label for all strips, or the names of the rows in its place.
-    names_rows = any(text.get_text() == "ibmo so-rc" for text in panels[0].get_yticklabels())
-    assert panels[0].get_ylabel() or figure.get_supylabel() or names_rows
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_figures_can_be_written_without_a_warning(figures, name):
     # Commands write SVG wherever they draw.
     assert len(encode(figures[name], "pdf")) > 1000
@@ -127,6 +115,7 @@ def test_what_is_stored_is_drawn_from_its_file_too(plot, what, tmp_path):
     assert drawn[0] == drawn[1] == drawn[2]
 
 
+@pytest.mark.slow
 def test_importing_the_figures_loads_neither_jax_nor_pyplot():
     check = (
         "import sys, barnax.plots; "

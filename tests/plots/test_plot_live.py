@@ -67,16 +67,3 @@ def test_of_a_long_record_no_peak_is_lost():
 
 def test_all_records_together_stay_under_three_megabytes():
     assert MAX_NUMBERS * 4 * 4 / 3 < 3e6
-
-
-def test_rows_of_a_comparison_have_a_line_each_in_their_own_color():
-    record = make_record(300)
-    rows = {
-        name: make_evaluation(record, error_v=np.full(300, v))
-        for name, v in (("a", 1e-3), ("b", 2e-3))
-    }
-    voltage, error, _ = live_record(rows)["panels"]
-    assert [line["label"] for line in voltage["lines"]] == ["measured [V]", "a [V]", "b [V]"]
-    assert [line["label"] for line in error["lines"]] == ["error of a [mV]", "error of b [mV]"]
-    assert voltage["lines"][1]["color"] == error["lines"][0]["color"]
-    assert voltage["lines"][1]["color"] != voltage["lines"][2]["color"]

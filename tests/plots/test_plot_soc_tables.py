@@ -5,17 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.cell import CircuitParameters
 from barnax.cell.parameters import OCV
 from barnax.over_soc import OverTemperature, TableFits
 from barnax.over_soc.intervals import NodeInterval
 from barnax.plots import (
     plot_over_temperature,
-    plot_summary,
     plot_tables,
 )
-from barnax.plots.soc_tables import drawn_tables, scale_of
-from helpers.results import CIRCUIT, NODES, TABLE_OHM, line, make_evaluation, make_fit, make_record
+from helpers.results import NODES, TABLE_OHM, line, make_fit
 
 SOCS = (0.1, 0.5, 0.9)
 
@@ -38,17 +35,6 @@ def test_an_ocv_of_the_records_own_has_a_panel_too():
     assert 3.1 + SOCS[-1] < high < 4.3
 
 
-def test_all_constants_are_in_the_scale_of_the_summary():
-    circuit = CircuitParameters.constant(r0=2e-3, r=(1e-3, 0.9), c=(1e3, 1e6))
-    evaluation = make_evaluation(make_record(600))
-    fit = replace(make_fit(), tables=circuit, intervals=())
-    axes = plot_summary(evaluation, fit).axes[-1]
-    assert axes.get_ylim()[1] > 900
-    assert not axes.get_title(loc="left")
-    labels = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert labels == ["R0", "R1, tau 1 s", "R2, tau longer than the record"]
-
-
 def test_visited_nodes_are_filled_and_the_others_hollow():
     axes = plot_tables(make_fit()).axes[0]
     visited, others = line(axes, "node"), line(axes, "node without samples")
@@ -65,47 +51,6 @@ def test_the_band_is_the_interval_of_visited_nodes_only():
     points = band.get_paths()[0].vertices
     assert points[:, 0].min() == pytest.approx(NODES[2])
     assert points[:, 1].max() == pytest.approx(1e3 * (max(TABLE_OHM[0][2:]) + 2e-3))
-
-
-def test_the_constant_circuit_stands_behind():
-    axes = plot_tables(make_fit(), CIRCUIT).axes
-    heights = [line(each, "constant circuit").get_ydata()[0] for each in axes[:3]]
-    assert heights == pytest.approx([50.0, 10.0, 20.0])
-
-
-def test_resistances_are_drawn_from_zero_and_what_is_beyond_is_said():
-    fit = make_fit()
-    steep = fit.tables.with_tables({"R0 [Ohm]": (0.9, 0.5, *TABLE_OHM[0][2:])})
-    axes = plot_tables(replace(fit, tables=steep)).axes[0]
-    assert axes.get_ylim()[0] == 0.0
-    assert axes.get_ylim()[1] < 80
-    assert axes.get_title(loc="right") == "off scale: 2 extrapolated nodes"
-
-
-def test_a_node_that_is_not_determined_sets_no_scale_and_is_said_to_be_off_it():
-    fit = make_fit()
-    steep = fit.tables.with_tables({"R0 [Ohm]": (*TABLE_OHM[0][:2], 0.3, *TABLE_OHM[0][3:])})
-    intervals = [
-        replace(own, high=2.0) if (own.name, own.soc) == ("R0 [Ohm]", NODES[2]) else own
-        for own in fit.intervals
-    ]
-    far = replace(fit, tables=steep, intervals=tuple(intervals))
-    axes = plot_tables(far).axes[0]
-    assert 1e3 * max(TABLE_OHM[0][3:]) < axes.get_ylim()[1] < 100
-    assert "1 node at 300 mOhm" in axes.get_title(loc="right").replace("\n", " ")
-    summary = plot_summary(make_evaluation(make_record(400)), far).axes[2]
-    assert summary.get_ylim()[1] < 150
-    # No marker is cut in half.
-    low, high = summary.get_xlim()
-    assert all(low < min(own.get_xdata()) <= max(own.get_xdata()) < high for own in summary.lines)
-    assert summary.get_title(loc="left") == "off scale: 1 node at 300 mOhm"
-    # Determined, it is shown.
-    known = [
-        replace(own, low=0.25, high=0.35) if (own.name, own.soc) == ("R0 [Ohm]", NODES[2]) else own
-        for own in fit.intervals
-    ]
-    table = drawn_tables(replace(far, intervals=tuple(known)))["R0 [Ohm]"]
-    assert scale_of([table])[1] > 300
 
 
 DEGC = (0.0, 20.0, 40.0)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from matplotlib.figure import Figure
 
 from barnax.plots import (
     plot_error,
@@ -18,7 +17,7 @@ from barnax.plots import (
     style,
 )
 from barnax.plots.pictures import Illustration, encode
-from barnax.plots.style import LONGEST_TITLE, decimate, label_plainly, legible
+from barnax.plots.style import decimate, legible
 from helpers.results import make_cell, make_evaluation, make_record
 
 BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
@@ -26,11 +25,6 @@ BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 
 def make_figure():
     return plot_error(make_evaluation(make_record(300)))
-
-
-def test_a_short_record_keeps_every_sample():
-    x = np.arange(40.0)
-    np.testing.assert_array_equal(decimate(x, np.sin(x), columns=10), np.arange(40))
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(121, 600))
@@ -64,34 +58,6 @@ def test_a_long_record_is_drawn_with_few_points(plot):
     )
     drawn = max(np.nanmax(line.get_ydata()) for line in lines)
     assert drawn >= highest
-
-
-def labels(low: float, high: float) -> list[str]:
-    axes = Figure().subplots()
-    axes.set_yscale("log")
-    axes.set_ylim(low, high)
-    label_plainly(axes.yaxis)
-    ticks = axes.yaxis.get_majorticklocs()
-    assert not len(axes.yaxis.get_minorticklocs())
-    shown = [tick for tick in ticks if low <= tick <= high]
-    return axes.yaxis.get_major_formatter().format_ticks(shown)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "expected"),
-    [
-        (2.0, 9.0, ["2", "4", "6", "8"]),
-        (3.0, 40.0, ["5", "10", "20"]),
-        (0.5, 60.0, ["1", "3", "10", "30"]),
-        (0.5, 2000.0, ["1", "10", "100", "1000"]),
-        (1e-7, 2.0, ["10⁻⁷", "10⁻⁶", "10⁻⁵", "10⁻⁴", "10⁻³", "10⁻²", "10⁻¹", "10⁰"]),
-        (1e9, 2e13, ["10⁹", "10¹⁰", "10¹¹", "10¹²", "10¹³"]),
-    ],
-)
-def test_labels_are_plain_numbers_or_powers_of_ten(low, high, expected):
-    found = labels(low, high)
-    assert found == expected
-    assert not any("$" in label for label in found)
 
 
 # Letters of other scripts, a formula, an escape sequence, a byte that is no UTF-8, an emoji.
@@ -130,21 +96,6 @@ def test_a_letter_without_a_glyph_keeps_its_code_and_all_others_stay(monkeypatch
             cached.cache_clear()
 
 
-def test_the_end_of_a_long_name_is_kept():
-    figure = plot_voltage(make_evaluation(make_record(200, name=100 * "long_" + ".csv")))
-    shown = figure.axes[0].get_title("left")
-    assert shown.startswith("…")
-    assert shown.endswith("long_.csv")
-    assert len(shown) == LONGEST_TITLE
-
-
-def test_a_figure_shows_itself_in_a_notebook():
-    figure = make_figure()
-    shown = matplotlib.image.imread(io.BytesIO(figure._repr_png_()))
-    assert shown.shape[:2] == tuple(figure.bbox.size[::-1])
-    assert 0 < np.mean(shown[..., :3] < 1) < 0.5
-
-
 @pytest.mark.parametrize("kind", BEGINNINGS)
 def test_a_figure_gives_the_same_bytes_every_time_and_after_other_forms(kind):
     figure = make_figure()
@@ -164,17 +115,6 @@ def test_an_illustration_has_both_forms_and_a_small_picture_that_is_the_large_on
     )
     assert len(drawn.small_png) < 0.6 * len(drawn.png)
     assert np.abs(large - small).max() < 0.1
-
-
-def test_a_figure_for_a_column_is_half_as_wide_with_letters_of_seven_points():
-    with style.column_width():
-        figure = plot_ocv(make_cell())
-    figure.draw_without_rendering()
-    (axes,) = figure.axes
-    letters = [axes.xaxis.label, *axes.get_xticklabels(), *figure.legends[0].get_texts()]
-    assert figure.get_size_inches()[0] == 3.5
-    assert max(text.get_fontsize() for text in letters) == pytest.approx(7.0)
-    assert plot_ocv(make_cell()).get_size_inches()[0] == 7.0
 
 
 def test_in_a_column_every_letter_stands_inside_the_figure():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from barnax.records import read_record, record_from_frame
+from barnax.records import record_from_frame
 from barnax.records.counters import Counters
 from barnax.records.record import OTHER_STATE
 
@@ -89,13 +89,6 @@ def test_a_record_has_the_charge_the_cycle_and_the_state_of_its_file():
     assert record.state.tolist() == np.repeat([1, 0, -1, 0, OTHER_STATE], 36).tolist()
 
 
-def test_a_file_without_them_has_none(tmp_path):
-    rows = "".join(f"{k},{k % 2},{3.7 - 0.05 * (k % 2)}\n" for k in range(20))
-    (tmp_path / "plain.csv").write_text("Time [s],Current [A],Voltage [V]\n" + rows)
-    record = read_record(tmp_path / "plain.csv")
-    assert (record.charge_ah, record.cycle, record.state) == (None, None, None)
-
-
 def test_a_counter_that_a_new_step_sets_to_zero_skips_no_charge():
     # It counts down while charging, and the rest behind begins with a fall to nothing.
     current_a = np.tile(np.repeat([-1.0, 0.25, 0.0], [40, 39, 41]), 6)
@@ -146,21 +139,6 @@ def recorded(counter_ah, is_logged):
 def test_discharges_between_rests_are_counted_where_none_of_them_is_logged(counter_ah):
     record, out_ah = recorded(counter_ah, IS_LOGGED)
     np.testing.assert_allclose(record.discharged_ah, out_ah, atol=2e-4)
-
-
-def test_a_counter_that_stands_still_and_catches_up_adds_nothing_to_what_was_logged():
-    record, out_ah = recorded(standing(-OUT_AH, 300, 476), np.full(960, True))
-    np.testing.assert_allclose(record.discharged_ah, out_ah, atol=1e-9)
-
-
-def test_a_counter_that_begins_anew_within_a_moment_adds_nothing_either():
-    # Charged, then discharged, each step counted from zero: it falls from 0.25 Ah at once.
-    time_s = np.append(np.arange(451), 450.0005 + np.arange(451))
-    current_a, out_ah = np.repeat([2.0, -2.0], 451), np.append(np.arange(451), 449 - np.arange(451))
-    frame = {"Test Time / s": time_s, "Current / A": current_a, "Voltage / V": 3.7 + out_ah / 900}
-    counter_ah = np.append(np.arange(451), -np.arange(451)) / 1800
-    record = record_from_frame(frame | {"Net Capacity / Ah": counter_ah})
-    assert record.skipped_ah is None
 
 
 def test_a_counter_tells_what_passed_between_a_rest_and_a_load():

@@ -7,9 +7,7 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax.bundled import bundled_file
-from barnax.checks import check_file
-from barnax.errors import InputError
-from barnax.records import read_record, record_from_frame, source_from_frame
+from barnax.records import read_record, record_from_frame
 from barnax.records.lag import find_lag, lagged
 from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
 
@@ -82,15 +80,6 @@ def test_the_bundled_cell_is_the_same_with_a_voltage_of_another_row(rows, sign):
     assert np.abs(moved_a - own.current_a[kept]).mean() < 0.02
 
 
-@pytest.mark.parametrize("rows", [1, 3, -2])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_plain_discharge_keeps_its_sign_whatever_row_its_voltage_is_in(rows, sign):
-    table = log(1.0, rows, least_a=0.0).with_columns(pl.col(CURRENT) * sign)
-    record = record_from_frame(table)
-    assert record.sign.value == ("charge-positive" if sign == 1 else "discharge-positive")
-    assert record.sign.strength == "strong"
-
-
 @pytest.mark.parametrize("interval_s", [0.1, 1.0])
 def test_without_a_lag_none_is_found_and_the_current_is_as_logged(interval_s):
     table = log(interval_s, 0.0)
@@ -117,21 +106,6 @@ def test_a_given_lag_takes_the_current_that_much_earlier_and_keeps_its_charge():
     mixed_a = 0.75 * raw.current_a[1:] + 0.25 * raw.current_a[:-1]
     assert given.current_a[1:] == pytest.approx(mixed_a, abs=1e-12)
     assert given.discharged_ah[-1] == pytest.approx(raw.discharged_ah[-1], abs=3.0 / 3600)
-
-
-def test_a_lag_longer_than_the_record_is_refused():
-    with pytest.raises(InputError, match=r"data frame: `voltage_lag` is 1e\+09 s; give seconds"):
-        record_from_frame(log(1.0, 0.0, samples=300), voltage_lag=1e9)
-
-
-@pytest.mark.parametrize("rows", [1, 3, -2])
-def test_a_check_of_a_late_voltage_finds_nothing_else(rows):
-    own = read_record(bundled_file("identification"))
-    late = pl.Series(VOLTAGE, own.voltage_v).shift(rows)
-    table = pl.DataFrame({TIME: own.time_s, CURRENT: -own.current_a, VOLTAGE: late}).drop_nulls()
-    source = source_from_frame(table, "late")
-    assert {each.check for each in check_file(source).findings if each.counts} == {"late voltage"}
-    assert check_file(source, voltage_lag=float(rows)).is_clean
 
 
 @pytest.mark.slow

@@ -1,8 +1,6 @@
 """What is written in a usual form comes back as it was, discharge positive."""
 
 import hashlib
-import subprocess
-import sys
 
 import numpy as np
 import polars as pl
@@ -89,22 +87,6 @@ def test_temperature_and_step_are_read_where_they_are(tmp_path):
     record = read(tmp_path, frame)
     np.testing.assert_allclose(record.temperature_degc, 25.0, rtol=1e-12)
     np.testing.assert_array_equal(record.step, np.arange(30) // 5)
-
-
-def test_the_surface_is_preferred_to_the_ambient_temperature(tmp_path):
-    frame = pulse_frame(30).with_columns(
-        pl.lit(20.0).alias("Ambient Temperature / degC"),
-        pl.lit(31.0).alias("Surface Temperature / degC"),
-    )
-    assert np.all(read(tmp_path, frame).temperature_degc == 31.0)
-
-
-def test_the_test_time_is_preferred_to_the_step_time(tmp_path):
-    frame = pulse_frame(40)
-    frame.insert_column(0, pl.Series("StepTime(s)", np.arange(40) % 5))
-    frame.insert_column(0, pl.Series("Step_Time(s)", np.arange(40) % 5))
-    names = ("StepTime(s)", "Step_Time(s)", "Time(s)", "Current(A)", "Voltage(V)")
-    assert read(tmp_path, renamed(frame, names)).time_s[-1] == 39
 
 
 CSV = pulse_frame(30).write_csv()
@@ -220,16 +202,6 @@ def test_the_hash_is_of_the_file_as_it_stands(tmp_path):
     record = read_record(str(path))
     assert record.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
     assert record.name == "cell.csv"
-
-
-def test_a_resting_tester_gives_a_plain_zero(tmp_path):
-    current = read(tmp_path, pulse_frame().with_columns(pl.col("Current / A") + 0.0)).current_a
-    assert not np.any(np.signbit(current[current == 0]))
-
-
-def test_importing_the_records_imports_no_jax():
-    code = "import barnax.records, sys; sys.exit('jax' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_currents_of_either_direction_are_to_be_joined():

@@ -5,7 +5,6 @@ import polars as pl
 import pytest
 from scipy.signal import lfilter
 
-from barnax import InputError
 from barnax.checks import check_file
 from barnax.records import read_record, record_from_frame
 from barnax.records.record import in_means
@@ -70,18 +69,6 @@ def test_a_logger_that_writes_nothing_at_rest_is_told(tmp_path):
     assert not {"gaps.jump", "gaps.steady"} & set(codes)
 
 
-@pytest.mark.parametrize("missing_s", [20, 300])
-def test_gaps_under_load_are_no_rests(missing_s):
-    time_s, current_a, voltage_v = drive(rests=3, resting_s=(1, 3))
-    is_written = np.ones(len(time_s), bool)
-    for first in range(300, LOADED - 600, 600):
-        is_written[first : first + missing_s] = False
-    record = record_from_frame(
-        table(time_s[is_written], current_a[is_written], voltage_v[is_written])
-    )
-    assert record.flowing is None
-
-
 def test_a_current_that_is_empty_at_rest_is_zero(tmp_path):
     time_s, current_a, voltage_v = drive()
     rows = pl.DataFrame(table(time_s, current_a, voltage_v))
@@ -91,16 +78,6 @@ def test_a_current_that_is_empty_at_rest_is_zero(tmp_path):
     record = read_record(path)
     np.testing.assert_allclose(record.current_a, current_a, atol=1e-12)
     assert [each.code for each in record.warnings] == ["cells.empty-current"]
-
-
-def test_a_current_that_is_empty_under_load_is_refused(tmp_path):
-    time_s, current_a, voltage_v = drive(rests=3, resting_s=(1, 3))
-    rows = pl.DataFrame(table(time_s, current_a, voltage_v))
-    is_empty = pl.col("Time [s]").is_between(1000, 1100) | pl.col("Time [s]").is_between(3000, 3100)
-    path = tmp_path / "log.csv"
-    rows.with_columns(pl.when(~is_empty).then(pl.col("Current [A]"))).write_csv(path)
-    with pytest.raises(InputError, match="nothing stands under 'Current"):
-        read_record(path)
 
 
 @pytest.mark.parametrize(

@@ -67,12 +67,6 @@ def test_a_pack_of_cells_in_series_is_read_as_one_of_them(tmp_path):
     assert table.branches[0][-1].voltage_v == pytest.approx(4.2)
 
 
-@pytest.mark.parametrize("series", [0, -1, 100_000])
-def test_cells_in_series_are_a_number_of_cells(series):
-    with pytest.raises(InputError, match=r"`series` .* must be between 1 and"):
-        record_from_frame(FRAME, series=series)
-
-
 @pytest.mark.parametrize("apart_v", [0.03, -1.0])
 def test_two_voltages_that_differ_are_to_be_chosen_from(apart_v):
     other = (pl.col(VOLTAGE) + apart_v).alias("Cell Voltage / V")
@@ -82,23 +76,6 @@ def test_two_voltages_that_differ_are_to_be_chosen_from(apart_v):
     for name, extra_v in (("voltage", 0.0), ("Cell Voltage / V", apart_v)):
         record = record_from_frame(table, columns={"voltage": name})
         np.testing.assert_allclose(record.voltage_v, FRAME[VOLTAGE].to_numpy() + extra_v)
-
-
-def test_a_second_voltage_of_the_same_readings_is_no_doubt():
-    table = FRAME.with_columns((pl.col(VOLTAGE) + 0.001).alias("Cell Voltage / V"))
-    assert not any("differ" in each for each in told(record_from_frame(table)))
-    # A tester names its own, and another is told where it reads alike.
-    arbin = {TIME: "Test_Time(s)", CURRENT: "Current(A)", VOLTAGE: "Voltage(V)"}
-    aux = (pl.col(VOLTAGE) + 0.03).alias("Aux_Voltage_1(V)")
-    table = FRAME.with_columns(aux, pl.lit(1).alias("Step_Index")).rename(arbin)
-    assert "'Aux_Voltage_1(V)' differ by 30 mV" in " ".join(told(record_from_frame(table)))
-
-
-def test_the_voltage_of_a_pack_and_what_is_set_are_no_second_measurement():
-    others = {"Pack Voltage(V)": 96.0, "Set Voltage(V)": 1.02, "Max Voltage(V)": 1.01}
-    columns = [(pl.col(VOLTAGE) * factor).alias(name) for name, factor in others.items()]
-    table = FRAME.with_columns(columns).rename({VOLTAGE: "Cell Voltage(V)"})
-    assert not any("differ" in each for each in told(record_from_frame(table)))
 
 
 def bare(time_unit_s, current_a, voltage_v, frame=FRAME):

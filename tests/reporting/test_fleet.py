@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from barnax.fleet import FleetCell, Progress
-from barnax.reporting.fleet import closing_lines, problem_lines, progress_remark
+from barnax.reporting.fleet import closing_lines, problem_lines
 
 
 def test_the_end_is_three_lines_that_count_what_was_done():
@@ -20,13 +20,6 @@ def test_the_end_is_three_lines_that_count_what_was_done():
     assert closing_lines(Progress(skipped=5), Path("out"), 1.0)[0] == (
         "Nothing to do: 5 already done; `retry` repeats what failed."
     )
-
-
-def test_progress_tells_throughput_and_failures():
-    tiny = closing_lines(Progress(finished=1), Path("out"), 60.0)
-    assert tiny[0] == "1 cell identified, 0 failed, in 60 s."
-    assert progress_remark(Progress(finished=10), 4.0) == "2.5 cells a second"
-    assert progress_remark(Progress(finished=10, failed=1), 4.0) == "2.5 cells a second, 1 failed"
 
 
 def test_what_is_wrong_in_a_row_is_named_with_its_cell_and_column():

@@ -11,30 +11,26 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 import barnax
-from barnax.cell import CircuitParameters, SegmentedHysteresis
+from barnax.cell import SegmentedHysteresis
 from barnax.cli.session import as_flags
 from barnax.model.window import Window
-from barnax.notices import notice
 from barnax.plots.pictures import Illustration, record_roles
 from barnax.records import Decision
 from barnax.reporting.decisions import (
     box_sentences,
     decision_sentences,
-    files_table,
     guess_sentences,
     ocv_sentences,
     window_sentences,
 )
 from barnax.reporting.document import Picture
 from barnax.reporting.first_screen import first_screen
-from barnax.reporting.identification import identification_document, validation_sentences
+from barnax.reporting.identification import identification_document
 from barnax.reporting.illustrations import identification_illustrations
 from barnax.reporting.render import to_html, to_markdown
 from barnax.reporting.starts import (
     carried_sentences,
     known_words,
-    moved_start_sentence,
-    registered_sentences,
     start_sentence,
 )
 from barnax.reporting.verdict import (
@@ -45,7 +41,6 @@ from barnax.reporting.verdict import (
 )
 from barnax.results import Result
 from barnax.search.refine import AtBound
-from barnax.settings import Registration
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
 from helpers.report_reader import ReportReader
 from helpers.results import with_constant
@@ -161,13 +156,6 @@ def test_every_other_verdict_is_the_golden_one():
     require_golden(GOLDEN / "verdicts.txt", "\n".join(told) + "\n")
 
 
-def test_tables_are_advised_of_a_circuit_that_is_not_weighed():
-    met = STORED.model_copy(update={"cell": replace(STORED.cell, errors={})})
-    advised = next_step(with_constant(met, model="1rc+diffusion"))
-    assert advised.options == {"over": "soc"}
-    assert advised.advice == "try tables over SOC of this circuit too"
-
-
 def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen():
     start = replace(STORED.start, direction=-1, direction_source="better fit", other_rmse_v=0.0312)
     told = " ".join(screen(changed(STORED, start=start)).split())
@@ -176,36 +164,6 @@ def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen():
         "(--initial-direction +1), the RMSE would be 31.20 mV." in told
     )
     assert "Assumed: the cell was last" not in " ".join(screen(STORED).split())
-
-
-def test_that_the_record_is_unfit_is_on_the_first_screen():
-    why = "6 current steps sampled finely enough"
-    unfit = notice("role.unfit", "drive.csv", role="identification", reason=why)
-    warned = STORED.model_copy(update={"warnings": (unfit,)})
-    assert f"Do not use: {unfit}" in " ".join(screen(warned).split())
-
-
-def test_what_the_bounds_decide_is_on_the_first_screen():
-    longest = STORED.inputs[0].duration_s
-    slow = STORED.constant.parameters
-    slow = CircuitParameters.of_tau(slow.r0, slow.r, (slow.tau_s[0], longest))
-    assessment = STORED.constant.assessment
-    held = {"R1 [Ohm]": {"high": 0.0123}, "tau1 [s]": {"high": None}}
-    estimates = tuple(
-        replace(own, low=None, **held[own.name]) if own.name in held else own
-        for own in assessment.uncertainty.estimates
-    )
-    uncertainty = replace(assessment.uncertainty, estimates=estimates)
-    bounded = with_constant(
-        STORED,
-        parameters=slow,
-        at_bound=(AtBound("tau2 [s]", "upper"), AtBound("tau1 [s]", "lower")),
-        assessment=assessment.model_copy(update={"uncertainty": uncertainty}),
-    )
-    text = screen(bounded)
-    assert "> 25 min  longer than the record" in text
-    assert "at its lower bound" in text
-    assert "at most 12.3" in text
 
 
 def test_names_that_a_terminal_would_obey_are_shown_whole_in_80_columns():
@@ -254,28 +212,6 @@ def test_records_identified_together_stand_one_by_one_and_as_a_whole(joint):
     assert max(map(len, text.splitlines())) <= 80
 
 
-def test_the_parameters_come_first(joint):
-    document = identification_document(joint)
-    assert [each.title for each in document.sections[:2]] == ["Parameters", "Verdict"]
-
-
-@pytest.mark.parametrize(
-    ("own_mv", "other_mv", "said"),
-    [
-        (20.0, 30.0, "it is 30.00 mV, 50 % more than in identification."),
-        (20.0, 15.0, "it is 15.00 mV, 25 % less than in identification."),
-        (20.0, 20.1, "it is 20.10 mV, the same as in identification."),
-        (0.0, 20.0, "a validation record, it is 20.00 mV."),
-        (20.0, None, "so the error on other records is not known."),
-    ],
-)
-def test_errors_on_other_records_are_held_against_its_own(own_mv, other_mv, said):
-    own = STORED.metrics.identification
-    others = () if other_mv is None else (own.model_copy(update={"rmse_v": other_mv / 1e3}),)
-    sentences = validation_sentences(own.model_copy(update={"rmse_v": own_mv / 1e3}), others)
-    assert next(iter(sentences)).endswith(said)
-
-
 def test_every_decision_is_told_as_firmly_as_it_was_made():
     told = []
     for strength in ("strong", "weak", "assumed", "given"):
@@ -304,37 +240,3 @@ def test_every_decision_is_told_as_firmly_as_it_was_made():
     box = {"R0 [Ohm]": (0.1, 0.2), "R1 [Ohm]": (0.1, 0.2), "tau1 [s]": (1.0, 10.0)}
     told += box_sentences({"a": (box, {}), "b": (box, {}), "c": (box, {"C2 [F]": 500.0})})
     require_golden(GOLDEN / "decisions.txt", "\n".join(told) + "\n")
-
-
-def test_the_files_stand_with_the_beginning_of_their_hash():
-    first = STORED.inputs[0]
-    assert files_table(STORED).rows[0] == (
-        first.name, "identification", "charge-positive", first.sha256[:16]
-    )  # fmt: skip
-
-
-def test_a_capacity_that_only_the_record_tells_is_told_as_assumed():
-    sweep = {"direction": "discharge", "first_v": 4.2, "last_v": 3.9, "passed_ah": 1.0}
-    assumed = notice("ocv-test.capacity-assumed", "hppc.csv", **sweep, ends="full")
-    told = screen(STORED.model_copy(update={"warnings": (assumed,)}))
-    assert "the discharge of hppc.csv" in told
-    assert "--capacity" in told
-
-
-def test_what_did_not_move_is_not_said_to_have_moved():
-    part = STORED.metrics.validation[0]
-    for soc, is_told in ((0.01, True), (1e-6, False)):
-        moved = part.model_copy(update={"start_moved_soc": soc, "registered_v": 0.001})
-        assert bool(moved_start_sentence(moved)) is is_told
-    for by, told_ah, told in (
-        ("records", 1.9, "the records' capacities by up to 5.3 %, so"),
-        ("OCV test", 1.9, "capacity of identification.parquet now 2 Ah (was 1.9 Ah), so"),
-        ("records", 2.0, ""),
-        ("OCV test", 2.0, ""),
-    ):
-        soc = STORED.start.soc
-        ends = (soc, soc, 2.0, 2.0)
-        own = Registration(Window(), soc, told_ah, "given", *ends, by=by)
-        found = changed(STORED, window=Window(capacity_ah=2.0, registration=own))
-        assert "".join(registered_sentences(found)).startswith(told)
-        assert bool(told) is bool([*registered_sentences(found)])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from barnax.pulses import Pulse
-from barnax.reporting.illustrations import _over_soc
 from barnax.reporting.pulses import (
     middle_heads,
     middle_pulses,
@@ -15,7 +14,7 @@ from barnax.reporting.pulses import (
     pulses_section,
     tables_csv,
 )
-from helpers.results import NODES, TABLE_OHM, make_cell, make_result, make_table_result
+from helpers.results import NODES, TABLE_OHM, make_cell, make_table_result
 
 
 def pulse(soc, current_a, resistance_ohm, **given):
@@ -32,12 +31,6 @@ PULSES = (
     pulse(0.79, -1.5, (0.04, 0.05, None, None, None), is_limited=True, rest_s=40.0),
 )
 RESULT = SimpleNamespace(pulses=PULSES, cell_at=lambda degc: make_cell())
-
-
-def test_few_pulses_of_a_rate_are_not_drawn_over_soc():
-    rates = [pulse(0.1 * number, 2.0, PULSES[0].resistance_ohm) for number in (2, 5, 8)]
-    assert _over_soc([*PULSES[2:], *rates]) == rates[::-1]
-    assert _over_soc(PULSES) == []
 
 
 def test_the_first_screen_has_each_rate_in_the_middle_of_soc():
@@ -66,27 +59,6 @@ def test_the_section_says_what_was_found_and_what_a_resistance_is():
     assert "1 pulse reached a limit" in text
     assert first.rows == (("80.0", "50.0", "60.0", "70.0"), ("40.0", "70.0", "80.0", "90.0"))
     assert [column.head for column in second.columns][1:] == ["at once [mOhm]", "2 s [mOhm]"]
-
-
-def test_rates_are_of_the_capacity_the_record_was_simulated_with():
-    aged = make_result(capacity_ah=1.6).model_copy(update={"pulses": PULSES})
-    assert middle_pulses(aged)[0][0] == "discharge at 1.2C (2 A)"
-
-
-def test_a_small_cells_resistances_are_told_in_ohm():
-    small = SimpleNamespace(
-        pulses=(
-            pulse(0.6, 0.05, (3.7, 4.2, 5.1, None, None)),
-            pulse(0.4, 0.05, 3 * (4.0,) + 2 * (None,)),
-        ),
-        cell_at=RESULT.cell_at,
-    )
-    assert middle_heads(small)[0] == "at 50 % SOC [Ohm]"
-    assert middle_pulses(small)[0][1:] == ("3.85", "4.10", "4.55")
-
-
-def test_a_result_without_pulses_has_no_section():
-    assert pulses_section(SimpleNamespace(pulses=()), ()) == []
 
 
 def test_the_csv_has_every_pulse_and_leaves_empty_what_is_not_known():

@@ -9,15 +9,9 @@ from typing import Any
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.cell.dependence import Dependence
 from barnax.cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
-from barnax.model.start import Start
 from barnax.notices import notice
-from barnax.over_soc import NodeInterval, SocErrors, TableFits
-from barnax.over_soc.current_offset import OffsetEffect
-from barnax.records import Decision
-from barnax.reporting.decisions import guess_sentences
-from barnax.reporting.headline import headline
+from barnax.over_soc import NodeInterval, SocErrors
 from barnax.reporting.sentences import (
     diagnostics_sentences,
     finding_sentence,
@@ -27,8 +21,7 @@ from barnax.reporting.sentences import (
     uncertainty_sentence,
 )
 from barnax.reporting.soc_tables import constants_table, nodes_table
-from barnax.reporting.starts import beyond_sentence, carried_sentences, offset_sentence
-from barnax.reporting.temperatures import dependence_sentences
+from barnax.reporting.starts import beyond_sentence
 from barnax.reporting.verdict import next_step, search_sentences
 from barnax.search.refine import Optimum
 from barnax.uncertainty import Band, Diagnostics, Estimate, Identifiability, Undetermined
@@ -225,75 +218,3 @@ def test_the_next_step_follows_from_what_was_held_out():
     assert "the error on blocks left out is 24.50 mV, on what was fitted 4.90 mV" in (
         next_step(lost).advice
     )
-
-
-def test_the_offset_that_rests_show_is_told_in_place_of_a_common_one():
-    result = make_table_result()
-    fit = replace(result.fit, of_offset=OffsetEffect(0.45, 5e-4, 0.047))
-    found = result.model_copy(
-        update={"tables": result.tables.model_copy(update={"fits": (fit,)}), "warnings": ()}
-    )
-    told = "".join(offset_sentence(found))
-    assert "record cannot show: 450 mA would change R0 by under 0.1 %, and the sum" in told
-    assert told.endswith("all resistances by 4.7 %.")
-    name = found.of_role("identification")[0].name
-    seen = notice("rests.offset", name, offset_a=-0.9, drift_ah=1.0, rests=2)
-    other = {"warnings": (seen.about("validation.csv"),)}
-    assert [*offset_sentence(found.model_copy(update=other))] == [told]
-    (told,) = offset_sentence(found.model_copy(update={"warnings": (seen,)}))
-    assert f"the rests of {name} show one, which should be subtracted: -900 mA would" in told
-    assert told.endswith("change R0 by 0.1 %, and the sum of all resistances by 9.4 %.")
-
-
-def test_the_other_hold_is_told_of_the_tables_where_these_are_the_answer():
-    guessed = Decision("forward", "assumed", "no counters")
-    result = make_table_result()
-    inputs = tuple(each.model_copy(update={"hold": guessed}) for each in result.inputs)
-    shifted = result.tables.model_copy(update={"hold_shift_ohm": -0.00102})
-    told = " ".join(
-        guess_sentences(result.model_copy(update={"inputs": inputs, "tables": shifted}))
-    )
-    assert "with `current_hold=backward` R0 would be 1.02 mOhm less." in told
-
-
-def test_a_start_of_a_record_that_is_counted_over_its_own_charge_says_so():
-    start = Start(0.0, "full end", -1, "full or empty", 77, 3.6)
-    stored = SimpleNamespace(inputs=[SimpleNamespace(name="a.csv", start=start)], warnings=())
-    assert ", over the" not in next(carried_sentences(stored))
-    moved = {"known_row": 77, "capacity_ah": 2.0, "moved_ah": 2.037, "soc": -0.019}
-    stored.warnings = (notice("start.moves-more", "a.csv", **moved),)
-    told = next(carried_sentences(stored))
-    assert told.startswith("a.csv starts at 0 % SOC, counted in ampere-hours from the charge")
-    assert told.endswith("row 77, over the 2.037 Ah between the two.")
-
-
-@pytest.mark.parametrize(("kappa_per_a2", "said"), [(0.0016, 2), (0.05, 1)])
-def test_heating_that_moves_next_to_nothing_is_said_to(kappa_per_a2, said):
-    known = Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=1800.0, reference_a2=0.96)
-    tables = SimpleNamespace(dependence=known)
-    fit = SimpleNamespace(tables=tables, intervals=())
-    sentences = [*dependence_sentences(TableFits((fit,)))]
-    assert len(sentences) == said
-    assert ("next to nothing" in sentences[-1]) == (said == 2)
-
-
-def test_what_another_record_would_show_is_said_alike_on_the_screen_and_in_full():
-    """An interval of several records that holds zero has one end in both."""
-    result = make_table_result()
-
-    def shown(own):
-        low = 0.0 if own.name == "R0 [Ohm]" else own.low
-        return replace(own, record_low=low, record_high=own.high)
-
-    fit = replace(
-        result.fit,
-        intervals=tuple(map(shown, result.fit.intervals)),
-        means=tuple(map(shown, result.fit.means)),
-    )
-    part = result.tables.model_copy(update={"fits": (fit,)})
-    heads, rows = headline(result.model_copy(update={"tables": part}))
-    assert heads[1:4] == ["over 10-100 % SOC", "another record", "at 50 %"]
-    # By trapezoids, by hand: 52.1 mOhm, and 2 more.
-    assert rows[0][:4] == ("R0", "51.6 mOhm", "at most 53.6", "50")
-    (middle,) = (row for row in nodes_table(fit).rows if row[0] == "50")
-    assert middle[2] == "at most 52"

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 
@@ -46,15 +45,6 @@ def test_a_pair_far_faster_than_the_sampling_is_simulated_too(bundled_record, bu
     circuit = (0.05, (0.01, 0.02), (0.01, 80.0))
     expected_v = prepared.source_v - drop_v(filtered_response, 1.0, prepared.current_a, circuit)
     np.testing.assert_allclose(evaluate(prepared, fast).simulated_v, expected_v, rtol=1e-12)
-
-
-def test_an_evaluation_leaves_the_callers_precision(bundled_record, bundled_cell):
-    prepared = prepare_record(bundled_record, bundled_cell, "so-rc", Window(score_to_s=60.0))
-    for is_double in (False, True):
-        with jax.enable_x64(is_double):
-            simulated_v = evaluate(prepared, CIRCUIT).simulated_v
-            assert jax.config.jax_enable_x64 is is_double
-        assert simulated_v.dtype == np.float64
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward", "centered"])

@@ -14,7 +14,7 @@ from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.optimizers import OPTIMIZERS, make_optimizer
 from barnax.search.refine import AtBound, refine
-from barnax.search.seeds import key_integer, search_seeds
+from barnax.search.seeds import search_seeds
 from helpers.problems import other_problem
 from helpers.reference import banded_response, drop_v, filtered_response, looped_response
 
@@ -55,11 +55,6 @@ def test_the_same_key_gives_the_same_bits_in_any_callers_precision(search, found
     assert [bits(seed) for seed in again.seeds] == [bits(seed) for seed in found.seeds]
 
 
-def test_another_key_gives_other_searches(search, found):
-    other = search(key=1)
-    assert not {seed.rmse_v for seed in other.seeds} & {seed.rmse_v for seed in found.seeds}
-
-
 def test_a_seed_searches_on_its_own_and_is_the_same_among_any_number_of_seeds(search, found):
     many = search(seeds=20)
     assert len({seed.rmse_v for seed in many.seeds}) == 20
@@ -94,16 +89,6 @@ def test_many_blocks_finish_in_the_order_of_the_seeds_and_progress_sums_to_them(
     many = search(seeds=80, progress=steps.append)
     assert len(many.seeds) == sum(steps) == 80
     assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in found.seeds]
-
-
-@pytest.mark.parametrize("key", [0, 7, 2**31 - 1])
-def test_the_key_is_stored_as_the_integer_it_was_made_from(key):
-    assert key_integer(jax.random.key(key)) == key
-
-
-def test_no_seed_is_refused(search):
-    with pytest.raises(InputError, match="`seeds` 0: at least one"):
-        search(seeds=0)
 
 
 def test_a_record_that_no_candidate_can_meet_is_refused_by_name(

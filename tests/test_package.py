@@ -117,7 +117,7 @@ WITH_EXAMPLES = [
 
 
 # These take seconds, and have tests of their own.
-LONG = ("barnax.experiment.next_test", "barnax.pack")
+LONG = ("barnax.experiment.next_test", "barnax.pack", "barnax.results")
 
 
 @pytest.mark.parametrize(

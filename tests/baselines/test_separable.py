@@ -59,9 +59,9 @@ def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record
 @pytest.mark.parametrize(
     ("bounds", "fixed"),
     [
-        ({"R1 [Ohm]": (0.001, 0.01)}, {}),
+        pytest.param({"R1 [Ohm]": (0.001, 0.01)}, {}, marks=pytest.mark.slow),
         ({"C1 [F]": (100.0, 300.0)}, {}),
-        ({}, {"C2 [F]": 2000.0}),
+        pytest.param({}, {"C2 [F]": 2000.0}, marks=pytest.mark.slow),
         ({}, {"tau1 [s]": 5.0, "R2 [Ohm]": 0.02}),
     ],
 )

@@ -48,7 +48,13 @@ def warned(table, cell, capacity_ah, given):
     return [str(each) for each in inputs.warnings]
 
 
-@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in FAULTS and place % 3 else [])
+        for place, name in enumerate(TABLES)
+    ],
+)
 def test_advice_is_not_given_again_once_it_is_followed(name, bundled_cell):
     table, capacity_ah = TABLES[name], CAPACITY_AH.get(name)
     given: dict[str, str] = {}

@@ -38,7 +38,7 @@ def test_a_file_is_written_as_parquet_with_its_provenance(run, refuse, cycler_fi
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+@pytest.mark.parametrize("suffix", ["csv", pytest.param("parquet", marks=pytest.mark.slow)])
 def test_the_hold_is_the_same_after_a_conversion(name, suffix, tmp_path):
     # Arbin's has no counters, BioLogic's has none that prove anything, and others prove theirs.
     (tmp_path / "cell").write_bytes(WRITERS[name](pulse_table()))

@@ -51,7 +51,11 @@ def stopped(folder, moment, *words, number="SIGINT"):
 # A polite end from outside has the same handler as Ctrl-C.
 @pytest.mark.parametrize(
     ("moment", "number"),
-    [(moment, "SIGTERM" if "read" in moment else "SIGINT") for moment in MOMENTS],
+    [
+        ("an extension of JAX is loaded", "SIGINT"),
+        pytest.param("garbage is collected", "SIGINT", marks=pytest.mark.slow),
+        ("records are read", "SIGTERM"),
+    ],
 )
 def test_an_interruption_is_one_line_and_writes_nothing(tmp_path, moment, number):
     done = stopped(tmp_path, MOMENTS[moment], "identify", *BUDGET, number=number)

@@ -21,7 +21,7 @@ def words_of(content: bytes) -> str:
 
 
 @every_exporter
-@every_circuit
+@pytest.mark.parametrize("circuit", ["so-rc", "esc"])
 def test_equal_results_give_equal_bytes_and_another_gives_others(exporter, circuit):
     result = make_result(circuit)
     other = result.constant.parameters.with_tables({"R0 [Ohm]": [np.nextafter(0.0511, 1)]})

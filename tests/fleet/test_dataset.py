@@ -93,7 +93,7 @@ def carried(out, is_one_part, *values):
     return found
 
 
-@pytest.mark.parametrize("is_one_part", [True, False])
+@pytest.mark.parametrize("is_one_part", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_carried_values_of_two_kinds_are_kept_as_text(tmp_path, is_one_part):
     for number, pair in enumerate(itertools.combinations(KINDS, 2)):
         values, texts = zip(*pair, strict=True)

@@ -76,7 +76,7 @@ UNITS = {
 }  # fmt: skip
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     unit=st.sampled_from(list(UNITS)),
     interval_s=st.sampled_from([0.1, 0.5, 1.0, 2.0, 4.0, 10.0, 60.0]),

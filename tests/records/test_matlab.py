@@ -200,7 +200,7 @@ def test_dates_in_days_are_told(tmp_path):
 
 
 @by_writer
-@pytest.mark.parametrize("share", [0.3, 0.9])
+@pytest.mark.parametrize("share", [pytest.param(0.3, marks=pytest.mark.slow), 0.9])
 def test_a_damaged_file_is_refused(tmp_path, writer, share):
     content = WRITERS[writer]({"meas": KOLLMEYER})
     assert "damaged or cut short" in refusal(tmp_path, content[: int(share * len(content))])

@@ -33,7 +33,7 @@ def written(folder, current_a, voltage_v, sign, *, interval_s=1.0, names=None, c
     return path
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     seed=st.integers(0, 2**32 - 1),
     sign=st.sampled_from(SIGNS),

@@ -61,7 +61,7 @@ def kind_of(record):
     return record.evidence.slow.kind
 
 
-@pytest.mark.parametrize("step_v", [0.0, 0.005])
+@pytest.mark.parametrize("step_v", [pytest.param(0.0, marks=pytest.mark.slow), 0.005])
 @pytest.mark.parametrize("rows", ["instants", "means"])
 def test_rows_of_instants_and_means_are_told_apart(rows, step_v):
     told = [kind_of(record_from_frame(log(seed, rows, step_v=step_v))) for seed in range(20)]

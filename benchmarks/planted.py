@@ -135,8 +135,7 @@ FAULTS = (
           "adds = by_block / 2 + len(by_block) * np.mean(shares, axis=1) / 2",
           "adds = by_block / 2", "tests/select/test_policy.py"),
     fault("held out and fitted", "over_soc/cross_validation.py",
-          "x = _fitted_to(objective, best, columns, bases, np.where(labels != label, scored, 0))",
-          "x = _fitted_to(objective, best, columns, bases, scored)",
+          "x = self.fitted_to(labels != label)", "x = self.fitted_to(labels == labels)",
           DENSE),
     # Starts.
     fault("axis of several records", "over_soc/registration.py",

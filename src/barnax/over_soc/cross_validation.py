@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 from scipy.special import stdtrit
 
@@ -101,11 +101,6 @@ class HeldOut:
         return SocErrors(whole_v, above_v if counts[-1] else None)
 
 
-def record_of(objective: TableObjective) -> Int[np.ndarray, "groups"]:
-    """The record of every group of samples."""
-    return np.arange(len(objective.parts)) // (2 * objective.folds)
-
-
 def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation | None:
     """The held-out errors of a circuit: of records without samples on each of them, left out whole.
 
@@ -121,15 +116,15 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
         whole = objective.reduced.coarser()
         flat = replace(objective, reduced=whole, settings=plain, parts=flat)
         constant = errors(flat, find_best(flat))
-    records, block_s, by_record = objective.prepared_records, None, list[Sums]()
+    records, block_s, by_record = objective.prepared_records, None, ()
     if objective.kept:
         by_record = _left_out_whole(objective, best)
     else:
         block_s = block_length_s(records[0], objective.settings)
         if are_left_out_whole(records):
             by_record = _left_out_whole(_as_given(objective, best), best)
-    whole = tuple(SocErrors.of_squares(*sums) for sums in by_record)
-    return CrossValidation(objective.settings.folds, block_s, tables, constant or tables, whole)
+    folds = objective.settings.folds
+    return CrossValidation(folds, block_s, tables, constant or tables, by_record)
 
 
 def _as_given(objective: TableObjective, best: Solution) -> TableObjective:
@@ -155,12 +150,13 @@ def held_out(
     visits the SOC of a block, and the OCV is no question of the circuit.
     """
     records, folds = objective.prepared_records, objective.folds
+    groups = _Groups.of(objective, best)
     labels = np.arange(len(objective.parts)) // 2 % folds
-    if not _has_folds(objective, labels):
+    if not groups.are_apart(labels):
         return None
     solutions = [
         objective.with_unknowns(best, x)
-        for x in _without(objective, best, labels, has_ocv_of_all=OCV in objective.names)
+        for x in groups.without(labels, has_ocv_of_all=OCV in objective.names)
     ]
     tables = [objective.tables_at(solution) for solution in solutions]
     blocks, count = numbered or numbered_blocks(records, objective.settings)
@@ -183,120 +179,113 @@ def _errors_of_blocks(objective: TableObjective, best: Solution) -> SocErrors | 
 
 
 def _errors_of_kept(objective: TableObjective, best: Solution) -> SocErrors | None:
-    is_whole = _has_folds(objective, record_of(objective))
-    return _together(_left_out_whole(objective, best)) if is_whole else None
+    groups = _Groups.of(objective, best)
+    if not groups.are_apart(groups.record):
+        return None
+    squares_v2, counts = groups.sums(groups.left_out_whole())
+    return SocErrors.of_squares(squares_v2.sum(axis=0), counts.sum(axis=0))
 
 
 def record_errors(objective: TableObjective, best: Solution) -> tuple[SocErrors, ...]:
     """The errors on each record."""
-    groups = zip(objective.parts, *_at(objective, best, objective.parts), strict=True)
-    squares_v2 = [
-        part.scored * np.sum((base + columns @ best.unknowns) ** 2)
-        for part, columns, base in groups
-    ]
-    counts = [part.scored for part in objective.parts]
-    shape = (-1, objective.folds, 2)
-    sums = (np.reshape(values, shape).sum(axis=1) for values in (squares_v2, counts))
+    return _by_record(_Groups.of(objective, best).sums([best.unknowns] * len(objective.parts)))
+
+
+def _left_out_whole(objective: TableObjective, best: Solution) -> tuple[SocErrors, ...]:
+    """The errors on each record by the tables of the others."""
+    groups = _Groups.of(objective, best)
+    return _by_record(groups.sums(groups.left_out_whole()))
+
+
+def _by_record(sums: "Sums") -> tuple[SocErrors, ...]:
     return tuple(SocErrors.of_squares(*own) for own in zip(*sums, strict=True))
 
 
-def _has_folds(objective: TableObjective, labels: Int[np.ndarray, "groups"]) -> bool:
-    scored = np.array([part.scored for part in objective.parts])
-    return bool(objective.settings.folds) and len(np.unique(labels[scored > 0])) > 1
+# Sums of squared errors in V^2 of every record below and above 10 % SOC, and how many there are.
+Sums = tuple[Float[np.ndarray, "records two"], Int[np.ndarray, "records two"]]
 
 
-# Sums of squared errors in V^2, and how many there are, below and above 10 % SOC.
-Sums = tuple[Float[np.ndarray, "2"], Int[np.ndarray, "2"]]
+@dataclass(frozen=True, eq=False)
+class _Groups:
+    """The columns and base errors of the groups of samples, at the best time constants of all."""
 
+    objective: TableObjective
+    best: Solution
+    columns: Sequence[Float[np.ndarray, "_ columns"]]
+    bases: Sequence[Float[np.ndarray, "_"]]
+    scored: Int[np.ndarray, "groups"]
 
-def _together(held: Sequence[Sums]) -> SocErrors:
-    squares_v2, counts = (np.sum(sums, axis=0) for sums in zip(*held, strict=True))
-    return SocErrors.of_squares(squares_v2, counts)
+    @classmethod
+    def of(cls, objective: TableObjective, best: Solution) -> "_Groups":
+        layout, parts = objective.reduced.layout, objective.parts
+        # From those of the factor, each of which adds to few: by one sparse product for each group.
+        unit = Reduced(layout, 1, np.eye(layout.width))
+        columns, base = replace(objective, reduced=unit).columns(best.log_scales)
+        few = csr_array(np.column_stack([columns, base]).T)
+        found = [(few @ part.factor.T).T / math.sqrt(max(part.scored, 1)) for part in parts]
+        scored = np.array([part.scored for part in parts])
+        return cls(objective, best, [f[:, :-1] for f in found], [f[:, -1] for f in found], scored)
 
+    @property
+    def record(self) -> Int[np.ndarray, "groups"]:
+        """The record of every group."""
+        return np.arange(len(self.scored)) // (2 * self.objective.folds)
 
-def _without(
-    objective: TableObjective,
-    best: Solution,
-    labels: Int[np.ndarray, "groups"],
-    has_ocv_of_all: bool = False,
-) -> Iterator[Float[np.ndarray, "unknowns"]]:
-    """Of every label, the unknowns that fit the groups of all others best, at the time constants
-    of all."""
-    columns, bases = _at(objective, best, objective.parts)
-    scored = np.array([part.scored for part in objective.parts])
-    everywhere = _normal(objective, columns, bases, scored)
-    for label in range(int(labels[-1]) + 1):
-        x = _fitted_to(objective, best, columns, bases, np.where(labels != label, scored, 0))
-        yield _with_ocv_of_all(objective, best, everywhere, x) if has_ocv_of_all else x
+    def are_apart(self, labels: Int[np.ndarray, "groups"]) -> bool:
+        """True where something can be held out: samples are in groups of several labels."""
+        return bool(self.objective.settings.folds) and len(np.unique(labels[self.scored > 0])) > 1
 
+    def normal(
+        self, scored: Int[np.ndarray, "groups"]
+    ) -> tuple[Float[np.ndarray, "unknowns unknowns"], Float[np.ndarray, "unknowns"]]:
+        """The normal equations of groups of so many samples."""
+        normal = self.objective.penalty_normal.copy()
+        gradient = np.zeros(len(normal))
+        for at in np.flatnonzero(scored).tolist():
+            share = scored[at] / scored.sum()
+            normal += share * self.columns[at].T @ self.columns[at]
+            gradient += share * self.columns[at].T @ self.bases[at]
+        return normal, gradient
 
-def _with_ocv_of_all(
-    objective: TableObjective,
-    best: Solution,
-    everywhere: tuple[Float[np.ndarray, "unknowns unknowns"], Float[np.ndarray, "unknowns"]],
-    x: Float[np.ndarray, "unknowns"],
-) -> Float[np.ndarray, "unknowns"]:
-    """The unknowns with the OCV that fits all samples best beside these resistances."""
-    (normal, gradient), (low, high) = everywhere, objective.box
-    ocv = objective.block(objective.names.index(OCV))
-    x = x.copy()
-    x[ocv] = 0.0
-    pushed = (gradient + normal @ x)[ocv]
-    own = normal[ocv, ocv], pushed, low[ocv], high[ocv], best.sides[ocv]
-    x[ocv] = least_in_box(*own)[0]
-    return x
+    def fitted_to(self, is_in: Bool[np.ndarray, "groups"]) -> Float[np.ndarray, "unknowns"]:
+        """The unknowns that fit some groups best."""
+        equations = self.normal(np.where(is_in, self.scored, 0))
+        return least_in_box(*equations, *self.objective.box, self.best.sides)[0]
 
+    def without(
+        self, labels: Int[np.ndarray, "groups"], has_ocv_of_all: bool = False
+    ) -> Iterator[Float[np.ndarray, "unknowns"]]:
+        """Of every label, the unknowns that fit the groups of all others best."""
+        for label in range(int(labels[-1]) + 1):
+            x = self.fitted_to(labels != label)
+            yield self._with_ocv_of_all(x) if has_ocv_of_all else x
 
-def _left_out_whole(objective: TableObjective, best: Solution) -> list[Sums]:
-    """Squared errors on every record by the tables of the others."""
-    parts, labels = objective.parts, record_of(objective)
-    columns, bases = _at(objective, best, parts)
-    sums = []
-    for label, x in enumerate(_without(objective, best, labels)):
-        squares_v2, counts = np.zeros(2), np.zeros(2, int)
-        for at in np.flatnonzero(labels == label).tolist():
-            counts[at % 2] += parts[at].scored
-            squares_v2[at % 2] += parts[at].scored * np.sum((bases[at] + columns[at] @ x) ** 2)
-        sums.append((squares_v2, counts))
-    return sums
+    def _with_ocv_of_all(self, x: Float[np.ndarray, "unknowns"]) -> Float[np.ndarray, "unknowns"]:
+        """The unknowns with the OCV that fits all samples best beside these resistances."""
+        objective = self.objective
+        (normal, gradient), (low, high) = self.normal(self.scored), objective.box
+        ocv = objective.block(objective.names.index(OCV))
+        x = x.copy()
+        x[ocv] = 0.0
+        pushed = (gradient + normal @ x)[ocv]
+        own = normal[ocv, ocv], pushed, low[ocv], high[ocv], self.best.sides[ocv]
+        x[ocv] = least_in_box(*own)[0]
+        return x
 
+    def left_out_whole(self) -> list[Float[np.ndarray, "unknowns"]]:
+        """Of every group, the unknowns that fit all records but its own best."""
+        others = [*self.without(self.record)]
+        return [others[record] for record in self.record.tolist()]
 
-def _at(objective: TableObjective, best: Solution, parts: Sequence[Reduced]):
-    """Every group's columns at the best time constants, and its base errors."""
-    layout = objective.reduced.layout
-    # From those of the factor, each of which adds to few: by one sparse product for each group.
-    own = Reduced(layout, 1, np.eye(layout.width))
-    columns, base = replace(objective, reduced=own).columns(best.log_scales)
-    few = csr_array(np.column_stack([columns, base]).T)
-    found = [(few @ part.factor.T).T / math.sqrt(max(part.scored, 1)) for part in parts]
-    return [both[:, :-1] for both in found], [both[:, -1] for both in found]
-
-
-def _fitted_to(
-    objective: TableObjective,
-    best: Solution,
-    columns: Sequence[Float[np.ndarray, "_ columns"]],
-    bases: Sequence[Float[np.ndarray, "_"]],
-    scored: Int[np.ndarray, "groups"],
-) -> Float[np.ndarray, "unknowns"]:
-    """The unknowns that fit some groups of samples best, at the time constants of all."""
-    normal, gradient = _normal(objective, columns, bases, scored)
-    return least_in_box(normal, gradient, *objective.box, best.sides)[0]
-
-
-def _normal(
-    objective: TableObjective,
-    columns: Sequence[Float[np.ndarray, "_ columns"]],
-    bases: Sequence[Float[np.ndarray, "_"]],
-    scored: Int[np.ndarray, "groups"],
-) -> tuple[Float[np.ndarray, "unknowns unknowns"], Float[np.ndarray, "unknowns"]]:
-    """The normal equations of some groups of samples."""
-    normal, gradient = objective.penalty_normal.copy(), np.zeros(len(objective.penalty_normal))
-    for at in np.flatnonzero(scored).tolist():
-        share = scored[at] / scored.sum()
-        normal += share * columns[at].T @ columns[at]
-        gradient += share * columns[at].T @ bases[at]
-    return normal, gradient
+    def sums(self, unknowns: Iterable[Float[np.ndarray, "unknowns"]]) -> Sums:
+        """The squared errors of every record below and above 10 % SOC, by the unknowns of every
+        group."""
+        groups = zip(self.scored, self.columns, self.bases, unknowns, strict=True)
+        squares_v2 = [
+            scored * np.sum((base + columns @ x) ** 2) for scored, columns, base, x in groups
+        ]
+        shape = (-1, self.objective.folds, 2)
+        return np.reshape(squares_v2, shape).sum(axis=1), self.scored.reshape(shape).sum(axis=1)
 
 
 def with_spread(
@@ -309,18 +298,14 @@ def with_spread(
     joint interval. A record's own interval is far narrower than what another load of the same cell
     shows.
     """
-    records, parts = objective.facts, objective.parts
+    records = objective.facts
     by_record = objective.kept or are_left_out_whole(objective.prepared_records)
     if len(records) < FEWEST_RECORDS or not objective.settings.folds or not by_record:
         return tuple(intervals)
-    columns, bases = _at(objective, best, parts)
-    scored = np.array([part.scored for part in parts])
-    rows, visits = [], []
+    groups, rows, visits = _Groups.of(objective, best), [], []
     for number in range(len(records)):
-        is_own = record_of(objective) == number
-        x = _fitted_to(objective, best, columns, bases, np.where(is_own, scored, 0))
         alone = objective.alone(number)
-        rows.append(objective.to_tables @ x)
+        rows.append(objective.to_tables @ groups.fitted_to(groups.record == number))
         visits.append(np.concatenate([alone.visited_of(n) for n in range(objective.tables)]))
     values, is_there = np.array(rows), np.array(visits)
     joint = np.concatenate(best.values)
@@ -346,10 +331,8 @@ def with_spread(
         low, high = max(middle - reach, least), middle + reach
         if objective.kept:
             # Nothing else is known of the joint value than what the records make of it.
-            error, both = (
-                float(np.std(own, ddof=1)) / len(own) ** 0.5,
-                reach / (len(own) + 1) ** 0.5,
-            )
+            error = float(np.std(own, ddof=1)) / len(own) ** 0.5
+            both = reach / (len(own) + 1) ** 0.5
             ends = float(max(interval.value - both, least)), float(interval.value + both)
             interval = replace(interval, standard_error=error, low=ends[0], high=ends[1])
         # What all records leave open, another one can show too.

@@ -14,8 +14,7 @@ from barnax.experiment.protocol import hppc_steps, sampled
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import simulate_circuit
 from barnax.over_soc import OwnRecords, TableFit, errors_on, fit_tables, prove_own
-from barnax.over_soc.problem import reduced_objective
-from barnax.over_soc.search import find_best
+from barnax.over_soc.problem import find_best, reduced_objective
 from barnax.records import Decision, Record, read_record
 from barnax.reporting.design_promised import reached_half
 from barnax.search.evaluate import evaluate

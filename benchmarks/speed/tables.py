@@ -8,8 +8,7 @@ from barnax.cell.tables import hats
 from barnax.model.descent import LogScales
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc.objective import TableObjective
-from barnax.over_soc.problem import reduced_objective
-from barnax.over_soc.search import find_best
+from barnax.over_soc.problem import find_best, reduced_objective
 from barnax.over_soc.settings import TableSettings
 
 from .case import bundled_cell, bundled_record

@@ -41,8 +41,7 @@ from .over_soc import (
 )
 from .over_soc.certificate import certify
 from .over_soc.fit import fit_of, level_beyond
-from .over_soc.problem import reduced_objective
-from .over_soc.search import find_best
+from .over_soc.problem import find_best, reduced_objective
 from .run import Answer, Candidate, Run, best_answer
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either, with_registered
 from .search.refine import Descent, refine

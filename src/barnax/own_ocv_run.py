@@ -14,8 +14,7 @@ from .model.search_space import ranges_of
 from .notices import Notice, notice
 from .over_soc import OwnOcv, OwnRecords, TableSettings, fit_own_temperatures, prove_own
 from .over_soc.own_starts import Starts
-from .over_soc.problem import reduced_objective
-from .over_soc.search import find_best
+from .over_soc.problem import find_best, reduced_objective
 from .records import Record
 from .select import Choice, Fitted, Policy, choose, limits_of
 from .settings import OVER_TEMPERATURE

@@ -20,7 +20,7 @@ from .over_soc import (
     TableSettings,
     table_name,
 )
-from .over_soc.means import parts_of
+from .over_soc.node_interval import parts_of
 from .search.evaluate import Evaluation, evaluate_from_either, with_registered
 
 # The OCV of a test and that of records lie apart by 3 to 20 mV at 25 degC; a capacity 10 % off, or

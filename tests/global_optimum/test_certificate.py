@@ -14,7 +14,7 @@ from barnax.global_optimum.certificate import CERTIFIED_GAP, certify
 from barnax.global_optimum.objective import ConstantObjective
 from barnax.global_optimum.remainders import THIRD_DERIVATIVE, lowest_of_parabola
 from barnax.global_optimum.search import GRID
-from barnax.model.grid import lowest_scales
+from barnax.model.descent import lowest_scales
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.search_space import Bounds
 from barnax.model.window import Window

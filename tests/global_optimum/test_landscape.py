@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear
 
 from barnax.cell import CircuitParameters
 from barnax.global_optimum.objective import ConstantObjective
-from barnax.model.grid import GridSizes, lowest_scales, minima_of
+from barnax.model.descent import GridSizes, lowest_scales, minima_of
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.search.evaluate import evaluate

@@ -11,7 +11,7 @@ import pytest
 from barnax.cell import characterize
 from barnax.global_optimum import find_global_optimum, optimality_gap, search
 from barnax.global_optimum.objective import ConstantObjective
-from barnax.model.grid import lowest_scales
+from barnax.model.descent import lowest_scales
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.window import Window
 from barnax.records import read_record

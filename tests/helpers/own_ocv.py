@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from barnax.model.window import Window
 from barnax.over_soc import OwnOcv, OwnRecords, TableSettings, prove_own
-from barnax.over_soc.problem import reduced_objective
-from barnax.over_soc.search import find_best
+from barnax.over_soc.problem import find_best, reduced_objective
 from barnax.records import Record
 
 

@@ -9,8 +9,7 @@ from scipy.optimize import linprog
 
 from barnax.execution import in_float64
 from barnax.over_soc.certificate import _Relaxation, _Side
-from barnax.over_soc.problem import reduced_objective
-from barnax.over_soc.search import find_best
+from barnax.over_soc.problem import find_best, reduced_objective
 from helpers.dense import BOX, CAPACITY_AH, SETTINGS, made_record, prepared_of
 
 THIRD, ERROR = 1 / (9 * math.sqrt(3)), 1.25

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from barnax.over_soc.certificate import _Relaxation, certify
-from barnax.over_soc.search import find_best
+from barnax.over_soc.problem import find_best
 
 from .conftest import SMALL
 from .test_reduced import objective_of

@@ -17,8 +17,7 @@ from barnax.over_soc.intervals import LIGHT, NodeInterval, intervals_of
 from barnax.over_soc.level import FREE_RIDGE, NEARLY_LEVEL_V
 from barnax.over_soc.nuisances import Measured, estimate
 from barnax.over_soc.pack import R0, TOTAL, fit_pack
-from barnax.over_soc.problem import reduced_objective
-from barnax.over_soc.search import find_best
+from barnax.over_soc.problem import find_best, reduced_objective
 from helpers.dense import (
     BOX,
     LOG_SCALES,

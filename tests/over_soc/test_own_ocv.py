@@ -17,8 +17,7 @@ from barnax.model.window import Window
 from barnax.over_soc import TableSettings, errors_on
 from barnax.over_soc.current_offset import offset_effect
 from barnax.over_soc.level import level_cell
-from barnax.over_soc.problem import reduced_objective
-from barnax.over_soc.search import find_best
+from barnax.over_soc.problem import find_best, reduced_objective
 from barnax.records import read_record
 from barnax.records.record import in_means
 from barnax.reporting.candidates import ocv_test_sentences

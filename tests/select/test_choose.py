@@ -13,8 +13,7 @@ from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import TableSettings
 from barnax.over_soc.cross_validation import HeldOut
-from barnax.over_soc.problem import coarsened, reduced_objective
-from barnax.over_soc.search import find_best
+from barnax.over_soc.problem import coarsened, find_best, reduced_objective
 from barnax.select import Limits, choose, limits_of
 from barnax.select.choose import Bench, Fitted
 from barnax.select.family import NODE_LADDER

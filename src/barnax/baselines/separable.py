@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from ..cell import CircuitParameters
 from ..execution import in_float64
 from ..model.box_least_squares import least_in_boxes, with_free_values
-from ..model.grid import GridSizes, minima_of, points_in_order
+from ..model.descent import GridSizes, minima_of, points_in_order
 from ..model.problem import Problem
 from ..model.simulate import RCParameters, SimulationInput, overpotential, unit_response
 from ..search.evaluate import evaluate

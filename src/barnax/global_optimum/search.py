@@ -14,8 +14,7 @@ from ..cell.model import NEAR_DEGC
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
-from ..model.descent import LogScales, polish
-from ..model.grid import GridSizes, lowest_scales
+from ..model.descent import GridSizes, LogScales, lowest_scales, polish
 from ..model.prepared import both_directions, prepare_record
 from ..model.problem import Problem, rmse_by_scan
 from ..search.refine import AtBound, Optimum, RefinedSeed, at_bound, distinct_optima, largest_change

@@ -1,10 +1,19 @@
-"""A cell at rest: its voltage over the samples that agree, and the SOC that it tells."""
+"""The SOC that voltages tell: of a cell at rest, and at the start of a record under load.
+
+Under load v = U(s0 - q / C) - sum R_k x_k, with q the charge since the start and x_k the current,
+and what RC pairs of fixed time constants make of it. For every s0 the resistances are non-negative
+least squares, which leaves one unknown.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_banded
+from scipy.optimize import minimize_scalar, nnls
 
 from ..cell import CellModel
+from ..cell.soc_axis import BEYOND_SOC
 from ..errors import InputError
 from ..records import Record, is_rested
 from ..records.segments import runs
@@ -59,3 +68,65 @@ def mean_at_rest(record: Record, at: int, rest_a: float) -> tuple[float, float]:
             break
         count = min(2 * count, len(voltage_v))
     return float(voltage_v[:count].mean()), noise_v / float(np.sqrt(count))
+
+
+# Time constants that stand for any circuit's, and samples that tell as much as all of them.
+_TAUS_S, _SAMPLES = (5.0, 50.0, 500.0), 2000
+_TRIED_SOC = 101
+# The OCV of a slow sweep is so far from that of a drive, and a fit that leaves more is of another
+# cell.
+_OCV_SD_V, _LARGEST_V = 0.015, 0.05
+# A start that is known no better is not known.
+_LARGEST_SD = 0.2
+
+
+def fitted_soc(
+    record: Record, cell: CellModel, capacity_ah: float, first: int
+) -> tuple[float, float] | None:
+    """The SOC at the sample `first` and its standard error; None where the record from there on
+    does not tell it."""
+    discharged_ah = record.discharged_ah[first:]
+    branch = cell.discharge if discharged_ah[-1] > discharged_ah[0] else cell.charge
+    every = slice(None, None, 1 + len(discharged_ah) // _SAMPLES)
+    moved = (discharged_ah - discharged_ah[0])[every] / capacity_ah
+    voltage_v = record.voltage_v[first:][every]
+    current_a = record.current_a[first:]
+    drives_a = [current_a, *(_through_pair(record, first, tau_s) for tau_s in _TAUS_S)]
+    columns = np.stack(drives_a, axis=1)[every]
+    low, high = cell.soc_range
+    low, high = low + moved.max() - BEYOND_SOC, high + moved.min() + BEYOND_SOC
+    if low >= high:
+        return None
+
+    def errors_v(soc: float) -> Float[np.ndarray, "samples"]:
+        over_v = branch(soc - moved) - voltage_v
+        return over_v - columns @ nnls(columns, over_v)[0]
+
+    def loss_v2(soc: float) -> float:
+        return float(np.mean(errors_v(soc) ** 2))
+
+    tried = np.linspace(low, high, _TRIED_SOC)
+    best, step = tried[np.argmin([loss_v2(soc) for soc in tried])], tried[1] - tried[0]
+    ends = max(best - step, low), min(best + step, high)
+    soc: float = minimize_scalar(loss_v2, bounds=ends, method="bounded").x  # pyright: ignore
+    error_v = errors_v(soc)
+    slope_v = cell.ocv_slope(soc - moved)
+    # What resistances cannot make up for.
+    told_v = slope_v - columns @ np.linalg.lstsq(columns, slope_v)[0]
+    size_v2 = float(error_v @ error_v)
+    alike = max(0.0, float(error_v[1:] @ error_v[:-1])) / max(size_v2, 1e-300)
+    # Neighbors that err alike are one sample.
+    samples = len(moved) * max(1 - alike, 1 / len(moved)) / (1 + alike)
+    variance_v2 = size_v2 / len(moved) / samples
+    with np.errstate(divide="ignore"):
+        sd = np.sqrt((variance_v2 + _OCV_SD_V**2) / np.mean(told_v**2))
+    return (soc, float(sd)) if sd <= _LARGEST_SD and np.sqrt(loss_v2(soc)) <= _LARGEST_V else None
+
+
+def _through_pair(record: Record, first: int, tau_s: float) -> Float[np.ndarray, "simulated"]:
+    """The current through the resistor of a relaxed RC pair, at every sample from `first` on."""
+    share = -np.expm1(-record.interval_s[first:] / tau_s)
+    bands = np.ones((2, len(share) + 1))
+    bands[1, :-1] = share - 1
+    passed_a = np.append(0.0, share * record.interval_current_a[first:])
+    return solve_banded((1, 0), bands, passed_a)

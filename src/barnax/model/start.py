@@ -16,8 +16,7 @@ from ..records.record import pause_s
 from ..records.samples import record_resistance_ohm
 from ..records.segments import held_charges, rest_blocks, runs
 from ..settings import SocSource
-from .fitted_start import fitted_soc
-from .rest import cell_at_rest, mean_at_rest
+from .rest import cell_at_rest, fitted_soc, mean_at_rest
 from .window import Window, relaxing_rest
 
 # A discharge ends empty after so long, at up to C/1.8, for many tests make it at C/2. The voltage

@@ -1,6 +1,5 @@
 """Circuits with tables over SOC: identified, proved, and checked on held-out blocks."""
 
-from .blocks import is_loaded as is_loaded
 from .cross_validation import CrossValidation as CrossValidation
 from .cross_validation import SocErrors as SocErrors
 from .fit import OcvCompared as OcvCompared
@@ -9,12 +8,13 @@ from .fit import errors_on as errors_on
 from .fit import fit_tables as fit_tables
 from .level import with_own_ocv as with_own_ocv
 from .node_interval import NodeInterval as NodeInterval
-from .ocv_compared import compare_with_own as compare_with_own
 from .own_ocv import OwnOcv as OwnOcv
+from .own_ocv import compare_with_own as compare_with_own
 from .own_ocv import fit_own_temperatures as fit_own_temperatures
 from .own_ocv import prove_own as prove_own
 from .own_starts import OwnRecords as OwnRecords
 from .problem import HELD_GAMMA as HELD_GAMMA
+from .problem import is_loaded as is_loaded
 from .registration import counted_alike as counted_alike
 from .registration import register as register
 from .registration import register_alone as register_alone

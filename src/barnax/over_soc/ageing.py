@@ -36,9 +36,8 @@ from ..model.search_space import Range
 from ..records.segments import runs
 from .nuisances import Estimated, Measured, estimate, of_starts
 from .objective import Solution, TableObjective
-from .problem import box_of, held_at, reduced_objective
+from .problem import box_of, find_best, held_at, reduced_objective
 from .registration import FROM_VOLTAGE, FULL_SD, REACH, REST_SD_V, told_within
-from .search import find_best
 from .settings import TableSettings
 
 Nuisance = Float[np.ndarray, "nuisances"]

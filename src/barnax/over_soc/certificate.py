@@ -23,6 +23,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -31,10 +32,9 @@ from ..global_optimum.proof import Boxes, Proof, first_boxes, prove
 from ..global_optimum.remainders import beyond_parabola, lowest_of_parabola, remainders
 from ..model.axes import Axis
 from ..model.box_least_squares import least_in_box
-from ..model.descent import polish
+from ..model.descent import Found, polish
 from ..model.search_space import Range
 from .objective import Solution, TableObjective
-from .search import Found, Searchable
 
 # Width of the first boxes in the logarithm of a time constant: few wider ones have a bound.
 FIRST_WIDTH = 0.4
@@ -48,9 +48,7 @@ RIDGE = 1e-12
 PROGRAMS = 3
 
 
-def certify(
-    objective: Searchable[Found], best: Found, alone_v: Sequence[float] = (0.0,)
-) -> Proof[Found]:
+def certify(objective: Any, best: Found, alone_v: Sequence[float] = (0.0,)) -> Proof[Found]:
     """A bound on how far below the best known tables any in the box could be.
 
     It goes on until that is within `settings.proved_share`, or until `settings.max_boxes` boxes

@@ -16,12 +16,17 @@ from ..model.box_least_squares import least_in_box
 from ..model.reduced import Reduced
 from ..model.reference import error_blocks_of
 from ..uncertainty.covariance import CONFIDENCE
-from .blocks import BANDS, are_left_out_whole, block_length_s, numbered_blocks
-from .means import mean_weights, parts_of
-from .node_interval import NodeInterval
+from .node_interval import NodeInterval, mean_weights, parts_of
 from .objective import Solution, TableObjective
-from .problem import held_at, reduced_objective
-from .search import find_best
+from .problem import (
+    BANDS,
+    are_left_out_whole,
+    block_length_s,
+    find_best,
+    held_at,
+    numbered_blocks,
+    reduced_objective,
+)
 
 # Fewer records tell no spread.
 FEWEST_RECORDS = 3

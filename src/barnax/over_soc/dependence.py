@@ -22,8 +22,7 @@ from ..model.prepared import PreparedRecord
 from ..model.reference import errors_along
 from .intervals import linearized, with_penalty
 from .objective import Solution, TableObjective
-from .problem import reduced_objective
-from .search import find_best
+from .problem import find_best, reduced_objective
 
 # Temperatures that move by less than this tell nothing of what follows them.
 LEAST_SPREAD_K = 1.0

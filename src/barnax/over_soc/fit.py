@@ -28,11 +28,9 @@ from .cross_validation import (
 from .current_offset import OffsetEffect
 from .dependence import with_asked
 from .intervals import intervals_of
-from .means import parts_of
-from .node_interval import NodeInterval
+from .node_interval import NodeInterval, parts_of
 from .objective import TableObjective
-from .problem import BOTH_WAYS_SOC, HELD_GAMMA, least_travel_soc, reduced_objective
-from .search import find_best
+from .problem import BOTH_WAYS_SOC, HELD_GAMMA, find_best, least_travel_soc, reduced_objective
 from .settings import TableSettings
 
 Status = Literal["certified", "grid-verified", "unverified"]

@@ -27,11 +27,9 @@ from ..model.reduced import Reduced, reduce_records, together
 from .cross_validation import record_errors
 from .fit import TableFit, fit_of
 from .level import OCV_NODES, level_cell, leveled, with_own_ocv
-from .means import mean_weights
-from .node_interval import NodeInterval
+from .node_interval import NodeInterval, mean_weights
 from .objective import Solution, TableObjective
-from .problem import box_of
-from .search import find_best
+from .problem import box_of, find_best
 from .settings import TableSettings
 
 # Bound on the error of a pair's answer between the grid's ends, relative to the largest current.

@@ -28,7 +28,6 @@ from ..model.descent import LogScales, Solved
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced
 from ..model.search_space import Range
-from .facts import Facts
 from .settings import TableSettings
 
 # Of the voltage step at a current step, R0 is at least this share: what a sampling interval lets
@@ -70,8 +69,9 @@ class TableObjective:
     kept: Sequence[Any] = ()
 
     @property
-    def facts(self) -> Sequence[Facts]:
-        """The records, prepared or kept, for all but their factors."""
+    def facts(self) -> Sequence[Any]:
+        """The records, prepared or kept, for all but their factors: circuit, cell, capacity, and so
+        on."""
         return self.kept or self.prepared_records
 
     def alone(self, place: int) -> "TableObjective":

@@ -6,6 +6,7 @@ capacity and its start only name the axis, and are taken from what is given, fro
 the record holds, or from its own span.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -18,17 +19,19 @@ from ..cell.characterize import over_temperatures
 from ..cell.elements import names_of
 from ..cell.parameters import OCV
 from ..display import Brief
+from ..execution import in_float64
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.window import Window
 from ..notices import Notice
 from .certificate import certify
 from .current_offset import offset_effect
-from .fit import TableFit, fit_of
+from .fit import OcvCompared, TableFit, fit_of
 from .intervals import NodeInterval
-from .level import cell_of
-from .means import parts_of
+from .level import cell_of, level_cell, leveled, with_own_ocv
+from .node_interval import parts_of
 from .objective import Solution, TableObjective
 from .own_starts import OwnRecords, Starts, windows_of
+from .problem import box_of, reduced_objective
 from .settings import TableSettings
 from .temperature import TableFits, fit_temperatures, group_by_temperature
 
@@ -131,3 +134,39 @@ def _with_ocv(fit: TableFit, level: CellModel) -> TableFit:
         for interval in fit.intervals
     )
     return replace(fit, intervals=intervals)
+
+
+COMPARED_SOC = np.linspace(0.1, 0.9, 81)
+
+
+@in_float64
+def compare_with_own(
+    prepared_records: Sequence[PreparedRecord], fit: TableFit, settings: TableSettings
+) -> OcvCompared | None:
+    """How far an OCV of the records' own is from their cell's, at the time constants of tables that
+    were fitted to them; None where they visit too little."""
+    first = prepared_records[0]
+    level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
+    found = fit.tables.constants
+    ranges = {name: (found[name], found[name]) for name in box_of(prepared_records, settings)}
+
+    def without_ocv(prepared: PreparedRecord) -> PreparedRecord:
+        return leveled(prepared, level).following(fit.tables.dependence)
+
+    settings = with_own_ocv(replace(settings, folds=0))
+    objective = reduced_objective(prepared_records, settings, ranges, without_ocv)
+    with one_blas_thread():
+        log_scales = tuple(math.log(low) for low, _ in ranges.values())
+        best = objective.solve(log_scales, exact=True)
+    nodes, own_v = objective.ocv_at(best)
+    seen = nodes[objective.visited_of(objective.names.index(OCV))]
+    soc = COMPARED_SOC[(seen.min() <= COMPARED_SOC) & (seen.max() >= COMPARED_SOC)]
+    if not len(soc):
+        return None
+    apart_v = np.interp(soc, nodes, own_v) - first.cell.average_ocv_v(soc)
+    largest = int(np.argmax(np.abs(apart_v)))
+    return OcvCompared(
+        median_v=float(np.median(np.abs(apart_v))),
+        largest_v=float(apart_v[largest]),
+        largest_soc=float(soc[largest]),
+    )

@@ -32,14 +32,12 @@ from ..records.record import in_means
 from ..records.segments import runs
 from ..settings import Registration
 from ..uncertainty.covariance import CONFIDENCE
-from .blocks import is_loaded
 from .cross_validation import SocErrors, held_out
 from .current_offset import CurrentOffset, shared_offset
 from .dependence import adjusted
 from .nuisances import estimate, of_starts
 from .objective import Solution, TableObjective
-from .problem import box_of, held_at, reduced_objective
-from .search import find_best
+from .problem import box_of, find_best, held_at, is_loaded, reduced_objective
 from .settings import TableSettings
 
 # Standard deviations of what is told: of a start at a full charge, of the voltage at a rest, of the

@@ -30,8 +30,7 @@ from .cross_validation import SocErrors
 from .dependence import with_asked
 from .fit import TableFit, fit_of, pooled_errors
 from .objective import Solution, TableObjective
-from .problem import box_of, reduced_objective
-from .search import find_best
+from .problem import box_of, find_best, reduced_objective
 from .settings import TableSettings
 
 

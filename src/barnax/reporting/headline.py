@@ -7,7 +7,7 @@ import numpy as np
 
 from ..cell.elements import names_beside
 from ..cell.parameters import RATE
-from ..over_soc.means import parts_of
+from ..over_soc.node_interval import parts_of
 from ..table_run import MIDDLE_SOC
 from .soc_tables import over_soc_words, short_name, visited_soc
 from .temperatures import numbers_of

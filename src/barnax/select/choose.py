@@ -12,7 +12,6 @@ from jaxtyping import Int
 from ..blas import one_blas_thread
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord
-from ..over_soc.blocks import numbered_blocks
 from ..over_soc.cross_validation import HeldOut, SocErrors, held_out
 from ..over_soc.dependence import laws_for, propose
 from ..over_soc.intervals import intervals_of
@@ -20,10 +19,11 @@ from ..over_soc.objective import Solution, TableObjective
 from ..over_soc.problem import (
     box_of,
     coarsened,
+    find_best,
     held_at,
+    numbered_blocks,
     reduced_objective,
 )
-from ..over_soc.search import find_best
 from ..over_soc.settings import TableSettings
 from .family import Ladder, Limits, Point
 from .policy import Gain, Policy

@@ -79,7 +79,7 @@ FAULTS = (
           "float(bounds_v[0]) - slack_v", "float(bounds_v[-1]) - slack_v",
           "tests/global_optimum/test_certificate.py"),
     # Intervals.
-    fault("quantile of tables", "over_soc/intervals.py",
+    fault("quantile of tables", "uncertainty/noise.py",
           f"stdtrit(freedom, {QUANTILE})", "stdtrit(freedom, CONFIDENCE)",
           DENSE),
     fault("quantile of constants", "uncertainty/covariance.py",

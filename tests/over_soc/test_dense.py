@@ -192,11 +192,11 @@ def test_nuisances_are_the_dense_least_squares_of_everything_at_once(is_measured
     by_known = np.linalg.solve(stiff, weight * priors.T)
     covariance = by_noise @ noise_v2 @ by_noise.T + by_known @ by_known.T
     total = np.pad(wanted, ((0, 0), (0, 4)))[0]
-    np.testing.assert_allclose(estimated.values, now - moved[14:], rtol=1e-7)
-    np.testing.assert_allclose(estimated.covariance, covariance[14:, 14:], rtol=1e-7)
+    np.testing.assert_allclose(estimated.values[:2], now - moved[14:], rtol=1e-7)
+    np.testing.assert_allclose(estimated.covariance[:2, :2], covariance[14:, 14:], rtol=1e-7)
     np.testing.assert_allclose(estimated.moved_scales, -moved[12:14], rtol=1e-6)
-    assert estimated.sums[0] == pytest.approx(wanted[0] @ light - total @ moved, rel=1e-8)
-    assert estimated.sum_errors[0] == pytest.approx(math.sqrt(total @ covariance @ total), rel=1e-8)
+    assert estimated.values[2] == pytest.approx(wanted[0] @ light - total @ moved, rel=1e-8)
+    assert estimated.errors[2] == pytest.approx(math.sqrt(total @ covariance @ total), rel=1e-8)
     np.testing.assert_allclose(estimated.by_prior[:2], by_known[14:, :2], rtol=1e-7)
     misfit = off @ off - pushes @ moved / weight
     evidence = -(misfit + np.linalg.slogdet(stiff)[1]) / 2 - np.log(prior).sum()

@@ -10,12 +10,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from ..model.prepared import PreparedRecord
 from ..over_soc.intervals import MAX_SLOTS, UNSEEN
 from ..search.evaluate import Evaluation
-from ..uncertainty.noise import Noise, Slots, fit_gathered
+from ..uncertainty.noise import fit_noise
 from .information import Believed, Columns, Error, Seconds, columns_along
 
 
@@ -51,15 +50,15 @@ def error_of(believed: Believed, earlier: Sequence[Evaluation]) -> Error:
         times.append(clock_s + at - at[0])
         clock_s = times[-1][-1] + longest_s + 2
     columns, time_s = np.concatenate(stacked), np.concatenate(times)
-    slots = Slots.of(time_s, longest_s, MAX_SLOTS)
+    clock = time_s, longest_s, MAX_SLOTS
     followed, left_out = np.split(columns, [len(believed.names)], axis=1)
     basis = _basis(followed)
     # What bounds and smoothing kept a fit from following is left too.
     error_v, left_out = np.concatenate(errors), _without(left_out, basis)
     explaining = _basis(left_out)
-    noise = _noise(error_v, basis, time_s, slots)
+    noise = fit_noise(error_v, basis, *clock)
     both = np.concatenate([basis, explaining], axis=1)
-    of_rest = _noise(_without(error_v, explaining), both, time_s, slots).spread_v2
+    of_rest = fit_noise(_without(error_v, explaining), both, *clock).spread_v2
     expected_v2 = float(np.trace(of_rest[basis.shape[1] :, basis.shape[1] :]))
     explained_v2 = max(float(np.sum((explaining.T @ error_v) ** 2)) - expected_v2, 0.0)
     rmse_v = math.sqrt(float(np.mean(error_v**2)))
@@ -82,21 +81,3 @@ def _basis(columns: Columns) -> Columns:
 
 def _without(values: np.ndarray, basis: Columns) -> np.ndarray:
     return values - basis @ (basis.T @ values)
-
-
-def _noise(
-    error_v: Float[np.ndarray, "samples"],
-    basis: Columns,
-    time_s: Float[np.ndarray, "samples"],
-    slots: Slots,
-) -> Noise:
-    """The noise that is behind such errors of a fit."""
-    (noise,) = fit_gathered(
-        slots,
-        counts=slots.gathered(time_s, np.ones(len(time_s))),
-        errors_v=slots.gathered(time_s, error_v[:, None]),
-        columns=slots.gathered(time_s, basis),
-        products=np.eye(basis.shape[1]),
-        squares_v2=np.array([error_v @ error_v]),
-    )
-    return noise

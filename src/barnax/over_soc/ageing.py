@@ -155,9 +155,9 @@ def measure_ageing(
             rests = None if is_own else _rests(objective.prepared_records, now)
             under = estimate(objective, best, _columns, now, priors, weights, rests)
             found = _averaged(under)
-            step = np.clip(found.values - now, -LARGEST_STEP, LARGEST_STEP)
+            step = np.clip(found.values[: now.size] - now, -LARGEST_STEP, LARGEST_STEP)
             now = now + step
-            are_settled = np.abs(step) < SETTLED * found.errors + HELD_SD
+            are_settled = np.abs(step) < SETTLED * found.errors[: now.size] + HELD_SD
             # Steps of the OCV's shape, which nobody is told, go on longest.
             is_settled = bool(np.all(are_settled[: count + 2]))
             if np.all(are_settled):
@@ -181,14 +181,11 @@ def _averaged(under: Sequence[Estimated]) -> Estimated:
     evidence = np.array([own.log_evidence for own in under])
     evidence += np.log(SHAPE_ODDS[: len(under)])
     shares = softmax(evidence)
-    stacked = {
-        name: np.stack([getattr(own, name) for own in under])
-        for name in ("values", "covariance", "moved_scales", "sums", "sum_errors", "by_prior")
-    }
+    names = ("values", "covariance", "moved_scales", "by_prior")
+    stacked = {name: np.stack([getattr(own, name) for own in under]) for name in names}
     mean = {name: np.tensordot(shares, values, 1) for name, values in stacked.items()}
-    off, sums_off = (stacked[name] - mean[name] for name in ("values", "sums"))
+    off = stacked["values"] - mean["values"]
     mean["covariance"] += np.einsum("s,si,sj->ij", shares, off, off)
-    mean["sum_errors"] = np.sqrt(shares @ (stacked["sum_errors"] ** 2 + sums_off**2))
     return Estimated(**mean, log_evidence=float(np.logaddexp.reduce(evidence)))
 
 
@@ -371,8 +368,7 @@ def _numbers(
     # Its axis and its errors: changes of its shape are this age's own.
     steps = len(OCV_NODES) - 1
     by_ocv = of.by_prior[place, -steps - len(OCV_NODES) - 1 : -steps]
-    value = at_zero + np.append(of.values, of.sums)[place]
-    numbers = np.append(np.append(of.errors, of.sum_errors)[place], by_ocv)
+    value, numbers = at_zero + of.values[place], np.append(of.errors[place], by_ocv)
     if name == CAPACITY:
         value = nominal_ah * np.exp(value)
         numbers = numbers * value

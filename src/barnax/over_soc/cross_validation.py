@@ -15,7 +15,7 @@ from ..execution import in_float64
 from ..model.box_least_squares import least_in_box
 from ..model.reduced import Reduced
 from ..model.reference import error_blocks_of
-from ..uncertainty.covariance import CONFIDENCE
+from ..uncertainty.noise import CONFIDENCE
 from .node_interval import NodeInterval, mean_weights, parts_of
 from .objective import Solution, TableObjective
 from .problem import (

@@ -279,8 +279,7 @@ class _Normal:
         gradient = to_tables.T @ self.products[own, -1]
         x, sides = least_in_box(normal, gradient, *objective.box, sides)
         objective_v2 = float(self.products[-1, -1] + x @ (2 * gradient + normal @ x))
-        rows = to_tables @ x
-        values = tuple(rows[objective.block(table)] for table in range(objective.tables))
+        values = objective.values_of(x)
         return Solution(log_scales, sides, objective_v2, values, x, np.empty(0))
 
     def step(

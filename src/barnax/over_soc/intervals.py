@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
-from scipy.special import stdtrit
 
 from ..cell.elements import alike, rungs_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, CircuitParameters
@@ -26,7 +25,6 @@ from ..model.exponentials import span_through
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, blocks
 from ..model.reference import errors_along
-from ..uncertainty.covariance import CONFIDENCE
 from ..uncertainty.identifiability import are_one
 from ..uncertainty.joined import one_clock, open_starts
 from ..uncertainty.noise import Noise, Slots, fit_gathered
@@ -57,7 +55,6 @@ class _Moves:
     False of a value that no sample and no way to move depends on."""
 
     noise: Noise
-    spread_v2: Float[np.ndarray, "columns columns"]
     by_noise: Float[np.ndarray, "values columns"]
     beside: Float[np.ndarray, "values errors"]
     by_lines: Float[np.ndarray, "values"]
@@ -68,11 +65,8 @@ class _Moves:
         """The standard error of a sum of values, and half its interval; None of what is unseen."""
         if not np.any(weights[self.is_seen]):
             return None
-        moved = weights @ self.by_noise
-        variance = moved @ self.spread_v2 @ moved + np.sum((weights @ self.beside) ** 2)
-        freedom = max(1.0, min(self.noise.degrees_of_freedom(moved), 1e6))
-        error = math.sqrt(max(float(variance), 0.0))
-        return error, float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) * error
+        beside = float(np.sum((weights @ self.beside) ** 2))
+        return self.noise.reach(weights @ self.by_noise, beside)
 
 
 @in_float64
@@ -192,7 +186,6 @@ def _moves_of(
     errors = pull * np.array([number.sd for number in usual.values()])
     return _Moves(
         noise=noise,
-        spread_v2=noise.spread_v2,
         by_noise=ways @ np.linalg.lstsq(normal, to_noise.T)[0],
         beside=np.hstack([weight * by_starts, back * errors]),
         by_lines=ways @ np.linalg.lstsq(normal, slopes[:, 1])[0],

@@ -25,24 +25,22 @@ class Measured(NamedTuple):
 
 @dataclass(frozen=True)
 class Estimated:
-    """Nuisances relative to what was told, with their covariance, and the shifts of the searched
-    scales' logarithms with them. `sums` are the wanted sums of the tables' values. `by_prior` is
-    how far each nuisance and sum moves with what was told of each nuisance, by one standard
-    deviation. `log_evidence` is the logarithm of the probability of the records with these
-    standard deviations, but for a constant of the records.
+    """Nuisances relative to what was told, then the wanted sums of the tables' values, with their
+    covariance, and the shifts of the searched scales' logarithms with them. `by_prior` is how far
+    each moves with what was told of each nuisance, by one standard deviation. `log_evidence` is the
+    logarithm of the probability of the records with these standard deviations, but for a constant
+    of the records.
     """
 
-    values: Float[np.ndarray, "nuisances"]
-    covariance: Float[np.ndarray, "nuisances nuisances"]
+    values: Float[np.ndarray, "estimates"]
+    covariance: Float[np.ndarray, "estimates estimates"]
     moved_scales: Float[np.ndarray, "axes"]
-    sums: Float[np.ndarray, "wanted"]
-    sum_errors: Float[np.ndarray, "wanted"]
     by_prior: Float[np.ndarray, "estimates nuisances"]
     log_evidence: float
 
     @property
-    def errors(self) -> Float[np.ndarray, "nuisances"]:
-        """Standard errors of the nuisances."""
+    def errors(self) -> Float[np.ndarray, "estimates"]:
+        """Standard errors."""
         return np.sqrt(np.diag(self.covariance))
 
 
@@ -98,18 +96,14 @@ def estimate(
         back = picked @ np.linalg.lstsq(stiff, told.T)[0]
         by_noise = picked @ moved[:, 1:]
         by_known = back @ pull
-        covariance = by_noise @ noise.spread_v2 @ by_noise.T + by_known @ by_known.T
-        found = np.append(now, wanted @ values) - picked @ moved[:, 0]
         lengths = np.sqrt(np.maximum(np.diag(stiff), np.finfo(float).tiny))
         roots = np.linalg.eigvalsh(stiff / np.outer(lengths, lengths))
         volume = np.sum(np.log(np.maximum(roots, UNSEEN**2))) + 2 * np.sum(np.log(lengths))
         misfit = known[1] @ known[1] - pushed @ moved[:, 0] / weight
         return Estimated(
-            found[: now.size],
-            covariance[: now.size, : now.size],
+            np.append(now, wanted @ values) - picked @ moved[:, 0],
+            by_noise @ noise.spread_v2 @ by_noise.T + by_known @ by_known.T,
             -moved[count : count + axes, 0],
-            found[now.size :],
-            np.sqrt(np.diag(covariance)[now.size :]),
             by_known[:, : now.size],
             float(-(misfit + volume) / 2 - np.sum(np.log(prior))),
         )

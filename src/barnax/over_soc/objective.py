@@ -277,9 +277,12 @@ class TableObjective:
         error = base + columns @ x
         bent = self.penalty @ x
         objective_v2 = float(error @ error + bent @ bent)
+        return Solution(log_scales, sides, objective_v2, self.values_of(x), x, error)
+
+    def values_of(self, x: Float[np.ndarray, "unknowns"]) -> tuple[Float[np.ndarray, "nodes"], ...]:
+        """Every table's values from the unknowns."""
         rows = self.to_tables @ x
-        values = tuple(rows[self.block(table)] for table in range(self.tables))
-        return Solution(log_scales, sides, objective_v2, values, x, error)
+        return tuple(rows[self.block(table)] for table in range(self.tables))
 
     def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
         """The least J at many scales: of a constant circuit all at once, of tables, whose problems
@@ -361,9 +364,7 @@ class TableObjective:
 
     def with_unknowns(self, found: Solution, x: Float[np.ndarray, "unknowns"]) -> Solution:
         """A solution with other tables at the same scales."""
-        rows = self.to_tables @ x
-        values = tuple(rows[self.block(table)] for table in range(self.tables))
-        return replace(found, values=values, unknowns=x)
+        return replace(found, values=self.values_of(x), unknowns=x)
 
     def tables_at(self, found: Solution) -> CircuitParameters:
         """A solution as stored, pairs from fast to slow; an OCV of its own is left out. Where the

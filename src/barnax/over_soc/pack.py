@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
-from scipy.special import stdtrit
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
@@ -22,7 +21,6 @@ from ..execution import in_float64
 from ..model.descent import polish
 from ..model.prepared import PreparedRecord
 from ..model.reduced import together
-from ..uncertainty.covariance import CONFIDENCE
 from .intervals import LIGHT, UNSEEN, linearized, noises_behind, unsmoothed, with_penalty
 from .level import level_cell, leveled, with_own_ocv
 from .objective import Solution, TableObjective
@@ -229,11 +227,7 @@ class _Spread:
 
     def reach(self, side: int, direction: Float[np.ndarray, "values"]) -> float:
         """Half the 95 % interval of a combination of values."""
-        noise, moved = self.noises[side], direction @ self.moved
-        variance = float(np.einsum("i,pij,j->p", moved, noise.parts_spread, moved)
-                         @ noise.variance_v2)  # fmt: skip
-        freedom = max(1.0, min(noise.degrees_of_freedom(moved), 1e6))
-        return float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) * math.sqrt(max(variance, 0.0))
+        return self.noises[side].reach(direction @ self.moved)[1]
 
     def variances(self, places: slice) -> Float[np.ndarray, "values"]:
         """Of some values of the mean cell."""

@@ -31,7 +31,7 @@ from ..notices import Notice, notice
 from ..records.record import in_means
 from ..records.segments import runs
 from ..settings import Registration
-from ..uncertainty.covariance import CONFIDENCE
+from ..uncertainty.noise import CONFIDENCE
 from .cross_validation import SocErrors, held_out
 from .current_offset import CurrentOffset, shared_offset
 from .dependence import adjusted

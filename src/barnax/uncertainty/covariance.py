@@ -27,9 +27,8 @@ from ..model.padding import records_in
 from ..model.problem import Objective, Problem, point_blocks, residuals
 from ..search.refine import at_bound
 from .joined import one_clock, open_starts
-from .noise import Noise, fit_noise
+from .noise import CONFIDENCE, Noise, fit_noise
 
-CONFIDENCE = 0.95
 # Singular values of the scaled Jacobian under this share of the largest are rounding.
 SMALLEST_SHARE = 1e-9
 # An interval that leaves more than this factor open on either side determines nothing.

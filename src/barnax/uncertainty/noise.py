@@ -26,7 +26,9 @@ from jaxtyping import Float, Int
 from numpy.fft import irfft, rfft
 from scipy.linalg import get_lapack_funcs
 from scipy.optimize import nnls
+from scipy.special import stdtrit
 
+CONFIDENCE = 0.95
 # Correlation times a decade, up to this share of the record, and lags an octave, up to that share:
 # twice as many change the intervals by less than their own spread between records.
 TIMES_PER_DECADE = 3
@@ -69,9 +71,19 @@ class Noise:
     _columns: Float[np.ndarray, "slots columns"]
     _padded: int
 
-    @property
+    @cached_property
     def spread_v2(self) -> Float[np.ndarray, "columns columns"]:
         return np.tensordot(self.variance_v2, self.parts_spread, axes=1)
+
+    def reach(
+        self, direction: Float[np.ndarray, "columns"], beside: float = 0.0
+    ) -> tuple[float, float]:
+        """The standard error of `direction` . Q' u and half its interval, with another variance
+        `beside` that of the noise."""
+        variance = float(direction @ self.spread_v2 @ direction) + beside
+        freedom = max(1.0, min(self.degrees_of_freedom(direction), 1e6))
+        error = math.sqrt(max(variance, 0.0))
+        return error, float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) * error
 
     @property
     def sd_v(self) -> float:
@@ -147,6 +159,7 @@ def fit_noise(
     columns: Float[np.ndarray, "samples columns"],
     time_s: Float[np.ndarray, "samples"],
     longest_s: float | None = None,
+    max_slots: int = MAX_SLOTS,
 ) -> Noise:
     """The noise that left `error_v` behind after a least-squares fit.
 
@@ -155,7 +168,7 @@ def fit_noise(
     `longest_s` is the duration of the longest of several records on one clock, further apart than
     that; without it all is one record.
     """
-    slots = Slots.of(time_s, longest_s)
+    slots = Slots.of(time_s, longest_s, max_slots)
     (noise,) = fit_gathered(
         slots,
         counts=slots.gathered(time_s, np.ones(len(time_s))),

@@ -19,7 +19,7 @@ from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import tables_csv
 from barnax.reporting.render import to_markdown
-from barnax.reporting.temperatures import prediction_sentence
+from barnax.reporting.wording import sentences
 from barnax.settings import CellSettings, Reading
 from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm
 
@@ -95,8 +95,8 @@ def test_an_error_of_a_temperature_left_out_stands_beside_what_was_not_measured(
     assert "its tables lie between those of 5 degC and 25 degC" in flat
     for degc in DEGC:
         assert any(line.split()[:2] == [f"{degc:g}", "degC"] for line in text.splitlines())
-    assert prediction_sentence(result.fits, "x", 26.0) == ""
-    assert "are those of 45 degC" in prediction_sentence(result.fits, "x", 60.0)
+    assert not sentences("tables.prediction", result.fits, "x", 26.0)
+    assert "are those of 45 degC" in sentences("tables.prediction", result.fits, "x", 60.0)[0]
 
 
 def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(result, tmp_path):

@@ -17,11 +17,7 @@ import jax
 
 import barnax
 from barnax.model.problem import Problem
-from barnax.reporting.sentences import (
-    diagnostics_sentences,
-    identifiability_sentences,
-    uncertainty_sentence,
-)
+from barnax.reporting.wording import sentences, wording
 from barnax.uncertainty import assess
 from benchmarks.pages import publish
 
@@ -79,9 +75,9 @@ def cell_page(name: str, problem: Problem) -> list[str]:
     refinement = barnax.refine(found)
     assessment = assess(problem, refinement.parameters)
     words = [
-        uncertainty_sentence(assessment.uncertainty),
-        *identifiability_sentences(assessment.identifiability),
-        *diagnostics_sentences(assessment.diagnostics),
+        wording("circuit.uncertainty", assessment.uncertainty),
+        *sentences("circuit.identifiability", assessment.identifiability.findings),
+        *sentences("circuit.diagnostics", assessment.diagnostics),
     ]
     lines = [
         f"## {name}",

@@ -7,7 +7,7 @@ import sys
 from datetime import date
 from pathlib import Path
 
-from barnax.reporting.sentences import optimum_words
+from barnax.reporting.wording import wording
 from benchmarks.pages import save_page
 
 from .cases import BUDGET, EXACT, Ran, cases, data_folder, run
@@ -62,7 +62,7 @@ def page(runs: list[Ran]) -> str:
     for ran in runs:
         lines += [f"## {ran.name}", "", *verdict_sentences(ran), "", *rows_table(ran), ""]
         lines += [
-            f"- {model}: {optimum_words(optimum)}."
+            f"- {model}: {wording('circuit.optimum', optimum)}."
             for model, optimum in ran.comparison.optima.items()
         ]
         lines.append("")

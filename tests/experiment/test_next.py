@@ -25,8 +25,9 @@ from barnax.reporting.design import (
 )
 from barnax.reporting.design_forms import design_files
 from barnax.reporting.design_promised import promised_lines, promised_table, reached_half
-from barnax.reporting.starts import axis_sentences
-from barnax.reporting.verdict import next_step
+from barnax.reporting.next_step import next_step
+from barnax.reporting.view import View
+from barnax.reporting.wording import sentences
 from barnax.reporting.words import joined
 from barnax.search.refine import AtBound
 from helpers.designs import BLOCKS, screen_of
@@ -296,7 +297,7 @@ def test_an_answer_of_one_value_at_every_soc_is_believed_with_its_own_values():
     result = barnax.identify(made()[0], window=window, **quick)
     assert result.answer == "so-rc with a fitted OCV"
     # How the capacity is told may have brackets of its own.
-    (told, *_) = axis_sentences(result)
+    (told, *_) = sentences("starts.axis", View(result))
     assert "SOC is counted over 2 Ah, given; the initial SOC is as given." in told
     tables = believed_of(result, None).tables
     for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):

@@ -20,10 +20,10 @@ from barnax.over_soc.level import level_cell
 from barnax.over_soc.problem import find_best, reduced_objective
 from barnax.records import read_record
 from barnax.records.record import in_means
-from barnax.reporting.candidates import ocv_test_sentences
-from barnax.reporting.decisions import guess_sentences
 from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import fit_csv
+from barnax.reporting.view import View
+from barnax.reporting.wording import sentences
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.own_ocv import fit_with_ocv
@@ -237,7 +237,7 @@ def test_a_hysteresis_without_an_ocv_test_is_told_stored_and_exported(turning, t
     drive = {"Time [s]": np.arange(600.0), "Current [A]": np.repeat([2.0, -2.0], 300)}
     simulated_v, stored_v = (own.simulate(drive)["Voltage [V]"] for own in (result, again))
     np.testing.assert_array_equal(simulated_v, stored_v)
-    (axis,) = [line for line in guess_sentences(again) if "no OCV test" in line]
+    (axis,) = [line for line in View(again).guesses if "no OCV test" in line]
     assert ("the OCV and the hysteresis were identified" in axis) is bool(half_gap_v)
     assert ("half of the hysteresis" in axis) is not bool(half_gap_v)
     assert (tables_of(again).hysteresis is not None) is bool(half_gap_v)
@@ -370,7 +370,7 @@ def test_a_record_that_is_not_suitable_cannot_speak_against_its_ocv_test(tmp_pat
     assert found.fit.own_ocv.median_v > 0.05
     assert "role.unfit" in codes
     assert "ocv-test.disagrees" not in codes
-    assert "predicts better" not in "".join(ocv_test_sentences(found))
+    assert "predicts better" not in "".join(sentences("tables.ocv_test", View(found)))
 
 
 @pytest.mark.slow

@@ -23,7 +23,8 @@ from barnax.over_soc.current_offset import reads_zero_at_rest
 from barnax.over_soc.registration import FAR_V
 from barnax.pipeline import _between_ends
 from barnax.records import read_record
-from barnax.reporting.starts import registered_sentences
+from barnax.reporting.view import View
+from barnax.reporting.wording import sentences
 from helpers import known_cell
 from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made
 from helpers.problems import drive_a, simulated_record
@@ -190,12 +191,12 @@ def test_what_an_ocv_test_tells_of_the_capacity_counts_for_records_to_validate_o
     own_v = found.candidates[0].identification.rmse_v
     assert found.candidates[0].validation_v[0] < 1.2 * own_v
     assert found.validate(other, Window(initial_soc=1.0)).metrics.rmse_v < 1.2 * own_v
-    told = " ".join(registered_sentences(found))
+    told = " ".join(sentences("starts.adjusted", View(found)))
     assert "The other records use that capacity too." in told
     # Where a capacity is given, that is what others have.
     given = barnax.identify([record], ocv=[sweep], capacity=tested_ah, **options)
     assert given.cell.capacity_ah == pytest.approx(tested_ah)
-    assert "other records" not in " ".join(registered_sentences(given))
+    assert "other records" not in " ".join(sentences("starts.adjusted", View(given)))
 
 
 def test_a_charge_is_counted_over_the_capacity_that_the_test_tells_of_a_drive_beside_it(

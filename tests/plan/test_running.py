@@ -12,8 +12,8 @@ from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.records import source
-from barnax.reporting.decisions import plan_blocks
-from barnax.reporting.verdict import next_step
+from barnax.reporting.next_step import next_step
+from barnax.reporting.result_tables import plan_table
 from barnax.result_parts import PlannedFile
 from barnax.results import Result
 from cli.conftest import BUDGET, run_command
@@ -65,7 +65,7 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(
         "ocv_discharge.parquet": "OCV test",
         "ocv_charge.parquet": "OCV test",
     }
-    (table,) = plan_blocks(stored)
+    table = plan_table(stored.plan)
     assert table.rows[0][:3] == ("identification.parquet", "identification", "drive cycle")
     assert "752 current steps" in table.rows[0][3]
     # The plan that the run stored does the same, wherever it is run.

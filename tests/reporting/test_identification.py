@@ -16,29 +16,15 @@ from barnax.cli.session import as_flags
 from barnax.model.window import Window
 from barnax.plots.pictures import Illustration, record_roles
 from barnax.records import Decision
-from barnax.reporting.decisions import (
-    box_sentences,
-    decision_sentences,
-    guess_sentences,
-    ocv_sentences,
-    window_sentences,
-)
 from barnax.reporting.document import Picture
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.illustrations import identification_illustrations
+from barnax.reporting.next_step import next_step
 from barnax.reporting.render import to_html, to_markdown
-from barnax.reporting.starts import (
-    carried_sentences,
-    known_words,
-    start_sentence,
-)
-from barnax.reporting.verdict import (
-    best_possible,
-    next_step,
-    seeds_sentences,
-    weakest_point,
-)
+from barnax.reporting.result_tables import search_boxes
+from barnax.reporting.view import View
+from barnax.reporting.wording import sentences, wording
 from barnax.results import Result
 from barnax.search.refine import AtBound
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
@@ -54,6 +40,10 @@ WINDOWS = [
     Window(score_from_s=5.0, score_steps=(7,), rest_current_a=0.02),
     Window(score_soc=(0.1, 1.0)),
 ]
+SOC_SOURCES = (
+    *("full end", "empty end", "full voltage", "counters", "rest elsewhere"),
+    *("own full charge", "own span", "fitted", "given earlier"),
+)
 DIRECTION_SOURCES = (
     *("given", "load before", "full or empty", "better fit", "without effect", "assumed"),
 )
@@ -111,6 +101,11 @@ def test_a_stored_result_s_first_screen_is_the_golden_one():
     require_golden(GOLDEN / "first_screen.txt", screen(STORED))
 
 
+def best_and_optima(result: Result) -> tuple[str, ...]:
+    optima = sentences("circuit.optima", result.constant)
+    return wording("verdict.best_possible", View(result)), *optima
+
+
 def test_every_other_verdict_is_the_golden_one():
     found = STORED.constant.global_optimum
     own = STORED.metrics.identification
@@ -130,11 +125,12 @@ def test_every_other_verdict_is_the_golden_one():
         if isinstance(update, dict):
             optimum = found.model_copy(update=update)
             result = with_constant(STORED, global_optimum=optimum)
-        told += [f"{name}:", best_possible(result), *seeds_sentences(result)]
+        told += [f"{name}:", *best_and_optima(result)]
     wide = with_constant(STORED, global_optimum=None, source="seeds")
-    told += ["too wide:", best_possible(wide), *seeds_sentences(wide)]
+    told += ["too wide:", *best_and_optima(wide)]
     seeds = with_constant(STORED, source="seeds", metrics=better)
-    told += ["seeds better:", best_possible(seeds), weakest_point(seeds)]
+    told += ["seeds better:", wording("verdict.best_possible", View(seeds))]
+    told.append(wording("verdict.weakest", View(seeds)))
     # The polynomial of this cell misses its points, which comes before all else.
     met = STORED.model_copy(update={"cell": replace(STORED.cell, errors={})})
     alone = STORED.metrics.model_copy(update={"validation": ()})
@@ -217,26 +213,26 @@ def test_every_decision_is_told_as_firmly_as_it_was_made():
     for strength in ("strong", "weak", "assumed", "given"):
         sign = Decision("discharge-positive", strength, "because")
         hold = Decision("backward", strength, "the counters say so")
-        told += list(decision_sentences(changed(STORED, sign=sign, hold=hold)))[:4]
-        told += list(guess_sentences(changed(STORED, hold=hold)))[:1]
+        told += sentences("decisions.decided", View(changed(STORED, sign=sign, hold=hold)))[:4]
+        told += View(changed(STORED, hold=hold)).guesses[:1]
     for source in DIRECTION_SOURCES:
         for soc_source in ("given", "rested voltage"):
             start = replace(
                 STORED.start, direction_source=source, soc_source=soc_source, other_rmse_v=0.02
             )
             result = changed(STORED, start=start)
-            told += [
-                start_sentence(result.inputs[0]),
-                *list(guess_sentences(result))[1:],
-            ]
-    for soc_source in list(known_words(STORED.start))[1:]:
+            told += sentences("starts.start", result.inputs[0], False, True)
+            told += View(result).guesses[1:]
+    for soc_source in SOC_SOURCES:
         start = replace(STORED.start, soc_source=soc_source)
-        told += carried_sentences(changed(STORED, start=start))
+        told += sentences("starts.carried", View(changed(STORED, start=start)))
     for window in WINDOWS:
-        told += window_sentences(window, ["a.csv", "b.csv"])
+        told += sentences("decisions.window", window, ["a.csv", "b.csv"])
     cell = STORED.cell_model
-    told += ocv_sentences(cell)
-    told += ocv_sentences(replace(cell, errors={}, hysteresis=SegmentedHysteresis.zero()))
+    told += sentences("decisions.ocv", cell, None)
+    bare = replace(cell, errors={}, hysteresis=SegmentedHysteresis.zero())
+    told += sentences("decisions.ocv", bare, None)
     box = {"R0 [Ohm]": (0.1, 0.2), "R1 [Ohm]": (0.1, 0.2), "tau1 [s]": (1.0, 10.0)}
-    told += box_sentences({"a": (box, {}), "b": (box, {}), "c": (box, {"C2 [F]": 500.0})})
+    boxes = search_boxes({"a": (box, {}), "b": (box, {}), "c": (box, {"C2 [F]": 500.0})})
+    told += sentences("decisions.boxes", boxes)
     require_golden(GOLDEN / "decisions.txt", "\n".join(told) + "\n")

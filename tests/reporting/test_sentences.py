@@ -12,19 +12,12 @@ from barnax.cell import CircuitParameters
 from barnax.cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from barnax.notices import notice
 from barnax.over_soc import NodeInterval, SocErrors
-from barnax.reporting.sentences import (
-    diagnostics_sentences,
-    finding_sentence,
-    identifiability_sentences,
-    local_optima_sentence,
-    optimum_words,
-    uncertainty_sentence,
-)
+from barnax.reporting.next_step import next_step
 from barnax.reporting.soc_tables import constants_table, nodes_table
-from barnax.reporting.starts import beyond_sentence
-from barnax.reporting.verdict import next_step, search_sentences
+from barnax.reporting.view import View
+from barnax.reporting.wording import sentences, wording
 from barnax.search.refine import Optimum
-from barnax.uncertainty import Band, Diagnostics, Estimate, Identifiability, Undetermined
+from barnax.uncertainty import Band, Diagnostics, Estimate, Undetermined
 from barnax.uncertainty.covariance import NoiseParts, Uncertainty
 from helpers.golden import require_golden
 from helpers.results import make_table_result
@@ -50,18 +43,12 @@ class Found:
 def optima() -> list[str]:
     other = Optimum(0.02515, CIRCUIT, 3, is_family=False)
     tried = replace(Found(), status="grid-verified", proved_gap=0.0312, boxes=50_000)
+    proved = (Found(), replace(Found(), proved_gap=0.0), tried, replace(tried, boxes=None))
+    far = (replace(other, rmse_v=0.03), replace(other, rmse_v=0.035))
+    local = (Found(), *(replace(Found(), local_optima=each) for each in ((other,), far)))
     return [
-        optimum_words(Found()),
-        optimum_words(replace(Found(), proved_gap=0.0)),
-        optimum_words(tried),
-        optimum_words(replace(tried, boxes=None)),
-        local_optima_sentence(Found()),
-        local_optima_sentence(replace(Found(), local_optima=(other,))),
-        local_optima_sentence(
-            replace(
-                Found(), local_optima=(replace(other, rmse_v=0.03), replace(other, rmse_v=0.035))
-            )
-        ),
+        *(wording("circuit.optimum", each) for each in proved),
+        *(wording("circuit.local_optima", each) for each in local),
     ]
 
 
@@ -77,7 +64,8 @@ SUM = known("R0 + R1 [Ohm]", 0.0649, 0.0640, 0.0658)
 
 def findings() -> list[str]:
     def said(kind, *estimates, **given) -> str:
-        return finding_sentence(Undetermined(kind, estimates, 1.0, 19_680.0, **given))
+        undetermined = Undetermined(kind, estimates, 1.0, 19_680.0, **given)
+        return wording("circuit.finding", undetermined)
 
     held = replace(TAU2, held="at upper bound", value=19_680.0)
     return [
@@ -97,7 +85,7 @@ def findings() -> list[str]:
         said("loose", TAU2),
         said("direction", R1, TAU1, log_steps=(0.8, -0.9), combined=SUM),
         said("direction", R1, TAU1, log_steps=(9.0, -9.0)),
-        *identifiability_sentences(Identifiability(2.0, 3.0, (), ())),
+        *sentences("circuit.identifiability", ()),
     ]
 
 
@@ -110,10 +98,10 @@ def errors() -> list[str]:
     warm = (Band(20.0, 21.0, 100, 0.03, 0.01, 0.9), Band(21.0, 22.0, 1900, 0.001, 0.0, 0.1))
     alone = replace(found, effective_samples=0.3, by_soc=(), by_current=(), by_temperature=warm)
     return [
-        uncertainty_sentence(uncertainty),
-        uncertainty_sentence(replace(uncertainty, estimates=())),
-        *diagnostics_sentences(found),
-        *diagnostics_sentences(alone),
+        wording("circuit.uncertainty", uncertainty),
+        wording("circuit.uncertainty", replace(uncertainty, estimates=())),
+        *sentences("circuit.diagnostics", found),
+        *sentences("circuit.diagnostics", alone),
     ]
 
 
@@ -127,15 +115,15 @@ def seeds() -> list[str]:
             source=source,
         )
         told: Any = SimpleNamespace(constant=constant, tables=None)
-        said += search_sentences(told)
+        said += sentences("circuit.seeds", View(told))
     return said
 
 
 def beyond() -> list[str]:
     """Where an SOC is within 0.5 % of the ends, nothing is told."""
     extents = {"a.csv": (-0.004, 1.0), "b.csv": (0.02, 1.0071), "c.csv": (-0.012, 1.0)}
-    assert beyond_sentence({"a.csv": extents["a.csv"]}, "the OCV test") == ""
-    return [beyond_sentence(extents, "the OCV test")]
+    assert not sentences("starts.beyond", {"a.csv": extents["a.csv"]}, "the OCV test")
+    return [*sentences("starts.beyond", extents, "the OCV test")]
 
 
 SAID = (optima, findings, errors, seeds, beyond)

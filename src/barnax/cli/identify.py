@@ -103,8 +103,8 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         from ..factors import read_factors
         from ..over_soc.kept import fit_kept
         from ..pipeline import bounded_tables
-        from ..reporting.kept import kept_document
         from ..reporting.pulses import fit_csv
+        from ..reporting.soc_tables import kept_document
 
     job = barnax.Job(**options.given, watch=session.watch)
     known = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch"}
@@ -237,7 +237,7 @@ def _next(
     Options are given beside the plan that the run wrote; a design is met by the next run too.
     """
     from ..records.source import STDIN
-    from ..reporting.verdict import next_step
+    from ..reporting.next_step import next_step
 
     step = next_step(result)
     advice = as_flags(step.advice)

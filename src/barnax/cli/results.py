@@ -92,8 +92,8 @@ def show(of: Shown) -> None:
     Two cells, two ages or two temperatures: the parameters with their
     intervals, and which differ beyond them.
     """
-    from ..reporting.candidates import choice_document
     from ..reporting.identification import identification_document
+    from ..reporting.result_tables import choice_document
 
     if len(of.results) > 1:
         document = barnax.show(*of.results, names=_names(of.results)).document
@@ -135,10 +135,10 @@ def validate(on: OnRecord, output: Errors) -> None:
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     with session.loading():
-        from ..reporting.identification import metrics_table
-        from ..reporting.starts import moved_start_sentence
-        from ..reporting.temperatures import prediction_sentence
+        from ..reporting.result_tables import metrics_table
         from ..reporting.terminal import terminal_table
+        from ..reporting.wording import sentences
+        from ..reporting.words import capitalized
         from ..storing import metrics_part
 
     if output.report is not None:
@@ -152,15 +152,14 @@ def validate(on: OnRecord, output: Errors) -> None:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
     table = metrics_table([(metrics, "validation")])
     session.show([terminal_table(table)])
-    if told := moved_start_sentence(metrics):
-        session.show([shown(told[:1].upper() + told[1:] + ".")])
+    session.show([shown(capitalized(text)) for text in sentences("starts.moved", metrics)])
     if output.report is not None:
         with session.watch("Drawing figures"):
             write_file(output.report, _validation_page(evaluation, table, stored.answer))
         session.show(["", f"  {shown(output.report)}"])
     degc = evaluation.prepared.temperature_degc
-    told = prediction_sentence(stored.fits, on.record.name, degc)
-    session.show([shown(told)] if told else [])
+    basis = sentences("tables.prediction", stored.fits, on.record.name, degc)
+    session.show([shown(text) for text in basis])
     session.warn(evaluation.warnings)
 
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..notices import Notice
-from .decisions import FLOWS
 from .document import Cells, Document, Paragraph, Section, Table, make_table
-from .words import NOTHING, counted, duration
+from .wording import wording
+from .words import NOTHING, counted
 
 if TYPE_CHECKING:
     from ..checks import FileCheck, Role
@@ -18,16 +18,7 @@ def check_document(found: "FileCheck") -> Document:
     """The file's contents, the findings, and the roles that it can serve in."""
     blocks: list[Paragraph | Table] = []
     if found.facts is not None:
-        facts = found.facts
-        low_v, high_v = facts.voltage_v
-        blocks.append(
-            Paragraph(
-                f"{facts.samples:,} samples over {duration(facts.last_s - facts.first_s)}, every "
-                f"{facts.interval_s:.3g} s, {low_v:.3f} to {high_v:.3f} V, "
-                f"{facts.charged_ah:.4g} Ah in, {facts.discharged_ah:.4g} Ah out; current "
-                f"{facts.current_sign}, flowing {FLOWS[facts.current_hold]}."
-            )
-        )
+        blocks.append(Paragraph(wording("decisions.contents", found.facts)))
     blocks.append(
         _findings_table(found.findings) if found.findings else Paragraph("Nothing found.")
     )

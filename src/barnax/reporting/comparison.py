@@ -4,15 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from ..plots.pictures import Illustration, record_roles
-from .candidates import candidates_section
 from .comparison_verdict import NARROW, OnRecord, answered, on_records, verdict_sentences
-from .decisions import (
-    box_sentences,
-    decision_sentences,
-    files_table,
-    reproduction_section,
-    warnings_section,
-)
 from .document import (
     METRICS,
     Bullets,
@@ -26,7 +18,16 @@ from .document import (
     more_figures,
     pairs_table,
     rows_table,
+    warnings_section,
 )
+from .result_tables import (
+    circuit_blocks,
+    files_table,
+    reproduction_section,
+    search_boxes,
+)
+from .view import View
+from .wording import sentences
 from .words import NOTHING, counted, fixed, joined, millivolts_cell, sentence, significant
 
 if TYPE_CHECKING:
@@ -55,15 +56,17 @@ def comparison_document(
     parameters, *results = _results(result, pictures, seconds) if records else [None]
     roles = record_roles(1, len(records) - 1)
     conditions = [f"{role}-condition" for role in roles]
+    validated = [part.name for part in result.inputs if part.role == "validation"]
+    boxes = {name: (model.bounds, model.fixed) for name, model in result.models.items()}
+    circuits = circuit_blocks(result.candidates, (), validated)
     decisions = (
-        *decision_sentences(result),
-        *box_sentences({name: (m.bounds, m.fixed) for name, m in result.models.items()}),
+        *sentences("decisions.decided", View(result)),
+        *sentences("decisions.boxes", search_boxes(boxes)),
         budget_sentence(result),
     )
-    validated = [part.name for part in result.inputs if part.role == "validation"]
     sources = {row.method: row.source for row in result.rows}
     sections = [
-        *candidates_section(result.candidates, (), validated),
+        *([Section("Circuits", circuits)] if circuits else []),
         Section("Verdict", (Bullets(tuple(verdict_sentences(result))),)),
         *warnings_section(result.warnings),
         *([parameters] if parameters else []),

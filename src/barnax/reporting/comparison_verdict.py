@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from ..search.refine import SAME_RMSE
-from .sentences import better_than
-from .words import bound_words, gathered, joined, millivolt, sentence
+from .words import better_than, bound_words, gathered, joined, millivolt, sentence
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult

@@ -1,10 +1,11 @@
 """A report before it is HTML or Markdown, and the tables that several reports have."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain, takewhile
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+from ..notices import Notice, sentences_of
 from .words import figures, fixed, millivolts_cell
 
 if TYPE_CHECKING:
@@ -237,6 +238,15 @@ def more_figures(pictures: Pictures) -> list[Section]:
     """The figures that have no section of their own."""
     others = pictures.others()
     return [Section("More figures", others)] if others else []
+
+
+def warnings_section(notices: Sequence[Notice]) -> list[Section]:
+    """A section of warnings and one of notes, where there are any."""
+    return [
+        Section(title, (Bullets(tuple(sentences_of(told)), are_warnings=counts),))
+        for title, counts in (("Warnings", True), ("Notes", False))
+        if (told := [own for own in notices if own.counts is counts])
+    ]
 
 
 def _renamed(value: Any, named: Callable[[str], str]) -> Any:

@@ -7,36 +7,18 @@ from typing import TYPE_CHECKING
 from rich.console import RenderableType
 from rich.text import Text
 
-from .candidates import choice_line, ocv_test_sentences, ranked
-from .decisions import guess_sentences
-from .headline import headline
+from .document import Bullets
 from .pulses import middle_heads, middle_pulses
-from .soc_tables import left_out_sentences
-from .starts import (
-    beyond_sentence,
-    carried_sentences,
-    moved_start_sentence,
-    registered_sentences,
-)
-from .temperatures import (
-    expectation,
-    prediction_sentences,
-    resistance_sentences,
-    temperature_ocv_sentences,
-)
+from .soc_tables import headline
 from .terminal import Whole, bare_table, headed_line, indented
-from .words import (
-    aligned_millivolt,
-    capitalized,
-    degrees,
-    duration,
-)
+from .view import View
+from .wording import document
+from .words import aligned_millivolt, degrees, duration
 
 if TYPE_CHECKING:
     from ..over_soc import OverTemperature
     from ..result_parts import InputPart, MetricsPart
     from ..results import Result
-from .verdict import best_possible, search_sentences
 
 LONGEST_NAME = 26
 # With more files than this, the rest are only counted.
@@ -52,57 +34,24 @@ def first_screen(
 
     `with_cli_options` turns the options named in texts into those of the reader's interface.
     """
-    tables = [_files_table(result), _errors_table(result), _parameters_table(result)]
+    view = View(result)
+    tables = [_files_table(view), _errors_table(view), _parameters_table(view)]
     if pulses := middle_pulses(result):
         tables.append(bare_table(middle_heads(result), pulses))
     for table in tables:
         yield Text()
         yield indented(table)
     yield Text()
-    unfit = [
-        str(warning)
-        for warning in result.warnings
-        if warning.code == "role.unfit" and warning.values["role"] == "identification"
-    ]
-    moved = [
-        f"{text}."
-        for part in result.metrics.validation
-        if (text := moved_start_sentence(part))
-        and (part.registered_v or 0.0) < (1 - APART) * part.rmse_v
-    ]
-    parts = (*result.of_role("identification"), *result.of_role("validation"))
-    extents = {part.name: part.soc_range for part in parts if part.soc_range}
-    cell = result.cell_model
-    is_whole = not cell.is_of_records and cell.soc_range == (0.0, 1.0)
-    whole = "the OCV test" if is_whole else "the charge it is counted over"
-    over = result.fits.over_temperature
-    follow = " ".join(map(capitalized, resistance_sentences(result)))
-    beyond = [] if over is None else [expectation(over)]
-    for head, sentences in (
-        ("Do not use", unfit),
-        ("Best possible", [best_possible(result)]),
-        ("Circuit", filter(None, [choice_line(result)])),
-        ("Resistances", [follow[:1].lower() + follow[1:]] if follow else []),
-        ("Left out", left_out_sentences(result)),
-        ("OCV test", ocv_test_sentences(result)),
-        ("Search", search_sentences(result)),
-        ("Temperatures", beyond),
-        ("", prediction_sentences(result)),
-        ("OCV", temperature_ocv_sentences(result)),
-        ("SOC", filter(None, [beyond_sentence(extents, whole)])),
-        ("Adjusted", registered_sentences(result)),
-        ("Start", moved),
-        ("Start", carried_sentences(result)),
-        ("Assumed", guess_sentences(result)),
-    ):
-        for text in sentences:
-            yield indented(headed_line(head, with_cli_options(text)))
+    for section in document("screen", view=view).sections:
+        for block in section.blocks:
+            for text in block.items if isinstance(block, Bullets) else ():
+                yield indented(headed_line(section.title, with_cli_options(text)))
 
 
-def _files_table(result: "Result") -> Whole:
-    has_degc = result.fits.over_temperature is not None
+def _files_table(view: View) -> Whole:
+    has_degc = view.over_temperature is not None
     rows = []
-    parts = (*result.of_role("identification"), *result.of_role("validation"))
+    parts = (*view.identified, *view.validation)
     shown = parts if len(parts) <= MAX_FILES else parts[: MAX_FILES - 1]
     for part in shown:
         degc = part.temperature_degc
@@ -125,15 +74,15 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
     )
 
 
-def _errors_table(result: "Result") -> Whole:
+def _errors_table(view: View) -> Whole:
     """The answer and the constant circuit with their errors on all records."""
-    if (over := result.fits.over_temperature) is not None:
-        return _errors_over_temperature(result, over)
-    metrics, validation = result.metrics, result.metrics.validation
-    heads = ["", "identification", *_numbered("validation", len(validation))]
-    above = [part.rmse_above_10_soc_v for part in (metrics.identification, *validation)]
-    own = [part.rmse_v for part in (metrics.identification, *validation)]
-    candidates = ranked(result.candidates)
+    if view.over_temperature is not None:
+        return _errors_over_temperature(view, view.over_temperature)
+    metrics = (view.errors, *view.validation_errors)
+    heads = ["", "identification", *_numbered("validation", len(metrics) - 1)]
+    above = [part.rmse_above_10_soc_v for part in metrics]
+    own = [part.rmse_v for part in metrics]
+    candidates = view.candidates
     held = [c.held_out and c.held_out.rmse_v for c in candidates]
     if any(value is not None for value in held):
         heads.append("left out")
@@ -155,9 +104,9 @@ def is_apart(above_v: float | None, all_v: float) -> bool:
     return above_v is not None and above_v < (1 - APART) * all_v
 
 
-def _errors_over_temperature(result: "Result", over: "OverTemperature") -> Whole:
+def _errors_over_temperature(view: View, over: "OverTemperature") -> Whole:
     """The answer's errors record by record, beside those of one constant circuit for all."""
-    metrics, constant = result.metrics, result.constant.metrics
+    metrics, constant = view.result.metrics, view.constant.metrics
     several, others = metrics.jointly, metrics.validation
     rows: list[tuple[str, MetricsPart]] = []
     rows += zip(_numbered("identification", len(several)), several, strict=True)
@@ -169,13 +118,13 @@ def _errors_over_temperature(result: "Result", over: "OverTemperature") -> Whole
         "above 10 % SOC": [part.rmse_above_10_soc_v for _, part in rows],
         "constant circuit": [part.rmse_v for part in before],
     }
-    parts = {part.name: part for part in result.of_role("validation")}
+    parts = {part.name: part for part in view.validation}
     left = [_left_out_v(over, parts.get(part.record)) for _, part in rows]
     if any(value is not None for value in left):
         columns["left out"] = left
     told = (map(aligned_millivolt, row) for row in zip(*columns.values(), strict=True))
     return bare_table(
-        [result.model, *columns], ([role, *row] for (role, _), row in zip(rows, told, strict=True))
+        [view.model, *columns], ([role, *row] for (role, _), row in zip(rows, told, strict=True))
     )
 
 
@@ -192,12 +141,12 @@ def _numbered(role: str, count: int) -> list[str]:
     return [role] if count == 1 else [f"{role} {number}" for number in range(1, count + 1)]
 
 
-def _parameters_table(result: "Result") -> Whole:
+def _parameters_table(view: View) -> Whole:
     """Resistances at the left, the time constants of their pairs at the right."""
-    heads, rows = headline(result)
-    if result.fits.over_temperature is not None:
+    heads, rows = headline(view)
+    if view.over_temperature is not None:
         return bare_table(heads, rows)
-    return bare_table(heads, rows, [place in (1, 3, 5) for place in range(7)], (5, 6))
+    return bare_table(heads, rows, [column in (1, 3, 5) for column in range(7)], (5, 6))
 
 
 def _short(name: str, longest: int) -> str:

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..files import csv_text
 from ..pack import FEWEST
-from .decisions import guess_sentences
 from .document import Document, Paragraph, Section, Table, rows_table
-from .temperatures import dependence_sentences
+from .view import View
+from .wording import sentences
 from .words import NOTHING, counted, figures, fixed, joined, millivolt
 
 if TYPE_CHECKING:
@@ -51,9 +51,9 @@ def pack_document(pack: "Pack") -> Document:
         f"{pack.weakest} is the weakest: under 1C at {100 * pack.fit.loaded_soc:.0f} % SOC it has "
         f"{value.value:.3f} V ({value.low:.3f} to {value.high:.3f})."
     )
-    told += [f"Resistances: {text}" for text in dependence_sentences(pack.result.fits)]
+    told += [f"Resistances: {text}" for text in sentences("tables.law", pack.result.fits)]
     told += [f"{name} is left out: {why}." for name, why in pack.left_out.items()]
-    told += [f"Assumed: {guess}" for guess in guess_sentences(pack.result)]
+    told += [f"Assumed: {guess}" for guess in View(pack.result).guesses]
     return Document("Pack", "", (Section("Pack", (*map(Paragraph, told), _table(pack))),))
 
 

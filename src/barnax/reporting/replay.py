@@ -3,9 +3,8 @@
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
-from .decisions import warnings_section
-from .document import Bullets, Document, Pictures, Section, Table, rows_table
-from .starts import beyond_sentence, known_words
+from .document import Bullets, Document, Pictures, Section, Table, rows_table, warnings_section
+from .wording import sentences, wording
 from .words import NOTHING, duration, extent, joined, percent
 
 if TYPE_CHECKING:
@@ -71,7 +70,8 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
     """Heads and sentences: what went wrong, what was estimated, whether innovations are white."""
     if replay.start is not None and (replay.before_s or replay.start.soc_source not in EXPECTED):
         yield "Start", _start(replay)
-    if told := beyond_sentence({replay.record: replay.soc_range}, "the identified OCV"):
+    extents = {replay.record: replay.soc_range}
+    for told in sentences("starts.beyond", extents, "the identified OCV"):
         yield "SOC", told.removesuffix(".")
     diverged = [scenario for scenario in replay.scenarios if scenario.diverged_s is not None]
     for scenario in diverged:
@@ -133,11 +133,7 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
 def _start(replay: "SocReplay") -> str:
     start = replay.start
     assert start is not None, "asked by the caller"
-    known = {
-        "given": "as given",
-        "registered": "as adjusted when it was identified on",
-        **known_words(start),
-    }[start.soc_source]
+    known = wording("starts.evidence", start, start.soc_source, "as given")
     part = f", {duration(replay.before_s)} into the record" if replay.before_s else ""
     return f"at {percent(start.soc)} SOC{part}, {known}"
 

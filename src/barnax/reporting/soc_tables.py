@@ -1,71 +1,46 @@
-"""Tables over SOC, and over temperature, in words and tables: how good they are, every node."""
+"""Tables over SOC, and over temperature, as tables of words: every node, and in a few lines."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
+import numpy as np
+
+from ..cell.elements import names_beside
+from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, RATE
 from ..cell.soc_axis import ABOVE_SOC
-from .candidates import (
-    errors_words,
-    ocv_test_sentences,
-)
-from .document import Bullets, Cells, Pictures, Section, Table, make_table, rows_table
-from .sentences import better_than, rounded_up
-from .temperatures import expectation, numbers_of, resistance_sentences
+from ..over_soc.node_interval import parts_of
+from ..table_run import MIDDLE_SOC
+from .document import Cells, Document, Table, make_table, rows_table
+from .wording import document
 from .words import (
     NOTHING,
-    capitalized,
+    aligned_millivolt,
     degrees,
     duration,
+    errors_words,
     figures,
     interval_beside,
     joined,
-    millivolt,
     one_sided,
-    percent,
     symbol,
     with_unit,
+    without_unit,
 )
 
 if TYPE_CHECKING:
-    from ..over_soc import (
-        CrossValidation,
-        LeftOut,
-        NodeInterval,
-        OverTemperature,
-        TableFit,
-        TableFits,
-        TableSettings,
-    )
-    from ..results import Result
+    from ..over_soc import CrossValidation, LeftOut, NodeInterval, TableFit, TableFits
+    from ..over_soc.kept import Kept
+    from .view import View
 
 # A value within this share of its interval from an end is marked.
 AT_EDGE, EDGE = 0.01, "(*)"
 SHORT = {OCV_CORRECTION: "OCV correction", HALF_HYSTERESIS: "half hysteresis"}
-GRID = "verified on a grid of time constants"
+Row = tuple[str, ...]
 
 
-def tables_section(result: "Result", pictures: Pictures) -> list[Section]:
-    """Tables over SOC, and over temperature, as the report has them; none without tables."""
-    if result.tables is None:
-        return []
-    told = Bullets(tuple(_sentences(result, result.tables.settings)))
-    over, drawn = result.fits.over_temperature, pictures.starting("tables")
-    if over is None:
-        head = "Fitted OCV" if result.over == "ocv" else "Tables over SOC"
-        return [Section(head, (told, *drawn))]
-    others = [
-        nodes_table(fit, f" at {degrees(degc)}")
-        for degc, fit in result.fits.by_degc
-        if degc is not None and fit is not result.fit
-    ]
-    tables = (_temperature_table(result.fits, over), *others)
-    return [Section("Tables over SOC and temperature", (told, *tables, *drawn))]
-
-
-def answer_tables(found: "TableFits") -> tuple[Table, ...]:
+def answer_tables(fits: "TableFits") -> tuple[Table, ...]:
     """The values of tables; of several temperatures, those nearest to 25 degC."""
-    degc, fit = found.reference_degc, found.reference
+    degc, fit = fits.reference_degc, fits.reference
     if not fit.is_over_soc:
         return (constants_table(fit),)
     if degc is None:
@@ -75,85 +50,27 @@ def answer_tables(found: "TableFits") -> tuple[Table, ...]:
     return means_table(fit, where), constants_table(fit, both), nodes_table(fit, where)
 
 
-def _sentences(result: "Result", settings: "TableSettings") -> Iterator[str]:
-    """The tables' errors, proofs and dependences, and cautions."""
-    fit, over = result.fit, result.fits.over_temperature
-    own = millivolt(result.metrics.identification.rmse_v)
-    constant = millivolt(result.constant.metrics.identification.rmse_v)
-    beside = f"the constant circuit {result.constant.model}"
-    if over is not None:
-        degc = [degrees(value) for value in over.temperatures_degc]
-        yield (
-            f"With tables over SOC at {joined(degc)} the RMSE is {own}; {beside}, one for "
-            f"all temperatures, leaves {constant}."
-        )
-        yield f"Best possible: {best_of(result.fits, result.model, settings.proved_share)}"
-        yield from (f"Resistances: {text}" for text in resistance_sentences(result))
-        costs = over.objective_v / over.separate_v - 1 if over.separate_v else 0.0
-        yield (
-            "The time constants are the same at every temperature; separate ones would lower the "
-            f"error by {percent(max(costs, 0.0))}."
-        )
-        for at, own_fit in zip(degc, result.fits, strict=True):
-            held = own_fit.cross_validation
-            if held is not None:
-                own, one = errors_words(held.tables), errors_words(held.constant)
-                yield f"At {at}, {own} mV on held-out blocks; one value at every SOC {one}."
-        yield (
-            "Between measured temperatures the logarithm of every resistance is linear in 1/T, and "
-            "the OCV correction in T; beyond them the tables of the nearest temperature apply. How "
-            f"far off this may be: {expectation(over)}"
-        )
-        return
-    ends = duration(fit.tau_ranges_s[0][0]), duration(fit.tau_ranges_s[-1][1])
-    if result.over == "ocv":
-        yield f"With a fitted OCV the RMSE is {own}."
-    else:
-        whose = " with the OCV of the tables" if result.cell_model.is_of_records else ""
-        yield f"With tables over SOC the RMSE is {own}; {beside}{whose} leaves {constant}."
-    yield (
-        f"The samples determine {fit.parameters} values. Time constants from {joined(ends, 'to')} "
-        "were searched."
-    )
-    yield f"Best possible: {best_of(result.fits, result.model, settings.proved_share)}"
-    yield from (f"Resistances: {text}" for text in resistance_sentences(result))
-    yield from map(capitalized, ocv_test_sentences(result))
-    if settings.ocv_correction and not result.cell.is_of_records:
-        yield (
-            "The OCV correction absorbs errors of the OCV test, and with them any error of the SOC."
-        )
-    biased = sum(node.is_biased for node in fit.intervals)
-    if biased:
-        yield (
-            "Smoothing and the straight lines between nodes may have moved "
-            f"{biased} of {len(fit.intervals)} values by more than their standard error; their "
-            "intervals include that."
-        )
-
-
-def best_of(found: "TableFits", model: str, aim: float) -> str:
-    """The gap between the tables, of all temperatures together, and the best possible ones."""
-    over = found.over_temperature
+def other_temperatures(fits: "TableFits") -> tuple[Table, ...]:
+    """The errors at each temperature, and the tables of those that are not the reference."""
+    over = fits.over_temperature
     if over is None:
-        return best_tables(found.reference, model)
-    if over.lower_bound_v <= 0:
-        return f"{GRID}, not proved."
-    short = "" if over.proved_gap <= aim else f"but not to the {percent(aim)} aimed at: "
-    shared = f"no {model} tables in the bounds, with the same time constants at each temperature,"
-    return f"proved, {short}{shared} are {better_than(over.proved_gap)}."
-
-
-def best_tables(fit: "TableFit", model: str) -> str:
-    """The gap between the tables of one temperature and the best possible ones."""
-    what = f"{model} {'tables' if fit.is_over_soc else 'circuit and OCV'} in the bounds"
-    gap = f"no {what} are over {rounded_up(fit.proved_gap)} better."
-    if fit.status == "certified":
-        return f"proved: {gap}"
-    if fit.lower_bound_v <= 0:
-        return f"{GRID}, not proved."
-    if fit.tables.dependence is not None:
-        return f"proved with what the resistances follow held as fitted, from one start: {gap}"
-    return f"{GRID}; the proof stopped after {fit.boxes:,} boxes: {gap}"
+        return ()
+    cells: Cells[tuple[LeftOut, CrossValidation | None]] = {
+        "temperature": lambda row: degrees(row[0].temperature_degc),
+        "own tables [mV]": lambda row: errors_words(row[0].own),
+        "held-out blocks [mV]": lambda row: errors_words(row[1] and row[1].tables),
+        "left out [mV]": lambda row: errors_words(row[0].errors),
+        "predicted from": lambda row: "both sides" if row[0].is_between else "one side",
+    }
+    errors = make_table(
+        "RMSE in mV, in brackets that above 10 % SOC: with the tables of that temperature, on "
+        "blocks held out of the fit, and as predicted by the tables of the other temperatures.",
+        zip(over.left_out, (fit.cross_validation for fit in fits), strict=True),
+        cells,
+        cells,
+    )
+    others = [(degc, fit) for degc, fit in fits.by_degc if fit is not fits.reference]
+    return errors, *(nodes_table(fit, f" at {degrees(degc or 0.0)}") for degc, fit in others)
 
 
 def nodes_table(fit: "TableFit", where: str = "") -> Table:
@@ -162,18 +79,18 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
     intervals = [node for node in fit.intervals if node.soc is not None]
     if are_several:
         intervals = [own.on_another_record for own in intervals]
-    known = {(node.name, node.soc): node for node in intervals}
+    by_node = {(node.name, node.soc): node for node in intervals}
     heads = ["SOC [%]"]
     for name in fit.tables.tables:
         short = short_name(name)
         heads += [f"{short} [{'mOhm' if 'Ohm' in name else 'mV'}]", f"{short}, 95 %"]
     rows = []
-    for place in _visited(fit):
-        soc = fit.tables.nodes[place]
+    for index in _visited(fit):
+        soc = fit.tables.nodes[index]
         row = [f"{100 * soc:g}"]
         for name, values in fit.tables.tables.items():
-            node = known.get((name, soc))
-            row += [figures(1e3 * values[place]) + _edge(node), _interval(node, 1e3)]
+            node = by_node.get((name, soc))
+            row += [figures(1e3 * values[index]) + _edge(node), _thousandfold(node)]
         rows.append(row)
     mark = " 95 %: what another record of the cell would show." if are_several else ""
     if any(map(_edge, intervals)):
@@ -194,9 +111,164 @@ def means_table(fit: "TableFit", where: str = "") -> Table:
     cells: Cells[NodeInterval] = {
         "mean": lambda mean: short_name(mean.name),
         "value": lambda mean: with_unit(mean.name, mean.value),
-        "95 % interval": lambda mean: _interval_of(with_unit(mean.name, mean.value), mean),
+        "95 % interval": lambda mean: _beside(with_unit(mean.name, mean.value), mean),
     }
     return make_table(f"Means{where} {over_soc_words(fit)}.", fit.means, cells, cells)
+
+
+def constants_table(fit: "TableFit", where: str = "") -> Table:
+    """The parameters with one value at every SOC: time constants, gamma if there is one, and
+    resistances of one node."""
+    values = fit.tables.constants
+    if not fit.is_over_soc:
+        values = {name: value for name, (value,) in fit.tables.tables.items()} | values
+    intervals = {own.name: own for own in fit.intervals if own.soc is None or not fit.is_over_soc}
+    cells: Cells[str] = {
+        "parameter": symbol,
+        "value": lambda name: with_unit(name, values[name]),
+        "95 % interval": lambda name: (
+            _beside(with_unit(name, values[name]), intervals[name])
+            if name in intervals
+            else NOTHING
+        ),
+    }
+    elsewhere = "" if fit.is_over_soc else "; tables.csv has the OCV"
+    caption = f"The parameters with one value at every SOC{where}{elsewhere}."
+    names = [name for name in values if not where or name not in _law_numbers(fit)]
+    return make_table(caption, names, cells, cells)
+
+
+def ocv_tables(fits: "TableFits") -> tuple[Table, ...]:
+    """An OCV of the records' own at the nodes near samples, at each temperature."""
+    cells: Cells[NodeInterval] = {
+        "SOC [%]": lambda node: f"{100 * (node.soc or 0.0):.4g}",
+        "OCV [V]": lambda node: f"{node.value:.4f}",
+        "95 %": lambda node: NOTHING if node.low is None else f"{node.low:.4f} to {node.high:.4f}",
+    }
+    return tuple(
+        make_table(
+            f"The OCV{'' if degc is None else f' at {degrees(degc)}'} at the nodes near samples; "
+            "linear between nodes, constant beyond them.",
+            fit.of_table(OCV),
+            cells,
+        )
+        for degc, fit in fits.by_degc
+        if fit.of_table(OCV)
+    )
+
+
+def kept_document(kept: "Sequence[Kept]", fit: "TableFit") -> Document:
+    """The fit of some kept records together."""
+    return document("kept", {"nodes": (nodes_table(fit),)}, kept=kept, fit=fit)
+
+
+def headline(view: "View") -> tuple[list[str], list[Row]]:
+    """Heads and rows: each resistance's mean with its interval and its value at 50 % SOC, beside it
+    its time constant; pairs of nearly one time constant as their sum.
+
+    The head of the intervals says what they are of: the records identified on, or of three and
+    more what another one would show.
+    """
+    if view.over_temperature is not None:
+        return _by_temperature(view)
+    fit, records = view.fit, len(view.identified)
+    are_several = any(mean.record_low is not None for mean in fit.means)
+    kind = "another record" if are_several else "this record" if records == 1 else "these records"
+    at_soc = MIDDLE_SOC
+    if fit.is_over_soc:
+        at_soc = min(visited_soc(fit), key=lambda soc: abs(soc - MIDDLE_SOC))
+    heads = ["", over_soc_words(fit), kind, f"at {100 * at_soc:g} %" if fit.is_over_soc else ""]
+    rows = []
+    for mean in shown_means(fit):
+        parts = parts_of(mean.name)
+        value = with_unit(mean.name, mean.value)
+        middle = ""
+        if fit.is_over_soc:
+            here = sum(float(fit.tables.at(part, np.array(at_soc))) for part in parts)
+            middle = without_unit(with_unit(mean.name, here), value)
+        own = mean.on_another_record if are_several else mean
+        row = [short_name(mean.name), value, _interval_of(own, value, view), middle]
+        rows.append((*row, *_taus(parts, view)))
+    for name, number in fit.tables.constants.items():
+        if not name.startswith("tau") and name not in _law_numbers(fit):
+            value = with_unit(name, number) + (" /SOC" if name == RATE else "")
+            interval = _interval_named(name, value, view)
+            rows.append((symbol(name), value, interval, "", "", "", ""))
+    return ([*heads, "", "", ""] if view.tables is not None else []), rows
+
+
+def shown_means(fit: "TableFit") -> Iterator["NodeInterval"]:
+    """The means, each sum in place of its parts."""
+    sums = [mean for mean in fit.means if len(parts_of(mean.name)) > 1]
+    taken: set[str] = set()
+    for mean in fit.means[: len(fit.means) - len(sums)]:
+        own = next((total for total in sums if mean.name in parts_of(total.name)), mean)
+        if mean.name not in taken and not taken.intersection(parts_of(own.name)):
+            yield own
+            taken.update(parts_of(own.name))
+        elif mean.name not in taken:
+            yield mean
+
+
+def _by_temperature(view: "View") -> tuple[list[str], list[Row]]:
+    """Means and errors of each temperature, then what is the same at all of them."""
+    fits, over = view.fits.fits, view.over_temperature
+    assert over is not None, "asked of several temperatures"
+    names = [mean.name for mean in fits[0].means if len(parts_of(mean.name)) == 1]
+    heads = [over_soc_words(view.fit), *map(symbol, names), "RMSE", "unseen", "left out"]
+    rows = []
+    for fit, left in zip(fits, over.left_out, strict=True):
+        held = fit.cross_validation
+        means = {mean.name: with_unit(mean.name, mean.value) for mean in fit.means}
+        errors = (left.own, held and held.tables, left.errors)
+        shown = [aligned_millivolt(error and error.rmse_v) for error in errors]
+        rows.append((degrees(left.temperature_degc), *(means[name] for name in names), *shown))
+    for name, value in fits[0].tables.constants.items():
+        if name not in _law_numbers(fits[0]):
+            rows.append((symbol(name), with_unit(name, value), *[""] * (len(names) + 2)))
+    return heads, rows
+
+
+def _taus(parts: list[str], view: "View") -> Row:
+    """The symbols, values and intervals of the time constants of some resistances."""
+    fit = view.fit
+    names = [tau for part in parts if (tau := names_beside(part).tau) in fit.tables.constants]
+    if not names:
+        return ("", "", "")
+    values_s = [fit.tables.constants[name] for name in names]
+    symbols = ", ".join(map(symbol, names))
+    if len(names) > 1:
+        return symbols, f"{joined([figures(value_s) for value_s in values_s])} s", ""
+    longest_s = max(part.duration_s or 0.0 for part in view.identified)
+    upper = {bound.name for bound in fit.at_bound if bound.side == "upper"}
+    if names[0] in upper and values_s[0] >= longest_s * (1 - 1e-3):
+        return symbols, f"> {duration(longest_s)}", "longer than the record"
+    value = with_unit(names[0], values_s[0])
+    return symbols, value, _interval_named(names[0], value, view)
+
+
+def _interval_named(name: str, value: str, view: "View") -> str:
+    """The interval of a constant; empty of one without."""
+    own = next((own for own in view.fit.intervals if own.name == name), None)
+    return _interval_of(own, value, view) if own else ""
+
+
+def _interval_of(own: "NodeInterval", value: str, view: "View") -> str:
+    held = set(view.constant.fixed)
+    if view.tables is not None:
+        ranges = view.table_settings.ranges
+        held = {name for name, ends in ranges.items() if ends[0] == ends[1]}
+    if own.name in held:
+        return "held"
+    for bound in view.fit.at_bound:
+        if bound.name == own.name and own.low is None and own.high is None:
+            return f"at its {bound.side} bound"
+    return _beside(value, own) if view.fit.intervals else ""
+
+
+def _beside(value: str, own: "NodeInterval") -> str:
+    """An interval in the unit of the value that it stands beside."""
+    return interval_beside(value, own.name, own.low, own.high, own.value)
 
 
 def over_soc_words(fit: "TableFit") -> str:
@@ -210,80 +282,32 @@ def over_soc_words(fit: "TableFit") -> str:
 
 def visited_soc(fit: "TableFit") -> list[float]:
     """The nodes of tables that samples visit."""
-    return [fit.tables.nodes[place] for place in _visited(fit)]
-
-
-def constants_table(fit: "TableFit", where: str = "") -> Table:
-    """The parameters with one value at every SOC: time constants, gamma if there is one, and
-    resistances of one node."""
-    values = fit.tables.constants
-    if not fit.is_over_soc:
-        values = {name: value for name, (value,) in fit.tables.tables.items()} | values
-    known = {node.name: node for node in fit.intervals if node.soc is None or not fit.is_over_soc}
-    cells: Cells[str] = {
-        "parameter": symbol,
-        "value": lambda name: with_unit(name, values[name]),
-        "95 % interval": lambda name: (
-            _interval_of(with_unit(name, values[name]), known[name]) if name in known else NOTHING
-        ),
-    }
-    elsewhere = "" if fit.is_over_soc else "; tables.csv has the OCV"
-    caption = f"The parameters with one value at every SOC{where}{elsewhere}."
-    names = [name for name in values if not where or name not in numbers_of(fit)]
-    return make_table(caption, names, cells, cells)
-
-
-def _temperature_table(fits: "TableFits", over: "OverTemperature") -> Table:
-    cells: Cells[tuple[LeftOut, CrossValidation | None]] = {
-        "temperature": lambda row: degrees(row[0].temperature_degc),
-        "own tables [mV]": lambda row: errors_words(row[0].own),
-        "held-out blocks [mV]": lambda row: errors_words(row[1] and row[1].tables),
-        "left out [mV]": lambda row: errors_words(row[0].errors),
-        "predicted from": lambda row: "both sides" if row[0].is_between else "one side",
-    }
-    return make_table(
-        "RMSE in mV, in brackets that above 10 % SOC: with the tables of that temperature, on "
-        "blocks held out of the fit, and as predicted by the tables of the other temperatures.",
-        zip(over.left_out, (fit.cross_validation for fit in fits), strict=True),
-        cells,
-        cells,
-    )
+    return [fit.tables.nodes[index] for index in _visited(fit)]
 
 
 def _visited(fit: "TableFit") -> list[int]:
-    return [place for place, is_visited in enumerate(fit.tables.visited) if is_visited]
+    return [index for index, is_visited in enumerate(fit.tables.visited) if is_visited]
+
+
+def _law_numbers(fit: "TableFit") -> set[str]:
+    """The names of the numbers of what resistances follow."""
+    law = fit.tables.dependence
+    return set() if law is None else set(law.numbers)
 
 
 def short_name(name: str) -> str:
-    """How the head of a column calls a table."""
+    """The head of a table's column."""
     return SHORT.get(name, symbol(name))
 
 
-def left_out_sentences(result: "Result") -> Iterator[str]:
-    """The error of each record as predicted by the others, where several were identified on."""
-    held = result.fit.cross_validation
-    if not held or not held.by_record:
-        return
-    names = [part.name for part in result.of_role("identification")]
-    told = [
-        f"{name} {errors_words(errors)}"
-        for name, errors in zip(names, held.by_record, strict=False)
-    ]
-    yield f"predicted by the other records, in mV (above 10 % SOC): {'; '.join(told)}"
-
-
-def _interval(node: "NodeInterval | None", scale: float) -> str:
+def _thousandfold(node: "NodeInterval | None") -> str:
+    """An interval in mOhm or mV."""
     if node is None:
         return NOTHING
-    open_end = one_sided(node.low, node.high, lambda end: figures(scale * end))
+    open_end = one_sided(node.low, node.high, lambda end: figures(1e3 * end))
     if open_end or node.low is None or node.high is None:
         return open_end
-    return f"{figures(scale * node.low)} to {figures(scale * node.high)}"
-
-
-def _interval_of(value: str, node: "NodeInterval") -> str:
-    """An interval in the unit of the value that it stands beside."""
-    return interval_beside(value, node.name, node.low, node.high, node.value)
+    return f"{figures(1e3 * node.low)} to {figures(1e3 * node.high)}"
 
 
 def _edge(node: "NodeInterval | None") -> str:

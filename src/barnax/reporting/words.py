@@ -1,9 +1,15 @@
 """Numbers and lists as a sentence or a table says them."""
 
+import math
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import TypeVar
+from decimal import ROUND_CEILING, Context
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from ..errors import counted as counted
+
+if TYPE_CHECKING:
+    from ..over_soc import SocErrors
+    from ..uncertainty import Band
 
 NOTHING = "–"
 NOT_DETERMINED = "not determined"
@@ -11,6 +17,9 @@ NOT_DETERMINED = "not determined"
 FEWEST_DIGITS, MOST_DIGITS = 3, 5
 # From here on a resistance is read in Ohm, as those of coin cells are.
 LARGE_OHM = 1.0
+# Rounded up, since a claim may not say more than was proved.
+ROUNDED_UP = Context(prec=1, rounding=ROUND_CEILING)
+BandQuantity = Literal["SOC", "current", "temperature"]
 Key = TypeVar("Key")
 Item = TypeVar("Item")
 
@@ -114,6 +123,31 @@ def significant(value: float | None, digits: int = 5) -> str:
     return NOTHING if value is None else f"{value:.{digits}g}"
 
 
+def better_than(proved_gap: float) -> str:
+    """The gain that no circuit exceeds, by the proof."""
+    return f"more than {rounded_up(proved_gap)} better" if proved_gap > 0 else "better"
+
+
+def rounded_up(proved_gap: float) -> str:
+    """What was proved, in percent, without an exponent."""
+    return f"{ROUNDED_UP.create_decimal(repr(100 * proved_gap)):f} %" if proved_gap else "0 %"
+
+
+def above(rmse_v: float, optimum_v: float) -> str:
+    """The distance of an RMSE above that of the optimum."""
+    from ..global_optimum import optimality_gap
+
+    return percent(optimality_gap(rmse_v, optimum_v))
+
+
+def errors_words(errors: "SocErrors | None") -> str:
+    """An RMSE in mV, in brackets that above 10 % SOC; a dash where there is none."""
+    if errors is None:
+        return NOTHING
+    above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)})"
+    return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"
+
+
 def duration(value_s: float) -> str:
     """Seconds, minutes or hours, as one would say it.
 
@@ -193,6 +227,27 @@ def with_unit(name: str, value: float) -> str:
     return " ".join(shown(name, value)).rstrip()
 
 
+def seconds(time_s: float) -> str:
+    """A time constant or the like, as it is read."""
+    return with_unit("time [s]", time_s)
+
+
+def ohms(values_ohm: Iterable[float]) -> str:
+    """Resistances as they are read."""
+    return joined([with_unit("R [Ohm]", value) for value in values_ohm])
+
+
+def times(log_step: float) -> str:
+    """A factor; beyond `WIDEST_FACTOR` nothing is known of its size."""
+    # It comes with JAX, which a check of files does without.
+    from ..uncertainty.covariance import WIDEST_FACTOR
+
+    if abs(log_step) > math.log(WIDEST_FACTOR):
+        less = f"less than {1 / WIDEST_FACTOR:g}"
+        return f"times {less if log_step < 0 else f'more than {WIDEST_FACTOR:g}'}"
+    return f"times {math.exp(log_step):.2g}"
+
+
 def between(name: str, low: float, high: float, value: float | None = None) -> str:
     """An interval of a parameter, its ends with digits enough to be told from the value in it.
 
@@ -260,3 +315,26 @@ def _digits_apart(name: str, end: float, value: float | None) -> int:
         if value is None or shown(name, end, digits) != shown(name, value, digits):
             return digits
     return FEWEST_DIGITS
+
+
+def band_label(quantity: BandQuantity, band: "Band") -> str:
+    """A band of SOC, current or temperature in a table.
+
+    >>> from barnax.uncertainty import Band
+    >>> band_label("SOC", Band(0.1, 0.2, 1, 0.0, 0.0, 0.0))
+    '10 to 20 %'
+    >>> band_label("current", Band(-0.2, -0.05, 1, 0.0, 0.0, 0.0))
+    'charge 0.05 to 0.2 C'
+    >>> band_label("current", Band(-0.05, 0.05, 1, 0.0, 0.0, 0.0))
+    'rest'
+    """
+    if quantity == "SOC":
+        return f"{100 * (band.low or 0.0):.0f} to {100 * (band.high or 0.0):.0f} %"
+    if quantity == "temperature":
+        return f"{band.low:g} to {band.high:g} degC"
+    if band.low is not None and band.high is not None and band.low < 0 < band.high:
+        return "rest"
+    ends = sorted(abs(end) for end in (band.low, band.high) if end is not None)
+    way = "charge" if (band.high or 0.0) < 0 else "discharge"
+    size = f"above {ends[0]:.2g}" if len(ends) == 1 else f"{ends[0]:.2g} to {ends[1]:.2g}"
+    return f"{way} {size} C"

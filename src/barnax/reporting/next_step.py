@@ -1,6 +1,6 @@
-"""The one verdict of a result: how good it is, where it is weak, and what to do next."""
+"""The most useful next step after a result."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,103 +12,18 @@ from ..cell.soc_axis import ABOVE_SOC
 from ..checks.roles import are_unfit
 from ..plan.choosing import MAKE_RECORD
 from ..settings import OVER_TEMPERATURE
-from .candidates import is_pulse_test
-from .sentences import (
-    diagnostics_sentences,
-    local_optima_sentence,
-    nearly_as_good,
-    optimum_words,
-)
-from .soc_tables import best_of
-from .words import counted, joined, millivolt, percent, symbol
+from .view import View
+from .words import joined, millivolt, percent, symbol
 
 if TYPE_CHECKING:
     from ..cell import CellModel
     from ..results import Result
 
-MUCH = 0.5
 # What was not used is predicted badly where its error exceeds this multiple of the fit's, and this
 # size; and as well as can be where it is under that: no table left open matters then.
 LOST, LOST_V, FOUND_V = 2.0, 0.01, 0.002
 # A table needs a test where less than `FEW` of its nodes have a relative error under `WIDE`.
 WIDE, FEW = 0.5, 1 / 3
-
-
-def best_possible(result: "Result") -> str:
-    """The proof that no better circuit exists in the bounds, or what is known in its place."""
-    optimum, refined = result.constant.global_optimum, result.constant.refined
-    seeds = 0 if refined is None else len(refined.seeds)
-    if result.tables is not None:
-        return best_of(result.fits, result.model, result.tables.settings.proved_share)
-    if optimum is None:
-        reached = refined.optima[0].seeds if refined else 0
-        return (
-            "not known: the bounds are too wide to look for the global optimum; "
-            f"{reached} of {counted(seeds, 'seed')} end in the best optimum found."
-        )
-    if result.constant.source == "seeds":
-        gap = percent(optimum.rmse_v / result.constant.metrics.identification.rmse_v - 1)
-        return f"not proved: the seeds found a circuit {gap} better than the grid."
-    return f"{optimum_words(optimum)}. {nearly_as_good(optimum)}".rstrip()
-
-
-def search_sentences(result: "Result") -> Iterator[str]:
-    """How many seeds of the population search find the optimum; nothing without either."""
-    constant = result.constant
-    optimum, search = constant.global_optimum, constant.search
-    if optimum is None or search is None:
-        return
-    whose = f"the best {constant.model} circuit" if result.tables is not None else "the optimum"
-    if result.tables is not None and result.cell_model.is_of_records:
-        whose += " with that OCV"
-    # The optimum is that of a grid and a proof, which no seed is needed for.
-    aside = "" if constant.source == "seeds" else "for comparison, "
-    there = optimum.seeds_there
-    verb = "converges" if there < 2 else "converge"
-    seeds = counted(len(search.seeds), f"{search.method} seed")
-    yield f"{aside}{there or 'none'} of {seeds} {verb} to {whose}."
-
-
-def seeds_sentences(result: "Result") -> Iterator[str]:
-    """The seeds' gaps to the optimum, and the other local optima."""
-    optimum, refined = result.constant.global_optimum, result.constant.refined
-    if optimum is None:
-        return
-    if refined is None:
-        yield local_optima_sentence(optimum)
-        return
-    seeds = len(refined.seeds)
-    yield (
-        f"Optimality gap (RMSE above that of the optimum): best seed {_gap(optimum.best_gap)}, "
-        f"median seed {_gap(optimum.median_gap)}; after refinement {_gap(optimum.refined_gap)}. "
-        f"{optimum.seeds_there} of {counted(seeds, 'seed')} reach the optimum after refinement."
-    )
-    yield local_optima_sentence(optimum)
-    moving = sum(not seed.has_converged for seed in refined.seeds)
-    if moving:
-        yield f"{counted(moving, 'seed')} had not converged when refinement ended."
-
-
-def weakest_point(result: "Result") -> str:
-    """The band with most of the error; empty where there is none."""
-    if result.tables is not None:
-        bands = result.tables.by_soc
-    elif result.constant.assessment is not None:
-        bands = result.constant.assessment.diagnostics.by_soc
-    else:
-        return ""
-    low = [band for band in bands if band.high is not None and band.high <= ABOVE_SOC + 1e-9]
-    share = sum(band.share for band in low)
-    if share > MUCH:
-        samples = sum(band.samples for band in low) / sum(band.samples for band in bands)
-        return (
-            f"{percent(share)} of the squared error is below {percent(ABOVE_SOC)} SOC, in "
-            f"{percent(samples)} of the samples."
-        )
-    if result.tables is not None or result.constant.assessment is None:
-        return ""
-    _, *notable = diagnostics_sentences(result.constant.assessment.diagnostics)
-    return notable[0] if notable else ""
 
 
 def _no_circuit(result: "Result") -> str:
@@ -241,7 +156,7 @@ def _more_data(result: "Result", unseen: Unseen) -> str:
     if unseen.error_v < max(LOST * unseen.fitted_v, LOST_V):
         return ""
     use = "identify on another record too, one that loads the cell at every SOC"
-    if is_pulse_test(result):
+    if View(result).is_pulse_test:
         use = (
             "identify on a record that loads the cell at every SOC, such as a drive cycle, with "
             "this test as `ocv`"
@@ -297,7 +212,3 @@ def _missed_by_the_polynomial_v(cell: "CellModel") -> float:
         if isinstance(curve, PolynomialCurve) and name in cell.errors
     ]
     return max(missed, default=0.0)
-
-
-def _gap(gap: float) -> str:
-    return "none" if gap < 1e-7 else percent(gap)

@@ -1,0 +1,308 @@
+"""The tables of a result: its files, errors, circuits, parameters and searches."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..plots.search import readable
+from .document import (
+    METRICS,
+    Block,
+    Bullets,
+    Cells,
+    Document,
+    Paragraph,
+    Section,
+    Table,
+    circuits_table,
+    make_table,
+    pairs_table,
+    rows_table,
+)
+from .view import View
+from .wording import sentences, wording
+from .words import (
+    NOTHING,
+    band_label,
+    counted,
+    errors_words,
+    fixed,
+    gathered,
+    joined,
+    millivolt,
+    percent,
+    significant,
+)
+
+if TYPE_CHECKING:
+    from ..comparison import ComparisonResult
+    from ..result_parts import AssessmentPart, InputPart, MetricsPart, PlannedFile
+    from ..results import Result
+    from ..run import Candidate
+    from ..select import Tried
+    from ..uncertainty import Band, Estimate, Profile
+    from .words import BandQuantity
+
+HASH_LETTERS = 16
+# What a rung of the family adds.
+ADDS = {
+    "nodes": "more nodes",
+    "pairs": "one more RC pair",
+    "hysteresis": "a hysteresis",
+    "switched": "a switched hysteresis",
+    "law": "a law",
+    "without": "rung taken back",
+    None: "",
+}
+
+
+def files_table(stored: "Result | ComparisonResult") -> Table:
+    """Every file that was read."""
+    cells: Cells[InputPart] = {
+        "file": lambda part: part.name,
+        "used for": lambda part: "OCV test" if part.role == "ocv" else part.role,
+        "sign of current": lambda part: part.sign.value if part.sign else "a table",
+        "hash": lambda part: part.sha256[:HASH_LETTERS],
+    }
+    caption = "The files that were read. The hash is the beginning of the file's SHA-256."
+    return make_table(caption, stored.inputs, cells, cells)
+
+
+def plan_table(plan: "Sequence[PlannedFile]") -> Table:
+    """Every file of a folder, and why it serves or not."""
+    cells: Cells[PlannedFile] = {
+        "file": lambda file: file.name,
+        "used as": lambda file: file.role,
+        "kind": lambda file: file.kind or NOTHING,
+        "reason": lambda file: file.reason or NOTHING,
+    }
+    return make_table("The plan: what the files are, and how they are used.", plan, cells, cells)
+
+
+def versions_table(stored: "Result | ComparisonResult") -> Table:
+    """The versions that can change a digit."""
+    caption = "Package versions that can change the numbers."
+    return pairs_table(caption, "package", "version", stored.versions)
+
+
+def search_boxes(
+    boxes: Mapping[str, tuple[Mapping[str, tuple[float, float]], Mapping[str, float]]],
+) -> Mapping[str, list[str]]:
+    """The models that have a search box, by its bounds and what is held, in words."""
+    return gathered((_box(*limits), model) for model, limits in boxes.items())
+
+
+def _box(bounds: Mapping[str, tuple[float, float]], fixed: Mapping[str, float]) -> str:
+    """Ranges and held values, names with the same range together."""
+    ranges = gathered((limits, name) for name, limits in bounds.items())
+    free = [
+        f"{joined(names)} from {significant(low, 4)} to {significant(high, 4)}"
+        for (low, high), names in ranges.items()
+    ]
+    held = [f"{name} held at {significant(value, 4)}" for name, value in fixed.items()]
+    return "; ".join([*free, *held])
+
+
+def metrics_table(rows: "Sequence[tuple[MetricsPart, str]]") -> Table:
+    """Errors on records, and what each serves for (Li et al., 2023, Eq. 22 to 26)."""
+    caption = f"Errors on {joined([f'{part.record} ({role})' for part, role in rows])}."
+    metrics = [part for part, _ in rows]
+    cells: Cells[MetricsPart] = {"record": lambda part: part.record, **METRICS}
+    return make_table(caption, metrics, cells, ["record"])
+
+
+def errors_table(result: "Result") -> Table:
+    """Errors of the answer on every record."""
+    metrics = result.metrics
+    rows = [(part, "identification") for part in metrics.jointly]
+    rows.append((metrics.identification, "all of these" if rows else "identification"))
+    rows += [(part, "validation") for part in metrics.validation]
+    return metrics_table(rows)
+
+
+def reproduction_section(stored: "Result | ComparisonResult") -> Section:
+    """What has to be the same, and the versions that can change a digit."""
+    made = Paragraph(wording("decisions.same_again"))
+    return Section("How to repeat this", (made, versions_table(stored)))
+
+
+# The circuits that were tried.
+
+
+def circuit_blocks(
+    candidates: "Sequence[Candidate]", tried: "Sequence[Tried]", validation: Sequence[str]
+) -> tuple[Block, ...]:
+    """The answer and the constant circuit with their errors, and how the answer was chosen; nothing
+    where there was no choice."""
+    if len(candidates) < 2 and len(tried) < 2:
+        return ()
+    table = candidates_table(candidates, validation)
+    return (Bullets(sentences("circuit.rule")), table, choice_table(tried)) if tried else (table,)
+
+
+def choice_document(result: "Result") -> Document:
+    """How the circuit of a result was chosen."""
+    view = View(result)
+    validation = [part.name for part in view.validation]
+    blocks = circuit_blocks(view.candidates, result.tried, validation)
+    sections = (Section("Circuits", blocks),) if blocks else ()
+    return Document("How the circuit was chosen", "", sections)
+
+
+def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str]) -> Table:
+    """The errors of every circuit on all records, the answer first."""
+    cells: Cells[Candidate] = {
+        "circuit": lambda candidate: candidate.name,
+        "identification [mV]": lambda candidate: errors_words(candidate.identification),
+    }
+    for index, name in enumerate(validation):
+        cells[f"{name} [mV]"] = lambda candidate, index=index: fixed(
+            1e3 * candidate.validation_v[index], 1
+        )
+    text = ["circuit", "identification [mV]", "left out [mV]", "proved: better by at most", ""]
+    cells["left out [mV]"] = lambda candidate: errors_words(candidate.held_out)
+    cells["proved: better by at most"] = lambda candidate: (
+        "not proved"
+        if candidate.proved_gap is None or candidate.proved_gap >= 1
+        else percent(candidate.proved_gap)
+    )
+    cells[""] = lambda candidate: "the answer" if candidate.is_answer else ""
+    caption = "RMSE in mV, in brackets that above 10 % SOC, of the answer"
+    caption += " and the constant circuit." if len(candidates) > 1 else "."
+    ranked = sorted(candidates, key=lambda candidate: not candidate.is_answer)
+    return make_table(caption, ranked, cells, text)
+
+
+def choice_table(tried: "Sequence[Tried]") -> Table:
+    """Every circuit that was tried, in order, with what it gained on the one before."""
+
+    def gain(own: "Tried") -> str:
+        if own.gain is None:
+            return NOTHING
+        return f"{fixed(own.gain.value, 3)} ({fixed(own.gain.standard_error, 3)})"
+
+    cells: Cells[Tried] = {
+        "circuit": lambda own: own.circuit,
+        "nodes": lambda own: str(own.nodes),
+        "follows": lambda own: joined(own.follows),
+        "adds": lambda own: ADDS[own.ladder],
+        "fitted [mV]": lambda own: fixed(1e3 * own.rmse_v, 2),
+        "held out [mV]": lambda own: errors_words(own.held_out),
+        "gain (standard error)": gain,
+        "": lambda own: own.outcome,
+    }
+    return make_table(
+        "How the circuit was chosen: errors on held-out blocks, in brackets those above 10 % SOC, "
+        "and the gain in the logarithm of the mean square.",
+        tried,
+        cells,
+        ["circuit", "nodes", "adds", "held out [mV]", "gain (standard error)", ""],
+    )
+
+
+# The constant circuit.
+
+
+def parameters_table(result: "Result") -> Table:
+    """The constant circuit's parameters with their intervals, where those were computed."""
+    if result.constant.assessment is None:
+        values = readable(result.constant.parameters.to_dict())
+        cells: Cells[str] = {"parameter": str, "value": lambda name: significant(values[name])}
+        return make_table("The parameters.", values, cells, ["parameter"])
+    uncertainty = result.constant.assessment.uncertainty
+
+    def end(estimate: "Estimate", value: float | None) -> str:
+        return NOTHING if estimate.relative_error is None else _end(estimate.name, value)
+
+    def share(ratio: float | None) -> str:
+        return NOTHING if ratio is None else percent(ratio)
+
+    of_estimate: Cells[Estimate] = {
+        "parameter": lambda estimate: _shown(estimate.name)[0],
+        "value": lambda estimate: significant(_shown(estimate.name)[1] * estimate.value),
+        "from": lambda estimate: end(estimate, estimate.low),
+        "to": lambda estimate: end(estimate, estimate.high),
+        "SE": lambda estimate: share(estimate.relative_error),
+        "white-noise SE": lambda estimate: share(estimate.white_noise_relative_error),
+        "inflation": lambda estimate: fixed(estimate.inflation, 1),
+        "held": lambda estimate: wording("circuit.held", estimate.held) if estimate.held else "",
+    }
+    return make_table(
+        f"The parameters with {percent(uncertainty.confidence)} intervals that account for "
+        "residual autocorrelation. SE: relative standard error; white-noise SE: the same if every "
+        "sample were independent; inflation: the ratio of the two.",
+        uncertainty.estimates,
+        of_estimate,
+        ["parameter", "held"],
+    )
+
+
+def assessment_tables(assessment: "AssessmentPart", whose: str) -> tuple[Table, ...]:
+    """The intervals by profile likelihood, where those were computed, and the errors by band."""
+    by = assessment.diagnostics
+    kinds: dict[BandQuantity, tuple[Band, ...]] = {"SOC": by.by_soc, "current": by.by_current}
+    if by.by_temperature is not None:
+        kinds["temperature"] = by.by_temperature
+    cells: Cells[tuple[BandQuantity, Band]] = {
+        "by": lambda row: row[0],
+        "band": lambda row: band_label(*row),
+        "samples": lambda row: str(row[1].samples),
+        "RMSE": lambda row: millivolt(row[1].rmse_v),
+        "mean": lambda row: millivolt(row[1].mean_v),
+        "share of the squared error": lambda row: percent(row[1].share),
+    }
+    caption = f"Errors{whose} by {joined(list(kinds))}; the mean is measured minus simulated."
+    bands: list[tuple[BandQuantity, Band]]
+    bands = [(kind, band) for kind, own in kinds.items() for band in own]
+    table = make_table(caption, bands, cells, ["by", "band"])
+    if assessment.examination is None:
+        return (table,)
+    of_profile: Cells[Profile] = {
+        "parameter": lambda profile: _shown(profile.name)[0],
+        "profile, from": lambda profile: _end(profile.name, profile.low),
+        "profile, to": lambda profile: _end(profile.name, profile.high),
+    }
+    caption = "The same intervals from further fits, by profile likelihood."
+    profiles = assessment.examination.profiles
+    return make_table(caption, profiles, of_profile, ["parameter"]), table
+
+
+def seed_tables(result: "Result") -> tuple[Table, ...]:
+    """The seeds' answers before refinement, and the distinct optima after it; nothing without."""
+    search, refined = result.constant.search, result.constant.refined
+    if search is None or refined is None:
+        return ()
+    seeds = [readable(seed.parameters.to_dict()) for seed in search.seeds]
+    rows = [
+        [name, *map(significant, _beside(value, [seed[name] for seed in seeds]))]
+        for name, value in readable(result.constant.parameters.to_dict()).items()
+    ]
+    own_v = result.constant.metrics.identification.rmse_v
+    errors_v = _beside(own_v, [seed.rmse_v for seed in search.seeds])
+    rows.append(["RMSE [mV]", *(fixed(1e3 * error_v, 4) for error_v in errors_v)])
+    caption = f"The answer beside what {counted(len(seeds), 'seed')} of {search.method} found"
+    heads = ["parameter", "answer", "median", "lowest", "highest"]
+    optima = {f"optimum {number}": optimum for number, optimum in enumerate(refined.optima, 1)}
+    return rows_table(f"{caption} before refinement.", heads, rows, ["parameter"]), circuits_table(
+        "The circuits at which the refined seeds ended, the best first.",
+        {name: optimum.parameters.to_dict() for name, optimum in optima.items()},
+        {
+            "RMSE [mV]": lambda name: f"{1e3 * optima[name].rmse_v:.4f}",
+            "seeds": lambda name: str(optima[name].seeds),
+        },
+        first="optimum",
+    )
+
+
+def _beside(answer: float, values: Sequence[float]) -> tuple[float, float, float, float]:
+    return answer, float(np.median(values)), min(values), max(values)
+
+
+def _end(name: str, end: float | None) -> str:
+    return "open" if end is None else significant(_shown(name)[1] * end, 4)
+
+
+def _shown(name: str) -> tuple[str, float]:
+    """A parameter's name with the unit it is shown in, and the factor to that."""
+    return (name.replace("[Ohm]", "[mOhm]"), 1e3) if name.endswith("[Ohm]") else (name, 1.0)

@@ -100,14 +100,6 @@ def test_a_current_without_a_sign_is_a_finding_with_the_name_of_the_file(told, b
     assert {each.subject for each in found} == {"drive.csv"}
 
 
-@pytest.mark.parametrize("role", ["identification", "validation"])
-def test_a_slow_sweep_is_no_dynamic_record(told, role):
-    time_s = np.arange(0.0, 72_000.0, 30.0)
-    current_a = np.where((time_s > 600) & (time_s < 70_000), -0.1, 0.0)
-    found = told(time_s, current_a, 4.18 - 1.2 * np.cumsum(-current_a) / 240, role)
-    assert ("role.unfit", role) in {(each.code, each.values.get("role")) for each in found}
-
-
 @pytest.mark.parametrize(
     ("capacity_ah", "steps", "is_unfit", "by_steps"),
     [(None, 600, False, False), (500.0, 600, True, False), (None, 5, True, True)],
@@ -167,14 +159,6 @@ def refusal(record, **options):
     return str(caught.value).splitlines()[0]
 
 
-def test_forty_samples_are_too_few_and_that_is_said(tmp_path):
-    pl.read_parquet(BUNDLED.validation)[:40].write_csv(tmp_path / "short.csv")
-    assert refusal(tmp_path / "short.csv") == (
-        "short.csv: 40 samples are scored, too few for 5 parameters; give a longer record or a "
-        "wider window, of 50 samples or more"
-    )
-
-
 def test_a_record_without_changes_of_load_is_refused_with_what_to_give(tmp_path):
     for current_a, hours, what in ((1.0, 1.5, "only charges"), (0.1, 19.0, "is a slow sweep")):
         time_s = np.linspace(0, 3600 * hours, 2000)
@@ -184,16 +168,6 @@ def test_a_record_without_changes_of_load_is_refused_with_what_to_give(tmp_path)
         told = refusal(tmp_path / "charge.csv", window=Window(initial_soc=0.03))
         assert told.startswith(f"charge.csv: {what}")
         assert "give a record under a changing load" in told
-
-
-def test_a_record_of_a_larger_cell_is_called_so(tmp_path):
-    frame = pl.read_parquet(BUNDLED.validation).with_columns(
-        pl.col("Current / A") * 16, pl.col("Voltage / V") - 0.5
-    )
-    frame.write_csv(tmp_path / "larger.csv")
-    told = refusal(tmp_path / "larger.csv")
-    assert told.startswith("larger.csv: it looks like a record of another cell: ")
-    assert "check that the OCV is of this cell" in told
 
 
 def test_data_frames_and_records_of_one_name_are_numbered():

@@ -87,19 +87,6 @@ def test_a_resistance_at_once_is_not_lost_to_noise_or_to_steps_of_the_voltage(
     assert np.mean(found) == pytest.approx(1.5e-3, rel=0.03)
 
 
-@pytest.mark.parametrize("tau_s", [0.05, 0.3, 0.8])
-def test_a_first_row_soon_after_the_step_shows_what_is_at_once(tau_s):
-    circuit = (0.02, ((8e-3, tau_s), (0.01, 20.0)))
-    fine = record_of([(400, 0), (30, 3.0), (30, 0)], circuit, "backward", interval_s=0.01)
-    step = int(np.flatnonzero(fine.current_a)[0])
-    # Rows every second of the rest, and of the pulse from its first 10 ms on.
-    rows = np.append(np.arange(99, step, 100), np.arange(step, fine.samples, 100))
-    names = ("time_s", "current_a", "voltage_v", "row")
-    (pulse,) = pulses_of(replace(fine, **{name: getattr(fine, name)[rows] for name in names}))
-    assert pulse.delay_s == pytest.approx(0.01)
-    assert pulse.resistance_ohm[0] == pytest.approx(closed_form(circuit, 0.01))
-
-
 def test_a_short_pulse_has_no_resistance_after_its_end():
     (pulse,) = pulses_of(record_of([(600, 0), (10, 2.0), (40, 0)]))
     known = [value is not None for value in pulse.resistance_ohm]
@@ -113,21 +100,6 @@ def test_pulses_of_both_directions_and_rates_are_told_apart():
     assert [round(pulse.current_a, 3) for pulse in pulses] == 2 * [2.0, -1.5, 4.0, -3.0]
     assert [round(each[0].current_a, 3) for each in levels(pulses)] == [2.0, 4.0, -1.5, -3.0]
     assert all(len(each) == 2 and each[0].soc > each[1].soc for each in levels(pulses))
-
-
-@pytest.mark.parametrize(
-    "loads",
-    [
-        [(600, 0), (360, 1.0), (600, 0)],
-        [(60, 0), (20, 2.0), (60, 0)],
-        [(600, 0), (1000, 1.0), (60, 0), (10, 2.0), (60, 0)],
-        [(600, 0), (10, -2.0), (10, 2.0), (60, 0)],
-    ],
-    ids=["a long load", "no long rest", "a load before", "no rest between"],
-)
-def test_what_is_no_pulse_is_not_taken_for_one(loads):
-    currents = [pulse.current_a for pulse in pulses_of(record_of(loads))]
-    assert currents == ([-2.0] if (10, -2.0) in loads else [])
 
 
 def test_a_ramp_belongs_to_its_pulse_and_counts_from_its_begin():

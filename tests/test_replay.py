@@ -123,16 +123,6 @@ def test_a_replay_is_stored_and_read_back(replay, tmp_path):
     assert len(plot_soc_replay(replay).axes) == 1 + len(replay.scenarios)
 
 
-def test_a_wrong_start_is_seen_counted_and_the_filter_s_errors_fit_their_panel(replay):
-    counted, *errors = plot_soc_replay(replay).axes
-    low = next(x for x in counted.get_lines() if x.get_label() == "counting, start 20 % too low")
-    counter = next(x for x in counted.get_lines() if x.get_label() == "ampere-hour counter")
-    assert low.get_ydata()[0] == pytest.approx(counter.get_ydata()[0] - 20, abs=0.5)
-    for axes, part in zip(errors, replay.scenarios, strict=True):
-        assert axes.get_title(loc="left").startswith(part.name)
-        assert part.max is None or axes.get_ylim()[1] > 100 * part.max
-
-
 def test_convergence_must_hold_ten_minutes_or_to_the_end():
     time_s = np.arange(0.0, 2000.0, 100.0)
     near = np.ones(20, bool)
@@ -157,9 +147,3 @@ def test_convergence_must_hold_ten_minutes_or_to_the_end():
 def test_unknown_settings_are_refused(given, says):
     with pytest.raises(InputError, match=says):
         FilterSettings(**given)
-
-
-def test_what_cannot_be_estimated_is_refused_with_what_can(result):
-    settings = FilterSettings(estimate=("R7",))
-    with pytest.raises(InputError, match="'R7' is not known; there are offset, capacity, R0, R1"):
-        replay_soc(result, BUNDLED.validation, settings=settings)

@@ -12,7 +12,6 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.model.window import Window
-from barnax.over_soc import errors_on
 from barnax.results import Result
 from barnax.run import best_answer
 from barnax.storing import make_result
@@ -80,21 +79,6 @@ def test_the_better_of_seeds_and_optimum_is_the_answer(result):
     assert best_answer(refinement, worse).parameters == refinement.parameters
 
 
-def test_a_constant_answer_is_asked_as_tables_are(result):
-    """By one fit with one node: what it leaves on the record, its proof, and nothing over SOC."""
-    fit, (evaluation,) = result.fit, result.run.identification
-    assert (result.over, fit.is_over_soc, result.fits.over_temperature) == (None, False, None)
-    assert fit.tables == result.circuit_parameters == result.constant.parameters
-    again = result.fits.evaluate(evaluation.prepared)
-    np.testing.assert_array_equal(again.simulated_v, evaluation.simulated_v)
-    (errors,), by_scan = fit.errors, errors_on(evaluation.prepared, fit.tables)
-    assert errors.rmse_v == pytest.approx(by_scan.rmse_v, rel=1e-9)
-    assert errors.above_v == pytest.approx(by_scan.above_v, rel=1e-9)
-    optimum = result.constant.global_optimum
-    assert (fit.status, fit.at_bound) == (optimum.status, result.at_bound)
-    assert fit.proved_gap == pytest.approx(optimum.proved_gap, rel=1e-6, abs=1e-9)
-
-
 def test_every_input_is_named_with_the_hash_of_its_bytes(document):
     stored = {(each["role"], each["name"]): each["sha256"] for each in document["inputs"]}
     files = [
@@ -126,15 +110,6 @@ def test_to_dict_holds_plain_values_equal_to_the_file(result, document):
 
     assert is_plain(result.to_dict())
     assert result.to_dict() == document
-
-
-def test_the_stored_cell_gives_the_curves_back(document, bundled_cell):
-    soc = np.linspace(-0.1, 1.1, 101)
-    stored = Result.model_validate(document).cell_model
-    assert stored.capacity_ah == bundled_cell.capacity_ah
-    for branch in ("charge", "discharge", "hysteresis_v"):
-        expected = getattr(bundled_cell, branch)(soc)
-        np.testing.assert_array_equal(getattr(stored, branch)(soc), expected)
 
 
 def test_a_seed_that_failed_at_first_or_altogether_is_stored(result):

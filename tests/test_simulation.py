@@ -55,23 +55,6 @@ def test_tables_are_simulated_as_their_equations_say():
     np.testing.assert_allclose(found["Voltage [V]"], expected_v, rtol=1e-12)
 
 
-@pytest.mark.parametrize("library", ["polars", "pandas", "pyarrow"])
-def test_a_frame_gives_a_frame_of_its_library(library):
-    kind = pytest.importorskip(library)
-    made = {"polars": "DataFrame", "pandas": "DataFrame", "pyarrow": "table"}[library]
-    found = make_result("so-rc").simulate(getattr(kind, made)(COLUMNS))
-    assert type(found).__module__.split(".")[0] == library
-    expected = make_result("so-rc").simulate(COLUMNS)
-    np.testing.assert_array_equal(np.asarray(found["Voltage [V]"]), expected["Voltage [V]"])
-
-
-def test_units_of_columns_are_read_and_written_in_s_and_a():
-    frame = pl.DataFrame({"Time / min": TIME_S / 60, "Current / mA": 1e3 * CURRENT_A})
-    found = make_result("so-rc").simulate(frame)
-    np.testing.assert_allclose(found["Time [s]"], TIME_S)
-    np.testing.assert_allclose(found["Voltage [V]"], closed_form_v(make_result("so-rc")))
-
-
 def test_a_start_of_ones_own_is_where_it_starts():
     result = make_result("iso-rc")
     found = result.simulate(COLUMNS, initial_soc=0.5, initial_direction=-1)

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from barnax import Result, identify
+from barnax import Result
 from barnax.cell.parameters import OCV_CORRECTION
 from barnax.errors import InputError
 from barnax.experiment.belief import believed_of_result
 from barnax.inputs import read_inputs
-from barnax.model.window import Window
 from barnax.pipeline import hppc
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
@@ -134,31 +133,6 @@ def test_each_temperature_has_the_ocv_of_its_own_test(result):
         assert np.abs(fit.tables.tables[OCV_CORRECTION]).max() < 1e-3
 
 
-@pytest.mark.slow
-def test_without_an_ocv_test_each_temperature_has_the_ocv_of_its_records():
-    nodes = (0.05, 0.25, 0.5, 0.75, 1.0)
-    found = identify(
-        [replace(at(degc), name=f"at {degc:g} degC", temperature_degc=None) for degc in DEGC],
-        window=Window(initial_soc=1.0), capacity=CAPACITY_AH, over="soc,temperature",
-        nodes=nodes, max_boxes=0, folds=0, trust="none", advise=False, seeds=0,
-    )  # fmt: skip
-    assert found.tables.over_temperature.temperatures_degc == DEGC
-    soc = np.array([0.25, 0.5, 0.9])
-    for degc, fit in zip(DEGC, found.tables.fits, strict=True):
-        own_v = found.cell.at(degc).average_ocv_v(soc)
-        assert own_v == pytest.approx(3.2 + (0.875 + 1e-3 * degc) * soc, abs=1e-3)
-        own_ohm = fit.tables.at("R0 [Ohm]", soc)
-        assert own_ohm == pytest.approx(arrhenius(degc) * r0_ohm(soc), rel=0.02)
-    # What is left out keeps its OCV, and lacks its resistances only.
-    left = found.tables.over_temperature.left_out
-    assert max(each.own.rmse_v for each in left) < 1e-3
-    assert left[1].errors.rmse_v < 2e-3 < left[0].errors.rmse_v
-    assert found.cell.at(5.0).is_of_records
-    assert "OCV: each temperature has its own, of its records at 5 degC, 25 degC" in " ".join(
-        shown(found).split()
-    )
-
-
 def test_a_record_has_the_test_of_its_temperature_of_those_that_are_given():
     given = [replace(at(degc), name=f"test at {degc:g}") for degc in DEGC]
     inputs = read_inputs(
@@ -171,23 +145,4 @@ def test_a_record_has_the_test_of_its_temperature_of_those_that_are_given():
         read_inputs(
             [at(45.0)], [given[0], again], [], Reading(), CellSettings(),
             capacity=CAPACITY_AH, window=None,
-        )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("records", "told"),
-    [
-        ((at(25.0), at(27.0)), "at least two temperatures"),
-        ((made_record(2.0),), "`temperature`"),
-        (
-            (at(5.0), replace(at(25.0), temperature_degc=np.full(at(25.0).samples, 298.15))),
-            "no cell is measured at 298.* degC; .* 'Temperature / K'",
-        ),
-    ],
-)
-def test_records_without_two_temperatures_are_refused(records, told):
-    with pytest.raises(InputError, match=told):
-        identify(
-            list(records), ocv=at(25.0), capacity=CAPACITY_AH, over="soc,temperature",
-            ocv_fit="interpolated", window=None, seeds=0,
         )  # fmt: skip

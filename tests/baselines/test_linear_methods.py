@@ -91,17 +91,6 @@ def test_a_dual_filter_comes_from_the_middle_of_the_box_to_the_resistance_of_now
     assert np.all(answer.trajectory.tau_s > 0)
 
 
-@pytest.mark.slow
-def test_a_dual_filter_keeps_the_rate_of_a_dynamic_hysteresis_in_the_middle_of_its_box(
-    known_problem,
-):
-    problem = known_problem(TWO_PAIRS, "esc")
-    answer = answer_of("dual-ukf", problem)
-    low, high = problem.bounds.ranges["gamma"]
-    assert answer.parameters.gamma == pytest.approx(np.sqrt(low * high))
-    assert np.isfinite(answer.rmse_v)
-
-
 @pytest.mark.parametrize(
     ("current_a", "says"),
     [(np.ones(600), "current never changes"), (np.arange(170) % 7, "there are 111")],
@@ -160,14 +149,6 @@ def test_rows_need_every_interval_even_and_every_sample_scored(known_problem):
     )
     left_out = {0, 1, 1001, 1002, *range(2000, 2012)}
     assert set(np.flatnonzero(~samples.is_row)) == left_out
-
-
-def test_an_uneven_clock_is_a_failure_that_says_so(known_problem):
-    problem = known_problem(TWO_PAIRS)
-    time_s = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, len(problem.prepared.time_s)))
-    prepared = replace(problem.prepared, record=replace(problem.prepared.record, time_s=time_s))
-    with pytest.raises(MethodFailure, match="the clock is uneven"):
-        even_samples(prepared, 2)
 
 
 # White noise alone has no pole between zero and one, and none that is a circuit's.

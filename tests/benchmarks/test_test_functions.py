@@ -11,9 +11,6 @@ from benchmarks.li2023.test_functions import (
     DIMS,
     FUNCTIONS,
     QUIET_FUNCTIONS,
-    draw_displacement,
-    make_problem,
-    quiet_loss_of_problem,
 )
 
 ordinals = np.arange(1, DIMS + 1)
@@ -66,34 +63,3 @@ def test_the_minimum_lies_where_it_is_said_to(name):
         assert at_minimum == pytest.approx(function.minimum, abs=1e-14)
         nearby = minimizer + 1e-3 * jr.normal(jr.key(1), (50, DIMS))
         assert jnp.all(jax.vmap(lambda x: function.loss(x, jr.key(0)))(nearby) > at_minimum)
-
-
-def test_the_noise_of_f5_is_drawn_anew_for_every_key_and_lies_in_the_unit_interval():
-    keys = jr.split(jr.key(0), 1000)
-    noise = jax.vmap(lambda key: FUNCTIONS["F5"].loss(jnp.zeros(DIMS), key))(keys)
-    assert len(np.unique(noise)) > 990
-    assert 0 <= noise.min() < 0.01 < 0.99 < noise.max() < 1
-    assert [name for name, function in FUNCTIONS.items() if function.is_noisy] == ["F5"]
-
-
-@every_function
-@pytest.mark.parametrize("is_rotated", [False, True])
-def test_a_displaced_function_has_its_minimum_at_the_offset(name, is_rotated):
-    with jax.enable_x64(True):
-        displacement = draw_displacement(jr.key(4), DIMS, is_rotated)
-        problem = make_problem(name, displacement)
-        minimizer = jnp.full(DIMS, FUNCTIONS[name].minimizer)
-        if is_rotated:
-            minimizer = displacement.rotation.T @ minimizer
-        minimizer += displacement.offset * FUNCTIONS[name].half_width
-        assert quiet_loss_of_problem(minimizer, problem) == pytest.approx(0, abs=1e-12)
-        assert jnp.max(jnp.abs(minimizer)) < FUNCTIONS[name].half_width
-
-
-def test_a_displacement_is_an_offset_within_bounds_and_an_orthogonal_matrix():
-    displacement = draw_displacement(jr.key(5), 200, is_rotated=True)
-    assert 0.55 < jnp.max(jnp.abs(displacement.offset)) <= 0.6
-    identity = displacement.rotation @ displacement.rotation.T
-    np.testing.assert_allclose(identity, np.eye(200), atol=1e-5)
-    other = draw_displacement(jr.key(6), 200, is_rotated=True)
-    assert not np.allclose(displacement.offset, other.offset)

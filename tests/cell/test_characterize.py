@@ -24,7 +24,6 @@ from helpers.ocv_tests import (
     driven,
     pulses,
     slow_sweep,
-    steady,
 )
 
 GRID = np.linspace(0.0, 1.0, 21)
@@ -66,14 +65,6 @@ def test_between_branches_lies_what_was_measured_unless_they_are_polynomials():
     np.testing.assert_allclose(both.at(12.5).branch_gap_v(soc), fitted.hysteresis_v(soc), atol=1e-9)
 
 
-def test_two_files_in_any_order_give_the_same_as_one():
-    one = characterize([both_ways()], ocv_fit="interpolated")
-    for records in ([discharge_only(), charge_only()], [charge_only(), discharge_only()]):
-        two = characterize(records, ocv_fit="interpolated")
-        np.testing.assert_allclose(two.average_ocv_v(GRID), one.average_ocv_v(GRID), atol=1e-9)
-        np.testing.assert_allclose(two.hysteresis_v(GRID), one.hysteresis_v(GRID), atol=1e-9)
-
-
 @settings(max_examples=20)
 @given(st.integers(8, 40), st.floats(0.3, 100.0))
 def test_any_number_of_pulses_and_any_capacity_recover_the_average(count, size):
@@ -102,21 +93,6 @@ def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
     np.testing.assert_allclose(joined.discharge(GRID), whole.discharge(GRID), atol=1e-9)
 
 
-def test_a_small_top_up_belongs_to_the_sweep_of_its_direction():
-    parts = REST, pulses(+1, share=0.99), np.full(6, -0.2), REST
-    cell = characterize([driven(*parts, start_soc=0.0, direction=-1)])
-    assert len(cell.charge_points) == 22
-
-
-def test_offsets_and_noise_below_the_rest_current_do_not_matter():
-    record = both_ways()
-    rng = np.random.default_rng(3)
-    noisy = replace(record, current_a=record.current_a + 1e-4 * rng.standard_normal(record.samples))
-    cell = characterize([noisy], ocv_fit="interpolated")
-    assert len(cell.discharge_points) == 21
-    np.testing.assert_allclose(cell.average_ocv_v(GRID), average_v(GRID), atol=5e-4)
-
-
 @pytest.mark.parametrize("kind", ["continuous", "independent"])
 def test_both_hysteresis_fits_stay_near_the_known_gap(kind):
     cell = characterize([both_ways()], ocv_fit="interpolated", hysteresis_fit=kind)
@@ -132,13 +108,6 @@ def test_the_errors_of_the_branches_cancel_in_the_average():
 
 
 # Records that hold more than their OCV test, and testers that never read zero
-
-
-def test_slow_sweeps_of_both_directions_come_before_rests_of_one():
-    record = driven(REST, steady(-1, 20), steady(+1, 20), REST, pulses(-1))
-    cell = characterize([record], ocv_fit="interpolated")
-    assert (len(cell.discharge_points), len(cell.charge_points)) == (101, 101)
-    assert [each.values["ignored"] for each in cell.warnings] == ["rests"]
 
 
 def test_a_tester_that_reads_30_ma_at_rest_is_served_by_the_rest_current():
@@ -173,16 +142,6 @@ def test_a_test_between_cutoffs_measures_its_capacity():
     cell = characterize([between_cutoffs()])
     assert assumptions(cell) == []
     assert cell.capacity_origin.startswith("measured")
-
-
-@pytest.mark.parametrize("test", [between_cutoffs, lambda: slow_sweep(-1)])
-@pytest.mark.parametrize("ratio", [0.6, 0.9, 1.1, 1.9])
-def test_the_record_s_capacity_does_not_stretch_a_test_that_spans_both_ends(test, ratio):
-    whole = characterize([test()], ocv_fit="interpolated")
-    other = characterize([test()], capacity_ah=ratio * whole.capacity_ah, ocv_fit="interpolated")
-    assert other.capacity_ah == ratio * whole.capacity_ah
-    assert other.discharge_points == whole.discharge_points
-    assert other.charge_points == whole.charge_points
 
 
 def test_the_capacity_of_the_ocv_test_scales_one_that_does_not_span_both_ends():

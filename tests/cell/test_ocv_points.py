@@ -69,27 +69,12 @@ def test_rests_with_next_to_no_charge_between_are_one(hold, size, share):
     assert sweep.points[8].discharged_ah == pytest.approx((0.4 - share) * size * CAPACITY_AH)
 
 
-def test_pulses_below_a_hundredth_of_the_capacity_are_points_of_their_own(size):
-    moves = [[-1 / 150]] * 150 + [[1 / 150]] * 150
-    sweeps = sweeps_of(moves, start_soc=1.0, size=size)
-    assert [len(sweep.points) for sweep in sweeps] == [151, 151]
-
-
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_pulses_against_the_sweep_neither_end_nor_extend_it(hold, size, direction):
     moves = turned(direction, [[0.005, -0.055]] * 20)
     (sweep,) = sweeps_of(moves, start_soc=START[direction], hold=hold, size=size)
     assert len(sweep.points) == 21
     np.testing.assert_allclose(extent(sweep, size), [0, -direction], atol=1e-12)
-
-
-@pytest.mark.parametrize("direction", [-1, 1])
-@pytest.mark.parametrize(("cycle", "reached"), [([-0.02, 0.02], 0.62), ([0.02, -0.02], 0.6)])
-def test_a_cycle_between_two_rests_ends_a_sweep(hold, size, direction, cycle, reached):
-    moves = turned(direction, [*DOWN[:12], cycle, *DOWN[:8]])
-    (sweep,) = sweeps_of(moves, start_soc=START[direction], hold=hold, size=size)
-    assert len(sweep.points) == 13
-    np.testing.assert_allclose(extent(sweep, size), [0, -direction * reached], atol=1e-12)
 
 
 @pytest.mark.parametrize("direction", [-1, 1])

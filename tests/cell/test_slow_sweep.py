@@ -56,14 +56,6 @@ def test_one_file_may_hold_both_sweeps():
     np.testing.assert_allclose(gap_v, expected_v, atol=1e-4)
 
 
-def test_each_slow_sweep_is_scaled_by_its_own_charge():
-    shorter = sweep(+1)
-    shorter = replace(shorter, current_a=shorter.current_a * 0.9)
-    cell = characterize([sweep(-1), shorter], ocv_fit="interpolated")
-    assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=2e-4)
-    assert "ocv-test.open" in {each.code for each in cell.warnings}
-
-
 @pytest.mark.parametrize(("returned", "end"), [(0.985, 0.985), (0.9, 1.0)])
 def test_a_charge_that_nearly_closes_in_its_record_ends_where_the_charge_says(returned, end):
     down = CURRENT_A * SWEEP
@@ -96,14 +88,6 @@ def test_a_slow_sweep_takes_ten_hours_or_more_whatever_the_cell(size):
         return slow_sweeps(record)
 
     assert (len(found(10)), len(found(9))) == (1, 0)
-
-
-def test_an_hour_that_the_logger_missed_does_not_end_a_sweep():
-    interval_s = np.full(HOURS * 360 - 359, 10.0)
-    interval_s[1000] = 3600.0
-    current_a = np.full(len(interval_s), CURRENT_A)
-    (found,) = slow_sweeps(record_of(current_a, interval_s=interval_s))
-    assert found.passed_ah == pytest.approx(CAPACITY_AH, rel=1e-9)
 
 
 @pytest.mark.parametrize("samples", [1, 360])

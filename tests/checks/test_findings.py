@@ -365,16 +365,6 @@ def test_a_spike_is_found_at_its_row(tmp_path, name, column, height, width):
     assert f"({width} sample" in found(outcome, check).what
 
 
-@pytest.mark.parametrize("late", [3, -3, 5])
-@pytest.mark.parametrize("column", [VOLTAGE, CURRENT])
-def test_a_spike_beside_a_late_voltage_is_found_at_its_row(tmp_path, late, column):
-    table = DRIVE.with_columns(pl.col(VOLTAGE).shift(late)).drop_nulls()
-    height = 0.5 if column == VOLTAGE else 8.0
-    outcome = checked(tmp_path, changed(table, column, array(table, column)[3001] + height, 3001))
-    check = "voltage spikes" if column == VOLTAGE else "current spikes"
-    assert found(outcome, check).row == 3003
-
-
 @pytest.mark.parametrize("late", [3, -3])
 def test_a_late_voltage_that_stands_still_is_found_at_its_rows(tmp_path, late):
     table = DRIVE.with_columns(pl.col(VOLTAGE).shift(late)).drop_nulls()
@@ -418,16 +408,6 @@ def test_a_clipped_current_is_found_at_both_ends(tmp_path, name):
     assert [re.findall(r"-?[\d.]+ A", what)[0] for what in clipped] == ["-1.5 A", "1.5 A"]
 
 
-def test_a_step_of_the_current_that_the_voltage_answers_late_is_no_break(tmp_path):
-    current_a = np.concatenate([np.tile(np.repeat([0.0, 1.0], 15), 20), np.repeat([0.0, 5.8], 60)])
-    voltage_v = simulated_cell(current_a)
-    voltage_v[1:] -= 0.85 * np.diff(voltage_v)
-    table = logged(np.arange(720.0), -current_a, np.round(voltage_v, 4))
-    assert counting(checked(tmp_path, table)) == {"late voltage": "warning"}
-    shifted_v = np.where(np.arange(720) < 640, voltage_v, voltage_v - 0.2)
-    assert "breaks" in counting(checked(tmp_path, changed(table, VOLTAGE, shifted_v)))
-
-
 @pytest.mark.parametrize("name", BUNDLED_NAMES)
 @pytest.mark.parametrize("offset_a", [0.05, -0.05, 0.005])
 def test_a_current_offset_at_rest_is_found_with_its_size(tmp_path, name, offset_a):
@@ -455,49 +435,12 @@ def test_a_sign_that_turns_is_found_where_it_does(tmp_path, name):
     assert 0 <= found(outcome, "sign").row - half < 500
 
 
-@pytest.mark.parametrize("name", DRIVES)
-@pytest.mark.parametrize("start", [3000, 9000])
-def test_a_sign_turned_for_300_samples_is_found(tmp_path, name, start):
-    table = frame(name)
-    current_a = array(table, CURRENT).copy()
-    current_a[start : start + 300] *= -1
-    outcome = checked(tmp_path, changed(table, CURRENT, current_a))
-    assert counting(outcome) == {"sign": "error"}
-    assert found(outcome, "sign").row == pytest.approx(start, abs=100)
-    assert "it turns back at row" in found(outcome, "sign").what
-    # Mended, it moves what the record moves.
-    assert outcome.facts.discharged_ah == pytest.approx(
-        checked(tmp_path, table).facts.discharged_ah, abs=0.02
-    )
-
-
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_counters_that_prove_a_current_is_scaled_name_the_factor(tmp_path, factor):
     outcome = checked(tmp_path, scaled(with_counters(DRIVE), CURRENT, factor))
     counters = found(outcome, "counters")
     assert f"the current is {factor:g} times what the tester counted, throughout" in counters.what
     assert f"{1 / factor:g} times as much" in counters.remedy
-
-
-def in_bursts(usual_s, within_s):
-    """Intervals of a drive, often short for a while, with a long one in the middle of that."""
-    interval_s = np.full(len(DRIVE) - 1, usual_s)
-    for start in range(1000, 9000, 200):
-        interval_s[start : start + 20] = 0.1
-        interval_s[start + 10] = within_s(start)
-    return interval_s
-
-
-def spaced(folder, interval_s):
-    return checked(folder, changed(DRIVE, TIME, np.concatenate([[0], np.cumsum(interval_s)])))
-
-
-def test_an_interval_as_long_as_the_usual_ones_elsewhere_is_no_gap(tmp_path):
-    """A log every 5 s, and every 0.1 s on both sides of some of its intervals."""
-    interval_s = in_bursts(5.0, lambda start: 5.018)
-    assert "gaps" not in {each.check for each in spaced(tmp_path, interval_s).findings}
-    interval_s[3010] = 31.0
-    assert "a gap of 31 s" in found(spaced(tmp_path, interval_s), "gaps").what
 
 
 def test_a_gap_in_which_a_rested_cell_was_moved_is_a_warning(tmp_path):
@@ -511,18 +454,3 @@ def test_the_integrated_charge_is_that_of_a_plain_sum(tmp_path):
     facts = checked(tmp_path, DRIVE).facts
     assert facts.charged_ah == pytest.approx(moved_ah[moved_ah > 0].sum())
     assert facts.discharged_ah == pytest.approx(-moved_ah[moved_ah < 0].sum())
-
-
-@pytest.mark.parametrize("late", [0.0, 0.1, 0.4])
-def test_a_late_voltage_knows_what_each_sample_shows(tmp_path, late):
-    rng = np.random.default_rng(0)
-    current_a = np.repeat(rng.uniform(-1, 2, 200), rng.integers(2, 20, 200))
-    voltage_v = simulated_cell(current_a)
-    voltage_v[1:] -= late * np.diff(voltage_v)
-    outcome = checked(tmp_path, logged(1.0 * np.arange(len(current_a)), -current_a, voltage_v))
-    if not late:
-        assert outcome.is_clean
-        return
-    told = found(outcome, "late voltage").values
-    # By parts of a sample, what came at once is shared between it and the next.
-    assert told["missing_share"] == pytest.approx(late, abs=0.04)

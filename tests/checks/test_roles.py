@@ -4,13 +4,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.bundled import BUNDLED, bundled_file
-from barnax.cell import characterize
+from barnax.bundled import bundled_file
 from barnax.checks import check_file
 from barnax.checks.roles import _half_width
-from barnax.model.prepared import prepare_record
-from barnax.model.window import Window
-from barnax.records import read_record
 from helpers.records import CURRENT, VOLTAGE, checked, frame, logged
 
 
@@ -68,14 +64,6 @@ def test_the_predicted_interval_is_that_of_repeated_draws():
     assert 0.92 < held.mean() < 0.97
 
 
-def test_a_record_that_starts_under_load_needs_its_state_of_charge(tmp_path):
-    table = frame()
-    start = int(np.flatnonzero(np.abs(table[CURRENT].to_numpy()) > 1)[0])
-    found = roles(checked(tmp_path, table[start:]))
-    assert found["identification"].window.options == {}
-    assert found["identification"].window.needs_initial_soc
-
-
 def whole_test(rest_s=7200):
     """A charge to full, a discharge, a rest and the bundled profile, with step numbers."""
     profile = frame()
@@ -102,19 +90,6 @@ def test_a_whole_test_is_cut_to_its_profile_from_the_full_cell_on(tmp_path, rest
     assert role.window.options == {"start_after_step": 3, "initial_soc": 1, "score_steps": (7,)}
     assert "the cell is full at the end of step 3" in role.reason
     assert ("too short to settle" in role.reason) == (rest_s < 1800)
-
-
-def test_without_a_full_charge_the_long_rest_before_the_profile_is_the_start(tmp_path):
-    table = whole_test().filter(pl.col("Step Index / 1") > 4)
-    role = roles(checked(tmp_path, table))["identification"]
-    cell = characterize([read_record(path) for path in BUNDLED.ocv])
-    record = read_record(tmp_path / "cell.csv")
-    assert role.window.options.keys() == {"start_time_s", "score_steps"}
-    window = Window(**role.window.options)
-    prepared = prepare_record(record, cell, "so-rc", window)
-    # The start is the last sample of the rest and no other.
-    assert abs(record.current_a[prepared.first]) < 0.02 < abs(record.current_a[prepared.first + 1])
-    assert prepared.start.soc_source == "rested voltage"
 
 
 def test_a_table_of_ocv_over_soc_serves_as_ocv_test_only(tmp_path):

@@ -1,7 +1,6 @@
 """`barnax check`: exit statuses, tables, lines and JSON."""
 
 import json
-import re
 
 import numpy as np
 import polars as pl
@@ -85,15 +84,3 @@ def test_json_holds_every_file_and_goes_to_stdout_alone(run, faulty, unreadable)
     outcome = run("check", unreadable, "--json")
     assert outcome.status == 2
     assert "binary" in json.loads(outcome.out)["files"][0]["unreadable"]
-
-
-def test_the_rest_current_that_it_proposes_is_taken_and_settles_what_was_noted(run, tmp_path):
-    noise_a = np.random.default_rng(0).normal(0, 0.0071, 6000)
-    frame()[:6000].with_columns(pl.col(CURRENT) + noise_a).write_csv(tmp_path / "noisy.csv")
-    words = run("check", tmp_path / "noisy.csv", "--json").out
-    (counted_ma,) = map(float, re.findall(r"below ([\d.]+) mA, rather", words))
-    (proposed,) = re.findall(r"`rest_current=([\d.]+)`", words)
-    assert float(proposed) == pytest.approx(1e-3 * counted_ma, rel=1e-9)
-    again = run("check", tmp_path / "noisy.csv", "--rest-current", proposed)
-    assert "rather than C/100" not in again.out
-    assert "must be positive" in run("check", BUNDLED.record, "--rest-current", "0").err

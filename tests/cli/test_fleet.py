@@ -5,8 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 import polars as pl
 import pytest
 
-from helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, simulated
-
 
 @pytest.fixture(autouse=True)
 def one_thread(monkeypatch):
@@ -48,27 +46,3 @@ def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path):
     assert "initial_soc 95.0 is not a fraction" in report
     dry = run("fleet", manifest, "--dry-run")
     assert (dry.status, dry.out.count("initial_soc 95.0")) == (2, 1)
-
-
-@pytest.mark.slow
-def test_a_pack_is_a_row_that_is_not_computed_again(run, tmp_path):
-    current_a = drive_a(2000)
-    frame(simulated(alike(3), current_a), current_a).write_csv(tmp_path / "pack.csv")
-    ocv_table().write_csv(tmp_path / "ocv.csv")
-    known = {"capacity": 5.0, "initial_soc": PackedCell().soc, "pack_cells": "V*", "car": 7}
-    row = {"id": "P1", "records": "pack.csv", "ocv": "ocv.csv", **known}
-    pl.DataFrame([row]).write_csv(tmp_path / "m.csv")
-    out = tmp_path / "out"
-    words = ("fleet", tmp_path / "m.csv", "--out", out, "--keep-factors", "constants")
-    words += ("--folds", "0")
-    first = run(*words)
-    assert first.status == 0, first.err
-    rows = pl.read_parquet(out / "cells.parquet")
-    assert rows["id"].to_list() == ["P1", "P1 V1", "P1 V2", "P1 V3"]
-    assert rows["error"].null_count() == 4
-    assert sorted(path.name[:5] for path in (out / "factors").iterdir()) == [
-        "P1 V1", "P1 V2", "P1 V3", "P1.fa",
-    ]  # fmt: skip
-    again = run(*words)
-    assert "1 already done" in again.out
-    assert pl.read_parquet(out / "cells.parquet").equals(rows)

@@ -1,6 +1,5 @@
 """Options: what messages call them, that there are all of them, and those of one record."""
 
-import inspect
 import re
 from pathlib import Path
 
@@ -33,20 +32,6 @@ def test_every_option_that_a_message_names_exists():
     named = {name for path in SOURCES for name in NAMED.findall(strings_of(path))}
     assert {"initial_soc", "capacity", "ocv", "out"} <= named
     assert {as_flags(f"`{name}`") for name in named} <= flags
-
-
-def test_what_the_command_names_python_takes_too():
-    taken = set(inspect.signature(barnax.identify).parameters)
-    taken |= {
-        field.removesuffix(unit)
-        for group in (barnax.Settings, barnax.Reading, barnax.TableSettings, barnax.Window)
-        for field in inspect.signature(group).parameters
-        for unit in ("_s", "_a", "_ah", "_degc")
-    }
-    words = {"records", "out", "force", "as_json", "verbose", "quiet", "report", "live", "plan"}
-    words |= {"design"}
-    options = {each.name for each in get_command(app).commands["identify"].params}
-    assert options - words - {"paper"} <= taken
 
 
 @pytest.mark.parametrize(

@@ -120,42 +120,10 @@ def test_seeds_are_paired_where_a_row_has_them_and_on_the_identification_record(
     assert all(each.over_seeds is None for each in comparison.differences if each.is_validation)
 
 
-def test_watching_tells_of_every_row_and_its_seeds(comparison, watched):
-    del comparison
-    names = [f"{method} {model}" for model, method in ROWS]
-    assert list(watched)[: len(ROWS)] == names
-    assert [watched[name] for name in names] == [1, 1, BUDGET.seeds, BUDGET.seeds, 0]
-
-
-@pytest.mark.slow
-def test_bounds_go_to_the_models_that_have_the_parameter(bundled_record, bundled_cell):
-    compared = compare(
-        bundled_record,
-        bundled_cell,
-        [("so-rc", "varpro"), ("3rc", "ls")],
-        window=WINDOW,
-        bounds={"R3 [Ohm]": (0.001, 0.002)},
-        fixed={"R0 [Ohm]": 0.06},
-    )
-    assert compared.rows[0].median.parameters.r0 == pytest.approx(0.06)
-    assert compared.rows[1].problem.bounds.ranges["R3 [Ohm]"] == (0.001, 0.002)
-
-
 def test_the_file_gives_back_the_result_exactly(result, tmp_path):
     path = tmp_path / "comparison.json"
     path.write_text(result.to_json())
     assert ComparisonResult.from_json(path) == result
-
-
-def test_the_file_holds_no_folder_and_its_keys_carry_units(result):
-    assert str(BUNDLED.record.parent) not in result.to_json()
-    stored = result.to_dict()
-    row = stored["rows"][2]
-    assert row["identification"]["metrics"]["rmse [V]"] > 0
-    assert row["identification"]["bands"][2]["from SOC"] == 0.2
-    assert row["spread"].keys() == {"best rmse [V]", "worst rmse [V]", "standard deviation [V]"}
-    assert "rmse difference interval [V]" in stored["differences"][0]["over_time"]
-    assert "median rmse difference [V]" in stored["differences"][2]["over_seeds"]
 
 
 def test_a_row_is_stored_as_it_was_found(comparison, result):

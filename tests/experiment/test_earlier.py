@@ -54,25 +54,6 @@ def test_a_record_by_the_second_takes_the_same_charge(prepared):
     assert seconds.counted.all()
 
 
-@pytest.mark.slow
-def test_noise_is_told_from_what_a_circuit_leaves_out(prepared, believed):
-    rng = np.random.default_rng(3)
-    count = len(prepared.soc)
-    seconds = by_second(prepared)
-    columns, _ = columns_along(believed.usual, seconds.current_a, seconds.soc)
-    left_out = columns[:, len(believed.names) :]
-    found = {}
-    for size in (0.0, 0.4, 0.8):
-        more_v = np.append(left_out @ rng.normal(size=left_out.shape[1]), 0.0) * size
-        noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 2e-3)
-        found[size] = error_of(believed, [left(prepared, believed, noise_v + more_v[:count])])
-    assert found[0.0].left_out < 0.15
-    assert found[0.0].rest_v == pytest.approx(found[0.0].rmse_v, rel=0.05)
-    for size in (0.4, 0.8):
-        assert found[size].left_out == pytest.approx(size, rel=0.3)
-        assert found[size].rest_v < 0.95 * found[size].rmse_v
-
-
 def test_planted_noise_is_found(prepared, believed):
     rng = np.random.default_rng(4)
     count = len(prepared.soc)

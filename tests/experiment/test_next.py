@@ -5,12 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 from typer.testing import CliRunner
 
 import barnax
-from barnax.cell import OcvPoint, OcvTable, characterize
-from barnax.cell.dependence import Dependence
 from barnax.cli.app import app
 from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
@@ -24,14 +21,10 @@ from barnax.reporting.design import (
     planned_lines,
 )
 from barnax.reporting.design_forms import design_files
-from barnax.reporting.design_promised import promised_lines, promised_table, reached_half
+from barnax.reporting.design_promised import promised_table, reached_half
 from barnax.reporting.next_step import next_step
-from barnax.reporting.view import View
-from barnax.reporting.wording import sentences
 from barnax.reporting.words import joined
-from barnax.search.refine import AtBound
 from helpers.designs import BLOCKS, screen_of
-from helpers.known_cell import made
 
 
 @pytest.fixture(scope="module")
@@ -80,22 +73,6 @@ def test_the_next_command_counts_over_the_capacity_that_the_records_were_given(
     assert " --capacity 2.1 " in str(command)
     *_, plain = next_after(design, result, Cell(result=tmp_path), tmp_path)
     assert "--capacity" not in str(plain)
-
-
-def test_the_next_command_tells_of_a_file_that_is_elsewhere(design, result, tmp_path):
-    moved = tuple(
-        part.model_copy(update={"name": "away.csv"}) if part.role == "identification" else part
-        for part in result.inputs
-    )
-    known = result.model_copy(update={"inputs": moved})
-    advice, command = next_after(design, known, Cell(result=tmp_path), tmp_path)
-    console = Console(width=200)
-    with console.capture() as shown:
-        console.print(advice)
-    assert "write the path of away.csv: no file of that name" in shown.get()
-    tests = [word for word in str(command).split() if Path(word).name.startswith("ocv_")]
-    assert len(tests) == 2
-    assert all(Path(word).is_file() for word in tests)
 
 
 def test_a_table_left_open_is_answered_with_a_test(result):
@@ -213,33 +190,6 @@ def test_promised_and_reached_stand_beside_each_other(design, result, is_alone):
     assert ("with identification.parquet" in table.caption) is not is_alone
 
 
-def test_what_the_fit_found_otherwise_than_was_promised_is_told(design, result):
-    def told(own):
-        return screen_of(promised_lines(design, own, as_flags))
-
-    assert "Differs:" not in told(result)
-    fit, metrics = result.fit, result.metrics
-    taus = {"tau1 [s]": 2.0, "tau2 [s]": 43.9}
-    tables = replace(
-        fit.tables, scales=taus, dependence=Dependence(onset_a=1.0),
-        tables={
-            name: tuple(2 * np.array(row)) if name == "R1 [Ohm]" else row
-            for name, row in fit.tables.tables.items()
-        },
-    )  # fmt: skip
-    other = replace(fit, tables=tables, at_bound=(AtBound("tau1 [s]", "lower"),))
-    part = result.tables.model_copy(update={"fits": (other,)})
-    worse = metrics.identification.model_copy(update={"rmse_v": 0.02})
-    metrics = metrics.model_copy(update={"identification": worse})
-    text = told(result.model_copy(update={"tables": part, "metrics": metrics}))
-    tau_s = next(one.value for one in design.widths if one.name == "tau1 [s]")
-    assert f"tau1 2 s, at the lower bound of its search (promise: {tau_s:.3g} s)" in text
-    assert "tau2 43.9 s (promise: " in text
-    assert "R1 2 times the promise's" in text
-    assert "resistances that follow the current, which the promise leaves out" in text
-    assert "errors of 20.00 mV (promise: 7.05 mV)" in text
-
-
 def test_a_test_that_falls_short_says_where_and_why(design):
     assert not design.is_reached
     text = screen_of(design_screen(design, as_flags))
@@ -267,19 +217,6 @@ def test_a_cell_s_usual_voltages_are_those_of_its_chemistry(chemistry, window_v)
     assert window_of(believed_of(None, 2.0, chemistry).cell) == window_v
 
 
-@pytest.mark.parametrize(
-    ("ends_v", "window_v"), [((3.5, 3.7), (2.5, 4.2)), ((3.2, 3.35), (2.5, 3.65))]
-)
-def test_of_an_ocv_that_no_full_cell_showed_the_narrower_voltages_are_taken(ends_v, window_v):
-    soc = np.linspace(0.1, 0.5, 9)
-    points = tuple(
-        OcvPoint(float(at), float(volts), "a.csv", row=0, rest_s=0.0)
-        for at, volts in zip(soc, np.linspace(*ends_v, len(soc)), strict=True)
-    )
-    table = OcvTable("a.csv", {0: points}, sha256="")
-    assert window_of(characterize([table], capacity_ah=2.0, ocv_fit="interpolated")) == window_v
-
-
 def test_a_belief_that_is_given_again_stays_what_it_was():
     believed = believed_of(None, 2.0, "nmc")
     again = believed_of(believed, None, "nmc")
@@ -288,22 +225,6 @@ def test_a_belief_that_is_given_again_stays_what_it_was():
     assert once == twice
     soc = np.array([-0.01, 0.5, 1.01])
     np.testing.assert_array_equal(again.ocv_end_v(soc, 1), believed.ocv_end_v(soc, 1))
-
-
-@pytest.mark.slow
-def test_an_answer_of_one_value_at_every_soc_is_believed_with_its_own_values():
-    window = barnax.Window(initial_soc=1.0, capacity_ah=2.0)
-    quick = {"model": "so-rc", "seeds": 0, "trust": "none", "advise": False}
-    result = barnax.identify(made()[0], window=window, **quick)
-    assert result.answer == "so-rc with a fitted OCV"
-    # How the capacity is told may have brackets of its own.
-    (told, *_) = sentences("starts.axis", View(result))
-    assert "SOC is counted over 2 Ah, given; the initial SOC is as given." in told
-    tables = believed_of(result, None).tables
-    for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):
-        np.testing.assert_array_equal(np.unique(tables.tables[name]), result.parameters[name])
-    for name, tau_s in tables.constants.items():
-        assert tau_s == result.parameters[name]
 
 
 def test_another_capacity_leaves_the_largest_currents_of_the_records():

@@ -121,38 +121,10 @@ def test_another_chemistry_than_the_record_shows_is_refused(placed):
         believed_of(placed, None, "lfp")
 
 
-@pytest.mark.slow
-def test_where_nothing_shows_what_is_full_the_voltage_brings_the_cell_to_its_start(unplaced, truth):
-    design = barnax.design(unplaced, **LIMITS)
-    # The fullest point is 65 % of the true cell.
-    true_v = float(truth.cell.average_ocv_v(np.array([0.65]))[0])
-    assert design.start_v == pytest.approx(true_v, abs=0.02)
-    assert not any(step.block == "to empty" for step in design.steps)
-    assert f"to {design.start_v:.3f} V, hold until 0.018" in before(design)
-    voltage_v = true_voltage(truth, design, 0.65)
-    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
-    assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
-
-
 @pytest.mark.parametrize("result", [pytest.param("unplaced", marks=pytest.mark.slow), "sized"])
 def test_no_typical_ocv_is_joined_where_nothing_shows_what_is_full(result, request):
     with pytest.raises(InputError, match=r"`chemistry` nmc: nothing shows .* full"):
         believed_of(request.getfixturevalue(result), None, "nmc")
-
-
-@pytest.mark.slow
-def test_a_capacity_alone_leaves_the_test_within_the_record(sized, truth):
-    """Of the 2 Ah of the true cell, its record began at 60 % and its fullest point is 65 %."""
-    believed = believed_of(sized, None)
-    design = barnax.design(believed, **LIMITS)
-    screen = screen_of(planned_lines(believed, as_flags))
-    low, high = believed.told_soc
-    assert f"knows the OCV from {100 * low:.0f} to {100 * high:.0f} %, and the test" in screen
-    taken_ah = 2.0 * (design.initial_soc - design.predicted.soc.min())
-    held_ah = 2.0 * truth.cell.soc_from_rest_voltage(design.start_v)
-    assert taken_ah < held_ah - 2.0 * 0.2 + 0.03
-    voltage_v = true_voltage(truth, design, held_ah / 2.0)
-    assert design.limits.low_v < voltage_v.min()
 
 
 def test_a_chemistry_whose_highest_voltage_the_cell_passes_is_refused():

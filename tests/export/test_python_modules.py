@@ -10,11 +10,8 @@ from barnax.export.tables import TOLERANCE_V, tables_of
 from barnax.export.verification import pulse_profile, simulate_here
 from helpers.results import (
     CAPACITY_AH,
-    CORRECTION_V,
-    NODES,
     PAIRS,
     PAIRS_OF,
-    TABLE_OHM,
     TABLE_TAU_S,
     make_cell,
     make_result,
@@ -103,19 +100,6 @@ def test_thevenins_equations_give_barnax_voltage_from_the_exported_dictionary(ci
     here_v = simulate_here(result, profile)
     there_v = run_thevenin(load("thevenin", circuit), profile)
     assert np.abs(there_v - here_v).max() < 1.1 * TOLERANCE_V
-
-
-def test_pybamm_gets_interpolants_of_the_tables(fake_pybamm):
-    values = run_module(EXPORTERS["pybamm"], make_table_result())["get_parameter_values"]()
-    expected_ohm = np.interp(SOC, NODES, TABLE_OHM[0])
-    np.testing.assert_allclose(values["R0 [Ohm]"](25.0, 1.0, SOC), expected_ohm)
-    tau_s = values["R2 [Ohm]"](25.0, 1.0, SOC) * values["C2 [F]"](25.0, 1.0, SOC)
-    np.testing.assert_allclose(tau_s, TABLE_TAU_S[1])
-    # A resistance of zero leaves a time constant that no solver divides by.
-    assert np.isfinite(values["C1 [F]"](25.0, 1.0, SOC)).all()
-    expected_v = make_cell().average_ocv_v(SOC) + np.interp(SOC, NODES, CORRECTION_V)
-    found_v = values["Open-circuit voltage [V]"](SOC)
-    assert np.abs(found_v - expected_v).max() < 1.1 * TOLERANCE_V
 
 
 def test_thevenins_functions_of_soc_simulate_what_barnax_does():

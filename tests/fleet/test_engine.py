@@ -98,21 +98,6 @@ def test_retry_repeats_what_failed_and_nothing_else(tmp_path, monkeypatch, is_in
     assert read_rows(tmp_path)["error"].to_list() == [None] * 3
 
 
-def test_settings_that_come_back_have_their_own_rows(tmp_path, computed):
-    def stop(state):
-        if state.finished:
-            raise Stop
-
-    for trust in ("none", "basic"):
-        with pytest.raises(Stop):
-            identify_fleet(
-                cells_of("a"), tmp_path, executor=AtOnce(), settings={"trust": trust}, report=stop
-            )
-    options = {"executor": AtOnce(), "settings": {"trust": "none"}}
-    assert identify_fleet(cells_of("a"), tmp_path, **options).finished == 1
-    assert identify_fleet(cells_of("a"), tmp_path, **options).skipped == 1
-
-
 def test_an_iterable_is_read_no_further_than_its_batches(tmp_path, computed):
     taken = []
 
@@ -144,19 +129,6 @@ def test_shards_write_files_of_their_own_that_the_whole_takes_in(tmp_path, compu
     assert (whole.finished, whole.skipped) == (0, 6)
     assert [path.name for path in tmp_path.glob("*.parquet")] == ["cells.parquet"]
     assert pl.read_parquet(tmp_path / "cells.parquet")["id"].to_list() == list("abcdef")
-
-
-def test_shards_run_beside_each_other(tmp_path, computed):
-    names = [f"cell {number}" for number in range(24)]
-    with ThreadPoolExecutor(4) as pool:
-        running = [
-            pool.submit(
-                identify_fleet, cells_of(names), tmp_path, executor=AtOnce(), shard=(n, 4), batch=1
-            )
-            for n in (1, 2, 3, 4)
-        ]
-    assert sum(each.result().finished for each in running) == len(names)
-    assert identify_fleet(cells_of(names), tmp_path, executor=AtOnce()).skipped == len(names)
 
 
 def test_two_commands_cannot_write_to_one_folder(tmp_path, monkeypatch):
@@ -235,20 +207,6 @@ def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch)
     dies.append(False)
     state = identify_fleet(cells, tmp_path, executor=AtOnce(), batch=1)
     assert (state.finished, state.skipped, computed) == (2, 1, ["a", "deadly", "b"])
-
-
-def test_workers_that_never_begin_are_no_endless_loop(tmp_path, monkeypatch):
-    class Dead(Fragile):
-        is_broken = True
-
-        def submit(self, fn, /, *args, **kwargs):
-            future = Future()
-            future.set_exception(BrokenProcessPool("no worker started"))
-            return future
-
-    use_pools(monkeypatch, Dead)
-    with pytest.raises(RuntimeError, match="workers die before they begin"):
-        identify_fleet(cells_of("ab"), tmp_path)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """Fleets in object stores: a real S3 server on this machine, and fsspec's memory."""
 
-import subprocess
 import sys
 import uuid
 from contextlib import suppress
@@ -13,7 +12,7 @@ from barnax.errors import InputError
 from barnax.execution import AtOnce
 from barnax.files import fetched, located
 from barnax.fleet import identify_fleet, read_manifest
-from barnax.fleet.dataset import FACTORS, marked_place, marking, opened, read_rows, writing
+from barnax.fleet.dataset import FACTORS, marked_place, marking, read_rows, writing
 from barnax.fleet.regroup import regrouped
 from barnax.fleet.rows import identify_rows
 
@@ -68,24 +67,6 @@ def test_a_fleet_in_a_store_is_that_of_a_folder(small_fleet, bucket, tmp_path):
     )
     assert again["error"] is None
     assert again["R0 [Ohm]"] == there["R0 [Ohm]"]
-
-
-@pytest.mark.slow
-def test_the_command_reads_and_writes_a_store(small_fleet, bucket, tmp_path):
-    manifest = tmp_path / "m.csv"
-    manifest.write_text(f"id,records\na,{bucket / 'none.csv'}\n")
-    words = [sys.executable, "-m", "barnax", "fleet", manifest, "--workers", "1"]
-    to = ["--out", str(bucket / "out")]
-    refused = subprocess.run([*words, *to], capture_output=True, text=True, check=False)
-    assert refused.returncode == 2
-    assert "--addresses" in refused.stderr
-    done = subprocess.run(
-        [*words, *to, "--addresses", str(bucket)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    (row,) = pl.read_parquet(opened(bucket / "out" / "cells.parquet")).to_dicts()
-    assert "none.csv: cannot be read" in row["error"]
-    assert (bucket / "out" / "report.html").exists()
 
 
 def test_what_is_being_computed_is_noted_in_a_store_too(memory):

@@ -5,8 +5,6 @@ import polars as pl
 import pytest
 
 from barnax.fleet.summary import summarize
-from barnax.reporting.fleet import fleet_document, fleet_illustrations
-from barnax.reporting.render import to_html
 
 CELLS = 40
 
@@ -55,12 +53,3 @@ def test_the_summary_finds_what_was_put_in(rows):
     assert outlier.deviations > 5
     assert [(len(each.ids), each.ids[0]) for each in found.failures] == [(2, "bad 0"), (1, "bad 2")]
     assert [name for name, _ in found.worst] == [f"cell {n}" for n in range(39, 29, -1)]
-
-
-def test_the_report_tells_it(rows):
-    found = summarize(rows)
-    text = to_html(fleet_document(found, fleet_illustrations(rows, {})))
-    assert "40 of 43 cells identified, 39 certified, 1 with a parameter at a bound, 3 fail" in text
-    for part in ("cell 17", "row 7 is empty", "bad 0, bad 1", "cell 39", "look"):
-        assert part in text
-    assert text.count("<svg") + text.count("data:image") == 1

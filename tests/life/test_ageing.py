@@ -15,15 +15,12 @@ from barnax.model.prepared import prepare_record
 from barnax.over_soc import TableSettings, ageing
 from barnax.over_soc.ageing import (
     CAPACITY,
-    OCV_NODES,
     R0,
     SHIFT,
     R,
-    _rests,
     measure_ageing,
     shows_both_ends,
 )
-from barnax.over_soc.registration import FULL_SD
 from barnax.plots import plot_fleet_life
 from barnax.reporting.life import life_frame, life_json, life_lines
 
@@ -228,27 +225,3 @@ def test_a_descent_goes_on_until_a_step_is_small_beside_the_errors(cell, told, h
     assert determined
     for name, own in determined.items():
         assert abs(own.value - ended[name].value) < 0.15 * (own.high - own.low) / 2
-
-
-def test_however_often_a_cell_rests_near_empty_what_is_called_empty_differs(cell):
-    records = [aged(cell, to_empty=True, rests=4)]
-    now = np.zeros(len(records) + 3 + 2 * len(OCV_NODES) - 1)
-    told = _rests(records, now)
-    assert told is not None
-    assert len(told.columns) == 4
-    assert 1 / np.linalg.norm(told.columns[:, 0]) > FULL_SD
-
-
-@pytest.mark.slow
-def test_capacities_are_tried_on_the_same_samples(cell, monkeypatch):
-    counts, reduced = [], ageing.reduced_objective
-
-    def counted(records, *rest):
-        counts.append(sum(np.count_nonzero(prepared.scored) for prepared in records))
-        return reduced(records, *rest)
-
-    monkeypatch.setattr(ageing, "reduced_objective", counted)
-    assert told_of(cell, to_empty=True)[0]
-    # Four capacities do not empty the cell far beyond its OCV.
-    assert len(set(counts[:4])) == 1
-    assert counts[4] > counts[0]

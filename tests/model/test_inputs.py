@@ -12,7 +12,6 @@ from barnax.errors import InputError
 from barnax.model.prepared import both_directions, prepare_record, soc_along
 from barnax.model.window import Window, first_sample, scored_samples
 from barnax.search.evaluate import evaluate
-from barnax.settings import Registration
 from helpers.problems import R0_OHM, R_OHM, TAU_S, simulated_record
 from helpers.reference import make_record
 
@@ -73,15 +72,6 @@ def test_a_simulation_starts_at_a_time_or_after_the_last_block_of_a_step(window,
 def test_samples_are_scored_after_the_start_in_the_chosen_steps_and_times(window, first, expected):
     scored = scored_samples(made(), window, first, np.zeros(100))
     assert np.flatnonzero(scored).tolist() == list(expected)
-
-
-def test_samples_outside_the_chosen_states_of_charge_are_not_scored(bundled_cell):
-    low, high = 0.75, 0.78
-    course = prepared(bundled_cell, Window(initial_soc=0.8, score_soc=(low, high)))
-    soc = prepared(bundled_cell).soc
-    expected = np.flatnonzero((soc >= low) & (soc <= high))
-    assert 10 < len(expected) < 80
-    assert np.flatnonzero(course.scored).tolist() == expected.tolist()
 
 
 @pytest.mark.parametrize(
@@ -189,19 +179,6 @@ def test_a_given_state_of_charge_that_the_rested_voltage_denies_is_doubted(
     assert socs == [("start.other-soc", pytest.approx(0.999, abs=5e-4), 0.95)] * is_doubted
 
 
-@pytest.mark.parametrize("told_soc", [None, 0.95])
-def test_a_start_that_other_records_moved_is_doubted_as_it_was_told(bundled_cell, told_soc):
-    rested_v, told = ocv_v(bundled_cell.charge, 0.999), Window(initial_soc=told_soc)
-    known = Registration(told, told_soc or 0.999, 2.0, "rested voltage", 0.93, 0.97, 1.9, 2.1)
-    moved = {"initial_soc": 0.951, "soc_source": "registered", "registration": known}
-    # By the OCV test alone, or then by other records too.
-    again = moved | {"registration": replace(known, told=Window(**moved))}
-    for window in (moved, again):
-        warnings = rested_at(bundled_cell, rested_v, **window).warnings
-        given = [warning.values["given_soc"] for warning in warnings]
-        assert given == [0.95] * (told_soc is not None)
-
-
 @pytest.mark.parametrize("given_soc", [None, 1.0])
 @pytest.mark.parametrize(("above_v", "is_doubted"), [(0.047, True), (0.004, False)])
 def test_a_rested_voltage_beyond_the_ocv_of_a_full_cell_is_doubted(
@@ -262,28 +239,6 @@ def test_a_record_cut_in_the_middle_of_a_discharge_is_met_from_the_other_directi
     assert assumed.start.soc == pytest.approx(0.6 - 0.01 / 0.87, abs=1e-3)
     assert evaluate(other, CIRCUIT).metrics.max_v < 0.5e-3
     assert evaluate(assumed, CIRCUIT).metrics.max_v > 8e-3
-
-
-@pytest.mark.parametrize(("circuit", "is_open"), [("iso-rc", False), ("esc", True)])
-def test_of_a_start_under_load_only_a_state_that_moves_keeps_what_was_before(
-    bundled_cell, circuit, is_open
-):
-    record = made(current_a=np.roll(CURRENT_A, -25))
-    course = prepare_record(record, bundled_cell, circuit, FULL)
-    assert (course.start.direction, course.start.direction_source) == (-1, "assumed")
-    other = both_directions(course, bundled_cell)[1]
-    assert (other is not None) == is_open
-    if is_open:
-        gap_v = other.source_v - course.source_v
-        np.testing.assert_allclose(gap_v, bundled_cell.hysteresis_v(course.soc), rtol=1e-9)
-
-
-def test_the_direction_lasts_through_rests_and_currents_below_the_resting_one(bundled_cell):
-    expected = np.repeat([1.0, -1.0, -1.0, 1.0], 25)
-    np.testing.assert_array_equal(prepared(bundled_cell).direction, expected)
-    course = prepared(bundled_cell, Window(initial_soc=0.8, rest_current_a=1.5))
-    assert course.rest_current_a == 1.5
-    assert (course.direction[75:] == -1).all()
 
 
 # The source, the current and the scored samples
@@ -380,15 +335,3 @@ def test_samples_far_outside_the_ocv_points_are_refused_with_row_and_remedies(
     # What is not scored is let pass.
     unscored = Window(initial_soc=0.01, start_time_s=60.0, score_to_s=300.0)
     assert prepared(bundled_cell, unscored, voltage_v=2.8).scored.sum() == 25
-
-
-@pytest.mark.parametrize(("sign", "end"), [(1, "empty"), (-1, "full")])
-def test_a_record_that_its_charge_empties_but_not_its_voltage_is_called_another_cells(
-    bundled_cell, sign, end
-):
-    start = Window(initial_soc=0.5 - 0.49 * sign)
-    with pytest.raises(InputError, match=rf"by it the cell is {end} before row \d+.*another cell"):
-        prepared(bundled_cell, start, current_a=sign * CURRENT_A, voltage_v=3.6)
-    own = replace(bundled_cell, charge_points=(), discharge_points=of_records(bundled_cell))
-    with pytest.raises(InputError, match=r"give their `capacity` if 2 Ah is not the cell's"):
-        prepared(own, start, current_a=sign * CURRENT_A, voltage_v=3.6)

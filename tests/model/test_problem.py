@@ -12,12 +12,10 @@ from barnax.cell import CircuitParameters
 from barnax.model.coordinates import Coordinates
 from barnax.model.problem import make_problem, rc_parameters, residuals, rmse
 from barnax.model.window import Window
-from barnax.notices import notice
 from helpers.reference import drop_v, looped_response
 
 CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 LOGARITHMS = np.log([0.05, 0.01, 5.0, 0.02, 80.0])
-SHORT = Window(score_to_s=60.0, initial_soc=1.0)
 rmse_jit, residuals_jit = eqx.filter_jit(rmse), eqx.filter_jit(residuals)
 
 
@@ -57,14 +55,6 @@ def test_a_problem_is_in_double_precision_and_leaves_the_setting(bundled_record,
         assert not jax.config.jax_enable_x64
 
 
-def test_the_warnings_are_those_of_record_cell_and_window(bundled_record, bundled_cell):
-    of_record, of_cell = notice("current-unit.zero", "a.csv", column="I"), notice("ocv-test.mixed")
-    record = replace(bundled_record, warnings=(of_record,))
-    cell = replace(bundled_cell, warnings=(of_cell,))
-    problem = make_problem(record, cell, window=SHORT)
-    assert problem.warnings == (of_record, of_cell, *problem.prepared.warnings)
-
-
 @pytest.mark.parametrize("scale", ["rc", "log"])
 def test_circuits_are_given_with_the_faster_pair_first(short_problem, scale):
     swapped = CircuitParameters.constant(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
@@ -84,21 +74,6 @@ def test_pairs_with_boxes_of_their_own_keep_their_labels(short_problem):
         point = np.asarray(coordinates.encode(rc_parameters(slow_first)))
         (circuit,) = problem.parameters_at([point], coordinates)
     assert circuit.to_dict() == pytest.approx(slow_first.to_dict(), rel=1e-12)
-
-
-def test_the_box_follows_the_cell_and_the_record(short_problem):
-    ranges = short_problem.bounds.ranges
-    scale = 2.0 / short_problem.cell.capacity_ah
-    assert ranges["R0 [Ohm]"] == pytest.approx((1e-4 * scale, 0.2 * scale))
-    assert ranges["tau1 [s]"] == pytest.approx((0.5, 1500.0))
-
-
-def test_other_notes_on_the_same_samples_keep_what_is_computed(short_problem):
-    _ = short_problem.compressed
-    noted = replace(short_problem.prepared, warnings=(notice("ocv-test.mixed"),))
-    kept = short_problem.keeping_computed(prepared_records=(noted,), kind="compressed")
-    assert kept.compressed is short_problem.compressed
-    assert kept.warnings != short_problem.warnings
 
 
 def changed_records(problem):

@@ -223,22 +223,6 @@ def test_the_raw_box_of_capacitance_holds_every_allowed_time_constant():
     np.testing.assert_allclose(coordinates.upper[2], 1000.0 / 1e-4)
 
 
-def test_the_log_coordinates_are_logarithms_of_resistances_and_time_constants():
-    coordinates = Coordinates.of(DEFAULT, "log")
-    assert coordinates.names == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
-    circuit = coordinates.decode(jnp.log(jnp.array([0.05, 0.01, 5.0, 0.02, 80.0])))
-    expected = [0.05, 0.01, 0.02, 5.0, 80.0, 500.0, 4000.0]
-    assert list(physical(circuit).values()) == pytest.approx(expected)
-
-
-@every_scale
-def test_a_bounded_capacitance_is_searched_as_such(scale):
-    coordinates = Coordinates.of(BOXES["capacitance of one pair"], scale)
-    ends = np.array([coordinates.lower[2], coordinates.upper[2]])
-    assert coordinates.names[2] == "C1 [F]"
-    np.testing.assert_allclose(np.exp(ends) if scale == "log" else ends, [20.0, 500.0])
-
-
 @every_scale
 def test_a_circuit_outside_the_box_is_encoded_at_its_nearest_end(scale):
     coordinates = Coordinates.of(DEFAULT, scale)
@@ -249,28 +233,3 @@ def test_a_circuit_outside_the_box_is_encoded_at_its_nearest_end(scale):
 
 
 # Resistances at given time constants
-
-
-@every_box
-def test_every_circuit_of_the_box_is_between_its_resistance_bounds_and_time_constants(name):
-    bounds = BOXES[name]
-    coordinates = Coordinates.of(BOXES[name], "log")
-    circuits = jax.vmap(coordinates.decode)(places(coordinates))
-    tau_s = np.stack([np.asarray(tau) for tau in circuits.tau])
-    low, high = bounds.resistance_box(tau_s)
-    found = np.stack([np.asarray(each) for each in (circuits.r0, *circuits.r)])
-    # Where R C was clipped its C is no longer the box's.
-    ends = np.array([bounds.tau_range_s(pair) for pair in (0, 1)])[:, :, None]
-    assert ((ends[:, 0] * (1 - 1e-12) <= tau_s) & (tau_s <= ends[:, 1] * (1 + 1e-12))).all()
-    limits = np.array(BOXES[name].tau_limits_s)[:, None, None]
-    is_clipped = np.isclose(tau_s, limits, rtol=1e-12).any(axis=(0, 1))
-    inside = (low * (1 - 1e-11) <= found) & (found <= high * (1 + 1e-11))
-    assert inside[:, ~is_clipped].all()
-
-
-def test_a_bounded_capacitance_bounds_the_resistance_at_a_time_constant():
-    low, high = BOXES["capacitance of both"].resistance_box(np.array([5.0, 50.0]))
-    np.testing.assert_allclose(low, [1e-4, 5 / 500, 50 / 1e4])
-    np.testing.assert_allclose(high, [0.2, 0.2, 0.2])
-    fixed = BOXES["fixed capacitance"].resistance_box(np.array([5.0, 50.0]))
-    assert fixed[0][1] == fixed[1][1] == pytest.approx(5 / 500)

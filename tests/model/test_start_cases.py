@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -242,18 +241,3 @@ def result():
         BUNDLED.record, ocv=BUNDLED.ocv, validate=BUNDLED.validation, window=own,
         model="so-rc", seeds=0, advise=False,
     )  # fmt: skip
-
-
-@pytest.mark.slow
-def test_every_way_to_a_record_gives_the_same_start(result):
-    (identified,), (validated,) = map(result.of_role, ("identification", "validation"))
-    assert (identified.start.soc, identified.samples) == (0.98, 1501)
-    for part, path in ((identified, BUNDLED.record), (validated, BUNDLED.validation)):
-        frame = pl.read_parquet(path)
-        for given_record in (path, frame, read_record(path)):
-            prepared = result.validate(given_record).prepared
-            assert prepared.start.soc == part.start.soc
-            assert prepared.scored.sum() == part.samples
-        replayed = barnax.replay_soc(result, path)
-        assert replayed.start.soc == part.start.soc
-    assert validated.start.soc != 0.98

@@ -52,13 +52,6 @@ def by_heat(tau_s, kappa_per_a2, reference_a2):
     return driven
 
 
-def by_current(onset_a):
-    def driven(time_s, current_a):
-        return None, current_a, onset_a * np.arcsinh(current_a / onset_a)
-
-    return driven
-
-
 def by_direction(ratio):
     """Resistances on charge are so many times those on discharge."""
 
@@ -153,14 +146,6 @@ def test_heat_of_its_own_is_found_from_several_records():
     known = identified(records).fit.tables.dependence
     assert known.kappa_per_a2 == pytest.approx(0.25, rel=0.25)
     assert known.heating_tau_s == pytest.approx(1500.0, rel=0.4)
-
-
-@pytest.mark.slow
-def test_a_current_of_butler_and_volmer_is_found():
-    records = [made(seed, driven=by_current(0.8))[0] for seed in range(2)]
-    known = identified(records).fit.tables.dependence
-    assert known.onset_a == pytest.approx(0.8, rel=0.1)
-    assert known.numbers.keys() == {"i0 [A]"}
 
 
 @pytest.mark.slow

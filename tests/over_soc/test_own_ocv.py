@@ -4,7 +4,6 @@ import csv
 from dataclasses import replace
 
 import numpy as np
-import polars as pl
 import pytest
 
 import barnax
@@ -23,7 +22,6 @@ from barnax.records.record import in_means
 from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import fit_csv
 from barnax.reporting.view import View
-from barnax.reporting.wording import sentences
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.own_ocv import fit_with_ocv
@@ -124,26 +122,6 @@ def test_a_full_charge_in_the_record_is_where_soc_is_one():
     started = own.windows[record.name]
     assert started.soc_source == "own full charge"
     assert started.initial_soc == pytest.approx(1.0, abs=1e-3)
-
-
-@pytest.mark.slow
-def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
-    whole, _ = made(seed=0)
-    rest, other = np.zeros(400), made(seed=1, start=0.7, hours=1.0)[0]
-    current_a = np.concatenate([rest, other.current_a])
-    voltage_v = np.concatenate([rest + ocv_v(0.7), other.voltage_v])
-    interval_s = other.time_s[1]
-    part = make_record(
-        interval_s * 40 * np.arange(len(current_a)) / 40, current_a, voltage_v, name="part.csv"
-    )
-    windows = {whole.name: FROM_FULL, part.name: Window()}
-    own = fit_with_ocv([whole, part], "so-rc", windows, QUICK)
-    assert own.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
-    # It may go deeper than the record whose OCV tells its start.
-    upper = replace(windows[whole.name], score_soc=(0.6, 1.0))
-    both = fit_with_ocv([whole, part], "so-rc", windows | {whole.name: upper}, QUICK)
-    assert both.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
-    assert both.cell.soc_range[0] < 0.4
 
 
 @pytest.mark.parametrize("window", [Window(capacity_ah=0.9), Window(initial_soc=0.5)])
@@ -352,25 +330,6 @@ def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, t
     path.write_text(bad.to_json())
     again = barnax.Result.from_json(path)
     assert again.fit.own_ocv == bad.fit.own_ocv
-
-
-@pytest.mark.slow
-def test_a_record_that_is_not_suitable_cannot_speak_against_its_ocv_test(tmp_path):
-    """Under one constant current, slow resistances and a lower OCV look the same."""
-    time_s, current_a = np.arange(0, 7600.0, 10), np.full(760, 1.0)
-    current_a[[*range(20), *range(740, 760)]] = 0.0
-    soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 720
-    voltage_v = ocv_v(soc) - R0_OHM * current_a
-    frame = pl.DataFrame({"Time [s]": time_s, "Current [A]": -current_a, "Voltage [V]": voltage_v})
-    frame.write_csv(tmp_path / "one.csv")
-    nodes = np.linspace(0, 1, 101)
-    test = {"SOC": nodes, "OCV [V]": ocv_v(nodes) + 0.1 * np.sin(np.pi * nodes)}
-    found = barnax.identify(tmp_path / "one.csv", ocv=test, capacity=2.0, **SMALL)
-    codes = {told.code for told in found.warnings}
-    assert found.fit.own_ocv.median_v > 0.05
-    assert "role.unfit" in codes
-    assert "ocv-test.disagrees" not in codes
-    assert "predicts better" not in "".join(sentences("tables.ocv_test", View(found)))
 
 
 @pytest.mark.slow

@@ -14,7 +14,6 @@ from barnax.model.window import Window
 from barnax.over_soc import (
     TableSettings,
     counted_alike,
-    errors_on,
     fit_tables,
     register_alone,
     rest_warnings,
@@ -95,30 +94,6 @@ def test_a_record_to_validate_on_is_told_with_its_start_moved_too(registered):
     assert rmse_v < 0.5 * found.metrics.rmse_v
     stays = registered.validate(record, Window(initial_soc=0.99 + moved_soc, capacity_ah=2.0))
     assert abs(stays.registered[0]) < 1e-3
-
-
-def logged_at_end(record):
-    """The same on an uneven clock, with the mean current since the row before, as none says."""
-    current_a = np.append(0.0, record.current_a[:-1])
-    voltage_v = record.voltage_v + R0_OHM * (record.current_a - current_a)
-    is_steady = np.append(current_a[:-1] == current_a[1:], False)
-    keep = ~is_steady | (np.random.default_rng(1).random(len(is_steady)) > 0.4)
-    keep[:5] = True
-    own = make_record(record.time_s[keep], current_a[keep], voltage_v[keep], name=record.name)
-    return replace(own, hold=replace(own.hold, strength="assumed"))
-
-
-@pytest.mark.slow
-def test_what_another_hold_tells_is_registered_with_it(records):
-    """The fit that is stored is that of the windows that are stored."""
-    found = identified([logged_at_end(each) for each in records])
-    inputs = found.of_role("identification")
-    assert [each.hold.value for each in inputs] == ["backward"] * 3
-    for each, own in zip(found.fit.errors, found.metrics.jointly, strict=True):
-        assert own.rmse_v == pytest.approx(each.rmse_v, rel=1e-2)
-    soc = np.array([each.window.initial_soc for each in inputs])
-    np.testing.assert_allclose(soc - soc.mean(), TRUE_SOC - TRUE_SOC.mean(), atol=1e-3)
-    assert {each.window.registration.told_source for each in inputs} == {"given"}
 
 
 @pytest.fixture(scope="module")
@@ -245,32 +220,6 @@ def test_a_cut_drive_of_an_lfp_cell_and_its_charge_have_tables_with_the_r0_of_st
     stepped_ohm = -np.median(np.diff(record.voltage_v)[step] / np.diff(record.current_a)[step])
     r0_ohm = both.fit.tables.at("R0 [Ohm]", np.array([0.5]))[0]
     assert r0_ohm == pytest.approx(stepped_ohm, rel=0.05)
-
-
-@pytest.mark.slow
-def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(real_data):
-    """As told they are 48 mV off, 110 to 360 of that below 5 % SOC."""
-    folder = real_data / "plett-a123-26650"
-    tests = [read_record(folder / f"ocv-s{part}_25degC.parquet") for part in (1, 3)]
-    cell = characterize(tests, ocv_fit="interpolated")
-
-    def prepared(part, **window):
-        record = read_record(
-            folder / f"dyn-s{part}_25degC.parquet", current_sign="discharge-positive"
-        )
-        return prepare_record(record, cell, "esc", Window(**window))
-
-    drive = register_alone(prepared(1, initial_soc=1.0), TableSettings())
-    given = {"initial_soc": 0.0, "score_steps": (11,), "score_soc": (0.03, 0.95)}
-    charge, counted = prepared(3, **given), prepared(3, capacity_ah=drive.capacity_ah, **given)
-    assert drive.capacity_ah == pytest.approx(2.0, abs=0.01)
-    tables = fit_tables([drive], TableSettings(max_boxes=0, folds=0)).tables
-    assert errors_on(charge, tables).rmse_v < 12e-3
-    found = errors_on(counted, tables)
-    assert found.rmse_v < 8e-3
-    assert found.above_v < 8e-3
-    together = fit_tables([drive, charge], TableSettings(max_boxes=0, folds=0)).errors
-    assert max(each.rmse_v for each in together) < 5e-3
 
 
 @pytest.mark.slow

@@ -125,30 +125,6 @@ def test_a_counter_in_mah_is_the_odd_one_out(name):
     assert "unit" not in " ".join(one.code for one in obeyed.warnings)
 
 
-@pytest.mark.parametrize(
-    ("unit_s", "unit_a", "option"),
-    [(1e-3, 1.0, "time=Time:ms"), (1.0, 1e-3, "current=current:mA")],
-)
-def test_a_counter_without_a_unit_does_not_vouch_for_the_others(unit_s, unit_a, option):
-    """Ten samples a second in ms, or a load in mA, beside a counter in mAh: the product agrees."""
-    seconds = np.arange(2000) * 0.1
-    current_a = np.where(np.arange(2000) // 100 % 2, -2.0, 0.0)
-    counted_mah = np.append(0, np.cumsum(current_a[:-1])) * 0.1 / 3.6
-    table = {
-        "Time": seconds / unit_s,
-        "current": current_a / unit_a,
-        "voltage": 3.9 + 0.05 * current_a,
-        "capacity": counted_mah,
-    }
-    findings = check_file(source_from_frame(table, "log")).findings
-    assert option in " ".join(map(str, findings))
-    record = barnax.record_from_frame(table, columns=option)
-    assert record.time_s[-1] == pytest.approx(seconds[-1])
-    assert record.current_a.max() == pytest.approx(2.0)
-    assert record.charge_ah is not None
-    assert np.ptp(record.charge_ah) == pytest.approx(np.ptp(counted_mah) / 1e3)
-
-
 @pytest.mark.parametrize("unit_s", [60.0, 3600.0])
 @pytest.mark.parametrize("clock", ["Step Time / s", "Date Time"])
 def test_a_clock_beside_a_bare_time_tells_its_unit(unit_s, clock):
@@ -236,16 +212,6 @@ def test_an_hour_that_passes_is_left_alone():
         record = barnax.record_from_frame(table)
         np.testing.assert_allclose(record.time_s, SECONDS + on_s / 3600 * pause_s)
         assert not record.warnings
-
-
-def test_dates_of_twelve_hours_that_leap_at_midnight_are_refused():
-    seconds = np.arange(160) * 600
-    hours = (11 + (seconds + 1800) // 3600) % 12 + 1
-    dates = np.datetime64("2024-03-01T00:30:00") + seconds
-    shown = zip(map(str, dates), hours, strict=True)
-    stamps = [f"{at[:11]}{hour:02d}{at[13:]}" for at, hour in shown]
-    with pytest.raises(InputError, match="a clock of twelve hours"):
-        barnax.record_from_frame(frame("Date Time", stamps))
 
 
 def test_a_time_of_day_runs_on_over_midnight_and_over_one_oclock():

@@ -110,35 +110,3 @@ def test_several_units_that_are_missing_are_one_question(units):
     record, true = record_from_frame(table, columns=given), record_from_frame(large)
     for name in ("time_s", "current_a", "voltage_v"):
         np.testing.assert_allclose(getattr(record, name), getattr(true, name), atol=1e-9)
-
-
-def test_a_slow_sweep_in_minutes_and_milliamperes_is_no_large_cell_without_a_word():
-    """A C/20 sweep of 3 Ah, sampled each minute: 150 for 20 hours is a cell of 50 Ah at 3C."""
-    minutes = np.arange(1200.0)
-    table = pl.DataFrame({"Time": minutes, "Current": np.full(1200, -150.0)})
-    table = table.with_columns(pl.Series("Voltage", 4.15 - 1.2 * minutes / 1200))
-    (warning,) = record_from_frame(table).warnings
-    assert (warning.code, "150 A" in str(warning)) == ("columns.units-open", True)
-    given = {"time": "Time:min", "current": "Current:mA"}
-    record = record_from_frame(table, columns=given)
-    assert not record.warnings
-    assert record.discharged_ah[-1] == pytest.approx(0.15 * 1199 / 60)
-
-
-@pytest.mark.parametrize("unit", ["A", "mA", "uA"])
-def test_amperes_under_another_unit_are_named_by_a_counter_in_a_unit_of_its_own(unit):
-    time_s = FRAME[TIME].to_numpy()
-    current_a = np.full(len(time_s), -2.0)
-    counted_mah = 1e3 * np.abs(np.append(0, np.cumsum(current_a[:-1] * np.diff(time_s)))) / 3600
-    table = FRAME.with_columns(
-        pl.Series(f"Current [{unit}]", current_a), pl.Series("Capacity", counted_mah)
-    )
-    table = table.drop(CURRENT)
-    if unit == "A":
-        assert "current-unit" not in " ".join(one.code for one in record_from_frame(table).warnings)
-        return
-    try:
-        said = [str(one) for one in record_from_frame(table).warnings]
-    except InputError as refused:
-        said = [str(refused)]
-    assert any(f"current=Current [{unit}]:A" in words for words in said)

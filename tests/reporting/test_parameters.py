@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 
 import barnax
-from barnax.errors import InputError
 from barnax.uncertainty import Estimate, Uncertainty
 from helpers.results import NODES, TABLE_OHM, make_result, make_table_result, with_constant
 
@@ -94,14 +93,6 @@ def test_tables_are_compared_at_states_of_charge_between_visited_nodes():
     assert "not determined" in repr(beside)
     # Tables and a constant circuit have only the latter in common.
     assert "Constant circuits" in repr(barnax.show(one, make_result("so-rc", record="b.csv")))
-
-
-def test_one_result_or_one_name_for_two_is_refused():
-    one = make_result("so-rc")
-    with pytest.raises(InputError, match="1 result given; give two"):
-        barnax.show(one)
-    with pytest.raises(InputError, match="the names a, a are not 2 different ones"):
-        barnax.show(one, one, names=("a", "a"))
 
 
 def test_an_interval_that_would_hide_a_doubling_is_too_wide_to_tell():

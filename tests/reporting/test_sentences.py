@@ -9,11 +9,9 @@ from typing import Any
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from barnax.notices import notice
-from barnax.over_soc import NodeInterval, SocErrors
+from barnax.over_soc import SocErrors
 from barnax.reporting.next_step import next_step
-from barnax.reporting.soc_tables import constants_table, nodes_table
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
 from barnax.search.refine import Optimum
@@ -142,44 +140,6 @@ def test_backticks_hold_options_of_python_and_nothing_else(make):
 
 
 # Tables over SOC, by hand-made ends and errors.
-
-OCV_V = (-0.01, 0.02)
-
-
-def interval_of(name: str, low: float | None, high: float | None) -> str:
-    soc = None if name == "tau1 [s]" else 0.0
-    each = NodeInterval(name, soc, 1.0, 0.0, 0.0, low, high)
-    tables = SimpleNamespace(
-        nodes=(0.0, 1.0),
-        visited=(True, True),
-        tables={} if soc is None else {name: OCV_V},
-        constants={name: 1.0} if soc is None else {},
-    )
-    fit: Any = SimpleNamespace(
-        tables=tables, intervals=(each,), of_table=lambda _: (each,), is_over_soc=True
-    )
-    table = constants_table(fit) if soc is None else nodes_table(fit)
-    return table.rows[0][-1]
-
-
-@pytest.mark.parametrize(
-    ("name", "low", "high", "told"),
-    [
-        ("R0 [Ohm]", 0.001, 0.1, "1 to 100"),
-        ("R0 [Ohm]", 0.001, 0.101, "1 to 101"),
-        ("R0 [Ohm]", 0.0, 0.01, "at most 10"),
-        ("R0 [Ohm]", None, 0.01, "at most 10"),
-        ("R0 [Ohm]", 0.01, None, "at least 10"),
-        ("R0 [Ohm]", None, None, "not determined"),
-        ("tau1 [s]", 1.0, 99.0, "1 to 99"),
-        ("tau1 [s]", 0.00327, 3.81e6, "0.00327 s to 1060 h"),
-        (OCV_CORRECTION, -0.01, 0.019, "-10 to 19"),
-        (OCV_CORRECTION, -0.01, 0.021, "-10 to 21"),
-        (HALF_HYSTERESIS, 0.0, 0.01, "at most 10"),
-    ],
-)
-def test_an_interval_is_not_determined_only_where_neither_end_is_known(name, low, high, told):
-    assert interval_of(name, low, high) == told
 
 
 def test_the_next_step_follows_from_what_was_held_out():

@@ -63,23 +63,6 @@ def test_where_it_responds_one_sample_late_its_resistance_is_known_and_its_time_
     assert "at bound" not in findings
 
 
-# R2 t / tau2: all that the first 1,500 s show of such a pair.
-SLOW = CircuitParameters.constant(0.05, (0.02, 0.1), (10 / 0.02, 50_000))
-
-
-@pytest.mark.slow
-def test_of_a_pair_slower_than_the_record_only_the_capacitance_is_known(short_problem):
-    wide = {f"R{pair} [Ohm]": (1e-4, 1e3) for pair in (1, 2)}
-    wide |= {f"tau{pair} [s]": (0.5, 1e6) for pair in (1, 2)}
-    problem = made_problem(short_problem, white_noise(SEED), SLOW, bounds=wide)
-    estimates, findings = findings_of(problem, SLOW)
-    slow = findings["too slow"]
-    assert slow.combined == estimates["C2 [F]"]
-    assert slow.combined.low <= 50_000 <= slow.combined.high
-    assert slow.combined.relative_error < 0.2 * estimates["tau2 [s]"].relative_error
-    assert slow.duration_s == pytest.approx(1500.0)
-
-
 def test_of_two_pairs_with_one_time_constant_only_the_sum_is_known(short_problem):
     alike = CircuitParameters.constant(0.05, (0.02, 0.03), (40 / 0.02, 40.2 / 0.03))
     noise_v = colored_noise(np.random.default_rng(4), SAMPLES, 12.0, 2e-3)[0]

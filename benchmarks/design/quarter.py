@@ -23,7 +23,7 @@ from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc import TableFit, errors_on, fit_tables
 from barnax.over_soc.registration import register
 from barnax.records import read_record
-from barnax.reporting.design_promised import reached_half
+from barnax.reporting.design import reached_half
 from barnax.search.evaluate import evaluate
 
 from .virtual import SETTINGS, TABLES

@@ -16,7 +16,7 @@ from barnax.model.reference import simulate_circuit
 from barnax.over_soc import OwnRecords, TableFit, errors_on, fit_tables, prove_own
 from barnax.over_soc.problem import find_best, reduced_objective
 from barnax.records import Decision, Record, read_record
-from barnax.reporting.design_promised import reached_half
+from barnax.reporting.design import reached_half
 from barnax.search.evaluate import evaluate
 from benchmarks.coverage.simulated import Noise
 

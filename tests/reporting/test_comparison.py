@@ -11,25 +11,19 @@ import pytest
 from barnax.comparison import ComparisonResult
 from barnax.reporting.comparison import (
     bands_table,
-    budget_sentence,
     comparison_document,
     differences_table,
     errors_table,
+    on_records,
     parameters_table,
     refined_tables,
     search_table,
-)
-from barnax.reporting.comparison_verdict import (
-    bound_sentences,
-    conclusion,
-    model_sentences,
-    on_records,
-    optimum_sentences,
-    ranking_sentences,
+    verdict_facts,
 )
 from barnax.reporting.document import Bullets, Table
 from barnax.reporting.illustrations import comparison_illustrations
 from barnax.reporting.render import table_lines, to_html, to_markdown
+from barnax.reporting.wording import sentences, wording
 from barnax.search.evaluate import Evaluation, evaluate
 from barnax.search.refine import AtBound, Refinement
 from helpers.comparisons import (
@@ -176,18 +170,20 @@ def tables() -> dict[str, Table]:
 
 def test_every_case_is_told_as_in_the_golden_file():
     lines = []
-    for cases, tell in (
-        (RANKED, ranking_sentences),
-        (JUDGED, model_sentences),
-        (OPTIMA, optimum_sentences),
-        (BOUNDS, bound_sentences),
+    for cases, part in (
+        (RANKED, "ranking"),
+        (JUDGED, "models"),
+        (OPTIMA, "optima"),
+        (BOUNDS, "bounds"),
     ):
         for name, result in cases.items():
-            lines += [f"# {name}", *tell(result)]
-    lines += ["# the budget", budget_sentence(made(TWO))]
+            told = sentences(f"comparison.{part}", verdict_facts(result))
+            lines += [f"# {name}", *told]
+    lines += ["# the budget", wording("comparison.budget", made(TWO).budget)]
     for identified, validated in CHANGES:
         others = ", ".join(validated) or "nothing"
-        lines.append(f"# {identified}, then {others}\n{conclusion(identified, validated)}")
+        conclusion = wording("comparison.conclusion", [identified, *validated])
+        lines.append(f"# {identified}, then {others}\n{conclusion}")
     for name, table in tables().items():
         lines.append(f"# {name}\n{table.caption}\n{table_lines(table)}")
     require_golden(GOLDEN / "comparison.txt", "\n".join(lines) + "\n")

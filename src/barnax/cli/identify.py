@@ -157,7 +157,7 @@ def _run(
     run = options.output.begun(DEFAULT_FOLDER, inputs)
     with run.loading():
         from ..plan import found_anywhere, plan_given, plan_of, with_choices
-        from ..reporting.design_promised import promised_lines
+        from ..reporting.design import promised_lines
         from ..reporting.terminal import next_lines, plan_lines
 
     promise = None if options.design is None else barnax.Design.load(options.design)

@@ -1,10 +1,11 @@
 """The report of a comparison, with its tables."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from ..plots.pictures import Illustration, record_roles
-from .comparison_verdict import NARROW, OnRecord, answered, on_records, verdict_sentences
+from ..search.refine import SAME_RMSE
 from .document import (
     METRICS,
     Bullets,
@@ -27,12 +28,22 @@ from .result_tables import (
     search_boxes,
 )
 from .view import View
-from .wording import sentences
-from .words import NOTHING, counted, fixed, joined, millivolts_cell, sentence, significant
+from .wording import sentences, wording
+from .words import (
+    NOTHING,
+    bound_words,
+    counted,
+    fixed,
+    gathered,
+    joined,
+    millivolts_cell,
+    sentence,
+    significant,
+)
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..comparison.result import RowPart
+    from ..comparison.result import RecordErrorsPart, RowPart
     from ..comparison.run import Difference
 
 # With more pairs than this, only those with the leader or of one method are shown.
@@ -40,6 +51,8 @@ ALL_PAIRS = 15
 NARROW_MARK = "†"
 # A relative gap below this is rounding.
 ROUNDING = 1e-7
+# The plainest model, which the others are compared with.
+BASE = "so-rc"
 
 
 def comparison_document(
@@ -62,12 +75,12 @@ def comparison_document(
     decisions = (
         *sentences("decisions.decided", View(result)),
         *sentences("decisions.boxes", search_boxes(boxes)),
-        budget_sentence(result),
+        wording("comparison.budget", result.budget),
     )
     sources = {row.method: row.source for row in result.rows}
     sections = [
         *([Section("Circuits", circuits)] if circuits else []),
-        Section("Verdict", (Bullets(tuple(verdict_sentences(result))),)),
+        Section("Verdict", (Bullets(sentences("comparison.verdict", verdict_facts(result))),)),
         *warnings_section(result.warnings),
         *([parameters] if parameters else []),
         Section(
@@ -115,16 +128,111 @@ def _results(
         )
 
 
-def budget_sentence(result: "ComparisonResult") -> str:
-    """The budget of every method, and the meaning of a row."""
-    budget = result.budget
-    return (
-        f"The budget of every method was {budget.evaluations} evaluations per seed "
-        f"({budget.population} candidates, {budget.iterations} generations after the first), with "
-        f"{counted(budget.seeds, 'seed')} from the key {budget.key}, in {budget.coordinates} "
-        f"coordinates, with the {budget.objective} objective. Methods without random numbers ran "
-        "once. A row shows the method's own answer before refinement: that of its median seed."
-    )
+@dataclass(frozen=True)
+class OnRecord:
+    """Findings of a comparison on one record: the errors of each row, and their differences."""
+
+    name: str
+    is_validation: bool
+    errors: "dict[str, RecordErrorsPart]"
+    differences: "list[Difference]"
+
+    def rmse_v(self, row: str) -> float:
+        return self.errors[row].metrics.rmse_v
+
+    @property
+    def ranked(self) -> list[str]:
+        """The rows, the lowest RMSE first."""
+        return sorted(self.errors, key=self.rmse_v)
+
+    @property
+    def leaders(self) -> list[str]:
+        """The row with the lowest RMSE, and those that found the same."""
+        max_v = self.rmse_v(self.ranked[0]) * (1 + SAME_RMSE)
+        return [row for row in self.ranked if self.rmse_v(row) <= max_v]
+
+    def between(self, first: str, second: str) -> "Difference | None":
+        """The difference of two rows, in either order; None where they were not compared."""
+        for difference in self.differences:
+            if {difference.first, difference.second} == {first, second}:
+                return difference
+        return None
+
+    def lead_interval_v(self, leader: str, tested: "Difference") -> tuple[float, float]:
+        """The interval of the lead over the other row of a difference."""
+        # The stored difference may be of the second row minus the first.
+        sign = 1 if tested.first == leader else -1
+        low_v, high_v = sorted(-sign * end_v for end_v in tested.over_time.interval_v)
+        return low_v, high_v
+
+
+def answered(result: "ComparisonResult") -> "list[RowPart]":
+    """The rows that have an answer."""
+    return [row for row in result.rows if row.identification is not None]
+
+
+def on_records(result: "ComparisonResult") -> list[OnRecord]:
+    """The findings on the identification record, then on those for validation."""
+    errors = {
+        row.name: [part for part in (row.identification, *row.validation) if part is not None]
+        for row in answered(result)
+    }
+    records = []
+    for number, first in enumerate(next(iter(errors.values()), [])):
+        name, is_validation = first.metrics.record, number > 0
+        differences = [
+            difference
+            for difference in result.differences
+            if difference.record == name and difference.is_validation == is_validation
+        ]
+        of_rows = {row: of_row[number] for row, of_row in errors.items()}
+        records.append(OnRecord(name, is_validation, of_rows, differences))
+    return records
+
+
+def verdict_facts(result: "ComparisonResult") -> dict[str, Any]:
+    """What the verdict is made of: the rows on each record, the effect of each model against the
+    plainest, by the best method that ran both, the global optima, and what ended at a bound."""
+    rows, records = answered(result), on_records(result)
+    present = list(dict.fromkeys(row.model for row in rows))
+    plain = BASE if BASE in present or not present else present[0]
+    changes = {}
+    for rich in (model for model in present if model != plain):
+        method = _best_of_both(records[0], plain, rich)
+        pair = f"{method} {plain}", f"{method} {rich}"
+        effects = [] if method is None else [_effect(on, *pair) for on in records]
+        changes[rich] = {"method": method, "effects": effects}
+    models = {name: result.models[name] for name in present}
+    at_bound = ((bound_words(b.name, b.side), row.name) for row in rows for b in row.at_bound)
+    return {
+        "rows": result.rows,
+        "answered": len(rows),
+        "records": records,
+        "plain": plain,
+        "changes": changes,
+        "models": models,
+        "unknown": [name for name, model in models.items() if not model.optimum_rmse_v],
+        "at_bound": gathered(at_bound),
+    }
+
+
+def _best_of_both(on: OnRecord, plain: str, rich: str) -> str | None:
+    """The method with the lowest errors of both models, None where none ran both."""
+    methods = [row.removesuffix(f" {plain}") for row in on.errors if row.endswith(f" {plain}")]
+    ran = [method for method in methods if f"{method} {rich}" in on.errors]
+    both_v = {name: on.rmse_v(f"{name} {plain}") + on.rmse_v(f"{name} {rich}") for name in ran}
+    return min(ran, key=both_v.__getitem__, default=None)
+
+
+def _effect(on: OnRecord, plain: str, rich: str) -> dict[str, Any]:
+    """The effect of one model instead of another; "same" too where chance alone explains it."""
+    plain_v, change_v = on.rmse_v(plain), on.rmse_v(rich) - on.rmse_v(plain)
+    tested = on.between(rich, plain)
+    is_chance = tested is not None and not tested.over_time.is_real
+    kind = "better" if change_v < 0 else "worse"
+    if is_chance or abs(change_v) <= SAME_RMSE * plain_v:
+        kind = "same"
+    return {"on": on, "change_v": change_v, "kind": kind}
 
 
 def parameters_table(result: "ComparisonResult") -> Table:
@@ -147,8 +255,7 @@ def refined_tables(result: "ComparisonResult") -> list[Table]:
         return None if refined_v is None or not optimum_v else refined_v / optimum_v - 1
 
     table = circuits_table(
-        "The same after Levenberg-Marquardt has refined the median seed in the same box, with its "
-        "optimality gap.",
+        wording("comparison.refined"),
         {name: row.refined_parameters or {} for name, row in rows.items()},
         {
             "RMSE [mV]": lambda name: millivolts_cell(rows[name].refined_rmse_v),
@@ -186,49 +293,38 @@ def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None
         "evaluations": lambda row: NOTHING if row.evaluations is None else str(row.evaluations),
         **(time if seconds else {}),
     }
-    caption = (
-        "RMSE of the median, best and worst seed on the identification record, with the standard "
-        "deviation (SD) over the seeds; optimality gap and evaluations of the median seed"
-        + ("; time of all seeds, compilation included." if seconds else ".")
-    )
+    caption = wording("comparison.search", bool(seconds))
     return make_table(caption, answered(result), cells, ["row"])
 
 
 def bands_table(on: OnRecord) -> Table:
     """Errors by state of charge on one record, for the bands that hold any sample."""
-    found = enumerate(next(iter(on.errors.values())).bands)
-    told = {place: band for place, band in found if band.samples}
-    ranges = [f"{100 * band.low_soc:g}–{100 * band.high_soc:g} %" for band in told.values()]
-    samples = [f"{b.samples} in {name}" for b, name in zip(told.values(), ranges, strict=True)]
+    bands = enumerate(next(iter(on.errors.values())).bands)
+    filled = {number: band for number, band in bands if band.samples}
+    ranges = [f"{100 * band.low_soc:g}–{100 * band.high_soc:g} %" for band in filled.values()]
+    samples = [f"{b.samples} in {name}" for b, name in zip(filled.values(), ranges, strict=True)]
     rows = []
-    for row, own in on.errors.items():
-        bands = [own.bands[place] for place in told]
-        errors_v = [error_v for band in bands for error_v in (band.rmse_v, band.mean_v)]
+    for row, errors in on.errors.items():
+        of_row = [errors.bands[number] for number in filled]
+        errors_v = [error_v for band in of_row for error_v in (band.rmse_v, band.mean_v)]
         rows.append([row, *map(millivolts_cell, errors_v)])
-    return rows_table(
-        f"Errors on {on.name} by state of charge: RMSE and mean of measured minus simulated "
-        f"voltage. Samples: {joined(samples)}.",
-        ["row", *(f"{name} {what} [mV]" for name in ranges for what in ("RMSE", "mean"))],
-        rows,
-        ["row"],
-    )
+    heads = ["row", *(f"{name} {what} [mV]" for name in ranges for what in ("RMSE", "mean"))]
+    return rows_table(wording("comparison.bands", on.name, samples), heads, rows, ["row"])
 
 
 def differences_table(result: "ComparisonResult", on: OnRecord) -> Table:
     """The differences between rows on one record, and whether each is more than chance."""
-    found, note = on.differences, ""
-    if len(found) > ALL_PAIRS:
+    differences, are_some = on.differences, len(on.differences) > ALL_PAIRS
+    if are_some:
         methods, leader = {row.name: row.method for row in result.rows}, on.ranked[0]
-        found = [
+        differences = [
             difference
-            for difference in found
+            for difference in differences
             if leader in (difference.first, difference.second)
             or methods[difference.first] == methods[difference.second]
         ]
-        note = " Shown are the pairs with the leader and those of one method."
-    if any(difference.over_time.is_block_capped for difference in found):
-        note += f" {NARROW_MARK}: {NARROW}."
-    has_seeds = any(difference.over_seeds is not None for difference in found)
+    is_marked = any(difference.over_time.is_block_capped for difference in differences)
+    has_seeds = any(difference.over_seeds is not None for difference in differences)
     cells: Cells[Difference] = {
         "first": lambda difference: difference.first,
         "second": lambda difference: difference.second,
@@ -249,13 +345,9 @@ def differences_table(result: "ComparisonResult", on: OnRecord) -> Table:
         cells["p"] = lambda difference: significant(
             difference.over_seeds and difference.over_seeds.p_value, 2
         )
-    caption = (
-        f"Differences of RMSE on {on.name}, first row minus second, with the 95 % interval of a "
-        "moving-block bootstrap over time"
-        + ("; seeds won and lost by the first row, and Wilcoxon's p." if has_seeds else ".")
-        + note
-    )
-    return make_table(caption, found, cells, ["first", "second", "significant"])
+    facts = has_seeds, are_some, NARROW_MARK if is_marked else ""
+    caption = wording("comparison.differences", on.name, *facts)
+    return make_table(caption, differences, cells, ["first", "second", "significant"])
 
 
 def _percents(ratio: float | None) -> str:

@@ -9,13 +9,29 @@ import numpy as np
 
 from ..experiment.protocol import hours_of, sampled
 from ..files import csv_text
-from .words import percent
+from .wording import wording
 
 if TYPE_CHECKING:
     from ..experiment import Design, Step
 
 # The one step that may reach the lowest voltage, which ends it.
 EMPTYING = "to empty"
+SCRIPT = '''"""The designed test.
+
+Before: {before}
+
+Here a step that reaches its voltage ends, and the next one begins. On a cycler that \
+stops the test, except
+in the step '{emptying}', if there is one.
+"""
+
+import pybamm
+
+steps = [
+{steps}
+]
+experiment = pybamm.Experiment([tuple(steps)], period="1 second")
+'''
 # A step below this current is a rest.
 REST_A = 1e-9
 # Pieces with more different steps are run from a profile.
@@ -24,26 +40,7 @@ LONGEST_LINE = 8
 
 def before(design: "Design") -> str:
     """How the cell is brought to the start of the test."""
-
-    def rate(hours: int) -> str:
-        return f"{design.capacity_ah / hours:.3g} A (C/{hours})"
-
-    if design.start_v is not None:
-        return (
-            f"charge or discharge at {rate(5)} to {design.start_v:.3f} V, hold until {rate(50)}, "
-            f"and rest 1 h: the test starts at the {percent(design.initial_soc)} SOC of the result."
-        )
-    taken_ah = (1 - design.initial_soc) * design.capacity_ah
-    if not taken_ah > 0:
-        return (
-            f"charge at {rate(2)} to {design.limits.high_v:g} V, hold until {rate(20)}, and rest "
-            "1 h: the test starts full."
-        )
-    # The limits are of the part that is known, and may lie below the voltage of a full cell.
-    return (
-        f"charge full, as the cell's data sheet says, discharge {taken_ah:.4g} Ah at {rate(5)}, "
-        f"and rest 1 h: the test starts at {100 * design.initial_soc:.3g} % SOC."
-    )
+    return wording("design.before", design)
 
 
 def design_files(design: "Design") -> dict[str, bytes]:
@@ -121,14 +118,8 @@ def pybamm_steps(design: "Design") -> list[str]:
 
 def pybamm_script(design: "Design") -> str:
     """The same as a module with the experiment."""
-    lines = "\n".join(f'    "{step}",' for step in pybamm_steps(design))
-    return (
-        f'"""The designed test.\n\nBefore: {before(design)}\n\nHere a step that reaches its '
-        "voltage ends, and the next one begins. On a cycler that stops the test, except\nin the "
-        f'step \'{EMPTYING}\', if there is one.\n"""\n\nimport pybamm\n\n'
-        f"steps = [\n{lines}\n]\n"
-        'experiment = pybamm.Experiment([tuple(steps)], period="1 second")\n'
-    )
+    steps = "\n".join(f'    "{step}",' for step in pybamm_steps(design))
+    return SCRIPT.format(before=before(design), emptying=EMPTYING, steps=steps)
 
 
 def procedure(design: "Design") -> str:
@@ -158,26 +149,24 @@ def procedure(design: "Design") -> str:
                 f"discharge {steps[0].current_a:.4g} A until {limits.low_v:g} V, {seconds} s at "
                 f"most, then go on (second {second + seconds} of profile.csv)"
             )
-        own = "" if what.startswith(name) else f"{name}: "
-        lines.append(f"{number:3d}  {own}{what}")
+        piece_name = "" if what.startswith(name) else f"{name}: "
+        lines.append(f"{number:3d}  {piece_name}{what}")
         second, row = second + seconds, row + count
     return "\n".join(lines) + "\n"
 
 
 def _merged(steps: "Sequence[Step]") -> "Iterator[Step]":
     """The steps, neighboring rests as one."""
-    for is_rest, own in groupby(steps, lambda step: _mode(step) == "rest"):
-        alike = list(own)
+    for is_rest, group in groupby(steps, lambda step: _mode(step) == "rest"):
+        alike = list(group)
         if is_rest:
             alike = [replace(alike[0], duration_s=sum(step.duration_s for step in alike))]
         yield from alike
 
 
-def _repeats(steps: "Sequence[Step]", count: int) -> bool:
+def _repeats(steps: "list[Step]", count: int) -> bool:
     """True if the first `count` steps are repeated to the end."""
-    return len(steps) % count == 0 and all(
-        step == steps[place % count] for place, step in enumerate(steps)
-    )
+    return len(steps) % count == 0 and steps == steps[:count] * (len(steps) // count)
 
 
 def _line(step: "Step") -> str:

@@ -248,6 +248,15 @@ def headed_line(head: str, text: str, width: int = 15, style: str = "") -> Rende
     return grid
 
 
+def headed_lines(
+    lines: Iterable[str], with_cli_options: Callable[[str], str] = str
+) -> Iterator[RenderableType]:
+    """Lines such as "Head: text", each head beside its text."""
+    for line in lines:
+        head, _, text = line.partition(": ")
+        yield indented(headed_line(head, with_cli_options(text)))
+
+
 def next_lines(advice: str, command: str) -> Iterator[RenderableType]:
     """The next step, and its command in one line however long, so that it can be copied."""
     yield indented(headed_line("Next", f"{advice}:" if command else advice))
@@ -287,5 +296,4 @@ def soc_screen(replay: "SocReplay") -> Iterator[RenderableType]:
     table = replay_table(replay)
     yield indented(bare_table([column.name for column in table.columns], table.rows))
     yield Text()
-    for head, text in soc_lines(replay):
-        yield indented(headed_line(head, text))
+    yield from headed_lines(soc_lines(replay))

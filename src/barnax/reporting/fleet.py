@@ -9,6 +9,7 @@ import polars as pl
 
 from ..errors import as_keys
 from .document import Document, Paragraph, Pictures, Section, Table, make_table
+from .wording import wording
 from .words import counted, duration, figures, millivolt
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from ..search.evaluate import Evaluation
 
 # The longest list shown; the dataset has all.
-MAX_TOLD = 50
+MOST_ROWS = 50
 
 
 def fleet_illustrations(
@@ -61,13 +62,7 @@ def fleet_document(summary: "Summary", illustrations: "Sequence[Illustration]" =
 
 def fleet_sentence(summary: "Summary") -> str:
     """The fleet in one sentence."""
-    failed = summary.cells - summary.identified
-    odd = len({outlier.id for outlier in summary.outliers})
-    return (
-        f"{summary.identified:,} of {counted(summary.cells, 'cell')} identified, "
-        f"{summary.certified:,} certified, {summary.at_bound:,} with a parameter at a bound, "
-        f"{failed:,} failed, {counted(odd, 'outlier')}."
-    )
+    return wording("fleet.summary", summary)
 
 
 def failed_sentence(summary: "Summary") -> str:
@@ -75,16 +70,12 @@ def failed_sentence(summary: "Summary") -> str:
     if not summary.failures:
         return ""
     first, *others = summary.failures
-    more = len(first.ids) - 3
-    named = ", ".join(first.ids[:3]) + (f" and {more:,} more" if more > 0 else "")
-    rest = f" ({counted(len(others), 'further cause')} in the report)" if others else ""
-    return f" Failed: {named}: {first.text}{rest}"
+    return f" {wording('fleet.failed', first, others)}"
 
 
 def _distributions(summary: "Summary") -> Table:
     return make_table(
-        "Quantiles over the cells of each circuit; the spread is the robust standard deviation of "
-        "the logarithm.",
+        wording("fleet.distributions"),
         summary.distributions,
         {
             "circuit": lambda spread: spread.circuit,
@@ -106,9 +97,8 @@ def _outliers(summary: "Summary") -> Table | Paragraph:
     if not summary.outliers:
         return Paragraph("No cell stands out.")
     return make_table(
-        f"Values more than {OUTLYING:g} robust standard deviations from the median, in the "
-        "logarithm; the farthest first.",
-        summary.outliers[:MAX_TOLD],
+        wording("fleet.outliers", OUTLYING),
+        summary.outliers[:MOST_ROWS],
         {
             "cell": lambda outlier: outlier.id,
             "because of": lambda outlier: outlier.name,
@@ -125,7 +115,7 @@ def _causes(causes: "Sequence[Cause]", which: str) -> Table | Paragraph:
         return Paragraph("None.")
     return make_table(
         f"{which}, by cause, with the message of the first.",
-        causes[:MAX_TOLD],
+        causes[:MOST_ROWS],
         {
             "cells": lambda cause: f"{len(cause.ids):,}",
             "cause": lambda cause: cause.text,

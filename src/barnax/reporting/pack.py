@@ -8,7 +8,7 @@ from ..pack import FEWEST
 from .document import Document, Paragraph, Section, Table, rows_table
 from .view import View
 from .wording import sentences
-from .words import NOTHING, counted, figures, fixed, joined, millivolt
+from .words import NOTHING, figures, fixed, gathered
 
 if TYPE_CHECKING:
     from ..pack import Pack
@@ -25,34 +25,10 @@ SCALES = {
 
 def pack_document(pack: "Pack") -> Document:
     """The pack as the screen shows it."""
-    cells = pack.fit.cells
-    tau_s = [f"{tau:.3g} s" for tau in pack.result.circuit_parameters.tau_s]
-    told = [
-        f"{counted(len(cells), 'cell')} under one current; the mean cell's time constants are "
-        f"{joined(tau_s)}, its RMSE is {millivolt(pack.result.metrics.identification.rmse_v)}."
-    ]
-    for name in dict.fromkeys(outlier.cell for outlier in pack.odd):
-        why = joined(
-            [
-                f"{outlier.quantity.partition(' [')[0]} ({outlier.deviations:+.1f})"
-                for outlier in pack.odd
-                if outlier.cell == name
-            ]
-        )
-        told.append(f"{name} is odd: {why} robust standard deviations off the median.")
-    if not pack.odd:
-        told.append(
-            "No cell is odd."
-            if len(cells) >= FEWEST
-            else f"With fewer than {FEWEST} cells none is judged odd."
-        )
-    value = next(cell for cell in cells if cell.name == pack.weakest).values["loaded voltage [V]"]
-    told.append(
-        f"{pack.weakest} is the weakest: under 1C at {100 * pack.fit.loaded_soc:.0f} % SOC it has "
-        f"{value.value:.3f} V ({value.low:.3f} to {value.high:.3f})."
-    )
+    odd = gathered((outlier.cell, outlier) for outlier in pack.odd)
+    told = [*sentences("pack.cells", pack, odd, FEWEST)]
     told += [f"Resistances: {text}" for text in sentences("tables.law", pack.result.fits)]
-    told += [f"{name} is left out: {why}." for name, why in pack.left_out.items()]
+    told += sentences("pack.left_out", pack.left_out)
     told += [f"Assumed: {guess}" for guess in View(pack.result).guesses]
     return Document("Pack", "", (Section("Pack", (*map(Paragraph, told), _table(pack))),))
 

@@ -13,7 +13,8 @@ from ..files import csv_text
 from ..plots.cell import rate_label
 from ..pulses import STANDARD_S, Pulse, levels
 from .document import Bullets, Picture, Section, Table, make_table
-from .words import NOTHING, aligned, counted, duration, fixed, joined
+from .wording import sentences
+from .words import NOTHING, aligned, fixed
 
 if TYPE_CHECKING:
     from ..over_soc import TableFit
@@ -30,35 +31,11 @@ def pulses_section(result: "Result", pictures: Iterable[Picture]) -> list[Sectio
     """The pulses of a test; no section without any."""
     if not result.pulses:
         return []
-    tables = [_level_table(result, label, level) for label, level in _levels(result)]
-    told = Bullets(tuple(_sentences(result)))
+    rates = _levels(result)
+    rests_s = [round(pulse.rest_s, -1) for pulse in result.pulses]
+    told = Bullets(sentences("pulses.section", result.pulses, rates, rests_s))
+    tables = [_level_table(result, label, level) for label, level in rates]
     return [Section("Pulses", (told, *tables, *pictures))]
-
-
-def _sentences(result: "Result") -> Iterator[str]:
-    pulses = result.pulses
-    found = [f"{len(level)} in {label}" for label, level in _levels(result)]
-    socs = [pulse.soc for pulse in pulses]
-    rests_s = sorted({round(pulse.rest_s, -1) for pulse in pulses})
-    yield (
-        f"{counted(len(pulses), 'pulse')} between {100 * max(socs):.0f} and "
-        f"{100 * min(socs):.0f} % SOC, out of rests of {duration(rests_s[0])} to "
-        f"{duration(rests_s[-1])}: {joined(found)}."
-    )
-    yield (
-        "A pulse resistance is the change of voltage divided by the change of current since the "
-        "last sample at rest. As in the standards, it includes the change of the OCV with the "
-        "charge of the pulse and, after a short rest, what is left of an earlier relaxation."
-    )
-    latest_s = max(pulse.delay_s for pulse in pulses)
-    if latest_s > 0:
-        yield f'"At once" is the first sample under load, up to {latest_s:.2g} s after the step.'
-    limited = sum(pulse.is_limited for pulse in pulses)
-    if limited:
-        yield (
-            f"{counted(limited, 'pulse')} reached a limit of the tester; only the samples before "
-            "that count."
-        )
 
 
 def _levels(result: "Result") -> list[tuple[str, tuple[Pulse, ...]]]:

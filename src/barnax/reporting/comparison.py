@@ -1,6 +1,6 @@
 """The report of a comparison, with its tables."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -8,36 +8,30 @@ from ..plots.pictures import Illustration, record_roles
 from ..search.refine import SAME_RMSE
 from .document import (
     METRICS,
-    Bullets,
+    Block,
     Cells,
     Document,
     Pictures,
-    Section,
     Table,
     circuits_table,
     make_table,
-    more_figures,
     pairs_table,
     rows_table,
-    warnings_section,
 )
 from .result_tables import (
     circuit_blocks,
     files_table,
-    reproduction_section,
     search_boxes,
+    versions_table,
 )
 from .view import View
-from .wording import sentences, wording
+from .wording import document, wording
 from .words import (
     NOTHING,
     bound_words,
-    counted,
     fixed,
     gathered,
-    joined,
     millivolts_cell,
-    sentence,
     significant,
 )
 
@@ -65,67 +59,31 @@ def comparison_document(
     `illustrations` come from `comparison_illustrations`; `seconds` are the times of the rows by
     their names, which a stored comparison does not hold. Every sentence is made from the numbers.
     """
-    pictures, records = Pictures(illustrations), on_records(result)
-    parameters, *results = _results(result, pictures, seconds) if records else [None]
-    roles = record_roles(1, len(records) - 1)
+    pictures, facts = Pictures(illustrations), verdict_facts(result)
+    records = facts["records"]
+    roles = record_roles(1, len(records) - 1) if records else []
     conditions = [f"{role}-condition" for role in roles]
     validated = [part.name for part in result.inputs if part.role == "validation"]
-    boxes = {name: (model.bounds, model.fixed) for name, model in result.models.items()}
-    circuits = circuit_blocks(result.candidates, (), validated)
-    decisions = (
-        *sentences("decisions.decided", View(result)),
-        *sentences("decisions.boxes", search_boxes(boxes)),
-        wording("comparison.budget", result.budget),
-    )
     sources = {row.method: row.source for row in result.rows}
-    sections = [
-        *([Section("Circuits", circuits)] if circuits else []),
-        Section("Verdict", (Bullets(sentences("comparison.verdict", verdict_facts(result))),)),
-        *warnings_section(result.warnings),
-        *([parameters] if parameters else []),
-        Section(
-            "What was measured",
-            (files_table(result), *pictures.of(*conditions, "ocv", "hysteresis")),
-        ),
-        Section(
-            "What was decided",
-            (Bullets(decisions), pairs_table("The methods.", "method", "source", sources)),
-        ),
-        *results,
-        *more_figures(pictures),
-        reproduction_section(result),
-    ]
-    names = [part.name for part in result.inputs if part.role == "identification"]
-    title = f"{counted(len(result.rows), 'row')} compared on {joined(names)}"
-    return Document(title, "", tuple(sections))
-
-
-def _results(
-    result: "ComparisonResult", pictures: Pictures, seconds: Mapping[str, float] | None
-) -> Iterator[Section]:
-    records = on_records(result)
-    tables = (parameters_table(result), *refined_tables(result))
-    yield Section("Parameters", (*tables, *pictures.of("parameters")))
-    notes = tuple(sentence(f"{row.name}: {note}") for row in answered(result) for note in row.notes)
-    yield Section(
-        "Search",
-        (
-            search_table(result, seconds),
-            *([Bullets(notes)] if notes else []),
-            *pictures.of("convergence"),
-        ),
-    )
-    for on, role in zip(records, record_roles(1, len(records) - 1), strict=True):
+    blocks: dict[str, tuple[Block, ...]] = {
+        "circuits": circuit_blocks(result.candidates, (), validated),
+        "files": (files_table(result), *pictures.of(*conditions, "ocv", "hysteresis")),
+        "methods": (pairs_table("The methods.", "method", "source", sources),),
+        "versions": (versions_table(result),),
+    }
+    if records:
+        tables = (parameters_table(result), *refined_tables(result))
+        blocks["parameters"] = (*tables, *pictures.of("parameters"))
+        blocks["search"] = (search_table(result, seconds),)
+        blocks["convergence"] = pictures.of("convergence")
+    for on, role in zip(records, roles, strict=True):
         differences = [differences_table(result, on)] if on.differences else []
-        yield Section(
-            f"{'Validation' if on.is_validation else 'Identification'}: {on.name}",
-            (
-                errors_table(on),
-                bands_table(on),
-                *differences,
-                *pictures.of(f"{role}-voltages", f"{role}-errors"),
-            ),
-        )
+        drawn = pictures.of(f"{role}-voltages", f"{role}-errors")
+        blocks[role] = (errors_table(on), bands_table(on), *differences, *drawn)
+    blocks["more figures"] = pictures.others()
+    boxes = {name: (model.bounds, model.fixed) for name, model in result.models.items()}
+    facts |= {"result": result, "view": View(result), "boxes_of": search_boxes(boxes)}
+    return document("compared", blocks, roles=roles, facts=facts)
 
 
 @dataclass(frozen=True)

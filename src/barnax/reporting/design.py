@@ -92,7 +92,8 @@ def design_screen(design: "Design", with_cli_options: Options = str) -> Iterator
 def _facts(design: "Design") -> dict[str, Any]:
     """What the sentences about a test are made of."""
     wanted = design.wanted
-    before = {name: _known_before(design.of_table(name)) for name in wanted}
+    names = dict.fromkeys([*wanted, *design.already, *design.printed])
+    before = {name: _known_before(design.of_table(name)) for name in names}
     after = {name: [width.after for width in design.of_table(name)] for name in wanted}
     facts: dict[str, Any] = {"before": before, "after": after, "together": TOGETHER}
     facts |= {"shown": _shown, "half": _half, "middle": middle}

@@ -234,21 +234,6 @@ class Pictures:
         return self.of(*(name for name in self._pictures if name not in self._placed))
 
 
-def more_figures(pictures: Pictures) -> list[Section]:
-    """The figures that have no section of their own."""
-    others = pictures.others()
-    return [Section("More figures", others)] if others else []
-
-
-def warnings_section(notices: Sequence[Notice]) -> list[Section]:
-    """A section of warnings and one of notes, where there are any."""
-    return [
-        Section(title, (Bullets(tuple(sentences_of(told)), are_warnings=counts),))
-        for title, counts in (("Warnings", True), ("Notes", False))
-        if (told := [own for own in notices if own.counts is counts])
-    ]
-
-
 def _renamed(value: Any, named: Callable[[str], str]) -> Any:
     if isinstance(value, str):
         return named(value)

@@ -3,8 +3,9 @@
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from .document import Bullets, Document, Pictures, Section, Table, rows_table, warnings_section
-from .wording import sentences, wording
+from ..notices import sentences_of
+from .document import Document, Pictures, Table, rows_table
+from .wording import document, sentences, wording
 from .words import NOTHING, duration
 
 if TYPE_CHECKING:
@@ -31,14 +32,14 @@ FLAT_SHARE = 0.05
 
 def replay_document(replay: "SocReplay", illustrations: "Iterable[Illustration]" = ()) -> Document:
     """The whole report of a replay."""
-    verdict = tuple(f"{line}." for line in soc_lines(replay))
-    sections = (
-        Section("Errors", (*Pictures(illustrations).of("soc"), replay_table(replay))),
-        Section("Verdict", (Bullets(verdict),)),
-        *warnings_section(replay.warnings),
-    )
-    summary = f"{'; '.join(facts_of(replay)).replace('   ', ', ')}."
-    return Document(f"State of charge of {replay.record}, tracked by a filter", summary, sections)
+    errors = (*Pictures(illustrations).of("soc"), replay_table(replay))
+    notices = {
+        "warned": sentences_of(told for told in replay.warnings if told.counts),
+        "noted": sentences_of(told for told in replay.warnings if not told.counts),
+    }
+    facts = {"replay": replay, "verdict": soc_lines(replay), "told": notices}
+    summary = "; ".join(facts_of(replay)).replace("   ", ", ")
+    return document("replayed", {"errors": errors}, summary=summary, **facts)
 
 
 def facts_of(replay: "SocReplay") -> tuple[str, str]:

@@ -12,7 +12,6 @@ from .document import (
     Bullets,
     Cells,
     Document,
-    Paragraph,
     Section,
     Table,
     circuits_table,
@@ -119,12 +118,6 @@ def errors_table(result: "Result") -> Table:
     rows.append((metrics.identification, "all of these" if rows else "identification"))
     rows += [(part, "validation") for part in metrics.validation]
     return metrics_table(rows)
-
-
-def reproduction_section(stored: "Result | ComparisonResult") -> Section:
-    """What has to be the same, and the versions that can change a digit."""
-    made = Paragraph(wording("decisions.same_again"))
-    return Section("How to repeat this", (made, versions_table(stored)))
 
 
 # The circuits that were tried.

@@ -1,11 +1,10 @@
 """A report before it is HTML or Markdown, and the tables that several reports have."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from itertools import chain, takewhile
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from ..notices import Notice, sentences_of
 from .words import figures, fixed, millivolts_cell
 
 if TYPE_CHECKING:

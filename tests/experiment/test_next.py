@@ -18,7 +18,6 @@ from barnax.model.window import Window
 from barnax.reporting.design import (
     design_screen,
     planned_lines,
-    promised_lines,
     promised_table,
     reached_half,
 )

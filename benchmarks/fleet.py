@@ -36,11 +36,11 @@ DEFAULT: dict[str, Any] = {"seeds": 0}
 # What a stage of a cell is called, and the function where its caller reads it.
 STAGES = {
     "reading and checks": "barnax.pipeline:read_inputs",
-    "reduction": "barnax.constant_problem:problem_of",
+    "reduction": "barnax.run_setup:problem_of",
     "certified optimum": "barnax.identification:find_global_optimum",
     "evaluation": "barnax.identification:evaluate",
     "intervals": "barnax.identification:assess",
-    "result": "barnax.pipeline:make_result",
+    "result": "barnax.identification:make_result",
     "row": "barnax.fleet.rows:row_of",
 }
 

@@ -122,11 +122,11 @@ FAULTS = (
           "by_scales = slopes[:, :1] - slopes", "by_scales = slopes - slopes[:, :1]", DENSE),
     # Sampling of the current.
     fault("R0 by the other sampling", "identification.py",
-          "shifts_ohm.append(tables.hold_shift_ohm)", "shifts_ohm.append(0.0)",
-          "tests/test_table_run.py"),
+          "shifts_ohm.append(other.r0_ohm)", "shifts_ohm.append(0.0)",
+          "tests/test_other_sampling.py"),
     fault("pairs by the other sampling", "model/sampling.py",
           "= own / others - 1", "= others / own - 1",
-          "tests/test_table_run.py"),
+          "tests/test_other_sampling.py"),
     # Choice.
     fault("gain in bands of SOC", "select/policy.py",
           "value = np.mean(by_block) / 2 + np.mean(np.log(sums_v2[0] / sums_v2[1])) / 2",

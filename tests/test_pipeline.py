@@ -49,7 +49,7 @@ def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch
     result = barnax.identify(window=SHORT, **SMALL)
     assert result.constant.global_optimum is None
     assert result.constant.source == "seeds"
-    assert result.parameters == result.run.refinement.parameters.to_dict()
+    assert result.parameters == result.constant.refined.parameters.to_dict()
     assert "not known" in result._repr_html_()
 
 

@@ -11,10 +11,10 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
+from barnax.global_optimum import find_global_optimum
+from barnax.identification import best_of
 from barnax.model.window import Window
 from barnax.results import Result
-from barnax.run import best_answer
-from barnax.storing import make_result
 
 OPTIONS = {
     "model": "so-rc",
@@ -45,7 +45,7 @@ def document(result):
 
 def test_the_search_is_stored_as_it_was_run(document, result):
     constant = document["constant"]
-    search, found = constant["search"], result.run.search
+    search, found = constant["search"], result.constant.search
     told = {name: search[name] for name in ("method", "coordinates", "population", "iterations")}
     assert told == {"method": "bmo", "coordinates": "log", "population": 8, "iterations": 4}
     assert (search["key"], search["evaluations"]) == (3, found.evaluations)
@@ -58,25 +58,27 @@ def test_the_search_is_stored_as_it_was_run(document, result):
 
 
 def test_the_parameters_and_every_metric_are_of_the_one_answer(document, result):
-    answer = result.run.answer
+    answer = result.constant
     assert document["constant"]["parameters"] == answer.parameters.to_dict()
     assert document["constant"]["parameters"]["R1 [Ohm]"] * document["constant"]["parameters"][
         "C1 [F]"
     ] == (pytest.approx(10.0))
     own = document["metrics"]["identification"]
-    assert own["rmse [V]"] == pytest.approx(answer.rmse_v, rel=1e-9)
+    assert own["rmse [V]"] == pytest.approx(answer.global_optimum.rmse_v, rel=1e-9)
     assert own["samples"] == 901
-    again = barnax.evaluate(result.run.problem.prepared, result.constant.parameters)
+    again = barnax.evaluate(
+        result.evaluations.identification[0].prepared, result.constant.parameters
+    )
     assert own["rmse [V]"] == again.metrics.rmse_v
 
 
 def test_the_better_of_seeds_and_optimum_is_the_answer(result):
-    refinement, optimum = result.run.refinement, result.run.optimum
-    assert best_answer(refinement, optimum).source == "global optimum"
-    assert best_answer(refinement, None).source == "seeds"
+    refinement, optimum = result.constant.refined, result.constant.global_optimum
+    assert best_of(refinement, optimum) is optimum
+    assert best_of(refinement, None) is refinement
     best = replace(optimum.optima[0], rmse_v=1.01 * refinement.rmse_v)
     worse = replace(optimum, optima=(best,))
-    assert best_answer(refinement, worse).parameters == refinement.parameters
+    assert best_of(refinement, worse) is refinement
 
 
 def test_every_input_is_named_with_the_hash_of_its_bytes(document):
@@ -113,14 +115,15 @@ def test_to_dict_holds_plain_values_equal_to_the_file(result, document):
 
 
 def test_a_seed_that_failed_at_first_or_altogether_is_stored(result):
-    run = result.run
-    first, second = run.search.seeds
+    refinement, problem = result.constant.refined, result.constant.search.problem
+    first, second = refinement.search.seeds
     late = replace(first, history_v=np.array([math.inf, *first.history_v[1:]]))
     lost = replace(second, rmse_v=math.inf, history_v=np.full(len(second.history_v), math.inf))
-    search = replace(run.search, seeds=(late, lost))
-    made = make_result(
-        replace(run, search=search, refinement=replace(run.refinement, search=search))
-    )
+    search = replace(refinement.search, seeds=(late, lost))
+    refinement = replace(refinement, search=search)
+    evaluations = result.evaluations, None
+    optimum = find_global_optimum(problem)
+    made = barnax.make_result(problem, evaluations, optimum, refinement, warnings=())
     stored = json.loads(made.to_json())["constant"]["search"]["seeds"]
     assert (stored[0]["history"][0], stored[1]["rmse [V]"]) == (None, None)
     read = Result.model_validate(json.loads(made.to_json()))

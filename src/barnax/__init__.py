@@ -12,7 +12,7 @@ __version__ = "0.2.0"
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 HOOKS |= {
     "Result.load": "barnax.reopening:loaded",
-    "Result.run": "barnax.reopening:reopened",
+    "Result.evaluations": "barnax.reopening:reopened",
     "Result.validate": "barnax.reopening:validated",
     "Result.simulate": "barnax.simulation:simulate_frame",
     "Result.figure": "barnax.reporting.illustrations:figure_of",

@@ -32,6 +32,7 @@ from .fleet import read_manifest as read_manifest
 from .global_optimum import GlobalOptimum as GlobalOptimum
 from .global_optimum import find_global_optimum as find_global_optimum
 from .global_optimum import optimality_gap as optimality_gap
+from .identification import make_result as make_result
 from .job import Job as Job
 from .model.problem import Problem as Problem
 from .model.problem import make_problem as make_problem
@@ -59,8 +60,8 @@ from .reporting.parameters import SideBySide as SideBySide
 from .reporting.parameters import show as show
 from .result_filter import FilterSettings as FilterSettings
 from .results import Result as Result
-from .run import Run as Run
 from .search.evaluate import Evaluation as Evaluation
+from .search.evaluate import Evaluations as Evaluations
 from .search.evaluate import evaluate as evaluate
 from .search.evaluate import validate as validate
 from .search.refine import Refinement as Refinement
@@ -70,7 +71,6 @@ from .search.seeds import search_many as search_many
 from .search.seeds import search_seeds as search_seeds
 from .settings import Reading as Reading
 from .settings import Settings as Settings
-from .storing import make_result as make_result
 from .uncertainty import Assessment as Assessment
 from .uncertainty import Examination as Examination
 from .uncertainty import assess as assess

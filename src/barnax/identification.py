@@ -1,9 +1,9 @@
 """The answer of a run: the circuit of the family that the records support, found, proved and
 assessed, with the constant circuit that the population searches beside it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,175 +11,56 @@ import jax
 import numpy as np
 
 from .blas import one_blas_thread
-from .cell import CircuitParameters, Dependence, get_circuit
-from .cell.parameters import RATE
+from .cell import CircuitParameters
 from .checks.step_answers import late_answers_ohm
-from .constant_problem import problem_of
 from .errors import InputError
-from .execution import in_float64, threads
+from .execution import threads
 from .global_optimum import (
     GlobalOptimum,
     find_global_optimum,
     hold_warning,
-    with_better_directions,
 )
-from .inputs import Inputs, Watch
-from .model.prepared import PreparedRecord, prepare_record
+from .inputs import Watch
 from .model.problem import Problem
-from .model.sampling import ocv_shift_ohm, other_sampling, resistance_shares, shift_ohm
-from .model.search_space import ranges_of
-from .model.window import Window
+from .model.sampling import means_shifts_ohm, resampling
 from .notices import Notice, notice
 from .over_soc import (
-    OwnOcv,
     TableFits,
-    TableSettings,
     compare_with_own,
     fit_temperatures,
     group_by_temperature,
-    register,
 )
 from .over_soc.certificate import certify
 from .over_soc.fit import fit_of, level_beyond
-from .over_soc.problem import find_best, reduced_objective
-from .run import Answer, Candidate, Run, best_answer
-from .search.evaluate import Evaluation, evaluate, evaluate_from_either, with_registered
-from .search.refine import Descent, refine
+from .over_soc.fits import R0
+from .pulses import pulses_of
+from .result_parts import (
+    Candidate,
+    ConstantPart,
+    InputPart,
+    MetricsBlock,
+    all_versions,
+    bands_by_soc,
+)
+from .results import Result
+from .run_setup import Setup
+from .search.evaluate import Evaluations, evaluate
+from .search.refine import SAME_RMSE, Descent, Refinement, refine
 from .search.seeds import search_seeds
-from .select import Fitted, Tried, choose, limits_of
-from .settings import OVER_TEMPERATURE, Settings
-from .table_run import R0, TableRun
+from .settings import Settings
 from .uncertainty import Assessment, assess, compile_linearization, examine
 
 # A resistance that is off by more than this share is worth a warning, though its interval says so.
 FAR = 0.05
 
 
-@dataclass(frozen=True, eq=False)
-class Setup:
-    """What is searched in a run.
-
-    Attributes:
-        problem: The constant circuit that the population searches: the answer, or beside it.
-        validation: The records to validate on, made ready for a circuit.
-        tables: How tables are fitted.
-        chosen: The answer, where the family was tried; with its tables still without a proof.
-        tried: What was tried.
-        fits: Tables that are known already.
-        over_temperature: Whether tables of every temperature are fitted.
-    """
-
-    problem: Problem
-    validation: Callable[[str], list[PreparedRecord]]
-    tables: TableSettings
-    chosen: Fitted | None = None
-    tried: tuple[Tried, ...] = ()
-    fits: TableFits | None = None
-    over_temperature: bool = False
-
-    @property
-    def has_tables(self) -> bool:
-        """True where the answer is tables, of resistances or of the OCV."""
-        point = self.chosen and self.chosen.point
-        is_table = point is not None and not (point.is_constant and point.law is None)
-        return is_table or self.fits is not None or self.over_temperature
-
-
-def set_up(
-    first: Problem,
-    inputs: Inputs,
-    windows: Mapping[str, Window],
-    settings: Settings,
-    tables: TableSettings,
-    own: OwnOcv | None = None,
-    **box: Any,
-) -> Setup:
-    """What is searched: without an OCV test the tables came with the cell's OCV; over temperature,
-    and with a constant circuit that is asked for, there is nothing to choose."""
-    inputs = replace(inputs, cell=first.cell)
-    records = {prepared.record.name: prepared.record for prepared in first.prepared_records}
-
-    def validation(circuit: str) -> list[PreparedRecord]:
-        return [
-            prepare_record(record, first.cell, circuit, windows[record.name])
-            for record in inputs.validation
-        ]
-
-    # A validation record that does not fit its window is refused before the search, not after.
-    _ = validation(first.circuit)
-    if own is not None:
-        return Setup(first, validation, own.settings, tried=own.tried, fits=own.found)
-    if settings.over == OVER_TEMPERATURE:
-        return Setup(first, validation, tables, over_temperature=True)
-    bounds = ranges_of(box.get("bounds"))[1] or {}
-    named = {*bounds, *(box.get("fix") or {})}
-    has_farads = any(name.endswith("[F]") for name in named)
-    if (settings.model is not None and settings.over is None) or has_farads:
-        return Setup(first, validation, tables)
-    over_soc = None if settings.over is None else True
-    limits = limits_of(first.cell, tables, settings.model, over_soc)
-
-    def prepare(circuit: str) -> Sequence[PreparedRecord]:
-        own_windows = {name: windows[name] for name in records}
-        if not get_circuit(circuit).has_hysteresis:
-            return [
-                prepare_record(record, first.cell, circuit, own_windows[name])
-                for name, record in records.items()
-            ]
-        if first.circuit == circuit:
-            return first.prepared_records
-        made = problem_of(inputs, windows, settings, circuit)
-        return with_better_directions(made).prepared_records
-
-    choice = choose(prepare, tables, limits)
-    chosen = _registered(choice.chosen, tables)
-    problem, point = first, chosen.point
-    prepared = chosen.objective.prepared_records
-    if point.is_constant and point.circuit != first.circuit:
-        if point.has_rate and RATE not in named:
-            # As fast as it was when it was chosen.
-            box = {**box, "bounds": {**bounds, RATE: chosen.objective.ranges[RATE]}}
-        problem = with_better_directions(
-            problem_of(inputs, windows, settings, point.circuit, **box)
-        )
-    problem = _on_windows(problem, prepared)
-    return Setup(problem, validation, chosen.objective.settings, chosen, choice.tried)
-
-
-def _on_windows(problem: Problem, registered: Sequence[PreparedRecord]) -> Problem:
-    """The problem with starts and capacities as other records tell them."""
-    windows = {own.record.name: own.window for own in registered}
-    if all(windows[own.record.name] == own.window for own in problem.prepared_records):
-        return problem
-    records = tuple(own.in_window(windows[own.record.name]) for own in problem.prepared_records)
-    return replace(problem, prepared_records=records)
-
-
-@in_float64
-def _registered(chosen: Fitted, tables: TableSettings) -> Fitted:
-    """The chosen circuit with starts and capacities of several records registered by each other."""
-    told = chosen.objective.prepared_records
-    if len(told) < 2 or tables.keep_starts or not tables.ocv_correction:
-        return chosen
-    own = chosen.objective.settings
-    records = register(told, replace(own, ocv_correction=True))
-    known = records[0].window.registration
-    if known is None or records[0].window == told[0].window:
-        return chosen
-    law = Dependence(**{**known.follows}) if known.follows else None  # pyright: ignore
-    records = [record.following(law) for record in records]
-    objective = reduced_objective(records, own)
-    with one_blas_thread():
-        best = find_best(objective)
-    return Fitted(replace(chosen.point, law=law), objective, best, chosen.loss)
-
-
 def search_and_assess(
     setup: Setup, optimizer: Any, settings: Settings, trust: str, watch: Watch, advise: bool
-) -> Run:
-    """The search, and what does not wait for it beside it. No failure of either is swallowed."""
-    problem, warnings = setup.problem, []
-    search = refinement = None
+) -> Result:
+    """The search, and what does not wait for it beside it, as a result with the warnings of its
+    assessment. No failure of either is swallowed."""
+    problem, warnings = setup.problem, list[Notice]()
+    refinement = None
     with threads(3) as beside:
         fitting: Future[TableFits] | None = None
         if setup.has_tables:
@@ -199,149 +80,236 @@ def search_and_assess(
         with watch("Waiting for tables over SOC", 0):
             if linearization is not None:
                 linearization.result()
-            fits = fitting.result() if fitting else None
-    answer = best_answer(refinement, optimum)
-    other = _otherwise_sampled(problem, answer.parameters) if advise else None
+            tables = fitting.result() if fitting else None
+    parameters = best_of(refinement, optimum).parameters
     with watch("Evaluating", 0):
-        identified, validated = _evaluated(setup, answer)
-        tables = None if fits is None else _table_run(setup, fits)
-    assessment = examination = None
+        by_circuit = partial(evaluate, parameters=parameters)
+        validated = setup.validation(problem.circuit)
+        constant = Evaluations.of(by_circuit, problem.prepared_records, validated, problem.cell)
+        of_tables = None if tables is None else _evaluated(setup, tables)
+    other = _resampled(problem, parameters) if advise else None
+    assessment = None
     with watch("Assessing", 0):
         if trust != "none":
-            assessment = _attempt(
-                "answer.no-intervals", warnings, assess, problem, answer.parameters
-            )
+            assessment = _attempt("answer.no-intervals", warnings, assess, problem, parameters)
+        if tables is not None and of_tables is not None:
+            is_open, is_assessed = other is not None, assessment is not None
+            tables = _assessed(setup, tables, of_tables, is_open, is_assessed, warnings)
         if assessment is not None:
-            assessment, tables = _widened(problem, answer, tables, other, assessment, warnings)
-        if tables is not None:
-            tables = tables.spanning(tables.means_shifts_ohm)
+            uncertainty = assessment.uncertainty
+            if other is not None and tables is None and R0 in uncertainty.beyond(other):
+                warnings.append(hold_warning(problem, parameters.r0, other.r0))
+            others = _others(problem, parameters, other)
+            assessment = replace(assessment, uncertainty=uncertainty.spanning(others))
         if trust == "full" and assessment is not None:
-            given = problem, answer.parameters, assessment
+            given = problem, parameters, assessment
             examination = _attempt("answer.no-examination", warnings, examine, *given)
-    return Run(
-        problem, search, refinement, optimum, answer, identified, validated, assessment,
-        examination, tables, _candidates(setup, optimum, identified, validated, tables),
-        setup.tried, other and other.r0 - answer.parameters.r0, warnings=tuple(warnings),
+            assessment = replace(assessment, examination=examination)
+    return make_result(
+        problem, (constant, of_tables), optimum, refinement,
+        tables=tables, assessment=assessment,
+        hold_shift_ohm=None if other is None else other.r0 - parameters.r0,
+        candidates=_candidates(setup, optimum, constant, tables, of_tables),
+        tried=setup.tried, warnings=tuple(warnings),
     )  # fmt: skip
+
+
+def best_of(
+    refinement: Refinement | None, optimum: GlobalOptimum | None
+) -> Refinement | GlobalOptimum:
+    """The best constant circuit known, by the scan's RMSE: of the refined seeds and the global
+    optimum the better one.
+
+    Where both are the same optimum it is the latter, which no seed has a part in. Raises
+    `InputError` where there is neither.
+    """
+    if optimum is not None and (
+        refinement is None or optimum.rmse_v <= refinement.rmse_v * (1 + SAME_RMSE)
+    ):
+        return optimum
+    if refinement is None:
+        raise InputError(
+            "the bounds are too wide to look for the global optimum; narrow them with `bounds`, or "
+            "search with `seeds`"
+        )
+    return refinement
+
+
+def make_result(
+    problem: Problem,
+    evaluations: tuple[Evaluations, Evaluations | None],
+    optimum: GlobalOptimum | None = None,
+    refinement: Refinement | None = None,
+    *,
+    tables: TableFits | None = None,
+    assessment: Assessment | None = None,
+    hold_shift_ohm: float | None = None,
+    **more: Any,
+) -> Result:
+    """What was found of a problem as a `Result`, which can be stored.
+
+    Args:
+        problem: The problem that was searched.
+        evaluations: The best constant circuit on the records, and the tables.
+        optimum: The global optimum, None if the box is too wide to look for it.
+        refinement: Where Levenberg-Marquardt took the seeds, None without seeds.
+        tables: Tables over SOC that are the answer.
+        assessment: Intervals and diagnostics of the constant circuit.
+        hold_shift_ohm: How much more its R0 would be if a sample's current flowed on its other
+            side, where that is open.
+        more: Candidates, warnings and other fields of a `Result`.
+    """
+    best = best_of(refinement, optimum)
+    if optimum is not None and refinement is not None:
+        optimum = optimum.beside(refinement)
+    constant, of_tables = evaluations
+    part = ConstantPart(
+        model=problem.circuit,
+        parameters=best.parameters,
+        source="seeds" if best is refinement else "global optimum",
+        at_bound=best.at_bound,
+        metrics=MetricsBlock.of(problem.name, constant),
+        global_optimum=optimum,
+        assessment=assessment,
+        hold_shift_ohm=hold_shift_ohm,
+        search=None if refinement is None else refinement.search,
+        refined=refinement,
+        bounds=dict(problem.bounds.ranges),
+        fixed=dict(problem.bounds.fixed),
+    )
+    of_answer = of_tables or constant
+    metrics = part.metrics if of_tables is None else MetricsBlock.of(problem.name, of_tables)
+    result = Result(
+        schema_version=7,
+        model=of_answer.identification[0].prepared.circuit,
+        metrics=metrics,
+        tables=tables,
+        constant=part,
+        pulses=tuple(pulse for one in constant.identification for pulse in pulses_of(one.prepared)),
+        cell=problem.cell,
+        inputs=(
+            *(InputPart.simulated("identification", one) for one in constant.identification),
+            *(InputPart.simulated("validation", one) for one in constant.validation),
+        ),
+        versions=all_versions(),
+        **more,
+    )
+    result._evaluations = evaluations
+    return result
 
 
 def _fitted(setup: Setup) -> TableFits:
     """The tables of the answer, proved, with their intervals and held-out errors."""
-    records = [setup.problem.prepared_records]
+    records = setup.problem.prepared_records
     if setup.fits is not None:
         fits = setup.fits
     elif setup.over_temperature:
-        fits = fit_temperatures(group_by_temperature(*records), setup.tables)
+        fits = fit_temperatures(group_by_temperature(records), setup.tables)
     else:
         assert setup.chosen is not None, "a point of the family"
         objective = setup.chosen.objective
         with one_blas_thread():
             proof = certify(objective, setup.chosen.best)
-        records = [objective.prepared_records]
+        records = objective.prepared_records
         fit = fit_of(objective, proof)
-        own = compare_with_own(*records, fit, objective.settings)
+        own = compare_with_own(records, fit, objective.settings)
         fits = TableFits((replace(fit, own_ocv=own),))
+    groups = [records]
     if fits.over_temperature is not None:
-        records = [group for _, group in sorted(group_by_temperature(*records).items())]
-    level = [level_beyond(fit.tables, own) for fit, own in zip(fits, records, strict=True)]
-    pairs = zip(fits, level, strict=True)
-    return replace(fits, fits=tuple(replace(fit, tables=tables) for fit, tables in pairs))
+        groups = [group for _, group in sorted(group_by_temperature(records).items())]
+    level = tuple(
+        replace(fit, tables=level_beyond(fit.tables, group))
+        for fit, group in zip(fits, groups, strict=True)
+    )
+    return replace(fits, fits=level)
 
 
-def _evaluated(setup: Setup, answer: Answer) -> tuple[list[Evaluation], list[Evaluation]]:
-    """The constant circuit on the records identified on, and on those validated on."""
-    problem = setup.problem
-    by_circuit = partial(evaluate, parameters=answer.parameters)
-    others = [
-        with_registered(evaluate_from_either(record, problem.cell, by_circuit), by_circuit)
-        for record in setup.validation(problem.circuit)
-    ]
-    return [by_circuit(record) for record in problem.prepared_records], others
-
-
-def _table_run(setup: Setup, fits: TableFits) -> TableRun:
+def _evaluated(setup: Setup, tables: TableFits) -> Evaluations:
+    """The tables on every record, each at its own temperature."""
     chosen, problem = setup.chosen, setup.problem
     records = chosen.objective.prepared_records if chosen else problem.prepared_records
     circuit = chosen.point.circuit if chosen else problem.circuit
-    return TableRun.of(setup.tables, fits, records, setup.validation(circuit), problem.cell)
+    return Evaluations.of(tables.evaluate, records, setup.validation(circuit), problem.cell)
 
 
 def _candidates(
     setup: Setup,
     optimum: GlobalOptimum | None,
-    identified: Sequence[Evaluation],
-    validated: Sequence[Evaluation],
-    tables: TableRun | None,
+    of_constant: Evaluations,
+    tables: TableFits | None,
+    of_tables: Evaluations | None,
 ) -> tuple[Candidate, ...]:
     """The constant circuit and the answer, with their errors."""
     circuit = setup.problem.circuit
-    held_out = {(own.circuit, own.nodes): own.held_out for own in setup.tried if not own.follows}
+    held_out = {(one.circuit, one.nodes): one.held_out for one in setup.tried if not one.follows}
     gap = None if optimum is None else optimum.proved_gap
-    constant = Candidate.of(
-        circuit, None, identified, validated, held_out.get((circuit, 1)), gap, tables is None
-    )
-    if tables is None:
+    is_answer = tables is None
+    constant = Candidate.of(circuit, None, of_constant, held_out.get((circuit, 1)), gap, is_answer)
+    if tables is None or of_tables is None:
         return (constant,)
-    found = tables.found
-    crossed = found.fits[0].cross_validation if found.over_temperature is None else None
-    proof = found.over_temperature or found.reference
+    crossed = tables.fits[0].cross_validation if tables.over_temperature is None else None
+    proof = tables.over_temperature or tables.reference
+    circuit = of_tables.identification[0].prepared.circuit
     answer = Candidate.of(
-        tables.model,
-        found.over,
-        tables.identification,
-        tables.validation,
-        crossed and crossed.tables,
-        proof.proved_gap,
-        True,
+        circuit, tables.over, of_tables, crossed and crossed.tables, proof.proved_gap, True
     )
     # Without an OCV test the constant circuit has an OCV that is fitted to the tables.
     return (answer,) if setup.fits is not None else (constant, answer)
 
 
-def _widened(
-    problem: Problem,
-    answer: Answer,
-    tables: TableRun | None,
-    other: CircuitParameters | None,
-    assessment: Assessment,
+def _assessed(
+    setup: Setup,
+    tables: TableFits,
+    evaluations: Evaluations,
+    is_open: bool,
+    is_assessed: bool,
     warnings: list[Notice],
-) -> tuple[Assessment, TableRun | None]:
-    """The assessment and the tables, whose intervals reach over what else R0 may be: with the other
-    sampling of the current, or a lag."""
-    own, known = answer.parameters, assessment.uncertainty
-    if other is not None and tables is None and R0 in known.beyond(other):
-        warnings.append(hold_warning(problem, own.r0, other.r0))
+) -> TableFits:
+    """The tables with their errors by SOC, and with intervals that reach over what else R0 may be:
+    where the sampling of the current `is_open`, with the other one, and with a lag."""
+    records = [evaluation.prepared for evaluation in evaluations.identification]
+    circuit, r0_ohm = tables.fits[0].tables, tables.mean_ohm(R0)
+    ohm = {names.resistance: tables.mean_ohm(names.resistance) for names in circuit.names}
+    other = resampling(records, circuit, ohm) if is_open else None
+    if is_assessed:
+        shifts_ohm = [late_ohm - r0_ohm for late_ohm in _late_ohm(setup.problem)]
+        if other is not None:
+            shifts_ohm.append(other.r0_ohm)
+            if abs(other.r0_ohm) > FAR * r0_ohm:
+                warnings.append(hold_warning(setup.problem, r0_ohm, r0_ohm + other.r0_ohm))
+        tables = tables.spanning(shifts_ohm, None if other is None else other.shares)
+    return replace(
+        tables.spanning(means_shifts_ohm(records, circuit, ohm)),
+        settings=setup.tables,
+        by_soc=bands_by_soc(evaluations.identification),
+        hold_shift_ohm=None if other is None else other.r0_ohm,
+    )
+
+
+def _others(
+    problem: Problem, circuit: CircuitParameters, other: CircuitParameters | None
+) -> list[CircuitParameters]:
+    """The constant circuits that are equally possible: with what comes late in R0, and with the
+    other sampling."""
+    late = [circuit.with_tables({R0: [ohm]}) for ohm in _late_ohm(problem)]
+    return [*late, other] if other else late
+
+
+def _late_ohm(problem: Problem) -> list[float]:
+    """R0 with what comes late, of the records that show it."""
     jumps = [late_answers_ohm(prepared.record) for prepared in problem.prepared_records]
-    late_ohm = [jump[0] + jump[1] for jump in jumps if jump is not None]
-    others = [own.with_tables({R0: [ohm]}) for ohm in late_ohm]
-    others += [other] if other else []
-    assessment = replace(assessment, uncertainty=known.spanning(others))
-    if tables is None:
-        return assessment, None
-    shifts_ohm = [ohm - tables.mean_ohm(R0) for ohm in late_ohm]
-    if other is not None:
-        shifts_ohm.append(tables.hold_shift_ohm)
-        if abs(shifts_ohm[-1]) > FAR * tables.mean_ohm(R0):
-            r0_ohm = tables.mean_ohm(R0), tables.mean_ohm(R0) + shifts_ohm[-1]
-            warnings.append(hold_warning(problem, *r0_ohm))
-    shares = tables.hold_shares if other is not None else None
-    return assessment, tables.spanning(shifts_ohm, shares)
+    return [jump[0] + jump[1] for jump in jumps if jump is not None]
 
 
-def _otherwise_sampled(problem: Problem, own: CircuitParameters) -> CircuitParameters | None:
+def _resampled(problem: Problem, circuit: CircuitParameters) -> CircuitParameters | None:
     """The constant circuit as it would be with the other sampling of the current, to the closed
     form; None where the sampling is not only assumed."""
-    for prepared in problem.prepared_records:
-        if prepared.record.hold.strength != "assumed":
-            continue
-        sampling, interval_s = prepared.record.hold.value, prepared.median_interval_s
-        other = other_sampling(sampling)
-        moved_ohm = shift_ohm(sampling, other, own, own.named_ohm, interval_s)
-        moved_ohm += ocv_shift_ohm(sampling, other, prepared)
-        shares = resistance_shares(sampling, other, own, interval_s)
-        rows = {name: [own.named_ohm[name] * (1 + share)] for name, share in shares.items()}
-        return own.with_tables({R0: [max(own.r0 + moved_ohm, 0.0)], **rows})
-    return None
+    ohm = circuit.named_ohm
+    other = resampling(problem.prepared_records, circuit, ohm)
+    if other is None:
+        return None
+    rows = {name: [ohm[name] * (1 + share)] for name, share in other.shares.items()}
+    return circuit.with_tables({R0: [max(circuit.r0 + other.r0_ohm, 0.0)], **rows})
 
 
 def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:

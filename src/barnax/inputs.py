@@ -42,14 +42,15 @@ def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[in
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Contents of the files: records to identify and to validate on, OCV tests, and the cell, whose
-    OCV is that of the records where there is no test."""
+    """Contents of the files: records to identify and to validate on, OCV tests, and the cell; with
+    what was fitted with its OCV where there is no test."""
 
     records: list[Record]
     ocv: list[Record | OcvTable]
     validation: list[Record]
     cell: CellModel
     warnings: tuple[Notice, ...]
+    fitted_ocv: Any = None
 
     @property
     def names(self) -> set[str]:
@@ -68,16 +69,15 @@ def read_inputs(
     cell: CellModel | None = None,
     over_temperature: bool = False,
     watch: Watch = unwatched,
-    without_test: Callable[[list[Record]], CellModel] | None = None,
+    without_test: Callable[[list[Record]], Any] | None = None,
 ) -> Inputs:
-    """Every record once, with what the checks say of it, and the cell that the OCV tests show,
-    unless that is known already; `over_temperature` those of each temperature by themselves.
-    `without_test` gives the cell of records that have no OCV test."""
+    """Every record once, with what the checks say of it, and the cell that is given or that the OCV
+    tests show; `over_temperature` those of each temperature by themselves. `without_test` fits the
+    cell of records that have no OCV test."""
     given, tests, others = (listed(several) for several in (records, ocv, validate))
     common = window_of(window, "")
     capacity = common.capacity_ah if capacity is None else capacity
-    is_bundled = not given
-    if is_bundled:
+    if is_bundled := not given:
         if tests or others:
             raise InputError("give a record to identify on; `ocv` and `validate` need one")
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
@@ -122,15 +122,15 @@ def read_inputs(
         # A table has no samples of its own.
         _require_different([test for test in ocv_records if isinstance(test, Record)])
     require_records(lags_of(reading), {source.name for _, source, _ in looked_at})
-    is_without_test = not tests and cell is None
     with watch("Characterizing the cell", 0):
         options = {"capacity_ah": capacity, "rest_current_a": common.rest_current_a}
-        if is_without_test and without_test is not None:
-            cell = without_test(dynamic)
-        elif cell is None:
-            cell = _characterized(ocv_records, window, over_temperature, options | fits.of_curves)
-    warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window, reading)
-    return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
+        options |= fits.of_curves
+        is_fitted = not tests and cell is None
+        fitted_ocv = without_test(dynamic) if is_fitted and without_test else None
+        known: CellModel | None = fitted_ocv.cell if fitted_ocv else cell
+        shown = known or _characterized(ocv_records, window, over_temperature, options)
+    warnings = [] if is_bundled else _checked(looked_at, shown, capacity, window, reading)
+    return Inputs(dynamic, ocv_records, further, shown, tuple(warnings), fitted_ocv)
 
 
 def _characterized(

@@ -145,10 +145,9 @@ def identify_pack(job: PackJob) -> Pack:
         chosen["voltage_lag"] = read.record.voltage_lag_s
     of_cells = ("cells", "own_time_constants")
     result = identify(**{name: value for name, value in chosen.items() if name not in of_cells})
-    if result.tables is None or result.run.tables is None:
+    if result.tables is None:
         raise InputError(f"{read.record.name}: has no tables over SOC, so no cells are told")
-    tables = result.run.tables
-    prepared = tables.identification[0].prepared
+    prepared = result.evaluations.identification[0].prepared
     if prepared.hysteresis_amplitude_v is not None:
         raise InputError("the circuit of a pack has no dynamic hysteresis; use so-rc or iso-rc")
     rows = np.searchsorted(read.record.row, prepared.record.row[prepared.span])
@@ -158,7 +157,7 @@ def identify_pack(job: PackJob) -> Pack:
         result.circuit_parameters,
         beside_v,
         read.cells,
-        tables.settings,
+        result.tables.settings,
         job.own_time_constants,
     )
     if read.scan is not None:

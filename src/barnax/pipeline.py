@@ -8,6 +8,7 @@ constant circuit, and the answer is assessed and validated.
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,10 +16,9 @@ from .bundled import BUNDLED
 from .cell import CellModel
 from .checks.against_cell import compare_resistances
 from .checks.roles import MAX_HALF_WIDTH, are_unfit
-from .constant_problem import CONSTANT, first_problem, with_joint_starts
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
-from .identification import Setup, search_and_assess, set_up
+from .identification import search_and_assess
 from .inputs import Inputs, listed, read_inputs, telling, unwatched, windows_by_name, windows_of
 from .job import Job, takes_options
 from .model.prepared import PreparedRecord, prepare_record
@@ -27,7 +27,6 @@ from .model.window import Window
 from .notices import Notice, notice
 from .optimizers import make_optimizer
 from .over_soc import (
-    OwnOcv,
     TableSettings,
     counted_alike,
     group_by_temperature,
@@ -36,18 +35,26 @@ from .over_soc import (
     require_temperature,
     require_temperatures,
     rest_warnings,
+    table_warnings,
 )
-from .own_ocv_run import bounded_tables, own_ocv_of
+from .over_soc.fits import R0
 from .plan import plan_of, planned
 from .plan.running import prepare_pulse_tests
 from .records import Record
 from .records.hold import sampled_as
+from .result_parts import InputPart
 from .results import Result
-from .run import Run
+from .run_setup import (
+    CONSTANT,
+    Setup,
+    bounded_tables,
+    first_problem,
+    own_ocv_of,
+    set_up,
+    with_joint_starts,
+)
 from .search.evaluate import step_warnings
 from .settings import OVER_TEMPERATURE, Settings, Trust
-from .storing import make_result
-from .table_run import R0, table_warnings
 
 # The SOC between which a charge counts: on an LFP cell, 1 % that is lost between two testers is
 # worth 100 to 400 mV below 5 % SOC, and a charge stands on the steep end of the OCV above 95 %.
@@ -81,72 +88,73 @@ def identify(job: Job) -> Result:
 
 def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
     """The same, where every file has its role."""
-    is_over_temperature = job.over == OVER_TEMPERATURE
     optimizer = make_optimizer(job.method, job.population, job.iterations)
-    found: list[OwnOcv] = []
-    given = job
-
-    def cell_of(without_test: Sequence[Record], asked: Job = given) -> CellModel:
-        """The cell of records that have no OCV test."""
-        found.append(own_ocv_of(asked, without_test))
-        return found[-1].cell
-
     inputs = read_inputs(
         job.records, job.ocv, job.validate, job, job,
         capacity=job.capacity, window=job.window, cell=job.cell,
-        over_temperature=is_over_temperature, watch=job.watch, without_test=cell_of,
+        over_temperature=job.over == OVER_TEMPERATURE, watch=job.watch,
+        without_test=partial(own_ocv_of, job),
     )  # fmt: skip
-    inputs = replace(inputs, warnings=(*of_plan, *inputs.warnings))
-    if found:
-        # The tables came with the OCV; a constant circuit with that OCV is another fit, whose
-        # intervals would take the OCV for known.
-        own = {**windows_by_name(job.window), **found[0].windows}
-        inputs = replace(inputs, warnings=(*inputs.warnings, *found[0].warnings))
-        job = job.changed(window=own, over=job.over or "soc")
+    of_ocv = () if inputs.fitted_ocv is None else inputs.fitted_ocv.warnings
+    inputs = replace(inputs, warnings=(*of_plan, *inputs.warnings, *of_ocv))
     with telling(inputs.warnings), job.watch("Choosing the circuit", 0):
-        windows = windows_of(inputs, job.window, job.capacity)
-        if not found:
-            windows, between = _between_ends(inputs, windows)
-            inputs = replace(inputs, warnings=(*inputs.warnings, *between))
-            told, windows = windows, _registered(job, inputs, windows)
-            inputs = _as_counted(inputs, told, windows)
-        box = {"bounds": job.bounds, "fix": job.fix}
-        first = first_problem(inputs, windows, job, found[-1] if found else None, **box)
-        if not found and not job.keep_starts:
-            first = with_joint_starts(first)
-            fitted = {own.record.name: own.window for own in first.prepared_records}
-            windows = {**windows, **fitted}
-        held = [prepared.record for prepared in first.prepared_records]
-        is_other = any(
-            one.hold.value != record.hold.value
-            for one, record in zip(held, inputs.records, strict=True)
-        )
-        inputs = replace(
-            inputs, records=held, validation=[sampled_as(one, held) for one in inputs.validation]
-        )
-        if found and is_other:
-            # An OCV of the records' own was fitted with the other sampling of the current. Its
-            # capacity is that of the first fit.
-            again = cell_of(held, given.changed(capacity=inputs.cell.capacity_ah))
-            again = replace(again, capacity_origin=inputs.cell.capacity_origin)
-            inputs = replace(inputs, cell=again)
-            windows = {**windows, **found[-1].windows}
-            first = first_problem(inputs, windows, job, found[-1], **box)
+        prepare = _with_ocv_test if inputs.fitted_ocv is None else _with_fitted_ocv
+        inputs, windows, first = prepare(job, inputs)
         # A table has no capacitance to bound or hold.
         tables = bounded_tables(job, but="[F]" if job.over is None else None)
-        setup = set_up(first, inputs, windows, job, tables, *found[-1:], **box)
-        if is_over_temperature:
+        setup = set_up(first, inputs, windows, job, tables, bounds=job.bounds, fix=job.fix)
+        if job.over == OVER_TEMPERATURE:
             require_temperatures(group_by_temperature(first.prepared_records))
             for prepared in setup.validation(first.circuit):
                 require_temperature(prepared)
-    run = search_and_assess(setup, optimizer, job, job.trust, job.watch, job.advise)
-    run = replace(run, ocv=inputs.ocv)
+    result = search_and_assess(setup, optimizer, job, job.trust, job.watch, job.advise)
     read = [*inputs.records, *inputs.validation, *inputs.ocv]
-    notes = dict.fromkeys(
-        one for record in read if isinstance(record, Record) for one in record.notes
+    notes = [one for record in read if isinstance(record, Record) for one in record.notes]
+    tests = tuple(InputPart.of("ocv", test) for test in inputs.ocv)
+    return _with_warnings(result, setup.problem, inputs).model_copy(
+        update={"inputs": (*result.inputs, *tests), "notes": tuple(dict.fromkeys(notes))}
     )
-    run = replace(run, notes=tuple(notes), warnings=_all_warnings(inputs.warnings, run))
-    return make_result(run)
+
+
+def _with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], Problem]:
+    """The inputs, windows and constant problem of records with an OCV test, which tells starts and
+    capacities; where it does not, the voltages with the circuit do."""
+    windows = windows_of(inputs, job.window, job.capacity)
+    windows, between = _between_ends(inputs, windows)
+    registered = _registered(job, inputs, windows)
+    inputs = _as_counted(inputs, windows, registered)
+    inputs = replace(inputs, warnings=(*inputs.warnings, *between))
+    first = first_problem(inputs, registered, job, None, bounds=job.bounds, fix=job.fix)
+    if not job.keep_starts:
+        first = with_joint_starts(first)
+        registered |= {one.record.name: one.window for one in first.prepared_records}
+    return _as_sampled(inputs, first), registered, first
+
+
+def _with_fitted_ocv(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], Problem]:
+    """The same of records whose OCV was fitted with their tables: until it was fitted with the
+    sampling of the current that their voltages show."""
+    while True:
+        given = {**windows_by_name(job.window), **inputs.fitted_ocv.windows}
+        windows = windows_of(inputs, given, job.capacity)
+        box = {"bounds": job.bounds, "fix": job.fix}
+        first = first_problem(inputs, windows, job, inputs.fitted_ocv, **box)
+        sampled = _as_sampled(inputs, first)
+        pairs = zip(inputs.records, sampled.records, strict=True)
+        if all(before.hold.value == after.hold.value for before, after in pairs):
+            return sampled, windows, first
+        # The capacity stays that of the first fit.
+        cell = inputs.cell
+        fitted = own_ocv_of(job.changed(capacity=cell.capacity_ah), sampled.records)
+        cell = replace(fitted.cell, capacity_origin=cell.capacity_origin)
+        inputs = replace(sampled, cell=cell, fitted_ocv=fitted)
+
+
+def _as_sampled(inputs: Inputs, problem: Problem) -> Inputs:
+    """The inputs with the sampling of the current that a problem settled."""
+    records = [prepared.record for prepared in problem.prepared_records]
+    validation = [sampled_as(record, records) for record in inputs.validation]
+    return replace(inputs, records=records, validation=validation)
 
 
 def _between_ends(
@@ -264,66 +272,70 @@ def identify_problem(
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
     better = with_better_directions(without_sweep_drop(problem))
     alone = Setup(better, lambda circuit: [], TableSettings())
-    run = search_and_assess(alone, optimizer, settings, trust, unwatched, False)
-    return make_result(replace(run, warnings=_all_warnings((), run)))
+    result = search_and_assess(alone, optimizer, settings, trust, unwatched, False)
+    return _with_warnings(result, better)
 
 
-def _all_warnings(of_inputs: Sequence[Notice], run: Run) -> tuple[Notice, ...]:
-    """Every warning of a run once, in the order of the flow."""
-    told = [warning for record in run.ocv for warning in record.warnings]
-    told += of_inputs
-    told += run.problem.warnings
-    for evaluation in run.identification:
+def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = None) -> Result:
+    """The result with every warning once, in the order of the flow; its own are those of its
+    assessment."""
+    identified = result.evaluations.identification
+    warnings = list[Notice]()
+    if inputs is not None:
+        warnings += [warning for record in inputs.ocv for warning in record.warnings]
+        warnings += inputs.warnings
+    warnings += problem.warnings
+    for evaluation in result.without_tables().evaluations.identification:
         if evaluation.metrics.r2 < 0:
             name = evaluation.prepared.record.name
-            told.append(notice("answer.worse-than-constant", name, r2=evaluation.metrics.r2))
-    told += compare_resistances(
-        [
-            (evaluation.prepared.record, evaluation.prepared.temperature_degc)
-            for evaluation in run.identification
-        ]
-    )
-    for evaluation in (run.tables or run).identification:
-        told += step_warnings(evaluation)
-    for evaluation in run.validation:
-        told += [*evaluation.prepared.record.warnings, *evaluation.prepared.warnings]
-        told += rest_warnings(evaluation.prepared)
-    if run.tables is None:
-        told += [
-            notice("answer.at-bound", name=hit.name, side=hit.side) for hit in run.answer.at_bound
+            warnings.append(notice("answer.worse-than-constant", name, r2=evaluation.metrics.r2))
+    records = [(one.prepared.record, one.prepared.temperature_degc) for one in identified]
+    warnings += compare_resistances(records)
+    for evaluation in identified:
+        warnings += step_warnings(evaluation)
+    for evaluation in result.without_tables().evaluations.validation:
+        warnings += [*evaluation.prepared.record.warnings, *evaluation.prepared.warnings]
+        warnings += rest_warnings(evaluation.prepared)
+    if result.tables is None:
+        warnings += [
+            notice("answer.at-bound", name=hit.name, side=hit.side)
+            for hit in result.constant.at_bound
         ]
     else:
-        told += table_warnings(run.tables)
+        warnings += table_warnings(result.tables, result.evaluations)
+    warnings = _without_contradicted(result, warnings)
+    return result.model_copy(
+        update={"warnings": tuple(dict.fromkeys([*warnings, *result.warnings]))}
+    )
+
+
+def _without_contradicted(result: Result, warnings: Sequence[Notice]) -> list[Notice]:
+    """The warnings without those that another one, or the answer, contradicts."""
     # Its file says so already, with rows and voltages.
-    closed = {one.subject for one in told if one.code == "closure.open"}
-    told = [one for one in told if one.code != "ocv-test.open" or one.subject not in closed]
-    names = {evaluation.prepared.record.name for evaluation in run.identification}
-    is_test_right = all(one.code != "ocv-test.disagrees" for one in told)
-    if are_unfit(names, told, by_steps=True):
+    closed = {one.subject for one in warnings if one.code == "closure.open"}
+    kept = [one for one in warnings if one.code != "ocv-test.open" or one.subject not in closed]
+    names = {part.name for part in result.of_role("identification")}
+    is_test_right = all(one.code != "ocv-test.disagrees" for one in kept)
+    if are_unfit(names, kept, by_steps=True):
         # Too few steps of current tell no OCV from slow resistances: the test is not to blame.
-        told = [one for one in told if one.code != "ocv-test.disagrees"]
-    is_by_test = is_test_right and not run.problem.cell.is_of_records
-    if is_by_test and _half_width(run) <= MAX_HALF_WIDTH:
+        kept = [one for one in kept if one.code != "ocv-test.disagrees"]
+    is_by_test = is_test_right and not result.cell.is_of_records
+    if is_by_test and _half_width(result) <= MAX_HALF_WIDTH:
         # What an OCV test lets the fit tell, the steps by themselves need not.
-        told = [
-            one for one in told if not (one.code == "role.unfit" and "half_width" in one.values)
+        kept = [
+            one for one in kept if not (one.code == "role.unfit" and "half_width" in one.values)
         ]
-    return tuple(dict.fromkeys([*told, *run.warnings]))
+    return kept
 
 
-def _half_width(run: Run) -> float:
+def _half_width(result: Result) -> float:
     """The median half-width of the answer's intervals of R0, as a share of it; infinite where most
     are open."""
-    if run.tables is not None:
-        fits = run.tables.found.fits
-        intervals = [own for fit in fits for own in fit.intervals if own.name == R0]
-    else:
-        estimates = run.assessment.uncertainty.estimates if run.assessment else ()
-        intervals = [own for own in estimates if own.name == R0]
+    intervals = [one for fit in result.fits for one in fit.intervals if one.name == R0]
     halves = [
-        (own.high - own.low) / (2 * own.value)
-        if own.low is not None and own.high is not None and own.value > 0
+        (one.high - one.low) / (2 * one.value)
+        if one.low is not None and one.high is not None and one.value > 0
         else np.inf
-        for own in intervals
+        for one in intervals
     ]
     return float(np.median(halves or [np.inf]))

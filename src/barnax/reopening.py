@@ -15,26 +15,25 @@ from typing import Any
 from .bundled import BUNDLED
 from .cell import CellModel
 from .errors import InputError
-from .global_optimum import find_global_optimum
 from .inputs import Given, read_validation, source_of, telling
 from .model.prepared import PreparedRecord, prepare_record
-from .model.problem import Problem, make_problem
 from .model.window import Window
 from .notices import notice
-from .optimizers import OPTIMIZERS, make_optimizer
-from .over_soc import rest_warnings
+from .over_soc import no_temperature, rest_warnings
 from .plan import plan_from_toml
 from .records import Record, find_file, folders_around, read_record
 from .records.fingerprint import Content, read_fingerprint
 from .result_filter import window_of
 from .result_parts import InputPart, MetricsBlock, MetricsPart
 from .results import Result
-from .run import Answer, Run
-from .search.evaluate import Evaluation, evaluate, evaluate_from_either, with_registered
-from .search.refine import Refinement
-from .search.seeds import Search
+from .search.evaluate import (
+    Evaluation,
+    Evaluations,
+    evaluate,
+    evaluate_from_either,
+    with_registered,
+)
 from .settings import Reading
-from .table_run import TableRun, no_temperature
 
 # Across machines and versions a stored circuit's error agrees this closely, relative.
 SAME_ERROR = 1e-6
@@ -143,83 +142,37 @@ def loaded(
     return result
 
 
-def reopened(result: Result, inputs: Inputs) -> Run:
-    """The objects behind a stored result, but for its assessment.
+def reopened(result: Result, inputs: Inputs) -> tuple[Evaluations, Evaluations | None]:
+    """A stored result's constant circuit and its tables, simulated again on its records.
 
     Raises `InputError` where a record is not found, is another, or no longer gives the stored
     errors.
     """
-    own, others = result.of_role("identification"), result.of_role("validation")
-    pairs = [(part, inputs.read(part)) for part in (*own, *others)]
+    parts = *result.of_role("identification"), *result.of_role("validation")
+    pairs = [(part, inputs.read(part)) for part in parts]
     constant = result.constant
-    evaluated = partial(_evaluations, pairs, len(own), result.cell)
     by_constant = partial(evaluate, parameters=constant.parameters)
-    found = evaluated(constant.model, by_constant, constant.metrics)
-    tables = None
-    if result.tables is not None:
-        of_tables = evaluated(result.model, result.fits.evaluate, result.metrics)
-        tables = TableRun(result.tables.settings, result.fits, *of_tables)
-    identification, validation = found
-    problem = make_problem(
-        [evaluation.prepared.record for evaluation in identification],
-        result.cell,
-        constant.model,
-        window=[evaluation.prepared.settled_window for evaluation in identification],
-        bounds=constant.bounds,
-        fixed=constant.fixed,
-        coordinates=constant.search.coordinates if constant.search else "rc",
-        objective=constant.search.objective if constant.search else "scan",
-    )
-    search = _search(result, problem)
-    refined = constant.refined
-    return Run(
-        problem=problem,
-        search=search,
-        refinement=search
-        and refined
-        and Refinement(
-            search,
-            refined.seeds,
-            refined.optima,
-            refined.at_bound,
-            refined.objective,
-            refined.evaluations,
-        ),
-        optimum=find_global_optimum(problem) if constant.global_optimum else None,
-        answer=Answer(
-            constant.parameters,
-            constant.metrics.identification.rmse_v,
-            constant.source,
-            constant.at_bound,
-        ),
-        identification=identification,
-        validation=validation,
-        assessment=None,
-        examination=None,
-        tables=tables,
-        candidates=result.candidates,
-        tried=result.tried,
-        hold_shift_ohm=constant.hold_shift_ohm,
-        notes=result.notes,
-        warnings=result.warnings,
-    )
+    evaluated = partial(_evaluations, pairs, result.cell)
+    of_constant = evaluated(constant.model, by_constant, constant.metrics)
+    if result.tables is None:
+        return of_constant, None
+    return of_constant, evaluated(result.model, result.tables.evaluate, result.metrics)
 
 
 def _evaluations(
     pairs: Sequence[tuple[InputPart, Record]],
-    identified: int,
     cell: CellModel,
     model: str,
     by_circuit: By,
     metrics: MetricsBlock,
-) -> tuple[list[Evaluation], list[Evaluation]]:
+) -> Evaluations:
     """A stored circuit on every record, those identified on and those validated on."""
-    stored = [*(metrics.jointly or (metrics.identification,)), *metrics.validation]
-    found = [
-        _again(part, record, cell, model, by_circuit, its)
-        for (part, record), its in zip(pairs, stored, strict=True)
-    ]
-    return found[:identified], found[identified:]
+    identified = metrics.jointly or (metrics.identification,)
+    evaluations = tuple(
+        _again(part, record, cell, model, by_circuit, stored)
+        for (part, record), stored in zip(pairs, [*identified, *metrics.validation], strict=True)
+    )
+    return Evaluations(evaluations[: len(identified)], evaluations[len(identified) :])
 
 
 def _again(
@@ -247,15 +200,6 @@ def _again(
         f"{part.name}: the stored {model} leaves {1e3 * rmse_v:.4g} mV on it now, where the result "
         f"says {1e3 * stored.rmse_v:.4g} mV; identify again with this version"
     )
-
-
-def _search(result: Result, problem: Problem) -> Search | None:
-    """The seeds' search; None without seeds, or where their optimizer is not known here."""
-    part = result.constant.search
-    if part is None or part.method not in OPTIMIZERS:
-        return None
-    optimizer = make_optimizer(part.method, part.population, part.iterations)
-    return Search(problem, optimizer, part.key, part.seeds)
 
 
 def validated(

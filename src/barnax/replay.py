@@ -34,13 +34,12 @@ from .inputs import Given, read_validation
 from .model.prepared import prepare_record
 from .model.start import Start
 from .model.window import OCV_MARGIN, Window
-from .over_soc import require_temperature
+from .over_soc import no_temperature, require_temperature
 from .result_filter import FilterSettings, axis_sd_of, model_of, window_of
 from .results import Result
 from .scenarios import SCENARIOS, Case, Scenario, case_of, first_with_room, in_place
 from .schema import Count, Document, Part, Told
 from .settings import AutoHold, AutoSign, Reading
-from .table_run import no_temperature
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

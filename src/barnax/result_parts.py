@@ -1,120 +1,39 @@
-"""The parts of `result.json`: what is stored of the search, the answer, its errors and inputs."""
+"""The parts of `result.json` that the numerics have no dataclass of: errors, inputs, candidates,
+and the best constant circuit with what was found of it."""
 
-import math
-from collections.abc import Iterator
-from dataclasses import replace
-from typing import Annotated, Literal, Self
+import functools
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
-from .cell import CircuitParameters, get_circuit
+from .cell import CircuitParameters, OcvTable, get_circuit
 from .cell.model import SAME_DEGC
-from .model.problem import Kind
+from .cell.soc_axis import is_above
+from .global_optimum import GlobalOptimum
 from .model.start import Start
 from .model.window import Window
-from .over_soc import (
-    NodeInterval,
-    OverTemperature,
-    SocErrors,
-    TableFit,
-    TableSettings,
-)
+from .over_soc import NodeInterval, SocErrors, TableFit, table_name
 from .records import Decision, Record, Source
 from .records.fingerprint import Content, read_fingerprint
-from .schema import Count, MaybeInfinite, Parameters, Part, Volts
-from .search.refine import AtBound, Optimum, RefinedSeed
-from .search.seeds import SeedAnswer
+from .schema import Count, Parameters, Part, Volts
+from .search.evaluate import Evaluation, Evaluations, pooled
+from .search.refine import AtBound, Refinement
+from .search.seeds import Search
 from .settings import AutoHold, AutoSign, choices_in
-from .uncertainty import Band, Diagnostics, Estimate, Examination, Identifiability, Uncertainty
+from .uncertainty import Assessment, Band, Estimate
+from .uncertainty.assessment import soc_bands
 
-SCHEMA_VERSION = 6
-Key = Annotated[int, Field(ge=0, lt=2**64)]
+VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy", "polars")
 # A state of charge; a record may run beyond full and empty, but not far.
 Soc = Annotated[float, Field(ge=-10, le=10)]
 CircuitName = Annotated[str, AfterValidator(lambda name: get_circuit(name).name)]
 # What a file of a folder serves for.
 Use = Literal["identification", "OCV test", "validation", "not used"]
-Setting = bool | int | float | str
-
-
-class SearchPart(Part):
-    """The search as it was set up, and what each seed found before refinement.
-
-    Attributes:
-        method: The optimizer.
-        settings: Its own settings.
-        coordinates: Search coordinates: "rc", or logarithms of R and tau.
-        objective: How errors were computed: by "scan" or "compressed".
-        population: Candidates of a generation.
-        iterations: Generations of a run.
-        key: The key of all random numbers.
-        evaluations: Simulated candidates of all seeds.
-        seeds: Each seed's answer.
-    """
-
-    method: str
-    settings: dict[str, Setting]
-    coordinates: Literal["rc", "log"]
-    objective: Kind
-    population: Count
-    iterations: Count
-    key: Key
-    evaluations: Count
-    seeds: tuple[SeedAnswer, ...] = Field(min_length=1)
-
-
-class RefinedPart(Part):
-    """The seeds after Levenberg-Marquardt, and the distinct optima they ended in.
-
-    Attributes:
-        rmse_v: The best, by scan.
-        objective: How errors were computed on the way.
-        evaluations: Simulations, a Jacobian as one per free parameter.
-        at_bound: Parameters of the best at a bound.
-        optima: The distinct optima, the best first.
-        seeds: Each seed's answer.
-    """
-
-    rmse_v: Volts
-    objective: Kind
-    evaluations: Count
-    at_bound: tuple[AtBound, ...]
-    optima: tuple[Optimum, ...] = Field(min_length=1)
-    seeds: tuple[RefinedSeed, ...] = Field(min_length=1)
-
-
-class GlobalPart(Part):
-    """The best circuit in the box, how sure that is, and how far the seeds stayed from it.
-
-    An optimality gap is an RMSE over the optimum's, minus one; without seeds it is infinite.
-
-    Attributes:
-        rmse_v: The optimum's RMSE.
-        parameters: The optimum.
-        status: "certified" by branch and bound, or "grid-verified".
-        lower_bound_v: No circuit in the box has a lower RMSE.
-        proved_gap: The largest share of the RMSE that a better circuit could save.
-        boxes: Boxes of time constants that the proof took.
-        local_optima: The other optima.
-        at_bound: Parameters at a bound.
-        median_gap: Optimality gap of the median seed before refinement.
-        best_gap: That of the best seed before refinement.
-        refined_gap: That of the best refined seed.
-        seeds_there: Refined seeds that reached the optimum.
-    """
-
-    rmse_v: Volts
-    parameters: CircuitParameters
-    status: Literal["certified", "grid-verified"]
-    lower_bound_v: Volts
-    proved_gap: float
-    boxes: Count | None
-    local_optima: tuple[Optimum, ...]
-    at_bound: tuple[AtBound, ...]
-    median_gap: MaybeInfinite = math.inf
-    best_gap: MaybeInfinite = math.inf
-    refined_gap: MaybeInfinite = math.inf
-    seeds_there: Count = 0
 
 
 class MetricsPart(Part):
@@ -146,6 +65,26 @@ class MetricsPart(Part):
     registered_v: Volts | None = None
     start_moved_soc: float | None = None
 
+    @classmethod
+    def of(cls, *evaluations: Evaluation, name: str | None = None) -> Self:
+        """The errors of a circuit on one record, or on several together under one name."""
+        errors_v = np.concatenate(
+            [
+                evaluation.error_v[evaluation.prepared.scored & is_above(evaluation.prepared.soc)]
+                for evaluation in evaluations
+            ]
+        )
+        moved_soc, least_v = None, None
+        if len(evaluations) == 1 and evaluations[0].registered:
+            moved_soc, least_v = evaluations[0].registered
+        return cls(
+            record=evaluations[0].prepared.record.name if name is None else name,
+            **vars(pooled(evaluations)),
+            rmse_above_10_soc_v=float(np.sqrt(np.mean(errors_v**2))) if len(errors_v) else None,
+            registered_v=least_v,
+            start_moved_soc=moved_soc,
+        )
+
     @property
     def soc_errors(self) -> SocErrors:
         """The RMSE, and that above 10 % SOC."""
@@ -164,6 +103,55 @@ class MetricsBlock(Part):
     identification: MetricsPart
     jointly: tuple[MetricsPart, ...] = ()
     validation: tuple[MetricsPart, ...]
+
+    @classmethod
+    def of(cls, name: str, evaluations: Evaluations) -> Self:
+        """The errors of a circuit on its records, those identified on together under one name."""
+        identified = evaluations.identification
+        return cls(
+            identification=MetricsPart.of(*identified, name=name),
+            jointly=tuple(map(MetricsPart.of, identified)) if len(identified) > 1 else (),
+            validation=tuple(map(MetricsPart.of, evaluations.validation)),
+        )
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A circuit with its errors on what it was fitted to, and on what it was not.
+
+    Attributes:
+        model: Name of the circuit.
+        over: "soc" or "soc,temperature" for tables, "ocv" for one value of each resistance at every
+            SOC beside a table of the OCV, None for a constant circuit.
+        identification: Errors on all records identified on together.
+        validation_v: RMSE on each record validated on.
+        held_out: Errors on records left out whole where there are several, else on blocks held out
+            of the fit; None where nothing was.
+        proved_gap: The largest share of its error that a better circuit of its kind could save;
+            None without a proof.
+        is_answer: True for the one that the result is of.
+    """
+
+    model: str
+    over: str | None
+    identification: SocErrors
+    validation_v: tuple[float, ...]
+    held_out: SocErrors | None
+    proved_gap: float | None = None
+    is_answer: bool = False
+
+    @property
+    def name(self) -> str:
+        """The circuit as tables and screens call it."""
+        return table_name(self.model, self.over)
+
+    @classmethod
+    def of(cls, model: str, over: str | None, evaluations: Evaluations, *given: Any) -> "Candidate":
+        """The candidate with the errors of its evaluations."""
+        validation_v = tuple(one.metrics.rmse_v for one in evaluations.validation)
+        scored = [(one, one.prepared.scored) for one in evaluations.identification]
+        together = SocErrors.of((one.error_v[at], one.prepared.soc[at]) for one, at in scored)
+        return cls(model, over, together, validation_v, *given)
 
 
 class InputPart(Part):
@@ -206,6 +194,34 @@ class InputPart(Part):
     soc_range: tuple[float, float] | None = None
     temperature_degc: float | None = None
     peak_current_a: float | None = None
+
+    @classmethod
+    def of(cls, role: Any, record: Record | OcvTable) -> Self:
+        """A file that was read, with what was decided about it."""
+        if isinstance(record, OcvTable):
+            return cls(role=role, name=record.name, sha256=record.sha256)
+        how = {"sign": record.sign, "hold": record.hold, "voltage_lag_s": record.voltage_lag_s}
+        return cls(role=role, name=record.name, sha256=record.sha256, **how)
+
+    @classmethod
+    def simulated(cls, role: Any, evaluation: Evaluation) -> Self:
+        """A record that was simulated."""
+        prepared = evaluation.prepared
+        soc = prepared.soc[prepared.scored]
+        return cls.of(role, prepared.record).model_copy(
+            update={
+                "fingerprint": Content(prepared.record).fingerprint,
+                "window": prepared.window,
+                "start": prepared.start,
+                "rest_current_a": float(prepared.rest_current_a),
+                "capacity_ah": float(prepared.capacity_ah),
+                "duration_s": prepared.scored_duration_s,
+                "samples": int(np.count_nonzero(prepared.scored)),
+                "soc_range": (float(soc.min()), float(soc.max())),
+                "temperature_degc": prepared.temperature_degc,
+                "peak_current_a": float(np.abs(prepared.current_a).max()),
+            }
+        )
 
     @field_validator("sign", "hold")
     @classmethod
@@ -260,41 +276,6 @@ class PlannedFile(Part):
     plans_soc: bool = False
 
 
-class AssessmentPart(Part):
-    """Intervals of the answer, what the data do not determine, and residuals.
-
-    Attributes:
-        uncertainty: Intervals of all parameters.
-        identifiability: What the data cannot determine.
-        diagnostics: Residuals over time, SOC, current and temperature.
-        examination: What further fits add.
-    """
-
-    uncertainty: Uncertainty
-    identifiability: Identifiability
-    diagnostics: Diagnostics
-    examination: Examination | None = None
-
-
-class TablesPart(Part):
-    """Tables over SOC that are the answer, and how they were fitted.
-
-    Attributes:
-        settings: How they were fitted.
-        fits: The tables, one set for each temperature, from cold to warm.
-        over_temperature: The temperatures, None for a single set.
-        by_soc: Their errors by SOC.
-        hold_shift_ohm: How much more every R0 would be if a sample's current flowed on its other
-            side, where that is assumed.
-    """
-
-    settings: TableSettings
-    fits: tuple[TableFit, ...] = Field(min_length=1)
-    over_temperature: OverTemperature | None = None
-    by_soc: tuple[Band, ...]
-    hold_shift_ohm: float | None = None
-
-
 class ConstantPart(Part):
     """The best constant circuit known: the answer itself, or what stands beside tables.
 
@@ -319,11 +300,11 @@ class ConstantPart(Part):
     source: Literal["seeds", "global optimum"]
     at_bound: tuple[AtBound, ...]
     metrics: MetricsBlock
-    global_optimum: GlobalPart | None = None
-    assessment: AssessmentPart | None = None
+    global_optimum: GlobalOptimum | None = None
+    assessment: Assessment | None = None
     hold_shift_ohm: float | None = None
-    search: SearchPart | None = None
-    refined: RefinedPart | None = None
+    search: Search | None = None
+    refined: Refinement | None = None
     bounds: dict[str, tuple[float, float]]
     fixed: Parameters
 
@@ -380,3 +361,17 @@ class ConstantPart(Part):
                 f"{', '.join(found)}"
             )
         return self
+
+
+def bands_by_soc(evaluations: Sequence[Evaluation]) -> tuple[Band, ...]:
+    """The errors of several records together in each tenth of the state of charge."""
+    scored = [evaluation.prepared.scored for evaluation in evaluations]
+    soc = [evaluation.prepared.soc[s] for evaluation, s in zip(evaluations, scored, strict=True)]
+    error_v = [evaluation.error_v[s] for evaluation, s in zip(evaluations, scored, strict=True)]
+    return soc_bands(np.concatenate(soc), np.concatenate(error_v))
+
+
+@functools.cache
+def all_versions() -> dict[str, str]:
+    """The versions that can change a result's digits."""
+    return {"python": sys.version.split()[0]} | {name: version(name) for name in VERSIONED}

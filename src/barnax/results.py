@@ -19,17 +19,17 @@ from .model.window import Window
 from .over_soc import TableFit, TableFits, table_name
 from .pulses import Pulse
 from .result_parts import (
+    Candidate,
     CircuitName,
     ConstantPart,
     InputPart,
     MetricsBlock,
     PlannedFile,
-    TablesPart,
 )
-from .run import Candidate, Run, Tried
 from .schema import Document, Told
-from .search.evaluate import Evaluation
+from .search.evaluate import Evaluation, Evaluations
 from .search.refine import AtBound
+from .select import Tried
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,10 +43,10 @@ if TYPE_CHECKING:
 class Result(Document):
     """The contents of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
-    A result that was computed or loaded has the objects behind it in `run`.
+    A result that was computed or loaded has its simulated records in `evaluations`.
 
     Attributes:
-        schema_version: Version 5 of the file.
+        schema_version: Version 7 of the file.
         model: Name of the answer's circuit.
         metrics: The answer's errors.
         candidates: The constant circuit and the answer, with their errors.
@@ -66,12 +66,12 @@ class Result(Document):
     barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
     """
 
-    schema_version: Literal[6]
+    schema_version: Literal[7]
     model: CircuitName
     metrics: MetricsBlock
     candidates: tuple[Candidate, ...] = ()
     tried: tuple[Tried, ...] = ()
-    tables: TablesPart | None = None
+    tables: TableFits | None = None
     constant: ConstantPart
     pulses: tuple[Pulse, ...] = ()
     cell: CellModel
@@ -81,7 +81,7 @@ class Result(Document):
     warnings: tuple[Told, ...]
     versions: dict[str, str]
 
-    _run: Run | None = PrivateAttr(None)
+    _evaluations: tuple[Evaluations, Evaluations | None] | None = PrivateAttr(None)
     _inputs: Any = PrivateAttr(None)
     remedy: ClassVar[str] = "give the result.json that barnax identify wrote"
 
@@ -101,20 +101,22 @@ class Result(Document):
         return self
 
     @property
-    def run(self) -> Run:
-        """The objects behind a result that was just computed.
+    def evaluations(self) -> Evaluations:
+        """The answer, simulated on its records; those of the constant circuit beside tables are of
+        `without_tables()`.
 
-        One that was loaded reads its records again the first time. Raises `InputError` where they
-        are not found, and for one that was read by `from_json`.
+        A result that was loaded reads its records again the first time. Raises `InputError` where
+        they are not found, and for one that was read by `from_json`.
         """
-        if self._run is None and self._inputs is not None:
-            self._run = hook("Result.run")(self, self._inputs)
-        if self._run is None:
+        if self._evaluations is None and self._inputs is not None:
+            self._evaluations = hook("Result.evaluations")(self, self._inputs)
+        if self._evaluations is None:
             raise InputError(
                 "this result was read from a file without its records; `Result.load` finds them "
                 "for the evaluations and the figures over time"
             )
-        return self._run
+        constant, tables = self._evaluations
+        return constant if self.tables is None or tables is None else tables
 
     @classmethod
     def load(
@@ -273,9 +275,7 @@ class Result(Document):
     @property
     def fits(self) -> TableFits:
         """The answer as it was fitted, at each temperature; constants as tables of one node."""
-        if self.tables is None:
-            return TableFits((self.constant.fit,))
-        return TableFits(self.tables.fits, self.tables.over_temperature)
+        return self.tables or TableFits((self.constant.fit,))
 
     @property
     def fit(self) -> TableFit:
@@ -304,10 +304,10 @@ class Result(Document):
             "cell": self.cell_at(temperature_degc),
             "inputs": tuple(part.model_copy(update={"capacity_ah": None}) for part in self.inputs),
         }
-        part = self.tables
-        if part is not None and part.over_temperature is not None:
-            fit = replace(self.fit, tables=self.fits.at(temperature_degc))
-            alone["tables"] = part.model_copy(update={"fits": (fit,), "over_temperature": None})
+        tables = self.tables
+        if tables is not None and tables.over_temperature is not None:
+            fit = replace(self.fit, tables=tables.at(temperature_degc))
+            alone["tables"] = replace(tables, fits=(fit,), over_temperature=None)
         return self.model_copy(update=alone)
 
     @property

@@ -12,7 +12,7 @@ import os
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, get_args
+from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 import numpy as np
 from pydantic import (
@@ -25,7 +25,7 @@ from pydantic import (
     PlainSerializer,
     ValidationError,
 )
-from pydantic_core import core_schema
+from pydantic_core import PydanticOmit, core_schema
 
 from .display import brief
 from .errors import InputError, cut, printable
@@ -77,6 +77,22 @@ class _Array:
 ARRAY = _Array()
 
 
+class _Unstored:
+    """What a dataclass has only while it is not stored: None in a document, and of any kind."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
+        del source, handler
+        return core_schema.none_schema()
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> Any:
+        raise PydanticOmit
+
+
+Kind = TypeVar("Kind")
+# A field with a default that documents leave out.
+Unstored = Annotated[Kind, _Unstored(), Field(exclude=True)]
+
+
 def _listed(array: np.ndarray) -> list[Any]:
     values = array.astype(object)
     values[~np.isfinite(array)] = None
@@ -93,6 +109,8 @@ MaybeInfinite = Annotated[
 Loss = Annotated[MaybeInfinite, Field(ge=0)]
 Volts = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
+# What `jax.random.key` takes.
+Key = Annotated[int, Field(ge=0, lt=2**64)]
 Parameters = dict[str, float]
 # Numbers, texts, lists and such mappings, by key.
 Json = dict[str, Any]

@@ -81,7 +81,7 @@ def test_a_table_left_open_is_answered_with_a_test(result):
         replace(each, standard_error=each.value) if each.name == "R2 [Ohm]" else each
         for each in fit.intervals
     )
-    part = result.tables.model_copy(update={"fits": (replace(fit, intervals=opened),)})
+    part = replace(result.tables, fits=(replace(fit, intervals=opened),))
     assert not next_step(result).designs
     opened_result = result.model_copy(update={"tables": part})
     step = next_step(opened_result)
@@ -161,7 +161,7 @@ def test_before_with_the_test_and_reached_are_one_quantity(design, result):
     (drive,) = design.of_table("drive")
     assert drive.after < drive.before < 1.5 * drive.after
     wide = replace(fit, intervals=tuple(one.spanning([-0.03, 0.03]) for one in fit.intervals))
-    part = result.tables.model_copy(update={"fits": (wide,), "hold_shift_ohm": 0.03})
+    part = replace(result.tables, fits=(wide,), hold_shift_ohm=0.03)
     other = result.model_copy(update={"tables": part})
     own, reaching = (believed_of(one, None) for one in (result, other))
     assert before_of(reaching) == before_of(own)

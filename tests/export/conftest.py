@@ -74,7 +74,7 @@ def over_temperature():
         )
         fits.append(replace(fit, tables=tables))
     over = OverTemperature(DEGC, 1e-3, 1e-3, 1e-3, (), ())
-    part = found.tables.model_copy(update={"fits": tuple(fits), "over_temperature": over})
+    part = replace(found.tables, fits=tuple(fits), over_temperature=over)
 
     def moved(degc, lift_v, capacity_ah):
         branches = {

@@ -74,13 +74,13 @@ def test_kept_factors_of_a_chosen_circuit_answer_as_its_record_does(tmp_path):
     record, _ = made(1)
     window = Window(initial_soc=1.0, capacity_ah=2.0)
     quick = {"seeds": 0, "trust": "none", "advise": False}
-    direct = barnax.identify(record, model="1rc", window=window, **quick).run
-    (evaluation,) = direct.identification
+    direct = barnax.identify(record, model="1rc", window=window, **quick)
+    (evaluation,) = direct.without_tables().evaluations.identification
     kept = keep(evaluation.prepared, Grid(circuit="1rc"))
     cell = FleetCell("a", [keep_at(tmp_path, kept)])
     (row,) = identify_rows(cell, {"seeds": 0, "model": "1rc"})
     assert (row["error"], row["answer"]) == (None, "1rc with a fitted OCV")
-    tables = direct.tables.found.reference.tables
+    tables = direct.fit.tables
     for name, (value,) in tables.tables.items():
         assert row[f"tables {name}"] == pytest.approx(value, rel=1e-9)
     (whole,) = identify_rows(cell, {"seeds": 0, "over": "soc"})

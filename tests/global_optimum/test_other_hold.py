@@ -1,5 +1,7 @@
 """What was assumed of a record's hold: tried the other way, decided by the voltage, told."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -13,8 +15,9 @@ from barnax.global_optimum import (
 )
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
+from barnax.model.sampling import resampling
 from barnax.model.window import Window
-from barnax.records import read_record, record_from_frame
+from barnax.records import Decision, read_record, record_from_frame
 from barnax.search.evaluate import evaluate
 from helpers.records import CURRENT, TIME, VOLTAGE
 
@@ -102,19 +105,25 @@ def test_tables_move_under_the_other_hold_by_the_closed_form_of_their_own_pairs(
         hold: barnax.identify(
             simulated(pchip_cell, 10.0 * np.arange(700), "backward"),
             current_hold=hold, cell=pchip_cell, over="soc", model="so-rc", seeds=0, window=WINDOW,
-        ).run.tables
+        )
         for hold in ("forward", "backward")
     }  # fmt: skip
-    forward, backward = tables["forward"], tables["backward"]
-    assert forward
-    assert backward
+    forward, backward = tables["forward"].fits, tables["backward"].fits
     r0 = [each.mean_ohm("R0 [Ohm]") for each in (forward, backward)]
     own = 0.9 * 10 / 3600 / pchip_cell.capacity_ah
-    assert forward.hold_shift_ohm == pytest.approx(r0[1] - r0[0] + own, rel=0.15)
-    assert backward.hold_shift_ohm == pytest.approx(r0[0] - r0[1] - own, rel=0.15)
-    for name, share in forward.hold_shares.items():
+    changes = []
+    for hold, fits in (("forward", forward), ("backward", backward)):
+        (evaluation,) = tables[hold].evaluations.identification
+        record = replace(evaluation.prepared.record, hold=Decision(hold, "assumed", "made so"))
+        prepared = replace(evaluation.prepared, record=record)
+        circuit = fits.reference.tables
+        ohm = {name: fits.mean_ohm(name) for name in circuit.resistances}
+        changes.append(resampling([prepared], circuit, ohm))
+    assert changes[0].r0_ohm == pytest.approx(r0[1] - r0[0] + own, rel=0.15)
+    assert changes[1].r0_ohm == pytest.approx(r0[0] - r0[1] - own, rel=0.15)
+    for name, share in changes[0].shares.items():
         pair = [each.mean_ohm(name) for each in (forward, backward)]
         assert pair[0] * (1 + share) == pytest.approx(pair[1], rel=0.02)
-        reaching = forward.spanning([], {name: share}).found.fits[0]
+        reaching = forward.spanning([], {name: share}).fits[0]
         for node in reaching.of_table(name):
             assert node.low is None or node.low <= node.value * (1 + share) <= (node.high or 0.0)

@@ -1,6 +1,7 @@
 """Records, evaluations, searches and results made by hand, whose every number a test knows."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -13,28 +14,20 @@ from barnax.cell import (
     SegmentedHysteresis,
     get_circuit,
 )
+from barnax.identification import make_result as store
 from barnax.metrics import measure
 from barnax.model.prepared import PreparedRecord
 from barnax.model.start import Start
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
-from barnax.over_soc import NodeInterval, SocErrors, TableFit, TableSettings
+from barnax.over_soc import NodeInterval, SocErrors, TableFit, TableFits, TableSettings
 from barnax.records.record import Record
-from barnax.result_parts import (
-    AssessmentPart,
-    ConstantPart,
-    InputPart,
-    MetricsBlock,
-    MetricsPart,
-    TablesPart,
-)
+from barnax.result_parts import ConstantPart, InputPart, MetricsBlock, MetricsPart
 from barnax.results import Result
-from barnax.run import Run, best_answer
-from barnax.search.evaluate import Evaluation, evaluate
+from barnax.search.evaluate import Evaluation, Evaluations, evaluate
 from barnax.search.refine import Optimum, Refinement
 from barnax.search.seeds import Search, SeedAnswer
-from barnax.storing import make_result as store
-from barnax.uncertainty import Band, Diagnostics, Identifiability, Uncertainty
+from barnax.uncertainty import Assessment, Band, Diagnostics, Identifiability, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts
 from helpers.reference import make_record as record_of
 
@@ -101,12 +94,13 @@ def make_search(histories_v: list[list[float]], population: int = 10) -> Search:
     )
     generations = len(histories_v[0]) - 1
     optimizer = make_optimizer("bmo", population, generations)
-    return Search(cast(Any, None), optimizer, 0, seeds)
+    problem = cast(Any, SimpleNamespace(scale="rc", kind="scan"))
+    return Search.of(problem, optimizer, 0, seeds)
 
 
 def make_refinement(found: Search, rmse_v: float) -> Refinement:
     optimum = Optimum(rmse_v, CIRCUIT, len(found.seeds), is_family=False)
-    return Refinement(found, (), (optimum,), (), "scan", 0)
+    return Refinement((), (optimum,), (), "scan", 0, found)
 
 
 def ocv_v(soc: np.ndarray) -> np.ndarray:
@@ -140,11 +134,10 @@ def make_cell(hysteresis_fit: str = "continuous") -> CellModel:
 
 def result_of(refinement: Refinement) -> Result:
     """The result of a refinement alone: no global optimum, no intervals, no validation."""
-    problem, answer = refinement.search.problem, best_answer(refinement, None)
-    evaluations = [evaluate(each, answer.parameters) for each in problem.prepared_records]
-    return store(
-        Run(problem, refinement.search, refinement, None, answer, evaluations, [], None, None)
-    )
+    problem = refinement.search.problem
+    records = problem.prepared_records
+    evaluations = Evaluations(tuple(evaluate(each, refinement.parameters) for each in records))
+    return store(problem, (evaluations, None), None, refinement, warnings=())
 
 
 def make_result(
@@ -165,7 +158,7 @@ def make_result(
     metrics = MetricsPart.model_construct(record=record, rmse_v=0.0232)
     bands = tuple(Band(low, low + 0.1, 9, 0.02, 0.0, 0.1) for low in (0.1, 0.4, 0.8))
     noise = NoiseParts((0.0, 25.0, 700.0), (0.002, 0.015, 0.018))
-    assessment = AssessmentPart.model_construct(
+    assessment = Assessment(
         uncertainty=Uncertainty(0.95, 99, (), (), (), noise),
         identifiability=Identifiability(1.0, 1.0, (), ()),
         diagnostics=Diagnostics((), (), 100.0, 9.0, 99, bands, (), None),
@@ -264,11 +257,7 @@ def make_table_result(circuit: str = "so-rc", kept: slice = slice(None), **given
         tables={name: row[kept] for name, row in fit.tables.tables.items()},
         visited=fit.tables.visited[kept],
     )
-    part = TablesPart.model_construct(
-        settings=TableSettings(nodes=NODES),
-        fits=(replace(fit, tables=tables),),
-        by_soc=(),
-    )
+    part = TableFits((replace(fit, tables=tables),), settings=TableSettings(nodes=NODES))
     block = MetricsBlock.model_construct(identification=metrics, validation=())
     result = make_result(circuit, **given)
     return result.model_copy(update={"tables": part, "metrics": block})

@@ -14,7 +14,6 @@ import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize, read_ocv_test
 from barnax.cell.ocv_points import find_rest_sweeps
-from barnax.constant_problem import with_joint_starts
 from barnax.global_optimum import find_global_optimum
 from barnax.job import Job
 from barnax.model.prepared import prepare_record
@@ -23,6 +22,7 @@ from barnax.model.rest import cell_at_rest
 from barnax.model.window import Window
 from barnax.plan.running import prepare_pulse_tests
 from barnax.records import read_record
+from barnax.run_setup import with_joint_starts
 from barnax.uncertainty import assess
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import make_record

@@ -19,7 +19,7 @@ def with_intervals(r0_ohm, half_ohm, **given):
     )
     old = made.constant.assessment
     uncertainty = Uncertainty(0.95, 99, estimates, (), (), old.uncertainty.noise)
-    return with_constant(made, assessment=old.model_copy(update={"uncertainty": uncertainty}))
+    return with_constant(made, assessment=replace(old, uncertainty=uncertainty))
 
 
 def test_a_constant_circuit_has_a_row_a_parameter():
@@ -71,9 +71,7 @@ def test_tables_are_compared_at_states_of_charge_between_visited_nodes():
         for each in fit.intervals
     )  # fmt: skip
     changed = replace(fit, tables=raised, intervals=intervals)
-    other = other.model_copy(
-        update={"tables": other.tables.model_copy(update={"fits": (changed,)})}
-    )
+    other = other.model_copy(update={"tables": replace(other.tables, fits=(changed,))})
     beside = barnax.show(one, other)
     places = tuple(f"R0 at {soc} % SOC" for soc in (10, 30, 50, 70, 90))
     assert beside.differing == {"2: cycle.csv": places}
@@ -85,9 +83,7 @@ def test_tables_are_compared_at_states_of_charge_between_visited_nodes():
         for each in intervals
     )  # fmt: skip
     open_fit = replace(changed, intervals=opened)
-    without = other.model_copy(
-        update={"tables": other.tables.model_copy(update={"fits": (open_fit,)})}
-    )
+    without = other.model_copy(update={"tables": replace(other.tables, fits=(open_fit,))})
     beside = barnax.show(one, without)
     assert "R0 at 50 % SOC" not in beside.differing["2: cycle.csv"]
     assert "not determined" in repr(beside)

@@ -147,7 +147,7 @@ def test_the_next_step_follows_from_what_was_held_out():
     errors = {"constant": SocErrors(0.0245, None), "tables": SocErrors(0.0091, None)}
     held = SimpleNamespace(**errors, by_record=(), whole=errors["tables"])
     fit = replace(result.fit, cross_validation=held)
-    found = result.model_copy(update={"tables": result.tables.model_copy(update={"fits": (fit,)})})
+    found = result.model_copy(update={"tables": replace(result.tables, fits=(fit,))})
     assert next_step(found).advice.startswith("validate on another record")
     told = notice("ocv-test.disagrees", median_v=0.08, largest_v=-0.7, soc=0.35)
     ocv = "see what the records tell without the OCV test"
@@ -162,7 +162,7 @@ def test_the_next_step_follows_from_what_was_held_out():
         assert step.advice.startswith(advised)
     missed = SimpleNamespace(**errors, by_record=(), whole=errors["constant"])
     lost = replace(fit, cross_validation=missed)
-    lost = found.model_copy(update={"tables": found.tables.model_copy(update={"fits": (lost,)})})
+    lost = found.model_copy(update={"tables": replace(found.tables, fits=(lost,))})
     assert "the error on blocks left out is 24.50 mV, on what was fitted 4.90 mV" in (
         next_step(lost).advice
     )

@@ -247,7 +247,8 @@ def _summed_up(
             # All cells of a pack would be identified again.
             if "pack_cells" in alone.options:
                 continue
-            worst[name] = identified(alone, settings | {"trust": "none"})[0].run.identification[0]
+            result, _ = identified(alone, settings | {"trust": "none"})
+            worst[name] = result.without_tables().evaluations.identification[0]
     document = fleet_document(summary, fleet_illustrations(rows, worst))
     with replacing(out / "report.html") as file:
         file.write(to_html(document.with_option_names(as_keys)).encode())

@@ -139,7 +139,7 @@ def validate(on: OnRecord, output: Errors) -> None:
         from ..reporting.terminal import terminal_table
         from ..reporting.wording import sentences
         from ..reporting.words import capitalized
-        from ..storing import metrics_part
+        from ..result_parts import MetricsPart
 
     if output.report is not None:
         require_free_file(output.report, output.force)
@@ -147,7 +147,7 @@ def validate(on: OnRecord, output: Errors) -> None:
     record, window = on.meeting(stored)
     with session.watch("Simulating"):
         evaluation = stored.validate(record, window, **on.how)
-    metrics = metrics_part(evaluation)
+    metrics = MetricsPart.of(evaluation)
     if output.as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
     table = metrics_table([(metrics, "validation")])

@@ -10,23 +10,20 @@ from pydantic import ConfigDict
 
 from ..baselines import METHODS, Budget
 from ..cell import CellModel, OcvTable
-from ..constant_problem import first_problem
 from ..errors import InputError
 from ..global_optimum import GlobalOptimum
-from ..identification import search_and_assess, set_up
+from ..identification import search_and_assess
 from ..inputs import listed, read_inputs, unwatched, windows_of
 from ..job import Job, takes_options
 from ..model.problem import Problem
 from ..model.search_space import ranges_of
 from ..notices import Notice
-from ..own_ocv_run import bounded_tables
 from ..records import Record
-from ..result_parts import InputPart, Key, MetricsPart
-from ..run import Candidate
-from ..schema import Count, Document, Loss, Parameters, Part, Told, Volts, key_of
+from ..result_parts import Candidate, InputPart, MetricsPart, all_versions
+from ..run_setup import bounded_tables, first_problem, set_up
+from ..schema import Count, Document, Key, Loss, Parameters, Part, Told, Volts, key_of
 from ..search.refine import AtBound
 from ..settings import Settings, TableOptions
-from ..storing import all_versions, input_part, metrics_part, record_part
 from .run import PAPER_ROWS, Comparison, Difference, Row, compare
 from .statistics import BandError
 
@@ -195,12 +192,12 @@ def make_comparison_result(
     """
     problems = {row.model: row.problem for row in comparison.rows}
     first, budget = next(iter(problems.values())), comparison.budget
-    inputs = [input_part("identification", first.prepared.record)]
+    inputs = [InputPart.of("identification", first.prepared.record)]
     if comparison.answered:
         own, *others = comparison.answered[0].evaluations
-        inputs = [record_part("identification", own)]
-        inputs += [record_part("validation", record) for record in others]
-    inputs += [input_part("ocv", test) for test in ocv]
+        inputs = [InputPart.simulated("identification", own)]
+        inputs += [InputPart.simulated("validation", record) for record in others]
+    inputs += [InputPart.of("ocv", test) for test in ocv]
     told = [warning for test in ocv for warning in test.warnings] + list(warnings)
     told += [warning for problem in problems.values() for warning in problem.warnings]
     for tried in (evaluation for row in comparison.rows for evaluation in row.evaluations):
@@ -247,7 +244,7 @@ def _row_part(row: Row) -> RowPart:
     if row.failure is not None:
         return RowPart(**known, failure=row.failure)
     identification, *validation = (
-        RecordErrorsPart(metrics=metrics_part(evaluation), bands=bands)
+        RecordErrorsPart(metrics=MetricsPart.of(evaluation), bands=bands)
         for evaluation, bands in zip(row.evaluations, row.bands, strict=True)
     )
     return RowPart(
@@ -345,8 +342,8 @@ def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
         box = {"bounds": job.bounds, "fix": job.fix}
         first = first_problem(inputs, windows, alone, None, **box)
         setup = set_up(first, inputs, windows, alone, bounded_tables(job, but="[F]"), **box)
-        run = search_and_assess(setup, None, alone, "none", unwatched, advise=False)
+        usual = search_and_assess(setup, None, alone, "none", unwatched, advise=False)
     result = make_comparison_result(
-        comparison, run.candidates, ocv=inputs.ocv, warnings=inputs.warnings
+        comparison, usual.candidates, ocv=inputs.ocv, warnings=inputs.warnings
     )
     return comparison, result

@@ -288,11 +288,10 @@ def _started_by_voltage(believed: Believed) -> Believed:
 def _records_of(result: Result, temperature_degc: float | None) -> list[Evaluation]:
     """The records that a result is of, at that temperature. Raises `InputError` where they are not
     found."""
-    run = result.run
-    found = run.identification if run.tables is None else run.tables.identification
+    evaluations = result.evaluations.identification
     return [
         evaluated
-        for evaluated, part in zip(found, result.of_role("identification"), strict=True)
+        for evaluated, part in zip(evaluations, result.of_role("identification"), strict=True)
         if temperature_degc is None or part.is_at(temperature_degc)
     ]
 

@@ -24,14 +24,14 @@ from ..notices import Notice
 from ..over_soc import TableFit, table_name
 from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
 from ..pack import Pack, identify_pack
-from ..pipeline import bounded_tables, identify, identify_problem
+from ..pipeline import identify, identify_problem
 from ..records import Record, Source, read_source
 from ..records.logger import Logger
 from ..records.table import LARGEST_FILE
-from ..result_parts import MetricsPart
+from ..result_parts import MetricsPart, bands_by_soc
 from ..results import Result
+from ..run_setup import bounded_tables
 from ..settings import CellSettings, Reading, Settings
-from ..storing import bands_by_soc, joint_metrics
 from ..uncertainty.covariance import named_values
 from .aged import ageing_row
 from .dataset import keep_factors, keep_result
@@ -66,7 +66,8 @@ def identify_rows(
                 result, warnings = pack.result, pack.result.warnings
             else:
                 result, warnings = identified(cell, settings)
-            used, aged = [evaluation.prepared for evaluation in result.run.identification], {}
+            constant = result.without_tables().evaluations
+            used, aged = [evaluation.prepared for evaluation in constant.identification], {}
             if settings.get("ageing"):
                 aged, told = ageing_row(used, is_own=not cell.ocv and cell.cell is None)
                 warnings = (*warnings, *told)
@@ -136,8 +137,8 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
         window.capacity_ah, window.rest_current_a, reading, job.part(CellSettings),
     )  # fmt: skip
     result = identify(job.changed(ocv=known.tests, cell=known.model))
-    run = result.run
-    used = [evaluation.prepared for evaluation in (*run.identification, *run.validation)]
+    evaluations = result.evaluations
+    used = [one.prepared for one in (*evaluations.identification, *evaluations.validation)]
     measured = [(prepared.record.name, prepared.temperature_degc) for prepared in used]
     more = compare_temperatures(measured, known.temperatures_degc)
     return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
@@ -163,7 +164,7 @@ def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
     for own, fitted in zip(pack.rows(), pack.fit.cells, strict=True):
         plain = str(own.pop("cell")).replace("/", "-").replace("\\", "-")
         row: dict[str, Any] = {"id": f"{name} {plain}", "error": None, "error code": None}
-        row |= {"circuit": result.run.tables and result.run.tables.model, "pack": name}
+        row |= {"circuit": result.model, "pack": name}
         row |= {"samples": samples, **own, **fitted.tables.constants}
         row |= {"answer": "tables over SOC", "certified": False, "at bound": ""}
         rows.append(row | {"warnings": [], "warning codes": []})
@@ -295,7 +296,7 @@ def _given(path: str, reading: Reading) -> Any:
 
 def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
     """A result, flat: parameters under PyBaMM's names with their intervals, errors, certificate."""
-    constant, run = result.constant, result.run
+    constant, evaluations = result.constant, result.without_tables().evaluations
     own = constant.metrics.identification
     first = result.of_role("identification")[0]
     row: dict[str, Any] = {
@@ -304,7 +305,7 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
         "samples": own.samples,
         "duration [s]": first.duration_s,
         "capacity [A.h]": first.capacity_ah,
-        "temperature [degC]": run.identification[0].prepared.temperature_degc,
+        "temperature [degC]": evaluations.identification[0].prepared.temperature_degc,
         "initial SOC": result.initial_soc,
         "sampling": first.hold and first.hold.value,
         "sampling evidence": first.hold and first.hold.reason,
@@ -314,13 +315,15 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
         row[name] = value
         if ends:
             row[f"{name} low"], row[f"{name} high"] = ends[name]
-    validation = joint_metrics("validation", run.validation) if run.validation else None
+    validated = evaluations.validation
+    validation = MetricsPart.of(*validated, name="validation") if validated else None
     row |= _errors_of("", own) | _errors_of("validation ", validation)
     if result.tables is not None:
         row["tables RMSE [V]"] = result.metrics.identification.rmse_v
         row |= _middle_of(result.fit)
     rmse_v = {
-        round(10 * (band.low or 0.0)): band.rmse_v for band in bands_by_soc(run.identification)
+        round(10 * (band.low or 0.0)): band.rmse_v
+        for band in bands_by_soc(evaluations.identification)
     }
     row |= {
         f"RMSE SOC {10 * tenth} to {10 * tenth + 10} % [V]": rmse_v.get(tenth)

@@ -1,12 +1,14 @@
 """The best circuit over a grid of time constants, polished and proved, and what was assumed."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters, without_drop
@@ -17,10 +19,20 @@ from ..execution import in_float64
 from ..model.descent import GridSizes, LogScales, lowest_scales, polish
 from ..model.prepared import both_directions, prepare_record
 from ..model.problem import Problem, rmse_by_scan
-from ..search.refine import AtBound, Optimum, RefinedSeed, at_bound, distinct_optima, largest_change
+from ..schema import Count, MaybeInfinite, Volts
+from ..search.refine import (
+    SAME_RMSE,
+    AtBound,
+    Optimum,
+    RefinedSeed,
+    Refinement,
+    at_bound,
+    distinct_optima,
+    largest_change,
+)
 from .certificate import CERTIFIED_GAP, certify
 from .objective import ConstantObjective
-from .proof import SMALLEST_RMSE_V, Proof
+from .proof import SMALLEST_RMSE_V
 
 # Grid points of a time constant by the number of pairs, and of gamma. A unit response varies
 # over a factor of e in tau; four pairs are still sampled twice as densely as that.
@@ -44,12 +56,25 @@ class GlobalOptimum(Brief):
         optima: The distinct local optima up to `FACTOR` times the best, which comes first; their
             errors are computed by the scan.
         at_bound: Parameters of the best at a bound.
-        proof: What the search for a proof came to, None without one.
+        status: "certified" by branch and bound, or "grid-verified".
+        lower_bound_v: No circuit in the box has a lower RMSE; 0 where nothing was proved.
+        boxes: Boxes of time constants that the proof took; None without a proof.
+        median_gap: Optimality gap of the median seed before refinement; of seeds that were not run,
+            all gaps are infinite.
+        best_gap: That of the best seed before refinement.
+        refined_gap: That of the best refined seed.
+        seeds_there: Refined seeds that reached the optimum.
     """
 
-    optima: tuple[Optimum, ...]
+    optima: Annotated[tuple[Optimum, ...], Field(min_length=1)]
     at_bound: tuple[AtBound, ...]
-    proof: Proof[RefinedSeed] | None
+    status: Status
+    lower_bound_v: Volts
+    boxes: Count | None
+    median_gap: MaybeInfinite = math.inf
+    best_gap: MaybeInfinite = math.inf
+    refined_gap: MaybeInfinite = math.inf
+    seeds_there: Count = 0
 
     @property
     def parameters(self) -> CircuitParameters:
@@ -65,23 +90,27 @@ class GlobalOptimum(Brief):
         return self.optima[1:]
 
     @property
-    def lower_bound_v(self) -> float:
-        """A lower bound of the RMSE of any circuit in the box; 0 where nothing was proved."""
-        return 0.0 if self.proof is None else self.proof.lower_bound_v
-
-    @property
     def proved_gap(self) -> float:
         """The largest share of the RMSE that a better circuit could save."""
         return max(0.0, -optimality_gap(self.lower_bound_v, self.rmse_v))
 
-    @property
-    def status(self) -> Status:
-        return "certified" if self.proved_gap <= CERTIFIED_GAP else "grid-verified"
-
-    @property
-    def boxes(self) -> int | None:
-        """Number of boxes of time constants that the proof took; None without a proof."""
-        return None if self.proof is None else self.proof.boxes
+    def beside(self, refinement: Refinement) -> "GlobalOptimum":
+        """The same with how far the seeds stayed from it, and the local optima that they found."""
+        gaps = [optimality_gap(seed.rmse_v, self.rmse_v) for seed in refinement.search.seeds]
+        optima = list(self.optima)
+        for minimum in refinement.optima:
+            errors_v = [optimum.rmse_v for optimum in optima]
+            if all(abs(minimum.rmse_v / other - 1) > SAME_RMSE for other in errors_v if other):
+                optima.append(minimum)
+        reached_v = self.rmse_v * (1 + SAME_RMSE)
+        return replace(
+            self,
+            optima=(optima[0], *sorted(optima[1:], key=_rmse_v)),
+            median_gap=float(np.median(gaps)),
+            best_gap=min(gaps),
+            refined_gap=optimality_gap(refinement.rmse_v, self.rmse_v),
+            seeds_there=sum(seed.rmse_v <= reached_v for seed in refinement.seeds),
+        )
 
 
 def optimality_gap(rmse_v: float, optimum_v: float) -> float:
@@ -133,7 +162,15 @@ def find_global_optimum(
     optima = distinct_optima(ends)
     optima = tuple(optimum for optimum in optima if optimum.rmse_v <= FACTOR * optima[0].rmse_v)
     bounded = at_bound(problem.log_coordinates, optima[0].parameters)
-    return GlobalOptimum(optima, bounded, proof)
+    lower_bound_v = 0.0 if proof is None else proof.lower_bound_v
+    gap = -optimality_gap(lower_bound_v, optima[0].rmse_v)
+    return GlobalOptimum(
+        optima=optima,
+        at_bound=bounded,
+        status="certified" if gap <= CERTIFIED_GAP else "grid-verified",
+        lower_bound_v=lower_bound_v,
+        boxes=None if proof is None else proof.boxes,
+    )
 
 
 def _grid_minima(objective: ConstantObjective, factor: float) -> list[LogScales]:

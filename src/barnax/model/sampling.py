@@ -6,7 +6,8 @@ before it; between these where it is a share of both.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,6 +24,59 @@ GONE = 0.02
 def other_sampling(sampling: str) -> Hold:
     """The sampling that is tried beside one that is assumed."""
     return "backward" if sampling == "forward" else "forward"
+
+
+@dataclass(frozen=True)
+class Resampling:
+    """What the other sampling of the current, where one is only assumed, makes of a circuit.
+
+    Attributes:
+        r0_ohm: By how much R0 would be more.
+        shares: By what share of itself the resistance of every RC pair would be more.
+    """
+
+    r0_ohm: float
+    shares: Mapping[str, float]
+
+
+def assumed_in(records: Sequence[PreparedRecord]) -> PreparedRecord | None:
+    """The first record whose sampling is only assumed."""
+    assumed = (one for one in records if one.record.hold.strength == "assumed")
+    return next(assumed, None)
+
+
+def resampling(
+    records: Sequence[PreparedRecord], circuit: CircuitParameters, ohm: Mapping[str, float]
+) -> Resampling | None:
+    """The change by the other sampling; None where that of all records is known.
+
+    Args:
+        records: Those that the circuit was fitted to.
+        circuit: Its elements and time constants.
+        ohm: The resistance of every element by name.
+    """
+    prepared = assumed_in(records)
+    if prepared is None:
+        return None
+    sampling, interval_s = prepared.record.hold.value, prepared.median_interval_s
+    other = other_sampling(sampling)
+    moved_ohm = shift_ohm(sampling, other, circuit, ohm, interval_s)
+    moved_ohm += ocv_shift_ohm(sampling, other, prepared)
+    return Resampling(moved_ohm, resistance_shares(sampling, other, circuit, interval_s))
+
+
+def means_shifts_ohm(
+    records: Sequence[PreparedRecord], circuit: CircuitParameters, ohm: Mapping[str, float]
+) -> tuple[float, ...]:
+    """Possible errors of R0 where rows are taken for means, whose current is half that of the
+    interval before and half that of the one after: as it would be for a current that stood still in
+    each of them, to either side, for what it does in them is not known."""
+    prepared = assumed_in(records) or records[0]
+    sampling = prepared.record.hold.value
+    if sampling != "centered":
+        return ()
+    moved_ohm = shift_ohm(sampling, "means", circuit, ohm, prepared.median_interval_s)
+    return moved_ohm, -moved_ohm
 
 
 def shift_ohm(

@@ -6,6 +6,13 @@ from .fit import OcvCompared as OcvCompared
 from .fit import TableFit as TableFit
 from .fit import errors_on as errors_on
 from .fit import fit_tables as fit_tables
+from .fits import LeftOut as LeftOut
+from .fits import OverTemperature as OverTemperature
+from .fits import Reversal as Reversal
+from .fits import TableFits as TableFits
+from .fits import no_temperature as no_temperature
+from .fits import require_temperature as require_temperature
+from .fits import table_warnings as table_warnings
 from .level import with_own_ocv as with_own_ocv
 from .node_interval import NodeInterval as NodeInterval
 from .own_ocv import OwnOcv as OwnOcv
@@ -22,11 +29,6 @@ from .registration import rest_warnings as rest_warnings
 from .settings import TableSettings as TableSettings
 from .settings import circuit_name as circuit_name
 from .settings import table_name as table_name
-from .temperature import LeftOut as LeftOut
-from .temperature import OverTemperature as OverTemperature
-from .temperature import Reversal as Reversal
-from .temperature import TableFits as TableFits
 from .temperature import fit_temperatures as fit_temperatures
 from .temperature import group_by_temperature as group_by_temperature
-from .temperature import require_temperature as require_temperature
 from .temperature import require_temperatures as require_temperatures

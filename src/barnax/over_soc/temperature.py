@@ -6,165 +6,28 @@ each temperature are the exact optimum of its own bounded least-squares problem.
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from ..blas import one_blas_thread
-from ..cell import CircuitParameters, TemperatureTables
-from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
+from ..cell import TemperatureTables
+from ..cell.model import SAME_DEGC, group_near
 from ..errors import InputError
 from ..global_optimum.proof import Proof
 from ..model.axes import Axis
 from ..model.descent import LogScales, Solved, polish
 from ..model.prepared import PreparedRecord
-from ..notices import notice
-from ..search.evaluate import Evaluation, evaluate
-from ..settings import is_temperature
 from .certificate import certify
-from .cross_validation import SocErrors
 from .dependence import with_asked
 from .fit import TableFit, fit_of, pooled_errors
+from .fits import LeftOut, OverTemperature, Reversal, TableFits, require_temperature
 from .objective import Solution, TableObjective
 from .problem import box_of, find_best, reduced_objective
 from .settings import TableSettings
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """Errors of one temperature, predicted by the tables of the others.
-
-    `errors` are of the prediction, `own` of the tables identified there. `is_between` says whether
-    the temperature lies between others: else the nearest one's tables are taken as they are.
-    """
-
-    temperature_degc: float
-    is_between: bool
-    errors: SocErrors
-    own: SocErrors
-
-
-@dataclass(frozen=True)
-class Reversal:
-    """A node at which a resistance surely falls from one temperature to the next, and surely rises
-    elsewhere; `values_ohm` are those at every temperature, from cold to warm."""
-
-    name: str
-    soc: float
-    values_ohm: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class OverTemperature:
-    """Tables at several temperatures taken together, from cold to warm.
-
-    J is the mean of each temperature's own, by its scored samples; `objective_v` is sqrt(J).
-    `separate_v` is what time constants of its own for each temperature would leave, and
-    `lower_bound_v` what no shared ones could fall below.
-    """
-
-    temperatures_degc: tuple[float, ...]
-    objective_v: float
-    separate_v: float
-    lower_bound_v: float
-    left_out: tuple[LeftOut, ...]
-    reversals: tuple[Reversal, ...]
-
-    @property
-    def proved_gap(self) -> float:
-        """The largest share of sqrt(J) that other tables could save."""
-        return max(0.0, 1 - self.lower_bound_v / self.objective_v) if self.objective_v else 0.0
-
-    def measured_near(self, temperature_degc: float) -> float | None:
-        """The measured temperature within `SAME_DEGC` of one, None without such."""
-        nearest = min(self.temperatures_degc, key=lambda degc: abs(degc - temperature_degc))
-        return nearest if abs(nearest - temperature_degc) <= SAME_DEGC else None
-
-    def like(self, temperature_degc: float) -> tuple[LeftOut, ...]:
-        """The temperatures left out that were predicted as this one is: from both sides, or from
-        one; all of them where none was."""
-        ends = self.temperatures_degc[0], self.temperatures_degc[-1]
-        is_between = ends[0] < temperature_degc < ends[1]
-        alike = tuple(left for left in self.left_out if left.is_between == is_between)
-        return alike or self.left_out
-
-
-@dataclass(frozen=True)
-class TableFits:
-    """Tables over SOC: of one temperature, or from cold to warm of several; a constant circuit as
-    one table of one node.
-
-    Those of several have the same time constants; what is proved of each is against time constants
-    of its own. `over_temperature` is None for one.
-    """
-
-    fits: tuple[TableFit, ...]
-    over_temperature: OverTemperature | None = None
-
-    def __iter__(self) -> Iterator[TableFit]:
-        return iter(self.fits)
-
-    @property
-    def over(self) -> Literal["ocv", "soc", "soc,temperature"] | None:
-        """What the tables are over, of "ocv" the OCV alone; None of a constant circuit."""
-        if self.over_temperature is not None:
-            return "soc,temperature"
-        if self.reference.tables.is_constant:
-            return None
-        return "soc" if self.reference.is_over_soc else "ocv"
-
-    @property
-    def reference(self) -> TableFit:
-        """The fit of `reference_degc`."""
-        if self.over_temperature is None or self.reference_degc is None:
-            return self.fits[0]
-        return self.fits[self.over_temperature.temperatures_degc.index(self.reference_degc)]
-
-    @property
-    def reference_degc(self) -> float | None:
-        """The temperature nearest to `REFERENCE_DEGC`, None where there is one only."""
-        if self.over_temperature is None:
-            return None
-        return min(
-            self.over_temperature.temperatures_degc, key=lambda degc: abs(degc - REFERENCE_DEGC)
-        )
-
-    @property
-    def by_degc(self) -> list[tuple[float | None, TableFit]]:
-        """Every temperature with its tables; None stands for that of the only ones."""
-        over = self.over_temperature
-        return [*zip((None,) if over is None else over.temperatures_degc, self.fits, strict=True)]
-
-    @cached_property
-    def tables(self) -> TemperatureTables | None:
-        """The tables over temperature, None where they are of one."""
-        if self.over_temperature is None:
-            return None
-        degc = self.over_temperature.temperatures_degc
-        return TemperatureTables(degc, tuple(fit.tables for fit in self.fits))
-
-    def at(self, temperature_degc: float) -> CircuitParameters:
-        """The tables at a temperature: the measured ones within `SAME_DEGC`, else what lies
-        between; the only ones where they are of one temperature."""
-        if self.over_temperature is None or self.tables is None:
-            return self.fits[0].tables
-        near = self.over_temperature.measured_near(temperature_degc)
-        return self.tables.at(temperature_degc if near is None else near)
-
-    def evaluate(self, prepared: PreparedRecord) -> Evaluation:
-        """The tables at a record's temperature, simulated on it."""
-        return evaluate(prepared, self.of(prepared))
-
-    def of(self, prepared: PreparedRecord) -> CircuitParameters:
-        """The tables at a record's temperature. Raises `InputError` where that is needed and not
-        known."""
-        if self.over_temperature is None:
-            return self.fits[0].tables
-        return self.at(require_temperature(prepared))
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,19 +153,6 @@ def require_temperatures(by_degc: Mapping[float, Sequence[PreparedRecord]]) -> N
             f"{SAME_DEGC:g} degC apart, but these are all at {min(by_degc):.3g} degC; give them "
             "with `temperature`, or use `over` 'soc'"
         )
-
-
-def require_temperature(prepared: PreparedRecord) -> float:
-    """A record's temperature in degC. Raises `InputError` where it is not known, or no cell's."""
-    degc, name = prepared.temperature_degc, prepared.record.name
-    if degc is None:
-        raise notice("temperature.unknown", name).error()
-    if not is_temperature(degc):
-        raise InputError(
-            f"{name}: no cell is measured at {degc:.4g} degC; give it with `temperature`, or "
-            "rename a column in kelvin to 'Temperature / K'"
-        )
-    return degc
 
 
 def _prove_together(

@@ -138,7 +138,7 @@ def _plot_errors(
 
     refined = refinement
     if isinstance(searches, Search):
-        seeds, population = searches.seeds, searches.optimizer.population
+        seeds, population = searches.seeds, searches.population
     else:
         constant = style.opened(searches, Result).constant
         refined, optimum = constant.refined, constant.global_optimum

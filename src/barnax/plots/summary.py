@@ -40,7 +40,7 @@ def plot_summary(evaluation: "Evaluation", fit: "TableFit") -> Figure:
 
     >>> import barnax
     >>> result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
-    >>> figure = plot_summary(result.run.identification[0], result.fit)
+    >>> figure = plot_summary(result.evaluations.identification[0], result.fit)
     >>> [axes.get_ylabel() for axes in figure.axes]
     ['Voltage [V]', 'Error [mV]', 'Resistance [mOhm]']
     """

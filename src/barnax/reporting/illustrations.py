@@ -43,16 +43,15 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
     Where `live`, a record's voltage has an interactive form. Raises `InputError` for a result that
     was read from a file and whose records are not found.
     """
-    run = result.run
-    answered = run if run.tables is None else run.tables
-    found = [_summary(result, answered.identification), *_of_cell(run.problem.cell, result)]
-    roles = record_roles(len(run.identification), len(run.validation))
+    answered, constant = result.evaluations, result.constant
+    found = [_summary(result, answered.identification), *_of_cell(result.cell, result)]
+    roles = record_roles(len(answered.identification), len(answered.validation))
     for role, evaluation in zip(
         roles, [*answered.identification, *answered.validation], strict=True
     ):
         found += _of_record(role, evaluation, live and len(roles))
-    if run.tables is not None:
-        found += _of_tables(run.tables.found, run.answer.parameters)
+    if result.tables is not None:
+        found += _of_tables(result.tables, constant.parameters)
     for role, evaluation in zip(roles, answered.identification, strict=False):
         pulses, record = pulses_of(evaluation.prepared), evaluation.prepared.record.name
         if pulses:
@@ -62,8 +61,9 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
         if over_soc := _over_soc(pulses):
             drawn = plots.plot_pulse_resistances, over_soc, evaluation.prepared.capacity_ah
             found.append(illustrate(f"{role}-resistances", record, *drawn))
-    if run.search is not None:
-        of_seeds = run.search, run.refinement, run.optimum and run.optimum.rmse_v
+    if constant.search is not None:
+        optimum_v = constant.global_optimum and constant.global_optimum.rmse_v
+        of_seeds = constant.search, constant.refined, optimum_v
         found += [illustrate("convergence", "", plots.plot_convergence, *of_seeds)]
     return found
 

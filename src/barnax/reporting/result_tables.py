@@ -36,11 +36,10 @@ from .words import (
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..result_parts import AssessmentPart, InputPart, MetricsPart, PlannedFile
+    from ..result_parts import Candidate, InputPart, MetricsPart, PlannedFile
     from ..results import Result
-    from ..run import Candidate
     from ..select import Tried
-    from ..uncertainty import Band, Estimate, Profile
+    from ..uncertainty import Assessment, Band, Estimate, Profile
     from .words import BandQuantity
 
 HASH_LETTERS = 16
@@ -231,7 +230,7 @@ def parameters_table(result: "Result") -> Table:
     )
 
 
-def assessment_tables(assessment: "AssessmentPart", whose: str) -> tuple[Table, ...]:
+def assessment_tables(assessment: "Assessment", whose: str) -> tuple[Table, ...]:
     """The intervals by profile likelihood, where those were computed, and the errors by band."""
     by = assessment.diagnostics
     kinds: dict[BandQuantity, tuple[Band, ...]] = {"SOC": by.by_soc, "current": by.by_current}

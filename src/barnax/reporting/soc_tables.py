@@ -8,8 +8,8 @@ import numpy as np
 from ..cell.elements import names_beside
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, RATE
 from ..cell.soc_axis import ABOVE_SOC
+from ..over_soc.fits import MIDDLE_SOC
 from ..over_soc.node_interval import parts_of
-from ..table_run import MIDDLE_SOC
 from .document import Cells, Document, Table, make_table, rows_table
 from .wording import document
 from .words import (

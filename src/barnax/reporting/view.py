@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     from ..over_soc import OverTemperature, SocErrors, TableFit, TableFits, TableSettings
     from ..over_soc.current_offset import OffsetEffect
     from ..records import Decision
-    from ..result_parts import ConstantPart, InputPart, MetricsPart
+    from ..result_parts import Candidate, ConstantPart, InputPart, MetricsPart
     from ..results import Result
-    from ..run import Candidate
 
 # Sources of a start's SOC that another line has, or that need no line.
 TOLD = ("given", "rested voltage", "own full charge", "own span", "registered")

@@ -55,6 +55,29 @@ class Evaluation(Brief):
         return self.prepared.voltage_v - self.simulated_v
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluations(Brief):
+    """A circuit simulated on the records identified on, and on those validated on."""
+
+    identification: tuple[Evaluation, ...]
+    validation: tuple[Evaluation, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        evaluated: Callable[[PreparedRecord], Evaluation],
+        identified: Sequence[PreparedRecord],
+        validated: Sequence[PreparedRecord],
+        cell: CellModel,
+    ) -> "Evaluations":
+        """Those of a circuit; of a record to validate on from the better direction and start."""
+        others = [
+            with_registered(evaluate_from_either(prepared, cell, evaluated), evaluated)
+            for prepared in validated
+        ]
+        return cls(tuple(map(evaluated, identified)), tuple(others))
+
+
 def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluation:
     """A circuit simulated on a prepared record, with its errors.
 

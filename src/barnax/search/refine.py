@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ import lineax as lx
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Scalar
+from pydantic import Field
 
 from ..cell import CircuitParameters
 from ..display import Brief
@@ -24,6 +25,7 @@ from ..execution import (
 )
 from ..model.coordinates import Coordinates
 from ..model.problem import Kind, Objective, Problem, point_blocks, residuals, rmse_by_scan
+from ..schema import Count, Unstored, Volts
 from .seeds import Search
 
 # A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
@@ -221,7 +223,7 @@ class Optimum:
         is_family: True if circuits with different parameters fit equally well there.
     """
 
-    rmse_v: float
+    rmse_v: Volts
     parameters: CircuitParameters
     seeds: int
     is_family: bool
@@ -232,20 +234,20 @@ class Refinement(Brief):
     """Every seed's answer after refinement; `parameters` and `rmse_v` are those of the best.
 
     Attributes:
-        search: The search that was refined.
         seeds: Each seed's answer.
         optima: The distinct optima, the best first.
         at_bound: Parameters of the best at a bound.
         objective: How errors were computed on the way.
         evaluations: Simulations, a Jacobian as one per free parameter.
+        search: The search that was refined; None of a stored refinement.
     """
 
-    search: Search
-    seeds: tuple[RefinedSeed, ...]
-    optima: tuple[Optimum, ...]
+    seeds: Annotated[tuple[RefinedSeed, ...], Field(min_length=1)]
+    optima: Annotated[tuple[Optimum, ...], Field(min_length=1)]
     at_bound: tuple[AtBound, ...]
     objective: Kind
-    evaluations: int
+    evaluations: Count
+    search: Unstored[Any] = None
 
     @property
     def parameters(self) -> CircuitParameters:
@@ -295,7 +297,7 @@ def refine(
     ended = [best if seed == leader else refined[seed] for seed in range(len(refined))]
     optima = distinct_optima(ended)
     bounded = at_bound(descent.objective.coordinates, best.parameters)
-    return Refinement(search, tuple(refined), optima, bounded, descent.kind, spent)
+    return Refinement(tuple(refined), optima, bounded, descent.kind, spent, search)
 
 
 def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:

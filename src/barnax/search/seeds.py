@@ -1,8 +1,8 @@
 """The search: many seeds of one population optimizer, on one problem or on many."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, fields
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
@@ -10,15 +10,18 @@ import jax.random as jr
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float, Key
+from pydantic import Field
 
 from ..cell import CircuitParameters
 from ..display import Brief
 from ..errors import InputError
 from ..execution import compile_for, in_float64, run_blocks, seed_blocks, wanted_rows
+from ..model.coordinates import Scale
 from ..model.padding import padding_for
-from ..model.problem import Objective, Problem, rmse, rmse_by_scan
-from ..optimizers import AbstractPopulationMinimiser
-from ..schema import ARRAY, Loss
+from ..model.problem import Kind, Objective, Problem, rmse, rmse_by_scan
+from ..optimizers import OPTIMIZERS, AbstractPopulationMinimiser
+from ..schema import ARRAY, Count, Loss, Unstored
+from ..schema import Key as Seed
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,27 +45,74 @@ class SeedAnswer(Brief):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Search(Brief):
-    """The answers of all seeds; `best` is the one with the lowest RMSE.
+    """A search as it was set up, and the answers of all seeds.
 
     Attributes:
-        problem: The problem that was searched.
-        optimizer: By which optimizer.
-        key: From which key.
-        seeds: Each seed's answer, in order.
+        method: The optimizer.
+        settings: Its own settings.
+        coordinates: Search coordinates: "rc", or logarithms of R and tau.
+        objective: How errors were computed: by "scan" or "compressed".
+        population: Candidates of a generation.
+        iterations: Generations of a run.
+        key: The key of all random numbers.
+        evaluations: Simulated candidates of all seeds.
+        seeds: Each seed's answer before refinement, in order.
+        problem: The problem that was searched; None of a stored search.
     """
 
-    problem: Problem
-    optimizer: AbstractPopulationMinimiser
-    key: int
-    seeds: tuple[SeedAnswer, ...]
+    method: str
+    settings: dict[str, bool | int | float | str]
+    coordinates: Scale
+    objective: Kind
+    population: Count
+    iterations: Count
+    key: Seed
+    evaluations: Count
+    seeds: Annotated[tuple[SeedAnswer, ...], Field(min_length=1)]
+    problem: Unstored[Any] = None
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        optimizer: AbstractPopulationMinimiser,
+        key: int,
+        seeds: Sequence[SeedAnswer],
+    ) -> "Search":
+        """The search of a problem by an optimizer."""
+        method, settings = describe(optimizer)
+        return cls(
+            method=method,
+            settings=settings,
+            coordinates=problem.scale,
+            objective=problem.kind,
+            population=optimizer.population,
+            iterations=optimizer.iterations,
+            key=key,
+            evaluations=sum(answer.evaluations for answer in seeds),
+            seeds=tuple(seeds),
+            problem=problem,
+        )
 
     @property
     def best(self) -> SeedAnswer:
+        """The answer with the lowest RMSE."""
         return min(self.seeds, key=lambda answer: answer.rmse_v)
 
-    @property
-    def evaluations(self) -> int:
-        return sum(answer.evaluations for answer in self.seeds)
+
+def describe(
+    optimizer: AbstractPopulationMinimiser,
+) -> tuple[str, dict[str, bool | int | float | str]]:
+    """An optimizer's registered name, or its class's, and its settings."""
+    values = {field.name: getattr(optimizer, field.name) for field in fields(optimizer)}
+    settings = {
+        name: value for name, value in values.items() if isinstance(value, bool | int | float | str)
+    }
+    budget = {"population": optimizer.population, "iterations": optimizer.iterations}
+    for name, make in OPTIMIZERS.items():
+        if make(**budget) == optimizer:
+            return name, settings
+    return type(optimizer).__name__, settings
 
 
 def search_seeds(
@@ -154,7 +204,7 @@ def _identification(
             errors_v, circuits, histories, evaluations, failures, strict=True
         )
     ]
-    return Search(problem, optimizer, key_integer(key), tuple(answers))
+    return Search.of(problem, optimizer, key_integer(key), answers)
 
 
 def _search(

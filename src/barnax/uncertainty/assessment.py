@@ -6,6 +6,7 @@ An assessment needs no further fit; an examination fits again, some hundred time
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +18,7 @@ from ..display import Brief
 from ..global_optimum.objective import ConstantObjective
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem, rmse_by_scan
+from ..schema import Unstored
 from .covariance import CONFIDENCE, Covariance, Estimate, Uncertainty, linear_end, linearize
 from .identifiability import Identifiability, identifiability
 from .profiles import Profile, profile
@@ -153,23 +155,6 @@ def _bands(
     return tuple(bands)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Assessment(Brief):
-    """Intervals, identifiability and residual diagnostics of an optimum, without further fits.
-
-    Attributes:
-        covariance: The covariance that the others follow from.
-        uncertainty: Intervals of all parameters.
-        identifiability: What the data cannot determine.
-        diagnostics: Residuals over time, SOC, current and temperature.
-    """
-
-    covariance: Covariance
-    uncertainty: Uncertainty
-    identifiability: Identifiability
-    diagnostics: Diagnostics
-
-
 @dataclass(frozen=True, repr=False)
 class Examination(Brief):
     """Profiles of all free parameters.
@@ -181,6 +166,25 @@ class Examination(Brief):
 
     rmse_v: float
     profiles: tuple[Profile, ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Assessment(Brief):
+    """Intervals, identifiability and residual diagnostics of an optimum, without further fits.
+
+    Attributes:
+        uncertainty: Intervals of all parameters.
+        identifiability: What the data cannot determine.
+        diagnostics: Residuals over time, SOC, current and temperature.
+        examination: What further fits add.
+        covariance: The covariance that the others follow from; None of a stored assessment.
+    """
+
+    uncertainty: Uncertainty
+    identifiability: Identifiability
+    diagnostics: Diagnostics
+    examination: Examination | None = None
+    covariance: Unstored[Any] = None
 
 
 def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:

@@ -8,10 +8,8 @@ import pytest
 
 from barnax import identification
 from barnax.cell import CircuitParameters
-from barnax.over_soc import TableSettings
-from barnax.over_soc.intervals import NodeInterval
-from barnax.over_soc.temperature import TableFits
-from barnax.table_run import TableRun
+from barnax.model.sampling import resampling
+from barnax.over_soc import NodeInterval, TableFits, TableSettings
 from helpers.problems import drive_a
 from helpers.reference import filtered_response
 
@@ -35,8 +33,8 @@ class Fit:
         return [interval for interval in self.intervals if interval.name == name]
 
 
-def made_run(hold):
-    """Tables over three nodes, as far as their sampling is concerned."""
+def made(hold):
+    """Tables over three nodes and their record, as far as their sampling is concerned."""
     intervals = [
         NodeInterval(name, soc, ohm, 0.001, 0.0, ohm - 0.002, ohm + 0.002)
         for name, row in ROWS.items()
@@ -62,7 +60,7 @@ def made_run(hold):
         for name, ohm in MEANS.items()
     ]
     fits = TableFits((Fit(tuple(intervals), tuple(means), tables),))
-    return TableRun(TableSettings(nodes=NODES), fits, [SimpleNamespace(prepared=prepared)], [])
+    return fits, prepared, resampling([prepared], tables, MEANS)
 
 
 def regressed(tau, hold, other):
@@ -78,46 +76,45 @@ def regressed(tau, hold, other):
 
 @pytest.mark.parametrize(("hold", "other"), [("forward", "backward"), ("backward", "forward")])
 def test_the_other_sampling_moves_r0_and_the_pairs_as_a_regression_does(hold, other):
-    run = made_run(hold)
+    _, _, change = made(hold)
     moved = [regressed(tau, hold, other) for tau in TAU_S]
     means = [MEANS[name] for name in ("R1 [Ohm]", "R2 [Ohm]")]
     shift_ohm = sum(ohm * r0 for ohm, (r0, _) in zip(means, moved, strict=True))
     # A current that flowed before its sample has already moved the OCV by one more interval.
     later = {"forward": -1, "backward": 1}[hold]
     shift_ohm += later * SLOPE_V * INTERVAL_S / (3600 * CAPACITY_AH)
-    assert run.hold_shift_ohm == pytest.approx(shift_ohm, rel=1e-9)
+    assert change.r0_ohm == pytest.approx(shift_ohm, rel=1e-9)
     shares = {name: r - 1 for name, (_, r) in zip(("R1 [Ohm]", "R2 [Ohm]"), moved, strict=True)}
-    assert run.hold_shares == pytest.approx(shares, rel=1e-9)
+    assert change.shares == pytest.approx(shares, rel=1e-9)
 
 
 def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monkeypatch):
-    run = made_run("forward")
+    fits, prepared, change = made("forward")
     constant = CircuitParameters.from_dict(
         {"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.02, "C1 [F]": 200.0, "R2 [Ohm]": 0.03, "C2 [F]": 2000.0}
     )
     other = constant.with_tables({"R0 [Ohm]": [0.041]})
-    uncertainty = SimpleNamespace(beyond=lambda circuit: {}, spanning=lambda others: others)
-    monkeypatch.setattr(identification, "replace", lambda given, uncertainty: uncertainty)
     # A step that answers 20 mOhm above the constant circuit's R0.
     monkeypatch.setattr(identification, "late_answers_ohm", lambda record: (0.06, 0.01, 0.0))
-    problem = SimpleNamespace(prepared_records=[SimpleNamespace(record=None)])
-    answer = SimpleNamespace(parameters=constant)
-    assessment = SimpleNamespace(uncertainty=uncertainty)
     monkeypatch.setattr(identification, "hold_warning", lambda *given: given)
+    monkeypatch.setattr(identification, "bands_by_soc", lambda evaluations: ())
+    problem = SimpleNamespace(prepared_records=[SimpleNamespace(record=None)])
+    setup = SimpleNamespace(problem=problem, tables=TableSettings(nodes=NODES))
+    evaluations = SimpleNamespace(identification=[SimpleNamespace(prepared=prepared)])
     warnings = []
-    given = problem, answer, run, other, assessment, warnings
-    others, tables = identification._widened(*given)
+    tables = identification._assessed(setup, fits, evaluations, True, True, warnings)
+    others = identification._others(problem, constant, other)
     # A shift of more than a twentieth is a warning besides.
-    far = abs(run.hold_shift_ohm) > 0.05 * R0
-    assert [told[1:] for told in warnings] == far * [(R0, R0 + run.hold_shift_ohm)]
+    far = abs(change.r0_ohm) > 0.05 * R0
+    assert [told[1:] for told in warnings] == far * [(R0, R0 + change.r0_ohm)]
     assert [circuit.r0 for circuit in others] == pytest.approx([0.07, 0.041])
-    shares = run.hold_shares
-    fit, widened = run.found.fits[0], tables.found.fits[0]
+    shares = change.shares
+    fit, widened = fits.fits[0], tables.fits[0]
     before_all, after_all = fit.intervals + fit.means, widened.intervals + widened.means
     for before, after in zip(before_all, after_all, strict=True):
         moved = [0.0, shares.get(before.name, 0.0) * before.value]
         if before.name == "R0 [Ohm]":
             # Beside the mean: what comes late, and the tables' own shift.
-            moved = [0.0, 0.07 - R0, run.hold_shift_ohm]
+            moved = [0.0, 0.07 - R0, change.r0_ohm]
         assert after.low == pytest.approx(max(before.low + min(moved), 0.0), rel=1e-12)
         assert after.high == pytest.approx(before.high + max(moved), rel=1e-12)

@@ -1,0 +1,337 @@
+"""Tables over SOC as results have them: of one temperature or of several, and what to beware of."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ..cell import CircuitParameters, TemperatureTables
+from ..cell.dependence import BETA
+from ..cell.model import REFERENCE_DEGC, SAME_DEGC
+from ..cell.parameters import OCV_CORRECTION
+from ..errors import InputError
+from ..model.prepared import PreparedRecord
+from ..model.window import SAME_FULL
+from ..notices import Notice, notice
+from ..search.evaluate import Evaluation, Evaluations, evaluate
+from ..settings import is_temperature
+from ..uncertainty import Band
+from .cross_validation import SocErrors
+from .fit import TableFit
+from .node_interval import NodeInterval, parts_of
+from .settings import TableSettings, table_name
+
+# The OCV of a test and that of records lie apart by 3 to 20 mV at 25 degC; a capacity 10 % off, or
+# another cell's test, makes it 32 to 77. In the cold it is up to 40 with the right test, for no OCV
+# tells what relaxes slower than the time constants reach: 12 to 17 % of the drop over all
+# resistances, of which a wrong test makes 24 to 68 %.
+# A correction that is not determined is said from the last on.
+DISAGREES_V, DISAGREES_SHARE, OVERRULED_V = 0.03, 0.2, 0.05
+R0 = "R0 [Ohm]"
+# What stands for a table where there is room for one value.
+MIDDLE_SOC = 0.5
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Errors of one temperature, predicted by the tables of the others.
+
+    `errors` are of the prediction, `own` of the tables identified there. `is_between` says whether
+    the temperature lies between others: else the nearest one's tables are taken as they are.
+    """
+
+    temperature_degc: float
+    is_between: bool
+    errors: SocErrors
+    own: SocErrors
+
+
+@dataclass(frozen=True)
+class Reversal:
+    """A node at which a resistance surely falls from one temperature to the next, and surely rises
+    elsewhere; `values_ohm` are those at every temperature, from cold to warm."""
+
+    name: str
+    soc: float
+    values_ohm: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class OverTemperature:
+    """Tables at several temperatures taken together, from cold to warm.
+
+    J is the mean of each temperature's own, by its scored samples; `objective_v` is sqrt(J).
+    `separate_v` is what time constants of its own for each temperature would leave, and
+    `lower_bound_v` what no shared ones could fall below.
+    """
+
+    temperatures_degc: tuple[float, ...]
+    objective_v: float
+    separate_v: float
+    lower_bound_v: float
+    left_out: tuple[LeftOut, ...]
+    reversals: tuple[Reversal, ...]
+
+    @property
+    def proved_gap(self) -> float:
+        """The largest share of sqrt(J) that other tables could save."""
+        return max(0.0, 1 - self.lower_bound_v / self.objective_v) if self.objective_v else 0.0
+
+    def measured_near(self, temperature_degc: float) -> float | None:
+        """The measured temperature within `SAME_DEGC` of one, None without such."""
+        nearest = min(self.temperatures_degc, key=lambda degc: abs(degc - temperature_degc))
+        return nearest if abs(nearest - temperature_degc) <= SAME_DEGC else None
+
+    def like(self, temperature_degc: float) -> tuple[LeftOut, ...]:
+        """The temperatures left out that were predicted as this one is: from both sides, or from
+        one; all of them where none was."""
+        ends = self.temperatures_degc[0], self.temperatures_degc[-1]
+        is_between = ends[0] < temperature_degc < ends[1]
+        alike = tuple(left for left in self.left_out if left.is_between == is_between)
+        return alike or self.left_out
+
+
+@dataclass(frozen=True)
+class TableFits:
+    """Tables over SOC: of one temperature, or from cold to warm of several; a constant circuit as
+    one table of one node.
+
+    Those of several have the same time constants; what is proved of each is against time constants
+    of its own.
+
+    Attributes:
+        fits: The tables, one set for each temperature, from cold to warm.
+        over_temperature: The temperatures, None for a single set.
+        settings: How they were fitted.
+        by_soc: Their errors by SOC.
+        hold_shift_ohm: How much more every R0 would be if a sample's current flowed on its other
+            side, where that is assumed.
+    """
+
+    fits: Annotated[tuple[TableFit, ...], Field(min_length=1)]
+    over_temperature: OverTemperature | None = None
+    settings: TableSettings = field(default_factory=TableSettings)
+    by_soc: tuple[Band, ...] = ()
+    hold_shift_ohm: float | None = None
+
+    def __iter__(self) -> Iterator[TableFit]:
+        return iter(self.fits)
+
+    @property
+    def over(self) -> Literal["ocv", "soc", "soc,temperature"] | None:
+        """What the tables are over, of "ocv" the OCV alone; None of a constant circuit."""
+        if self.over_temperature is not None:
+            return "soc,temperature"
+        if self.reference.tables.is_constant:
+            return None
+        return "soc" if self.reference.is_over_soc else "ocv"
+
+    @property
+    def reference(self) -> TableFit:
+        """The fit of `reference_degc`."""
+        if self.over_temperature is None or self.reference_degc is None:
+            return self.fits[0]
+        return self.fits[self.over_temperature.temperatures_degc.index(self.reference_degc)]
+
+    @property
+    def reference_degc(self) -> float | None:
+        """The temperature nearest to `REFERENCE_DEGC`, None where there is one only."""
+        if self.over_temperature is None:
+            return None
+        return min(
+            self.over_temperature.temperatures_degc, key=lambda degc: abs(degc - REFERENCE_DEGC)
+        )
+
+    @property
+    def by_degc(self) -> list[tuple[float | None, TableFit]]:
+        """Every temperature with its tables; None stands for that of the only ones."""
+        over = self.over_temperature
+        return [*zip((None,) if over is None else over.temperatures_degc, self.fits, strict=True)]
+
+    @cached_property
+    def tables(self) -> TemperatureTables | None:
+        """The tables over temperature, None where they are of one."""
+        if self.over_temperature is None:
+            return None
+        degc = self.over_temperature.temperatures_degc
+        return TemperatureTables(degc, tuple(fit.tables for fit in self.fits))
+
+    def at(self, temperature_degc: float) -> CircuitParameters:
+        """The tables at a temperature: the measured ones within `SAME_DEGC`, else what lies
+        between; the only ones where they are of one temperature."""
+        if self.over_temperature is None or self.tables is None:
+            return self.fits[0].tables
+        near = self.over_temperature.measured_near(temperature_degc)
+        return self.tables.at(temperature_degc if near is None else near)
+
+    def evaluate(self, prepared: PreparedRecord) -> Evaluation:
+        """The tables at a record's temperature, simulated on it."""
+        return evaluate(prepared, self.of(prepared))
+
+    def of(self, prepared: PreparedRecord) -> CircuitParameters:
+        """The tables at a record's temperature. Raises `InputError` where that is needed and not
+        known."""
+        if self.over_temperature is None:
+            return self.fits[0].tables
+        return self.at(require_temperature(prepared))
+
+    def mean_ohm(self, name: str) -> float:
+        """The mean of a resistance over the visited SOC above 10 %, and over temperatures."""
+        means = [mean for fit in self.fits for mean in fit.means if mean.name == name]
+        return float(np.mean([mean.value for mean in means]))
+
+    def spanning(
+        self, shifts_ohm: Sequence[float], shares: Mapping[str, float] | None = None
+    ) -> "TableFits":
+        """The same with intervals that reach over what else may be true: R0 so far off, and other
+        resistances by shares of themselves."""
+
+        def reaching(interval: NodeInterval) -> NodeInterval:
+            if interval.name == R0:
+                return interval.spanning(shifts_ohm)
+            of_parts = [(shares or {}).get(part) for part in parts_of(interval.name)]
+            # Of a sum, that of the pair that is moved most.
+            share = max((share for share in of_parts if share is not None), key=abs, default=None)
+            return interval if share is None else interval.spanning([share * interval.value])
+
+        fits = tuple(
+            replace(
+                fit,
+                intervals=tuple(map(reaching, fit.intervals)),
+                means=tuple(map(reaching, fit.means)),
+            )
+            for fit in self.fits
+        )
+        return replace(self, fits=fits)
+
+
+def require_temperature(prepared: PreparedRecord) -> float:
+    """A record's temperature in degC. Raises `InputError` where it is not known, or no cell's."""
+    degc, name = prepared.temperature_degc, prepared.record.name
+    if degc is None:
+        raise notice("temperature.unknown", name).error()
+    if not is_temperature(degc):
+        raise InputError(
+            f"{name}: no cell is measured at {degc:.4g} degC; give it with `temperature`, or "
+            "rename a column in kelvin to 'Temperature / K'"
+        )
+    return degc
+
+
+def table_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice]:
+    """Notices that a user of tables over SOC should know; `evaluations` are of the tables."""
+    over, identified = fits.over_temperature, evaluations.identification
+    degc = [""] if over is None else [f" at {degc:.3g} degC" for degc in over.temperatures_degc]
+    what = "tables over SOC"
+    if not fits.reference.is_over_soc:
+        what = table_name(identified[0].prepared.circuit, "ocv")
+    by_text: dict[str, list[Notice]] = {}
+    for where, fit in zip(degc, fits, strict=True):
+        for warning in fit.warnings:
+            by_text.setdefault(str(warning), []).append(warning.about(f"{what}{where}"))
+    for alike in by_text.values():
+        # What is so at every temperature is said once.
+        yield from alike if len(alike) < len(degc) else [alike[0].about(what)]
+    usual_v = max(DISAGREES_V, DISAGREES_SHARE * _mean_drop_v(fits, identified))
+    for fit in fits:
+        fitted_ocv = fit.own_ocv
+        if fitted_ocv is not None and fitted_ocv.median_v > usual_v:
+            where = {"largest_v": fitted_ocv.largest_v, "soc": fitted_ocv.largest_soc}
+            yield notice("ocv-test.disagrees", median_v=fitted_ocv.median_v, **where)
+        corrections = [node for node in fit.of_table(OCV_CORRECTION) if node.low is None]
+        moved = max(corrections, key=lambda node: abs(node.value), default=None)
+        if moved is not None and abs(moved.value) > OVERRULED_V:
+            yield notice("ocv-test.overruled", moved_v=moved.value, soc=moved.soc)
+    yield from _offset_warnings([evaluation.prepared for evaluation in identified])
+    yield from _reversal_warnings(fits)
+    if fits.reference.is_over_soc:
+        # Else there is no table but the OCV, whose own notice says it.
+        yield from _outside_warnings(fits, evaluations)
+    for evaluation in evaluations.validation:
+        yield from no_temperature(evaluation.prepared, fits)
+
+
+def _mean_drop_v(fits: TableFits, identified: Sequence[Evaluation]) -> float:
+    """The voltage over all resistances at the mean current under load."""
+    records = [evaluation.prepared for evaluation in identified]
+    current_a = np.concatenate([np.abs(record.current_a[record.scored]) for record in records])
+    is_loaded = current_a >= max(record.rest_current_a for record in records)
+    mean_a = float(np.mean(current_a[is_loaded])) if is_loaded.any() else 0.0
+    return mean_a * sum(map(fits.mean_ohm, fits.reference.tables.named_ohm))
+
+
+def no_temperature(prepared: PreparedRecord, fits: TableFits) -> Iterator[Notice]:
+    """That a record has no temperature that the resistances could follow."""
+    law = fits.of(prepared).dependence
+    if law is not None and BETA in law.numbers and prepared.known_degc is None:
+        yield notice(
+            "tables.no-temperature", prepared.record.name, reference_degc=law.reference_degc
+        )
+
+
+def _offset_warnings(records: Sequence[PreparedRecord]) -> Iterator[Notice]:
+    """That the records agree far better without an offset of their current, which moves R."""
+    level = records[0].window.registration
+    if level is None or level.offset_a is None or level.offset_error_a is None:
+        return
+    # As the files have it.
+    is_turned = {record.record.sign.value for record in records} == {"charge-positive"}
+    offset_a = -level.offset_a if is_turned else level.offset_a
+    names = ", ".join(record.record.name for record in records)
+    hours = level.told_capacity_ah / abs(offset_a)
+    error_a = 2 * level.offset_error_a
+    yield notice("answer.current-offset", names, offset_a=offset_a, error_a=error_a, hours=hours)
+
+
+def _reversal_warnings(fits: TableFits) -> Iterator[Notice]:
+    """One notice of each resistance that both falls and rises from cold to warm."""
+    over = fits.over_temperature
+    if over is None:
+        return
+    by_name: dict[str, list[Reversal]] = {}
+    for reversal in over.reversals:
+        by_name.setdefault(reversal.name, []).append(reversal)
+    degc = ", ".join(f"{degc:.3g}" for degc in over.temperatures_degc)
+    for name, reversals in by_name.items():
+        reversal = reversals[len(reversals) // 2]
+        values = ", ".join(f"{1e3 * value:.3g}" for value in reversal.values_ohm)
+        yield notice(
+            "tables.not-monotone",
+            name=name.partition(" ")[0],
+            nodes=len(reversals),
+            all_nodes=len(fits.fits[0].tables.nodes),
+            values_mohm=values,
+            temperatures_degc=degc,
+            soc=reversal.soc,
+        )
+
+
+def _outside_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice]:
+    """That a record to validate on goes to an SOC at which no table was identified."""
+    for evaluation in evaluations.validation:
+        alike = [
+            other for other in evaluations.identification if _is_alike(fits, evaluation, other)
+        ]
+        low, high = (
+            bound([bound(other.prepared.soc[other.prepared.scored]) for other in alike])
+            for bound in (min, max)
+        )
+        soc = evaluation.prepared.soc[evaluation.prepared.scored]
+        outside = int(np.count_nonzero((soc < low - SAME_FULL) | (soc > high + SAME_FULL)))
+        if outside:
+            ends = {"low_percent": 100 * low, "high_percent": 100 * high}
+            name = evaluation.prepared.record.name
+            yield notice("soc.outside-tables", name, outside=outside, samples=len(soc), **ends)
+
+
+def _is_alike(fits: TableFits, evaluation: Evaluation, other: Evaluation) -> bool:
+    """True if the tables of one record were identified on another: not those of another
+    measured temperature; between temperatures all of them count."""
+    over = fits.over_temperature
+    if over is None:
+        return True
+    near = over.measured_near(evaluation.prepared.temperature_degc or 0.0)
+    return near in (None, over.measured_near(other.prepared.temperature_degc or 0.0))

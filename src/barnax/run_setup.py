@@ -1,0 +1,342 @@
+"""What a run searches: the constant circuit on its records, the circuit of the family that is
+chosen on them, and without an OCV test the cell that the records themselves show."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .blas import one_blas_thread
+from .cell import Dependence, get_circuit
+from .cell.parameters import RATE
+from .errors import InputError
+from .execution import in_float64
+from .global_optimum import (
+    find_global_optimum,
+    with_better_directions,
+    with_better_hold,
+    without_sweep_drop,
+)
+from .inputs import Inputs, window_of
+from .job import Job
+from .model.prepared import PreparedRecord, prepare_record
+from .model.problem import Kind, Problem, make_problem, require_enough
+from .model.search_space import Range, ranges_of
+from .model.window import Window
+from .notices import Notice, notice
+from .over_soc import (
+    OwnOcv,
+    OwnRecords,
+    TableFits,
+    TableSettings,
+    fit_own_temperatures,
+    prove_own,
+    register,
+)
+from .over_soc.own_starts import Starts
+from .over_soc.problem import find_best, reduced_objective
+from .over_soc.registration import ROUNDS, SETTLED, with_start
+from .records import Record
+from .select import Choice, Fitted, Policy, Tried, choose, limits_of
+from .settings import OVER_TEMPERATURE, Settings
+from .uncertainty.covariance import Covariance, linearize
+
+# The circuit that the population searches beside tables.
+CONSTANT = "so-rc"
+# A start is fitted with the circuit where its standard error is worth so much.
+LEAST_DOUBT_V = 0.002
+
+
+def first_problem(
+    inputs: Inputs,
+    windows: Mapping[str, Window],
+    settings: Settings,
+    own: OwnOcv | None,
+    **box: Any,
+) -> Problem:
+    """A constant circuit on the records: with the OCV at rest where sweeps measured it under load,
+    the directions before the start and the sampling of the current that the voltage shows."""
+    circuit = own.circuit if own else settings.model or _start(inputs)
+    problem = without_sweep_drop(problem_of(inputs, windows, settings, circuit, **box))
+    if own is not None and get_circuit(circuit).has_rate:
+        # A hysteresis of the records' own was fitted with the directions that fit better.
+        problem = _with_directions(problem, own.directions)
+    else:
+        problem = with_better_directions(problem)
+    return with_better_hold(problem)
+
+
+def with_joint_starts(problem: Problem) -> Problem:
+    """The problem of one record with the start that its voltages tell where that fits best together
+    with the circuit, held to the rest's by its standard error, if that is worth millivolts."""
+    first, *others = problem.prepared_records
+    doubt_v = first.start.soc_sd * first.cell.ocv_slope(first.soc[:1])[0]
+    # Several records tell each other's starts.
+    for _ in range(ROUNDS if doubt_v >= LEAST_DOUBT_V and not others else 0):
+        try:
+            optimum = find_global_optimum(problem, prove=False)
+            joint = Covariance.of(linearize(problem, optimum.parameters))
+            (step,), (error,) = joint.starts_step.tolist(), joint.starts_error.tolist()
+            record = _fitted(first, problem.prepared_records[0], step, error)
+        except (InputError, ValueError, np.linalg.LinAlgError):
+            # Too wide a box, beyond the OCV, or nothing that tells the start.
+            break
+        problem = replace(problem, prepared_records=[record])
+        if np.all(np.abs(joint.starts_step) < SETTLED * joint.starts_error):
+            break
+    return problem
+
+
+def _fitted(told: PreparedRecord, now: PreparedRecord, step: float, error: float) -> PreparedRecord:
+    """The record with its start a step away, in standard errors of what was told, like `error`."""
+    start, sd = told.start, float(told.start.soc_sd)
+    where = start.soc, told.capacity_ah, now.start.soc + sd * step - start.soc, 0.0, sd * error, 0.0
+    moved = with_start(told, *where, by="circuit", told_sd=sd)
+    return replace(moved, start=replace(moved.start, direction_source=start.direction_source))
+
+
+def _start(inputs: Inputs) -> str:
+    return limits_of(inputs.cell, TableSettings()).start.replace("1rc", CONSTANT)
+
+
+def _with_directions(problem: Problem, others: Mapping[str, float]) -> Problem:
+    """The problem whose records say which directions before the start were found to fit better."""
+    records = tuple(
+        prepared.fitting_better(others[prepared.record.name])
+        if prepared.record.name in others
+        else prepared
+        for prepared in problem.prepared_records
+    )
+    return problem.keeping_computed(prepared_records=records)
+
+
+def problem_of(
+    inputs: Inputs,
+    windows: Mapping[str, Window],
+    settings: Settings,
+    circuit: str,
+    bounds: Mapping[str, Range] | str | Path | None = None,
+    fix: Mapping[str, float] | None = None,
+) -> Problem:
+    """The problem, compressed where the box allows it unless the objective is chosen."""
+    source, ranges = ranges_of(bounds)
+
+    def make(objective: Kind) -> Problem:
+        return make_problem(
+            inputs.records,
+            inputs.cell,
+            circuit,
+            window=[windows[record.name] for record in inputs.records],
+            bounds=ranges,
+            fixed=fix,
+            coordinates=settings.coordinates,
+            objective=objective,
+            source=source,
+        )
+
+    problem = make("scan" if settings.objective == "auto" else settings.objective)
+    require_enough(problem)
+    if settings.objective != "auto":
+        return problem
+    try:
+        _ = problem.compressed
+    except InputError:
+        return problem
+    return problem.keeping_computed(kind="compressed")
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What is searched in a run.
+
+    Attributes:
+        problem: The constant circuit that the population searches: the answer, or beside it.
+        validation: The records to validate on, made ready for a circuit.
+        tables: How tables are fitted.
+        chosen: The answer, where the family was tried; with its tables still without a proof.
+        tried: What was tried.
+        fits: Tables that are known already.
+        over_temperature: Whether tables of every temperature are fitted.
+    """
+
+    problem: Problem
+    validation: Callable[[str], list[PreparedRecord]]
+    tables: TableSettings
+    chosen: Fitted | None = None
+    tried: tuple[Tried, ...] = ()
+    fits: TableFits | None = None
+    over_temperature: bool = False
+
+    @property
+    def has_tables(self) -> bool:
+        """True where the answer is tables, of resistances or of the OCV."""
+        point = self.chosen and self.chosen.point
+        is_table = point is not None and not (point.is_constant and point.law is None)
+        return is_table or self.fits is not None or self.over_temperature
+
+
+def set_up(
+    first: Problem,
+    inputs: Inputs,
+    windows: Mapping[str, Window],
+    settings: Settings,
+    tables: TableSettings,
+    **box: Any,
+) -> Setup:
+    """What is searched: without an OCV test the tables came with the cell's OCV; over temperature,
+    and with a constant circuit that is asked for, there is nothing to choose."""
+    inputs, own = replace(inputs, cell=first.cell), inputs.fitted_ocv
+    records = {prepared.record.name: prepared.record for prepared in first.prepared_records}
+
+    def validation(circuit: str) -> list[PreparedRecord]:
+        return [
+            prepare_record(record, first.cell, circuit, windows[record.name])
+            for record in inputs.validation
+        ]
+
+    # A validation record that does not fit its window is refused before the search, not after.
+    _ = validation(first.circuit)
+    if own is not None:
+        return Setup(first, validation, own.settings, tried=own.tried, fits=own.found)
+    if settings.over == OVER_TEMPERATURE:
+        return Setup(first, validation, tables, over_temperature=True)
+    bounds = ranges_of(box.get("bounds"))[1] or {}
+    named = {*bounds, *(box.get("fix") or {})}
+    has_farads = any(name.endswith("[F]") for name in named)
+    if (settings.model is not None and settings.over is None) or has_farads:
+        return Setup(first, validation, tables)
+    over_soc = None if settings.over is None else True
+    limits = limits_of(first.cell, tables, settings.model, over_soc)
+
+    def prepare(circuit: str) -> Sequence[PreparedRecord]:
+        own_windows = {name: windows[name] for name in records}
+        if not get_circuit(circuit).has_hysteresis:
+            return [
+                prepare_record(record, first.cell, circuit, own_windows[name])
+                for name, record in records.items()
+            ]
+        if first.circuit == circuit:
+            return first.prepared_records
+        made = problem_of(inputs, windows, settings, circuit)
+        return with_better_directions(made).prepared_records
+
+    choice = choose(prepare, tables, limits)
+    chosen = _registered(choice.chosen, tables)
+    problem, point = first, chosen.point
+    prepared = chosen.objective.prepared_records
+    if point.is_constant and point.circuit != first.circuit:
+        if point.has_rate and RATE not in named:
+            # As fast as it was when it was chosen.
+            box = {**box, "bounds": {**bounds, RATE: chosen.objective.ranges[RATE]}}
+        problem = with_better_directions(
+            problem_of(inputs, windows, settings, point.circuit, **box)
+        )
+    problem = _on_windows(problem, prepared)
+    return Setup(problem, validation, chosen.objective.settings, chosen, choice.tried)
+
+
+def _on_windows(problem: Problem, registered: Sequence[PreparedRecord]) -> Problem:
+    """The problem with starts and capacities as other records tell them."""
+    windows = {own.record.name: own.window for own in registered}
+    if all(windows[own.record.name] == own.window for own in problem.prepared_records):
+        return problem
+    records = tuple(own.in_window(windows[own.record.name]) for own in problem.prepared_records)
+    return replace(problem, prepared_records=records)
+
+
+@in_float64
+def _registered(chosen: Fitted, tables: TableSettings) -> Fitted:
+    """The chosen circuit with starts and capacities of several records registered by each other."""
+    told = chosen.objective.prepared_records
+    if len(told) < 2 or tables.keep_starts or not tables.ocv_correction:
+        return chosen
+    own = chosen.objective.settings
+    records = register(told, replace(own, ocv_correction=True))
+    known = records[0].window.registration
+    if known is None or records[0].window == told[0].window:
+        return chosen
+    law = Dependence(**{**known.follows}) if known.follows else None  # pyright: ignore
+    records = [record.following(law) for record in records]
+    objective = reduced_objective(records, own)
+    with one_blas_thread():
+        best = find_best(objective)
+    return Fitted(replace(chosen.point, law=law), objective, best, chosen.loss)
+
+
+def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
+    """Settings of tables, with the bounds and fixed values of the circuit, but those in a unit
+    that tables do not have."""
+    ranges, tables = ranges_of(job.bounds)[1], job.table_settings
+    bounds, fixed = (
+        {name: value for name, value in (given or {}).items() if but is None or but not in name}
+        for given in (ranges, job.fix)
+    )
+    return replace(tables, bounds={**bounds, **tables.bounds}, fixed={**fixed, **tables.fixed})
+
+
+@in_float64
+def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
+    """The cell of records that have no OCV test, with their tables, or one value at every SOC.
+
+    Raises `InputError` where what is asked for needs a test.
+    """
+    model = job.model and get_circuit(job.model)
+    asked = {
+        f"the hysteresis of {job.model}": model and model.has_hysteresis and not model.has_rate,
+        "an OCV polynomial": job.ocv_fit == "polynomial",
+    }
+    for what, is_asked in asked.items():
+        if is_asked:
+            raise notice("ocv-test.missing", asked=what).error()
+    windows = {record.name: window_of(job.window, record.name).as_told for record in records}
+    is_over = job.over == OVER_TEMPERATURE
+    tables = bounded_tables(job)
+    own = OwnRecords.of(records, windows, tables, job.capacity, is_over)
+    if is_over:
+        return fit_own_temperatures(own, job.model or "so-rc")
+    over_soc = None if job.model is None and job.over is None else job.over is not None
+    limits = limits_of(own.level, tables, job.model, over_soc, has_ocv=True)
+    starts: dict[str, Starts] = {}
+
+    def prepare(circuit: str) -> list[PreparedRecord]:
+        starts[circuit] = own.starts(circuit, next(iter(starts.values()), None))
+        return own.prepared(circuit, starts[circuit].windows)
+
+    choice = choose(prepare, tables, limits)
+    chosen, point = choice.chosen, choice.chosen.point
+    if len(records) > 1 and point.circuit not in starts:
+        # The others' starts are those at which this circuit fits best.
+        prepared = [one.following(point.law) for one in prepare(point.circuit)]
+        objective = reduced_objective(prepared, chosen.objective.settings)
+        with one_blas_thread():
+            chosen = Fitted(point, objective, find_best(objective), chosen.loss)
+    begun = starts.get(point.circuit) or starts[_alike(starts, point.circuit)]
+    found = prove_own(own, chosen.objective, chosen.best, begun)
+    return replace(
+        found,
+        tried=choice.tried,
+        warnings=(*found.warnings, *_left_out(choice)),
+    )
+
+
+def _alike(starts: dict[str, Starts], circuit: str) -> str:
+    """The circuit whose starts those of another with such a hysteresis are."""
+    rate = get_circuit(circuit).has_rate
+    return next(known for known in starts if get_circuit(known).has_rate == rate)
+
+
+def _left_out(choice: Choice) -> Iterator[Notice]:
+    """The warnings where what was asked for leaves out what the records show."""
+    left_out = {own.ladder: own for own in choice.tried if own.outcome == "not asked for"}
+    if "hysteresis" in left_out:
+        given = choice.chosen.point.circuit, left_out["hysteresis"].circuit
+        yield notice("tables.hysteresis-left-out", circuit=given[0], instead=given[1])
+    if "law" in left_out:
+        yield notice("tables.direction-left-out")
+    for own in choice.tried:
+        if own.ladder == "hysteresis" and own.outcome == "not determined":
+            turned_soc = 3 / Policy.fastest_rate
+            yield notice("tables.turns-at-once", turned_soc=turned_soc, instead=own.circuit)
+            return

@@ -122,37 +122,28 @@ def _doubts(
     far = np.flatnonzero(np.abs(profile.current_a) > FAR_CURRENT * max_a)
     if max_a and len(far):
         worst = far[np.argmax(np.abs(profile.current_a[far]))]
-        yield notice(
-            "simulation.far-current",
-            current_a=profile.current_a[worst],
-            time_s=profile.time_s[worst],
-            sample=worst,
-            largest_a=max_a,
-            more=len(far) - 1 or None,
-        )
+        at = {"current_a": profile.current_a[worst], "time_s": profile.time_s[worst]}
+        more = len(far) - 1 or None
+        yield notice("simulation.far-current", **at, sample=worst, largest_a=max_a, more=more)
     ranges = [part.soc_range for part in parts if part.soc_range is not None]
     if ranges:
         low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
         outside = np.flatnonzero((soc < low - SAME_FULL) | (soc > high + SAME_FULL))
         if len(outside):
-            yield notice(
-                "simulation.outside-soc",
-                samples=len(outside),
-                time_s=profile.time_s[outside[0]],
-                low_percent=100 * low,
-                high_percent=100 * high,
-                what="circuit" if result.tables is None else "tables",
-                held=None if result.tables is None else "true",
+            at = {"samples": len(outside), "time_s": profile.time_s[outside[0]]}
+            at |= {"low_percent": 100 * low, "high_percent": 100 * high}
+            of = (
+                {"what": "circuit"} if result.tables is None else {"what": "tables", "held": "true"}
             )
+            yield notice("simulation.outside-soc", **at, **of)
     degc = profile.temperature_degc
     dependence = _at(result, given_degc).circuit_parameters.dependence
     is_followed = dependence is not None and BETA in dependence.numbers
     if degc is not None and not is_followed and np.nanmax(degc) - np.nanmin(degc) > SAME_DEGC:
         yield notice("simulation.temperature", NAME)
     if degc is not None and is_followed and given_degc is not None:
-        column_degc = float(np.nanmedian(degc))
-        if abs(column_degc - given_degc) > SAME_DEGC:
-            told = {"column_degc": column_degc, "given_degc": given_degc}
+        told = {"column_degc": float(np.nanmedian(degc)), "given_degc": given_degc}
+        if abs(told["column_degc"] - given_degc) > SAME_DEGC:
             yield notice("simulation.temperatures", NAME, **told)
 
 

@@ -206,22 +206,17 @@ def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] |
         return None
     if texts == ["hppc"]:
         return "hppc"
-    found = {}
+    wanted = {}
     for text in texts:
-        name, _, value = text.partition("=")
-        number, scale = value.strip(), 1.0
-        is_voltage = name.strip() in ("OCV", "drive")
-        for unit, worth in ({"mV": 1e-3, "V": 1.0} if is_voltage else {"%": 1e-2}).items():
-            if number.endswith(unit):
-                number, scale = number.removesuffix(unit), worth
-                break
+        name, _, value = (part.strip() for part in text.partition("="))
+        scales = {"mV": 1e-3, "V": 1.0} if name in ("OCV", "drive") else {"%": 1e-2}
+        unit = next((unit for unit in scales if value.endswith(unit)), "")
         try:
-            found[name.strip()] = scale * float(number)
+            wanted[name] = scales.get(unit, 1.0) * float(value.removesuffix(unit))
         except ValueError as problem:
-            raise InputError(
-                f"`want` {text!r}: write it like R0=2% or OCV=10mV, or hppc"
-            ) from problem
-    return found
+            words = "write it like R0=2% or OCV=10mV, or hppc"
+            raise InputError(f"`want` {text!r}: {words}") from problem
+    return wanted
 
 
 def _rate(name: str, text: str | None) -> float | list[tuple[float, float]] | None:

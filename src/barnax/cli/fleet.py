@@ -10,7 +10,7 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from ..errors import InputError, as_keys
+from ..errors import InputError, as_keys, counted
 from ..files import changed_ns, is_address, located, replacing
 from ..settings import Settings
 from .options import (
@@ -133,7 +133,6 @@ def fleet(given: FleetOptions) -> None:
     from ..fleet.manifest import read_manifest
     from ..fleet.worker import prepare_process
     from ..reporting.fleet import closing_lines, problem_lines, progress_remark
-    from ..reporting.words import counted
 
     where = given.manifest or given.fleet
     if where is None or (given.manifest and given.fleet):
@@ -150,7 +149,9 @@ def fleet(given: FleetOptions) -> None:
 
         columns = tuple(name.strip() for name in given.group.split(","))
         cells, carried = regrouped(where, columns), columns
-    session.note(_what_is_there(cells, carried))
+    records = sum(len(cell.records) for cell in cells)
+    there = f"{counted(len(cells), 'row')}, {counted(records, 'record')}"
+    session.note(f"{there}; copied to the dataset: {', '.join(carried)}" if carried else there)
     prepare_process()
     # Loads JAX, which no exception may stop.
     from ..fleet.rows import job_of
@@ -161,8 +162,7 @@ def fleet(given: FleetOptions) -> None:
         lines = list(map(as_keys, lines)) + problem_lines(cells)
         session.show(map(shown, lines[:MAX_LISTED]))
         if lines:
-            count = counted(len(lines), "problem")
-            raise InputError(f"{manifest}: {count} to correct")
+            raise InputError(f"{manifest}: {counted(len(lines), 'problem')} to correct")
         return
     from ..fleet.dataset import dataset_path, parts_folder
     from ..fleet.engine import identify_fleet, parse_shard
@@ -175,21 +175,12 @@ def fleet(given: FleetOptions) -> None:
     with session.counting("Identifying", len(cells)) as advance, _ended_from_within():
 
         def report(state: "Progress") -> None:
-            advance(
-                state.finished + state.skipped,
-                progress_remark(state, time.perf_counter() - started_s),
-            )
+            remark = progress_remark(state, time.perf_counter() - started_s)
+            advance(state.finished + state.skipped, remark)
 
-        state = identify_fleet(
-            cells,
-            out,
-            settings=settings,
-            workers=given.workers,
-            scheduler=given.scheduler,
-            shard=parse_shard(given.shard) if given.shard else None,
-            retry=given.retry,
-            report=report,
-        )
+        shard = parse_shard(given.shard) if given.shard else None
+        engine = {name: getattr(given, name) for name in ("workers", "scheduler", "retry")}
+        state = identify_fleet(cells, out, settings=settings, shard=shard, report=report, **engine)
     # Parts, factors and results are folders in it.
     for folder in (out, *filter(Path.is_dir, out.iterdir())) if isinstance(out, Path) else ():
         tell_unfinished(session, folder)
@@ -253,14 +244,6 @@ def _summed_up(
     with replacing(out / "report.html") as file:
         file.write(to_html(document.with_option_names(as_keys)).encode())
     return told
-
-
-def _what_is_there(cells: "list[FleetCell]", carried: tuple[str, ...]) -> str:
-    from ..reporting.words import counted
-
-    records = sum(len(cell.records) for cell in cells)
-    text = f"{counted(len(cells), 'row')}, {counted(records, 'record')}"
-    return f"{text}; copied to the dataset: {', '.join(carried)}" if carried else text
 
 
 @group

@@ -169,11 +169,8 @@ def _validation_page(evaluation: "barnax.Evaluation", table: "Table", answer: st
     from ..reporting.document import Document, Section, picture
 
     record = evaluation.prepared.record.name
-    figures = (
-        illustrate("voltage", record, plot_voltage, evaluation),
-        illustrate("error", record, plot_error, evaluation),
-    )
-    drawn = tuple(map(picture, figures))
+    plots = {"voltage": plot_voltage, "error": plot_error}
+    drawn = (picture(illustrate(name, record, plot, evaluation)) for name, plot in plots.items())
     return page_of(Document(f"{answer} on {record}", "", (Section("Errors", (table, *drawn)),)))
 
 
@@ -272,9 +269,9 @@ def _file_of(path: Path) -> Path:
     """The file that holds a result; a fleet's own folder."""
     if not path.is_dir():
         return path
-    found = [path / name for name in RESULTS if (path / name).is_file()]
-    if found:
-        return found[0]
+    for name in RESULTS:
+        if (path / name).is_file():
+            return path / name
     if (path / "cells.parquet").is_file():
         return path
     raise InputError(f"{path}: holds no result; give the folder that a command of barnax wrote")

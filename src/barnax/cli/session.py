@@ -71,7 +71,7 @@ class Session:
     def watch(self, title: str, total: int = 0) -> Iterator[Callable[[int], None]]:
         """Time a stage, under a spinner, or under a bar of `total` steps that it advances."""
         count = [MofNCompleteColumn()] if total else []
-        columns = [BarColumn(pulse_style="cyan"), *count, TimeElapsedColumn()]
+        columns = (BarColumn(pulse_style="cyan"), *count, TimeElapsedColumn())
         with self._progress(title, total, columns) as (progress, task):
             yield lambda gained: progress.advance(task, gained)
 

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from ..errors import InputError
 from . import files, python_modules
 from .exporter import Export, Exporter, Profile
-from .verification import Verification, pulse_profile, require_package, verify
+from .python_modules import Verification, pulse_profile, require_package, verify
 
 __all__ = [
     "EXPORTERS",
@@ -25,49 +25,36 @@ __all__ = [
     "verify",
 ]
 
-# A new target is a function and one entry here.
-EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
-    {
-        exporter.name: exporter
-        for exporter in (
-            Exporter(
-                "pybamm", "Python module: parameter values of PyBaMM's Thevenin model",
-                "barnax_pybamm.py", python_modules.write_pybamm,
-                "pybamm", python_modules.simulate_pybamm,
-            ),
-            Exporter(
-                "thevenin", "Python module: parameter dictionary of NREL's thevenin",
-                "barnax_thevenin.py", python_modules.write_thevenin,
-                "thevenin", python_modules.simulate_thevenin,
-            ),
-            Exporter(
-                "simscape",
-                "MATLAB file: Simscape's Battery (Table-Based) and Battery Equivalent Circuit",
-                "barnax_simscape.mat", files.write_simscape,
-            ),
-            Exporter(
-                "c-header", "C header: constants and tables",
-                "barnax_cell.h", files.write_c_header,
-            ),
-            Exporter(
-                "csv", "CSV: name, value, unit",
-                "barnax_parameters.csv", files.write_csv,
-            ),
-            Exporter(
-                "xlsx", "Excel workbook: parameters, and OCV after charging and discharging",
-                "barnax_parameters.xlsx", files.write_xlsx,
-            ),
-            Exporter(
-                "json", "JSON: constants and tables",
-                "barnax_cell.json", files.write_json,
-            ),
-            Exporter(
-                "c-filter", "C99 header: the circuit with its Gaussian sum of Kalman filters",
-                "barnax_filter.h", files.write_c_filter,
-            ),
-        )
-    }
+# A new target is a function and one entry here: its name, a line about it, its usual file, and the
+# package that runs it, if there is one.
+_ALL = (
+    Exporter(
+        "pybamm", "Python module: parameter values of PyBaMM's Thevenin model", "barnax_pybamm.py",
+        python_modules.write_pybamm, "pybamm", python_modules.simulate_pybamm,
+    ),
+    Exporter(
+        "thevenin", "Python module: parameter dictionary of NREL's thevenin", "barnax_thevenin.py",
+        python_modules.write_thevenin, "thevenin", python_modules.simulate_thevenin,
+    ),
+    Exporter(
+        "simscape", "MATLAB file: Simscape's Battery (Table-Based) and Battery Equivalent Circuit",
+        "barnax_simscape.mat", files.write_simscape,
+    ),
+    Exporter(
+        "c-header", "C header: constants and tables", "barnax_cell.h", files.write_c_header
+    ),
+    Exporter("csv", "CSV: name, value, unit", "barnax_parameters.csv", files.write_csv),
+    Exporter(
+        "xlsx", "Excel workbook: parameters, and OCV after charging and discharging",
+        "barnax_parameters.xlsx", files.write_xlsx,
+    ),
+    Exporter("json", "JSON: constants and tables", "barnax_cell.json", files.write_json),
+    Exporter(
+        "c-filter", "C99 header: the circuit with its Gaussian sum of Kalman filters",
+        "barnax_filter.h", files.write_c_filter,
+    ),
 )  # fmt: skip
+EXPORTERS: Mapping[str, Exporter] = MappingProxyType({exporter.name: exporter for exporter in _ALL})
 
 
 def get_exporter(name: str) -> Exporter:

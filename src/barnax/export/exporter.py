@@ -123,9 +123,8 @@ def hysteresis_is_left_out(tool: str, tables: Tables) -> tuple[str, ...]:
     """The loss in a tool with a single OCV curve; empty for a circuit without hysteresis."""
     if tables.hysteresis is None:
         return ()
-    rate = ""
-    if tables.kind == "dynamic":
-        rate = f", and its rate gamma of {tables.gamma:.6g} per unit of SOC"
+    is_slow = tables.kind == "dynamic"
+    rate = f", and its rate gamma of {tables.gamma:.6g} per unit of SOC" if is_slow else ""
     largest_mv = 1e3 * np.abs(tables.hysteresis.voltage_v).max()
     return (
         f"{tool} has no hysteresis voltage: W(soc), up to {largest_mv:.3g} mV, of which the "

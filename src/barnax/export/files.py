@@ -57,9 +57,7 @@ def write_c_filter(result: Result) -> Export:
     if over is not None:
         degc = result.fits.reference_degc or 0.0
         result = result.at_temperature(degc)
-        others = ", ".join(
-            f"{own_degc:.3g}" for own_degc in over.temperatures_degc if own_degc != degc
-        )
+        others = ", ".join(f"{other:.3g}" for other in over.temperatures_degc if other != degc)
         caveats = (
             f"The filter has one temperature: all of it is for {degc:.3g} degC, and nothing "
             f"identified at {others} degC is in it.",

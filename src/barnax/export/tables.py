@@ -2,8 +2,9 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -128,15 +129,8 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         model=result.model,
         heading=_heading(result),
         caveats=(
-            *_capacity(cell),
-            *_unseen_ocv(result),
-            *_ladders(circuit),
-            *(
-                f"{bound.name.partition(' ')[0]} ended at the {bound.side} bound of its search: "
-                "the data do not set it."
-                for bound in result.at_bound
-            ),
-            *(_caveats(result, over_soc, kind) if over_soc else ()),
+            *_beside_tables(result, circuit, cell),
+            *(_of_tables(result, over_soc, kind) if over_soc else ()),
         ),
         parameters=parameters,
         tau_s=constants.tau_s,
@@ -155,55 +149,43 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     )
 
 
-def _capacity(cell: CellModel) -> tuple[str, ...]:
-    """A caveat where nothing but the records tells the capacity."""
-    if not cell.has_spanned_capacity:
-        return ()
-    return (
-        f"The capacity, {cell.capacity_ah:.4g} Ah, is only {escaped(cell.capacity_origin)}: there "
-        "was no OCV test, and no `capacity` was given. Where the cell holds more, every SOC is "
-        "off: identify again with `capacity`.",
-    )
-
-
-def _unseen_ocv(result: Result) -> tuple[str, ...]:
-    """A caveat where no sample tells an OCV of the records' own."""
-    told = list[str]()
+def _beside_tables(result: Result, circuit: Circuit, cell: CellModel) -> Iterator[str]:
+    """What a tool does not know of the capacity, the OCV, elements, and constants at a bound."""
+    # Nothing but the records tells such a capacity.
+    if cell.has_spanned_capacity:
+        yield (
+            f"The capacity, {cell.capacity_ah:.4g} Ah, is only {escaped(cell.capacity_origin)}: "
+            "there was no OCV test, and no `capacity` was given. Where the cell holds more, every "
+            "SOC is off: identify again with `capacity`."
+        )
     settings = result.tables.settings if result.tables else TableSettings()
     nodes = [node for node in settings.ocv_nodes or () if 0 <= node <= 1]
     for degc, fit in result.fits.by_degc:
         seen = {node.soc for node in fit.of_table(OCV)}
         # Neighbors as one range.
-        runs = [
-            list(run)
-            for is_seen, run in itertools.groupby(nodes, key=lambda node: node in seen)
-            if seen and not is_seen
-        ]
+        groups = itertools.groupby(nodes, key=lambda node: node in seen)
+        runs = [list(run) for is_seen, run in groups if seen and not is_seen]
         if runs:
             where = ", ".join(f"{run[0]:g} to {run[-1]:g}" for run in runs)
             at = "" if degc is None else f", at {degc:.3g} degC"
-            told.append(
+            yield (
                 f"No sample is near SOC {where}{at}: the OCV there is not of this cell, but held "
                 "constant or drawn between its neighbors."
             )
-    return tuple(told)
-
-
-def _ladders(circuit: Circuit) -> tuple[str, ...]:
-    """A caveat for each element that is written as RC pairs."""
-    names, pairs = names_of(circuit.elements), 0
-    told = []
-    for element, own in zip(circuit.elements, names, strict=True):
+    pairs = 0
+    for element, own in zip(circuit.elements, names_of(circuit.elements), strict=True):
         count = len(get_element(element).shares)
         if count > 1:
             resistance, tau = (name.partition(" ")[0] for name in own[:2])
-            told.append(
+            yield (
                 f"{resistance} and {tau}, {get_element(element).description}, are written as the "
                 f"{count} RC pairs that the element is computed with: "
                 f"R{pairs + 1} to R{pairs + count}."
             )
         pairs += count
-    return tuple(told)
+    for bound in result.at_bound:
+        name = bound.name.partition(" ")[0]
+        yield f"{name} ended at the {bound.side} bound of its search: the data do not set it."
 
 
 def _with_some_between(measured_degc: tuple[float, ...]) -> tuple[float, ...]:
@@ -220,12 +202,11 @@ def _ocv(
 ) -> tuple[Values, Float[np.ndarray, "temperatures points"]]:
     """The OCV of every cell over one SOC, corrected by the tables: the mean of the source after
     charging and after discharging. Every node is a point of it, so that the correction is exact."""
-    means = [
-        linear_table(
-            lambda soc, cell=cell: np.mean(_sources_v(circuit, cell, soc), axis=0), _bends(cell)
-        )
-        for cell in cells
-    ]
+
+    def mean_v(cell: CellModel, soc: Values) -> Values:
+        return np.mean(_sources_v(circuit, cell, soc), axis=0)
+
+    means = [linear_table(partial(mean_v, cell), _bends(cell)) for cell in cells]
     nodes = np.array(over_soc[0].nodes if over_soc else [])
     points = np.concatenate([nodes, *(mean.soc for mean in means)])
     soc = np.unique(np.round(points, DIGITS_SOC))
@@ -291,36 +272,34 @@ def _from_empty_to_full(tables: CircuitParameters) -> CircuitParameters:
     )
 
 
-def _caveats(
+def _of_tables(
     result: Result, over_soc: Sequence[CircuitParameters], kind: Hysteresis
-) -> tuple[str, ...]:
+) -> Iterator[str]:
     """The nodes that mean nothing by themselves, and temperatures that were not measured; nothing
     where all were."""
-    told, over = [], result.fits.over_temperature
+    over = result.fits.over_temperature
     unseen = ~np.all([tables.visited for tables in over_soc], axis=0)
     if unseen.any():
         nodes = ", ".join(f"{node:g}" for node in np.array(over_soc[0].nodes)[unseen])
         where = ", at one temperature or more" if over else ""
-        told.append(
+        yield (
             f"No sample is near the nodes at SOC {nodes}{where}: their values follow from their "
             "neighbors'."
         )
     if open_ended := _not_determined(result):
-        told.append(
-            f"Not determined by the samples there, but by bounds and smoothness: {open_ended}."
-        )
+        yield f"Not determined by the samples there, but by bounds and smoothness: {open_ended}."
     # Between measured temperatures it lies between theirs.
     own = [fit.tables for fit in result.fits] if len(over_soc) > 1 else over_soc
     for known in (tables.dependence for tables in own if tables.dependence is not None):
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in known.numbers.items())
         at = "" if known.reference_degc is None else f", at {known.reference_degc:.3g} degC"
         at += ", the geometric mean of charge and discharge" if CHARGE in known.numbers else ""
-        told.append(
+        yield (
             f"Resistances are those of the reference{at}; what they follow beside SOC is left "
             f"out of them ({numbers})."
         )
     if not over:
-        return tuple(told)
+        return
     degc = ", ".join(f"{own_degc:.3g}" for own_degc in over.temperatures_degc)
     text = (
         f"Identified at {degc} degC. Between these, the logarithm of the resistances is "
@@ -332,20 +311,19 @@ def _caveats(
     if len(set(capacities_ah)) > 1:
         own_ah = ", ".join(f"{capacity_ah:.4g}" for capacity_ah in capacities_ah)
         text += f" So is the capacity; at {degc} degC it was {own_ah} Ah."
-    return (*told, text)
+    yield text
 
 
 def _not_determined(result: Result) -> str:
     """The resistances that the samples near a node do not tell, with the SOC of the node."""
-    found: dict[str, set[float]] = {}
-    for fit in result.fits:
-        for interval in fit.intervals:
-            name, _, unit = interval.name.partition(" ")
-            is_open = interval.low is None and interval.high is None
-            if interval.soc is not None and is_open and unit == "[Ohm]":
-                found.setdefault(name, set()).add(interval.soc)
+    nodes: dict[str, set[float]] = {}
+    for interval in (interval for fit in result.fits for interval in fit.intervals):
+        name, _, unit = interval.name.partition(" ")
+        is_open = interval.low is None and interval.high is None
+        if interval.soc is not None and is_open and unit == "[Ohm]":
+            nodes.setdefault(name, set()).add(interval.soc)
     return "; ".join(
-        f"{name} at SOC {', '.join(f'{soc:g}' for soc in sorted(at))}" for name, at in found.items()
+        f"{name} at SOC {', '.join(f'{soc:g}' for soc in sorted(at))}" for name, at in nodes.items()
     )
 
 

@@ -11,9 +11,16 @@ from ..inputs import Given, Watch, listed, unwatched, windows_by_name
 from ..model.window import Window
 from ..notices import notice
 from ..settings import OVER_TEMPERATURE, Reading
-from .cells import copies_of, of_other_cells
 from .document import Plan
-from .draft import Draft, another_cell, named_degc, reach_ah, why_useless, words_of
+from .draft import (
+    Draft,
+    another_cell,
+    copies_of,
+    named_degc,
+    of_other_cells,
+    why_useless,
+    words_of,
+)
 from .looking import CandidateFile, by_temperature, files_of, found_in, is_same_degc, look, split
 from .ocv import (
     DIGITS,
@@ -216,7 +223,7 @@ def _without_test(draft: Draft, group: Sequence[CandidateFile]) -> list[Candidat
         for file in group
         if file not in draft.taken and not file.missing_for(draft.given_ah, is_validated=True)
     ]
-    runs.sort(key=lambda file: (bool(file.missing_for(draft.given_ah)), -reach_ah(file)))
+    runs.sort(key=lambda file: (bool(file.missing_for(draft.given_ah)), -file.reach_ah))
     return [] if not runs or runs[0].missing_for(draft.given_ah) else runs
 
 
@@ -255,22 +262,22 @@ def _runnable(
             runs.append(file)
     # An OCV test that is cut short may hold less than a record, but not by so much.
     max_ah = math.inf if choice.capacity_ah else _ANOTHER * choice.cell.capacity_ah
-    others = [file for file in runs if file.traits and file.traits.span_ah > max_ah]
+    others = [file for file in runs if file.span_ah > max_ah]
     if len(others) < len(runs):
         for file in others:
             draft.take(file, "not used", why_useless(file, choice.cell.capacity_ah))
         runs = [file for file in runs if file not in others]
-    widest_ah = max(map(reach_ah, runs), default=0.0)
+    widest_ah = max((file.reach_ah for file in runs), default=0.0)
 
     def rank(file: CandidateFile) -> tuple:
-        is_wide = reach_ah(file) >= _AS_WIDE * widest_ah
+        is_wide = file.reach_ah >= _AS_WIDE * widest_ah
         return (
             _LOADS.index(file.kind(None)),
             bool(file.missing_for(choice.cell.capacity_ah)),
             not is_wide,
             file.warnings if is_wide else 0,
             not file.is_settled,
-            -reach_ah(file),
+            -file.reach_ah,
         )
 
     return sorted(runs, key=rank)
@@ -286,7 +293,7 @@ def _choose_validation(
     """Another profile of the same temperature before the same one again, and the widest of them."""
     if is_given or not others:
         return
-    file = min(others, key=lambda file: (file.is_like(record), -reach_ah(file)))
+    file = min(others, key=lambda file: (file.is_like(record), -file.reach_ah))
     which = "the same profile again" if file.is_like(record) else "another profile"
     draft.take(file, "validation", f"{which}: {words_of(draft, file)}")
     reason = "equally suitable; add it with `validate` to validate on it too"
@@ -314,11 +321,10 @@ def _take_charges(draft: Draft, record: CandidateFile, choice: OcvChoice) -> Non
         is_charge = file not in draft.taken and file.kind(choice.cell.capacity_ah) == "charge"
         if not is_charge or not is_same_degc(file.temperature_degc, record.temperature_degc):
             continue
-        charged_ah = file.traits.span_ah if file.traits else 0.0
-        if charged_ah >= _MUCH * choice.cell.capacity_ah:
+        if file.span_ah >= _MUCH * choice.cell.capacity_ah:
             with suppress(InputError):
                 draft.starts[file] = own = started(draft.files, file, file.window, choice)
-                why = f"a charge of {charged_ah:.3g} Ah, for the other direction{own.words}"
+                why = f"a charge of {file.span_ah:.3g} Ah, for the other direction{own.words}"
                 draft.take(file, "identification", why)
 
 

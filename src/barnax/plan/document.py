@@ -128,19 +128,17 @@ class Plan(Brief):
         parts = []
         for part in self.parts:
             own = window_of(windows, part.name)
-            if part.is_simulated:
-                planned = part.plans_soc and own.initial_soc is None
-                part = replace(part, window=merged(part.window, own), plans_soc=planned)
-            elif part.role == "OCV test" and part.name in windows:
+            if part.is_simulated or (part.role == "OCV test" and part.name in windows):
                 part = replace(part, window=merged(part.window, own))
+            if part.is_simulated and own.initial_soc is not None:
+                part = replace(part, plans_soc=False)
             parts.append(part)
         given = {name: value for name, value in options.items() if value is not None}
-        reasons = {**self.reasons, **dict.fromkeys(given, GIVEN)}
         return replace(
             self,
             parts=tuple(parts),
             options={**self.options, **given},
-            reasons=reasons,
+            reasons={**self.reasons, **dict.fromkeys(given, GIVEN)},
             window=merged(self.window, windows.get("", Window())),
         )
 
@@ -210,13 +208,13 @@ def plan_to_toml(plan: Plan) -> str:
 
     Raises `InputError` for a file whose name TOML cannot hold.
     """
-    for part in plan.parts:
+    for path in (str(part.path) for part in plan.parts):
         try:
-            str(part.path).encode()
+            path.encode()
         except UnicodeEncodeError as problem:
             raise InputError(
-                f"{printable(str(part.path))}: this name is not UTF-8, as a plan is; rename the "
-                "file, or run the folder as it is"
+                f"{printable(path)}: this name is not UTF-8, as a plan is; rename the file, or run "
+                "the folder as it is"
             ) from problem
     document = tomlkit.document()
     for line in (*_HEAD, *filter(None, (plan.missing,))):

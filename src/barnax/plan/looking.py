@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from ..cell import OcvTable, read_ocv_test
 from ..cell.model import SAME_DEGC
+from ..cell.soc_axis import Sweep
 from ..checks import FileCheck, Role, check_file
 from ..checks.roles import Traits
 from ..errors import InputError, printable
@@ -63,6 +64,19 @@ class CandidateFile:
     @property
     def traits(self) -> Traits | None:
         return None if self.check is None or self.refusal else self.check.traits
+
+    @property
+    def sweeps(self) -> tuple[Sweep, ...]:
+        """The sweeps of an OCV test in it."""
+        return self.traits.sweeps if self.traits else ()
+
+    @property
+    def reach_ah(self) -> float:
+        return self.traits.reach_ah if self.traits else 0.0
+
+    @property
+    def span_ah(self) -> float:
+        return self.traits.span_ah if self.traits else 0.0
 
     @property
     def temperature_degc(self) -> float | None:
@@ -263,8 +277,9 @@ def _tests(file: CandidateFile) -> Iterator[CandidateFile]:
         if not _is_long(record, first, last):
             continue
         part = _part(file, first, last, is_full)
-        sweeps = part.traits.sweeps if part.traits else ()
-        rows = [point.row for sweep in sweeps if sweep.kind == "rests" for point in sweep.points]
+        rows = [
+            point.row for sweep in part.sweeps if sweep.kind == "rests" for point in sweep.points
+        ]
         begin, end = np.flatnonzero(np.isin(record.row, rows))[[0, -1]] if rows else (first, last)
         # A sweep begins where its first rest ends, and may end at a cut-off without a rest.
         for cut, beside in ((int(end), (int(end), last)), (int(begin), (first, int(begin)))):

@@ -159,7 +159,7 @@ def _closes(sweeps: Sequence[Sweep]) -> bool:
 
 
 def _sweeps(tests: Sequence[CandidateFile]) -> list[Sweep]:
-    return [sweep for test in tests if test.traits for sweep in test.traits.sweeps]
+    return [sweep for test in tests for sweep in test.sweeps]
 
 
 def _directions(tests: Sequence[CandidateFile]) -> list[int]:

@@ -281,14 +281,11 @@ def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjectiv
         for name, (low, high) in box_of(kept, settings).items()
     }
     parts = [part for record in kept for part in record.parts]
+    # Factors of few rows join one of no samples.
+    none = Reduced(layout, 0, np.zeros((layout.width, layout.width)))
     with one_blas_thread():
-        whole = together([_empty(layout), *parts])
+        whole = together([none, *parts])
     return TableObjective((), settings, ranges, whole, parts, kept=kept)
-
-
-def _empty(layout: Layout) -> Reduced:
-    """The factor of no samples, which others join."""
-    return Reduced(layout, 0, np.zeros((layout.width, layout.width)))
 
 
 def _without_noise(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:

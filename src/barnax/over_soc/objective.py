@@ -326,16 +326,13 @@ class TableObjective:
             blocks.append(own[own @ self.visited_of(table) > 0].T)
         return np.asarray(block_diag(*blocks))
 
-    def error_slopes(self, found: Solution) -> list[Float[np.ndarray, "rows"]]:
-        """The derivatives of the error by every axis's scale, at fixed tables."""
-        return [
+    def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
+        """The derivative of the least J by the scales: that at fixed tables, which are optimal."""
+        slopes = [
             axis.slopes_at(where) @ (np.ones(1) if axis.table is None else found.values[axis.table])
             for axis, where in zip(self.axes, found.log_scales, strict=True)
         ]
-
-    def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
-        """The derivative of the least J by the scales: that at fixed tables, which are optimal."""
-        return np.array([2 * float(found.error @ slopes) for slopes in self.error_slopes(found)])
+        return np.array([2 * float(found.error @ slope) for slope in slopes])
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,8 +1,7 @@
 """The place of records on the axis of SOC where there is no OCV test: capacity and start."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,19 +12,10 @@ from ..model.window import OCV_MARGIN, Window, first_sample, scored_samples
 from ..records import Record, rest_current_a
 from ..records.segments import FULL_CHARGE, held_charges
 
-AxisSource = Literal["given", "own full charge", "own span", "rest elsewhere"]
 # A start lies so far outside 0 to 1 where another full charge was a little fuller.
 NEARLY_SOC = 0.02
 # A usual cell under load is never empty above this.
 NEVER_EMPTY_V = 3.4
-
-
-@dataclass(frozen=True)
-class Axis:
-    """The place of a record's charge on the axis of SOC, and its source."""
-
-    initial_soc: float
-    source: AxisSource
 
 
 def axis_capacity(
@@ -54,8 +44,9 @@ def axis_capacity(
     return span_ah, f"the charge that {widest.name} spans{more}"
 
 
-def require_on_axis(record: Record, window: Window, initial_soc: float, capacity_ah: float):
-    """Raise `InputError` where a record that starts there leaves the axis of SOC."""
+def require_on_axis(record: Record, window: Window, capacity_ah: float):
+    """Raise `InputError` where a record in its window of `axis_of` leaves the axis of SOC."""
+    initial_soc = window.initial_soc or 0.0
     rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
     first = first_sample(record, window, rest_a)
     soc = soc_along(record, capacity_ah, first, initial_soc)
@@ -74,11 +65,11 @@ def span_ah_of(record: Record) -> float:
     return float(np.ptp(record.discharged_ah))
 
 
-def axis_of(record: Record, window: Window, capacity_ah: float) -> Axis:
-    """The start of a record on the axis: as given, by a full charge, or with its fullest sample as
-    full."""
+def axis_of(record: Record, window: Window, capacity_ah: float) -> Window:
+    """The window of a record with its start on the axis: as given, by a full charge, or with its
+    fullest sample as full."""
     if window.initial_soc is not None:
-        return Axis(window.initial_soc, "given")
+        return replace(window, soc_source=None, capacity_ah=capacity_ah)
     rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
     first = first_sample(record, window, rest_a)
     highest_v = float(record.voltage_v.max())
@@ -96,4 +87,5 @@ def axis_of(record: Record, window: Window, capacity_ah: float) -> Axis:
             f"{record.name}: from its fullest sample to the start it loses {out_ah:.4g} Ah, more "
             f"than the capacity of {capacity_ah:.4g} Ah; give a larger `capacity`, or `initial_soc`"
         )
-    return Axis(soc, "own full charge" if full else "own span")
+    source = "own full charge" if full else "own span"
+    return replace(window, initial_soc=soc, soc_source=source, capacity_ah=capacity_ah)

@@ -1,8 +1,7 @@
 """Records of a cell without an OCV test: where they start on the axis of SOC, and from which
 direction."""
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -12,9 +11,7 @@ import numpy as np
 from ..blas import one_blas_thread
 from ..cell import CellModel, get_circuit
 from ..cell.model import group_near
-from ..cell.parameters import RATE
 from ..errors import InputError
-from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.start import find_start, require_whole_log
 from ..model.temperature import temperature_of
@@ -24,13 +21,10 @@ from ..records import Record, rest_current_a
 from ..records.record import in_means
 from .level import cell_of, level_cell, with_own_ocv
 from .objective import Solution, TableObjective
-from .own_axis import Axis, axis_capacity, axis_of, require_on_axis, span_ah_of
-from .problem import box_of, find_best, reduced_objective
+from .own_axis import axis_capacity, axis_of, require_on_axis, span_ah_of
+from .problem import find_best, held_at, reduced_objective
 from .registration import MEANS_S, ROUNDS, register
 from .settings import TableSettings
-
-# Rates of a hysteresis that are tried: it is told nearly as well at half or twice its own.
-TRIED_RATES = (20.0, 60.0, 200.0)
 
 
 class WithDirections(NamedTuple):
@@ -47,33 +41,19 @@ def best_tables(
     settings: TableSettings,
     turned: Mapping[str, Window] | None = None,
 ) -> WithDirections:
-    """The best tables of some records, with the directions before the start that fit better where
-    the circuit has a dynamic hysteresis; `turned` as `directed` has it."""
+    """The best tables of some records. Where the circuit has a dynamic hysteresis, those whose
+    direction before the start is not known have the one that fits better at the same scales; their
+    windows with the other direction may be known, by name."""
     objective = reduced_objective(prepared_records, settings)
     best = find_best(objective)
     if not get_circuit(prepared_records[0].circuit).has_rate:
         return WithDirections(objective, best)
-    found, directions = directed(prepared_records, settings, best.log_scales, turned)
-    if any(one is not other for one, other in zip(found, prepared_records, strict=True)):
-        objective = reduced_objective(found, settings)
-        best = find_best(objective)
-    return WithDirections(objective, best, directions)
-
-
-def directed(
-    prepared_records: Sequence[PreparedRecord],
-    settings: TableSettings,
-    log_scales: LogScales,
-    turned: Mapping[str, Window] | None = None,
-) -> tuple[list[PreparedRecord], dict[str, float]]:
-    """Records made ready for a circuit with a hysteresis, those whose direction before the start is
-    not known with the one that fits better at some scales; and the RMSE in V, by name, with the
-    other one. Their windows with the other direction may be known, by name."""
+    held = held_at(objective.ranges, best.log_scales)
     found, others = list(prepared_records), dict[str, float]()
 
     def left_v(records: Sequence[PreparedRecord]) -> float:
-        tried = at_rates(records, settings, log_scales)
-        return min(float(np.linalg.norm(solution.error)) for solution in tried)
+        tried = reduced_objective(records, settings, held)
+        return float(np.linalg.norm(tried.solve(best.log_scales, exact=True).error))
 
     for place, one in enumerate(prepared_records):
         if one.start.direction_source != "assumed":
@@ -86,23 +66,10 @@ def directed(
         if other_v < own_v:
             found, other_v = tried, own_v
         others[one.record.name] = other_v
-    return found, others
-
-
-def at_rates(
-    records: Sequence[PreparedRecord],
-    settings: TableSettings,
-    log_scales: LogScales,
-) -> Iterator[Solution]:
-    """The best tables at known scales, without a known rate at each of those that are tried."""
-    quick = replace(settings, folds=0)
-    names = list(box_of(records, quick))
-    known = dict(zip(names, map(math.exp, log_scales), strict=False))
-    for rate in [known[RATE]] if RATE in known else TRIED_RATES:
-        scales = {**known, RATE: rate}
-        held = {name: (scales[name], scales[name]) for name in names}
-        tried = reduced_objective(records, quick, held)
-        yield tried.solve(tuple(math.log(scales[name]) for name in names), exact=True)
+    if any(one is not other for one, other in zip(found, prepared_records, strict=True)):
+        objective = reduced_objective(found, settings)
+        best = find_best(objective)
+    return WithDirections(objective, best, others)
 
 
 class Starts(NamedTuple):
@@ -194,22 +161,20 @@ class OwnRecords:
 
     def _starts(self, circuit: str, simpler: Starts | None) -> Starts:
         """The starts of records of one temperature."""
-        axes = {
+        told = {
             record.name: axis_of(record, self.windows[record.name], self.capacity_ah)
             for record in self.records
         }
-        known = [record for record in self.records if axes[record.name].source != "own span"]
+        known = [record for record in self.records if told[record.name].soc_source != "own span"]
         known = known or [max(self.records, key=span_ah_of)]
         for record in known:
-            begun = axes[record.name].initial_soc
-            require_on_axis(record, self.windows[record.name], begun, self.capacity_ah)
-        warnings, turned = list[Notice](), dict[str, Window]()
+            require_on_axis(record, told[record.name], self.capacity_ah)
+        warnings, turned, directions = list[Notice](), dict[str, Window](), dict[str, float]()
         if len(known) < len(self.records):
-            cell, _ = replace(self, records=known)._fitted(circuit, self._on_axes(axes))
+            cell, _ = replace(self, records=known)._fitted(circuit, told)
             for record in self.records:
                 if record not in known:
-                    warnings += self._by_rest(record, cell, circuit, axes, turned)
-        told, directions = self._on_axes(axes), dict[str, float]()
+                    warnings += self._by_rest(record, cell, circuit, told, turned)
         is_registered = len(self.records) > 1 and not self.settings.keep_starts
         if turned or (is_registered and self._has_open_directions(circuit, told)):
             # A start would move to make up for a direction that is wrong.
@@ -230,11 +195,11 @@ class OwnRecords:
         record: Record,
         cell: CellModel,
         circuit: str,
-        axes: dict[str, Axis],
+        told: dict[str, Window],
         turned: dict[str, Window],
     ) -> list[Notice]:
-        """What speaks against the start that a rest on the cell's OCV tells, which is added to
-        `axes`; to `turned` the window with the other direction, where that is open."""
+        """What speaks against the start that a rest on the cell's OCV tells, with which its window
+        is in `told`; in `turned` with the other direction, where that is open."""
         window = replace(self.windows[record.name], capacity_ah=self.capacity_ah)
         rest_a = window.rest_current_a or rest_current_a(record, self.capacity_ah)
         given = self.capacity_ah, first_sample(record, window, rest_a), rest_a
@@ -243,12 +208,14 @@ class OwnRecords:
         except InputError as unknown:
             require_whole_log(record, self.records, unknown)
             raise
-        axes[record.name] = Axis(start.soc, "rest elsewhere")
+        begun = replace(window, soc_source="rest elsewhere")
+        told[record.name] = replace(begun, initial_soc=start.soc)
         if get_circuit(circuit).has_rate and start.direction_source == "assumed":
             window = replace(window, initial_direction=-start.direction)
+            begun = replace(begun, initial_direction=-start.direction)
             with suppress(InputError):
-                axis = Axis(find_start(record, cell, window, *given)[0].soc, "rest elsewhere")
-                turned[record.name] = self._on_axis(window, axis)
+                other, *_ = find_start(record, cell, window, *given)
+                turned[record.name] = replace(begun, initial_soc=other.soc)
         return against
 
     def _registered(
@@ -271,15 +238,6 @@ class OwnRecords:
         return get_circuit(circuit).has_rate and any(
             one.start.direction_source == "assumed" for one in self.prepared(circuit, windows)
         )
-
-    def _on_axes(self, axes: Mapping[str, Axis]) -> dict[str, Window]:
-        """The windows of records with their starts on the axis."""
-        return {name: self._on_axis(self.windows[name], axis) for name, axis in axes.items()}
-
-    def _on_axis(self, window: Window, axis: Axis) -> Window:
-        source = None if axis.source == "given" else axis.source
-        start = {"initial_soc": axis.initial_soc, "soc_source": source}
-        return replace(window, **start, capacity_ah=self.capacity_ah)
 
     def _fitted(
         self,

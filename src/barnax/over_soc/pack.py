@@ -142,6 +142,7 @@ def fit_pack(
     ocv_nodes = np.array(pack.reduced.layout.ocv_nodes)
     seen = pack.visited_of(1 + pack.pairs)
     known_v = prepared.cell.average_ocv_v(ocv_nodes)
+    loaded_v = float(prepared.cell.average_ocv_v(np.array([loaded_soc]))[0])
     cells = []
     for side, name in enumerate(names, 1):
         best = found[side]
@@ -156,9 +157,7 @@ def fit_pack(
             value = float(direction @ (lightly - middle[1] if is_other else rows))
             near = float(direction @ (lightly - middle[1] if is_other else lightly))
             if what == LOADED:
-                value, near = (
-                    above_v + _known_at(loaded_soc, prepared) for above_v in (value, near)
-                )
+                value, near = value + loaded_v, near + loaded_v
             # The circuit's own error is common to all cells; the mean cell shows it best.
             common = 0.0 if is_other else spread.reach(0, direction)
             reach = math.hypot(spread.reach(side, direction), common)
@@ -178,10 +177,6 @@ def _polished(objective: TableObjective, start: Solution) -> Solution:
     """The best tables near a start, with time constants of their own."""
     met = polish(objective, objective.solve(start.log_scales, start.sides))
     return objective.solve(met.log_scales, met.sides, exact=True)
-
-
-def _known_at(soc: float, prepared: PreparedRecord) -> float:
-    return float(prepared.cell.average_ocv_v(np.array([soc]))[0])
 
 
 @dataclass(frozen=True, eq=False)

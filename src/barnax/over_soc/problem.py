@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..model.descent import Descended, Found, GridSizes, lowest_scales, polish
 from ..model.layout import layout_of
 from ..model.prepared import PreparedRecord
-from ..model.reduced import Groups, Reduced, reduce_records, together
+from ..model.reduced import Groups, Reduced, reduce_records, scored_alone, together
 from ..model.search_space import RATE_RANGE, Range
 from ..records.segments import LEAST_REACH, reach_of_steps
 from .objective import TableObjective
@@ -158,7 +158,7 @@ def blocks_of(
     """
     folds = settings.folds
     if not folds:
-        return [partial(_all_scored, prepared) for prepared in prepared_records], 1
+        return [*map(scored_alone, prepared_records)], 1
 
     def group_of(here: slice, number: int) -> Int[np.ndarray, "samples"]:
         prepared = prepared_records[number]
@@ -168,10 +168,6 @@ def blocks_of(
 
     count = len(prepared_records)
     return [partial(group_of, number=n) for n in range(count)], 2 * folds * count
-
-
-def _all_scored(prepared: PreparedRecord, here: slice) -> Int[np.ndarray, "samples"]:
-    return np.where(prepared.scored[here], 0, -1)
 
 
 def are_left_out_whole(prepared_records: Sequence[PreparedRecord]) -> bool:

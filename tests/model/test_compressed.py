@@ -17,20 +17,14 @@ from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.errors import InputError
 from barnax.model.factor import ROW_STEP
 from barnax.model.prepared import BLOCK
-from barnax.model.problem import (
-    Objective,
-    make_problem,
-    rc_parameters,
-    residuals,
-    rmse,
-    rmse_by_scan,
-)
+from barnax.model.problem import Objective, make_problem, residuals, rmse, rmse_by_scan
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
 from barnax.search.seeds import search_many, search_seeds
 from helpers.problems import CLOCKS, drive_record
 from helpers.reference import banded_response, drop_v
+from helpers.scan import rc_parameters
 
 # What is promised: the larger of these, over the whole box.
 RELATIVE, ABSOLUTE_V = 1e-9, 1e-12

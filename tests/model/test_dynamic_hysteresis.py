@@ -8,10 +8,9 @@ import pytest
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
 from barnax.model.prepared import prepare_record
-from barnax.model.problem import rc_parameters
-from barnax.model.simulate import terminal_voltage
 from barnax.model.window import Window
 from helpers.reference import drop_v, looped_response, make_record
+from helpers.scan import rc_parameters, terminal_voltage
 
 CIRCUIT = CircuitParameters.constant(0.05, (0.01, 0.02), (500.0, 4000.0), gamma=300.0)
 # Beside rests without any current, one with a tester's offset and noise.

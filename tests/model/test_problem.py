@@ -10,9 +10,10 @@ import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.model.coordinates import Coordinates
-from barnax.model.problem import make_problem, rc_parameters, residuals, rmse
+from barnax.model.problem import make_problem, residuals, rmse
 from barnax.model.window import Window
 from helpers.reference import drop_v, looped_response
+from helpers.scan import rc_parameters
 
 CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 LOGARITHMS = np.log([0.05, 0.01, 5.0, 0.02, 80.0])

@@ -14,10 +14,10 @@ from barnax.model.simulate import (
     RCParameters,
     SimulationInput,
     overpotential,
-    terminal_voltage,
     unit_response,
 )
 from helpers.reference import drop_v, looped_response
+from helpers.scan import terminal_voltage
 
 CIRCUIT = (0.05, (0.01, 0.02), (3.0, 80.0))
 SHORTEST_TAU_S = 0.5

@@ -10,9 +10,8 @@ from barnax.cell.parameters import OCV_CORRECTION
 from barnax.cell.tables import hats
 from barnax.errors import InputError
 from barnax.execution import in_float64
-from barnax.model.problem import rc_parameters
 from barnax.model.reference import simulate_circuit
-from barnax.model.simulate import terminal_voltage
+from helpers.scan import rc_parameters, terminal_voltage
 
 from .conftest import NODES
 

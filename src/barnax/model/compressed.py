@@ -80,31 +80,17 @@ def compress(records: Sequence[PreparedRecord], box: Coordinates) -> Compressed:
 
     Raises `InputError` where the box is too wide for the accuracy promised.
     """
-    spans = Spans.of(records, box)
+    spans = in_tau, in_rate = Spans.of(records, box)
     groups = [scored_alone(prepared) for prepared in records]
     (reduced,) = reduce_records(records, Layout.constant(spans), groups, 1)
+    factor, count = reduced.factor, len(in_tau.skeleton)
     with one_blas_thread():
-        factor = to_nodes(spans, reduced.factor)
+        # The columns of all nodes from those of the skeletons; the last two stay.
+        columns = [factor[:, :count] @ in_tau.from_skeleton]
+        if in_rate is not None:
+            columns.append(factor[:, count:-2] @ in_rate.from_skeleton)
+        factor = np.concatenate([*columns, factor[:, -2:]], axis=1)
         factor = shorten(factor, NEGLIGIBLE_V * math.sqrt(reduced.scored))
-    return objective_of(spans, factor, reduced.scored)
-
-
-def to_nodes(
-    spans: Spans, factor: Float[np.ndarray, "rows columns"]
-) -> Float[np.ndarray, "rows more_columns"]:
-    """The columns of all nodes from those of the skeletons; the last two stay."""
-    in_tau, in_rate = spans
-    count = len(in_tau.skeleton)
-    columns = [factor[:, :count] @ in_tau.from_skeleton]
-    if in_rate is not None:
-        columns.append(factor[:, count:-2] @ in_rate.from_skeleton)
-    return np.concatenate([*columns, factor[:, -2:]], axis=1)
-
-
-def objective_of(
-    spans: Spans, factor: Float[np.ndarray, "rows columns"], scored: float
-) -> Compressed:
-    """The objective of a factor with the columns of all nodes. Call inside float64."""
-    in_tau, in_rate = spans
     rate = None if in_rate is None else Lagrange.of(in_rate)
-    return Compressed(as_input(float(scored)), as_input(factor), Lagrange.of(in_tau), rate)
+    scored = as_input(float(reduced.scored))
+    return Compressed(scored, as_input(factor), Lagrange.of(in_tau), rate)

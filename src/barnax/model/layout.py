@@ -28,24 +28,20 @@ class Spans(NamedTuple):
     in_rate: Span | None
 
     @classmethod
-    def of(
-        cls, records: Sequence[PreparedRecord], box: Coordinates, tolerance: float = TOLERANCE
-    ) -> "Spans":
+    def of(cls, records: Sequence[PreparedRecord], box: Coordinates) -> "Spans":
         """The spans of every circuit in a box."""
         interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in records)
         taus_s = box.shortest_tau_s, box.longest_tau_s
-        return cls.between(taus_s, box.gamma_limits, interval_s, tolerance)
+        return cls.between(taus_s, box.gamma_limits, interval_s)
 
     @classmethod
-    def between(
-        cls, taus_s: Range, gammas: Range | None, interval_s: float, tolerance: float = TOLERANCE
-    ) -> "Spans":
+    def between(cls, taus_s: Range, gammas: Range | None, interval_s: float) -> "Spans":
         """The spans between some ends, as far as an interval can tell a pair from a faster one.
 
         Raises `InputError` where these are too far apart.
         """
-        in_tau = span_of(max(taus_s[0], interval_s / AT_ONCE), taus_s[1], tolerance)
-        in_rate = None if gammas is None else span_of(1 / gammas[1], 1 / gammas[0], tolerance)
+        in_tau = span_of(max(taus_s[0], interval_s / AT_ONCE), taus_s[1], TOLERANCE)
+        in_rate = None if gammas is None else span_of(1 / gammas[1], 1 / gammas[0], TOLERANCE)
         return cls(in_tau, in_rate)
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
-from ..cell.elements import alike
 from ..display import Brief
 from ..errors import InputError
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
@@ -248,15 +247,6 @@ def _encode(
 @eqx.filter_jit
 def _decode(points: Float[Array, "points free"], coordinates: Coordinates) -> RCParameters:
     return jax.vmap(coordinates.decode)(points)
-
-
-def rc_parameters(parameters: CircuitParameters) -> RCParameters:
-    """A circuit's values as the simulation takes them. Call inside float64."""
-    given = parameters.r0, parameters.r, parameters.tau_s, parameters.gamma
-    are_pairs = alike(parameters.elements) == parameters.pairs
-    elements = () if are_pairs else parameters.elements
-    r0, r, tau_s, gamma = jax.tree.map(as_input, given)
-    return RCParameters(r0, r, tau_s, gamma, elements)
 
 
 @in_float64

@@ -249,11 +249,6 @@ def _unit_response_jvp(primals, tangents):
     return response_a, slope * tangents[0]
 
 
-def terminal_voltage(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:
-    """Simulated terminal voltage at every sample, in V (Li et al., 2023, Eq. 1 and 5)."""
-    return inputs.source_v - overpotential(rc, inputs)
-
-
 def _clocked(held: Float[Array, "samples *channels"], intervals: Intervals):
     """The input of a pair, sample by sample."""
     return held, intervals.node, intervals.offset_s

@@ -72,7 +72,7 @@ def outcome_of(folder: Path, truth: Truth) -> Outcome:
     except InputError as refusal:
         return Outcome(truth["file"], is_record, refusal=str(refusal))
     columns, _ = examine_columns(source.table, source.name)
-    lines, _ = examine_cells(take_lines(source.table, columns))
+    lines = examine_cells(take_lines(source.table, columns))
     wrong = tuple(_wrong(truth, record, len(lines.row))) if is_record else ()
     said = tuple(str(each) for each in (*record.warnings, *record.notes))
     return Outcome(truth["file"], is_record, len(lines.row), "", wrong, said)

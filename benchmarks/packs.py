@@ -16,9 +16,8 @@ from tests.helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, si
 
 import barnax
 from barnax.factors import factors_to_bytes
-from barnax.fleet.dataset import dataset_path, keep_factors, write_rows
+from barnax.fleet.dataset import dataset_path, keep_factors, regrouped, write_rows
 from barnax.fleet.engine import identify_fleet
-from barnax.fleet.regroup import regrouped
 from barnax.model.prepared import PreparedRecord, prepare_record
 from barnax.over_soc.kept import CONSTANT, Grid, keep
 from barnax.over_soc.pack import CAPACITY, R0, SHIFT, TOTAL

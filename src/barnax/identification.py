@@ -12,7 +12,6 @@ import numpy as np
 
 from .blas import one_blas_thread
 from .cell import CircuitParameters
-from .checks.step_answers import late_answers_ohm
 from .errors import InputError
 from .execution import threads
 from .global_optimum import (
@@ -34,6 +33,7 @@ from .over_soc.certificate import certify
 from .over_soc.fit import fit_of, level_beyond
 from .over_soc.fits import R0
 from .pulses import pulses_of
+from .records.lag import late_answers_ohm
 from .result_parts import (
     Candidate,
     ConstantPart,

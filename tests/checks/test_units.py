@@ -41,7 +41,7 @@ def assert_seen_through(folder, name, outcome):
     assert mine.samples == clean.samples
     assert mine.charged_ah == pytest.approx(clean.charged_ah, rel=1e-6)
     assert mine.discharged_ah == pytest.approx(clean.discharged_ah, rel=1e-6)
-    assert mine.interval_s == pytest.approx(clean.interval_s, rel=1e-6)
+    assert mine.median_interval_s == pytest.approx(clean.median_interval_s, rel=1e-6)
     assert mine.voltage_v == pytest.approx(clean.voltage_v, rel=1e-6)
 
 

@@ -6,9 +6,8 @@ import barnax
 from barnax.errors import InputError
 from barnax.factors import factors_to_bytes
 from barnax.fleet import identify_fleet
-from barnax.fleet.dataset import dataset_path, keep_factors, read_rows, write_rows
+from barnax.fleet.dataset import dataset_path, keep_factors, read_rows, regrouped, write_rows
 from barnax.fleet.manifest import FleetCell
-from barnax.fleet.regroup import regrouped
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc.kept import CONSTANT, Grid, keep
@@ -18,7 +17,7 @@ from helpers.known_cell import made
 @pytest.fixture(autouse=True)
 def untried(monkeypatch):
     """Without the trial in a process of its own, which takes a second: test_dataset.py has it."""
-    monkeypatch.setattr("barnax.fleet.regroup.rows_of_others", read_rows)
+    monkeypatch.setattr("barnax.fleet.dataset.rows_of_others", read_rows)
 
 
 @pytest.fixture(scope="module")

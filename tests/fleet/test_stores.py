@@ -12,8 +12,7 @@ from barnax.errors import InputError
 from barnax.execution import AtOnce
 from barnax.files import fetched, located
 from barnax.fleet import identify_fleet, read_manifest
-from barnax.fleet.dataset import FACTORS, marked_place, marking, read_rows, writing
-from barnax.fleet.regroup import regrouped
+from barnax.fleet.dataset import FACTORS, marked_place, marking, read_rows, regrouped, writing
 from barnax.fleet.rows import identify_rows
 
 from .conftest import comparable

@@ -10,7 +10,6 @@ from ..records.dialects import CHARGE, DISCHARGE
 from ..records.samples import Samples
 from ..records.segments import equal_runs
 from ..records.sign import step_votes
-from ..records.table import found_at
 from .check_input import CheckInput
 
 # How many steps of either kind make a pattern, at an end of the record and within it, and how far
@@ -20,11 +19,11 @@ _FEWEST, _FEWEST_WITHIN, _AGREEING = 3, 6, 0.9
 Votes = Float[np.ndarray, "steps"]
 
 
-def find_turn(samples: Samples) -> tuple[Samples, list[Notice]]:
-    """The samples in one sign throughout, and an error where it was another over some rows."""
+def in_one_sign(samples: Samples) -> Samples:
+    """The samples in one sign throughout, with an error where it was another over some rows."""
     at, votes = step_votes(samples)
     if len(votes) < 2 * _FEWEST:
-        return samples, []
+        return samples
     usual = float(np.sign(votes.sum())) or 1.0
     first, last = _most_contrary(votes * usual)
     inside = votes[first : last + 1]
@@ -36,7 +35,7 @@ def find_turn(samples: Samples) -> tuple[Samples, list[Notice]]:
         for part in (inside, outside)
     )
     if not is_turned:
-        return samples, []
+        return samples
     kinds = [CHARGE if part.mean() > 0 else DISCHARGE for part in (outside, inside)]
     rows = [int(at[first]) + 1 if first else 0, len(samples)]
     if last < len(votes) - 1:
@@ -47,10 +46,11 @@ def find_turn(samples: Samples) -> tuple[Samples, list[Notice]]:
     current_a = samples.current_a.copy()
     current_a[turned] *= -1
     row = rows[0] if first else rows[1]
-    turn = found_at(samples, row, "sign.turns", where="begins" if first else "ends", **told)
     if is_within:
-        turn = found_at(samples, row, "sign.turned-part", **told, back_row=samples.row[rows[1]])
-    return samples.having(current=current_a), [turn]
+        samples = samples.telling(row, "sign.turned-part", **told, back_row=samples.row[rows[1]])
+    else:
+        samples = samples.telling(row, "sign.turns", where="begins" if first else "ends", **told)
+    return samples.having(current=current_a)
 
 
 def _most_contrary(votes: Votes) -> tuple[int, int]:

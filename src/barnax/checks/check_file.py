@@ -17,7 +17,7 @@ from ..records.dialects import Sign
 from ..records.read import examine, make_record
 from ..records.sign import decide_sign
 from ..records.source import Source, read_source
-from ..schema import Json, notice_to_dict
+from ..schema import Json, key_of, notice_to_dict
 from . import channels, charge, sampling
 from .check_input import Check, CheckInput, in_its_rows
 from .roles import Role, Traits, find_fall, find_roles, roles_of_table, traits_of
@@ -54,9 +54,8 @@ class Facts:
     """Facts of the record, once mended so far as it could be."""
 
     samples: int
-    first_s: float
-    last_s: float
-    interval_s: float
+    time_s: tuple[float, float]
+    median_interval_s: float
     voltage_v: tuple[float, float]
     charged_ah: float
     discharged_ah: float
@@ -65,16 +64,7 @@ class Facts:
 
     def to_dict(self) -> dict[str, Any]:
         """The facts as plain values, with units in the keys."""
-        return {
-            "samples": self.samples,
-            "time [s]": [self.first_s, self.last_s],
-            "median interval [s]": self.interval_s,
-            "voltage [V]": list(self.voltage_v),
-            "charged [A.h]": self.charged_ah,
-            "discharged [A.h]": self.discharged_ah,
-            "current sign": self.current_sign,
-            "current hold": self.current_hold,
-        }
+        return {key_of(name).replace("_", " "): value for name, value in vars(self).items()}
 
 
 @dataclass(frozen=True, repr=False)
@@ -119,9 +109,8 @@ def _facts(given: CheckInput) -> Facts:
     record = given.record
     return Facts(
         samples=record.samples,
-        first_s=float(record.time_s[0]),
-        last_s=float(record.time_s[-1]),
-        interval_s=float(np.median(record.interval_s)),
+        time_s=(float(record.time_s[0]), float(record.time_s[-1])),
+        median_interval_s=float(np.median(record.interval_s)),
         voltage_v=(float(record.voltage_v.min()), float(record.voltage_v.max())),
         charged_ah=given.charged_ah,
         discharged_ah=given.discharged_ah,
@@ -174,11 +163,12 @@ def check_file(
     # Absurd values overflow before they are found out.
     with np.errstate(all="ignore"):
         if examined.mended is not None:
-            samples, found = channels.find_turn(examined.mended)
+            samples = channels.in_one_sign(examined.mended)
+            findings += samples.findings[len(examined.mended.findings) :]
             sign, doubts = decide_sign(samples, current_sign, source.name)
             # A current without any sign has been reported already.
             is_told = any(finding.check == "sign" for finding in examined.findings)
-            findings += found if is_told else [*found, *doubts]
+            findings += [] if is_told else doubts
             record = make_record(source, samples, sign, current_hold)
             given = CheckInput(source.cut(samples), record, capacity_ah, rest_current_a)
             given = in_its_rows(given, voltage_lag)

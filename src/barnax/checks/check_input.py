@@ -13,10 +13,9 @@ from ..cell.soc_axis import Sweep
 from ..errors import InputError
 from ..notices import Notice
 from ..records import Record, is_rested, rest_current_a
-from ..records.lag import Lag, find_lag, require_lag
+from ..records.lag import Known, Lag, answers_ohm, find_lag, require_lag
 from ..records.samples import Samples
 from ..records.table import found_at
-from .step_answers import Known, answers_ohm
 
 _FEWEST_READINGS, _MAX_STEPS = 20, 0.9
 

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..notices import Notice, notice
+from ..records.lag import LASTING, LATE_SURE, Known, late_of
 from ..records.segments import equal_runs
 from ..records.silence import gaps_in
 from .check_input import CheckInput
 from .roles import FINE_S
-from .step_answers import LASTING, LATE_SURE, Known, late_of
 
 # More than this share of all intervals is how the tester samples.
 _MANY = 0.1

@@ -58,23 +58,24 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     """The window that starts where the charge is known and scores the profile."""
     record = given.record
     whole = _from_the_beginning(given)
-    numbers = _profile_numbers(given)
-    if record.step is None or not len(numbers):
+    step = record.step
+    numbers = () if step is None else _profile_numbers(given, step)
+    if step is None or not len(numbers):
         return _after_charge(given) or whole
-    inside = np.flatnonzero(np.isin(record.step, numbers))
+    inside = np.flatnonzero(np.isin(step, numbers))
     first, last = int(inside[0]), int(inside[-1])
     if last - first + 1 >= _WHOLE * record.samples:
         return whole
     # Steps that are met inside the profile only belong to it.
-    outside = np.concatenate([record.step[:first], record.step[last + 1 :]])
-    own = tuple(np.setdiff1d(record.step[first : last + 1], outside).tolist())
+    outside = np.concatenate([step[:first], step[last + 1 :]])
+    own = tuple(np.setdiff1d(step[first : last + 1], outside).tolist())
     at, rest_s = _rest_before(given, first)
     is_settled = rest_s >= _LONG_REST_S
     rest = f"after {_duration(rest_s)} of rest" + ("" if is_settled else ", too short to settle")
     if not rest_s:
         rest = "without a rest before it"
     profile = f"the profile is step{'s' if len(own) > 1 else ''} {', '.join(map(str, own))}, {rest}"
-    full = _full_step(given, first)
+    full = _full_step(given, step, first)
     if full is not None:
         reason = f"{profile}; the cell is full at the end of step {full}"
         return SuggestedWindow(
@@ -150,22 +151,18 @@ def _clock_before(given: CheckInput, at: int) -> float:
     return short if at == 0 or short > time_s[at - 1] else float(time_s[at])
 
 
-def _profile_numbers(given: CheckInput) -> Int[np.ndarray, "numbers"]:
+def _profile_numbers(
+    given: CheckInput, step: Int[np.ndarray, "samples"]
+) -> Int[np.ndarray, "numbers"]:
     """The tester's step numbers inside which the current steps about."""
-    step = given.record.step
-    if step is None:
-        return np.zeros(0, int)
     is_inside = given.samples.is_step & (np.diff(step) == 0)
     numbers, times = np.unique(step[1:][is_inside], return_counts=True)
     return numbers[times >= _FEWEST_STEPS]
 
 
-def _full_step(given: CheckInput, before: int) -> int | None:
+def _full_step(given: CheckInput, step: Int[np.ndarray, "samples"], before: int) -> int | None:
     """The number of the step that ends full: a charge at a held voltage, its current tapered."""
     record = given.record
-    step = record.step
-    if step is None:
-        return None
     starts, ends = equal_runs(step)
     for start, end in zip(starts[::-1], ends[::-1], strict=True):
         if end >= before or record.time_s[end] - record.time_s[start] < FULL_CHARGE.least_s:

@@ -145,7 +145,7 @@ def fleet(given: FleetOptions) -> None:
     elif manifest.resolve() == out.resolve():
         raise InputError(f"{out}: is the fleet that is regrouped; give `out` another folder")
     else:
-        from ..fleet.regroup import regrouped
+        from ..fleet.dataset import regrouped
 
         columns = tuple(name.strip() for name in given.group.split(","))
         cells, carried = regrouped(where, columns), columns

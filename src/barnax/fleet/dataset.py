@@ -1,7 +1,8 @@
 """The dataset of a fleet: parts while it runs, one Parquet file when it ends.
 
 A part is written aside and put in place in one step, so that it is there whole or not at all. The
-final file takes in the parts the same way; what both hold counts once.
+final file takes in the parts the same way; what both hold counts once. Where factors were kept, its
+rows are cells of any grouping: no raw data are read again.
 """
 
 import io
@@ -15,10 +16,11 @@ from typing import Any
 
 import polars as pl
 
-from ..errors import InputError, reason_of
-from ..files import SUFFIX, changed_ns, replacing, write_whole
+from ..errors import InputError, listed, reason_of
+from ..files import SUFFIX, changed_ns, located, replacing, write_whole
 from ..records.readers.room import dies
 from ..records.table import LARGEST_FILE
+from .manifest import FleetCell
 
 try:
     import fcntl
@@ -152,18 +154,7 @@ def _require_no_link(folder: Path) -> None:
 def marking(folder: Path, batch: str) -> Iterator[Callable[[int], None]]:
     """A note of the cell of a batch that is being computed; gone when all are."""
     path = _marker(folder, batch)
-    if not isinstance(folder, Path):
-        yield lambda place: path.write_text(f"{place}\n")
-        path.unlink(missing_ok=True)
-        return
-    with path.open("w") as file:
-
-        def mark(place: int) -> None:
-            file.seek(0)
-            file.write(f"{place}\n")
-            file.flush()
-
-        yield mark
+    yield lambda place: path.write_text(f"{place}\n")
     path.unlink(missing_ok=True)
 
 
@@ -320,3 +311,54 @@ def compact(out: Path, shard: Shard | None = None) -> Path:
         for path in taken:
             path.unlink(missing_ok=True)
     return target
+
+
+def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
+    """A cell for all rows of a fleet that have the same values in some columns.
+
+    Args:
+        fleet: The folder of a fleet that was identified with `keep_factors`.
+        group: Columns of its dataset, such as those copied from its manifest.
+
+    Raises `InputError` where the dataset has no such column, or a row's factors are not there.
+    """
+    out = located(fleet)
+    rows = rows_of_others(out)
+    unknown = [name for name in group if name not in rows.columns]
+    if unknown or not group:
+        raise InputError(
+            f"`group` {listed(unknown) or 'nothing'}: no column of {out}; there are "
+            f"{listed(rows.columns)}"
+        )
+    good = rows.filter(pl.col("error").is_null())
+    if "pack" in good.columns:
+        # The mean cell of a pack is none of its cells.
+        good = good.filter(~pl.col("id").is_in(good["pack"].drop_nulls().unique().to_list()))
+    folder = out / FACTORS
+    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    cells: dict[str, FleetCell] = {}
+    for values, members in good.group_by(group, maintain_order=True):
+        outside = [name for name in members["id"] if Path(name).name != name]
+        if outside:
+            raise InputError(f"{out}: has a row {outside[0]!r}, which is no name of a file in it")
+        paths = [factors_path(out, name) for name in members["id"]]
+        gone = [path for path in paths if path.name not in there]
+        if gone:
+            raise InputError(
+                f"{gone[0]}: is not there; identify the fleet with `keep_factors` again"
+            )
+        name = ", ".join(map(str, values)).replace("/", "-").replace("\\", "-")
+        carried = dict(zip(group, values, strict=True))
+        if name in cells:
+            others = [cells[name].carried.get(column, name) for column in group]
+            raise InputError(
+                f"{out}: the groups {listed(map(str, others))} and {listed(map(str, values))} "
+                f"would both be called {name!r}; change these values in a column of the "
+                "manifest, and `group` by that"
+            )
+        # The name of a cell is its own column.
+        carried.pop("id", None)
+        cells[name] = FleetCell(name, tuple(map(str, paths)), carried=carried)
+    if not cells:
+        raise InputError(f"{out}: has no rows with factors; identify it with `keep_factors`")
+    return [*cells.values()]

@@ -106,12 +106,14 @@ def identify_fleet(
     """
     root, chosen = located(out), {"seeds": 0, **(settings or {})}
     state = Progress()
+    made = (cell if isinstance(cell, FleetCell) else cell_of(cell) for cell in cells)
+    # Of a lazy iterable no cell is looked at before its turn.
+    every = [*made] if isinstance(cells, Sequence) else []
 
     def wanted(done: Mapping[str, tuple[str, bool]]) -> Iterator[tuple[str, FleetCell]]:
         """The cells that have no row of these inputs and settings yet; the others are counted."""
         nonlocal state
-        given = (cell if isinstance(cell, FleetCell) else cell_of(cell) for cell in cells)
-        for cell in distinct(given):
+        for cell in distinct(every or made):
             if not in_shard(cell, shard):
                 continue
             print_ = cell.fingerprint(chosen)
@@ -146,10 +148,7 @@ def identify_fleet(
                     # A small number of cells is shared among the workers, four batches each.
                     size = max(1, min(size, -(-len(few) // (4 * count))))
                 batches = iter(lambda: tuple(itertools.islice(queue, size)), ())
-                # Of a lazy iterable no cell is looked at before its turn.
-                every = cells if isinstance(cells, Sequence) else ()
-                given = [cell if isinstance(cell, FleetCell) else cell_of(cell) for cell in every]
-                loggers = loggers_of_fleet(given, chosen)
+                loggers = loggers_of_fleet(every, chosen)
                 work = partial(
                     _submit, folder=folder, out=root, settings={**chosen, "loggers": loggers}
                 )

@@ -233,19 +233,20 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
                     f"{listed(document) or 'them in another form'}"
                 )
             return rows, defaults
-        if suffix in (".parquet", ".pq"):
-            content = path.read_bytes()
-            frame = pl.DataFrame(PARQUET.read(content, str(path), {}).columns)
-            return _as_rows(frame, content, path), {}
         content = path.read_bytes()
-        frame = pl.read_csv(
-            # As text: Polars would unpack what is packed twice, without a limit.
-            io.StringIO(unzipped(content, str(path)).decode("utf-8")),
-            infer_schema_length=None,
-            schema_overrides={"id": pl.String},
-            try_parse_dates=True,
-        )
-        return _as_rows(frame, content, path), {}
+        if suffix in (".parquet", ".pq"):
+            frame = pl.DataFrame(PARQUET.read(content, str(path), {}).columns)
+        else:
+            frame = pl.read_csv(
+                # As text: Polars would unpack what is packed twice, without a limit.
+                io.StringIO(unzipped(content, str(path)).decode("utf-8")),
+                infer_schema_length=None,
+                schema_overrides={"id": pl.String},
+                try_parse_dates=True,
+            )
+        size = frame.height * (ROW_BYTES + VALUE_BYTES * frame.width)
+        require_room(size, content, str(path))
+        return frame.to_dicts(), {}
     except (OSError, ValueError, pl.exceptions.PolarsError) as problem:
         if isinstance(problem, InputError):
             raise
@@ -254,12 +255,6 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             f"{path}: cannot be read ({reason}); give a table in CSV, Parquet or TOML with a row "
             "for each cell"
         ) from problem
-
-
-def _as_rows(frame: pl.DataFrame, content: bytes, path: Path) -> list[dict[str, Any]]:
-    """The rows of a table, if there is room for them."""
-    require_room(frame.height * (ROW_BYTES + VALUE_BYTES * frame.width), content, str(path))
-    return frame.to_dicts()
 
 
 def _renamed(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -101,32 +101,30 @@ def summarize(rows: pl.DataFrame) -> Summary:
     """
     failed = rows.filter(pl.col("error").is_not_null())
     good = rows.filter(pl.col("error").is_null())
+    failures = _causes(failed, "error", "error code")
+    if not len(good):
+        return Summary(len(rows), 0, 0, 0, (), (), failures, (), ())
     distributions: list[Distribution] = []
     outliers: list[Outlier] = []
-    for (circuit,), group in good.group_by("circuit", maintain_order=True) if len(good) else ():
+    for (circuit,), group in good.group_by("circuit", maintain_order=True):
         for name in summed_up(group):
             known = group.filter(pl.col(name).is_finite() & (pl.col(name) > 0))
             if len(known):
                 distribution, far = _distribution(str(circuit), name, known)
                 distributions.append(distribution)
                 outliers += far
-    worst = good.sort("RMSE [V]", descending=True).head(WORST) if len(good) else good
+    worst = good.sort("RMSE [V]", descending=True).head(WORST)
+    warned = good.explode("warnings", "warning codes").drop_nulls("warnings")
     return Summary(
         cells=len(rows),
         identified=len(good),
-        certified=int(good["certified"].sum()) if len(good) else 0,
-        at_bound=int((good["at bound"] != "").sum()) if len(good) else 0,
+        certified=int(good["certified"].sum()),
+        at_bound=int((good["at bound"] != "").sum()),
         distributions=tuple(distributions),
         outliers=tuple(sorted(outliers, key=lambda outlier: -abs(outlier.deviations))),
-        failures=_causes(failed, "error", "error code"),
-        warnings=_causes(
-            good.explode("warnings", "warning codes").drop_nulls("warnings"),
-            "warnings",
-            "warning codes",
-        )
-        if len(good)
-        else (),
-        worst=tuple(zip(worst["id"], worst["RMSE [V]"], strict=True)) if len(worst) else (),
+        failures=failures,
+        warnings=_causes(warned, "warnings", "warning codes"),
+        worst=tuple(zip(worst["id"], worst["RMSE [V]"], strict=True)),
     )
 
 

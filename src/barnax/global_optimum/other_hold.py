@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..cell import get_circuit
-from ..checks.step_answers import late_answers_ohm
 from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Problem
 from ..model.sampling import other_sampling
 from ..notices import Notice, notice
 from ..records import Decision
+from ..records.lag import late_answers_ohm
 from ..search.evaluate import evaluate
 from .search import find_global_optimum
 

@@ -126,21 +126,14 @@ class Fit:
         line = its.level**2 + its.slope**2 * one[..., None] * other[..., None, :]
         return line + its.bend**2 * wiener(one, other)
 
-    def _own_of(self, cell: int | None, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        found = self.own(one, other)
-        for place, shape in self.added:
-            if cell is None or place == cell:
-                here = np.multiply.outer(
-                    *(shape.at(age if cell is not None else age[place]) for age in (one, other))
-                )
-                # What departs from the fleet bends as no good cell does.
-                bent = wiener(*((one, other) if cell is not None else (one[place], other[place])))
-                own = shape.size**2 * (FREE**2 * here + bent)
-                if cell is None:
-                    found[place] += own
-                else:
-                    found = found + own
-        return found
+    def _own_of(self, cell: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """The same of one cell, with the shape that it alone has."""
+        covariance = self.own(one, other)
+        if (shape := dict(self.added).get(cell)) is not None:
+            here = np.multiply.outer(shape.at(one), shape.at(other))
+            # What departs from the fleet bends as no good cell does.
+            covariance += shape.size**2 * (FREE**2 * here + wiener(one, other))
+        return covariance
 
     def columns(self, age: np.ndarray, covariate: np.ndarray, shared: np.ndarray) -> np.ndarray:
         """X, whose first columns are free, the others of what is about as large as it is given."""
@@ -162,8 +155,10 @@ class Fit:
         """The Cholesky factor of every cell's covariance; what is filled up is apart."""
         its = self.series
         both = its.known[:, :, None] & its.known[:, None, :]
-        shared = its.of_cell @ its.of_cell.mT
-        covariance = np.where(both, self._own_of(None, its.age, its.age) + shared, 0.0)
+        own = self.own(its.age, its.age)
+        for cell, _ in self.added:
+            own[cell] = self._own_of(cell, its.age[cell], its.age[cell])
+        covariance = np.where(both, own + its.of_cell @ its.of_cell.mT, 0.0)
         noise = np.where(
             its.known, self.spread.share**2 * its.variance + self.spread.scatter**2, 1.0
         )

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Bool, Float
 
-from ..notices import Notice, notice
+from ..notices import notice
 from .cell_values import is_clock, is_local_date
 from .samples import Samples
 from .table import found_at
@@ -29,53 +29,50 @@ _SPRING, _SPRING_HOURS, _EXACT, _GOES_ON = (3, 4, 9, 10), 5, 0.05, 0.9
 Clock = Float[np.ndarray, "samples"]
 
 
-def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
-    """The samples with a clock that never falls, and what was wrong with it.
+def examine_clock(samples: Samples) -> Samples:
+    """The samples with a clock that never falls, told what was wrong with it.
 
     Stamps out of line are dropped, rows out of order are sorted, and a clock that starts again is
     made to run on.
     """
     if not len(samples) or samples.intervals_s.min(initial=0) >= 0:
         return _set_forward(samples)
-    findings = list[Notice]()
     for mend in (_without_zeros, _set_back, _by_counter, _join_steps, _without_jitter):
-        samples, found = mend(samples)
-        findings += found
+        samples = mend(samples)
     for find in (_single_strays, _stray_runs):
         strays = find(samples.time_s)
         if 0 < strays.sum() <= max(_SLIPS, _FEW * len(strays)):
-            findings.append(_stray(samples, strays))
-            samples = samples.keep(~strays)
+            samples = _without_strays(samples, strays)
     time = samples.time_s
     falls = np.flatnonzero(np.diff(time) < 0)
     if not len(falls):
-        return samples, findings
+        return samples
     at = int(falls[0]) + 1
     files = "several" if samples.table.files > 1 else None
     given = {"before_s": time[at - 1], "after_s": time[at], "times": len(falls), "files": files}
     fall_s = time[falls] - time[falls + 1]
     is_midnight = bool(np.all(np.abs(fall_s - _DAY_S) < 0.01 * _DAY_S))
     if not is_midnight and _is_shuffled(time, len(falls)):
-        findings.append(found_at(samples, at, "clock.shuffled", **given))
-        return samples.keep(np.argsort(time, kind="stable")), findings
+        samples = samples.telling(at, "clock.shuffled", **given)
+        return samples.keep(np.argsort(time, kind="stable"))
     code = "clock.midnight" if is_midnight else "clock.restart"
-    findings.append(found_at(samples, at, code, **given, column=samples.header("time")))
-    return samples.having(time=_running_on(time)), findings
+    samples = samples.telling(at, code, **given, column=samples.header("time"))
+    return samples.having(time=_running_on(time))
 
 
-def _without_zeros(samples: Samples) -> tuple[Samples, list[Notice]]:
+def _without_zeros(samples: Samples) -> Samples:
     """The samples without those where the clock shows 0 between values that never fall."""
     time = samples.time_s
     is_zero = (time + (samples.zero_date_s or 0.0) == 0) & (np.arange(len(time)) > 0)
     # One alone may be the first row, out of order.
     is_first = is_zero.sum() == 1 and time[0] > 0
     if is_first or is_zero.mean() > _MOSTLY or np.any(np.diff(time[~is_zero]) < 0):
-        return samples, []
+        return samples
     given = {"column": samples.header("time"), "rows": is_zero.sum()}
-    return samples.keep(~is_zero), [found_at(samples, is_zero, "clock.zeros", **given)]
+    return samples.telling(is_zero, "clock.zeros", **given).keep(~is_zero)
 
 
-def _set_back(samples: Samples) -> tuple[Samples, list[Notice]]:
+def _set_back(samples: Samples) -> Samples:
     """The samples on a clock that runs on where it is set back: by the hour of autumn, or by twelve
     hours where it says neither AM nor PM.
 
@@ -88,7 +85,7 @@ def _set_back(samples: Samples) -> tuple[Samples, list[Notice]]:
     is_dated = samples.zero_date_s is not None
     is_dated |= is_clock(samples.table.columns[samples.columns["time"].index])
     if not falls.any() or (not is_dated and np.abs(time[1:][falls]).min() <= late_s):
-        return samples, []
+        return samples
     for period_s, code in _SET_BACK:
         late_s = max(_LATE * samples.interval_s, min(latest_s, _LATEST_SHARE * period_s))
         if np.all((back_s <= period_s) & (period_s <= back_s + late_s)):
@@ -98,17 +95,18 @@ def _set_back(samples: Samples) -> tuple[Samples, list[Notice]]:
             before_s, after_s = time[fall : fall + 2]
             found = found_at(samples, fall + 1, code, before_s=before_s, after_s=after_s, **taken)
             mended = time + period_s * np.append(0, np.cumsum(falls))
-            return samples.having(time=mended), [found.rated("warning" if is_dated else "error")]
-    return samples, []
+            found = found.rated("warning" if is_dated else "error")
+            return samples.noting(found).having(time=mended)
+    return samples
 
 
-def _set_forward(samples: Samples) -> tuple[Samples, list[Notice]]:
+def _set_forward(samples: Samples) -> Samples:
     """The samples on a clock that runs on where it is set forward, by the hour of spring: dates of
     the local time that skip one hour, the one of the calendar, or under a load that goes on."""
     time = samples.columns["time"]
     is_local = is_local_date(samples.table.columns[time.index], time)
     if samples.zero_date_s is None or len(samples) < _SLIPS or not is_local:
-        return samples, []
+        return samples
     (hour_s, _), interval_s = _SET_BACK[0], samples.interval_s
     over_s = samples.intervals_s - hour_s
     # The stamp may come as late as any does, up to a share of the hour.
@@ -116,7 +114,7 @@ def _set_forward(samples: Samples) -> tuple[Samples, list[Notice]]:
     late_s = max(_LATE * interval_s, latest_s)
     jumps = np.flatnonzero((over_s >= 0) & (over_s <= late_s))
     if len(jumps) != 1 or interval_s > _LATEST_SHARE * hour_s:
-        return samples, []
+        return samples
     at = int(jumps[0])
     before_s, after_s = samples.time_s[at : at + 2]
     zero = np.datetime64(round(1e3 * samples.zero_date_s), "ms")
@@ -133,13 +131,13 @@ def _set_forward(samples: Samples) -> tuple[Samples, list[Notice]]:
     goes_on &= np.abs(samples.current_a[at : at + 2]).min() > _MOSTLY * samples.peak_a
     goes_on &= abs(over_s[at] - interval_s) <= _EXACT * interval_s
     if not (is_spring or goes_on):
-        return samples, []
+        return samples
     given = {"before_s": before_s, "after_s": after_s, "column": samples.header("time")}
     mended = samples.time_s - hour_s * (np.arange(len(samples)) > at)
-    return samples.having(time=mended), [found_at(samples, at + 1, "clock.hour-on", **given)]
+    return samples.telling(at + 1, "clock.hour-on", **given).having(time=mended)
 
 
-def _by_counter(samples: Samples) -> tuple[Samples, list[Notice]]:
+def _by_counter(samples: Samples) -> Samples:
     """The samples in the order of a column that counts the rows, where time falls less in it.
 
     Without one, what only falls is turned around.
@@ -155,17 +153,17 @@ def _by_counter(samples: Samples) -> tuple[Samples, list[Notice]]:
             continue
         if np.sum(np.diff(samples.time_s[order]) < 0) <= _FEW * falls:
             name = samples.table.header[index]
-            return samples.keep(order), [notice("clock.sorted", places=falls, column=name)]
+            return samples.keep(order).noting(notice("clock.sorted", places=falls, column=name))
     if falls > _SLIPS and falls >= (1 - _FEW) * len(samples.intervals_s):
-        return samples.keep(np.arange(len(samples))[::-1]), [notice("clock.turned")]
-    return samples, []
+        return samples.keep(np.arange(len(samples))[::-1]).noting(notice("clock.turned"))
+    return samples
 
 
 # A clock that falls by less than this share of the usual interval is read too coarsely.
 _JITTER_SHARE = 0.1
 
 
-def _without_jitter(samples: Samples) -> tuple[Samples, list[Notice]]:
+def _without_jitter(samples: Samples) -> Samples:
     """The samples with stamps put just where they belong that are a little behind the one before.
 
     A stamp is put one interval before the next, or hard behind the one before.
@@ -174,30 +172,29 @@ def _without_jitter(samples: Samples) -> tuple[Samples, list[Notice]]:
     falls = np.flatnonzero(samples.intervals_s < 0)
     fall_s = time[falls] - time[falls + 1]
     if not 0 < len(falls) <= max(_SLIPS, _FEW * len(time)):
-        return samples, []
+        return samples
     # Behind the last sample there is room for one more.
     after = np.append(time, time[-2] + 2 * usual_s)[falls + 2]
     room_s = after - time[falls]
     if np.any(fall_s > _JITTER_SHARE * usual_s) or np.any(room_s <= 0):
-        return samples, []
+        return samples
     behind = time[falls] + np.minimum(_APART_SHARE * room_s, _APART_S)
     mended = time.copy()
     mended[falls + 1] = np.maximum(after - usual_s, behind)
     given = {"fall_s": fall_s.max(), "places": len(falls)}
-    finding = found_at(samples, int(falls[0]) + 1, "clock.jitter", **given)
-    return samples.having(time=mended), [finding]
+    return samples.telling(int(falls[0]) + 1, "clock.jitter", **given).having(time=mended)
 
 
 # The least share of a clock's falls that lie where the step changes, and how low they go.
 _AT_STEPS, _FROM_ZERO = 0.8, 0.1
 
 
-def _join_steps(samples: Samples) -> tuple[Samples, list[Notice]]:
+def _join_steps(samples: Samples) -> Samples:
     """The samples on the clock of the test, where theirs begins anew with each step."""
     time = samples.time_s
     falls = np.diff(time) < 0
     if not falls.any():
-        return samples, []
+        return samples
     starts, is_steps = falls, samples.columns["time"].quantity.name == "step time"
     if samples.step is not None:
         changes = np.diff(samples.step) != 0
@@ -209,20 +206,19 @@ def _join_steps(samples: Samples) -> tuple[Samples, list[Notice]]:
         is_steps |= bool(is_at_steps and np.mean(falls[changes]) > 0.5)
         starts = falls | changes
     if not is_steps:
-        return samples, []
+        return samples
     # A step begins where the one before it ended.
     before = np.cumsum(np.where(starts, time[:-1], 0.0))
-    joined = samples.having(time=time + np.concatenate([np.zeros(1), before]))
-    at = int(np.argmax(falls)) + 1
+    at, joined = int(np.argmax(falls)) + 1, time + np.concatenate([np.zeros(1), before])
     given = {"column": samples.header("time"), "times": falls.sum()}
-    return joined, [found_at(samples, at, "clock.steps", **given)]
+    return samples.telling(at, "clock.steps", **given).having(time=joined)
 
 
-def _stray(samples: Samples, strays: Bool[np.ndarray, "samples"]) -> Notice:
+def _without_strays(samples: Samples, strays: Bool[np.ndarray, "samples"]) -> Samples:
     first = int(np.argmax(strays))
     beside = samples.time_s[first - 1 if first else 1]
     given = {"time_s": samples.time_s[first], "beside_s": beside, "rows": strays.sum()}
-    return found_at(samples, first, "clock.stray", **given)
+    return samples.telling(first, "clock.stray", **given).keep(~strays)
 
 
 def _single_strays(time: Clock) -> Bool[np.ndarray, "samples"]:
@@ -288,23 +284,22 @@ _CLOSE_S, _CLOSE_SHARE = 0.05, 0.1
 _APART_S, _APART_SHARE = 5e-4, 0.1
 
 
-def separate_steps(samples: Samples) -> tuple[Samples, list[Notice]]:
+def separate_steps(samples: Samples) -> Samples:
     """The samples with both sides of a change of step that share a time stamp, a little apart."""
     is_repeat = samples.intervals_s == 0
     if samples.step is None or not is_repeat.any():
-        return samples, []
+        return samples
     sides = is_repeat & (np.diff(samples.step) != 0)
     if not sides.any():
-        return samples, []
+        return samples
     stamp = np.concatenate([[0], np.cumsum(~is_repeat)])
     first = np.searchsorted(stamp, np.arange(stamp[-1] + 1))
     has_sides = np.logical_or.reduceat(np.concatenate([[False], sides]), first)
     place = np.where(has_sides[stamp], np.arange(len(stamp)) - first[stamp], 0)
     room_s = np.append(np.diff(samples.time_s[first]), np.inf) * _APART_SHARE
     apart_s = np.clip(room_s / np.diff(first, append=len(stamp)), 0, _APART_S)[stamp]
-    at = int(np.argmax(sides)) + 1
-    moved = samples.having(time=samples.time_s + place * apart_s)
-    return moved, [found_at(samples, at, "repeats.both-sides", changes=sides.sum())]
+    told = samples.telling(int(np.argmax(sides)) + 1, "repeats.both-sides", changes=sides.sum())
+    return told.having(time=samples.time_s + place * apart_s)
 
 
 def merge_repeats(samples: Samples) -> Samples:
@@ -312,8 +307,8 @@ def merge_repeats(samples: Samples) -> Samples:
     return samples.keep(np.concatenate([[True], samples.intervals_s != 0]))
 
 
-def examine_repeats(samples: Samples) -> tuple[Samples, list[Notice]]:
-    """The samples on a clock that strictly rises, and which of them were logged twice.
+def examine_repeats(samples: Samples) -> Samples:
+    """The samples on a clock that strictly rises, told which of them were logged twice.
 
     Of two samples of one time stamp the first is kept. Where there are more of different values
     than the two sides of a step explain, they are spread over the interval that follows.
@@ -321,7 +316,7 @@ def examine_repeats(samples: Samples) -> tuple[Samples, list[Notice]]:
     # Interval by interval: of the stamp before, and alike wholly, within the resolution, or not.
     is_repeat = samples.intervals_s == 0
     if not is_repeat.any():
-        return samples, _close(samples)
+        return _with_close(samples)
     step_a, step_v = samples.step_a, samples.step_v
     is_exact = is_repeat & (step_a == 0) & (step_v == 0)
     is_alike = np.abs(step_a) <= _SAME_CURRENT_SHARE * samples.peak_a * (1 + 1e-9)
@@ -335,20 +330,18 @@ def examine_repeats(samples: Samples) -> tuple[Samples, list[Notice]]:
         at = int(np.argmax(is_other)) + 1
         mean = len(samples) / len(np.unique(samples.time_s))
         given = {**_two_values(samples, at), "rows": others, "rows_a_stamp": mean}
-        finding = found_at(samples, at, "repeats.coarse-clock", **given)
-        return samples.having(time=_spread(samples.time_s)), [finding]
-    findings = []
+        told = samples.telling(at, "repeats.coarse-clock", **given)
+        return told.having(time=_spread(samples.time_s))
     for is_merged, alike in ((is_exact, "exact"), (is_near, "near")):
         if is_merged.any():
             at = int(np.argmax(is_merged)) + 1
             given = {"rows": is_merged.sum(), "alike": alike}
-            findings.append(found_at(samples, at, "repeats.merged", **given))
+            samples = samples.telling(at, "repeats.merged", **given)
     if others:
         at = int(np.argmax(is_other)) + 1
         given = {**_two_values(samples, at), "rows": others}
-        findings.append(found_at(samples, at, "repeats.merged-others", **given))
-    samples = merge_repeats(samples)
-    return samples, [*findings, *_close(samples)]
+        samples = samples.telling(at, "repeats.merged-others", **given)
+    return _with_close(merge_repeats(samples))
 
 
 def _two_values(samples: Samples, at: int) -> dict[str, float]:
@@ -372,12 +365,11 @@ def _spread(time_s: Clock) -> Clock:
     return time_s + np.append(gaps, last)[place] * within / times[place]
 
 
-def _close(samples: Samples) -> list[Notice]:
-    """A note of samples hard upon the one before, which testers log where a step ends."""
+def _with_close(samples: Samples) -> Samples:
+    """The samples, noting those hard upon the one before, which testers log where a step ends."""
     interval_s = samples.intervals_s
-    usual_s = samples.interval_s
-    is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * usual_s)
+    is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * samples.interval_s)
     if not is_close.any():
-        return []
+        return samples
     given = {"samples": is_close.sum(), "interval_s": interval_s[is_close].max()}
-    return [found_at(samples, int(np.argmax(is_close)) + 1, "repeats.close", **given)]
+    return samples.telling(int(np.argmax(is_close)) + 1, "repeats.close", **given)

@@ -4,7 +4,7 @@ Each fault is mended as far as it can be before the next rule looks, so that one
 hide another.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
@@ -30,7 +30,7 @@ from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
 from .table import Lines, examine_cells, found_at, take_lines
 from .twins import examine_twins
-from .units import examine_voltage_range, examine_voltage_unit, unlikely_series
+from .units import examine_series, examine_voltage_range, examine_voltage_unit
 
 Values = TypeVar("Values", np.ndarray, np.ndarray | None)
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
@@ -63,23 +63,18 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     columns, findings = examine_columns(source.table, source.name, source.columns)
     lines = take_lines(source.table, columns)
     _require_common_rows(lines, source.name)
-    lines, found = examine_empty_current(lines)
-    findings += found
-    lines, found = examine_cells(lines)
-    findings += found
+    lines = examine_cells(examine_empty_current(lines.noting(*findings)))
     if not columns.keys() >= NEEDED:
-        return Examined(None, None, tuple(findings))
-    samples, found = _one_cell(source, samples_of(lines))
-    findings += found
-    mended = samples
+        return Examined(None, None, lines.findings)
+    samples = mended = _one_cell(source, samples_of(lines))
 
-    def judge_scale(given: Samples) -> tuple[Samples, list[Notice]]:
+    def judge_scale(given: Samples) -> Samples:
         return examine_scale(given, capacity_ah, source.columns)
 
     if short := _too_short(mended):
         # If bad cells took the samples, that has been said already.
-        findings += [] if any(finding.severity == "error" for finding in findings) else [short]
-        return Examined(None, None, tuple(findings))
+        is_said = any(finding.severity == "error" for finding in mended.findings)
+        return Examined(None, None, mended.findings if is_said else (*mended.findings, short))
     # Absurd values overflow before they are found out.
     with np.errstate(all="ignore"):
         for rule in (
@@ -91,13 +86,13 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
             examine_voltage_range,
             examine_repeats,
         ):
-            mended, found = rule(mended)
-            findings += found
+            mended = rule(mended)
             if short := _too_short(mended):
-                return Examined(None, None, (*findings, short))
+                return Examined(None, None, (*mended.findings, short))
             # The rules that follow judge the voltages, which a record keeps as they are.
             samples = mended if rule is judge_scale else samples
-        findings = [*_one_question(findings, columns), *describe_units(mended.columns)]
+        findings = _one_question(mended.findings, columns)
+        findings += describe_units(mended.columns)
         findings += examine_twins(source, mended)
         is_usable = bool(mended.intervals_s.min() > 0 and mended.peak_a > 0)
     if not any(finding.severity == "error" for finding in findings):
@@ -105,7 +100,7 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     return Examined(samples, mended if is_usable else None, tuple(findings))
 
 
-def _one_question(findings: list[Notice], columns: Mapping[str, Column]) -> list[Notice]:
+def _one_question(findings: Sequence[Notice], columns: Mapping[str, Column]) -> list[Notice]:
     """The findings, with one error that asks for all units that are missing, where one is asked for
     and that of another column is in doubt too; beside bare millivolts all are."""
     bare = {column.header for column in columns.values() if column.is_unit_assumed}
@@ -115,7 +110,7 @@ def _one_question(findings: list[Notice], columns: Mapping[str, Column]) -> list
     doubts = {one.values["column"] for one in asked}
     is_milli = any(one.code == "voltage-unit.milli" for one in errors) and len(bare) > 1
     if not errors or not (is_milli or open_too or len(doubts) > 1):
-        return findings
+        return [*findings]
     others = [one for one in findings if one not in (*asked, *open_too)]
     return [bare_units(columns, errors[0].what).rated("error"), *others]
 
@@ -132,16 +127,13 @@ def _require_common_rows(lines: Lines, file: str) -> None:
         raise found_at(lines, has_voltage, "cells.apart", **given, rows=both).about(file).error(".")
 
 
-def _one_cell(source: Source, samples: Samples) -> tuple[Samples, list[Notice]]:
+def _one_cell(source: Source, samples: Samples) -> Samples:
     """The samples with the voltage of one cell of those in series, and a note of it."""
     voltage_v = source.of_one_cell(samples.voltage_v)
     if voltage_v is samples.voltage_v:
-        return samples, []
-    name = samples.header("voltage")
-    findings = [notice("series.divided", column=name, series=source.series)]
-    samples = samples.having(voltage=voltage_v)
-    findings += unlikely_series(samples, source.series)
-    return samples, findings
+        return samples
+    told = notice("series.divided", column=samples.header("voltage"), series=source.series)
+    return examine_series(samples.having(voltage=voltage_v).noting(told), source.series)
 
 
 def _too_short(samples: Samples) -> Notice | None:

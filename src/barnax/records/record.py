@@ -150,23 +150,17 @@ def in_means(record: Record, interval_s: float) -> Record:
     def mean(values: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "means"]:
         return np.add.reduceat(values, first) / counts
 
-    def begun(values):
-        return None if values is None else values[first]
-
+    names = ("temperature_degc", "step", "row", "charge_ah", "cycle", "state")
+    begun = {name: getattr(record, name) for name in names}
     found = replace(
         record,
         time_s=mean(record.time_s),
         current_a=mean(record.current_a),
         voltage_v=mean(record.voltage_v),
-        temperature_degc=begun(record.temperature_degc),
-        step=begun(record.step),
-        row=record.row[first],
         hold=replace(record.hold, value="centered"),
-        charge_ah=begun(record.charge_ah),
         skipped_ah=None,
         flowing=None,
-        cycle=begun(record.cycle),
-        state=begun(record.state),
+        **{name: own if own is None else own[first] for name, own in begun.items()},
     )
     moved_ah = np.diff(mean(record.discharged_ah))
     if record.flowing is not None:

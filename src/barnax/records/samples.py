@@ -227,7 +227,7 @@ def samples_of(lines: Lines) -> Samples:
     if lines.columns["current"].quantity.name == "charge of the interval":
         interval_h = np.diff(time_s, prepend=time_s[:1]) / 3600
         values["current"] = values["current"] / np.where(interval_h > 0, interval_h, np.inf)
-    return Samples(lines.table, lines.columns, values, lines.at, zero_date_s)
+    return Samples(lines.table, lines.columns, values, lines.at, zero_date_s, lines.findings)
 
 
 def some(values: np.ndarray) -> np.ndarray:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..notices import Notice
 from .cell_values import FINEST_S, epoch_unit, is_clock, is_usual, numbers
 from .column_rules import bare_units
 from .columns import NOTHING, Column, columns_of
@@ -76,26 +75,23 @@ class Verdict:
 
 def examine_scale(
     samples: Samples, capacity_ah: float | None = None, given: Mapping[str, str] = NOTHING
-) -> tuple[Samples, list[Notice]]:
-    """The samples in s, A and Ah, and which unit is another than was named or assumed.
+) -> Samples:
+    """The samples in s, A and Ah, told which unit is another than was named or assumed.
 
     A time whose name has no unit, and a charge, are taken in the one that the witnesses tell; where
     they leave several, the user is asked. `capacity_ah` is a witness too, and `given` are the
     user's own names of columns.
     """
-    findings: list[Notice] = []
     if samples.peak_a < _LEAST_A:
-        column = samples.header("current")
-        findings.append(found_at(samples, 0, "current-unit.zero", column=column))
+        samples = samples.telling(0, "current-unit.zero", column=samples.header("current"))
     asked = None
     # One unit is the odd one out, and behind it may be another.
     for _ in range(2):
         best = _best(samples, list(_witnesses(samples, capacity_ah, given)))
         if not best:
             break
-        samples, finding = _settled(samples, best)
-        findings.append(finding)
-        if finding.code.endswith((".doubtful", ".open")):
+        samples = _settled(samples, best)
+        if samples.findings[-1].code.endswith((".doubtful", ".open")):
             asked = best[0].reading.quantity
             break
     witnesses = _witnesses(samples, capacity_ah, given)
@@ -103,8 +99,8 @@ def examine_scale(
     if left and samples.columns["time"].is_unit_assumed:
         # No other unit explains it, and none is named.
         reason = "; ".join(dict.fromkeys(one.says for one in left))
-        findings.append(bare_units(samples.columns, reason))
-    return samples, findings
+        samples = samples.noting(bare_units(samples.columns, reason))
+    return samples
 
 
 def _best(samples: Samples, witnesses: list[Witness]) -> list[Verdict]:
@@ -172,7 +168,7 @@ _CODES = (
 UNITS_ASKED = (*_CODES[:-1], "voltage-unit.milli")
 
 
-def _settled(samples: Samples, best: list[Verdict]) -> tuple[Samples, Notice]:
+def _settled(samples: Samples, best: list[Verdict]) -> Samples:
     """The samples in the unit that is told, and the notice of it."""
     reading, kind, weight = best[0].reading, best[0].reading.quantity, best[0].weight
     column = _column(samples, kind)
@@ -194,19 +190,19 @@ def _settled(samples: Samples, best: list[Verdict]) -> tuple[Samples, Notice]:
     if len(best) > 1 or (weight < _CERTAIN and is_free and kind == "time"):
         told["choices"] = " or ".join(_choices(samples, best))
         found = found_at(samples, at, code["open"], **told)
-        return samples, found.rated("error" if is_free else "warning")
+        return samples.noting(found.rated("error" if is_free else "warning"))
     # Where nothing but the counters is in another unit, the current tells which.
     if weight < _CERTAIN and kind != CHARGE:
-        return samples, found_at(samples, at, code["doubtful"], **told)
+        return samples.telling(at, code["doubtful"], **told)
     changed = _quantities(samples, kind)
     scaled = {own: samples.values[own] * reading.factor for own in changed}
     mended = samples.having(**scaled)
     if kind != CHARGE and not is_free:
-        return mended, found_at(samples, at, code["wrong"], **told)
+        return mended.telling(at, code["wrong"], **told)
     columns = dict(samples.columns)
     for own in changed:
         columns[own] = replace(columns[own], unit=reading.unit, is_unit_assumed=False)
-    return replace(mended, columns=columns), found_at(samples, at, code["taken"], **told)
+    return replace(mended, columns=columns).telling(at, code["taken"], **told)
 
 
 def _quantities(samples: Samples, kind: str) -> list[str]:

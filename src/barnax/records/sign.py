@@ -120,7 +120,7 @@ def _doubts(samples: Samples, sign: Decision) -> list[Notice]:
 _NEVER_SHARE, _FEWEST_DENIALS, _DENIED_SHARE = 0.01, 3, 0.02
 
 
-def examine_direction(samples: Samples) -> tuple[Samples, list[Notice]]:
+def examine_direction(samples: Samples) -> Samples:
     """The samples with a current that has a sign, and what gave it one.
 
     A tester may print the current without its sign, and the direction beside it. Without that, an
@@ -129,7 +129,7 @@ def examine_direction(samples: Samples) -> tuple[Samples, list[Notice]]:
     current_a, state = samples.current_a, samples.state
     peak_a = samples.peak_a
     if min(-current_a.min(), current_a.max()) > _NEVER_SHARE * peak_a or peak_a == 0:
-        return samples, []
+        return samples
     name = samples.header("current")
     if state is not None and np.any((current_a != 0) & ((state == 1) | (state == -1))):
         begins, ends = equal_runs(state)
@@ -139,16 +139,14 @@ def examine_direction(samples: Samples) -> tuple[Samples, list[Notice]]:
         directions = np.where(told >= 0, -words[told], 1)
         direction = np.repeat(directions, ends - begins + 1)
         told = notice("sign.by-state", column=name, state=samples.header("state"))
-        signed = samples.having(current=np.abs(current_a) * direction)
-        return signed, [told]
+        return samples.having(current=np.abs(current_a) * direction).noting(told)
     _, votes = step_votes(samples)
     rising, falling = int(np.sum(votes > 0)), int(np.sum(votes < 0))
     if min(rising, falling) < max(_FEWEST_DENIALS, _DENIED_SHARE * len(votes)):
-        return samples, []
+        return samples
     never = "negative" if current_a.max() > 0 else "positive"
-    given = {"never": never, "rising": rising, "falling": falling}
     at = int(np.argmax(np.abs(current_a)))
-    return samples, [found_at(samples, at, "sign.none", **given)]
+    return samples.telling(at, "sign.none", never=never, rising=rising, falling=falling)
 
 
 def step_votes(samples: Samples) -> tuple[Int[np.ndarray, "steps"], Float[np.ndarray, "steps"]]:

@@ -8,10 +8,9 @@ the slope of E; through a rest it relaxes the other way.
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..notices import Notice
 from .record import Record
 from .samples import STEP_SHARE, record_resistance_ohm, step_resistance_ohm
-from .table import Lines, found_at
+from .table import Lines
 
 # An interval is a gap if it is this much longer than the usual ones on both of its sides.
 _GAP, _BESIDE = 3.0, 7
@@ -119,12 +118,12 @@ def _fall(out_ah: Float[np.ndarray, "rows"], source_v: Float[np.ndarray, "rows"]
 
 
 @np.errstate(all="ignore")  # absurd values overflow before they are found out
-def examine_empty_current(lines: Lines) -> tuple[Lines, list[Notice]]:
+def examine_empty_current(lines: Lines) -> Lines:
     """The lines with a current of zero where none is written, if their voltage says that the load
     is off there: by the steps that the written current shows elsewhere."""
     empty = _empty_current(lines)
     if not np.any(empty):
-        return lines, []
+        return lines
     current, voltage_v = np.where(empty, 0.0, lines.values["current"]), lines.values["voltage"]
     step, step_v = np.diff(current), np.diff(voltage_v)
     is_step = np.abs(step) > STEP_SHARE * np.max(np.abs(current))
@@ -132,14 +131,13 @@ def examine_empty_current(lines: Lines) -> tuple[Lines, list[Notice]]:
     known = is_step & ~empty[1:] & ~empty[:-1]
     ohm = step_resistance_ohm(step[known], step_v[known])
     if not ohm or np.count_nonzero(ends) < _FEWEST:
-        return lines, []
+        return lines
     rising = np.sign(np.sum(step[known] * step_v[known]))
     agreeing = np.abs(rising * step_v[ends] / (ohm * step[ends]) - 1) < _NEAR
     if np.mean(agreeing) < _AGREEING:
-        return lines, []
+        return lines
     given = {"column": lines.header("current"), "rows": np.count_nonzero(empty)}
-    found = found_at(lines, empty, "cells.empty-current", **given)
-    return lines.having(current=current), [found]
+    return lines.telling(empty, "cells.empty-current", **given).having(current=current)
 
 
 def _empty_current(lines: Lines) -> Bool[np.ndarray, "lines"]:

@@ -46,6 +46,12 @@ class Table:
     has_known_units: bool = False
     files: int = 1
 
+    @classmethod
+    def of(cls, frame: pl.DataFrame, **fields: Any) -> Self:
+        """The table of a frame, whose names stand in row 1."""
+        rows = np.arange(2, frame.height + 2)
+        return cls(tuple(frame.columns), tuple(frame.get_columns()), rows, **fields)
+
     @property
     def names_row(self) -> int:
         """The row in which the columns' names stand."""
@@ -77,6 +83,7 @@ class Lines:
 
     A value is NaN where its cell is no number. `at` says where each line stands in `table`, and
     `zero_date_s` at which date the time is zero, in s since 1970, where the clock has dates.
+    `findings` are what the rules have found in them.
     """
 
     table: Table
@@ -84,6 +91,7 @@ class Lines:
     values: dict[str, np.ndarray]
     at: Int[np.ndarray, "lines"]
     zero_date_s: float | None = None
+    findings: tuple[Notice, ...] = ()
 
     def __len__(self) -> int:
         return len(self.at)
@@ -116,6 +124,14 @@ class Lines:
             return self
         values = {name: numbers[chosen] for name, numbers in self.values.items()}
         return replace(self, values=values, at=self.at[chosen])
+
+    def noting(self, *findings: Notice) -> Self:
+        """The same lines, with more that was found in them."""
+        return replace(self, findings=(*self.findings, *findings))
+
+    def telling(self, place: int | Bool[np.ndarray, "lines"], code: str, /, **values: Any) -> Self:
+        """The same lines, with a notice of one of them, or of the first of several."""
+        return self.noting(found_at(self, place, code, **values))
 
     def having(self, **values: np.ndarray) -> Self:
         """The same lines with other values of some quantities."""
@@ -169,30 +185,28 @@ def table_sha256(table: Table) -> str:
     return digest.hexdigest()
 
 
-def examine_cells(lines: Lines) -> tuple[Lines, list[Notice]]:
-    """The lines whose time, current and voltage are finite, and what stands in the others.
+def examine_cells(lines: Lines) -> Lines:
+    """The lines whose time, current and voltage are finite, told what stands in the others.
 
     An optional column with such cells is left out.
     """
-    findings = []
     is_good = np.ones(len(lines), bool)
     is_unread = ~is_good
     if (impedance := _impedance_rows(lines)).any():
         word = lines.cell("state", int(np.argmax(impedance))) if "state" in lines.columns else None
         given = {"rows": impedance.sum(), "state": word or None}
-        findings.append(found_at(lines, impedance, "cells.impedance", **given))
+        lines = lines.telling(impedance, "cells.impedance", **given)
         is_good &= ~impedance
     is_zero = is_good & (lines.values.get("voltage", 1) == 0)
     if dialect_of(lines.table.header).writes_zero_volts and is_zero.any():
         given = {"column": lines.header("voltage"), "rows": is_zero.sum()}
-        findings.append(found_at(lines, is_zero, "cells.zero-volts", **given))
+        lines = lines.telling(is_zero, "cells.zero-volts", **given)
         is_good &= ~is_zero
     if _is_cut_short(lines):
-        findings.append(found_at(lines, len(lines) - 1, "cells.cut-short"))
+        lines = lines.telling(len(lines) - 1, "cells.cut-short")
         is_good[-1] = False
-    units = _units_row(lines)
-    if units:
-        findings.append(found_at(lines, 0, "cells.units-row", units=units))
+    if units := _units_row(lines):
+        lines = lines.telling(0, "cells.units-row", units=units)
         is_good[0] = False
     for name, column in lines.columns.items():
         bad = lines.bad(name) & is_good
@@ -209,13 +223,12 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Notice]]:
         }
         # A clock of dates or of steps may have to tell the time.
         if name not in NEEDED:
-            lines = lines.without(name)
             is_coded = name == "state" and not isinstance(cell, str)
             code = "cells.state-codes" if is_coded else "cells.left-out"
-            findings.append(found_at(lines, first, code, **given))
+            lines = lines.without(name).telling(first, code, **given)
             continue
         unit = column.unit.symbol if bad.sum() == is_good.sum() else None
-        findings.append(found_at(lines, first, "cells.no-number", **given, unit=unit))
+        lines = lines.telling(first, "cells.no-number", **given, unit=unit)
         is_unread |= bad
     lines = lines.keep(is_good & ~is_unread)
     for name in ("step", "cycle", "state"):
@@ -225,16 +238,15 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Notice]]:
         is_small = values.min() > -_LARGEST_WHOLE and values.max() < _LARGEST_WHOLE
         if is_small and np.array_equal(values, values.astype(np.int32)):
             continue
-        findings.append(notice("cells.not-whole", column=lines.columns[name].header))
-        lines = lines.without(name)
+        told = notice("cells.not-whole", column=lines.header(name))
+        lines = lines.without(name).noting(told)
     state = lines.values.get("state", np.zeros(0))
     if np.any(is_other := state == OTHER_STATE) and not np.any(np.abs(state) == 1):
-        given = {
-            "column": lines.header("state"),
-            "word": str(lines.cell("state", is_other.argmax())),
-        }
-        findings.append(found_at(lines, is_other, "cells.state-words", **given))
-    return lines, findings
+        word = str(lines.cell("state", int(is_other.argmax())))
+        lines = lines.telling(
+            is_other, "cells.state-words", column=lines.header("state"), word=word
+        )
+    return lines
 
 
 def _impedance_rows(lines: Lines) -> Bool[np.ndarray, "lines"]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..notices import Notice, Severity
+from ..notices import Severity
 from .quantities import CELL_RANGE_V
 from .samples import Samples
 from .table import found_at
@@ -24,15 +24,13 @@ _LEAST_V, _FULL_V = 1.5, 5.0
 _NOMINAL_V = 3.6
 
 
-def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
-    """The samples with a voltage in volts, and what was wrong with it."""
+def examine_voltage_unit(samples: Samples) -> Samples:
+    """The samples with a voltage in volts, told what was wrong with it."""
     middle_v = samples.middle_v
-    findings = []
 
     def mended(code: str, factor: float, **values: Any) -> Samples:
         given = {"column": samples.header("voltage"), "middle_v": middle_v, **values}
-        findings.append(found_at(samples, 0, code, **given))
-        return samples.having(voltage=samples.voltage_v * factor)
+        return samples.telling(0, code, **given).having(voltage=samples.voltage_v * factor)
 
     current_a, voltage_v = samples.current_a, samples.voltage_v
     low_v, high_v = CELL_RANGE_V
@@ -42,8 +40,8 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
     is_none = middle_v < _LEAST_V or np.mean(voltage_v < 0) > 1 - _NEARLY_ALL
     if is_cells and is_none and not is_swapped:
         held = {"low_v": current_a.min(), "high_v": current_a.max()}
-        mended("voltage-unit.exchanged", 1.0, current=samples.header("current"), **held)
-        return samples.having(current=voltage_v, voltage=current_a), findings
+        samples = mended("voltage-unit.exchanged", 1.0, current=samples.header("current"), **held)
+        return samples.having(current=voltage_v, voltage=current_a)
     if middle_v < 0:
         code = "voltage-unit.swapped" if is_swapped else "voltage-unit.negative"
         samples = mended(code, -1.0 if is_swapped else 1.0)
@@ -68,8 +66,8 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
     elif 0 < middle_v < _KILOVOLT_V and not is_given:
         samples = mended("voltage-unit.kilo", 1e3)
     elif voltage_v.min() == voltage_v.max():
-        mended("voltage-unit.constant", 1.0)
-    return samples, findings
+        samples = mended("voltage-unit.constant", 1.0)
+    return samples
 
 
 # A cell of LTO is full below the first, one of LFP rests above the second but near empty, and no
@@ -78,16 +76,17 @@ _LTO_V, _LFP_V, _HIGHEST_V, _CHARGED_V = 2.95, 3.0, 4.65, 4.2
 _ENDS = (1e-3, 0.5, 0.999)
 
 
-def unlikely_series(samples: Samples, series: int) -> list[Notice]:
-    """A warning where no known lithium-ion cell has the voltage of one of those in series."""
+def examine_series(samples: Samples, series: int) -> Samples:
+    """The samples, warned of where no known lithium-ion cell has the voltage of one of those in
+    series."""
     low_v, middle_v, high_v = np.quantile(samples.voltage_v, _ENDS)
     if high_v <= _LTO_V or (middle_v >= _LFP_V and high_v <= _HIGHEST_V):
-        return []
+        return samples
     fewest = int(np.ceil(series * high_v / _CHARGED_V))
     most = max(fewest, int(series * middle_v / _NOMINAL_V))
     told = {"series": series, "fewest": fewest, "most": most, "full_v": _CHARGED_V}
     ends = {"low_v": low_v, "high_v": high_v, "column": samples.header("voltage")}
-    return [found_at(samples, 0, "series.unlikely", **told, **ends)]
+    return samples.telling(0, "series.unlikely", **told, **ends)
 
 
 def _read_as(samples: Samples, quantity: str, symbol: str) -> dict[str, str | None]:
@@ -101,24 +100,24 @@ def _read_as(samples: Samples, quantity: str, symbol: str) -> dict[str, str | No
     }
 
 
-def examine_voltage_range(samples: Samples) -> tuple[Samples, list[Notice]]:
-    """The samples whose voltage one cell can have, and what the others are."""
+def examine_voltage_range(samples: Samples) -> Samples:
+    """The samples whose voltage one cell can have, told what the others are."""
     name, (low_v, high_v) = samples.header("voltage"), CELL_RANGE_V
     voltage_v = samples.voltage_v
     outside = (voltage_v < low_v) | (voltage_v > high_v)
     if not outside.any():
-        return samples, []
+        return samples
     impossible = np.abs(voltage_v) > _IMPOSSIBLE_V
     first = int(np.argmax(impossible if impossible.any() else outside))
     beside = np.abs(np.diff(voltage_v, prepend=voltage_v[:1]))
     if voltage_v.min() >= 0 and voltage_v.max() <= high_v and beside[outside].max() < low_v / 2:
         # A cell that loses its contact jumps there.
-        at, given = int(np.argmin(voltage_v)), {"column": name, "least_v": voltage_v.min()}
-        return samples, [found_at(samples, at, "voltage-unit.half-cell", **given)]
+        at, least_v = int(np.argmin(voltage_v)), voltage_v.min()
+        return samples.telling(at, "voltage-unit.half-cell", column=name, least_v=least_v)
     severity: Severity = "error" if impossible.any() else "warning"
     given = {"voltage_v": voltage_v[first], "column": name, "samples": outside.sum()}
     limits = {"low_v": low_v, "high_v": high_v}
     code = "voltage-unit.no-cell" if outside.mean() > 0.5 else "voltage-unit.outside"
-    finding = found_at(samples, first, code, **given, **limits).rated(severity)
+    samples = samples.noting(found_at(samples, first, code, **given, **limits).rated(severity))
     # If nearly all is outside, the rest shows nothing either.
-    return (samples if outside.mean() > 0.5 else samples.keep(~outside)), [finding]
+    return samples if outside.mean() > 0.5 else samples.keep(~outside)

@@ -61,8 +61,7 @@ def quieted(library: str) -> Iterator[list[logging.LogRecord]]:
         log.propagate = was_propagating
 
 
-def _read_parquet(content: bytes, file: str, given: Mapping[str, str]) -> Table:
-    del given
+def _read_parquet(content: bytes, file: str, _: Mapping[str, str]) -> Table:
     damaged = f"{file}: the Parquet file is damaged or cut short"
     try:
         scan = pl.scan_parquet(io.BytesIO(content))
@@ -73,17 +72,12 @@ def _read_parquet(content: bytes, file: str, given: Mapping[str, str]) -> Table:
             require_trial(
                 "import io, polars; polars.read_parquet(io.BytesIO(content))", content, file
             )
-        frame = pl.read_parquet(io.BytesIO(content))
+        return Table.of(pl.read_parquet(io.BytesIO(content)))
     except pl.exceptions.PanicException as error:
         # Some files damaged in their middle make Polars panic, in words for its developers.
         raise InputError(f"{damaged}; copy or export it again.") from error
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InputError(f"{damaged} ({reason_of(error)}); copy or export it again.") from error
-    return Table(
-        header=tuple(frame.columns),
-        columns=tuple(frame.get_columns()),
-        row=np.arange(2, frame.height + 2),
-    )
 
 
 PARQUET = Reader("Parquet table", lambda content: content.startswith(b"PAR1"), _read_parquet)
@@ -143,11 +137,10 @@ def _lost_row(content: bytes, counts: Int[np.ndarray, "rows"]) -> int | None:
     return last + 1 if any(at > end for _, at in later) else None
 
 
-def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
+def _read_neware(content: bytes, file: str, _: Mapping[str, str]) -> Table:
     # Of the formats only this one needs it, and it takes long to load.
     import fastnda
 
-    del given
     suffix = ".ndax" if content.startswith(ZIP) else ".nda"
     if suffix == ".nda" and (length := _told_length(content)) > len(content):
         raise InputError(
@@ -174,12 +167,8 @@ def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         )
     is_damaged = any(record.exc_info for record in told)
     notes = (notice("columns.damaged-part"),) if is_damaged else ()
-    columns = [
-        column.cast(pl.String) if column.dtype == pl.Categorical else column
-        for column in frame.get_columns()
-    ]
-    rows = np.arange(2, frame.height + 2)
-    return Table(tuple(frame.columns), tuple(columns), rows, notes=notes, has_known_units=True)
+    texts = frame.with_columns(pl.col(pl.Categorical).cast(pl.String))
+    return Table.of(texts, notes=notes, has_known_units=True)
 
 
 NEWARE = Reader("Neware .nda or .ndax", _is_neware, _read_neware)
@@ -193,8 +182,7 @@ def _by_package(
     def recognizes(content: bytes) -> bool:
         return start in content[:64]
 
-    def read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
-        del given
+    def read(content: bytes, file: str, _: Mapping[str, str]) -> Table:
         article = "an" if name[0] in "AEIOU" else "a"
         with refusing(
             f"{file}: the {name} file is damaged, cut short or of an unknown version; export "
@@ -202,10 +190,8 @@ def _by_package(
             f"{file}: this is {article} {name} file; install the package that reads it with "
             f"pip install 'barnax[{extra}]', or export the record as {export}.",
         ):
-            columns = parse(content)
-        series = tuple(pl.Series(key, np.array(values)) for key, values in columns.items())
-        rows = np.arange(2, len(series[0]) + 2)
-        return Table(tuple(columns), series, rows, has_known_units=True)
+            columns = {name: np.array(values) for name, values in parse(content).items()}
+        return Table.of(pl.DataFrame(columns), has_known_units=True)
 
     return Reader(name, recognizes, read)
 

@@ -181,10 +181,8 @@ def _chosen(structs: Mapping[str, Struct], given: Mapping[str, str]) -> dict[str
 def _table(
     columns: Mapping[str, np.ndarray], notes: tuple[Notice, ...] = (), **words: Sequence[str]
 ) -> Table:
-    series = [pl.Series(name, np.asarray(value, float)) for name, value in columns.items()]
-    series += [pl.Series(name, value) for name, value in words.items()]
-    rows = np.arange(2, len(series[0]) + 2)
-    return Table((*columns, *words), tuple(series), rows, notes=notes)
+    numbers = {name: np.asarray(value, float) for name, value in columns.items()}
+    return Table.of(pl.DataFrame({**numbers, **words}), notes=notes)
 
 
 def _begun(structs: Mapping[str, Struct], cycles: Sequence[str]) -> list[Struct]:

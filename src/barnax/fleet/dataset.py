@@ -151,7 +151,7 @@ def _require_no_link(folder: Path) -> None:
 
 
 @contextmanager
-def marking(folder: Path, batch: str) -> Iterator[Callable[[int], None]]:
+def marking(folder: Path, batch: str) -> Iterator[Callable[[int], object]]:
     """A note of the cell of a batch that is being computed; gone when all are."""
     path = _marker(folder, batch)
     yield lambda place: path.write_text(f"{place}\n")

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..notices import Notice
-from .document import Cells, Document, Paragraph, Section, Table, make_table
-from .wording import wording
+from .document import Cells, Document, Table, make_table
+from .wording import document
 from .words import NOTHING, counted
 
 if TYPE_CHECKING:
@@ -14,17 +14,11 @@ if TYPE_CHECKING:
 SEVERITIES = ("error", "warning", "note")
 
 
-def check_document(found: "FileCheck") -> Document:
+def check_document(check: "FileCheck") -> Document:
     """The file's contents, the findings, and the roles that it can serve in."""
-    blocks: list[Paragraph | Table] = []
-    if found.facts is not None:
-        blocks.append(Paragraph(wording("decisions.contents", found.facts)))
-    blocks.append(
-        _findings_table(found.findings) if found.findings else Paragraph("Nothing found.")
-    )
-    if found.roles:
-        blocks.append(_roles_table(found))
-    return Document(found.file, "", (Section(found.file, tuple(blocks)),))
+    findings = (_findings_table(check.findings),) if check.findings else ()
+    roles = (_roles_table(check),) if check.roles else ()
+    return document("check", {"findings": findings, "roles": roles}, check=check)
 
 
 def finding_line(file: str, finding: "Notice") -> str:

@@ -11,9 +11,10 @@ import numpy as np
 from ..cell.parameters import OCV, OCV_CORRECTION
 from ..errors import InputError
 from ..results import Result
-from .document import Bullets, Document, Section, Table, rows_table
+from .document import Document, Table, rows_table
 from .pulses import table_rows
 from .render import to_fragment
+from .wording import document
 from .words import (
     NOT_DETERMINED,
     NOTHING,
@@ -40,7 +41,7 @@ COMPARED_SOC = (0.1, 0.3, 0.5, 0.7, 0.9)
 TOO_WIDE = 2.0
 
 
-class Known(NamedTuple):
+class Quantity(NamedTuple):
     """A parameter, in its own unit, with the ends of its interval where it has one; at an SOC, and
     NaN where it is not determined there."""
 
@@ -60,34 +61,28 @@ class Known(NamedTuple):
         return f"{value} ({interval_beside(value, self.name, self.low, self.high, self.value)})"
 
     @property
-    def place(self) -> str:
+    def title(self) -> str:
         """Its symbol, and its SOC where it has one."""
         return symbol(self.name) + ("" if self.soc is None else f" at {percent(self.soc)} SOC")
 
-    def is_beyond(self, other: "Known") -> bool | None:
-        """True if the intervals do not overlap; None where one of them is missing."""
-        if any(own.low is None and own.high is None for own in (self, other)):
-            return None
-        lows = [-math.inf if own.low is None else own.low for own in (self, other)]
-        highs = [math.inf if own.high is None else own.high for own in (self, other)]
-        return lows[0] > highs[1] or highs[0] < lows[1]
-
     @property
-    def is_wide(self) -> bool:
-        """True if its interval could hide a doubling."""
-        if self.low is None or self.high is None:
-            return True
-        return self.low <= 0 or self.high > TOO_WIDE * self.low
+    def ends(self) -> tuple[float, float]:
+        """Those of its interval, infinite where open."""
+        low = -math.inf if self.low is None else self.low
+        return low, math.inf if self.high is None else self.high
 
-    def change_words(self, other: "Known") -> str:
-        """The result of comparing its interval with another's."""
-        match self.is_beyond(other):
-            case None:
-                return "no interval"
-            case True:
-                return "beyond"
-            case _:
-                return "too wide to tell" if self.is_wide or other.is_wide else "within"
+
+def compare(first: Quantity, other: Quantity) -> str:
+    """What intervals tell of a difference: "beyond" where they do not overlap, "too wide to tell"
+    where one could hide a doubling, else "within"."""
+    both = first.ends, other.ends
+    if (-math.inf, math.inf) in both:
+        return "no interval"
+    (low, high), (other_low, other_high) = both
+    if low > other_high or high < other_low:
+        return "beyond"
+    is_wide = any(least <= 0 or most > TOO_WIDE * least for least, most in both)
+    return "too wide to tell" if is_wide else "within"
 
 
 def parameters_frame(result: Result) -> "polars.DataFrame":
@@ -95,7 +90,7 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
     import polars as pl
 
     if result.tables is None:
-        rows = [(known.name, known.value, known.low, known.high) for known in _constants(result)]
+        rows = [(own.name, own.value, own.low, own.high) for own in _constants(result)]
         number = dict.fromkeys(("value", "low", "high"), pl.Float64)
         return pl.DataFrame(rows, {"parameter": pl.String, **number}, orient="row")
     nodes = [
@@ -127,48 +122,26 @@ def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
     return [row | everywhere for _, row in sorted(rows.items())]
 
 
-def ocv_section(result: Result) -> list[Section]:
-    """An OCV of the records' own at the nodes near samples, at each temperature; else none."""
-    tables = [
-        rows_table(
-            f"The OCV{'' if degc is None else f' at {degrees(degc)}'} at the nodes near samples; "
-            "linear between nodes, constant beyond them.",
-            ["SOC [%]", "OCV [V]", "95 %"],
-            [
-                (
-                    f"{100 * (node.soc or 0.0):.4g}",
-                    f"{node.value:.4f}",
-                    NOTHING if node.low is None else f"{node.low:.4f} to {node.high:.4f}",
-                )
-                for node in fit.of_table(OCV)
-            ],
-        )
-        for degc, fit in result.fits.by_degc
-        if fit.of_table(OCV)
-    ]
-    return [Section("OCV identified from the records", tuple(tables))] if tables else []
-
-
-def _constants(result: Result) -> list[Known]:
+def _constants(result: Result) -> list[Quantity]:
     """The constant circuit's parameters and time constants."""
     found = result.constant.estimates.values()
     if not found:
         own = result.constant.parameters.to_dict()
-        return [Known(name, None, value) for name, value in own.items()]
-    return [Known(known.name, None, known.value, known.low, known.high) for known in found]
+        return [Quantity(name, None, value) for name, value in own.items()]
+    return [Quantity(known.name, None, known.value, known.low, known.high) for known in found]
 
 
-def _tabulated(fit: "TableFit") -> Iterator[Known]:
+def _tabulated(fit: "TableFit") -> Iterator[Quantity]:
     """Means over SOC, tables at a few states of charge between visited nodes, and constants."""
     for mean in fit.means if fit.is_over_soc else ():
-        yield Known(f"mean {mean.name}", None, mean.value, mean.low, mean.high)
+        yield Quantity(f"mean {mean.name}", None, mean.value, mean.low, mean.high)
     for name in fit.tables.tables:
         nodes = fit.of_table(name)
         known = [node for node in nodes if (node.low, node.high) != (None, None)]
         if not fit.is_over_soc:
             (value,) = fit.tables.tables[name]
             ends = ((node.low, node.high) for node in known)
-            yield Known(name, None, value, *next(ends, (None, None)))
+            yield Quantity(name, None, value, *next(ends, (None, None)))
             continue
         if name == OCV_CORRECTION or not known:
             # A correction belongs to one result's OCV; another result has another.
@@ -180,10 +153,10 @@ def _tabulated(fit: "TableFit") -> Iterator[Known]:
             if soc[0] <= at <= soc[-1]:
                 value, *ends = (float(np.interp(at, soc, row)) for row in rows.T)
                 low, high = (None if math.isnan(end) else end for end in ends)
-                yield Known(name, at, np.nan if low is high is None else value, low, high)
+                yield Quantity(name, at, np.nan if low is high is None else value, low, high)
     known_ends = {node.name: (node.low, node.high) for node in fit.intervals if node.soc is None}
     for name, value in fit.tables.constants.items():
-        yield Known(name, None, value, *known_ends.get(name, (None, None)))
+        yield Quantity(name, None, value, *known_ends.get(name, (None, None)))
 
 
 @dataclass(frozen=True, repr=False)
@@ -233,47 +206,54 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     found = [result if isinstance(result, Result) else Result.load(result) for result in results]
     if len(found) < 2:
         raise InputError(f"{len(found)} result given; give two or more to show side by side")
-    called = names or _names(found)
-    if len({*called}) != len(found):
-        raise InputError(f"the names {', '.join(called)} are not {len(found)} different ones")
+    names = names or _names(found)
+    if len({*names}) != len(found):
+        raise InputError(f"the names {', '.join(names)} are not {len(found)} different ones")
     have_tables = all(result.over for result in found)
-    known = {}
-    for name, result in zip(called, found, strict=True):
-        own = _tabulated(result.fit) if have_tables else _constants(result)
-        known[name] = {(parameter.name, parameter.soc): parameter for parameter in own}
-    first = known[called[0]]
-    differing, too_wide, said = {}, {}, []
-    for name in called[1:]:
-        changes = gathered(
-            (parameter.change_words(known[name][key]), key)
-            for key, parameter in first.items()
-            if key in known[name]
+    quantities = {
+        name: {
+            (own.name, own.soc): own
+            for own in (_tabulated(result.fit) if have_tables else _constants(result))
+        }
+        for name, result in zip(names, found, strict=True)
+    }
+    (_, first), *others = quantities.items()
+    changes = {
+        name: gathered(
+            (compare(own[key], first[key]), quantity)
+            for key, quantity in first.items()
+            if key in own
         )
-        beyond, wide = changes.get("beyond", []), changes.get("too wide to tell", [])
-        differing[name] = tuple(first[key].place for key in beyond)
-        too_wide[name] = tuple(first[key].place for key in wide)
-        verb = "differ" if len(beyond) > 1 else "differs"
-        what = joined(differing[name]) or "nothing"
-        text = f"{name}: {what} {verb} from {called[0]} beyond the intervals"
-        more = f"; for {_places(wide)} they are too wide to tell" if wide else ""
-        said.append(f"{text}{more}.")
-    if len({result.model for result in found}) > 1:
-        said.append("The circuits differ, so the same name may stand for another part of the cell.")
-    what = "Tables over SOC" if have_tables else "Constant circuits"
-    sections = (
-        Section("Differences", (Bullets(tuple(said)),)),
-        Section("Results", (_results_table(called, found, have_tables),)),
-        Section(what, (_parameters_table(known),)),
+        for name, own in others
+    }
+    beyond, wide = (
+        {name: own.get(change, []) for name, own in changes.items()}
+        for change in ("beyond", "too wide to tell")
     )
-    document = Document(joined(list(called), "beside"), "", sections)
-    return SideBySide(document, differing, too_wide)
+    blocks = {
+        "results": (_results_table(names, found, have_tables),),
+        "parameters": (_parameters_table(quantities),),
+    }
+    report = document(
+        "beside",
+        blocks,
+        names=names,
+        beyond=beyond,
+        wide={name: _by_symbol(own) for name, own in wide.items()},
+        models={result.model for result in found},
+        have_tables=have_tables,
+    )
+    differing, too_wide = (
+        {name: tuple(quantity.title for quantity in own) for name, own in several.items()}
+        for several in (beyond, wide)
+    )
+    return SideBySide(report, differing, too_wide)
 
 
-def _places(keys: Iterable[Key]) -> str:
-    """Parameters, each with all its states of charge."""
-    found = gathered((symbol(name), "" if soc is None else f"{100 * soc:g}") for name, soc in keys)
-    return joined(
-        [f"{name} at {joined(socs)} % SOC" if any(socs) else name for name, socs in found.items()]
+def _by_symbol(quantities: Iterable[Quantity]) -> Mapping[str, list[str]]:
+    """All states of charge of each parameter, in percent; one that has none is empty."""
+    return gathered(
+        (symbol(own.name), "" if own.soc is None else f"{100 * own.soc:g}") for own in quantities
     )
 
 
@@ -281,10 +261,10 @@ def _names(results: list[Result]) -> tuple[str, ...]:
     names = [result.name for result in results]
     if len({*names}) == len(names):
         return tuple(names)
-    return tuple(f"{place}: {name}" for place, name in enumerate(names, 1))
+    return tuple(f"{number}: {name}" for number, name in enumerate(names, 1))
 
 
-def _results_table(called: tuple[str, ...], results: list[Result], have_tables: bool) -> Table:
+def _results_table(names: tuple[str, ...], results: list[Result], have_tables: bool) -> Table:
     """The circuit, temperature, capacity and errors of each result."""
     own = results if have_tables else [result.without_tables() for result in results]
 
@@ -304,31 +284,31 @@ def _results_table(called: tuple[str, ...], results: list[Result], have_tables: 
             millivolt(result.metrics.identification.rmse_v),
             joined([millivolt(part.rmse_v) for part in result.metrics.validation]) or NOTHING,
         ]
-        for name, result in zip(called, own, strict=True)
+        for name, result in zip(names, own, strict=True)
     )
     text = ["result", "circuit", "temperature", "validation"]
     return rows_table("", [*text[:3], "capacity [Ah]", "RMSE", *text[3:]], rows, text)
 
 
-def _parameters_table(known: Mapping[str, Mapping[Key, Known]]) -> Table:
+def _parameters_table(quantities: Mapping[str, Mapping[Key, Quantity]]) -> Table:
     """Each parameter of each result with its interval, and the change from the first."""
-    (_, first), *others = known.items()
+    (_, first), *others = quantities.items()
 
-    def change(key: Key, own: Mapping[Key, Known]) -> str:
+    def change(key: Key, own: Mapping[Key, Quantity]) -> str:
         if key not in first or key not in own or not first[key].value:
             return NOTHING
         ratio = own[key].value / first[key].value
         if math.isnan(ratio):
             return NOTHING
-        return f"{100 * (ratio - 1):+.3g} %, {first[key].change_words(own[key])}"
+        return f"{100 * (ratio - 1):+.3g} %, {compare(first[key], own[key])}"
 
-    heads = ["parameter", "SOC", *known]
-    for place, (name, _) in enumerate(others):
-        heads.insert(4 + 2 * place, f"change to {name}" if len(others) > 1 else "change")
+    heads = ["parameter", "SOC", *quantities]
+    for index, (name, _) in enumerate(others):
+        heads.insert(4 + 2 * index, f"change to {name}" if len(others) > 1 else "change")
     rows = []
-    for key in dict.fromkeys(key for own in known.values() for key in own):
+    for key in dict.fromkeys(key for own in quantities.values() for key in own):
         row = [symbol(key[0]), NOTHING if key[1] is None else percent(key[1])]
-        for own in known.values():
+        for own in quantities.values():
             row += [own[key].words if key in own else NOTHING]
             row += [] if own is first else [change(key, own)]
         rows.append(row)

@@ -21,6 +21,7 @@ from barnax.records import Record, read_record
 from barnax.search.refine import Refinement, refine
 from barnax.search.seeds import Search, search_seeds
 from helpers.compiling import QUICK_FLAGS
+from helpers.shared import SET, SHARED
 
 REPOSITORY = Path(__file__).parents[1]
 
@@ -62,10 +63,9 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """The folder of measured cells, which cannot be shipped; tests that need it skip without."""
-    folder = Path(os.environ.get("BARNAX_SHARED_DATA", REPOSITORY.parent / "shared" / "data"))
-    if not folder.is_dir():
-        pytest.skip("the measured cells are not here; set BARNAX_SHARED_DATA to their folder")
-    return folder
+    if not SHARED.is_dir():
+        pytest.skip(SET)
+    return SHARED
 
 
 @pytest.fixture(scope="session")

@@ -17,8 +17,6 @@ from barnax.execution import (
     in_float64,
     in_one_function,
     run_blocks,
-    seed_blocks,
-    wanted_rows,
 )
 
 
@@ -105,27 +103,6 @@ def test_what_the_compiler_takes_in_no_one_function_is_compiled_all_the_same():
     matrices = np.array([[[4.0, 2.0], [2.0, 5.0]]] * 3)
     found = compile_for(factors, matrices)(matrices)
     np.testing.assert_allclose(found, np.linalg.cholesky(matrices), rtol=1e-14)
-
-
-def test_rows_come_back_in_order_whatever_block_is_done_first():
-    def run(block):
-        return np.array(block), -np.array(block)
-
-    steps = []
-    rows = run_blocks(run, seed_blocks(30), wanted_rows(30), steps.append)
-    assert rows == [(k, -k) for k in range(30)]
-    assert sum(steps) == 30
-
-
-def test_a_process_with_one_core_computes_in_its_own_thread(monkeypatch):
-    def run(block):
-        return (np.full(len(block), threading.get_ident()),)
-
-    monkeypatch.setenv("NPROC", "1")
-    steps = []
-    rows = run_blocks(run, seed_blocks(20), wanted_rows(20), steps.append)
-    assert rows == [(threading.get_ident(),)] * 20
-    assert sum(steps) == 20
 
 
 @pytest.mark.parametrize("cores", ["1", "2"])

@@ -72,14 +72,6 @@ def test_an_ocv_of_ones_own_is_counted_from_one_level(records, bundled_cell):
     assert np.all(np.diff(ocv[0]) > 0)
 
 
-def test_another_grid_is_refused_in_words(records, kept):
-    other = keep(records[1], replace(GRID, high_s=300.0))
-    with pytest.raises(InputError, match="time constants 4 to 300 s instead of 4 to 250 s"):
-        fit_kept([kept[0], other], SETTINGS)
-    with pytest.raises(InputError, match="dynamic hysteresis"):
-        Grid(circuit="esc")
-
-
 def remade(content, **changes):
     """The file with other arrays, and the checksum that it had."""
     with np.load(io.BytesIO(content)) as arrays:

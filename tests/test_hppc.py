@@ -1,6 +1,5 @@
 """From files to an identified pulse test: what it starts from, and what it refuses."""
 
-import polars as pl
 import pytest
 
 from barnax import Window, bundled_file, pipeline, read_record
@@ -30,14 +29,6 @@ def test_a_test_starts_at_its_first_long_rest_and_is_its_own_ocv_test(asked):
     assert window.initial_soc == pytest.approx(1.0, abs=0.01)
     assert asked["ocv"] == asked["records"]
     assert (asked["ocv_fit"], asked["over"], asked["capacity"]) == ("interpolated", "soc", 2.0)
-
-
-def test_of_several_tests_the_first_is_the_ocv_test(asked, tmp_path):
-    again = tmp_path / "again.parquet"
-    pl.read_parquet(HPPC)[:-1].write_parquet(again)
-    hppc([again, HPPC])
-    assert [source.name for source in asked["records"]] == ["again.parquet", HPPC.name]
-    assert [source.name for source in asked["ocv"]] == ["again.parquet"]
 
 
 def test_tests_at_several_temperatures_each_have_their_own_ocv(asked):

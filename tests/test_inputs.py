@@ -1,7 +1,6 @@
 """What is read, under which name, and what the checks have against it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -12,7 +11,6 @@ from barnax.checks import FileCheck, check_file
 from barnax.checks.roles import are_unfit
 from barnax.errors import InputError
 from barnax.inputs import (
-    file_names,
     input_warnings,
     read_inputs,
     read_validation,
@@ -22,43 +20,13 @@ from barnax.model.window import Window
 from barnax.notices import Notice
 from barnax.pipeline import identify
 from barnax.records import source_from_frame
-from barnax.settings import CellSettings, Reading, Settings
+from barnax.settings import CellSettings, Reading
 from helpers.records import logged
 
 
 def read(records, ocv=BUNDLED.ocv, validate=(), window=None, capacity=None, **reading):
     given = list(ocv), list(validate), Reading(**reading), CellSettings(ocv_fit="polynomial")
     return read_inputs(records, *given, capacity=capacity, window=window)
-
-
-@pytest.mark.parametrize(
-    ("paths", "names"),
-    [
-        (["cell/a.csv", "cell/b.csv"], ["a.csv", "b.csv"]),
-        (["cell/a.csv", "other/a.csv"], ["cell/a.csv", "other/a.csv"]),
-        (["x/cell/a.csv", "y/cell/a.csv", "b.csv"], ["x/cell/a.csv", "y/cell/a.csv", "b.csv"]),
-        (["cell/a.csv", "cell/a.csv"], ["a.csv", "a.csv"]),
-        (["cell/\x1b[2J.csv"], ["\ufffd[2J.csv"]),
-    ],
-)
-def test_a_name_is_as_short_as_it_can_be(paths, names):
-    called = file_names(paths)
-    assert [called[Path(path)] for path in paths] == names
-
-
-@pytest.mark.parametrize(
-    ("setting", "value"), [("seeds", -1), ("population", 10**8), ("iterations", 0), ("key", -1)]
-)
-def test_more_than_any_memory_holds_and_less_than_one_are_refused(setting, value):
-    with pytest.raises(InputError, match=rf"`{setting}` {value:,} must be between"):
-        Settings(**{setting: value})
-
-
-def test_an_ocv_table_is_an_ocv_test():
-    soc = np.linspace(0, 1, 21)
-    table = pl.DataFrame({"SOC [-]": soc, "OCV [V]": 3.0 + 1.2 * soc})
-    found = read(BUNDLED.record, ocv=[table], capacity=2.0)
-    assert found.cell.average_ocv_v(np.array([0.5]))[0] == pytest.approx(3.6, abs=1e-3)
 
 
 def test_a_record_without_an_ocv_test_is_refused_by_its_name():

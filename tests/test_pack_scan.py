@@ -1,8 +1,5 @@
 """Cells of a pack that are measured one after another: each has its own lag, found and fitted."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import polars as pl
 import pytest
@@ -12,10 +9,9 @@ import barnax
 from barnax.records import record_from_frame
 from barnax.records.lag import find_scan
 from helpers.packs import TAU_S, PackedCell, alike, frame, ocv_table, ocv_v
+from helpers.shared import CASES, needs_cases
 
-SHARED = Path(os.environ.get("BARNAX_SHARED_DATA", Path(__file__).parents[2] / "shared" / "data"))
-SYSTEMS = SHARED.parent / "cases" / "systems"
-needs_cases = pytest.mark.skipif(not SYSTEMS.is_dir(), reason="needs the shared cases")
+SYSTEMS = CASES / "systems"
 # The load is simulated at so many points of a second, and logged every second.
 FINE, SECONDS = 20, 4000
 LAG = "voltage lag [s]"

@@ -71,22 +71,6 @@ def test_a_first_voltage_from_within_the_edge_is_no_resistance_at_once(share):
     assert pulse.resistance_ohm[1:] == whole.resistance_ohm[1:]
 
 
-MANY = [(600, 0), *(load for a in np.linspace(20, 25, 30) for load in [(10, a), (60, 0)])]
-
-
-@pytest.mark.parametrize(("resolution_v", "noise_v"), [(1e-3, 0.0), (1e-4, 1e-3)])
-def test_a_resistance_at_once_is_not_lost_to_noise_or_to_steps_of_the_voltage(
-    resolution_v, noise_v
-):
-    # 30 to 38 mV at once, and a pair that adds 3 mV within 0.3 s.
-    record = record_of(MANY, (1.5e-3, ((1.5e-4, 0.1),)), noise_v=noise_v)
-    readings_v = resolution_v * np.round(record.voltage_v / resolution_v)
-    found = [pulse.resistance_ohm[0] for pulse in pulses_of(replace(record, voltage_v=readings_v))]
-    assert len(found) == 30
-    assert None not in found
-    assert np.mean(found) == pytest.approx(1.5e-3, rel=0.03)
-
-
 def test_a_short_pulse_has_no_resistance_after_its_end():
     (pulse,) = pulses_of(record_of([(600, 0), (10, 2.0), (40, 0)]))
     known = [value is not None for value in pulse.resistance_ohm]
@@ -107,13 +91,6 @@ def test_a_ramp_belongs_to_its_pulse_and_counts_from_its_begin():
     assert pulse.current_a == pytest.approx(2.0)
     assert (pulse.duration_s, pulse.delay_s) == pytest.approx((10.0, 0.4))
     assert not pulse.is_limited
-
-
-def test_a_current_that_a_limit_lets_go_is_told_and_not_used():
-    held, gone = [(4, -2.0)], [(0.5, -2.0 * 0.93**k) for k in range(1, 12)]
-    (pulse,) = pulses_of(record_of([(600, 0), *held, *gone, (60, 0)]))
-    assert pulse.is_limited
-    assert [value is not None for value in pulse.resistance_ohm] == [True, True] + 3 * [False]
 
 
 def test_the_samples_of_a_pulse_begin_with_the_rest_before_it():

@@ -75,15 +75,6 @@ def test_files_are_looked_for_beside_the_result_and_told_where_they_are_not(kept
         _ = Result.load(tmp_path).evaluations
 
 
-def test_data_frames_are_given_by_the_names_of_the_inputs(kept):
-    _, folder, data = kept
-    given = {name: pl.read_parquet(data / name) for name in FILES}
-    assert Result.load(folder, data=given).figure("error").axes
-    swapped = dict(zip(given, reversed(given.values()), strict=True))
-    with pytest.raises(InputError, match=r"drive\.parquet: these are not the samples"):
-        Result.load(folder, data=swapped).figure("error")
-
-
 def test_what_no_longer_gives_the_stored_error_is_refused(kept, tmp_path):
     _, folder, data = kept
     document = json.loads((folder / "result.json").read_text())

@@ -88,18 +88,6 @@ def test_a_filter_without_numbers_is_a_row_that_says_so(replay):
     assert list(soc_screen(replay))
 
 
-def test_a_notebook_shows_a_replay_as_its_figure_while_it_has_its_estimates(replay):
-    assert replay._repr_png_().startswith(b"\x89PNG")
-    assert SocReplay.model_validate(replay.model_dump())._repr_png_() is None
-
-
-def test_a_band_that_is_wrong_is_said_before_anything_is_estimated(replay):
-    assert "Overconfident" not in dict(soc_lines(replay))
-    part = replay.scenarios[0].model_copy(update={"in_band": 0.131})
-    told = dict(soc_lines(replay.model_copy(update={"scenarios": (part,)})))
-    assert "contains the reference SOC 13 % of the time" in told["Overconfident"]
-
-
 def test_an_estimate_that_does_not_stay_near_is_called_lost(replay):
     assert "Lost" not in dict(soc_lines(replay))
     part = replay.scenarios[0].model_copy(update={"rms": 0.525, "max": 0.929})

@@ -1,7 +1,6 @@
 """What a filter is given where its start is wrong."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.replay import replay_soc
-from barnax.result_filter import axis_sd_of, model_of
+from barnax.result_filter import model_of
 from barnax.scenarios import Scenario, case_of, first_with_room
 from helpers.results import make_record, make_result
 
@@ -34,14 +33,6 @@ def test_a_late_start_has_what_the_current_left_in_the_pairs():
     assert drive.interval_s[0] == 0
     np.testing.assert_array_equal(drive.voltage_v[: record.samples - first][:-1],
                                   record.voltage_v[first:][:-1])  # fmt: skip
-
-
-def test_a_capacity_that_contradicts_the_registered_one_widens_the_band():
-    """Uniform over an axis that is 3 % longer, beside the 0.4 % of what is called full."""
-    window = SimpleNamespace(registration=object(), capacity_ah=2.0)
-    result = make_result("so-rc").model_copy(update={"inputs": (SimpleNamespace(window=window),)})
-    assert axis_sd_of(result, 2.0) == pytest.approx(0.004)
-    assert axis_sd_of(result, 2.06) == pytest.approx(np.hypot(0.004, 0.03 / np.sqrt(3)))
 
 
 def test_before_a_scenario_starts_there_is_no_estimate_and_nothing_is_scored():

@@ -176,14 +176,6 @@ def test_a_notice_is_stored_with_its_words_and_read_by_its_code(read):
     assert read(json.loads(result.to_json())).warnings == (told,)
 
 
-def test_a_warning_whose_code_is_not_known_is_read_in_its_words(read):
-    stored = {"code": "of.tomorrow", "severity": "warning", "subject": "us06.csv", "row": None,
-              "sheet": None, "values": {"new [V]": 1.0}, "what": "a new warning",
-              "remedy": "mend it"}  # fmt: skip
-    (told,) = read(put("warnings", [stored])).warnings
-    assert (told.code, str(told)) == ("stored.text", "us06.csv: a new warning; mend it")
-
-
 def leaves_of(part: Any, place: str = "") -> Iterator[str]:
     """The places of everything in a document that is no part of its own."""
     if isinstance(part, dict) and part:

@@ -1,7 +1,6 @@
 """`Result.simulate`: a current of one's own, against closed forms and a loop of the equations."""
 
 import math
-import warnings
 
 import numpy as np
 import polars as pl
@@ -96,26 +95,6 @@ def test_a_start_of_ones_own_is_where_it_starts():
 def test_what_cannot_be_simulated_is_refused_in_words(given, options, told):
     with pytest.raises(InputError, match=told):
         make_result("so-rc").simulate(given, **options)
-
-
-def identified_on(result, **given):
-    """The result with more known of the record that it was identified on."""
-    (part, *others) = result.inputs
-    known = part.model_copy(update={"role": "identification", **given})
-    return result.model_copy(update={"inputs": (known, *others)})
-
-
-@pytest.mark.parametrize(("current_a", "warns"), [(7.4, False), (-7.4, False), (900.0, True)])
-def test_a_current_far_beyond_that_of_the_identification_is_a_warning(current_a, warns):
-    result = identified_on(make_result("so-rc"), peak_current_a=5.0, soc_range=(0.0, 1.0))
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        result.simulate([0.0, current_a, 0.0], [0.0, 1.0, 2.0], initial_soc=0.5)
-    assert [str(each.message) for each in told] == warns * [
-        "the current is 900 A at 1 s (row 1, from 0), and at most 5 A in the identification: the "
-        "voltage there is an extrapolation"
-    ]
-    assert all(each.filename == __file__ for each in told)
 
 
 def test_a_column_of_temperature_that_changes_is_said_not_to_be_followed():

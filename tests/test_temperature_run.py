@@ -2,7 +2,6 @@
 
 import csv
 import io
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,14 +11,12 @@ from barnax import Result
 from barnax.cell.parameters import OCV_CORRECTION
 from barnax.errors import InputError
 from barnax.experiment.belief import believed_of_result
-from barnax.inputs import read_inputs
 from barnax.pipeline import hppc
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import tables_csv
 from barnax.reporting.render import to_markdown
 from barnax.reporting.wording import sentences
-from barnax.settings import CellSettings, Reading
 from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm
 
 NODES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -131,18 +128,3 @@ def test_each_temperature_has_the_ocv_of_its_own_test(result):
     # So no correction is left to make.
     for fit in result.tables.fits:
         assert np.abs(fit.tables.tables[OCV_CORRECTION]).max() < 1e-3
-
-
-def test_a_record_has_the_test_of_its_temperature_of_those_that_are_given():
-    given = [replace(at(degc), name=f"test at {degc:g}") for degc in DEGC]
-    inputs = read_inputs(
-        [at(45.0)], given, [], Reading(), CellSettings(), capacity=CAPACITY_AH, window=None
-    )
-    own_v = inputs.cell.at(45.0).average_ocv_v(np.array([0.5]))
-    assert own_v == pytest.approx(3.2 + 0.92 * 0.5, abs=1e-5)
-    again = replace(made_record(2.0, factor=2.0, degc=7.0), name="again")
-    with pytest.raises(InputError, match="Give only one test"):
-        read_inputs(
-            [at(45.0)], [given[0], again], [], Reading(), CellSettings(),
-            capacity=CAPACITY_AH, window=None,
-        )  # fmt: skip

@@ -12,19 +12,6 @@ def test_a_z_score_counts_standard_deviations_of_the_groups():
     assert table.z_score(1e4, 10.0**groups, in_log10=True) == pytest.approx(2.0)
 
 
-def test_zero_against_zero_is_equal_and_against_anything_else_is_not():
-    zeros = np.zeros(10)
-    for in_log10 in (False, True):
-        assert table.z_score(0.0, zeros, in_log10) == 0
-        assert table.z_score(1.0, zeros, in_log10) == np.inf
-
-
-def test_the_rounding_of_ackleys_constant_counts_as_zero():
-    cell = table.Cell(8.88e-16, 8.88e-16, 4.36e-31)
-    assert table.without_rounding("F8", cell) == table.Cell(0, 0, 0)
-    assert table.without_rounding("F1", cell) == cell
-
-
 def test_a_cell_agrees_only_on_both_scales():
     """Groups scattered near 1e-30 cannot stand for a printed 1e-90."""
     generator = np.random.default_rng(0)

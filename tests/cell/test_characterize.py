@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.errors import InputError
-from barnax.records import read_record
 from helpers.ocv_tests import (
     CAPACITY_AH,
     REST,
@@ -76,14 +74,6 @@ def test_any_number_of_pulses_and_any_capacity_recover_the_average(count, size):
     np.testing.assert_allclose(cell.average_ocv_v(soc), average_v(soc), atol=1e-8)
 
 
-@pytest.mark.parametrize(("returned", "capacity_ah"), [(0.98, None), (0.5, 2.0)])
-def test_one_file_keeps_one_axis_when_the_recharge_stops_short(returned, capacity_ah):
-    test = both_ways(returned=returned)
-    cell = characterize([test], capacity_ah=capacity_ah, ocv_fit="interpolated")
-    assert cell.charge_points[0].soc == pytest.approx(0.0, abs=1e-9)
-    assert cell.charge_points[-1].soc == pytest.approx(returned, abs=1e-9)
-
-
 def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
     half = half_discharge()
     upper = driven(half, name="upper.csv")
@@ -91,12 +81,6 @@ def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
     whole = characterize([discharge_only()])
     joined = characterize([lower, upper])
     np.testing.assert_allclose(joined.discharge(GRID), whole.discharge(GRID), atol=1e-9)
-
-
-@pytest.mark.parametrize("kind", ["continuous", "independent"])
-def test_both_hysteresis_fits_stay_near_the_known_gap(kind):
-    cell = characterize([both_ways()], ocv_fit="interpolated", hysteresis_fit=kind)
-    assert cell.errors["hysteresis"].max_v < 1e-3
 
 
 def test_the_errors_of_the_branches_cancel_in_the_average():
@@ -160,13 +144,6 @@ def test_a_slow_sweep_measures_its_capacity_and_scales_itself():
     # The last loaded sample is one minute of twenty hours short of empty.
     assert given.soc_range == pytest.approx((0.0, 1.0), abs=1e-3)
     assert "ocv-test.scaled" not in {each.code for each in given.warnings}
-
-
-def test_the_bundled_test_measures_its_capacity():
-    cell = characterize([read_record(path) for path in BUNDLED.ocv])
-    assert cell.capacity_origin.startswith("measured")
-    assert cell.capacity_ah == pytest.approx(1.9997, abs=5e-5)
-    assert assumptions(cell) == []
 
 
 def test_a_charge_that_stops_at_92_percent_is_scaled_by_the_capacity():

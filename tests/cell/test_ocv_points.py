@@ -52,23 +52,6 @@ def test_each_rest_is_a_point_at_the_charge_moved_until_then(hold, size):
     assert {point.rest_s for point in out.points + back.points} == {3600.0}
 
 
-def test_too_short_runs_are_refused_with_the_longest():
-    cycle = [-0.05, 0.05]
-    with pytest.raises(InputError, match=r"4 rests of at least 30 min, at most 3 in"):
-        sweeps_of([cycle, [-0.1], [-0.1]], start_soc=1.0)
-    with pytest.raises(InputError, match=r"1 rest of at least 30 min"):
-        sweeps_of([[-1.0]], start_soc=1.0, rest_s=60.0)
-
-
-@pytest.mark.parametrize("share", [-5e-4, 5e-4])
-def test_rests_with_next_to_no_charge_between_are_one(hold, size, share):
-    moves = [*DOWN[:8], [share], *DOWN[8:]]
-    (sweep,) = sweeps_of(moves, start_soc=1.0, hold=hold, size=size)
-    assert len(sweep.points) == 21
-    # The later rest counts: it is the one that the next pulse ends.
-    assert sweep.points[8].discharged_ah == pytest.approx((0.4 - share) * size * CAPACITY_AH)
-
-
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_pulses_against_the_sweep_neither_end_nor_extend_it(hold, size, direction):
     moves = turned(direction, [[0.005, -0.055]] * 20)
@@ -83,14 +66,6 @@ def test_a_sweep_that_begins_without_a_rest_begins_where_the_charge_turned(hold,
     (sweep,) = sweeps_of(moves, start_soc=0.5 - 0.1 * direction, hold=hold)
     assert len(sweep.points) == 20
     np.testing.assert_allclose(extent(sweep), [0.4 * direction, -0.6 * direction], atol=1e-12)
-
-
-@pytest.mark.parametrize("direction", [-1, 1])
-def test_a_short_first_rest_counts_in_either_direction(hold, size, direction):
-    moves, start_soc = turned(direction, DOWN), START[direction]
-    (sweep,) = sweeps_of(moves, start_soc=start_soc, hold=hold, size=size, first_rest_s=60.0)
-    assert len(sweep.points) == 21
-    assert sweep.points[0].rest_s == 60.0
 
 
 @pytest.mark.parametrize("first_v", [(0.02, 0.0), (-0.02, 0.0), (-0.12, -0.12)])

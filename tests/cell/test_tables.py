@@ -1,13 +1,9 @@
 """Tables between measured temperatures."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters, TemperatureTables
-from barnax.cell.parameters import OCV_CORRECTION
-from barnax.errors import InputError
 
 NODES = (0.2, 0.8)
 
@@ -56,17 +52,3 @@ def test_a_resistance_at_zero_is_interpolated_without_a_logarithm():
     found = TemperatureTables((0.0, 40.0), (cold, tables_at(40.0))).at(20.0)
     share = (1 / 273.15 - 1 / 293.15) / (1 / 273.15 - 1 / 313.15)
     assert found.r0 == pytest.approx(share * tables_at(40.0).r0, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("temperatures_degc", "tables"),
-    [
-        ((25.0, 0.0), (tables_at(25.0), tables_at(0.0))),
-        ((0.0,), (tables_at(0.0), tables_at(25.0))),
-        ((0.0, 25.0), (tables_at(0.0), replace(tables_at(25.0), scales={"tau1 [s]": 60.0}))),
-        ((0.0, 25.0), (tables_at(0.0), tables_at(25.0).without(OCV_CORRECTION))),
-    ],
-)
-def test_tables_that_are_not_alike_or_not_in_order_are_refused(temperatures_degc, tables):
-    with pytest.raises(InputError, match="temperature"):
-        TemperatureTables(temperatures_degc, tables)

@@ -392,13 +392,6 @@ def test_a_channel_that_stands_still_is_found(tmp_path, name, column, value, che
     assert found(outcome, check).row == pytest.approx(3002, abs=3)
 
 
-@pytest.mark.parametrize("name", BUNDLED_NAMES)
-def test_a_clipped_voltage_is_found(tmp_path, name):
-    table = frame(name)
-    clipped = changed(table, VOLTAGE, np.clip(array(table, VOLTAGE), 3.3, 3.9))
-    assert "stops at" in found(checked(tmp_path, clipped), "stuck voltage").what
-
-
 @pytest.mark.parametrize("name", DRIVES)
 def test_a_clipped_current_is_found_at_both_ends(tmp_path, name):
     table = frame(name)
@@ -441,16 +434,3 @@ def test_counters_that_prove_a_current_is_scaled_name_the_factor(tmp_path, facto
     counters = found(outcome, "counters")
     assert f"the current is {factor:g} times what the tester counted, throughout" in counters.what
     assert f"{1 / factor:g} times as much" in counters.remedy
-
-
-def test_a_gap_in_which_a_rested_cell_was_moved_is_a_warning(tmp_path):
-    low = OUT.filter(pl.col(TIME) > 100_000)
-    outcome = checked(tmp_path, pl.concat([OUT.filter(pl.col(TIME) < 4000), low]))
-    assert counting(outcome)["gaps"] == "warning"
-
-
-def test_the_integrated_charge_is_that_of_a_plain_sum(tmp_path):
-    moved_ah = array(DRIVE, CURRENT)[:-1] * np.diff(array(DRIVE, TIME)) / 3600
-    facts = checked(tmp_path, DRIVE).facts
-    assert facts.charged_ah == pytest.approx(moved_ah[moved_ah > 0].sum())
-    assert facts.discharged_ah == pytest.approx(-moved_ah[moved_ah < 0].sum())

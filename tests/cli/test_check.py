@@ -8,7 +8,7 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from helpers.golden import GOLDEN, require_golden, without_blanks
-from helpers.records import CURRENT, TIME, VOLTAGE, changed, frame
+from helpers.records import CURRENT, TIME, changed, frame
 
 CLEAN = (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv)
 
@@ -38,16 +38,6 @@ def test_findings_give_status_1_with_row_and_remedy(run, faulty):
     assert (outcome.status, outcome.err) == (1, "")
     require_golden(GOLDEN / "check-faulty.txt", without_blanks(outcome.out))
     assert max(map(len, outcome.out.splitlines())) <= 80
-
-
-def test_a_lag_is_repeatable_and_one_of_no_file_is_refused(run, refuse, tmp_path):
-    late = frame().with_columns(pl.col(VOLTAGE).shift(3)).drop_nulls()
-    late.write_parquet(tmp_path / "a=1,b.parquet")
-    lags = ("--voltage-lag", "0", "--voltage-lag", "a=1,b.parquet=3")
-    assert run("check", BUNDLED.record, "a=1,b.parquet", "-q", *lags) == (0, "", "")
-    assert "3.01 s older" in run("check", "a=1,b.parquet", "-q").err
-    told = refuse("check", BUNDLED.record, "--voltage-lag", "typo=0.3")
-    assert "no record is called 'typo', for which options are given; there are" in told
 
 
 def test_a_file_that_is_no_table_gives_status_2_and_the_others_are_told(run, faulty, unreadable):

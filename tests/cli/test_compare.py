@@ -8,7 +8,6 @@ import pytest
 from barnax.bundled import BUNDLED
 from barnax.cli import compare as command
 from barnax.comparison import ComparisonResult
-from barnax.optimizers import OPTIMIZERS
 
 from .conftest import BUDGET, contents, run_command
 
@@ -86,10 +85,3 @@ def test_a_folder_is_planned_and_its_circuits_are_ranked_before_its_methods(run,
 )
 def test_bad_input_is_one_message(words, message, refuse):
     assert message in " ".join(refuse("compare", *words).split())
-
-
-def test_every_registered_optimizer_is_listed(run):
-    outcome = run("optimizers")
-    assert (outcome.status, outcome.err) == (0, "")
-    listed = {line.split()[0] for line in outcome.out.splitlines() if line.split()}
-    assert set(OPTIMIZERS) <= listed

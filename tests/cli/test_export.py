@@ -33,15 +33,6 @@ def test_every_target_goes_to_its_own_file(run, stored, tmp_path, name):
     assert {*contents(stored.parent)} == {exporter.file_name, "result.json"}
 
 
-def test_an_existing_file_is_replaced_only_by_force(run, refuse, stored):
-    place = stored.with_name("barnax_cell.h")
-    place.write_text("mine")
-    message = refuse("export", stored, "--to", "c-header")
-    assert "barnax_cell.h: exists already; replace it with --force" in message
-    assert run("export", stored, "--to", "c-header", "--force").status == 0
-    assert place.read_text().startswith("/*\n * Written by barnax")
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -74,12 +65,6 @@ def test_a_place_that_takes_no_file_is_refused_before_any_work(refuse, stored, t
     message = refuse("export", stored, "--to", "csv", "--out", out)
     assert part in message
     assert "give --out" in message
-
-
-def test_verify_without_the_package_says_how_to_get_it(refuse, stored, monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    message = refuse("export", stored, "--to", "thevenin", "--verify")
-    assert 'pip install ".[verify]"' in message
 
 
 @pytest.mark.parametrize("name", ["pybamm", "thevenin"])

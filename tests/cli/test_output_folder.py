@@ -298,26 +298,6 @@ def test_two_runs_that_end_at_once_both_keep_their_results(tmp_path, monkeypatch
     assert (written(tmp_path / "out"), written(tmp_path / "out-2")) == (MINE, NEW)
 
 
-def test_a_place_that_refuses_a_folder_is_a_message(tmp_path, monkeypatch):
-    def forbidden(*_, **__):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(os, "mkdir", forbidden)
-    with pytest.raises(InputError, match=r"Permission denied.*give `out` another folder"):
-        write_folder(tmp_path / "out", NEW, False)
-    assert contents(tmp_path) == {}
-
-
-def test_results_go_to_where_a_link_points(tmp_path, old):
-    (tmp_path / "link").symlink_to(old, target_is_directory=True)
-    write_folder(tmp_path / "link", NEW, True)
-    assert (tmp_path / "link").is_symlink()
-    assert written(old) == NEW
-    (tmp_path / "link.h").symlink_to("real.h")
-    write_file(tmp_path / "link.h", b"new")
-    assert (tmp_path / "real.h").read_text() == "new"
-
-
 REFUSED = {
     "out": "out: holds a result; replace it with --force or give --out another folder",
     "foreign": "foreign: holds 'figures', which barnax did not write",

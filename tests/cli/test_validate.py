@@ -130,16 +130,6 @@ def test_what_cannot_be_used_is_refused(refuse, stored, tmp_path, words, message
     assert message in refuse("validate", *(stored if w == "{stored}" else w for w in words))
 
 
-def test_what_was_said_of_one_record_is_not_another_s(run, stored, drive, tmp_path):
-    """A start that was given for all records of a run is not that of another record either."""
-    document = json.loads(stored.read_text())
-    for part in document["inputs"]:
-        if part["window"] is not None:
-            part["window"] |= {"initial_soc": 0.5, "initial_direction": -1, "score_to [s]": 500.0}
-    (tmp_path / "own.json").write_text(json.dumps(document))
-    assert rmse_v(run, "own.json", drive) == rmse_v(run, stored, drive)
-
-
 def test_the_choice_of_a_circuit_is_shown_where_there_was_one(run, stored, tmp_path):
     outcome = run("show", stored, "--choice")
     assert outcome.status == 2
@@ -154,14 +144,3 @@ def test_the_choice_of_a_circuit_is_shown_where_there_was_one(run, stored, tmp_p
     shown = run("show", tmp_path, "--choice").out
     assert "(0.011)" in shown
     assert "no gain" in shown
-
-
-@pytest.mark.slow
-def test_the_errors_are_written_as_a_page_with_figures(run, stored, drive, tmp_path):
-    outcome = run("validate", stored, drive, "--report", "page.html")
-    assert outcome.status == 0
-    assert "page.html" in outcome.out
-    page = (tmp_path / "page.html").read_text()
-    assert page.count("<img") == 3
-    assert "drive.parquet" in page
-    assert "exists already" in run("validate", stored, drive, "--report", "page.html").err

@@ -12,13 +12,10 @@ from barnax.cli.app import app
 from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step
-from barnax.experiment.belief import believed_of, window_of
+from barnax.experiment.belief import believed_of
 from barnax.experiment.widths import before_of
-from barnax.model.window import Window
 from barnax.reporting.design import (
     design_screen,
-    planned_lines,
-    promised_table,
     reached_half,
 )
 from barnax.reporting.design_forms import design_files
@@ -61,20 +58,6 @@ def test_the_next_command_names_files_that_are_there(design, result, tmp_path):
     assert words[-4:] == ["--capacity", "2.1", "--design", str(tmp_path)]
 
 
-def test_the_next_command_counts_over_the_capacity_that_the_records_were_given(
-    design, result, tmp_path
-):
-    given = tuple(
-        part.model_copy(update={"window": replace(part.window or Window(), capacity_ah=2.1)})
-        for part in result.inputs
-    )
-    known = result.model_copy(update={"inputs": given})
-    *_, command = next_after(design, known, Cell(result=tmp_path), tmp_path)
-    assert " --capacity 2.1 " in str(command)
-    *_, plain = next_after(design, result, Cell(result=tmp_path), tmp_path)
-    assert "--capacity" not in str(plain)
-
-
 def test_a_table_left_open_is_answered_with_a_test(result):
     fit = result.fit
     opened = tuple(
@@ -106,18 +89,6 @@ def test_a_record_that_is_predicted_badly_is_answered_with_more_data(result, tim
     # The advice is another record, not a test to design.
     assert not step.designs
     assert step.advice.startswith("identify on validation.parquet too") is is_bad
-
-
-def test_the_advice_says_of_which_samples_its_errors_are(result):
-    own = result.metrics.identification
-    other = validated(result, 0.05)
-    (part,) = other.metrics.validation
-    assert "above 10 % SOC the error on validation.parquet is 50.00 mV" in next_step(other).advice
-    moved = part.model_copy(update={"registered_v": 0.04})
-    metrics = other.metrics.model_copy(update={"validation": (moved,)})
-    advice = next_step(other.model_copy(update={"metrics": metrics})).advice
-    fitted = f"on what was fitted {1e3 * own.rmse_v:.3g}"
-    assert f"with its start moved, the error on validation.parquet is 40.00 mV, {fitted}" in advice
 
 
 def test_no_test_is_designed_for_what_is_known_already(result, tmp_path, monkeypatch):
@@ -175,19 +146,6 @@ def test_before_with_the_test_and_reached_are_one_quantity(design, result):
     assert "Intervals:" not in screen_of(design_screen(design, as_flags))
 
 
-@pytest.mark.parametrize("is_alone", [True, False])
-def test_promised_and_reached_stand_beside_each_other(design, result, is_alone):
-    table = promised_table(design, result.fit, is_alone)
-    assert [row[0] for row in table.rows] == ["R0", "R1", "R2"]
-    assert all(float(row[3]) > 0 for row in table.rows)
-    for row in table.rows:
-        promised, reached = (float(cell.split()[0]) for cell in row[1:3])
-        assert float(row[3]) == pytest.approx(reached / promised, rel=0.06)
-    # What records of a measured cell disagree by is said of several alone.
-    assert ("disagree" in table.caption) is not is_alone
-    assert ("with identification.parquet" in table.caption) is not is_alone
-
-
 def test_a_test_that_falls_short_says_where_and_why(design):
     assert not design.is_reached
     text = screen_of(design_screen(design, as_flags))
@@ -208,21 +166,6 @@ def test_a_test_that_falls_short_says_where_and_why(design):
     enough = dict.fromkeys(design.wanted, 10.0)
     reached = design.model_copy(update={"wanted": enough, "is_reached": True})
     assert "Not reached" not in screen_of(design_screen(reached, as_flags))
-
-
-@pytest.mark.parametrize(("chemistry", "window_v"), [("nmc", (2.5, 4.2)), ("lfp", (2.0, 3.65))])
-def test_a_cell_s_usual_voltages_are_those_of_its_chemistry(chemistry, window_v):
-    assert window_of(believed_of(None, 2.0, chemistry).cell) == window_v
-
-
-def test_a_belief_that_is_given_again_stays_what_it_was():
-    believed = believed_of(None, 2.0, "nmc")
-    again = believed_of(believed, None, "nmc")
-    once, twice = (screen_of(planned_lines(own, as_flags)) for own in (believed, again))
-    assert "a typical NMC cell" in once
-    assert once == twice
-    soc = np.array([-0.01, 0.5, 1.01])
-    np.testing.assert_array_equal(again.ocv_end_v(soc, 1), believed.ocv_end_v(soc, 1))
 
 
 def test_another_capacity_leaves_the_largest_currents_of_the_records():

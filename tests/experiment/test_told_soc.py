@@ -9,7 +9,6 @@ import pytest
 
 import barnax
 from barnax.bundled import bundled_file
-from barnax.cell.curves import InterpolatedCurve
 from barnax.cli.session import as_flags
 from barnax.errors import InputError
 from barnax.experiment.belief import believed_of
@@ -116,24 +115,10 @@ def test_beyond_what_the_record_told_the_ocv_is_that_of_the_chemistry(joined, be
     )
 
 
-def test_another_chemistry_than_the_record_shows_is_refused(placed):
-    with pytest.raises(InputError, match=r"`chemistry` lfp: at 65 % SOC .* 3\.27 V, .* 3\.86"):
-        believed_of(placed, None, "lfp")
-
-
 @pytest.mark.parametrize("result", [pytest.param("unplaced", marks=pytest.mark.slow), "sized"])
 def test_no_typical_ocv_is_joined_where_nothing_shows_what_is_full(result, request):
     with pytest.raises(InputError, match=r"`chemistry` nmc: nothing shows .* full"):
         believed_of(request.getfixturevalue(result), None, "nmc")
-
-
-def test_a_chemistry_whose_highest_voltage_the_cell_passes_is_refused():
-    """A full cell at 4.33 V: near a typical one at 4.18 V, and above the 4.2 V that it stops at."""
-    believed = believed_of(None, 2.0, "nmc")
-    rising = InterpolatedCurve.fit(np.array([0.0, 1.0]), np.array([2.7, 4.33]))
-    cell = replace(believed.cell, charge=rising, discharge=rising)
-    with pytest.raises(InputError, match=r"at 100 % SOC .* 4\.18 V, and this one 4\.33 V"):
-        believed_of(replace(believed, cell=cell, typical=""), None, "nmc")
 
 
 @pytest.mark.parametrize(

@@ -220,19 +220,6 @@ def test_csv_and_json_have_every_temperature(over_temperature):
     assert own == pytest.approx(ocv_at(over_temperature, 45.0, 0.5), abs=1e-6)
 
 
-def test_the_capacity_is_that_of_the_record_nearest_to_25_degc(over_temperature):
-    (record,) = over_temperature.inputs
-    inputs = tuple(
-        record.model_copy(update={"temperature_degc": degc, "capacity_ah": own_ah})
-        for degc, own_ah in ((1.0, 1.7), (24.0, 1.6), (24.5, 1.5))
-    )
-    own = over_temperature.model_copy(update={"inputs": inputs})
-    exported = EXPORTERS["json"].write(own)
-    assert json.loads(exported.content)["capacity [A.h]"] == 1.6
-    assert "at 0, 25, 45 degC it was 1.7, 1.6, 2.1 Ah" in " ".join(exported.caveats)
-    assert b"barnax_capacity_ah = BARNAX_N(1.6);" in EXPORTERS["c-filter"].write(own).content
-
-
 def load(result) -> dict:
     return loadmat(io.BytesIO(EXPORTERS["simscape"].write(result).content), squeeze_me=True)
 

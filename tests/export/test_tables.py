@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
 import barnax.export.tables
-from barnax.cell import SegmentedHysteresis
 from barnax.cell.circuits import Circuit
-from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
+from barnax.export.tables import TOLERANCE_V, linear_table, tables_of
 from barnax.search.refine import AtBound
 from helpers.results import (
     CORRECTION_V,
@@ -45,16 +44,6 @@ def test_a_table_follows_any_monotone_cubic_within_the_tolerance(voltages_v, see
     assert np.abs(table(FINE) - clipped(FINE)).max() < 1.1 * TOLERANCE_V
 
 
-@pytest.mark.parametrize("fit", ["continuous", "independent"])
-def test_the_hysteresis_table_reads_as_its_segments(fit):
-    rng = np.random.default_rng(1)
-    w = SegmentedHysteresis.fit(np.linspace(0, 1, 40), 0.02 * rng.random(40), fit)
-    table = segment_table(w)
-    assert np.all(np.diff(table.soc) > 0)
-    # A step takes a billionth of SOC.
-    np.testing.assert_allclose(table(FINE), w(FINE), rtol=0, atol=1e-9)
-
-
 def test_a_time_constant_at_a_bound_is_a_caveat():
     told = "tau2 ended at the upper bound of its search: the data do not set it."
     (bound,) = bounds = (AtBound("tau2 [s]", "upper"),)
@@ -66,13 +55,6 @@ def test_a_time_constant_at_a_bound_is_a_caveat():
         assert told in tables_of(bounded).caveats
     # The constant circuit beside tables is not what is exported.
     assert told not in tables_of(with_constant(result, at_bound=bounds)).caveats
-
-
-@pytest.mark.parametrize("direction", [1, -1])
-def test_the_hysteresis_starts_where_the_last_current_left_it(direction):
-    tables = tables_of(make_result(initial_direction=direction))
-    w_v = make_cell().hysteresis(np.array(0.9))
-    assert tables.initial_hysteresis_v == pytest.approx(direction * w_v / 2, abs=1e-12)
 
 
 @pytest.mark.parametrize(

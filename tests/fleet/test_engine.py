@@ -13,14 +13,13 @@ from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.errors import InputError
 from barnax.execution import AtOnce
-from barnax.fleet import cell_of, identify_fleet, read_manifest
+from barnax.fleet import identify_fleet, read_manifest
 from barnax.fleet.dataset import read_rows
-from barnax.fleet.rows import identify_rows
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.records import read_record
 
-from .conftest import SAMPLES, comparable, write_cell
+from .conftest import SAMPLES, comparable
 
 # What a row says in place of an identification, where only the engine is looked at.
 ROW = {
@@ -234,19 +233,6 @@ def test_a_row_says_what_was_found_or_why_nothing_was(alone):
         assert row["RMSE [V]"] < 0.01
 
 
-def test_no_column_of_a_manifest_can_be_one_of_the_dataset(alone):
-    others = {"id", "age", "circuit", "records"}
-    for name in {
-        *alone.columns,
-        "C4 [F] high",
-        "gamma low",
-        "tables RMSE [V]",
-        "tables R1 [Ohm] low",
-    } - others:
-        with pytest.raises(InputError, match="the dataset has its own"):
-            cell_of({"id": "a", "records": "a.csv", name: 1})
-
-
 def test_a_row_has_the_same_bits_in_a_batch_and_in_another_order(alone, small_fleet, tmp_path):
     cells, _ = read_manifest(small_fleet / "manifest.csv")
     with ThreadPoolExecutor(2) as pool:
@@ -271,16 +257,3 @@ def test_a_problem_in_memory_has_a_row_too(small_fleet, alone, tmp_path):
     expected = alone.filter(pl.col("id") == "cell 0").to_dicts()[0]
     assert row["R0 [Ohm]"] == expected["R0 [Ohm]"]
     assert threading.active_count() < 50
-
-
-def test_validation_records_start_at_an_soc_of_their_own(small_fleet, bundled_cell, tmp_path):
-    # The parameters of the fleet's first cell, whose noise is 1 mV.
-    write_cell(tmp_path / "later.parquet", bundled_cell, 350, 7, soc=0.5)
-    (cell, *_), _ = read_manifest(small_fleet / "manifest.csv")
-    row = {"id": "own", "records": cell.records, "ocv": cell.ocv, "initial_soc": 0.8}
-    row |= {"validate": tmp_path / "later.parquet", "validate_initial_soc": 0.5, "model": "1rc"}
-    (found,) = identify_rows(cell_of(row), {"seeds": 0, "trust": "none"})
-    assert found["error"] is None
-    assert found["validation RMSE [V]"] == pytest.approx(found["RMSE [V]"], rel=0.3)
-    (wrong,) = identify_rows(cell_of(row | {"validate_initial_soc": 0.6}), {"seeds": 0})
-    assert wrong["validation RMSE [V]"] > 10 * found["RMSE [V]"]

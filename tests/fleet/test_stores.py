@@ -1,6 +1,5 @@
 """Fleets in object stores: a real S3 server on this machine, and fsspec's memory."""
 
-import sys
 import uuid
 from contextlib import suppress
 
@@ -105,19 +104,3 @@ def test_a_manifest_in_a_store_reads_no_file_of_this_machine(memory, name):
     manifest.fs.pipe_file(manifest.path, f"id,records\na,{name}\n".encode())
     with pytest.raises(InputError, match=r"own folder|allow it"):
         read_manifest(str(manifest))
-
-
-def test_a_store_that_is_not_there_is_told(memory):
-    with pytest.raises(InputError, match=r"none.csv: cannot be read"):
-        fetched(memory / "none.csv", 10)
-    (memory / "a").fs.pipe_file((memory / "a").path, b"12345")
-    with pytest.raises(InputError, match="longer than 4 bytes"):
-        fetched(memory / "a", 4)
-    with pytest.raises(InputError, match="no address of a kind"):
-        located("nonsense://bucket/a")
-
-
-def test_without_the_packages_an_address_names_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "upath", None)
-    with pytest.raises(InputError, match=r"barnax\[cloud\]"):
-        identify_fleet([], "s3://bucket/fleet")

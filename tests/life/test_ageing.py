@@ -1,6 +1,5 @@
 """A dataset of known ageing: units of age, what is not determined, and what a record tells."""
 
-import json
 from functools import cache
 
 import numpy as np
@@ -22,7 +21,7 @@ from barnax.over_soc.ageing import (
     shows_both_ends,
 )
 from barnax.plots import plot_fleet_life
-from barnax.reporting.life import life_frame, life_json, life_lines
+from barnax.reporting.life import life_lines
 
 
 def dataset(cells=9, ages=5, **columns):
@@ -70,18 +69,6 @@ def test_the_unit_is_in_the_column_s_name(name, unit, years):
     life = life_of(frame, age=name)
     assert life.unit == unit
     assert life.exposure == pytest.approx(3 * 4 * years)
-
-
-def test_what_no_record_tells_is_not_determined():
-    ends = ("", " low", " high", " by OCV")
-    nothing = {f"aged {CAPACITY}{end}": None for end in ends}
-    life = life_of(dataset(cells=3).with_columns(**{k: pl.lit(v) for k, v in nothing.items()}))
-    assert all(np.isnan(each.smooth).all() for each in life.of(CAPACITY))
-    assert any(line.startswith("capacity: not determined") for line in life_lines(life))
-    stored = json.loads(life_json(life))
-    own = [each for each in stored["trends"] if each["quantity"] == CAPACITY]
-    assert {each["trend"] for each in own} == {None}
-    assert len(life_frame(life)) == 4 * 15
 
 
 def test_capacities_without_a_rest_near_empty_assume_the_shape_of_the_ocv(life):

@@ -39,14 +39,6 @@ def test_dates_are_the_same_however_they_are_written(dates, how):
     np.testing.assert_allclose(days, expected, atol=1e-6)
 
 
-@given(dates=st.lists(DATES, min_size=2, max_size=5), kind=st.sampled_from([int, float, str]))
-def test_compact_dates_are_dates_and_no_numbers(dates, kind):
-    column = pl.Series([kind(one.strftime("%Y%m%d")) for one in dates])
-    days, unit = ages_of(column, "date")
-    expected = [(one.date() - min(dates).date()).days for one in dates]
-    assert (days.tolist(), unit) == (expected, "day")
-
-
 @pytest.mark.parametrize(
     ("name", "factor", "unit"),
     [

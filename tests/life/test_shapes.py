@@ -90,19 +90,6 @@ def test_cells_far_from_an_age_have_no_vote_there():
     np.testing.assert_allclose(beside[:, -1], alone[:, 0])
 
 
-def test_one_record_that_differs_from_its_cell_s_others_keeps_a_wide_interval():
-    one = rows_of([0.0] * 8)
-    other = rows_of([0.06], seed=3)[-1:].with_columns(cell=pl.lit("C7"))
-    _, low, high = told(pl.concat([one[:-1], other]))
-    assert not high[-1] - low[-1] < 5 * np.median(high[:-1] - low[:-1])
-
-
-def test_the_part_of_the_ocv_of_before_is_pooled_as_the_values_are():
-    by_ocv = np.concatenate(pooled(rows_of([0.0] * 8))[f"aged {CAPACITY} by OCV"].to_list())
-    # As small changes have it, not as the usual ones.
-    assert np.min(by_ocv) > 1e-3 / 0.016
-
-
 def test_an_interval_in_a_fleet_holds_the_spread_between_shapes():
     draw = np.random.default_rng(0)
     evidence = draw.normal(0.0, 2.0, (2, len(SHAPES_V)))

@@ -179,17 +179,6 @@ def test_a_given_state_of_charge_that_the_rested_voltage_denies_is_doubted(
     assert socs == [("start.other-soc", pytest.approx(0.999, abs=5e-4), 0.95)] * is_doubted
 
 
-@pytest.mark.parametrize("given_soc", [None, 1.0])
-@pytest.mark.parametrize(("above_v", "is_doubted"), [(0.047, True), (0.004, False)])
-def test_a_rested_voltage_beyond_the_ocv_of_a_full_cell_is_doubted(
-    bundled_cell, above_v, is_doubted, given_soc
-):
-    full_v = ocv_v(bundled_cell.charge, 1.0)
-    warnings = rested_at(bundled_cell, full_v + above_v, initial_soc=given_soc).warnings
-    beyond = [(each.code, each.values["beyond_v"]) for each in warnings]
-    assert beyond == [("start.beyond-ocv", pytest.approx(0.047))] * is_doubted
-
-
 # The direction before the start
 
 

@@ -10,7 +10,6 @@ import pytest
 from barnax.errors import InputError
 from barnax.model.coordinates import SCALES, Coordinates
 from barnax.model.search_space import Bounds, read_bounds
-from barnax.model.simulate import RCParameters
 
 DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0)
 TAUS = ("tau1 [s]", "tau2 [s]")
@@ -49,25 +48,6 @@ def test_time_constants_run_from_half_an_interval_to_the_scored_duration():
     # A record of one interval still has a box.
     low, high = Bounds.default(2.0, interval_s=10.0, duration_s=0.0).ranges["tau1 [s]"]
     assert low < high
-
-
-@pytest.mark.parametrize(
-    ("ranges", "fixed", "are_alike"),
-    [
-        ({}, {}, True),
-        ({"R0 [Ohm]": (0.01, 0.02)}, {}, True),
-        ({}, {"R0 [Ohm]": 0.01}, True),
-        (dict.fromkeys(("C1 [F]", "C2 [F]"), (20.0, 5000.0)), {}, True),
-        ({"R1 [Ohm]": (0.01, 0.1)}, {}, False),
-        ({"R2 [Ohm]": (0.01, 0.1)}, {}, False),
-        ({"tau1 [s]": (0.6, 0.9)}, {}, False),
-        ({"tau2 [s]": (0.6, 0.9)}, {}, False),
-        ({"C1 [F]": (20.0, 500.0)}, {}, False),
-        ({}, {"R2 [Ohm]": 0.01}, False),
-    ],
-)
-def test_pairs_are_alike_while_they_have_one_box(ranges, fixed, are_alike):
-    assert box(ranges, fixed).interchangeable_pairs == 2 * are_alike
 
 
 def test_a_change_replaces_the_default_and_leaves_the_earlier_bounds_as_they_were():
@@ -205,31 +185,12 @@ def test_a_circuit_survives_encoding(name, scale):
         np.testing.assert_allclose(again, points, atol=1e-11)
 
 
-def test_a_raw_point_survives_decoding_unless_its_time_constant_is_clipped():
-    coordinates = Coordinates.of(DEFAULT, "rc")
-    points = places(coordinates)
-    expected = np.array(points)
-    for r, c in ((1, 2), (3, 4)):
-        expected[:, c] = np.clip(expected[:, r] * expected[:, c], 0.5, 1000.0) / expected[:, r]
-    again = jax.vmap(lambda point: coordinates.encode(coordinates.decode(point)))(points)
-    np.testing.assert_allclose(again, expected, rtol=1e-11)
-
-
 def test_the_raw_box_of_capacitance_holds_every_allowed_time_constant():
     # C = tau / R is smallest at the shortest tau and largest R, and the other way round.
     coordinates = Coordinates.of(DEFAULT, "rc")
     assert coordinates.names == ("R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "R2 [Ohm]", "C2 [F]")
     np.testing.assert_allclose(coordinates.lower[2], 0.5 / 0.2)
     np.testing.assert_allclose(coordinates.upper[2], 1000.0 / 1e-4)
-
-
-@every_scale
-def test_a_circuit_outside_the_box_is_encoded_at_its_nearest_end(scale):
-    coordinates = Coordinates.of(DEFAULT, scale)
-    outside = jax.tree.map(jnp.asarray, RCParameters(9.0, (9.0, 1e-9), (1e6, 1e-6)))
-    circuit = physical(coordinates.decode(coordinates.encode(outside)))
-    found = [float(circuit[name]) for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")]
-    assert found == pytest.approx([0.2, 0.2, 1e-4])
 
 
 # Resistances at given time constants

@@ -1,9 +1,5 @@
 """Starts that files of the field begin with: noise, loads, a given SOC, and what a result is of."""
 
-import os
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,29 +11,16 @@ from barnax.bundled import BUNDLED
 from barnax.cell import characterize, read_ocv_test
 from barnax.cell.ocv_points import find_rest_sweeps
 from barnax.global_optimum import find_global_optimum
-from barnax.job import Job
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.rest import cell_at_rest
 from barnax.model.window import Window
-from barnax.plan.running import prepare_pulse_tests
 from barnax.records import read_record
 from barnax.run_setup import with_joint_starts
 from barnax.uncertainty import assess
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import make_record
-
-REPOSITORY = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def cases():
-    """The folder of small cells with known answers, which is not part of the project."""
-    shared = os.environ.get("BARNAX_SHARED_DATA", REPOSITORY.parent / "shared" / "data")
-    folder = Path(shared).parent / "cases" / "cells"
-    if not folder.is_dir():
-        pytest.skip("the cases are not here; set BARNAX_SHARED_DATA to the folder beside theirs")
-    return folder
+from helpers.shared import CASES, needs_cases
 
 
 def codes(prepared):
@@ -58,8 +41,9 @@ def cell_of(folder):
     return characterize([read_ocv_test(folder / "ocv.csv")], capacity_ah=2.5)
 
 
-def test_a_noisy_rest_tells_the_start_by_its_mean_and_denies_no_given_one(cases):
-    folder = cases / "03_noisy_start"
+@needs_cases
+def test_a_noisy_rest_tells_the_start_by_its_mean_and_denies_no_given_one():
+    folder = CASES / "cells" / "03_noisy_start"
     record = read_record(folder / "noisy.csv")
     cell = cell_of(folder)
     start = prepare_record(record, cell, "so-rc").start
@@ -75,8 +59,9 @@ def test_a_noisy_rest_tells_the_start_by_its_mean_and_denies_no_given_one(cases)
 TRUTH = {"R0 [Ohm]": 0.025, "R1 [Ohm]": 0.015, "tau1 [s]": 20.0}
 
 
-def test_start_and_circuit_are_fitted_together(cases):
-    folder = cases / "03_noisy_start"
+@needs_cases
+def test_start_and_circuit_are_fitted_together():
+    folder = CASES / "cells" / "03_noisy_start"
     options = {"model": "1rc", "capacity": 2.5, "seeds": 0, "advise": False}
     found = barnax.identify(folder / "noisy.csv", ocv=folder / "ocv.csv", **options)
     for name, truth in TRUTH.items():
@@ -176,30 +161,6 @@ def test_the_last_rest_of_a_test_may_lack_the_interval_that_no_sample_shows():
 
 
 # A SOC that is given
-
-
-def test_a_given_soc_is_that_of_the_first_row_where_a_pulse_test_starts_later():
-    record = read_record(BUNDLED.hppc[1])
-    job = prepare_pulse_tests(Job(records=BUNDLED.hppc[1], window=Window(initial_soc=0.9)))
-    window = job.window[record.name]
-    at = int(np.searchsorted(record.time_s, window.start_time_s))
-    assert 0 < at < record.samples
-    moved_ah = float(np.sum(record.current_a[:at] * np.diff(record.time_s)[:at])) / 3600
-    capacity_ah = characterize([record], ocv_fit="interpolated").capacity_ah
-    assert window.initial_soc == pytest.approx(0.9 - moved_ah / capacity_ah, abs=1e-4)
-
-
-def test_a_given_soc_is_counted_to_a_start_that_is_moved(bundled_cell):
-    record, _ = loaded(bundled_cell, 0.6, rest_s=2000)
-    relaxing_v = record.voltage_v - 0.03 * np.exp(-record.time_s / 300) * (record.time_s < 2000)
-    current_a = np.where(record.time_s < 2000, 0.003, record.current_a)
-    record = replace(record, current_a=current_a, voltage_v=relaxing_v)
-    prepared = prepare_record(record, bundled_cell, "so-rc", Window(initial_soc=0.6))
-    assert prepared.first == 999
-    counted = 0.003 * 999 * 2.0 / 3600 / bundled_cell.capacity_ah
-    assert prepared.start.soc == pytest.approx(0.6 - counted, abs=1e-9)
-    at_start = Window(initial_soc=0.6, start_time_s=float(record.time_s[999]))
-    assert prepare_record(record, bundled_cell, "so-rc", at_start).start.soc == 0.6
 
 
 @pytest.mark.parametrize(("given_soc", "is_denied"), [(0.7, False), (0.5, True)])

@@ -5,7 +5,6 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
-import optimistix as optx
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -30,7 +29,6 @@ from barnax.optimizers.leaders import (
     learn_from_neighbors,
     random_subset,
     replace_leaders,
-    three_best,
 )
 from barnax.optimizers.pso import badness
 
@@ -204,19 +202,6 @@ def test_an_improved_grey_wolf_has_the_leaders_of_the_loop(before, after):
     np.testing.assert_allclose(moved[:9, 0], np.mean(pack.memory.positions), rtol=1e-6)
 
 
-def test_an_improved_grey_wolf_stops_at_the_bound():
-    """The authors' code puts it halfway back to where the wolf stands."""
-    solver, box = ImprovedGreyWolf(population=9), Box(-jnp.ones(2), jnp.ones(2))
-    positions = jr.uniform(jr.key(0), (9, 2), minval=0.6, maxval=0.9)
-    swarm = solver.prepare(Swarm(positions, jnp.sum(positions, axis=1)), box)
-    # Each place is that of a leader and twice the distance of its double from the wolf: above 1.
-    numbers = jnp.stack([jnp.zeros((3, 9, 2)), jnp.ones((3, 9, 2))])
-    moved, _ = eqx.filter_jit(solver.propose)(
-        (numbers, jnp.zeros((3, 9, 2))), swarm, jnp.array(1), box
-    )
-    np.testing.assert_array_equal(moved[:9], 1)
-
-
 def test_the_random_wolf_of_a_step_is_another_in_every_dimension():
     """The authors' code takes one for all dimensions."""
     wolves = jnp.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
@@ -224,12 +209,6 @@ def test_the_random_wolf_of_a_step_is_another_in_every_dimension():
     learned = learn_from_neighbors(numbers, wolves, wolves)
     # No wolf has a neighbor but itself: each is carried to twice itself less the random one.
     np.testing.assert_allclose(learned, 2 * wolves - jnp.array([0.0, 2.0]))
-
-
-def test_demoted_leaders_are_the_three_best_ever():
-    old = Swarm(jnp.array([[-1.0], [-2.0], [-3.0]]), jnp.array([1.0, 4.0, 5.0]))
-    swarm = Swarm(jnp.array([[0.0], [1.0], [2.0]]), jnp.array([3.0, 7.0, 0.5]))
-    np.testing.assert_array_equal(three_best(old, swarm).positions[:, 0], [2, -1, 0])
 
 
 def test_a_leader_is_replaced_only_by_a_strictly_better_candidate():
@@ -240,25 +219,6 @@ def test_a_leader_is_replaced_only_by_a_strictly_better_candidate():
     assert same.position[0] == 1
     better = better_leader(leader, Swarm(swarm.positions + 5, swarm.losses - 1))
     assert (better.position[0], better.loss) == (6, 2)
-
-
-def test_an_unbounded_swarm_leaves_the_box():
-    """The bounded one does not: that every optimizer promises."""
-    solver = ParticleSwarm(population=8, iterations=20, bounded=False)
-    options = {"key": jr.key(0), "lower": -4.0, "upper": 4.0}
-    solution = optx.minimise(
-        lambda x, _: -jnp.sum(x), solver, jnp.zeros(3), options=options, max_steps=None
-    )
-    assert jnp.max(solution.value) > 4.0
-
-
-@pytest.mark.parametrize(("limit", "expected"), [(0.25, 0.25), (None, 0.06)])
-def test_no_particle_flies_faster_than_its_limit(limit, expected):
-    solver = ParticleSwarm(velocity_limit=limit)
-    swarm, drawn = prepared(solver)
-    moved, _ = proposed(solver, drawn, swarm)
-    steps = jnp.abs(moved - swarm.positions)
-    assert jnp.max(steps if limit else steps / BOX.width) == pytest.approx(expected, rel=1e-5)
 
 
 def test_neighbors_within_reach_are_chosen_equally_often():

@@ -1,7 +1,5 @@
 """What a fit may claim: by an OCV test, records of few steps tell their resistances too."""
 
-import os
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,12 +13,11 @@ from barnax.checks.roles import require_load
 from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.over_soc.intervals import _held_level
+from helpers.known_cell import SMALL
+from helpers.shared import CASES, SHARED, needs_cases, needs_data
 
-SHARED = Path(os.environ.get("BARNAX_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
-CASES = SHARED.parent / "cases" / "cells"
+CELLS = CASES / "cells"
 QUICK: dict[str, Any] = {"seeds": 0, "model": "1rc", "advise": False}
-
-needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="needs the shared cases")
 
 
 def unfit(result):
@@ -39,7 +36,7 @@ def interval(result, name):
 @needs_cases
 @pytest.mark.slow
 def test_a_single_resistor_is_answered_by_its_ocv():
-    folder = CASES / "07_single_resistor"
+    folder = CELLS / "07_single_resistor"
     window = Window(initial_soc=0.0)
     found = identify(
         folder / "raw_data.parquet", ocv=folder / "ocv.csv", capacity=1.0, window=window, **QUICK
@@ -51,7 +48,7 @@ def test_a_single_resistor_is_answered_by_its_ocv():
 @needs_cases
 @pytest.mark.slow
 def test_a_discharge_at_one_current_is_answered_by_its_ocv():
-    folder = CASES / "08_cc_known_ocv"
+    folder = CELLS / "08_cc_known_ocv"
     columns = "current=It:A,voltage=Experimental_Voltage(v):V,time=Experimental_Time(s):s"
     found = identify(
         folder / "Data.xlsx",
@@ -117,18 +114,9 @@ def test_a_charge_alone_without_an_ocv_test_is_refused(charged):
 
 
 CALCE = SHARED / "calce-inr18650-20r"
-FAST_TABLES: dict[str, Any] = {
-    "model": "so-rc",
-    "over": "soc",
-    "seeds": 0,
-    "trust": "none",
-    "max_boxes": 0,
-    "advise": False,
-    "folds": 0,
-}
 
 
-@pytest.mark.skipif(not CALCE.is_dir(), reason="needs the measured cells")
+@needs_data
 @pytest.mark.slow
 @pytest.mark.parametrize("has_test", [False, True])
 def test_an_ocv_that_loads_alone_visit_is_not_determined_near_empty(has_test):
@@ -136,8 +124,7 @@ def test_an_ocv_that_loads_alone_visit_is_not_determined_near_empty(has_test):
     than 3.4 V there, for no OCV may fall with rising SOC."""
     test = CALCE / "ocv-incremental_25degC_SP20-3.parquet"
     drive = CALCE / "dst_25degC_80soc_SP20-2.parquet"
-    given: dict[str, Any] = FAST_TABLES | ({"ocv": test} if has_test else {})
-    found = identify(drive, **given)
+    found = identify(drive, ocv=test if has_test else (), folds=0, **SMALL)
     name = "OCV correction [V]" if has_test else "OCV [V]"
     low = [node for node in found.fit.of_table(name) if (node.soc or 0.0) <= 0.05]
     assert {node.low for node in low} == {None}

@@ -248,40 +248,6 @@ def test_a_hysteresis_is_found_under_noise_and_from_the_other_direction(noise_v,
     assert r2_ohm == pytest.approx(R_OHM[1], rel=0.05)
 
 
-@pytest.mark.slow
-def test_a_hysteresis_is_found_beside_a_third_pair():
-    """Either alone imitates the other, and the slow resistances are 30 to 45 % too high."""
-    r_ohm, tau_s = (0.010, 0.012, 0.014), (4.0, 40.0, 300.0)
-    record, _ = hysteretic(0.008, 40.0, 12_000, pairs=(r_ohm, tau_s))
-    result = barnax.identify(record, window=FROM_FULL, **FAST)
-    assert result.model == "esc+rc"
-    inside = np.linspace(0.2, 0.8, 20)
-    assert result.fit.tables.tau_s == pytest.approx(tau_s, rel=0.1)
-    for place, ohm in enumerate(r_ohm, 1):
-        found_ohm = np.median(result.fit.tables.at(f"R{place} [Ohm]", inside))
-        assert found_ohm == pytest.approx(ohm, rel=0.05)
-    gap_v = result.fit.tables.at("half hysteresis [V]", inside)
-    assert np.median(gap_v) == pytest.approx(0.008, rel=0.1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("keep_starts", [False, True])
-def test_of_several_records_the_direction_is_found_with_the_start(keep_starts):
-    """A rest tells the start by the branch that it is on: the gap is 2 % SOC there, and a start
-    wrong by that leaves a slow resistance 40 % too high."""
-    first, _ = hysteretic(0.012, 40.0, 9000)
-    second, _ = hysteretic(0.012, 40.0, 6000, start=0.5, state=-1.0, seed=5)
-    second = replace(second, name="second.csv")
-    given = {"window": Window(capacity_ah=2.0), "keep_starts": keep_starts, **FAST}
-    result = barnax.identify([first, second], **given)
-    assert result.model == "esc"
-    _, part = result.of_role("identification")
-    assert part.start.direction == -1
-    assert part.start.soc == pytest.approx(0.5, abs=2e-3)
-    r2_ohm = np.median(result.fit.tables.at("R2 [Ohm]", np.linspace(0.2, 0.7, 20)))
-    assert r2_ohm == pytest.approx(R_OHM[1], rel=0.05)
-
-
 LG, CALCE = "lg-hg2-18650", "calce-inr18650-20r"
 TESTED = f"{CALCE}/ocv-incremental_25degC_SP20-3"
 FULL = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))

@@ -1,8 +1,5 @@
 """Folders as the field has them: C/20, HPPC and drive; long pulses; folders in folders; cells."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +10,7 @@ from barnax.checks import check_file
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.pulses import first_pulse
 from barnax.records import read_record
+from helpers.shared import CASES, needs_cases
 from helpers.three_tests import (
     CAPACITY_AH,
     R0_OHM,
@@ -25,16 +23,6 @@ from helpers.three_tests import (
     slow_sweep,
     write,
 )
-
-
-@pytest.fixture(scope="module")
-def cases() -> Path:
-    """The folder of small inputs with right answers, beside the measured cells."""
-    data = os.environ.get("BARNAX_SHARED_DATA")
-    shared = Path(data).parent if data else Path(__file__).parents[3] / "shared"
-    if not (shared / "cases").is_dir():
-        pytest.skip("the cases are not here")
-    return shared / "cases"
 
 
 def roles(planned):
@@ -112,11 +100,12 @@ def test_pulses_of_12_min_show_the_circuit_and_their_resistances(tmp_path):
     check_cell(result, np.linspace(0.2, 0.9, 20))
 
 
+@needs_cases
 @pytest.mark.parametrize(
     "run", [pytest.param(barnax.identify, marks=pytest.mark.slow), barnax.hppc]
 )
-def test_pulses_of_6_min_show_the_circuit_either_way(run, cases):
-    result = run(cases / "cells" / "01_pulse_discharge_6min" / "pulses.csv", max_boxes=0, **FAST)
+def test_pulses_of_6_min_show_the_circuit_either_way(run):
+    result = run(CASES / "cells" / "01_pulse_discharge_6min" / "pulses.csv", max_boxes=0, **FAST)
     assert len(result.pulses) == 10
     check_cell(result, np.linspace(0.2, 0.9, 20))
 

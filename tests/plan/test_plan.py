@@ -8,7 +8,7 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED, bundled_file
 from barnax.errors import InputError
-from barnax.plan import plan, plan_from_toml, plan_to_toml
+from barnax.plan import plan
 from helpers.ocv_tests import slow_sweep
 from helpers.records import CURRENT, TIME, VOLTAGE, frame, with_counters
 
@@ -125,25 +125,6 @@ def test_a_record_alone_shows_its_own_ocv_and_a_slow_sweep_alone_lacks_a_record(
     assert "measure a drive" in plan(tmp_path).missing
 
 
-def test_records_of_several_temperatures_without_a_test_are_identified_on_with_their_ocv(tmp_path):
-    for name, degc in (("minus10degC", -10), ("25degC", 25), ("0degC", 0)):
-        moved = frame().with_columns(pl.col(VOLTAGE) + 1e-4 * degc)
-        moved.write_parquet(tmp_path / f"drive_{name}.parquet")
-    found = plan(tmp_path, over="soc,temperature")
-    parts = found.of_role("identification")
-    assert {part.window.temperature_degc for part in parts} == {-10.0, 25.0, 0.0}
-    assert all("the OCV of its temperature" in part.reason for part in parts)
-    path = tmp_path / "plan.toml"
-    path.write_text(plan_to_toml(found))
-    again = plan_from_toml(path)
-    kept, own = (
-        [(part.name, part.window, part.temperature_degc) for part in each]
-        for each in (again.of_role("identification"), parts)
-    )
-    assert kept == own
-    assert len(plan(tmp_path).of_role("identification")) == 1
-
-
 def test_what_is_said_of_a_record_is_known_before_roles_are_chosen(folder):
     for name in ("a", "c"):
         path = folder / f"{name}.parquet"
@@ -192,15 +173,6 @@ def test_a_table_is_an_ocv_test_whose_capacity_a_discharge_or_the_user_tells(tmp
     assert (told.options["capacity"], told.reasons["capacity"]) == (2.0, "given")
 
 
-def test_a_record_that_begins_full_under_a_small_current_needs_no_start(tmp_path, real_data):
-    for name in ("c20_0degC", "us06_0degC"):
-        shutil.copy(real_data / "lg-hg2-18650" / f"{name}.parquet", tmp_path)
-    found = plan(tmp_path)
-    assert roles(found)["us06_0degC.parquet"] == "identification"
-    assert found.of_role("identification")[0].window.initial_soc is None
-    assert "at full: 4.1863 V" in reason(found, "us06_0degC.parquet")
-
-
 def test_a_folder_in_a_folder_is_looked_into_unless_it_holds_a_result(folder):
     (folder / "cold").mkdir()
     shutil.move(folder / "a.parquet", folder / "cold")
@@ -211,13 +183,6 @@ def test_a_folder_in_a_folder_is_looked_into_unless_it_holds_a_result(folder):
     found = plan(folder)
     assert roles(found).keys() == NAMES.keys()
     assert roles(found)["a.parquet"] == "identification"
-
-
-def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_path):
-    with pytest.raises(InputError, match="has no files"):
-        plan(tmp_path)
-    with pytest.raises(InputError, match="there is no such file"):
-        plan(tmp_path / "missing.csv")
 
 
 def test_a_record_that_takes_more_out_of_the_full_cell_than_the_ocv_test_tells_its_capacity(folder):

@@ -3,7 +3,6 @@
 import numpy as np
 
 from barnax.plots import plot_compared_parameters
-from barnax.plots.search import readable
 from helpers.comparisons import PARAMETERS, make_comparison, make_row
 from helpers.results import line
 
@@ -24,15 +23,3 @@ def test_every_seed_s_parameters_are_drawn_beside_the_median_and_the_refined():
     np.testing.assert_allclose(line(panels["R0 [mOhm]"], "one seed").get_xdata(), [50, 50, 50])
     np.testing.assert_allclose(line(panels["R0 [mOhm]"], "median seed").get_xdata(), [50, 50])
     np.testing.assert_allclose(line(panels["R0 [mOhm]"], "median seed, refined").get_xdata(), [70])
-
-
-def test_readable_values_are_those_of_the_circuit():
-    assert readable(PARAMETERS) == {
-        "R0 [mOhm]": 50.0,
-        "R1 [mOhm]": 10.0,
-        "C1 [F]": 1000.0,
-        "tau1 [s]": 10.0,
-        "R2 [mOhm]": 20.0,
-        "C2 [F]": 5000.0,
-        "tau2 [s]": 100.0,
-    }

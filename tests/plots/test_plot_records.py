@@ -8,7 +8,7 @@ from barnax.plots import (
     plot_voltage,
 )
 from barnax.plots.voltage import worst_stretch
-from helpers.results import labels, line, make_evaluation, make_record
+from helpers.results import line, make_evaluation, make_record
 
 
 @pytest.fixture
@@ -77,14 +77,6 @@ def test_every_row_s_voltage_is_drawn_over_the_measured_one():
         np.testing.assert_array_equal(line(whole, name).get_ydata(), each.simulated_v)
 
 
-def test_of_many_rows_the_most_accurate_are_drawn_and_it_is_said():
-    rows = make_rows(*np.arange(12, 0, -1) * 1e-3)
-    whole = plot_voltage(rows).axes[0]
-    assert len(labels(whole)) == 1 + 8
-    assert not any(label.startswith("row 3 ") for label in labels(whole))
-    assert "the 8 of 12 rows with the lowest RMSE" in whole.get_title("left")
-
-
 @pytest.mark.parametrize("plot", [plot_voltage, plot_error])
 def test_rows_on_different_samples_are_refused(plot):
     rows = make_rows(1e-3) | {"other": make_evaluation(make_record(500))}
@@ -125,17 +117,3 @@ def test_the_steps_are_the_rmse_in_each_twentieth_of_soc():
     assert len(edges) == 21
     np.testing.assert_allclose(heights[:9], 4.0)
     np.testing.assert_allclose(heights[11:], 2.0)
-
-
-def test_few_samples_far_off_do_not_flatten_the_rest_and_are_counted():
-    error_v = 5e-3 * np.sin(np.arange(1000) / 50)
-    error_v[-3:] = -0.6
-    over_time, over_soc = plot_error(make_evaluation(make_record(1000), error_v=error_v)).axes
-    assert over_time.get_ylim()[0] > -100
-    assert over_soc.get_title("right") == "off scale: 3 of 1000 samples, up to −600 mV"
-    # An arrow at the edge is where each of them is.
-    for axes in (over_time, over_soc):
-        (arrows,) = [own for own in axes.get_lines() if own.get_marker() == "v"]
-        assert [*arrows.get_ydata()] == [axes.get_ylim()[0]] * 3
-    inside = plot_error(make_evaluation(make_record(1000))).axes[1]
-    assert inside.get_title("right") == ""

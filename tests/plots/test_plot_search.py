@@ -28,20 +28,6 @@ def test_the_excess_over_the_refined_answer_is_in_percent():
     np.testing.assert_allclose(figure.axes[1].get_lines()[0].get_ydata(), [200.0, 100.0, 10.0])
 
 
-LOSSES = np.array([[8.0, 2.0, 0.0], [np.inf, 4.0, 1.0]])
-STATS = {"history": LOSSES, "population": np.array([10, 10]), "evaluations": np.array([30, 30])}
-
-
-def test_the_stats_of_searches_used_alone_are_drawn_as_losses():
-    (axes,) = plot_convergence(STATS).axes
-    *seeds, median = axes.get_lines()
-    assert axes.get_ylabel() == "Best loss"
-    for each, drawn in zip(seeds, [[8.0, 2.0, 0.1], [np.nan, 4.0, 1.0]], strict=True):
-        np.testing.assert_allclose(each.get_xdata(), [10, 20, 30])
-        np.testing.assert_allclose(each.get_ydata(), drawn)
-    np.testing.assert_allclose(median.get_ydata(), [np.nan, 3.0, 0.55])
-
-
 def test_convergence_is_each_row_s_median_with_a_band_of_its_seeds():
     row = make_row("ibmo so-rc", 20.0)
     axes = plot_compared_convergence(make_comparison([row])).axes[0]

@@ -1,9 +1,7 @@
 """Times as loggers, phones and scripts write them: read, or refused by the right name."""
 
 import json
-import os
 import re
-from pathlib import Path
 
 import hypothesis
 import numpy as np
@@ -16,10 +14,8 @@ from barnax import InputError
 from barnax.checks import check_file
 from barnax.records import read_record, source_from_frame
 from barnax.settings import Window
+from helpers.shared import CASES, needs_cases
 
-SHARED = Path(os.environ.get("BARNAX_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
-CASES = SHARED.parent / "cases"
-needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="the shared cases are not here")
 SECONDS = np.arange(160) * 4.0
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.records import read_record, record_from_frame
-from barnax.records.fingerprint import Content, read_fingerprint
+from barnax.records.fingerprint import Content
 from helpers.records import CURRENT, TIME, VOLTAGE, pulses_a, simulated_cell
 
 
@@ -80,17 +80,3 @@ def test_a_part_overlaps_with_the_whole_and_not_with_what_follows_it(record):
     assert first.is_like(middle)
     assert middle.is_like(last)
     assert not first.is_like(last)
-
-
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ("0 1", "holds samples"),
-        ("0;1 2 3", "unpack"),
-        ("0 1;1 2", "reshape"),
-        ("0 1;a b c", "could not convert"),
-    ],
-)
-def test_what_is_no_fingerprint_is_refused(text, told):
-    with pytest.raises(ValueError, match=told):
-        read_fingerprint(text)

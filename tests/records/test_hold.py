@@ -60,11 +60,6 @@ def test_counters_prove_the_hold(tmp_path_factory, hold, seed, dtype, digits, re
     assert "counters" in decision.reason
 
 
-def test_without_counters_the_hold_is_assumed_forward(tmp_path):
-    decision = decided(tmp_path, pulse_frame())
-    assert (decision.value, decision.strength) == ("forward", "assumed")
-
-
 def test_without_proof_an_arbin_record_is_held_backward(tmp_path):
     header, *rows = arbin_rows(pulse_frame())
     frame = pl.DataFrame(rows, schema=header, orient="row").drop(

@@ -4,9 +4,7 @@ The shared cases are read against their `truth.json`; what is written here is of
 """
 
 import json
-import os
 import warnings
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -28,13 +26,11 @@ from helpers.records import (
     sheet,
     told,
 )
+from helpers.shared import CASES, SHARED, needs_cases, needs_data
 
-SHARED = Path(os.environ.get("BARNAX_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
-CASES = SHARED.parent / "cases" / "files"
+FILES = CASES / "files"
 FRAME = pulse_frame(200).with_columns(pl.col(VOLTAGE).round(4))
 TIMES, AMPS, VOLTS = (FRAME[name].to_numpy() for name in (TIME, CURRENT, VOLTAGE))
-
-needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="needs the shared cases")
 
 
 def require_the_record(record, rows: slice | np.ndarray = slice(None)):
@@ -66,9 +62,9 @@ REFUSED = {
 @needs_cases
 @pytest.mark.parametrize("name", READ)
 def test_a_shared_case_is_read_as_it_is(name):
-    files = json.loads((CASES / "truth.json").read_text())["files"]
+    files = json.loads((FILES / "truth.json").read_text())["files"]
     (truth,) = [one for one in files if one["file"] == name]
-    record = read_record(CASES / name, voltage_lag=0.0, **READ[name])
+    record = read_record(FILES / name, voltage_lag=0.0, **READ[name])
     series = READ[name].get("series", 1)
     assert record.samples == truth["n_rows"]
     assert record.sign.value == "charge-positive"
@@ -86,7 +82,7 @@ def test_a_shared_case_is_read_as_it_is(name):
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_shared_case_is_refused_with_what_it_is(name):
     with pytest.raises(InputError) as caught:
-        read_record(CASES / name)
+        read_record(FILES / name)
     assert REFUSED[name] in str(caught.value)
 
 
@@ -348,7 +344,7 @@ def test_the_voltage_of_a_working_electrode_is_said_to_be_that(tmp_path):
     assert says not in " ".join(told(none))
 
 
-@pytest.mark.skipif(not (SHARED / "formats").is_dir(), reason="needs the shared files")
+@needs_data
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
 @pytest.mark.parametrize("name", ["nda_v22.nda", "TestFile.nda", "2-1-6_61[07005012].nda"])
 def test_rows_that_a_neware_file_has_lost_are_missed_by_its_counter(tmp_path, name, share):

@@ -22,14 +22,6 @@ def with_intervals(r0_ohm, half_ohm, **given):
     return with_constant(made, assessment=replace(old, uncertainty=uncertainty))
 
 
-def test_a_constant_circuit_has_a_row_a_parameter():
-    frame = with_intervals(0.05, 0.002).to_frame()
-    assert frame.rows() == [
-        ("R0 [Ohm]", 0.05, 0.05 - 0.002, 0.05 + 0.002),
-        ("R1 [Ohm]", 0.0123, None, None),
-    ]
-
-
 def test_the_intervals_of_constants_are_those_of_a_fit_of_one_node():
     fit = with_intervals(0.05, 0.002).fit
     (r0,) = fit.of_table("R0 [Ohm]")

@@ -11,7 +11,6 @@ from barnax.reporting.pulses import (
     middle_heads,
     middle_pulses,
     pulses_csv,
-    pulses_section,
     tables_csv,
 )
 from helpers.results import NODES, TABLE_OHM, make_cell, make_table_result
@@ -47,18 +46,6 @@ def test_a_resistance_between_pulses_far_apart_is_not_made_up():
         pulse(0.04, 2.0, PULSES[1].resistance_ohm),
     )
     assert middle_pulses(SimpleNamespace(pulses=far, cell_at=RESULT.cell_at)) == []
-
-
-def test_the_section_says_what_was_found_and_what_a_resistance_is():
-    (section,) = pulses_section(RESULT, ())
-    bullets, first, second = section.blocks
-    text = " ".join(bullets.items)
-    assert "3 pulses between 80 and 40 % SOC, out of rests of 40 s to 60 min" in text
-    assert "2 in discharge at 1C (2 A) and 1 in charge at 0.75C (1.5 A)." in text
-    assert "change of voltage divided by the change of current" in text
-    assert "1 pulse reached a limit" in text
-    assert first.rows == (("80.0", "50.0", "60.0", "70.0"), ("40.0", "70.0", "80.0", "90.0"))
-    assert [column.head for column in second.columns][1:] == ["at once [mOhm]", "2 s [mOhm]"]
 
 
 def test_the_csv_has_every_pulse_and_leaves_empty_what_is_not_known():

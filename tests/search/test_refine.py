@@ -101,13 +101,6 @@ def test_equal_errors_are_one_optimum():
     assert not first.is_family
 
 
-def test_a_seed_still_moving_counts_only_where_it_reached_an_optimum():
-    moving = replace(refined_at(0.011), has_converged=False)
-    arrived = replace(refined_at(0.010 * (1 + 1e-7)), has_converged=False)
-    first, second = distinct_optima([refined_at(0.010), moving, arrived, refined_at(0.012)])
-    assert (first.seeds, second.seeds, second.rmse_v) == (2, 1, 0.012)
-
-
 def test_different_circuits_of_equal_error_are_a_family():
     (only,) = distinct_optima(
         [refined_at(0.010), refined_at(0.010, CIRCUIT.with_tables({"R0 [Ohm]": [0.06]}))]

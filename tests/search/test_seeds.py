@@ -3,13 +3,10 @@
 Searches have the shape of the short problem wherever they can, so they share its programs.
 """
 
-from dataclasses import replace
-
 import jax
 import numpy as np
 import pytest
 
-from barnax.errors import InputError
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.optimizers import OPTIMIZERS, make_optimizer
@@ -89,17 +86,6 @@ def test_many_blocks_finish_in_the_order_of_the_seeds_and_progress_sums_to_them(
     many = search(seeds=80, progress=steps.append)
     assert len(many.seeds) == sum(steps) == 80
     assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in found.seeds]
-
-
-def test_a_record_that_no_candidate_can_meet_is_refused_by_name(
-    search, bundled_record, bundled_cell
-):
-    voltage_v = bundled_record.voltage_v.copy()
-    voltage_v[700] = np.nan
-    blank = replace(bundled_record, voltage_v=voltage_v)
-    problem = make_problem(blank, bundled_cell, window=Window(score_to_s=1500.5))
-    with pytest.raises(InputError, match=r"identification\.parquet: no candidate gave a finite"):
-        search(problem=problem)
 
 
 @pytest.mark.slow

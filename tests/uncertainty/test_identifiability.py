@@ -74,13 +74,6 @@ def test_of_two_pairs_with_one_time_constant_only_the_sum_is_known(short_problem
     assert found.collinearity_index > 15
 
 
-def test_a_parameter_at_a_bound_that_is_no_limit_of_the_record_is_a_finding(short_problem):
-    problem = made_problem(short_problem, white_noise(SEED), bounds={"R0 [Ohm]": (0.01, 0.045)})
-    (bound,) = findings_of(problem)[1]["at bound"].estimates
-    assert (bound.name, bound.held) == ("R0 [Ohm]", "at upper bound")
-    assert bound.value == pytest.approx(0.045, rel=2e-3)
-
-
 def test_loose_parameters_and_directions_are_findings(short_problem):
     noise_v = colored_noise(np.random.default_rng(1), SAMPLES, 12.0, 50e-3)[0]
     estimates, findings = findings_of(made_problem(short_problem, noise_v))

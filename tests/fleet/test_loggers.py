@@ -8,9 +8,8 @@ import polars as pl
 import pytest
 
 from barnax.errors import InputError
-from barnax.fleet import loggers as fleet_loggers
-from barnax.fleet import rows
-from barnax.fleet.loggers import SAMPLED, loggers_of_fleet
+from barnax.fleet import engine, rows
+from barnax.fleet.engine import SAMPLED, loggers_of_fleet
 from barnax.fleet.manifest import read_manifest
 from barnax.fleet.rows import sources_of
 from barnax.records import read_record
@@ -70,7 +69,7 @@ def test_cells_that_are_read_alike_are_one_kind_whatever_else_they_ask_for(cells
         looked_at.append(source)
         return read_record(source, **how)
 
-    monkeypatch.setattr(fleet_loggers, "read_record", read)
+    monkeypatch.setattr(engine, "read_record", read)
     several = [replace(cell, options={"seeds": k}) for k, cell in enumerate(cells)]
     assert loggers_of_fleet(several, {}) == loggers_of_fleet(cells, {})
     assert len(looked_at) == 2 * SAMPLED

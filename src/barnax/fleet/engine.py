@@ -20,20 +20,25 @@ from concurrent.futures import (
     wait,
 )
 from concurrent.futures.process import ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 from ..errors import InputError
-from ..files import located, undisturbed
+from ..files import is_factor_file, located, undisturbed
+from ..records import read_record
+from ..records.logger import Logger, loggers_of
+from ..settings import Reading
 from .dataset import Shard, compact, finished, marked_place, write_rows, writing
 from .manifest import FleetCell, Options, cell_of, distinct
 from .worker import Counts, batch_name, run_batch, start_worker
 
 # A batch takes long enough that handing it over is no cost, and few enough cells to lose.
 MAX_IN_BATCH = 50
+# So many files of each kind show how their loggers sample, evenly among all by the ids of cells.
+SAMPLED = 12
 # Batches that wait beside those that run, so that a lazy iterable is not read far ahead.
 WAITING = 2
 # Pools that break in a row before any worker began a cell.
@@ -133,8 +138,7 @@ def identify_fleet(
             queue = iter(few)
         first = next(queue, None)
         if first is not None:
-            from .loggers import loggers_of_fleet  # loads JAX
-            from .rows import grid_of, job_of
+            from .rows import grid_of, job_of  # loads JAX
 
             # Before all cells fail of it.
             _ = job_of(chosen)
@@ -336,6 +340,35 @@ def _dask(address: str, workers: int) -> Iterator[tuple[Executor, int]]:
                 f"`scheduler` {address!r} stopped; start it again, and the same command continues "
                 "where it stopped"
             ) from problem
+
+
+def loggers_of_fleet(
+    cells: Sequence[FleetCell], settings: Mapping[str, Any]
+) -> dict[tuple[str, ...], Logger]:
+    """The loggers by the names of the columns in their files, whoever identifies which cell.
+
+    Files of a kind have one suffix, and one way in which they are to be read.
+    """
+    from ..inputs import how_read  # loads JAX
+    from .rows import job_of, sources_of
+
+    reading_names = vars(Reading())
+    kinds: dict[tuple[str, str], list[FleetCell]] = {}
+    for cell in sorted(cells, key=lambda cell: cell.id):
+        if cell.records and not cell.missing and not is_factor_file(cell.records[0]):
+            suffix = PurePath(cell.records[0]).suffix.lower()
+            how_to_read = sorted(item for item in cell.options.items() if item[0] in reading_names)
+            kinds.setdefault((suffix, repr(how_to_read)), []).append(cell)
+    records = []
+    for alike in kinds.values():
+        count = min(SAMPLED, len(alike))
+        for cell in [alike[place * len(alike) // count] for place in range(count)]:
+            # What cannot be read is told in its own row.
+            with suppress(InputError, OSError):
+                reading = job_of({**settings, **cell.options}).part(Reading)
+                (source,) = sources_of(cell.records[:1], reading, {})
+                records.append(read_record(source, **how_read(reading, source.name)))
+    return loggers_of(records)
 
 
 def in_shard(cell: FleetCell, shard: tuple[int, int] | None) -> bool:

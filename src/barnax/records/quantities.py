@@ -50,6 +50,10 @@ class Quantity:
     def is_required(self) -> bool:
         return self.name in NEEDED
 
+    def name_in(self, symbol: str) -> str | None:
+        """A name for its column in that unit; None where it has no example of one."""
+        return f"{self.examples[0].partition(' / ')[0]} / {symbol}" if self.examples else None
+
 
 # The quantities that every record needs, by name.
 NEEDED = frozenset({"time", "current", "voltage"})

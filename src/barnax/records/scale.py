@@ -174,14 +174,14 @@ def _settled(samples: Samples, best: list[Verdict]) -> Samples:
     column = _column(samples, kind)
     code = {code.partition(".")[2]: code for code in _CODES if code.startswith(kind)}
     is_free = column.is_unit_assumed and kind != "current"
-    examples, symbol = column.quantity.examples, reading.unit.symbol if reading.unit else ""
+    symbol = reading.unit.symbol if reading.unit else ""
     told = {
         "column": column.header,
         "quantity": _quantities(samples, kind)[0],
         "unit": symbol,
         "reading": reading.words,
         "reason": "; ".join(dict.fromkeys(best[0].reasons)),
-        "rename": f"{examples[0].partition(' / ')[0]} / {symbol}" if examples else None,
+        "rename": column.quantity.name_in(symbol),
         "option": _option(samples, reading),
     }
     if not reading.unit:

@@ -51,7 +51,8 @@ def examine_voltage_unit(samples: Samples) -> Samples:
         # Beside a current in milliamperes, that is how the tester was set.
         is_one = middle_v < 1e3 * _MODULE_V
         is_milli = samples.columns["current"].unit.symbol == "mA" and is_one
-        given = _read_as(samples, "voltage", "mV")
+        rename = samples.columns["voltage"].quantity.name_in("mV")
+        given = {"quantity": "voltage", "unit": "mV", "rename": rename}
         if is_milli:
             current = samples.header("current")
             samples = mended("voltage-unit.converted", 1e-3, **given, current=current)
@@ -87,17 +88,6 @@ def examine_series(samples: Samples, series: int) -> Samples:
     told = {"series": series, "fewest": fewest, "most": most, "full_v": _CHARGED_V}
     ends = {"low_v": low_v, "high_v": high_v, "column": samples.header("voltage")}
     return samples.telling(0, "series.unlikely", **told, **ends)
-
-
-def _read_as(samples: Samples, quantity: str, symbol: str) -> dict[str, str | None]:
-    """Values of a notice that a column is in another unit than its name says."""
-    column = samples.columns[quantity]
-    given = {"column": column.header, "quantity": quantity, "unit": symbol}
-    examples = column.quantity.examples
-    return {
-        **given,
-        "rename": f"{examples[0].partition(' / ')[0]} / {symbol}" if examples else None,
-    }
 
 
 def examine_voltage_range(samples: Samples) -> Samples:

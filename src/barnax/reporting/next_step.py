@@ -13,7 +13,8 @@ from ..checks.roles import are_unfit
 from ..plan.choosing import MAKE_RECORD
 from ..settings import OVER_TEMPERATURE
 from .view import View
-from .words import joined, millivolt, percent, symbol
+from .wording import wording
+from .words import joined, percent, symbol
 
 if TYPE_CHECKING:
     from ..cell import CellModel
@@ -24,16 +25,6 @@ if TYPE_CHECKING:
 LOST, LOST_V, FOUND_V = 2.0, 0.01, 0.002
 # A table needs a test where less than `FEW` of its nodes have a relative error under `WIDE`.
 WIDE, FEW = 0.5, 1 / 3
-
-
-def _no_circuit(result: "Result") -> str:
-    """Why the answer cannot be the cell's, empty where it may be."""
-    upper = [bound.name for bound in result.constant.at_bound if bound.side == "upper"]
-    at_bound = [symbol(name) for name in upper if name.endswith("[Ohm]")]
-    if len(at_bound) > 1:
-        return f"{joined(at_bound)} end at their upper bounds"
-    worse = result.constant.metrics.identification.r2 < 0
-    return "a constant voltage would fit as well" if worse else ""
 
 
 @dataclass(frozen=True)
@@ -62,53 +53,44 @@ def next_step(result: "Result") -> Next:
 
     For a constant circuit there is more to try in place of the last two.
     """
-    missed_v = _missed_by_the_polynomial_v(result.cell)
+    view = View(result)
+    missed_v = _missed_by_the_polynomial_v(view.cell)
     if missed_v > MISS_TOLERANCE_V:
-        missed = millivolt(missed_v)
-        what = f"interpolate the OCV; the polynomial misses its points by up to {missed}"
-        return Next(what, {"ocv_fit": "interpolated"})
-    if result.tables is None and (reason := _no_circuit(result)):
-        return Next(f"check the OCV test, `capacity`, the window and `bounds`: {reason}")
-    names = {part.name for part in result.of_role("identification")}
-    disagrees = any(warning.code == "ocv-test.disagrees" for warning in result.warnings)
-    if are_unfit(names, result.warnings, by_steps=disagrees):
-        return Next(
-            f"{MAKE_RECORD}; {joined(sorted(names))} {'is' if len(names) == 1 else 'are'} not "
-            "suitable for identification"
-        )
+        return Next(wording("next.interpolate", missed_v), {"ocv_fit": "interpolated"})
+    upper = [bound.name for bound in view.constant.at_bound if bound.side == "upper"]
+    at_bound = [symbol(name) for name in upper if name.endswith("[Ohm]")]
+    if view.tables is None and (len(at_bound) > 1 or view.constant_errors.r2 < 0):
+        return Next(wording("next.no_circuit", at_bound))
+    names = {part.name for part in view.identified}
+    disagrees = any(warning.code == "ocv-test.disagrees" for warning in view.warnings)
+    if are_unfit(names, view.warnings, by_steps=disagrees):
+        return Next(wording("next.unfit", MAKE_RECORD, sorted(names)))
     if disagrees:
-        what = "see what the records tell without the OCV test, which disagrees with them"
-        return Next(what)
+        return Next("see what the records tell without the OCV test, which disagrees with them")
     others = _other_temperatures(result)
-    if others and result.tables is not None:
-        where = joined([f"{degc:.3g}" for degc in others])
-        what = f"for tables over temperature too, with the records at {where} degC"
-        return Next(what, {"over": OVER_TEMPERATURE})
-    unseen = Unseen.of(result)
-    if unseen and (told := _more_data(result, unseen)):
-        return Next(told)
-    crossed = result.fit.cross_validation
-    is_tried = bool(result.metrics.validation or (crossed and crossed.by_record))
-    if not is_tried:
+    if others and view.tables is not None:
+        return Next(wording("next.other_temperatures", others), {"over": OVER_TEMPERATURE})
+    unseen = Unseen.of(view)
+    if unseen and unseen.error_v >= max(LOST * unseen.fitted_v, LOST_V):
+        return Next(wording("next.more_data", view, unseen))
+    held_out = view.fit.cross_validation
+    if not (view.validation_errors or (held_out and held_out.by_record)):
         return Next("validate on another record of the cell, with `validate`")
-    wide = _wide(result)
+    wide = _wide(view)
     if wide and unseen and unseen.error_v > FOUND_V:
         return Next(f"measure what is missing: {wide}", designs=True)
-    if result.tables is not None:
-        what, to = _export(get_circuit(result.model))
-        lost = any(fit.tables.dependence is not None for fit in result.fits)
-        without = ", which has resistances over SOC alone" if lost else ""
-        return Next(f"export the tables, for example {what}{without}", exports=to)
-    elements = get_circuit(result.model).elements
-    if not result.tried and alike(elements) < len(elements):
+    circuit = get_circuit(view.model)
+    if view.tables is not None:
+        what, target = _export(circuit)
+        return Next(wording("next.export", what, view.fits), exports=target)
+    if not result.tried and alike(circuit.elements) < len(circuit.elements):
         return Next("try tables over SOC of this circuit too", {"over": "soc"})
     if not result.tried:
         return Next("try tables over SOC too, without `model`")
-    found = result.constant.assessment
-    if found is None:
+    if view.constant.assessment is None:
         return Next("compute intervals of the parameters", {"trust": "basic"})
-    names = [part.name for part in result.of_role("validation")]
-    return Next(f"compare circuits and methods with barnax compare; validated on {joined(names)}")
+    validated = joined([part.name for part in view.validation])
+    return Next(f"compare circuits and methods with barnax compare; validated on {validated}")
 
 
 class Unseen(NamedTuple):
@@ -125,46 +107,28 @@ class Unseen(NamedTuple):
     where: str
 
     @classmethod
-    def of(cls, result: "Result") -> "Unseen | None":
+    def of(cls, view: View) -> "Unseen | None":
         """None where there is neither."""
-        own = result.metrics.identification
 
         def least(name: str, above_v: float | None, all_v: float, how: str = "") -> Unseen:
-            found = cls(all_v, own.rmse_v, name, how)
-            if above_v is None or own.rmse_above_10_soc_v is None:
-                return found
-            where = f"above {percent(ABOVE_SOC)} SOC "
-            return min(cls(above_v, own.rmse_above_10_soc_v, name, where), found)
+            whole = cls(all_v, view.errors.rmse_v, name, how)
+            fitted_above_v = view.errors.rmse_above_10_soc_v
+            if above_v is None or fitted_above_v is None:
+                return whole
+            return min(
+                cls(above_v, fitted_above_v, name, f"above {percent(ABOVE_SOC)} SOC "), whole
+            )
 
-        others = [
-            least(part.record, part.rmse_above_10_soc_v, moved_v or part.rmse_v, how)
-            for part in result.metrics.validation
-            for moved_v in [part.registered_v]
-            for how in ["with its start moved, " if moved_v and moved_v < part.rmse_v else ""]
-        ]
-        if others:
-            return max(others)
-        crossed = result.fit.cross_validation
-        if crossed is None:
-            return None
-        name = f"{'records' if crossed.by_record else 'blocks'} left out"
-        return least(name, crossed.whole.above_v, crossed.whole.rmse_v)
-
-
-def _more_data(result: "Result", unseen: Unseen) -> str:
-    """Advice on more data where what was not used is predicted badly; empty where it is not."""
-    if unseen.error_v < max(LOST * unseen.fitted_v, LOST_V):
-        return ""
-    use = "identify on another record too, one that loads the cell at every SOC"
-    if View(result).is_pulse_test:
-        use = (
-            "identify on a record that loads the cell at every SOC, such as a drive cycle, with "
-            "this test as `ocv`"
-        )
-    elif result.metrics.validation:
-        use = f"identify on {unseen.name} too, or on another test"
-    left, fitted = millivolt(unseen.error_v), millivolt(unseen.fitted_v)
-    return f"{use}: {unseen.where}the error on {unseen.name} is {left}, on what was fitted {fitted}"
+        others = []
+        for part in view.validation_errors:
+            moved_v = part.registered_v or part.rmse_v
+            how = "with its start moved, " if moved_v < part.rmse_v else ""
+            others.append(least(part.record, part.rmse_above_10_soc_v, moved_v, how))
+        held_out = view.fit.cross_validation
+        if held_out is not None and not others:
+            name = "records left out" if held_out.by_record else "blocks left out"
+            others.append(least(name, held_out.whole.above_v, held_out.whole.rmse_v))
+        return max(others, default=None)
 
 
 def _export(circuit: Circuit) -> tuple[str, str]:
@@ -174,12 +138,12 @@ def _export(circuit: Circuit) -> tuple[str, str]:
     return ("as CSV", "csv") if circuit.has_hysteresis else ("to PyBaMM", "pybamm")
 
 
-def _wide(result: "Result") -> str:
+def _wide(view: View) -> str:
     """A table that the data leave open nearly everywhere; empty where there is none."""
-    if result.over in (None, OVER_TEMPERATURE):
+    if view.over in (None, OVER_TEMPERATURE):
         return ""
-    for name in result.fit.tables.tables:
-        nodes = result.fit.of_table(name)
+    for name in view.fit.tables.tables:
+        nodes = view.fit.of_table(name)
         if not name.startswith("R") or not nodes:
             continue
         known = sum(n.low is not None and n.standard_error <= WIDE * n.value for n in nodes)
@@ -206,9 +170,5 @@ def _other_temperatures(result: "Result") -> list[float]:
 def _missed_by_the_polynomial_v(cell: "CellModel") -> float:
     """The largest distance of polynomial OCV curves from their points."""
     branches = {"charge": cell.charge, "discharge": cell.discharge}
-    missed = [
-        cell.errors[name].max_v
-        for name, curve in branches.items()
-        if isinstance(curve, PolynomialCurve) and name in cell.errors
-    ]
-    return max(missed, default=0.0)
+    curves = [name for name, curve in branches.items() if isinstance(curve, PolynomialCurve)]
+    return max((cell.errors[name].max_v for name in curves if name in cell.errors), default=0.0)

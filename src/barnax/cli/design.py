@@ -136,27 +136,27 @@ def _blocks(text: str, key: int) -> "list[barnax.Block]":
 
 
 def next_after(
-    found: "barnax.Design", known: "barnax.Result | None", cell: Cell, folder: Path
+    test: "barnax.Design", stored: "barnax.Result | None", cell: Cell, folder: Path
 ) -> "list[RenderableType]":
     """The step after the test: to identify its record, with what counted and its options."""
     from ..reopening import Places, file_of
     from ..reporting.terminal import next_lines
     from ..reporting.words import joined
 
-    soc, missing = f"{found.initial_soc:g}", []
+    soc, missing = f"{test.initial_soc:g}", []
     words = ["barnax", "identify"]
-    if known is not None and cell.result is not None and found.earlier:
+    if stored is not None and cell.result is not None and test.earlier:
         replaced = [] if cell.capacity is None else ["capacity"]
-        files, missing = _files_of(known, Places.of(cell.result, cell.data or ()), replaced)
+        files, missing = _files_of(stored, Places.of(cell.result, cell.data or ()), replaced)
         words += ["RECORD", *files]
         # Where nothing shows what is full, its rest tells where it starts on the others' OCV.
-        words += [] if found.start_v else ["--initial-soc", f"RECORD={soc}"]
+        words += [] if test.start_v else ["--initial-soc", f"RECORD={soc}"]
     else:
         words += ["RECORD", "--initial-soc", soc]
-        tests = [] if known is None else known.of_role("ocv")
+        tests = [] if stored is None else stored.of_role("ocv")
         names = dict.fromkeys(file_of(part.name) for part in tests)
         words += [word for name in names for word in ("--ocv", name)]
-        words += [] if tests else ["--capacity", f"{found.capacity_ah:g}"]
+        words += [] if tests else ["--capacity", f"{test.capacity_ah:g}"]
     if cell.capacity is not None:
         words += ["--capacity", f"{cell.capacity:g}"]
     command = shlex.join([*words, "--design", str(folder)])
@@ -168,7 +168,7 @@ def next_after(
 
 
 def _files_of(
-    known: "barnax.Result", places: "Places", replaced: Collection[str]
+    stored: "barnax.Result", places: "Places", replaced: Collection[str]
 ) -> tuple[list[str], list[str]]:
     """The stored records and OCV tests where they lie, with the circuit that was asked for and the
     options of the records but those `replaced`; and the names of the files that were not found."""
@@ -177,18 +177,18 @@ def _files_of(
     words: list[str] = []
     missing: list[str] = []
     for role, before in (("identification", ()), ("ocv", ("--ocv",))):
-        for name, sha256 in {file_of(p.name): p.sha256 for p in known.of_role(role)}.items():
+        for name, sha256 in {file_of(p.name): p.sha256 for p in stored.of_role(role)}.items():
             try:
                 words += [*before, str(places.find(name, sha256))]
             except InputError:
                 words += [*before, name]
                 missing.append(name)
-    if not known.tried:
-        words += ["--model", known.model]
-        words += ["--over", known.over] if known.over in choices_in(Over) else []
-    common = known.common_window
+    if not stored.tried:
+        words += ["--model", stored.model]
+        words += ["--over", stored.over] if stored.over in choices_in(Over) else []
+    common = stored.common_window
     windows = {
-        file_of(p.name): p.window.as_told for p in known.of_role("identification") if p.window
+        file_of(p.name): p.window.as_told for p in stored.of_role("identification") if p.window
     }
     for asked, (name, *_) in WINDOW_OPTIONS.items():
         shared = getattr(common, name)

@@ -66,7 +66,7 @@ def check(what: Checked) -> None:
             raise InputError(f"`{name}` {value} {unit} must be positive")
     how = Reading(**what.read)
     chosen = {"capacity_ah": what.capacity, "rest_current_a": what.rest_current}
-    found, unreadable = [], []
+    checks, unreadable = [], []
     listed: list[dict[str, Any]] = []
 
     def files(unreadable: list[str]) -> Iterator[Path]:
@@ -86,19 +86,19 @@ def check(what: Checked) -> None:
             unreadable.append(str(problem))
             listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})
             continue
-        found.append(check)
+        checks.append(check)
         listed.append(check.to_dict())
         session.show_document(check_document(check))
         if what.quiet:
-            told = [finding for finding in check.findings if finding.counts]
-            session.warn(finding_line(check.file, finding) for finding in told)
+            findings = [finding for finding in check.findings if finding.counts]
+            session.warn(finding_line(check.file, finding) for finding in findings)
     if what.as_json:
         document = {"schema_version": SCHEMA_VERSION, "files": listed}
         typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
-    session.show([count_sentence(found, len(unreadable))])
+    session.show([count_sentence(checks, len(unreadable))])
     if unreadable:
         raise InputError("\n".join(unreadable))
-    if not all(check.is_clean for check in found):
+    if not all(check.is_clean for check in checks):
         raise typer.Exit(FINDINGS)
 
 
@@ -155,12 +155,12 @@ def convert(what: Converted) -> None:
         # A current that is moved to the voltage's moments is no longer the file's.
         how = replace(how, voltage_lag=how.voltage_lag or 0.0)
         record = barnax.read_record(source, **how_read(how, source.name))
-        found = barnax.check_file(source, **how_read(how, source.name)).findings
+        findings = barnax.check_file(source, **how_read(how, source.name)).findings
     for name, content in bdf_files(record, path.name).items():
         write_file(path.with_name(name), content)
-    told = [finding.about(record.name) for finding in found if finding.counts]
-    session.warn(dict.fromkeys([*record.warnings, *told]))
-    for finding in found:
+    warnings = [finding.about(record.name) for finding in findings if finding.counts]
+    session.warn(dict.fromkeys([*record.warnings, *warnings]))
+    for finding in findings:
         if not finding.counts:
             session.note(str(finding.about(record.name)))
     session.show([f"Battery Data Format, {record.samples:,} samples: [bold]{shown(path)}[/bold]"])
@@ -222,29 +222,29 @@ def export(chosen: ExportChoices) -> None:
     tell_unfinished(session, path.parent)
     stored = barnax.Result.load(result)
     content, caveats = exporter.write(stored)
-    found = None
+    verification = None
     if chosen.verify:
         with session.watch(f"Simulating in {exporter.package}"):
-            found = simulate_both(stored, exporter, content)
+            verification = simulate_both(stored, exporter, content)
     write_file(path, content)
     session.warn(caveats)
     session.show([f"{exporter.description}: [bold]{shown(path)}[/bold]"])
-    if found is not None:
-        session.show([_verification(found)])
+    if verification is not None:
+        session.show([_verification(verification)])
 
 
-def _verification(found: "barnax.export.Verification") -> str:
-    degc = ", ".join(f"{degc:.3g}" for degc in found.temperatures_degc)
+def _verification(check: "barnax.export.Verification") -> str:
+    degc = ", ".join(f"{degc:.3g}" for degc in check.temperatures_degc)
     at = f" at each of {degc} degC" if degc else ""
     text = (
-        f"Largest difference from barnax in {found.package} {found.version}, over {found.samples} "
-        f"samples of a pulse test{at}: {found.largest_v:.3g} V (RMS {found.rms_v:.3g} V)"
+        f"Largest difference from barnax in {check.package} {check.version}, over {check.samples} "
+        f"samples of a pulse test{at}: {check.largest_v:.3g} V (RMS {check.rms_v:.3g} V)"
     )
     remainders = {
-        "without the hysteresis voltage": found.without_hysteresis_v,
-        "without the samples at which the current changes sign": found.without_turns_v,
+        "without the hysteresis voltage": check.without_hysteresis_v,
+        "without the samples at which the current changes sign": check.without_turns_v,
     }
     reason, remainder_v = min(remainders.items(), key=lambda item: item[1])
-    if remainder_v < found.largest_v / 2:
+    if remainder_v < check.largest_v / 2:
         text += f"; {reason} {remainder_v:.3g} V"
     return text + "."

@@ -83,7 +83,7 @@ class FleetOptions:
     of_records: Given = options_of(*OF_RECORDS)
     search: Given = options_of(
         *("model", "method", "seeds", "key"),
-        known=OF_JOB | options_of_settings(Settings(seeds=0), SEARCH),
+        among=OF_JOB | options_of_settings(Settings(seeds=0), SEARCH),
     )
     trust: Literal["none", "basic"] = "basic"
     bounds: Path | None = None
@@ -225,16 +225,16 @@ def _summed_up(
     )
     from ..reporting.render import to_html
 
-    known = {cell.id: cell for cell in cells}
-    rows = read_fleet(out, known)
+    by_id = {cell.id: cell for cell in cells}
+    rows = read_fleet(out, by_id)
     summary = summarize(rows)
-    told = as_keys(fleet_sentence(summary) + failed_sentence(summary))
+    sentence = as_keys(fleet_sentence(summary) + failed_sentence(summary))
     if not write:
-        return told
+        return sentence
     worst = {}
     for name, _ in summary.worst:
         with suppress(InputError, KeyError):
-            alone = replace(known[name], validate=())
+            alone = replace(by_id[name], validate=())
             # All cells of a pack would be identified again.
             if "pack_cells" in alone.options:
                 continue
@@ -243,7 +243,7 @@ def _summed_up(
     document = fleet_document(summary, fleet_illustrations(rows, worst))
     with replacing(out / "report.html") as file:
         file.write(to_html(document.with_option_names(as_keys)).encode())
-    return told
+    return sentence
 
 
 @group
@@ -289,35 +289,35 @@ def life(given: LifeOptions, output: Output) -> None:
         if not 0 < given.false_alarms < 1:
             raise InputError(f"`false_alarms` {given.false_alarms:g}: give a rate such as 0.005")
         asked = given.age, given.by, given.throughput, given.false_alarms, given.key
-        found = life_of(read_fleet(dataset), *asked)
-    unknown = [name for name in given.cell or () if name not in found.cells]
+        trends = life_of(read_fleet(dataset), *asked)
+    unknown = [name for name in given.cell or () if name not in trends.cells]
     if unknown:
         raise InputError(f"`cell` {unknown[0]!r}: no cell of {dataset} is called so")
-    odd = list(dict.fromkeys(fault.cell for fault in found.faults))[:MOST_PAGES]
+    odd = list(dict.fromkeys(fault.cell for fault in trends.faults))[:MOST_PAGES]
     pages = dict.fromkeys([*(given.cell or ()), *odd])
 
     def files() -> dict[str, bytes]:
         table = io.BytesIO()
-        life_frame(found).write_parquet(table)
-        return {"trends.parquet": table.getvalue(), **_pages(found, pages)}
+        life_frame(trends).write_parquet(table)
+        return {"trends.parquet": table.getvalue(), **_pages(trends, pages)}
 
-    run.show(shown(as_flags(line)) for line in life_lines(found))
-    run.deliver("life.json", life_json(found), files)
+    run.show(shown(as_flags(line)) for line in life_lines(trends))
+    run.deliver("life.json", life_json(trends), files)
     names = ["report.html", "trends.parquet", "life.json"]
     run.show_written(names, f"{len(pages)} pages in cells")
 
 
-def _pages(found: "Life", cells: Iterable[str]) -> dict[str, bytes]:
+def _pages(trends: "Life", cells: Iterable[str]) -> dict[str, bytes]:
     from ..plots import plot_cell_life, plot_fleet_life
     from ..plots.pictures import illustrate
     from ..reporting.life import cell_document, life_document
     from ..reporting.render import report_files
 
-    drawn = [illustrate("life", "all cells", plot_fleet_life, found)]
-    files = report_files(life_document(found, drawn).with_option_names(as_flags), drawn)
+    drawn = [illustrate("life", "all cells", plot_fleet_life, trends)]
+    files = report_files(life_document(trends, drawn).with_option_names(as_flags), drawn)
     for number, cell in enumerate(cells, 1):
-        own = [illustrate(f"cell-{number}", cell, plot_cell_life, found, cell)]
-        page = cell_document(found, cell, own)
+        own = [illustrate(f"cell-{number}", cell, plot_cell_life, trends, cell)]
+        page = cell_document(trends, cell, own)
         files[f"cells/{number}-{_file_name(cell)}.html"] = page_of(page)
         files[f"figures/cell-{number}.png"] = own[0].png
     return files

@@ -291,19 +291,19 @@ def pack(on: OfPack, output: Output) -> None:
 
     given = options_of_job({name: value for name, value in on.job.items() if name != "over"})
     of_cells = {"cells": on.cells, "own_time_constants": on.own_time_constants}
-    found = barnax.identify_pack(on.record, **of_cells, **given, watch=run.watch)
-    run.show_document(pack_document(found))
+    identified = barnax.identify_pack(on.record, **of_cells, **given, watch=run.watch)
+    run.show_document(pack_document(identified))
 
     def draw() -> dict[str, bytes]:
         from ..fleet.dataset import rows_bytes
         from ..plots.pictures import encode
 
         return {
-            "cells.parquet": rows_bytes(pack_rows(found, on.record.stem)),
-            "figures/cells.png": encode(found.figure()),
+            "cells.parquet": rows_bytes(pack_rows(identified, on.record.stem)),
+            "figures/cells.png": encode(identified.figure()),
         }
 
-    beside = {"cells.csv": cells_csv(found)}
-    run.deliver("result.json", found.result.to_json(), draw, beside)
+    beside = {"cells.csv": cells_csv(identified)}
+    run.deliver("result.json", identified.result.to_json(), draw, beside)
     run.show_written(["cells.csv", "cells.parquet", "result.json", "figures"])
-    run.warn(found.result.warnings)
+    run.warn(identified.result.warnings)

@@ -184,7 +184,7 @@ def _parameters(kind: type) -> Iterator[inspect.Parameter]:
 
 def options_of_settings(settings: Any, panel: str, *names: str) -> dict[str, inspect.Parameter]:
     """Options of a dataclass of `settings.py`, whose values are defaults; all, or some."""
-    hints, entries, found = get_type_hints(type(settings)), documented(type(settings)), {}
+    hints, entries, options = get_type_hints(type(settings)), documented(type(settings)), {}
     for name in names or entries:
         hint, default, choices = hints[name], getattr(settings, name), choices_in(hints[name])
         if hint not in (int, float, float | None, str, str | None, bool) and not choices:
@@ -194,8 +194,8 @@ def options_of_settings(settings: Any, panel: str, *names: str) -> dict[str, ins
         spelling = SPELLED.get(name) or SPELLED.get(hint) or "|".join(choices)
         entry = Entry(panel, spelling, entries[name].help)
         more = {"min": LIMITS.get(name, (None,))[0], "autocompletion": COMPLETED.get(name)}
-        found[name] = _parameter(name, hint, default, entry, **more)
-    return found
+        options[name] = _parameter(name, hint, default, entry, **more)
+    return options
 
 
 def _of_windows() -> Iterator[inspect.Parameter]:
@@ -231,9 +231,9 @@ OF_TABLES = (
 )
 
 
-def options_of(*names: str, known: Mapping[str, inspect.Parameter] = OF_JOB) -> Any:
+def options_of(*names: str, among: Mapping[str, inspect.Parameter] = OF_JOB) -> Any:
     """Options of a job in a group, which gets those that were given, by name."""
-    return field(metadata={DECLARED: {name: known[name] for name in names}})
+    return field(metadata={DECLARED: {name: among[name] for name in names}})
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:

@@ -25,6 +25,11 @@ SCENARIOS = (
 )
 
 
+def told_of(replay):
+    """The lines of a screen by their heads."""
+    return dict(line.split(": ", 1) for line in soc_lines(replay))
+
+
 @pytest.fixture(scope="module")
 def result():
     return identify(window=Window(score_to_s=1500.5), model="so-rc", seeds=0, advise=False)
@@ -58,7 +63,7 @@ def test_errors_are_against_the_counter_from_convergence_on(replay):
             assert own.whole_rms == pytest.approx(np.sqrt(np.mean(of_all**2)))
             assert own.whole_max >= (own.max or 0.0)
     right = replay.scenarios[0]
-    told = dict(soc_lines(replay))["Whole record"]
+    told = told_of(replay)["Whole record"]
     assert told.startswith(f"RMS {100 * right.whole_rms:.1f} %, max {100 * right.whole_max:.1f} %")
     error = np.asarray(traces.estimate.soc[0]) - traces.truth
     assert part.band == pytest.approx(1.959964 * np.mean(traces.estimate.soc_sd[0]))
@@ -83,22 +88,22 @@ def test_a_filter_without_numbers_is_a_row_that_says_so(replay):
     # Its first sample starts from a finite SOC.
     assert part.diverged_s == pytest.approx(1.0)
     assert (part.rms, part.in_band, part.converged_s) == (None, None, None)
-    lines = dict(soc_lines(replay))
+    lines = told_of(replay)
     assert lines["Diverged"].startswith("lost: after 1 s")
     assert list(soc_screen(replay))
 
 
 def test_an_estimate_that_does_not_stay_near_is_called_lost(replay):
-    assert "Lost" not in dict(soc_lines(replay))
+    assert "Lost" not in told_of(replay)
     part = replay.scenarios[0].model_copy(update={"rms": 0.525, "max": 0.929})
     lost = replay.model_copy(update={"scenarios": (part,)})
-    assert "goes wrong by up to 92.9 %" in dict(soc_lines(lost))["Lost"]
+    assert "goes wrong by up to 92.9 %" in told_of(lost)["Lost"]
     console = Console(width=100, record=True, file=io.StringIO())
     for block in soc_screen(lost):
         console.print(block)
     assert re.search(r"lost +52\.5", console.export_text())
     never = part.model_copy(update={"rms": None, "max": None, "converged_s": None})
-    told = dict(soc_lines(replay.model_copy(update={"scenarios": (never,)})))
+    told = told_of(replay.model_copy(update={"scenarios": (never,)}))
     assert "goes wrong: the circuit" in told["Lost"]
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from ..errors import as_keys
-from .document import Document, Paragraph, Pictures, Section, Table, make_table
-from .wording import wording
+from .document import Block, Document, Pictures, Table, make_table
+from .wording import document, wording
 from .words import counted, duration, figures, millivolt
 
 if TYPE_CHECKING:
@@ -50,14 +50,14 @@ def fleet_illustrations(
 def fleet_document(summary: "Summary", illustrations: "Sequence[Illustration]" = ()) -> Document:
     """The whole report."""
     pictures = Pictures(illustrations)
-    sections = [
-        Section("Distributions", (_distributions(summary), *pictures.of("distributions"))),
-        Section("Outliers", (_outliers(summary),)),
-        Section("Failures", (_causes(summary.failures, "Cells without an answer"),)),
-        Section("Warnings", (_causes(summary.warnings, "Cells with a warning"),)),
-        Section("Worst fits", (_worst(summary), *pictures.starting("worst"))),
-    ]
-    return Document("A fleet", fleet_sentence(summary), tuple(sections))
+    blocks: dict[str, tuple[Block, ...]] = {
+        "distributions": (_distributions(summary), *pictures.of("distributions")),
+        "outliers": (_outliers(summary),),
+        "failures": (_causes(summary.failures, "Cells without an answer"),),
+        "warnings": (_causes(summary.warnings, "Cells with a warning"),),
+        "worst": (_worst(summary), *pictures.starting("worst")),
+    }
+    return document("fleet_page", blocks, fleet=summary)
 
 
 def fleet_sentence(summary: "Summary") -> str:
@@ -91,11 +91,9 @@ def _distributions(summary: "Summary") -> Table:
     )
 
 
-def _outliers(summary: "Summary") -> Table | Paragraph:
+def _outliers(summary: "Summary") -> Table:
     from ..fleet.summary import OUTLYING
 
-    if not summary.outliers:
-        return Paragraph("No cell stands out.")
     return make_table(
         wording("fleet.outliers", OUTLYING),
         summary.outliers[:MOST_ROWS],
@@ -110,9 +108,7 @@ def _outliers(summary: "Summary") -> Table | Paragraph:
     )
 
 
-def _causes(causes: "Sequence[Cause]", which: str) -> Table | Paragraph:
-    if not causes:
-        return Paragraph("None.")
+def _causes(causes: "Sequence[Cause]", which: str) -> Table:
     return make_table(
         f"{which}, by cause, with the message of the first.",
         causes[:MOST_ROWS],

@@ -9,18 +9,9 @@ import numpy as np
 import polars as pl
 
 from ..life import QUANTITIES, SHIFT
-from .document import (
-    Block,
-    Bullets,
-    Document,
-    Paragraph,
-    Section,
-    Table,
-    picture,
-    rows_table,
-)
-from .wording import sentences, wording
-from .words import NOTHING, counted, figures, symbol
+from .document import Document, Table, picture, rows_table
+from .wording import document, sentences
+from .words import NOTHING, figures, symbol
 
 if TYPE_CHECKING:
     from ..life import Fault, Life, Trend
@@ -49,41 +40,27 @@ def life_lines(life: "Life") -> list[str]:
 
 def life_document(life: "Life", drawn: Sequence[Any]) -> Document:
     """The page of the fleet."""
-    odd = (_fault_table(life),) if life.faults else ()
+    blocks = {
+        "trends": (*map(picture, drawn), _fleet_table(life)),
+        "odd": (_fault_table(life),) if life.faults else (),
+    }
+    facts = {"quantities": _quantities(life), "is_judged": _is_judged(life)}
     causes = _causes(life)[:MOST_ROWS]
-    return Document(
-        "A fleet over its life",
-        f"{counted(len(life.cells), 'cell')} in {counted(life.rows, 'row')}.",
-        (
-            Section("Trends", (*map(picture, drawn), _fleet_table(life))),
-            Section(
-                "Odd cells", (Paragraph(wording("life.judging", life, _is_judged(life))), *odd)
-            ),
-            Section(
-                "What is not determined",
-                (Bullets(sentences("life.undetermined", life, _quantities(life), causes)),),
-            ),
-            Section("How it is made", (Bullets(sentences("life.method", life)),)),
-        ),
-    )
+    return document("life_page", blocks, life=life, causes=causes, **facts)
 
 
 def cell_document(life: "Life", cell: str, drawn: Sequence[Any]) -> Document:
     """The page of a cell."""
     faults = [_said(life, fault) for fault in life.faults if fault.cell == cell]
-    blocks: list[Block] = []
-    if faults:
-        blocks.append(Bullets(sentences("life.faults", faults), are_warnings=True))
-    blocks += map(picture, drawn)
-    missing = []
-    for quantity in QUANTITIES:
-        trends = [trend for trend in life.of(quantity, cell) if trend.estimates]
-        blocks += [_trend_table(life, trend) for trend in trends]
-        missing += [] if trends else [quantity_name(quantity)]
-    if missing:
-        blocks.append(Bullets(sentences("life.cell_missing", missing)))
-    summary = wording("life.cycles", life, cell)
-    return Document(f"The life of {cell}", summary, (Section("Trends", tuple(blocks)),))
+    trends = {
+        quantity: _trend_table(life, trend)
+        for quantity in QUANTITIES
+        for trend in life.of(quantity, cell)
+        if trend.estimates
+    }
+    missing = [quantity_name(quantity) for quantity in QUANTITIES if quantity not in trends]
+    blocks = {"drawn": tuple(map(picture, drawn)), "trends": tuple(trends.values())}
+    return document("cell_page", blocks, life=life, cell=cell, its_faults=faults, missing=missing)
 
 
 def _said(life: "Life", fault: "Fault") -> dict[str, str]:
@@ -103,7 +80,7 @@ def _said(life: "Life", fault: "Fault") -> dict[str, str]:
 
 def life_json(life: "Life") -> str:
     """Everything but the models, as JSON; what is not determined is null."""
-    document = {
+    contents = {
         "age unit": life.unit,
         "cell years": life.exposure,
         "false alarms a cell and year": life.false_alarms,
@@ -119,7 +96,7 @@ def life_json(life: "Life") -> str:
         "failed": [{"cell": name, "error": error} for name, error in life.failed],
         "trends": life_frame(life).to_dicts(),
     }
-    return json.dumps(document, indent=1) + "\n"
+    return json.dumps(contents, indent=1) + "\n"
 
 
 def life_frame(life: "Life") -> pl.DataFrame:
@@ -174,20 +151,13 @@ def _causes(life: "Life") -> list[tuple[str, int]]:
 
 
 def _fleet_table(life: "Life") -> Table:
-    rows = (
-        [
-            cell,
-            f"{life.cycles[cell]:.4g}",
-            *(_last(life, quantity, cell) for quantity in QUANTITIES),
-        ]
-        for cell in life.cells[:MOST_ROWS]
-    )
-    return rows_table(
-        "The trend at the last record that tells it, and half its interval.",
-        ["cell", "eq. full cycles", *map(_head, QUANTITIES)],
-        rows,
-        ["cell"],
-    )
+    heads = ["cell", "eq. full cycles", *map(_head, QUANTITIES)]
+    rows = []
+    for cell in life.cells[:MOST_ROWS]:
+        last = (_last(life, quantity, cell) for quantity in QUANTITIES)
+        rows.append([cell, f"{life.cycles[cell]:.4g}", *last])
+    caption = "The trend at the last record that tells it, and half its interval."
+    return rows_table(caption, heads, rows, ["cell"])
 
 
 def _last(life: "Life", quantity: str, cell: str) -> str:

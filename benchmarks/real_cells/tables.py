@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from barnax.baselines import METHODS
+from barnax.comparison.result import RecordErrorsPart
 from barnax.comparison.statistics import Resampled, compare_over_time
 from barnax.reporting.words import bound_words
 from barnax.search.evaluate import Evaluation
@@ -95,7 +97,11 @@ def rows_table(ran: Ran) -> Iterator[str]:
             yield f"| {row.name} | {' | '.join('-' * 10)} | {row.failure} |"
             continue
         errors_v = row.errors_v
-        spread = ("-", "-") if row.is_deterministic else _millivolts(errors_v.min(), errors_v.max())
+        spread = ("-", "-")
+        if not METHODS[row.method].is_deterministic:
+            spread = _millivolts(errors_v.min(), errors_v.max())
+        bands = RecordErrorsPart.of(row.evaluations[0]).bands
+        at_bounds = [bound_words(each.name, each.side) for each in row.at_bound]
         optimality_gap = (
             0.0
             if row.optimality_gap is None or abs(row.optimality_gap) < 1e-9
@@ -107,11 +113,10 @@ def rows_table(ran: Ran) -> Iterator[str]:
             *spread,
             *_millivolts(row.refined.rmse_v),
             f"{optimality_gap:.2g}",
-            *_millivolts(*(band.rmse_v for band in row.bands[0])),
+            *_millivolts(*(band.rmse_v for band in bands)),
             *_millivolts(row.evaluations[0].metrics.max_v),
             *_millivolts(ran.validation[row.name].metrics.rmse_v if ran.validation else None),
-            "; ".join([*(bound_words(each.name, each.side) for each in row.at_bound), *row.notes])
-            or "-",
+            "; ".join([*at_bounds, *row.median.notes]) or "-",
         ]
         yield f"| {' | '.join(cells)} |"
 

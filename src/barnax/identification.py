@@ -67,7 +67,7 @@ def search_and_assess(
             fitting = beside.submit(_fitted, setup)
         linearization = beside.submit(compile_linearization, problem) if trust != "none" else None
         with watch("Finding the best constant circuit", 0):
-            optimum = _optimum_or_none(problem)
+            optimum = optimum_or_none(problem)
         if settings.seeds:
             descent = beside.submit(Descent, problem)
             with watch("Searching", settings.seeds) as advance:
@@ -312,7 +312,7 @@ def _resampled(problem: Problem, circuit: CircuitParameters) -> CircuitParameter
     return circuit.with_tables({R0: [max(circuit.r0 + other.r0_ohm, 0.0)], **rows})
 
 
-def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:
+def optimum_or_none(problem: Problem) -> GlobalOptimum | None:
     """The global optimum, None where the box is too wide to look for it."""
     try:
         return find_global_optimum(problem)

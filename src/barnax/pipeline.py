@@ -124,7 +124,7 @@ def _with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window],
     registered = _registered(job, inputs, windows)
     inputs = _as_counted(inputs, windows, registered)
     inputs = replace(inputs, warnings=(*inputs.warnings, *between))
-    first = first_problem(inputs, registered, job, None, bounds=job.bounds, fix=job.fix)
+    first = first_problem(inputs, registered, job, bounds=job.bounds, fix=job.fix)
     if not job.keep_starts:
         first = with_joint_starts(first)
         registered |= {one.record.name: one.window for one in first.prepared_records}
@@ -137,8 +137,7 @@ def _with_fitted_ocv(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window
     while True:
         given = {**windows_by_name(job.window), **inputs.fitted_ocv.windows}
         windows = windows_of(inputs, given, job.capacity)
-        box = {"bounds": job.bounds, "fix": job.fix}
-        first = first_problem(inputs, windows, job, inputs.fitted_ocv, **box)
+        first = first_problem(inputs, windows, job, bounds=job.bounds, fix=job.fix)
         sampled = _as_sampled(inputs, first)
         pairs = zip(inputs.records, sampled.records, strict=True)
         if all(before.hold.value == after.hold.value for before, after in pairs):

@@ -53,16 +53,16 @@ def first_problem(
     inputs: Inputs,
     windows: Mapping[str, Window],
     settings: Settings,
-    own: OwnOcv | None,
     **box: Any,
 ) -> Problem:
     """A constant circuit on the records: with the OCV at rest where sweeps measured it under load,
     the directions before the start and the sampling of the current that the voltage shows."""
-    circuit = own.circuit if own else settings.model or _start(inputs)
+    fitted: OwnOcv | None = inputs.fitted_ocv
+    circuit = fitted.circuit if fitted else settings.model or _start(inputs)
     problem = without_sweep_drop(problem_of(inputs, windows, settings, circuit, **box))
-    if own is not None and get_circuit(circuit).has_rate:
+    if fitted is not None and get_circuit(circuit).has_rate:
         # A hysteresis of the records' own was fitted with the directions that fit better.
-        problem = _with_directions(problem, own.directions)
+        problem = _with_directions(problem, fitted.directions)
     else:
         problem = with_better_directions(problem)
     return with_better_hold(problem)

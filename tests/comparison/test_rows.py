@@ -9,6 +9,7 @@ import pytest
 from barnax.baselines import Budget
 from barnax.bundled import BUNDLED
 from barnax.comparison import ComparisonResult, compare, make_comparison_result
+from barnax.comparison.statistics import errors_by_soc
 from barnax.model.window import Window
 from barnax.records import read_record
 from barnax.search.evaluate import validate
@@ -133,7 +134,12 @@ def test_a_row_is_stored_as_it_was_found(comparison, result):
     assert [seed.rmse_v for seed in stored.seeds] == row.errors_v.tolist()
     assert stored.spread.deviation_v == np.std(row.errors_v, ddof=1)
     assert stored.refined_rmse_v == row.refined.rmse_v
-    assert stored.identification.bands[2].rmse_v == row.bands[0][2].rmse_v
+    bands = errors_by_soc(
+        row.evaluations[0].error_v,
+        row.evaluations[0].prepared.soc,
+        row.evaluations[0].prepared.scored,
+    )
+    assert stored.identification.bands == bands
 
 
 def test_a_comparison_repeats_to_the_same_bytes(bundled_record, bundled_cell):

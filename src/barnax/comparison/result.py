@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import ConfigDict
@@ -22,10 +22,11 @@ from ..records import Record
 from ..result_parts import Candidate, InputPart, MetricsPart, all_versions
 from ..run_setup import bounded_tables, first_problem, set_up
 from ..schema import Count, Document, Key, Loss, Parameters, Part, Told, Volts, key_of
+from ..search.evaluate import Evaluation
 from ..search.refine import AtBound
 from ..settings import Settings, TableOptions
 from .run import PAPER_ROWS, Comparison, Difference, Row, compare
-from .statistics import BandError
+from .statistics import BandError, errors_by_soc
 
 # Options of one circuit, or of its tables.
 _OF_ONE = {*vars(TableOptions()), *("model", "method", "over", "trust", "cell", "tables")}
@@ -75,6 +76,13 @@ class RecordErrorsPart(ComparisonPart):
 
     metrics: MetricsPart
     bands: tuple[BandError, ...]
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> Self:
+        """The errors of an evaluation."""
+        prepared = evaluation.prepared
+        bands = errors_by_soc(evaluation.error_v, prepared.soc, prepared.scored)
+        return cls(metrics=MetricsPart.of(evaluation), bands=bands)
 
 
 class RowPart(ComparisonPart):
@@ -235,26 +243,24 @@ def _model_part(problem: Problem, optimum: GlobalOptimum | None) -> ModelPart:
 
 
 def _row_part(row: Row) -> RowPart:
+    method = METHODS[row.method]
     known: dict[str, Any] = {
         "model": row.model,
         "method": row.method,
-        "source": METHODS[row.method].source,
-        "is_deterministic": row.is_deterministic,
+        "source": method.source,
+        "is_deterministic": method.is_deterministic,
     }
     if row.failure is not None:
         return RowPart(**known, failure=row.failure)
-    identification, *validation = (
-        RecordErrorsPart(metrics=MetricsPart.of(evaluation), bands=bands)
-        for evaluation, bands in zip(row.evaluations, row.bands, strict=True)
-    )
+    identification, *validation = map(RecordErrorsPart.of, row.evaluations)
     return RowPart(
         **known,
-        notes=row.notes,
+        notes=row.median.notes,
         parameters=row.median.parameters.to_dict(),
         time_constants=row.median.parameters.named_tau_s,
         evaluations=row.median.evaluations,
         at_bound=row.at_bound,
-        spread=None if row.is_deterministic else _spread_part(row.errors_v),
+        spread=None if method.is_deterministic else _spread_part(row.errors_v),
         identification=identification,
         validation=tuple(validation),
         refined_rmse_v=row.refined.rmse_v if row.refined else None,
@@ -340,7 +346,7 @@ def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
     with watch("Circuits", 0):
         alone = Settings(seeds=0)
         box = {"bounds": job.bounds, "fix": job.fix}
-        first = first_problem(inputs, windows, alone, None, **box)
+        first = first_problem(inputs, windows, alone, **box)
         setup = set_up(first, inputs, windows, alone, bounded_tables(job, but="[F]"), **box)
         usual = search_and_assess(setup, None, alone, "none", unwatched, advise=False)
     result = make_comparison_result(

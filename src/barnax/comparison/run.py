@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,11 +16,11 @@ from ..errors import InputError
 from ..execution import in_float64
 from ..global_optimum import (
     GlobalOptimum,
-    find_global_optimum,
     optimality_gap,
     with_better_directions,
     without_sweep_drop,
 )
+from ..identification import optimum_or_none
 from ..inputs import Watch, unwatched
 from ..model.coordinates import Scale
 from ..model.prepared import PreparedRecord, prepare_record
@@ -32,12 +31,10 @@ from ..records import Record
 from ..search.evaluate import Evaluation, evaluate, evaluate_from_either
 from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, AtBound, Descent, RefinedSeed, at_bound
 from .statistics import (
-    BandError,
     Resampled,
     SeedPairs,
     compare_over_seeds,
     compare_over_time,
-    errors_by_soc,
 )
 
 
@@ -47,24 +44,24 @@ class Row(Brief):
 
     `answers` holds one answer a seed, a single one where the method draws nothing, and none where
     it failed; then `failure` says why. `evaluations` are those of the median seed: on the
-    identification record, then on each validation record. `bands` are its errors by SOC, a tuple
-    for each of these records; `at_bound` names what is at an end of the box. `refined` is what
-    Levenberg-Marquardt makes of the median seed; `optimality_gap` is the median seed's RMSE over
-    the global optimum's, minus one.
+    identification record, then on each validation record. `at_bound` names what is at an end of
+    the box. `refined` is what Levenberg-Marquardt makes of the median seed; `optimality_gap` is the
+    median seed's RMSE over the global optimum's, minus one.
     """
 
-    model: str
     method: str
     problem: Problem
-    is_deterministic: bool
     answers: tuple[Answer, ...] = ()
     failure: str | None = None
-    notes: tuple[str, ...] = ()
     evaluations: tuple[Evaluation, ...] = ()
-    bands: tuple[tuple[BandError, ...], ...] = ()
     at_bound: tuple[AtBound, ...] = ()
     refined: RefinedSeed | None = None
     optimality_gap: float | None = None
+
+    @property
+    def model(self) -> str:
+        """Name of the circuit."""
+        return self.problem.circuit
 
     @property
     def name(self) -> str:
@@ -212,7 +209,8 @@ def compare(
     with watch(REFINEMENT):
         refined = _refine(answered)
     with watch(OPTIMA):
-        optima = _optima(problems)
+        known = {model: optimum_or_none(problem) for model, problem in problems.items()}
+    optima = {model: optimum for model, optimum in known.items() if optimum is not None}
     with watch(DIFFERENCES):
         differences = _differences(refined, budget.key)
     for place, row in enumerate(refined):
@@ -231,7 +229,7 @@ def _run(
     watch: Watch,
 ) -> Row:
     """One row, before its refinement."""
-    row = Row(problem.circuit, method, problem, METHODS[method].is_deterministic)
+    row = Row(method, problem)
     with watch(row.name) as advance:
         try:
             answers = METHODS[method].run(problem, budget, advance)
@@ -245,15 +243,10 @@ def _run(
     evaluations = [evaluate(identified, parameters)]
     own = partial(evaluate, parameters=parameters)
     evaluations += [evaluate_from_either(prepared, problem.cell, own) for prepared in others]
-    bands = [
-        errors_by_soc(own.error_v, own.prepared.soc, own.prepared.scored) for own in evaluations
-    ]
     box = problem.log_coordinates
     return replace(
         row,
-        notes=row.median.notes,
         evaluations=tuple(evaluations),
-        bands=tuple(bands),
         # A linear method may leave the box; its note says so.
         at_bound=() if outside_box(parameters, problem) else at_bound(box, parameters),
     )
@@ -279,15 +272,6 @@ def _refine(rows: Sequence[Row]) -> list[Row]:
         for row, end in zip(here, ends, strict=True):
             done[row.name] = replace(row, refined=end)
     return [done[row.name] for row in rows]
-
-
-def _optima(problems: Mapping[str, Problem]) -> dict[str, GlobalOptimum]:
-    """The global optimum of every model whose box is not too wide for it."""
-    found = {}
-    for model, problem in problems.items():
-        with suppress(InputError):
-            found[model] = find_global_optimum(problem)
-    return found
 
 
 def _differences(rows: Sequence[Row], key: int) -> tuple[Difference, ...]:

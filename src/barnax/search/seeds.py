@@ -58,6 +58,7 @@ class Search(Brief):
         evaluations: Simulated candidates of all seeds.
         seeds: Each seed's answer before refinement, in order.
         problem: The problem that was searched; None of a stored search.
+        optimizer: By which optimizer; None likewise.
     """
 
     method: str
@@ -70,6 +71,7 @@ class Search(Brief):
     evaluations: Count
     seeds: Annotated[tuple[SeedAnswer, ...], Field(min_length=1)]
     problem: Unstored[Any] = None
+    optimizer: Unstored[Any] = None
 
     @classmethod
     def of(
@@ -92,6 +94,7 @@ class Search(Brief):
             evaluations=sum(answer.evaluations for answer in seeds),
             seeds=tuple(seeds),
             problem=problem,
+            optimizer=optimizer,
         )
 
     @property

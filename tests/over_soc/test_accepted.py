@@ -75,3 +75,21 @@ def test_held_out_blocks_have_the_accepted_errors(measured):
     assert fit.cross_validation is not None
     assert in_mv([fit.cross_validation.tables]) == pytest.approx((13.819, 1.583), rel=1e-3)
     assert fit.cross_validation.tables.above_v < 0.4 * fit.cross_validation.constant.above_v
+
+
+@pytest.mark.slow
+def test_the_interval_of_another_record_holds_what_a_fourth_one_shows(measured):
+    settings, holds, own_holds = TableSettings(fixed=GIVEN, max_boxes=0), [], []
+    for left, record in enumerate(measured):
+        others = [each for place, each in enumerate(measured) if place != left]
+        shown = {(e.name, e.soc): e.value for e in fit_tables([record], settings).intervals}
+        for each in fit_tables(others, settings).intervals:
+            if each.record_low is not None and (each.name, each.soc) in shown:
+                value = shown[each.name, each.soc]
+                holds.append(each.record_low <= value <= each.record_high)
+                if each.low is not None and each.high is not None:
+                    own_holds.append(each.low <= value <= each.high)
+    assert len(holds) > 100
+    assert np.mean(holds) >= 0.9
+    # What the joint fit says of itself is of these records alone.
+    assert np.mean(own_holds) < 0.85

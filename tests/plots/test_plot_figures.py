@@ -2,8 +2,6 @@
 
 import io
 import re
-import subprocess
-import sys
 
 import matplotlib
 import numpy as np
@@ -113,13 +111,3 @@ def test_what_is_stored_is_drawn_from_its_file_too(plot, what, tmp_path):
         for source in (stored, path, str(path))
     ]
     assert drawn[0] == drawn[1] == drawn[2]
-
-
-@pytest.mark.slow
-def test_importing_the_figures_loads_neither_jax_nor_pyplot():
-    check = (
-        "import sys, barnax.plots; "
-        "sys.exit(', '.join({'jax', 'matplotlib.pyplot'} & set(sys.modules)) or 0)"
-    )
-    ran = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, timeout=60)
-    assert (ran.returncode, ran.stderr) == (0, "")

@@ -17,7 +17,7 @@ from barnax.plots import (
     style,
 )
 from barnax.plots.pictures import Illustration, encode
-from barnax.plots.style import decimate, legible
+from barnax.plots.style import decimate
 from helpers.results import make_cell, make_evaluation, make_record
 
 BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
@@ -83,17 +83,6 @@ def test_odd_names_of_files_and_rows_are_drawn_without_a_warning(plot):
     for kind in ("png", "pdf"):
         assert encode(figure, kind, dpi=40).startswith(BEGINNINGS[kind])
     assert "$x^{$ \\x1b[0m\\x00 \\udcff" in figure.axes[0].get_title("left")
-
-
-def test_a_letter_without_a_glyph_keeps_its_code_and_all_others_stay(monkeypatch):
-    monkeypatch.setattr("barnax.plots.style.FURTHER_FONTS", ())
-    for cached in (style._fonts, style._letters):
-        cached.cache_clear()
-    try:
-        assert legible("Zelle µ−1 電.csv") == "Zelle µ−1 \\u96fb.csv"
-    finally:
-        for cached in (style._fonts, style._letters):
-            cached.cache_clear()
 
 
 @pytest.mark.parametrize("kind", BEGINNINGS)

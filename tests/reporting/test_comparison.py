@@ -22,7 +22,7 @@ from barnax.reporting.comparison import (
 )
 from barnax.reporting.document import Bullets, Table
 from barnax.reporting.illustrations import comparison_illustrations
-from barnax.reporting.render import table_lines, to_html, to_markdown
+from barnax.reporting.render import table_lines, to_markdown
 from barnax.reporting.wording import sentences, wording
 from barnax.search.evaluate import Evaluation, evaluate
 from barnax.search.refine import AtBound, Refinement
@@ -35,9 +35,7 @@ from helpers.comparisons import (
     make_row,
 )
 from helpers.golden import GOLDEN, require_golden
-from helpers.report_reader import ReportReader
 
-LARGEST_REPORT = 4_000_000
 # Errors in mV, on the record identified on and on others, by row.
 Errors = dict[str, tuple[float, ...]]
 UPPER = AtBound("tau2 [s]", "upper")
@@ -225,18 +223,6 @@ def test_a_comparison_without_a_single_answer_is_a_report_all_the_same():
         "No row has an answer.",
         "ls so-rc gave no answer: No.",
     )
-
-
-@pytest.mark.slow
-def test_the_figures_of_a_stored_comparison_find_their_places_the_same_every_time(comparison):
-    drawn = comparison_illustrations(comparison)
-    assert [each.name for each in drawn] == ["ocv", "convergence", "parameters"]
-    document = comparison_document(comparison, drawn)
-    assert {each.name for each in document.pictures} == {each.name for each in drawn}
-    page = to_html(document)
-    assert ReportReader(page).count("img") == len(drawn)
-    assert len(page) < LARGEST_REPORT
-    assert page == to_html(comparison_document(comparison, comparison_illustrations(comparison)))
 
 
 def test_a_comparison_with_its_records_gives_figures_over_time_too(comparison, identified):

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 import barnax
 from barnax import InputError
+from barnax.cell import characterize, read_ocv_test
 from barnax.checks import check_file
+from barnax.checks.against_cell import compare_with_cell
 from barnax.records import read_record, source_from_frame
 from barnax.settings import Window
 from helpers.shared import CASES, needs_cases
@@ -45,6 +47,21 @@ def test_a_unit_that_is_named_is_taken(unit, factor):
 def test_unix_times_tell_their_unit_by_their_size(start_s, factor):
     time_s, _ = time_of("timestamp", (start_s + SECONDS) * factor)
     np.testing.assert_allclose(time_s, SECONDS, atol=1e-5)
+
+
+def test_days_of_a_spreadsheet_are_dates_and_a_time_since_a_start_is_none():
+    np.testing.assert_allclose(
+        time_of("DateTime", 45352.4 + SECONDS / 86400)[0], SECONDS, atol=1e-4
+    )
+    np.testing.assert_allclose(time_of("timestamp_s", SECONDS)[0], SECONDS)
+
+
+@pytest.mark.parametrize("name", ["Time", "timestamp"])
+@pytest.mark.parametrize("factor", [1e3, 1e6, 1e9])
+def test_a_time_without_a_unit_is_never_seconds_that_no_logger_waits(name, factor):
+    time_s, codes = time_of(name, SECONDS * factor)
+    np.testing.assert_allclose(time_s, SECONDS, rtol=1e-9)
+    assert codes == ["time-unit.taken"]
 
 
 @pytest.mark.parametrize(
@@ -119,6 +136,50 @@ def test_a_counter_in_mah_is_the_odd_one_out(name):
     obeyed = barnax.record_from_frame({**table, name: counted_mah, **others}, columns=option)
     np.testing.assert_allclose(obeyed.charge_ah, record.charge_ah)
     assert "unit" not in " ".join(one.code for one in obeyed.warnings)
+
+
+@pytest.mark.parametrize(
+    ("unit_s", "unit_a", "option"),
+    [(1e-3, 1.0, "time=Time:ms"), (1.0, 1e-3, "current=current:mA")],
+)
+def test_a_counter_without_a_unit_does_not_vouch_for_the_others(unit_s, unit_a, option):
+    """Ten samples a second in ms, or a load in mA, beside a counter in mAh: the product agrees."""
+    seconds = np.arange(2000) * 0.1
+    current_a = np.where(np.arange(2000) // 100 % 2, -2.0, 0.0)
+    counted_mah = np.append(0, np.cumsum(current_a[:-1])) * 0.1 / 3.6
+    table = {
+        "Time": seconds / unit_s,
+        "current": current_a / unit_a,
+        "voltage": 3.9 + 0.05 * current_a,
+        "capacity": counted_mah,
+    }
+    findings = check_file(source_from_frame(table, "log")).findings
+    assert option in " ".join(map(str, findings))
+    record = barnax.record_from_frame(table, columns=option)
+    assert record.time_s[-1] == pytest.approx(seconds[-1])
+    assert record.current_a.max() == pytest.approx(2.0)
+    assert record.charge_ah is not None
+    assert np.ptp(record.charge_ah) == pytest.approx(np.ptp(counted_mah) / 1e3)
+
+
+def test_minutes_of_few_digits_are_told_by_their_mean_interval():
+    seconds = np.arange(2000) * 0.1
+    current_a = np.where(np.arange(2000) // 100 % 2, -2.0, 0.0)
+    voltage_v = 3.9 + 0.05 * current_a
+    table = {"time": np.round(seconds / 60, 3), "current": current_a, "voltage": voltage_v}
+    with pytest.raises(InputError, match=r"columns='time=time:min'` \(samples 0.1 s apart\)"):
+        barnax.record_from_frame(table)
+    record = barnax.record_from_frame(table, columns="time=time:min")
+    np.testing.assert_allclose(record.time_s, seconds, atol=0.04)
+
+
+def test_rows_that_are_logged_twice_are_no_days_of_a_spreadsheet():
+    """The median interval is zero, and a minute is an interval of days as well."""
+    values = np.repeat(np.arange(700) * 60.0 + 20_000, 2)
+    current_a = np.where(np.arange(1400) // 40 % 2, -1.0, 0.0)
+    table = {"time": values, "current": current_a, "voltage": 3.9 + 0.05 * current_a}
+    record = barnax.record_from_frame(table)
+    assert np.ptp(record.time_s) == 699 * 60
 
 
 @pytest.mark.parametrize("unit_s", [60.0, 3600.0])
@@ -210,12 +271,54 @@ def test_an_hour_that_passes_is_left_alone():
         assert not record.warnings
 
 
+def test_a_load_that_goes_on_did_not_wait_an_hour():
+    """On any day, where neither current nor voltage changed."""
+    table = frame("Date Time", local_stamps(SECONDS, "2024-07-03T14:23:11"))
+    assert table["Current [A]"][69] == table["Current [A]"][70] == -1
+    np.testing.assert_allclose(barnax.record_from_frame(table).time_s, SECONDS)
+
+
+@pytest.mark.parametrize(("back_s", "what"), SET_BACK)
+def test_a_clock_of_irregular_intervals_is_set_back_too(back_s, what):
+    """Ten samples a second in a pulse, and one in half a minute at rest, where it is set back."""
+    seconds = np.cumsum(np.where(np.arange(160) % 80 < 60, 0.1, 30.0))
+    shown_ms = 1e3 * (seconds - back_s * (np.arange(160) >= 70))
+    stamps = np.datetime64("2024-10-27T12:30:00") + shown_ms.round().astype("timedelta64[ms]")
+    record = barnax.record_from_frame(frame("Date Time", [str(stamp) for stamp in stamps]))
+    late_s = np.abs(np.diff(record.time_s) - np.diff(seconds))
+    assert late_s.max() < 1e-3
+    assert what in " ".join(map(str, record.warnings))
+
+
+def test_dates_of_twelve_hours_that_leap_at_midnight_are_refused():
+    seconds = np.arange(160) * 600
+    hours = (11 + (seconds + 1800) // 3600) % 12 + 1
+    dates = np.datetime64("2024-03-01T00:30:00") + seconds
+    shown = zip(map(str, dates), hours, strict=True)
+    stamps = [f"{at[:11]}{hour:02d}{at[13:]}" for at, hour in shown]
+    with pytest.raises(InputError, match="a clock of twelve hours"):
+        barnax.record_from_frame(frame("Date Time", stamps))
+
+
 def test_a_time_of_day_runs_on_over_midnight_and_over_one_oclock():
     for first_s, day_s in ((86_100, 86_400), (46_500, 43_200)):
         shown_s = first_s + SECONDS
         shown_s = np.where(shown_s < first_s + 300, shown_s, shown_s - day_s).astype(int)
         clock = [f"{at // 3600:02d}:{at // 60 % 60:02d}:{at % 60:02d}" for at in shown_s]
         np.testing.assert_allclose(time_of("Time", clock)[0], SECONDS)
+
+
+def test_single_zeros_of_a_clock_are_no_steps():
+    time_s = 100.0 + SECONDS
+    time_s[[20, 31, 90]] = 0.0
+    kept_s, codes = time_of("Time [s]", time_s)
+    assert (len(kept_s), kept_s[-1]) == (157, SECONDS[-1])
+    assert "clock.steps" not in codes
+    unix_s = 1.71e9 + SECONDS
+    unix_s[[20, 31, 90]] = 0.0
+    kept_s, codes = time_of("timestamp", unix_s)
+    assert (len(kept_s), kept_s[-1]) == (157, SECONDS[-1])
+    assert "clock.zeros" in codes
 
 
 def cases():
@@ -260,6 +363,14 @@ def test_a_case_that_nothing_decides_asks_for_its_unit():
 
 
 @needs_cases
+def test_seconds_since_a_start_are_no_days():
+    one, other = (
+        read_record(CASES / "systems" / f"{name}.csv") for name in ("timestamp_s", "time_s")
+    )
+    np.testing.assert_array_equal(one.time_s, other.time_s)
+
+
+@needs_cases
 def test_nanoseconds_of_pandas_are_dates():
     """As the case's program writes them."""
     rows = np.arange(2000)
@@ -280,6 +391,14 @@ def test_a_wrong_count_of_cells_in_series_is_said_and_the_one_that_fits():
     assert "in series" not in " ".join(map(str, read_record(file, series=144).warnings))
 
 
+@needs_cases
+def test_a_wrong_capacity_is_named_before_half_the_current():
+    folder = CASES / "cells" / "10_wrong_capacity"
+    cell = characterize([read_ocv_test(folder / "ocv.csv")], capacity_ah=5.0)
+    (warning,) = compare_with_cell(read_record(folder / "log.csv"), cell, 5.0)
+    assert "held 2.5 Ah, not 5 Ah, or the current were half of what flowed" in str(warning)
+
+
 @pytest.mark.parametrize("amplitude_a", [1.0, 5.0])
 def test_exchanged_columns_are_told_and_what_is_advised_reads_them(amplitude_a):
     current_a = amplitude_a * np.where(np.arange(160) // 20 % 2, -1.0, 0.5)
@@ -289,6 +408,19 @@ def test_exchanged_columns_are_told_and_what_is_advised_reads_them(amplitude_a):
         barnax.record_from_frame(table)
     (option,) = re.findall(r"columns='(.*)'`", str(caught.value))
     np.testing.assert_allclose(barnax.record_from_frame(table, columns=option).voltage_v, voltage_v)
+
+
+def test_a_steady_charge_in_the_column_of_the_voltage_is_told_too():
+    current_a = np.where(np.arange(160) < 150, 1.0, 0.0)
+    table = {"Time [s]": SECONDS, "Current": 3.5 + SECONDS / 1e3, "Voltage": current_a}
+    with pytest.raises(InputError, match="they look exchanged"):
+        barnax.record_from_frame(table)
+
+
+def test_a_voltage_that_never_moves_is_said():
+    table = frame("Time [s]", SECONDS) | {"Voltage [V]": np.full(160, 3.7)}
+    words = " ".join(map(str, barnax.record_from_frame(table).warnings))
+    assert "every voltage in 'Voltage [V]' is 3.7 V" in words
 
 
 def test_a_temperature_in_kelvin_is_refused_with_how_to_convert_it():

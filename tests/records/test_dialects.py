@@ -14,6 +14,7 @@ import pytest
 from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import read_record, record_from_frame
+from barnax.records.column_rules import read_columns
 from barnax.records.columns import columns_of, dialect_of, names_record
 from barnax.records.dialects import DIALECTS
 from barnax.records.readers import read_table
@@ -82,6 +83,12 @@ def test_names_of_other_programs_and_languages_are_known(header):
     found = columns_of(names)
     clock = found.get("time") or found["step time"]
     assert (clock.unit.factor, found["current"].unit.factor) == (second, ampere)
+
+
+def test_a_sensor_that_is_not_there_is_left_out():
+    record = record_from_frame(TABLE.with_columns(pl.lit(-9999.0).alias("Temperature / degC")))
+    assert record.temperature_degc is None
+    assert "the column is left out" in " ".join(map(str, record.notes))
 
 
 def test_two_files_joined_are_told_by_their_names(tmp_path):
@@ -166,6 +173,12 @@ def test_columns_that_a_file_lacks_are_warned_of():
     record = record_from_frame(TABLE, columns={"current": "Strom"})
     assert "no column is called 'Strom'" in " ".join(map(str, record.warnings))
     require_the_record(record)
+
+
+@pytest.mark.parametrize("given", ["strom=I", "nonsense", "time=", {"colour": "red"}])
+def test_columns_of_no_quantity_are_refused(given):
+    with pytest.raises(InputError, match=r"^`columns`: .* write them as"):
+        read_columns(given)
 
 
 def test_durations_of_a_workbook_and_dates_are_times():
@@ -262,6 +275,21 @@ def test_a_clock_of_the_day_or_of_the_hour_runs_on(form):
     np.testing.assert_allclose(record.time_s - record.time_s[0], seconds)
 
 
+def test_a_clock_of_two_parts_without_a_fraction_is_refused():
+    clock = [f"{k // 60:02d}:{k % 60:02d}" for k in range(300)]
+    with pytest.raises(InputError, match="'00:00' stands under 'Test Time / s'"):
+        record_from_frame(TABLE.with_columns(pl.Series(TIME, clock)))
+
+
+def test_a_clock_of_the_steps_need_not_begin_at_zero():
+    step = np.arange(300) // 3
+    table = TABLE.with_columns(
+        pl.Series("Step Index / 1", step), pl.Series(TIME, 1.0 + np.arange(300) % 3)
+    )
+    record = record_from_frame(table)
+    np.testing.assert_allclose(np.diff(record.time_s), 1)
+
+
 def test_units_below_the_names_of_a_workbook_are_theirs(tmp_path):
     rows = [[second, 1e3 * ampere, volt] for second, ampere, volt in ROWS]
     content = workbook({"cell": [["Time", "Current", "Voltage"], ["s", "mA", "V"], *rows]})
@@ -285,6 +313,12 @@ def test_lines_of_words_between_the_rows_are_left_out(tmp_path):
     assert record.row[[0, 99, 100]].tolist() == [3, 102, 104]
 
 
+def test_a_table_without_names_is_told_to_have_none(tmp_path):
+    rows = "".join(f"11/27/2018 8:41:{k} PM,{k},PAU,0:00:0{k}.0,3.7,0.1,{k}\n" for k in range(9))
+    with pytest.raises(InputError, match="numbers, not names; write a row of names above it"):
+        read(tmp_path, rows.encode())
+
+
 def test_cells_of_a_workbook_shown_as_durations_are_times(tmp_path):
     """Excel stores days; the style of the cells says that they are a duration."""
     names = ["Time", "Current (A)", "Voltage (V)"]
@@ -300,6 +334,13 @@ def test_cells_of_a_workbook_shown_as_durations_are_times(tmp_path):
     record = read_record(tmp_path / "cell.xlsx")
     np.testing.assert_allclose(record.time_s, TABLE[TIME].to_numpy(), atol=1e-3)
     assert not any("assumed s" in str(each) for each in [*record.warnings, *record.notes])
+
+
+def test_numbers_cut_by_their_own_commas_are_refused(tmp_path):
+    text = "Zeit [s],Strom [A],Spannung [V],Time / s,Current / A,Voltage / V\n"
+    rows = "".join(f"{k},0,1,5,3,7,0,1,5,3,7,1\n" for k in range(30))
+    with pytest.raises(InputError, match="commas separate cells and also decimals"):
+        read(tmp_path, (text + rows).encode())
 
 
 def test_a_pipe_and_the_standard_input_are_read_once(tmp_path, monkeypatch):

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barnax.records import read_record
+from barnax.errors import InputError
+from barnax.records import read_record, record_from_frame
 from helpers.records import arbin_rows, pulse_frame, pulses_a, read, simulated_cell, workbook
 
 LABELS = {
@@ -84,6 +85,22 @@ def test_temperature_and_step_are_read_where_they_are(tmp_path):
     record = read(tmp_path, frame)
     np.testing.assert_allclose(record.temperature_degc, 25.0, rtol=1e-12)
     np.testing.assert_array_equal(record.step, np.arange(30) // 5)
+
+
+def test_the_surface_is_preferred_to_the_ambient_temperature(tmp_path):
+    frame = pulse_frame(30).with_columns(
+        pl.lit(20.0).alias("Ambient Temperature / degC"),
+        pl.lit(31.0).alias("Surface Temperature / degC"),
+    )
+    assert np.all(read(tmp_path, frame).temperature_degc == 31.0)
+
+
+def test_the_test_time_is_preferred_to_the_step_time(tmp_path):
+    frame = pulse_frame(40)
+    frame.insert_column(0, pl.Series("StepTime(s)", np.arange(40) % 5))
+    frame.insert_column(0, pl.Series("Step_Time(s)", np.arange(40) % 5))
+    names = ("StepTime(s)", "Step_Time(s)", "Time(s)", "Current(A)", "Voltage(V)")
+    assert read(tmp_path, renamed(frame, names)).time_s[-1] == 39
 
 
 CSV = pulse_frame(30).write_csv()
@@ -191,3 +208,13 @@ def test_a_plain_workbook_is_read_from_its_only_fitting_sheet(tmp_path):
     frame = pulse_frame(30)
     sheets = {"notes": [["hello"]], "data": [frame.columns, *map(list, frame.rows())]}
     assert read(tmp_path, workbook(sheets), "cell.xlsx").samples == 30
+
+
+def test_currents_of_either_direction_are_to_be_joined():
+    table = {
+        "Time [s]": range(9),
+        "Charge Current [A]": [1.0] * 9,
+        "Discharge Current [A]": [0.0] * 9,
+    }
+    with pytest.raises(InputError, match="write their difference, charge positive"):
+        record_from_frame({**table, "Voltage [V]": [3.7] * 9})

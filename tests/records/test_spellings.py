@@ -85,6 +85,16 @@ def test_a_state_of_charge_is_counted_and_not_read(tmp_path, name, is_soc):
     assert told == ([name] if is_soc else [])
 
 
+@pytest.mark.parametrize(("form", "interval_s"), [("{:.0f}.", 21.0), ("{:g}", 10.5)])
+def test_a_word_far_below_leaves_seconds_what_they_are(tmp_path, form, interval_s):
+    """It makes all cells text, of which times with colons are clocks."""
+    time_s = interval_s * np.arange(1500)
+    rows = "".join(f"{form.format(s)},{k % 2},3.{7 + k % 2},24\n" for k, s in enumerate(time_s))
+    text = "Time [s],Current [A],Voltage [V],Temperature [degC]\n" + rows
+    record = read(tmp_path, (text[:-3] + "OVERFLOW\n"))
+    np.testing.assert_array_equal(record.time_s, time_s)
+
+
 @pytest.mark.parametrize("form", ["%Y%m%d%H%M%S", "%Y%m%d %H%M%S"])
 def test_a_date_in_digits_alone_is_no_number_of_seconds(tmp_path, form):
     rows = "".join(f"{date(form)(97 * k)},{k % 2},3.{7 + k % 2}\n" for k in range(30))
@@ -144,3 +154,10 @@ def test_a_clock_of_the_test_beside_dates_runs_on(tmp_path, interval_s):
     seconds = clock("{h:02d}:{m:02d}:{s:02d}")
     record = read(tmp_path, in_two_columns(time_s, lambda s: ISO(s + 4_000), seconds))
     np.testing.assert_array_equal(record.time_s, time_s)
+
+
+def test_a_date_that_jumps_by_days_is_no_clock_of_the_test(tmp_path):
+    """The time of day rises throughout; no clock of a test takes so many days over it."""
+    time_s = np.cumsum(np.where(np.arange(300) == 200, 49 * 3600, 60)) + 10_000
+    record = read(tmp_path, in_two_columns(time_s, ISO, date("%H:%M:%S")))
+    np.testing.assert_array_equal(np.diff(record.time_s), np.diff(time_s))

@@ -86,6 +86,14 @@ def test_a_shared_case_is_refused_with_what_it_is(name):
     assert REFUSED[name] in str(caught.value)
 
 
+@needs_cases
+def test_a_record_with_a_named_clock_and_an_soc_is_checked_as_a_record():
+    name, options = "soc_beside_named_time.csv", READ["soc_beside_named_time.csv"]
+    check = check_file(FILES / name, columns=options["columns"])
+    assert check.is_clean
+    assert "validation" in [role.name for role in check.roles if role.is_usable]
+
+
 LINE_ENDS = {
     "CR": lambda text: text.replace(b"\n", b"\r"),
     "CR, the last CR LF": lambda text: text[:-1].replace(b"\n", b"\r") + b"\r\n",
@@ -191,6 +199,16 @@ def test_names_of_script_variables_are_those_of_quantities(tmp_path, form):
     require_the_record(read_record(tmp_path / "cell.mat"))
 
 
+@pytest.mark.slow
+def test_vectors_of_unknown_names_are_asked_for_by_names_that_work(tmp_path):
+    savemat = pytest.importorskip("scipy.io").savemat
+    savemat(tmp_path / "cell.mat", {"x1": TIMES, "x2": AMPS, "x3": VOLTS})
+    with pytest.raises(InputError, match="columns='time=NAME:s,current=NAME:A,voltage=NAME:V'"):
+        read_record(tmp_path / "cell.mat")
+    columns = "time=x1:s,current=x2:A,voltage=x3:V"
+    require_the_record(read_record(tmp_path / "cell.mat", columns=columns))
+
+
 def test_what_is_beside_a_workbook_or_by_pandas_is_named(tmp_path):
     lock = b"\x04Jane" + b" " * 50 + b"\x04\0J\0a\0n\0e\0" + b" \0" * 50
     assert "lock file of an open workbook" in refusal(tmp_path, lock, "~$cell.xlsx")
@@ -262,6 +280,14 @@ def test_rows_of_steps_or_cycles_are_no_samples_in_any_format(tmp_path, kind):
     if kind != "Neware's layer of steps":
         # No sheet of that one has a voltage or a current.
         assert says in refusal(tmp_path, sheet(table, "StatisticByStep"), "cell.xlsx")
+
+
+def test_a_count_of_samples_is_no_count_of_steps(tmp_path):
+    for name in ("step", "cycle"):
+        counted = FRAME.with_columns(pl.Series(name, np.arange(200)))
+        require_the_record(read(tmp_path, counted))
+    record = read(tmp_path, FRAME.with_columns(pl.Series("cycle", np.arange(200) / 1e3)))
+    require_the_record(record)
 
 
 @pytest.mark.parametrize("first", ["0,,,Version=1.30", "Version=1.30,,,", "11,3.8,0,"])

@@ -67,6 +67,12 @@ def test_a_pack_of_cells_in_series_is_read_as_one_of_them(tmp_path):
     assert table.branches[0][-1].voltage_v == pytest.approx(4.2)
 
 
+@pytest.mark.parametrize("series", [0, -1, 100_000])
+def test_cells_in_series_are_a_number_of_cells(series):
+    with pytest.raises(InputError, match=r"`series` .* must be between 1 and"):
+        record_from_frame(FRAME, series=series)
+
+
 @pytest.mark.parametrize("apart_v", [0.03, -1.0])
 def test_two_voltages_that_differ_are_to_be_chosen_from(apart_v):
     other = (pl.col(VOLTAGE) + apart_v).alias("Cell Voltage / V")
@@ -76,6 +82,23 @@ def test_two_voltages_that_differ_are_to_be_chosen_from(apart_v):
     for name, extra_v in (("voltage", 0.0), ("Cell Voltage / V", apart_v)):
         record = record_from_frame(table, columns={"voltage": name})
         np.testing.assert_allclose(record.voltage_v, FRAME[VOLTAGE].to_numpy() + extra_v)
+
+
+def test_a_second_voltage_of_the_same_readings_is_no_doubt():
+    table = FRAME.with_columns((pl.col(VOLTAGE) + 0.001).alias("Cell Voltage / V"))
+    assert not any("differ" in each for each in told(record_from_frame(table)))
+    # A tester names its own, and another is told where it reads alike.
+    arbin = {TIME: "Test_Time(s)", CURRENT: "Current(A)", VOLTAGE: "Voltage(V)"}
+    aux = (pl.col(VOLTAGE) + 0.03).alias("Aux_Voltage_1(V)")
+    table = FRAME.with_columns(aux, pl.lit(1).alias("Step_Index")).rename(arbin)
+    assert "'Aux_Voltage_1(V)' differ by 30 mV" in " ".join(told(record_from_frame(table)))
+
+
+def test_the_voltage_of_a_pack_and_what_is_set_are_no_second_measurement():
+    others = {"Pack Voltage(V)": 96.0, "Set Voltage(V)": 1.02, "Max Voltage(V)": 1.01}
+    columns = [(pl.col(VOLTAGE) * factor).alias(name) for name, factor in others.items()]
+    table = FRAME.with_columns(columns).rename({VOLTAGE: "Cell Voltage(V)"})
+    assert not any("differ" in each for each in told(record_from_frame(table)))
 
 
 def bare(time_unit_s, current_a, voltage_v, frame=FRAME):
@@ -110,3 +133,35 @@ def test_several_units_that_are_missing_are_one_question(units):
     record, true = record_from_frame(table, columns=given), record_from_frame(large)
     for name in ("time_s", "current_a", "voltage_v"):
         np.testing.assert_allclose(getattr(record, name), getattr(true, name), atol=1e-9)
+
+
+def test_a_slow_sweep_in_minutes_and_milliamperes_is_no_large_cell_without_a_word():
+    """A C/20 sweep of 3 Ah, sampled each minute: 150 for 20 hours is a cell of 50 Ah at 3C."""
+    minutes = np.arange(1200.0)
+    table = pl.DataFrame({"Time": minutes, "Current": np.full(1200, -150.0)})
+    table = table.with_columns(pl.Series("Voltage", 4.15 - 1.2 * minutes / 1200))
+    (warning,) = record_from_frame(table).warnings
+    assert (warning.code, "150 A" in str(warning)) == ("columns.units-open", True)
+    given = {"time": "Time:min", "current": "Current:mA"}
+    record = record_from_frame(table, columns=given)
+    assert not record.warnings
+    assert record.discharged_ah[-1] == pytest.approx(0.15 * 1199 / 60)
+
+
+@pytest.mark.parametrize("unit", ["A", "mA", "uA"])
+def test_amperes_under_another_unit_are_named_by_a_counter_in_a_unit_of_its_own(unit):
+    time_s = FRAME[TIME].to_numpy()
+    current_a = np.full(len(time_s), -2.0)
+    counted_mah = 1e3 * np.abs(np.append(0, np.cumsum(current_a[:-1] * np.diff(time_s)))) / 3600
+    table = FRAME.with_columns(
+        pl.Series(f"Current [{unit}]", current_a), pl.Series("Capacity", counted_mah)
+    )
+    table = table.drop(CURRENT)
+    if unit == "A":
+        assert "current-unit" not in " ".join(one.code for one in record_from_frame(table).warnings)
+        return
+    try:
+        said = [str(one) for one in record_from_frame(table).warnings]
+    except InputError as refused:
+        said = [str(refused)]
+    assert any(f"current=Current [{unit}]:A" in words for words in said)

@@ -50,6 +50,13 @@ def test_decimal_commas_that_split_cells_are_told(tmp_path, kind):
     assert "export it with semicolons" in said
 
 
+def test_a_remark_or_a_number_behind_the_cells_splits_none(tmp_path):
+    for behind in (",ok", ",25.0", ",25"):
+        require_the_record(read(tmp_path, FRAME.write_csv().replace("\n", f"{behind}\n")[:-1]))
+        text = FRAME.write_csv().replace("\n", f"{behind}\n").replace(behind, "", 1)
+        require_the_record(read(tmp_path, text))
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n", ";;\r\n"])
 def test_lines_quoted_whole_are_the_lines(tmp_path, end):
     lines = ["[Summary]", "Cell: 7", "[Data]", *FRAME.write_csv().splitlines()]
@@ -110,6 +117,13 @@ def test_a_slip_of_a_millisecond_is_put_in_order(tmp_path):
     assert "time is out of line" in refusal(tmp_path, changed(FRAME, TIME, [58.5], [60]))
 
 
+def test_both_sides_of_a_step_in_the_wrong_order_stay_close(tmp_path):
+    table = pl.concat([FRAME[:60], FRAME[59:]])
+    record = read(tmp_path, changed(table, TIME, [59 - 0.0015], [60]))
+    assert record.samples == 121
+    assert 0 < record.time_s[60] - record.time_s[59] < 1e-3
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_rows_out_of_order_are_sorted_by_what_counts_them(tmp_path, seed):
     order = {"fraction": 1, "shuffle": True, "seed": seed}
@@ -124,6 +138,19 @@ def test_the_newest_row_first_is_turned_around(tmp_path):
     record = read(tmp_path, FRAME.reverse())
     require_the_record(record)
     assert "the newest row comes first" in " ".join(told(record))
+
+
+@pytest.mark.parametrize("filled", [None, 0.0])
+def test_columns_of_impedance_without_a_frequency_are_no_spectrum(tmp_path, filled):
+    empty = {name: pl.Series([filled] * 120, dtype=pl.Float64) for name in ("Freq", "Re", "-Im")}
+    require_the_record(read(tmp_path, FRAME.with_columns(**empty)))
+    spectrum = FRAME.with_columns(**empty).with_columns(Freq=pl.lit(10.0))
+    assert "an impedance spectrum" in refusal(tmp_path, spectrum)
+    measured = [10.0] * 20 + [filled] * 100
+    mixed = FRAME.with_columns(**empty).with_columns(Freq=pl.Series(measured, dtype=pl.Float64))
+    record = read(tmp_path, mixed)
+    assert record.samples == 100
+    assert "20 rows of an impedance measurement" in " ".join(told(record))
 
 
 def test_all_missing_columns_are_told_at_once(tmp_path):

@@ -246,25 +246,23 @@ class _Normal:
         cls, objective: TableObjective, found: Solution, trials: Sequence[Dependence] = ()
     ) -> "_Normal":
         products, samples = np.zeros(()), 0
-        count = objective.reduced.scored
+        every = slice(None, None, 1 + objective.reduced.scored // ENOUGH)
         tables = objective.tables_at(found)
-        for prepared in objective.prepared_records:
-            without_v = errors_along(prepared, tables) if trials else None
-            differences = [
-                (errors_along(prepared, replace(tables, dependence=trial)) - without_v)[
-                    prepared.scored
-                ]
+
+        def differences(place: int) -> Float[np.ndarray, "scored trials"]:
+            prepared = objective.prepared_records[place]
+            without_v = errors_along(prepared, tables)
+            moved = [
+                errors_along(prepared, replace(tables, dependence=trial)) - without_v
                 for trial in trials
             ]
-            alone, first = replace(objective, prepared_records=[prepared]), 0
-            for columns, base, _ in linearized(alone, found):
-                here = slice(first, first + len(base))
-                rows = np.column_stack(
-                    [columns, *(difference_v[here] for difference_v in differences), base]
-                )
-                rows = rows[:: 1 + count // ENOUGH]
-                products = products + rows.T @ rows
-                first, samples = first + len(base), samples + len(rows)
+            return np.stack(moved, axis=1)[prepared.scored]
+
+        further = differences if trials else None
+        for columns, base, _ in linearized(objective, found, further=further):
+            rows = np.column_stack([columns, base])[every]
+            products = products + rows.T @ rows
+            samples += len(rows)
         return cls(objective, products / samples)
 
     @property

@@ -10,7 +10,7 @@ these lines have moved other values.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -303,10 +303,13 @@ def linearized(
     objective: TableObjective,
     found: Solution,
     beside_v: Float[np.ndarray, "simulated sides"] | None = None,
+    further: Callable[[int], Float[np.ndarray, "scored further"]] | None = None,
 ) -> Iterator[Rows]:
-    """Columns of all unknowns, of all axes and of a dependence's numbers at the scored samples, the
-    base error of every side, and which of them come after the first load. `beside_v` is as
-    `reduce_records` has it."""
+    """Columns of all unknowns, of all axes, of a dependence's numbers and of `further` unknowns at
+    the scored samples, the base error of every side, and which of them come after the first load.
+
+    `beside_v` is as `reduce_records` has it; `further` gives the columns of a record by its place.
+    """
     pairs, layout = objective.pairs, objective.reduced.layout
     tau, rate = found.log_scales[:pairs], found.log_scales[pairs:]
     rungs = rungs_of(objective.elements)
@@ -315,8 +318,10 @@ def linearized(
     in_rate = span_through([-scale for scale in _around(rate)]) if rate else None
     layout = replace(layout, in_tau=in_tau, in_rate=in_rate)
     part = replace(objective.reduced, layout=layout)
-    for prepared in objective.prepared_records:
+    for place, prepared in enumerate(objective.prepared_records):
         beside = _dependence_slopes(prepared, objective.tables_at(found))
+        none = np.empty((np.count_nonzero(prepared.scored), 0))
+        others, first = none if further is None else further(place), 0
         for block in blocks(prepared, layout, beside_v):
             scored = prepared.scored[block.here]
             if not np.any(scored):
@@ -340,7 +345,8 @@ def linearized(
                 counts = found.values[-1] if layout.has_amplitude else np.ones(1)
                 moved.append((responses[2] - responses[0]) @ counts / (2 * STEP))
             moved += [slope[block.here][scored] for slope in beside]
-            columns = np.concatenate([*tables, np.stack(moved, axis=1)], axis=1)
+            here, first = slice(first, first + len(base)), first + len(base)
+            columns = np.concatenate([*tables, np.stack(moved, axis=1), others[here]], axis=1)
             yield columns, base, prepared.informed[block.here][scored]
 
 

@@ -1,14 +1,14 @@
 """Nuisances of the records of one cell, estimated together with its tables under priors."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from .intervals import UNSEEN, Rows, linearized, noises_behind, unsmoothed, with_penalty
+from .intervals import UNSEEN, linearized, noises_behind, unsmoothed, with_penalty
 from .objective import Solution, TableObjective
 
 # Columns of the voltage by the nuisances of all records, at the scored samples of one.
@@ -76,7 +76,9 @@ def estimate(
     of_tables, axes = lighter.ways(light), len(objective.axes)
     count, others = of_tables.shape[1], axes + len(objective.numbers) + now.size
     ways = np.asarray(block_diag(of_tables, np.eye(others)))
-    values, rows = np.concatenate(light.values), _with_nuisances(lighter, light, nuisances)
+    # The error falls where the simulated voltage rises.
+    rows = linearized(lighter, light, further=lambda place: -nuisances(lighter, light, place))
+    values = np.concatenate(light.values)
     (noise,), to_noise, products, slopes = noises_behind(lighter, values[:, None], ways, rows)
     normal, slopes = with_penalty(lighter, products, of_tables), slopes[:, 0]
     weight = float(np.mean(np.diag(noise.spread_v2))) / objective.reduced.scored
@@ -109,16 +111,3 @@ def estimate(
         )
 
     return [under(prior) for prior in priors]
-
-
-def _with_nuisances(
-    objective: TableObjective, found: Solution, nuisances: Nuisances
-) -> Iterator[Rows]:
-    """The rows of `linearized` with the columns of nuisances."""
-    for place, prepared in enumerate(objective.prepared_records):
-        # The error falls where the simulated voltage rises.
-        own, first = -nuisances(objective, found, place), 0
-        alone = replace(objective, prepared_records=[prepared])
-        for columns, base, informed in linearized(alone, found):
-            yield np.hstack([columns, own[first : first + len(base)]]), base, informed
-            first += len(base)

@@ -59,10 +59,8 @@ class Dependence(Brief):
     @property
     def numbers(self) -> dict[str, float]:
         """Its numbers by name with unit; all positive."""
-        found = {BETA: self.beta_per_k, KAPPA: self.kappa_per_a2}
-        found |= {HEATING: self.heating_tau_s or 0.0, ONSET: self.onset_a or 0.0}
-        found |= {CHARGE: self.charge_ratio or 0.0}
-        return {name: value for name, value in found.items() if value}
+        values = {name: getattr(self, field) for name, field in FIELDS.items()}
+        return {name: value for name, value in values.items() if value}
 
     @property
     def usual(self) -> Mapping[str, "Usual"]:

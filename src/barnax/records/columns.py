@@ -211,12 +211,9 @@ def columns_of(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> dic
 
 def find_given(header: Sequence[str], given: Mapping[str, str]) -> dict[str, Column]:
     """The columns that the user names, by quantity, of those that the header has."""
-    named = {
-        quantity.name: named_column(header, quantity, given[quantity.name])
-        for quantity in QUANTITIES
-        if quantity.name in given
-    }
-    return {name: column for name, column in named.items() if column is not None}
+    asked = [quantity for quantity in QUANTITIES if quantity.name in given]
+    named = ((own.name, named_column(header, own, given[own.name])) for own in asked)
+    return {name: column for name, column in named if column is not None}
 
 
 def names_record(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> bool:

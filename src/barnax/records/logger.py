@@ -116,10 +116,8 @@ class Logger:
     def of(cls, evidence: Sequence[SamplingEvidence]) -> "Logger":
         """The logger of some records, which is one."""
         proofs = [(one.proof, one.name) for one in evidence if one.proof is not None]
-        for strength in ("strong", "weak"):
-            firm = [(proof, name) for proof, name in proofs if proof.strength == strength]
-            if firm:
-                break
+        strong = [pair for pair in proofs if pair[0].strength == "strong"]
+        firm = strong or [pair for pair in proofs if pair[0].strength == "weak"]
         proof = None
         if firm and len({one.value for one, _ in firm}) == 1:
             first, name = firm[0]

@@ -128,7 +128,7 @@ def _require_common_rows(lines: Lines, file: str) -> None:
 
 
 def _one_cell(source: Source, samples: Samples) -> Samples:
-    """The samples with the voltage of one cell of those in series, and a note of it."""
+    """The samples with the voltage of one cell of those in series, noted."""
     voltage_v = source.of_one_cell(samples.voltage_v)
     if voltage_v is samples.voltage_v:
         return samples

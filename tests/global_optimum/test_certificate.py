@@ -135,7 +135,7 @@ def test_what_a_response_does_between_the_three_scales_is_allowed_for(wave, phas
     axis = SimpleNamespace(low=0.0, high=8.0, columns=columns)
     resistances = {"R0 [Ohm]": (0.1, 0.2), "R1 [Ohm]": (0.5, 1.0), "tau1 [s]": (1.0, np.exp(8.0))}
     box = Bounds(resistances, resistances["tau1 [s]"], elements=("rc",))
-    reduced = ConstantObjective(np.array([2.0]), np.array([0.0]), (axis,), box, 0, ())
+    reduced = ConstantObjective(np.array([2.0]), np.array([0.0]), (axis,), box, (), 0)
     vars(reduced)["remainders"] = [np.array([[wave**3], [wrong]])]
     places = np.linspace(0.0, 8.0, 20_001)
     sine = np.min(np.sin(wave * places + phase))

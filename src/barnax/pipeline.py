@@ -131,22 +131,23 @@ def _with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window],
     return _as_sampled(inputs, first), registered, first
 
 
-def _with_fitted_ocv(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], Problem]:
-    """The same of records whose OCV was fitted with their tables: until it was fitted with the
-    sampling of the current that their voltages show."""
-    while True:
-        given = {**windows_by_name(job.window), **inputs.fitted_ocv.windows}
-        windows = windows_of(inputs, given, job.capacity)
-        first = first_problem(inputs, windows, job, bounds=job.bounds, fix=job.fix)
-        sampled = _as_sampled(inputs, first)
-        pairs = zip(inputs.records, sampled.records, strict=True)
-        if all(before.hold.value == after.hold.value for before, after in pairs):
-            return sampled, windows, first
-        # The capacity stays that of the first fit.
-        cell = inputs.cell
-        fitted = own_ocv_of(job.changed(capacity=cell.capacity_ah), sampled.records)
-        cell = replace(fitted.cell, capacity_origin=cell.capacity_origin)
-        inputs = replace(sampled, cell=cell, fitted_ocv=fitted)
+def _with_fitted_ocv(
+    job: Job, inputs: Inputs, is_last: bool = False
+) -> tuple[Inputs, dict[str, Window], Problem]:
+    """The same of records whose OCV was fitted with their tables: once more where it was fitted
+    with another sampling of the current than their voltages show."""
+    given = {**windows_by_name(job.window), **inputs.fitted_ocv.windows}
+    windows = windows_of(inputs, given, job.capacity)
+    first = first_problem(inputs, windows, job, bounds=job.bounds, fix=job.fix)
+    sampled = _as_sampled(inputs, first)
+    pairs = zip(inputs.records, sampled.records, strict=True)
+    if is_last or all(before.hold.value == after.hold.value for before, after in pairs):
+        return sampled, windows, first
+    # The capacity stays that of the first fit.
+    cell = inputs.cell
+    fitted = own_ocv_of(job.changed(capacity=cell.capacity_ah), sampled.records)
+    cell = replace(fitted.cell, capacity_origin=cell.capacity_origin)
+    return _with_fitted_ocv(job, replace(sampled, cell=cell, fitted_ocv=fitted), is_last=True)
 
 
 def _as_sampled(inputs: Inputs, problem: Problem) -> Inputs:

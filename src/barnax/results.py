@@ -46,7 +46,7 @@ class Result(Document):
     A result that was computed or loaded has its simulated records in `evaluations`.
 
     Attributes:
-        schema_version: Version 7 of the file.
+        schema_version: Version of the schema.
         model: Name of the answer's circuit.
         metrics: The answer's errors.
         candidates: The constant circuit and the answer, with their errors.

@@ -152,7 +152,7 @@ class ComparisonResult(Document, ComparisonPart):
     Times are in `timings.json`; reports take them separately, in s by the name of the row.
 
     Attributes:
-        schema_version: Version 4 of the file.
+        schema_version: Version of the schema.
         rows: One method on one model each.
         differences: Differences between rows, and their significance.
         candidates: The usual circuits, each the best of its kind, and tables over SOC.

@@ -146,7 +146,8 @@ def make_result(
     hold_shift_ohm: float | None = None,
     **more: Any,
 ) -> Result:
-    """What was found of a problem as a `Result`, which can be stored.
+    """What was found of a problem as a `Result`, which can be stored; further names are fields of
+    it, such as its candidates and warnings.
 
     Args:
         problem: The problem that was searched.
@@ -157,7 +158,6 @@ def make_result(
         assessment: Intervals and diagnostics of the constant circuit.
         hold_shift_ohm: How much more its R0 would be if a sample's current flowed on its other
             side, where that is open.
-        more: Candidates, warnings and other fields of a `Result`.
     """
     best = best_of(refinement, optimum)
     if optimum is not None and refinement is not None:

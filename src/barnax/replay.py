@@ -117,7 +117,7 @@ class SocReplay(Document):
     none.
 
     Attributes:
-        schema_version: Version 2 of the file.
+        schema_version: Version of the schema.
         record: Name of the record.
         sha256: Digest of its file.
         model: The circuit.

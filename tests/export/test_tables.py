@@ -50,7 +50,7 @@ def test_a_time_constant_at_a_bound_is_a_caveat():
     result = make_table_result()
     part = result.tables
     fits = tuple(replace(fit, at_bound=(bound,)) for fit in part.fits)
-    over_soc = result.model_copy(update={"tables": part.model_copy(update={"fits": fits})})
+    over_soc = result.model_copy(update={"tables": replace(part, fits=fits)})
     for bounded in (over_soc, with_constant(make_result(), at_bound=bounds)):
         assert told in tables_of(bounded).caveats
     # The constant circuit beside tables is not what is exported.

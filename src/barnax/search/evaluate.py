@@ -57,7 +57,12 @@ class Evaluation(Brief):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluations(Brief):
-    """A circuit simulated on the records identified on, and on those validated on."""
+    """A circuit simulated on records.
+
+    Attributes:
+        identification: On those identified on.
+        validation: On those validated on.
+    """
 
     identification: tuple[Evaluation, ...]
     validation: tuple[Evaluation, ...] = ()

@@ -107,6 +107,12 @@ def test_an_estimate_that_does_not_stay_near_is_called_lost(replay):
     assert "goes wrong: the circuit" in told["Lost"]
 
 
+def test_an_soc_beyond_the_ocv_is_said(replay):
+    beyond = replay.model_copy(update={"soc_range": (-0.02, 1.0)})
+    said = f"0 and 100 % are the ends of the identified OCV; {replay.record} goes up to 2 % beyond"
+    assert told_of(beyond)["SOC"] == said
+
+
 def test_a_replay_is_stored_and_read_back(replay, tmp_path):
     (tmp_path / "soc.json").write_text(replay.to_json())
     again = SocReplay.from_json(tmp_path / "soc.json")

@@ -42,7 +42,7 @@ def first_screen(
         yield Text()
         yield indented(table)
     yield Text()
-    for section in document("screen", view=view).sections:
+    for section in document("screen", view=view, is_apart=is_apart).sections:
         for block in section.blocks:
             for text in block.items if isinstance(block, Bullets) else ():
                 yield indented(headed_line(section.title, with_cli_options(text)))

@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from ..notices import sentences_of
 from .document import Document, Pictures, Table, rows_table
 from .wording import document, sentences, wording
 from .words import NOTHING, duration
@@ -33,11 +32,7 @@ FLAT_SHARE = 0.05
 def replay_document(replay: "SocReplay", illustrations: "Iterable[Illustration]" = ()) -> Document:
     """The whole report of a replay."""
     errors = (*Pictures(illustrations).of("soc"), replay_table(replay))
-    notices = {
-        "warned": sentences_of(told for told in replay.warnings if told.counts),
-        "noted": sentences_of(told for told in replay.warnings if not told.counts),
-    }
-    facts = {"replay": replay, "verdict": soc_lines(replay), "told": notices}
+    facts = {"replay": replay, "verdict": soc_lines(replay)}
     summary = "; ".join(facts_of(replay)).replace("   ", ", ")
     return document("replayed", {"errors": errors}, summary=summary, **facts)
 
@@ -73,7 +68,7 @@ def soc_lines(replay: "SocReplay") -> tuple[str, ...]:
     if replay.start is not None and (replay.before_s or source not in EXPECTED):
         start = wording("starts.evidence", replay.start, source, "as given")
     extents = {replay.record: replay.soc_range}
-    beyond = wording("starts.beyond", extents, "the identified OCV")
+    beyond = "".join(sentences("starts.beyond", extents, "the identified OCV"))
     shares = [part.in_band for part in replay.scenarios if part.in_band is not None]
     is_overconfident = min(shares, default=1.0) < TRUSTED_BAND
     is_flat = replay.flat_soc is not None and replay.flat_share > FLAT_SHARE

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..plots.search import readable
+from ..select import Policy, Tried
 from .document import (
     METRICS,
     Block,
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from ..comparison import ComparisonResult
     from ..result_parts import Candidate, InputPart, MetricsPart, PlannedFile
     from ..results import Result
-    from ..select import Tried
     from ..uncertainty import Assessment, Band, Estimate, Profile
     from .words import BandQuantity
 
@@ -123,14 +123,18 @@ def errors_table(result: "Result") -> Table:
 
 
 def circuit_blocks(
-    candidates: "Sequence[Candidate]", tried: "Sequence[Tried]", validation: Sequence[str]
+    candidates: "Sequence[Candidate]", tried: Sequence[Tried], validation: Sequence[str]
 ) -> tuple[Block, ...]:
     """The answer and the constant circuit with their errors, and how the answer was chosen; nothing
     where there was no choice."""
     if len(candidates) < 2 and len(tried) < 2:
         return ()
     table = candidates_table(candidates, validation)
-    return (Bullets(sentences("circuit.rule")), table, choice_table(tried)) if tried else (table,)
+    return (
+        (Bullets(sentences("circuit.rule", Policy())), table, choice_table(tried))
+        if tried
+        else (table,)
+    )
 
 
 def choice_document(result: "Result") -> Document:
@@ -166,10 +170,10 @@ def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str
     return make_table(caption, ranked, cells, text)
 
 
-def choice_table(tried: "Sequence[Tried]") -> Table:
+def choice_table(tried: Sequence[Tried]) -> Table:
     """Every circuit that was tried, in order, with what it gained on the one before."""
 
-    def gain(own: "Tried") -> str:
+    def gain(own: Tried) -> str:
         if own.gain is None:
             return NOTHING
         return f"{fixed(own.gain.value, 3)} ({fixed(own.gain.standard_error, 3)})"

@@ -10,7 +10,6 @@ from ..cell import CellModel
 from ..cell.model import NEAR_DEGC
 from ..cell.parameters import HALF_HYSTERESIS, OHMIC
 from ..cell.soc_axis import ABOVE_SOC
-from ..notices import sentences_of
 from ..over_soc import circuit_name
 from .wording import sentences
 from .words import degrees, extent, gathered
@@ -88,18 +87,10 @@ class View:
         return self.stored.warnings
 
     @property
-    def warned(self) -> list[str]:
-        return sentences_of(told for told in self.warnings if told.counts)
-
-    @property
-    def noted(self) -> list[str]:
-        return sentences_of(told for told in self.warnings if not told.counts)
-
-    @property
     def unfit(self) -> "list[Notice]":
         """The records that are not suitable to be identified on."""
-        unfit = [told for told in self.warnings if told.code == "role.unfit"]
-        return [told for told in unfit if told.values["role"] == "identification"]
+        unfit = [notice for notice in self.warnings if notice.code == "role.unfit"]
+        return [notice for notice in unfit if notice.values["role"] == "identification"]
 
     @cached_property
     def identified(self) -> "tuple[InputPart, ...]":

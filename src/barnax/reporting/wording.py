@@ -19,12 +19,18 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from ..cell import dependence
 from ..cell.elements import alike
+from ..cell.soc_axis import ABOVE_SOC
+from ..notices import sentences_of
 from ..settings import MAX_MOVED_SOC
 from . import words
 from .document import Block, Bullets, Document, Paragraph, Section
 
 MARKS = "=#-!@"
+# What sentences say of the numerics, by name.
+CONSTANTS = {"ABOVE_SOC": ABOVE_SOC, "MAX_MOVED_SOC": MAX_MOVED_SOC}
+CONSTANTS |= {name: getattr(dependence, name) for name in ("BETA", "KAPPA", "ONSET", "CHARGE")}
 
 
 class Lines(str):
@@ -106,7 +112,7 @@ def _templates() -> Environment:
         undefined=StrictUndefined,
         finalize=_on_one_line,
     )
-    said = {name: own for name, own in vars(words).items() if isfunction(own)}
-    templates.filters |= {**said, "lines": Lines}
-    templates.globals |= {**said, "alike": alike, "MAX_MOVED_SOC": MAX_MOVED_SOC}
+    functions = {name: value for name, value in vars(words).items() if isfunction(value)}
+    templates.filters |= {**functions, "lines": Lines, "sentences_of": sentences_of}
+    templates.globals |= {**functions, **CONSTANTS, "alike": alike}
     return templates

@@ -133,6 +133,13 @@ def rounded_up(proved_gap: float) -> str:
     return f"{ROUNDED_UP.create_decimal(repr(100 * proved_gap)):f} %" if proved_gap else "0 %"
 
 
+def minima_reach() -> str:
+    """How far above the lowest one a grid's minima are kept."""
+    from ..global_optimum.search import FACTOR
+
+    return f"less than {percent(FACTOR - 1)} above the best one"
+
+
 def above(rmse_v: float, optimum_v: float) -> str:
     """The distance of an RMSE above that of the optimum."""
     from ..global_optimum import optimality_gap

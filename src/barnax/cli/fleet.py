@@ -304,7 +304,7 @@ def life(given: LifeOptions, output: Output) -> None:
     run.show(shown(as_flags(line)) for line in life_lines(trends))
     run.deliver("life.json", life_json(trends), files)
     names = ["report.html", "trends.parquet", "life.json"]
-    run.show_written(names, f"{len(pages)} pages in cells")
+    run.show_written(names, f"{len(pages)} pages in cells" if names[0] in run.written else "")
 
 
 def _pages(trends: "Life", cells: Iterable[str]) -> dict[str, bytes]:

@@ -81,7 +81,7 @@ def _errors_table(view: View) -> Whole:
     metrics = (view.errors, *view.validation_errors)
     heads = ["", "identification", *_numbered("validation", len(metrics) - 1)]
     above = [part.rmse_above_10_soc_v for part in metrics]
-    own = [part.rmse_v for part in metrics]
+    whole = [part.rmse_v for part in metrics]
     candidates = view.candidates
     held = [c.held_out and c.held_out.rmse_v for c in candidates]
     if any(value is not None for value in held):
@@ -91,7 +91,7 @@ def _errors_table(view: View) -> Whole:
         errors_v = [candidate.identification.rmse_v, *candidate.validation_v, held_v]
         mark = "<- answer" if candidate.is_answer and len(candidates) > 1 else ""
         rows.append([candidate.name, *map(aligned_millivolt, errors_v[: len(heads) - 1]), mark])
-        if candidate.is_answer and any(map(is_apart, above, own)):
+        if candidate.is_answer and any(map(is_apart, above, whole)):
             errors_v = [*above, candidate.held_out and candidate.held_out.above_v]
             row = map(aligned_millivolt, errors_v[: len(heads) - 1])
             rows.append(["  above 10 % SOC", *row, ""])
@@ -122,9 +122,9 @@ def _errors_over_temperature(view: View, over: "OverTemperature") -> Whole:
     left = [_left_out_v(over, parts.get(part.record)) for _, part in rows]
     if any(value is not None for value in left):
         columns["left out"] = left
-    told = (map(aligned_millivolt, row) for row in zip(*columns.values(), strict=True))
+    cells = (map(aligned_millivolt, row) for row in zip(*columns.values(), strict=True))
     return bare_table(
-        [view.model, *columns], ([role, *row] for (role, _), row in zip(rows, told, strict=True))
+        [view.model, *columns], ([role, *row] for (role, _), row in zip(rows, cells, strict=True))
     )
 
 

@@ -122,20 +122,20 @@ def _quantities(life: "Life") -> list[dict[str, Any]]:
     quantities = []
     for quantity in QUANTITIES:
         trends, is_shift = life.of(quantity), quantity == SHIFT
-        told = [trend for trend in trends if trend.estimates]
+        determined = [trend for trend in trends if trend.estimates]
         change = None
-        if told:
-            first, last = np.array([_ends(trend) for trend in told]).T
+        if determined:
+            first, last = np.array([_ends(trend) for trend in determined]).T
             change = 1e3 * np.median(last) if is_shift else 100 * (np.median(last / first) - 1)
         quantities.append(
             {
                 "name": quantity_name(quantity),
                 "is_shift": is_shift,
                 "change": change,
-                "cells": len(told),
-                "missing": len(life.cells) - len(told),
+                "cells": len(determined),
+                "missing": len(life.cells) - len(determined),
                 "rows": sum(len(trend.age) for trend in trends),
-                "told": sum(trend.estimates for trend in trends),
+                "determined": sum(trend.estimates for trend in trends),
             }
         )
     return quantities
@@ -192,8 +192,8 @@ def _trend_table(life: "Life", trend: "Trend") -> Table:
 
 
 def _ends(trend: "Trend") -> tuple[float, float]:
-    known = trend.smooth[np.isfinite(trend.smooth[:, 0]), 0]
-    return float(known[0]), float(known[-1])
+    smooth = trend.smooth[np.isfinite(trend.smooth[:, 0]), 0]
+    return float(smooth[0]), float(smooth[-1])
 
 
 def _scale(quantity: str) -> float:

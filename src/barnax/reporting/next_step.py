@@ -146,10 +146,10 @@ def _wide(view: View) -> str:
         nodes = view.fit.of_table(name)
         if not name.startswith("R") or not nodes:
             continue
-        known = sum(n.low is not None and n.standard_error <= WIDE * n.value for n in nodes)
-        if known < FEW * len(nodes):
-            held = f"{known} of {len(nodes)} nodes"
-            return f"the standard error of {symbol(name)} is under {percent(WIDE)} at {held}"
+        narrow = sum(n.low is not None and n.standard_error <= WIDE * n.value for n in nodes)
+        if narrow < FEW * len(nodes):
+            where = f"{narrow} of {len(nodes)} nodes"
+            return f"the standard error of {symbol(name)} is under {percent(WIDE)} at {where}"
     return ""
 
 
@@ -158,13 +158,13 @@ def _other_temperatures(result: "Result") -> list[float]:
     used = {file.temperature_degc for file in result.plan if file.role == "identification"}
     if len(used) != 1 or None in used:
         return []
-    known = [degc for degc in used if degc is not None]
+    all_degc = [degc for degc in used if degc is not None]
     for file in result.plan:
         degc = file.temperature_degc
         is_left = file.role == "not used" and file.kind in ("drive cycle", "pulse test")
-        if is_left and degc is not None and all(abs(degc - own) > SAME_DEGC for own in known):
-            known.append(degc)
-    return sorted(known[1:])
+        if is_left and degc is not None and all(abs(degc - one) > SAME_DEGC for one in all_degc):
+            all_degc.append(degc)
+    return sorted(all_degc[1:])
 
 
 def _missed_by_the_polynomial_v(cell: "CellModel") -> float:

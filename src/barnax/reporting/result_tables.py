@@ -173,20 +173,20 @@ def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str
 def choice_table(tried: Sequence[Tried]) -> Table:
     """Every circuit that was tried, in order, with what it gained on the one before."""
 
-    def gain(own: Tried) -> str:
-        if own.gain is None:
+    def gain(rung: Tried) -> str:
+        if rung.gain is None:
             return NOTHING
-        return f"{fixed(own.gain.value, 3)} ({fixed(own.gain.standard_error, 3)})"
+        return f"{fixed(rung.gain.value, 3)} ({fixed(rung.gain.standard_error, 3)})"
 
     cells: Cells[Tried] = {
-        "circuit": lambda own: own.circuit,
-        "nodes": lambda own: str(own.nodes),
-        "follows": lambda own: joined(own.follows),
-        "adds": lambda own: ADDS[own.ladder],
-        "fitted [mV]": lambda own: fixed(1e3 * own.rmse_v, 2),
-        "held out [mV]": lambda own: errors_words(own.held_out),
+        "circuit": lambda rung: rung.circuit,
+        "nodes": lambda rung: str(rung.nodes),
+        "follows": lambda rung: joined(rung.follows),
+        "adds": lambda rung: ADDS[rung.ladder],
+        "fitted [mV]": lambda rung: fixed(1e3 * rung.rmse_v, 2),
+        "held out [mV]": lambda rung: errors_words(rung.held_out),
         "gain (standard error)": gain,
-        "": lambda own: own.outcome,
+        "": lambda rung: rung.outcome,
     }
     return make_table(
         "How the circuit was chosen: errors on held-out blocks, in brackets those above 10 % SOC, "
@@ -250,7 +250,7 @@ def assessment_tables(assessment: "Assessment", whose: str) -> tuple[Table, ...]
     }
     caption = f"Errors{whose} by {joined(list(kinds))}; the mean is measured minus simulated."
     bands: list[tuple[BandQuantity, Band]]
-    bands = [(kind, band) for kind, own in kinds.items() for band in own]
+    bands = [(kind, band) for kind, of_kind in kinds.items() for band in of_kind]
     table = make_table(caption, bands, cells, ["by", "band"])
     if assessment.examination is None:
         return (table,)
@@ -274,8 +274,8 @@ def seed_tables(result: "Result") -> tuple[Table, ...]:
         [name, *map(significant, _beside(value, [seed[name] for seed in seeds]))]
         for name, value in readable(result.constant.parameters.to_dict()).items()
     ]
-    own_v = result.constant.metrics.identification.rmse_v
-    errors_v = _beside(own_v, [seed.rmse_v for seed in search.seeds])
+    answer_v = result.constant.metrics.identification.rmse_v
+    errors_v = _beside(answer_v, [seed.rmse_v for seed in search.seeds])
     rows.append(["RMSE [mV]", *(fixed(1e3 * error_v, 4) for error_v in errors_v)])
     caption = f"The answer beside what {counted(len(seeds), 'seed')} of {search.method} found"
     heads = ["parameter", "answer", "median", "lowest", "highest"]

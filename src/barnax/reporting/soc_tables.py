@@ -78,7 +78,7 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
     are_several = any(node.record_low is not None for node in fit.intervals)
     intervals = [node for node in fit.intervals if node.soc is not None]
     if are_several:
-        intervals = [own.on_another_record for own in intervals]
+        intervals = [node.on_another_record for node in intervals]
     by_node = {(node.name, node.soc): node for node in intervals}
     heads = ["SOC [%]"]
     for name in fit.tables.tables:
@@ -122,7 +122,7 @@ def constants_table(fit: "TableFit", where: str = "") -> Table:
     values = fit.tables.constants
     if not fit.is_over_soc:
         values = {name: value for name, (value,) in fit.tables.tables.items()} | values
-    intervals = {own.name: own for own in fit.intervals if own.soc is None or not fit.is_over_soc}
+    intervals = {it.name: it for it in fit.intervals if it.soc is None or not fit.is_over_soc}
     cells: Cells[str] = {
         "parameter": symbol,
         "value": lambda name: with_unit(name, values[name]),

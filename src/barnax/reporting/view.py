@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..results import Result
 
 # Sources of a start's SOC that another line has, or that need no line.
-TOLD = ("given", "rested voltage", "own full charge", "own span", "registered")
+SAID_ELSEWHERE = ("given", "rested voltage", "own full charge", "own span", "registered")
 # Those that settle the SOC axis of records without an OCV test.
 OF_AXIS = ("own full charge", "own span", "given")
 # Starts and capacities of records that are adjusted by less, as shares, change no answer.
@@ -131,7 +131,7 @@ class View:
     def windows(self) -> "Mapping[Window, list[str]]":
         """The records of each window as it was given."""
         windows = [
-            (own.origin.told if (own := part.window.registration) else part.window, part.name)
+            (moved.origin.told if (moved := part.window.registration) else part.window, part.name)
             for part in self.simulated
             if part.window
         ]
@@ -177,7 +177,7 @@ class View:
         return [
             (part, moved.get(part.name))
             for part in self.inputs
-            if part.start is not None and part.start.soc_source not in TOLD
+            if part.start is not None and part.start.soc_source not in SAID_ELSEWHERE
         ]
 
     @property
@@ -294,7 +294,7 @@ class View:
     @property
     def ocv_degc(self) -> list[float]:
         """The temperatures of OCV tests, from cold to warm."""
-        return sorted(own.temperature_degc or 0.0 for own in (self.cell, *self.cell.elsewhere))
+        return sorted(cell.temperature_degc or 0.0 for cell in (self.cell, *self.cell.elsewhere))
 
     @property
     def degc_without_ocv(self) -> list[float]:
@@ -302,7 +302,7 @@ class View:
         return [
             degc
             for degc in (self.over_temperature.temperatures_degc if self.over_temperature else ())
-            if min(abs(own - degc) for own in self.ocv_degc) > NEAR_DEGC
+            if min(abs(tested - degc) for tested in self.ocv_degc) > NEAR_DEGC
         ]
 
     @property
@@ -340,9 +340,9 @@ class View:
     @cached_property
     def _registered(self):
         return [
-            (part, part.start.soc, part.window.capacity_ah, own)
+            (part, part.start.soc, part.window.capacity_ah, registration)
             for part in self.identified
-            if part.start and part.window and (own := part.window.registration)
+            if part.start and part.window and (registration := part.window.registration)
             and part.window.capacity_ah
         ]  # fmt: skip
 
@@ -353,10 +353,10 @@ class View:
         if not entries:
             return None
         parts, soc, capacity_ah, registrations = zip(*entries, strict=True)
-        origins = [own.origin for own in registrations]
+        origins = [registration.origin for registration in registrations]
         of = parts[0].name if len(parts) == 1 else f"{len(parts)} records"
-        before_soc = extent([own.told_soc for own in origins], 100)
-        before_ah = extent([own.told_capacity_ah for own in origins])
+        before_soc = extent([origin.told_soc for origin in origins], 100)
+        before_ah = extent([origin.told_capacity_ah for origin in origins])
         moved = [
             f"{what} of {of} now {now} {unit} (was {before} {unit})"
             for what, now, before, unit in (
@@ -365,18 +365,18 @@ class View:
             )
             if now != before
         ]
-        are_free = not any(own.told.capacity_ah for own in origins)
+        are_free = not any(origin.told.capacity_ah for origin in origins)
         return AdjustedByTest(moved, are_free and len(parts) == len(self.identified))
 
     @property
     def adjusted_by_records(self) -> list[str]:
         """The largest changes that made records agree with each other."""
         changes = [
-            (soc - own.told_soc, capacity_ah / own.told_capacity_ah - 1)
-            for _, soc, capacity_ah, own in self._registered
-            if own.by == "records"
+            (soc - moved.told_soc, capacity_ah / moved.told_capacity_ah - 1)
+            for _, soc, capacity_ah, moved in self._registered
+            if moved.by == "records"
         ]
-        largest = [max(map(abs, own)) for own in zip(*changes, strict=True)]
+        largest = [max(map(abs, column)) for column in zip(*changes, strict=True)]
         return [
             f"{what} by up to {100 * most:.2g} %"
             for what, most in zip(("initial SOC", "capacities"), largest, strict=False)

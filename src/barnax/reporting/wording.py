@@ -64,7 +64,7 @@ def document(
             sections[-1][1].extend(map(Paragraph, texts))
         else:
             sections[-1][1].append(Bullets(tuple(texts), are_warnings=mark == "!"))
-    filled = (Section(name, tuple(own)) for name, own in sections if own)
+    filled = (Section(name, tuple(parts)) for name, parts in sections if parts)
     return Document(title, summary, tuple(filled))
 
 

@@ -87,6 +87,15 @@ def findings() -> list[str]:
     ]
 
 
+@pytest.mark.parametrize(
+    ("high", "end"), [(None, "the data."), (0.06, "the data; it is at most 60 mOhm.")]
+)
+def test_a_parameter_at_a_bound_is_said_to_be_at_most_what_is_known_of_it(high, end):
+    held = Estimate("R1 [Ohm]", 0.05, "at upper bound", low=None, high=high)
+    said = wording("circuit.finding", Undetermined("at bound", (held,), 1.0, 600.0))
+    assert said == f"R1 = 50 mOhm is at its upper bound: the bounds set it, not {end}"
+
+
 def errors() -> list[str]:
     noise = NoiseParts((0.0, 60.0), (1e-3, 5e-3))
     uncertainty = Uncertainty(0.95, 19_680, (R0, replace(R1, relative_error=0.3)), (), (), noise)

@@ -90,3 +90,9 @@ def test_every_macro_is_used():
         for macro in parsed(name).find_all(nodes.Macro):
             is_said = re.search(rf"""["']{name}\.{macro.name}["']""", source)
             assert id(macro) in called or is_said, f"{name}.{macro.name}"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_that_differ_in_case_are_different(name):
+    for node in parsed(name).find_all(nodes.Filter):
+        assert node.name != "unique" or node.args, f"{name}.txt:{node.lineno}"

@@ -91,6 +91,17 @@ def test_a_dual_filter_comes_from_the_middle_of_the_box_to_the_resistance_of_now
     assert np.all(answer.trajectory.tau_s > 0)
 
 
+@pytest.mark.slow
+def test_a_dual_filter_keeps_the_rate_of_a_dynamic_hysteresis_in_the_middle_of_its_box(
+    known_problem,
+):
+    problem = known_problem(TWO_PAIRS, "esc")
+    answer = answer_of("dual-ukf", problem)
+    low, high = problem.bounds.ranges["gamma"]
+    assert answer.parameters.gamma == pytest.approx(np.sqrt(low * high))
+    assert np.isfinite(answer.rmse_v)
+
+
 @pytest.mark.parametrize(
     ("current_a", "says"),
     [(np.ones(600), "current never changes"), (np.arange(170) % 7, "there are 111")],

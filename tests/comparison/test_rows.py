@@ -5,12 +5,14 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from scipy.optimize import differential_evolution
 
 from barnax.baselines import Budget
 from barnax.bundled import BUNDLED
 from barnax.comparison import ComparisonResult, compare, make_comparison_result
 from barnax.comparison.statistics import errors_by_soc
 from barnax.model.window import Window
+from barnax.plots import plot_compared_convergence
 from barnax.records import read_record
 from barnax.search.evaluate import validate
 from barnax.search.refine import SAME_RMSE
@@ -121,6 +123,20 @@ def test_seeds_are_paired_where_a_row_has_them_and_on_the_identification_record(
     assert all(each.over_seeds is None for each in comparison.differences if each.is_validation)
 
 
+@pytest.mark.slow
+def test_bounds_go_to_the_models_that_have_the_parameter(bundled_record, bundled_cell):
+    compared = compare(
+        bundled_record,
+        bundled_cell,
+        [("so-rc", "varpro"), ("3rc", "ls")],
+        window=WINDOW,
+        bounds={"R3 [Ohm]": (0.001, 0.002)},
+        fixed={"R0 [Ohm]": 0.06},
+    )
+    assert compared.rows[0].median.parameters.r0 == pytest.approx(0.06)
+    assert compared.rows[1].problem.bounds.ranges["R3 [Ohm]"] == (0.001, 0.002)
+
+
 def test_the_file_gives_back_the_result_exactly(result, tmp_path):
     path = tmp_path / "comparison.json"
     path.write_text(result.to_json())
@@ -148,3 +164,30 @@ def test_a_comparison_repeats_to_the_same_bytes(bundled_record, bundled_cell):
         return make_comparison_result(compared).to_json()
 
     assert text() == text()
+
+
+@pytest.mark.slow
+def test_seeds_that_stop_after_different_generations_are_stored_and_drawn(
+    bundled_record, bundled_cell, monkeypatch
+):
+    """Differential evolution ends where its whole population has come to one error, at last."""
+    turns = itertools.count()
+
+    def sooner(*given, maxiter, **more):
+        return differential_evolution(*given, maxiter=maxiter - 10 * next(turns), **more)
+
+    monkeypatch.setattr("barnax.baselines.searches.differential_evolution", sooner)
+    compared = compare(
+        bundled_record,
+        bundled_cell,
+        [("1rc", "de")],
+        window=WINDOW,
+        fixed={"R1 [Ohm]": 0.02, "tau1 [s]": 20.0},
+        budget=Budget(population=5, iterations=60, seeds=3),
+    )
+    result = make_comparison_result(compared)
+    histories = [seed.history_v for seed in result.rows[0].seeds]
+    assert len({len(each) for each in histories}) > 1
+    drawn = plot_compared_convergence(result).axes[0].get_lines()[0]
+    assert len(drawn.get_xdata()) == max(map(len, histories))
+    assert drawn.get_ydata()[-1] == pytest.approx(1e3 * np.median([each[-1] for each in histories]))

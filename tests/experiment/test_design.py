@@ -12,6 +12,7 @@ from scipy.linalg import toeplitz
 
 import barnax
 from barnax.errors import InputError
+from barnax.experiment import Block
 from barnax.experiment.belief import believed_of_chemistry
 from barnax.experiment.information import Seconds, columns_along, information_of
 from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
@@ -134,6 +135,51 @@ def test_a_design_keeps_its_time_and_its_limits(pulsed):
     (emptying,) = [step for step in pulsed.steps if step.block == "to empty"]
     assert emptying.current_a < 0.34 * 2.0
     assert predicted.soc.max() <= 1
+
+
+@pytest.mark.slow
+def test_lines_between_what_is_stored_of_a_prediction_are_its_voltage(designed, believed):
+    predicted = designed.predicted
+    current_a = sampled(designed.steps)
+    voltage_v, _ = voltage_along(believed, current_a, designed.initial_soc)
+    ends = np.cumsum([round(step.duration_s) for step in designed.steps])
+    inside = np.setdiff1d(np.arange(1, len(voltage_v)), [*ends, *(ends - 1)])
+    drawn_v = np.interp(inside, predicted.time_s, predicted.voltage_v)
+    np.testing.assert_allclose(drawn_v, voltage_v[inside], atol=4e-3)
+    assert len(predicted.time_s) < len(current_a) / 20
+
+
+@pytest.mark.slow
+def test_rates_over_soc_hold_for_pieces_that_leave_their_stretch():
+    taken = [
+        Block("charge", (300.0, 60.0), (-1.0, 0.0)),
+        Block("pulse", (180.0, 300.0), (1.0, 0.0)),
+    ]
+    discharge, charge = [(0.0, 0.1), (0.5, 2.0)], [(0.3, 1.0), (1.0, 0.05)]
+    found = barnax.design(
+        capacity=0.002, max_hours=5.0, blocks=taken, starts=1, max_discharge=discharge,
+        max_charge=charge,
+    )  # fmt: skip
+    current_a = sampled(found.steps)
+    soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / 0.002
+    assert np.all(current_a <= 1.001 * 0.002 * np.interp(soc, *np.transpose(discharge)))
+    assert np.all(-current_a <= 1.001 * 0.002 * np.interp(soc, *np.transpose(charge)))
+    # The steps of a small cell have as many digits as those of a large one.
+    rows = csv.DictReader(steps_csv(found).splitlines())
+    written = [float(row["Current / A"]) for row in rows]
+    np.testing.assert_allclose(written, [abs(step.current_a) for step in found.steps], rtol=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["R0", "R1", "R2", "drive"])
+def test_a_design_promises_more_an_hour_than_a_pulse_test(designed, name):
+    hppc = designed.references[0]
+    assert designed.hours < hppc.hours / 6
+    own, others = (
+        np.sqrt(hours) * np.median([width.after for width in designed.of_table(name, widths)])
+        for hours, widths in ((designed.hours, designed.widths), (hppc.hours, hppc.widths))
+    )
+    assert own < others
 
 
 @pytest.mark.slow

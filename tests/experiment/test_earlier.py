@@ -54,6 +54,25 @@ def test_a_record_by_the_second_takes_the_same_charge(prepared):
     assert seconds.counted.all()
 
 
+@pytest.mark.slow
+def test_noise_is_told_from_what_a_circuit_leaves_out(prepared, believed):
+    rng = np.random.default_rng(3)
+    count = len(prepared.soc)
+    seconds = by_second(prepared)
+    columns, _ = columns_along(believed.usual, seconds.current_a, seconds.soc)
+    left_out = columns[:, len(believed.names) :]
+    found = {}
+    for size in (0.0, 0.4, 0.8):
+        more_v = np.append(left_out @ rng.normal(size=left_out.shape[1]), 0.0) * size
+        noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 2e-3)
+        found[size] = error_of(believed, [left(prepared, believed, noise_v + more_v[:count])])
+    assert found[0.0].left_out < 0.15
+    assert found[0.0].rest_v == pytest.approx(found[0.0].rmse_v, rel=0.05)
+    for size in (0.4, 0.8):
+        assert found[size].left_out == pytest.approx(size, rel=0.3)
+        assert found[size].rest_v < 0.95 * found[size].rmse_v
+
+
 def test_planted_noise_is_found(prepared, believed):
     rng = np.random.default_rng(4)
     count = len(prepared.soc)
@@ -65,3 +84,14 @@ def test_planted_noise_is_found(prepared, believed):
     )
     assert fast == pytest.approx(2e-3, rel=0.25)
     assert slow == pytest.approx(3e-3, rel=0.35)
+
+
+@pytest.mark.slow
+def test_records_have_the_noise_of_both(prepared, believed):
+    rng = np.random.default_rng(5)
+    count = len(prepared.soc)
+    both = [left(prepared, believed, correlated(rng, count, 60, sd_v)) for sd_v in (1e-3, 4e-3)]
+    found = error_of(believed, both)
+    expected_v = np.sqrt((1e-6 + 16e-6) / 2)
+    assert np.sqrt(sum(sd_v**2 for _, sd_v in found.noise)) == pytest.approx(expected_v, rel=0.2)
+    assert error_of(believed, both[:1]).rmse_v < 0.5 * found.rmse_v

@@ -9,6 +9,7 @@ import pytest
 
 import barnax
 from barnax.bundled import bundled_file
+from barnax.cell.curves import InterpolatedCurve
 from barnax.cli.session import as_flags
 from barnax.errors import InputError
 from barnax.experiment.belief import believed_of
@@ -115,10 +116,61 @@ def test_beyond_what_the_record_told_the_ocv_is_that_of_the_chemistry(joined, be
     )
 
 
+@pytest.mark.slow
+def test_a_chemistry_takes_it_from_full_to_empty(joined, truth):
+    design = barnax.design(joined, **LIMITS)
+    assert design.initial_soc == 1.0
+    assert any(step.block == "to empty" for step in design.steps)
+    voltage_v = true_voltage(truth, design, 1.0)
+    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
+
+
+def test_another_chemistry_than_the_record_shows_is_refused(placed):
+    with pytest.raises(InputError, match=r"`chemistry` lfp: at 65 % SOC .* 3\.27 V, .* 3\.86"):
+        believed_of(placed, None, "lfp")
+
+
+@pytest.mark.slow
+def test_where_nothing_shows_what_is_full_the_voltage_brings_the_cell_to_its_start(unplaced, truth):
+    design = barnax.design(unplaced, **LIMITS)
+    # The fullest point is 65 % of the true cell.
+    true_v = float(truth.cell.average_ocv_v(np.array([0.65]))[0])
+    assert design.start_v == pytest.approx(true_v, abs=0.02)
+    assert not any(step.block == "to empty" for step in design.steps)
+    assert f"to {design.start_v:.3f} V, hold until 0.018" in before(design)
+    voltage_v = true_voltage(truth, design, 0.65)
+    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
+    assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
+
+
 @pytest.mark.parametrize("result", [pytest.param("unplaced", marks=pytest.mark.slow), "sized"])
 def test_no_typical_ocv_is_joined_where_nothing_shows_what_is_full(result, request):
     with pytest.raises(InputError, match=r"`chemistry` nmc: nothing shows .* full"):
         believed_of(request.getfixturevalue(result), None, "nmc")
+
+
+@pytest.mark.slow
+def test_a_capacity_alone_leaves_the_test_within_the_record(sized, truth):
+    """Of the 2 Ah of the true cell, its record began at 60 % and its fullest point is 65 %."""
+    believed = believed_of(sized, None)
+    design = barnax.design(believed, **LIMITS)
+    screen = screen_of(planned_lines(believed, as_flags))
+    low, high = believed.told_soc
+    assert f"knows the OCV from {100 * low:.0f} to {100 * high:.0f} %, and the test" in screen
+    taken_ah = 2.0 * (design.initial_soc - design.predicted.soc.min())
+    held_ah = 2.0 * truth.cell.soc_from_rest_voltage(design.start_v)
+    assert taken_ah < held_ah - 2.0 * 0.2 + 0.03
+    voltage_v = true_voltage(truth, design, held_ah / 2.0)
+    assert design.limits.low_v < voltage_v.min()
+
+
+def test_a_chemistry_whose_highest_voltage_the_cell_passes_is_refused():
+    """A full cell at 4.33 V: near a typical one at 4.18 V, and above the 4.2 V that it stops at."""
+    believed = believed_of(None, 2.0, "nmc")
+    rising = InterpolatedCurve.fit(np.array([0.0, 1.0]), np.array([2.7, 4.33]))
+    cell = replace(believed.cell, charge=rising, discharge=rising)
+    with pytest.raises(InputError, match=r"at 100 % SOC .* 4\.18 V, and this one 4\.33 V"):
+        believed_of(replace(believed, cell=cell, typical=""), None, "nmc")
 
 
 @pytest.mark.parametrize(
@@ -147,3 +199,26 @@ def test_a_part_of_the_charge_without_a_node_is_refused():
     coarse = replace(believed, settings=settings, told_soc=(0.4, 0.8), typical="")
     with pytest.raises(InputError, match="`want` R0, R1, R2: no node lies from 43 to 80 % SOC"):
         barnax.design(coarse, max_hours=1.5, blocks=BLOCKS)
+
+
+@pytest.mark.slow
+def test_another_capacity_would_stretch_an_ocv_that_the_record_told(unplaced):
+    with pytest.raises(InputError, match=r"the OCV was identified over 0\.90.* would be stretched"):
+        barnax.design(unplaced, capacity=2.0)
+
+
+@pytest.mark.slow
+def test_a_flat_ocv_brings_no_cell_to_its_start():
+    flat = identified("lfp_identification", low=0.4)
+    with pytest.raises(InputError, match="too flat to bring it there"):
+        barnax.design(flat)
+
+
+@pytest.mark.slow
+def test_hours_that_are_too_few_are_told_with_the_least():
+    with pytest.raises(InputError, match=r"`max_hours` 0\.5: .* takes .* h without rests") as told:
+        barnax.design(capacity=2.0, max_hours=0.5, blocks=BLOCKS)
+    least = float(str(told.value).split(" h without rests")[0].split()[-1])
+    with pytest.raises(InputError, match="without rests"):
+        barnax.design(capacity=2.0, max_hours=least - 0.02, blocks=BLOCKS)
+    assert least - 0.02 < barnax.design(capacity=2.0, max_hours=least, blocks=BLOCKS).hours <= least

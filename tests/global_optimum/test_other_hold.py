@@ -100,6 +100,23 @@ def test_intervals_span_both_holds_where_they_differ_and_a_warning_says_so(pchip
 
 
 @pytest.mark.slow
+def test_an_interval_of_r0_reaches_up_to_what_comes_a_sample_late(pchip_cell):
+    table = simulated(pchip_cell, 1.0 * np.arange(3000), "forward")
+    late = table[VOLTAGE].to_numpy().copy()
+    late[1:] -= 0.4 * np.diff(late)
+    given = {"cell": pchip_cell, "model": "so-rc", "seeds": 0, "window": WINDOW}
+    table = table.with_columns(pl.Series(VOLTAGE, late))
+    result = barnax.identify(table, voltage_lag=0.0, **given)
+    assert result.constant.assessment
+    r0 = result.constant.assessment.uncertainty["R0 [Ohm]"]
+    assert r0.value < 0.8 * 0.05
+    assert r0.high
+    # What comes in the second sample: of the pairs, a sample and a half of their own.
+    passed = np.sum(-np.array(TRUTH.r) * np.expm1(-1.5 / np.array(TRUTH.tau_s)))
+    assert 0.05 < r0.high < 1.05 * (0.05 + passed)
+
+
+@pytest.mark.slow
 def test_tables_move_under_the_other_hold_by_the_closed_form_of_their_own_pairs(pchip_cell):
     tables = {
         hold: barnax.identify(

@@ -133,6 +133,12 @@ def test_a_record_longer_than_a_block_is_carried_across_its_edges(bundled_record
     assert_compressed_is_the_reference(problem)
 
 
+def test_a_record_of_fewer_samples_than_nodes_has_the_error_of_a_plain_simulation(bundled_cell):
+    problem = make_problem(drive_record("uneven", 15, 8), bundled_cell, "so-rc", window=KNOWN_SOC)
+    assert problem.scored < len(problem.compressed.in_tau.nodes)
+    assert_compressed_is_the_reference(problem)
+
+
 def test_records_reduced_together_have_their_joint_error(bundled_cell):
     records = [drive_record("uneven", 300, 2), drive_record("gaps", 400, 3, "backward")]
     problem = make_problem(records, bundled_cell, "so-rc", window=KNOWN_SOC)

@@ -31,6 +31,11 @@ def test_the_skeleton_gives_the_answer_of_any_time_constant_in_the_span():
     np.testing.assert_allclose(answer, step_answer(tau), rtol=0, atol=SPAN.error)
 
 
+def test_the_promised_error_is_kept_with_room():
+    assert SPAN.error <= 1e-12
+    assert len(SPAN.skeleton) < len(SPAN.nodes)
+
+
 @pytest.mark.parametrize("half_width", [2.0, 6.0])
 def test_the_error_of_interpolation_stays_under_its_bound(half_width):
     count = 40

@@ -10,8 +10,10 @@ from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.cell.circuits import loops
 from barnax.errors import InputError
 from barnax.model.prepared import both_directions, prepare_record, soc_along
+from barnax.model.problem import make_problem
 from barnax.model.window import Window, first_sample, scored_samples
 from barnax.search.evaluate import evaluate
+from barnax.settings import Registration
 from helpers.problems import R0_OHM, R_OHM, TAU_S, simulated_record
 from helpers.reference import make_record
 
@@ -74,6 +76,26 @@ def test_samples_are_scored_after_the_start_in_the_chosen_steps_and_times(window
     assert np.flatnonzero(scored).tolist() == list(expected)
 
 
+def test_samples_outside_the_chosen_states_of_charge_are_not_scored(bundled_cell):
+    low, high = 0.75, 0.78
+    course = prepared(bundled_cell, Window(initial_soc=0.8, score_soc=(low, high)))
+    soc = prepared(bundled_cell).soc
+    expected = np.flatnonzero((soc >= low) & (soc <= high))
+    assert 10 < len(expected) < 80
+    assert np.flatnonzero(course.scored).tolist() == expected.tolist()
+
+
+def test_the_simulation_ends_with_the_last_scored_sample(bundled_cell):
+    window = Window(start_time_s=100.0, initial_soc=0.8, score_from_s=200.0, score_to_s=500.0)
+    course = prepared(bundled_cell, window)
+    assert (course.time_s[0], course.time_s[-1]) == (100.0, 500.0)
+    assert course.scored.sum() == 31
+    assert course.scored_duration_s == 300.0
+    assert course.median_interval_s == 10.0
+    inputs = course.simulation_input(1.0)
+    np.testing.assert_array_equal(inputs.weight, course.scored * 1.0)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -125,6 +147,19 @@ def test_a_window_that_does_not_fit_the_record_is_refused_with_the_remedy(
         prepared(bundled_cell, window, **changes)
 
 
+def test_records_identified_together_have_a_window_each(bundled_cell):
+    windows = [FULL, Window(initial_soc=0.6, start_time_s=600.0, capacity_ah=1.5)]
+    voltage_v = 3.7 - 0.05 * CURRENT_A
+    records = [made(voltage_v=voltage_v, name=name) for name in ("first.csv", "second.csv")]
+    problem = make_problem(records, bundled_cell, window=windows)
+    assert [each.window for each in problem.prepared_records] == windows
+    assert [each.start.soc for each in problem.prepared_records] == [0.8, 0.6]
+    assert [each.time_s[0] for each in problem.prepared_records] == [50.0, 600.0]
+    assert problem.prepared_records[1].capacity_ah == 1.5
+    with pytest.raises(ValueError, match="1 windows for 2 records; give one for all, or one for"):
+        make_problem(records, bundled_cell, window=windows[:1])
+
+
 # The state of charge
 
 
@@ -135,6 +170,16 @@ def test_the_state_of_charge_falls_by_the_ampere_hours_taken_from_the_start_on(h
     assert soc[last_before + 1] == pytest.approx(0.9 - 10 * 2 / 3600 / 2.0, rel=1e-12)
     assert soc[60] == pytest.approx(0.9 - 250 * 2 / 3600 / 2.0, rel=1e-12)
     assert soc[99] - soc[90] == pytest.approx(90 * 1 / 3600 / 2.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("given_ah", [None, 1.0])
+def test_the_capacity_of_a_window_is_the_records_own(bundled_cell, given_ah):
+    course = prepared(bundled_cell, Window(initial_soc=0.8, capacity_ah=given_ah))
+    expected_ah = given_ah or bundled_cell.capacity_ah
+    assert course.capacity_ah == expected_ah
+    assert course.soc[60] == pytest.approx(0.8 - 2.0 * 250 / 3600 / expected_ah)
+    # A hundredth of the capacity an hour is rest.
+    assert course.rest_current_a == pytest.approx(expected_ah / 100)
 
 
 @pytest.mark.parametrize("direction", [1, -1])
@@ -177,6 +222,42 @@ def test_a_given_state_of_charge_that_the_rested_voltage_denies_is_doubted(
     warnings = rested_at(bundled_cell, rested_v, initial_soc=given_soc).warnings
     socs = [(each.code, each.values["rested_soc"], each.values["given_soc"]) for each in warnings]
     assert socs == [("start.other-soc", pytest.approx(0.999, abs=5e-4), 0.95)] * is_doubted
+
+
+@pytest.mark.parametrize("told_soc", [None, 0.95])
+def test_a_start_that_other_records_moved_is_doubted_as_it_was_told(bundled_cell, told_soc):
+    rested_v, told = ocv_v(bundled_cell.charge, 0.999), Window(initial_soc=told_soc)
+    known = Registration(told, told_soc or 0.999, 2.0, "rested voltage", 0.93, 0.97, 1.9, 2.1)
+    moved = {"initial_soc": 0.951, "soc_source": "registered", "registration": known}
+    # By the OCV test alone, or then by other records too.
+    again = moved | {"registration": replace(known, told=Window(**moved))}
+    for window in (moved, again):
+        warnings = rested_at(bundled_cell, rested_v, **window).warnings
+        given = [warning.values["given_soc"] for warning in warnings]
+        assert given == [0.95] * (told_soc is not None)
+
+
+def test_a_start_under_load_denies_nothing(bundled_cell):
+    voltage_v = ocv_v(bundled_cell.charge, 0.999)
+    assert rested_at(bundled_cell, voltage_v, initial_soc=0.95, start_time_s=310.0).warnings == ()
+
+
+@pytest.mark.parametrize("given_soc", [None, 1.0])
+@pytest.mark.parametrize(("above_v", "is_doubted"), [(0.047, True), (0.004, False)])
+def test_a_rested_voltage_beyond_the_ocv_of_a_full_cell_is_doubted(
+    bundled_cell, above_v, is_doubted, given_soc
+):
+    full_v = ocv_v(bundled_cell.charge, 1.0)
+    warnings = rested_at(bundled_cell, full_v + above_v, initial_soc=given_soc).warnings
+    beyond = [(each.code, each.values["beyond_v"]) for each in warnings]
+    assert beyond == [("start.beyond-ocv", pytest.approx(0.047))] * is_doubted
+
+
+def test_a_given_soc_is_not_asked_for_where_the_other_branch_ends_far_away(
+    bundled_cell,
+):
+    cell = replace(bundled_cell, discharge=lambda soc: bundled_cell.charge(soc) - 0.06)
+    assert rested_at(cell, ocv_v(cell.charge, 1.0), initial_soc=1.0).start.soc == 1.0
 
 
 # The direction before the start
@@ -230,6 +311,48 @@ def test_a_record_cut_in_the_middle_of_a_discharge_is_met_from_the_other_directi
     assert evaluate(assumed, CIRCUIT).metrics.max_v > 8e-3
 
 
+@pytest.mark.parametrize(("circuit", "is_open"), [("iso-rc", False), ("esc", True)])
+def test_of_a_start_under_load_only_a_state_that_moves_keeps_what_was_before(
+    bundled_cell, circuit, is_open
+):
+    record = made(current_a=np.roll(CURRENT_A, -25))
+    course = prepare_record(record, bundled_cell, circuit, FULL)
+    assert (course.start.direction, course.start.direction_source) == (-1, "assumed")
+    other = both_directions(course, bundled_cell)[1]
+    assert (other is not None) == is_open
+    if is_open:
+        gap_v = other.source_v - course.source_v
+        np.testing.assert_allclose(gap_v, bundled_cell.hysteresis_v(course.soc), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "window",
+    [
+        Window(initial_soc=0.8, initial_direction=1),
+        Window(initial_soc=0.8, start_time_s=600.0),
+    ],
+)
+def test_a_direction_that_is_known_has_no_other(bundled_cell, window):
+    assert both_directions(prepared(bundled_cell, window, "esc"), bundled_cell)[1] is None
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+def test_the_load_that_the_start_begins_is_not_the_load_before(bundled_cell, hold):
+    # Sample 25 is the first of the discharge: its current flows after it, or before it.
+    window = Window(initial_soc=0.8, start_time_s=300.0, initial_direction=1)
+    start = prepared(bundled_cell, window, "esc", hold=hold).start
+    expected = (1, "given") if hold == "forward" else (-1, "load before")
+    assert (start.direction, start.direction_source) == expected
+
+
+def test_the_direction_lasts_through_rests_and_currents_below_the_resting_one(bundled_cell):
+    expected = np.repeat([1.0, -1.0, -1.0, 1.0], 25)
+    np.testing.assert_array_equal(prepared(bundled_cell).direction, expected)
+    course = prepared(bundled_cell, Window(initial_soc=0.8, rest_current_a=1.5))
+    assert course.rest_current_a == 1.5
+    assert (course.direction[75:] == -1).all()
+
+
 # The source, the current and the scored samples
 
 
@@ -245,6 +368,13 @@ def test_the_source_is_the_circuits_open_circuit_voltage(bundled_cell, circuit):
     if circuit == "esc":  # the state that moves starts at the last direction before the record
         expected_v = expected_v + bundled_cell.hysteresis_v(course.soc) / 2
     np.testing.assert_allclose(course.source_v, expected_v, rtol=1e-15)
+
+
+@pytest.mark.parametrize(("hold", "expected_a"), [("forward", [0, 2]), ("backward", [2, 2])])
+def test_the_current_is_held_as_the_record_says(bundled_cell, hold, expected_a):
+    inputs = prepared(bundled_cell, hold=hold).simulation_input(1.0)
+    assert inputs.held_a[24:26].tolist() == expected_a
+    np.testing.assert_array_equal(inputs.current_a, CURRENT_A)
 
 
 @pytest.mark.parametrize("voltage_v", [0.0, -0.5])
@@ -271,6 +401,22 @@ def test_samples_a_little_outside_the_ocv_points_are_warned_about_with_their_cou
     told = f"made.csv: {outside} of 75 scored samples lie up to {100 * farthest:.2g} % SOC"
     assert warning.severity == "warning"
     assert told in str(warning)
+
+
+def test_samples_as_far_outside_the_ocv_points_as_full_charges_differ_are_only_noted(bundled_cell):
+    course = prepared(bundled_cell, Window(initial_soc=0.06, start_time_s=300.0))
+    (note,) = course.warnings
+    assert 0 < note.values["farthest_soc"] < 0.01
+    assert (note.code, note.severity) == ("soc.outside-ocv", "note")
+
+
+def test_rounding_at_the_ends_of_the_ocv_points_is_not_warned_about(bundled_cell):
+    soc = prepared(bundled_cell, Window(initial_soc=0.5)).soc
+    lowest = bundled_cell.soc_range[0]
+    start = Window(initial_soc=float(lowest - 2e-5 + soc[0] - soc.min()), start_time_s=300.0)
+    course = prepared(bundled_cell, start)
+    assert course.soc.min() < lowest
+    assert course.warnings == ()
 
 
 def test_samples_where_an_ocv_test_has_no_points_are_left_out_unless_the_voltage_is_of_its_points(
@@ -324,3 +470,15 @@ def test_samples_far_outside_the_ocv_points_are_refused_with_row_and_remedies(
     # What is not scored is let pass.
     unscored = Window(initial_soc=0.01, start_time_s=60.0, score_to_s=300.0)
     assert prepared(bundled_cell, unscored, voltage_v=2.8).scored.sum() == 25
+
+
+@pytest.mark.parametrize(("sign", "end"), [(1, "empty"), (-1, "full")])
+def test_a_record_that_its_charge_empties_but_not_its_voltage_is_called_another_cells(
+    bundled_cell, sign, end
+):
+    start = Window(initial_soc=0.5 - 0.49 * sign)
+    with pytest.raises(InputError, match=rf"by it the cell is {end} before row \d+.*another cell"):
+        prepared(bundled_cell, start, current_a=sign * CURRENT_A, voltage_v=3.6)
+    own = replace(bundled_cell, charge_points=(), discharge_points=of_records(bundled_cell))
+    with pytest.raises(InputError, match=r"give their `capacity` if 2 Ah is not the cell's"):
+        prepared(own, start, current_a=sign * CURRENT_A, voltage_v=3.6)

@@ -13,7 +13,8 @@ import pytest
 import barnax.search.seeds
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
-from barnax.model.problem import FACTOR_STEP, make_problem, rmse_by_scan
+from barnax.model.padding import padding_for
+from barnax.model.problem import FACTOR_STEP, Objective, make_problem, rmse, rmse_by_scan
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
@@ -36,6 +37,10 @@ def problem_of(cell, circuit, clocks):
         noise_v = np.random.default_rng(seed).normal(0, 1e-3, len(time_s))
         records.append(make_record(time_s, current_a, 3.7 - 0.05 * current_a + noise_v))
     return make_problem(records, cell, circuit, window=KNOWN_SOC)
+
+
+def even(samples):
+    return np.arange(samples) * 1.0
 
 
 def uneven(samples, seed):
@@ -91,6 +96,23 @@ def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alon
         assert ours.parameters == expected.parameters
         assert ours.rmse_v == expected.rmse_v
         assert ours.history_v.tobytes() == expected.history_v.tobytes()
+
+
+@in_float64
+def test_joint_records_padded_have_their_bits(bundled_cell):
+    # Each problem has the longest record in one of two columns.
+    joint, other = (
+        problem_of(bundled_cell, "so-rc", clocks)
+        for clocks in ([uneven(304, 2), even(150)], [uneven(221, 1), even(200)])
+    )
+    point = joint.coordinates.lower + 0.3 * (joint.coordinates.upper - joint.coordinates.lower)
+    rmse_at = jax.jit(rmse)
+    filled = padding_for([joint.scan, other.scan])(joint.scan)
+    plain_v, *padded_v = (
+        float(rmse_at(point, Objective(evaluator, joint.coordinates)))
+        for evaluator in (joint.scan, filled, joint.padded_scan)
+    )
+    assert padded_v == [plain_v, plain_v]
 
 
 @pytest.mark.parametrize("circuit", ["so-rc", pytest.param("esc", marks=pytest.mark.slow)])

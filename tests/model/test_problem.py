@@ -9,14 +9,19 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
+from barnax.errors import InputError
 from barnax.model.coordinates import Coordinates
-from barnax.model.problem import make_problem, residuals, rmse
+from barnax.model.problem import make_problem, residuals, rmse, rmse_by_scan
 from barnax.model.window import Window
+from barnax.search.evaluate import evaluate
 from helpers.reference import drop_v, looped_response
 from helpers.scan import rc_parameters
 
 CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 LOGARITHMS = np.log([0.05, 0.01, 5.0, 0.02, 80.0])
+
+
+SHORT = Window(score_to_s=60.0, initial_soc=1.0)
 rmse_jit, residuals_jit = eqx.filter_jit(rmse), eqx.filter_jit(residuals)
 
 
@@ -37,6 +42,11 @@ def test_the_objective_is_the_rmse_of_a_plain_loop(short_problem):
     assert loss == pytest.approx(expected, rel=1e-11)
     # The residuals square to the mean square error.
     assert np.sum(errors**2) == pytest.approx(loss**2, rel=1e-12)
+
+
+def test_the_objective_is_the_rmse_that_the_report_gives(short_problem):
+    metrics = evaluate(short_problem.prepared, CIRCUIT).metrics
+    assert rmse_by_scan(short_problem, [CIRCUIT])[0] == pytest.approx(metrics.rmse_v, rel=1e-11)
 
 
 def test_unscored_samples_have_no_residual(bundled_record, bundled_cell):
@@ -77,6 +87,19 @@ def test_pairs_with_boxes_of_their_own_keep_their_labels(short_problem):
     assert circuit.to_dict() == pytest.approx(slow_first.to_dict(), rel=1e-12)
 
 
+def test_the_box_follows_the_cell_and_the_record(short_problem):
+    ranges = short_problem.bounds.ranges
+    scale = 2.0 / short_problem.cell.capacity_ah
+    assert ranges["R0 [Ohm]"] == pytest.approx((1e-4 * scale, 0.2 * scale))
+    assert ranges["tau1 [s]"] == pytest.approx((0.5, 1500.0))
+
+
+def test_a_flat_voltage_is_refused_by_name(bundled_record, bundled_cell):
+    flat = replace(bundled_record, voltage_v=np.full(bundled_record.samples, 4.1))
+    with pytest.raises(InputError, match=r"identification\.parquet: the voltage is 4.1 V at every"):
+        make_problem(flat, bundled_cell, window=SHORT)
+
+
 def changed_records(problem):
     """What differs from the problem's record in one number that its errors are computed from."""
     prepared, record = problem.prepared, problem.prepared.record
@@ -107,3 +130,23 @@ def test_nothing_computed_for_other_records_is_kept(short_problem, name):
     changed = short_problem.keeping_computed(prepared_records=records)
     cached = {"compressed", "padded_compressed", "padded_scan", "all_inputs"}
     assert not cached & set(vars(changed))
+
+
+def test_another_record_has_errors_of_its_own(short_problem):
+    (higher,) = changed_records(short_problem)["voltage"]
+    _ = rmse_by_scan(short_problem, [CIRCUIT]), short_problem.compressed
+    problem = short_problem.keeping_computed(prepared_records=(higher,), kind="compressed")
+    errors_v = looped_error_v(problem, LOGARITHMS)
+    expected = np.sqrt(np.mean(errors_v**2))
+    assert rmse_by_scan(problem, [CIRCUIT])[0] == pytest.approx(expected, rel=1e-11)
+    with jax.enable_x64(True):
+        loss = rmse_jit(jnp.asarray(LOGARITHMS), replace(problem, scale="log").objective)
+    assert float(loss) == pytest.approx(expected, rel=1e-9)
+
+
+def test_another_box_is_computed_anew(short_problem):
+    _ = short_problem.compressed, short_problem.coordinates
+    bounds = short_problem.bounds.with_changes({"tau2 [s]": (20.0, 400.0)}, {}, "")
+    for changes in ({"bounds": bounds}, {"scale": "log"}):
+        changed = short_problem.keeping_computed(**changes)
+        assert not {"compressed", "coordinates"} & set(vars(changed))

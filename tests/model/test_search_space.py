@@ -10,6 +10,7 @@ import pytest
 from barnax.errors import InputError
 from barnax.model.coordinates import SCALES, Coordinates
 from barnax.model.search_space import Bounds, read_bounds
+from barnax.model.simulate import RCParameters
 
 DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0)
 TAUS = ("tau1 [s]", "tau2 [s]")
@@ -37,6 +38,17 @@ every_scale = pytest.mark.parametrize("scale", SCALES)
 def _float64():
     with jax.enable_x64(True):
         yield
+
+
+@pytest.mark.parametrize(
+    ("capacity_ah", "low_ohm", "high_ohm"),
+    # 0.1 to 200 mohm at 2 Ah; a 33 Ah cell has 2/33 of it.
+    [(2.0, 1e-4, 0.2), (33.0, 6.0606060606e-6, 0.012121212121)],
+)
+def test_resistances_scale_with_the_capacity(capacity_ah, low_ohm, high_ohm):
+    ranges = Bounds.default(capacity_ah, 1.0, 1000.0).ranges
+    for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):
+        assert ranges[name] == pytest.approx((low_ohm, high_ohm), rel=1e-9)
 
 
 # Bounds
@@ -191,6 +203,51 @@ def test_the_raw_box_of_capacitance_holds_every_allowed_time_constant():
     assert coordinates.names == ("R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "R2 [Ohm]", "C2 [F]")
     np.testing.assert_allclose(coordinates.lower[2], 0.5 / 0.2)
     np.testing.assert_allclose(coordinates.upper[2], 1000.0 / 1e-4)
+
+
+@every_scale
+def test_a_circuit_outside_the_box_is_encoded_at_its_nearest_end(scale):
+    coordinates = Coordinates.of(DEFAULT, scale)
+    outside = jax.tree.map(jnp.asarray, RCParameters(9.0, (9.0, 1e-9), (1e6, 1e-6)))
+    circuit = physical(coordinates.decode(coordinates.encode(outside)))
+    found = [float(circuit[name]) for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")]
+    assert found == pytest.approx([0.2, 0.2, 1e-4])
+
+
+def test_an_unknown_scale_is_refused_with_the_known_ones():
+    with pytest.raises(InputError, match="'decibel' are not known; there are rc, log"):
+        Coordinates.of(DEFAULT, "decibel")
+
+
+def test_a_box_with_nothing_free_is_refused():
+    fixed = {"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.01, "R2 [Ohm]": 0.01, "C1 [F]": 1e3, "tau2 [s]": 60.0}
+    with pytest.raises(InputError, match="every parameter is fixed; leave at least one free"):
+        Coordinates.of(box(fixed=fixed), "log")
+
+
+@every_box
+def test_every_circuit_of_the_box_is_between_its_resistance_bounds_and_time_constants(name):
+    bounds = BOXES[name]
+    coordinates = Coordinates.of(BOXES[name], "log")
+    circuits = jax.vmap(coordinates.decode)(places(coordinates))
+    tau_s = np.stack([np.asarray(tau) for tau in circuits.tau])
+    low, high = bounds.resistance_box(tau_s)
+    found = np.stack([np.asarray(each) for each in (circuits.r0, *circuits.r)])
+    # Where R C was clipped its C is no longer the box's.
+    ends = np.array([bounds.tau_range_s(pair) for pair in (0, 1)])[:, :, None]
+    assert ((ends[:, 0] * (1 - 1e-12) <= tau_s) & (tau_s <= ends[:, 1] * (1 + 1e-12))).all()
+    limits = np.array(BOXES[name].tau_limits_s)[:, None, None]
+    is_clipped = np.isclose(tau_s, limits, rtol=1e-12).any(axis=(0, 1))
+    inside = (low * (1 - 1e-11) <= found) & (found <= high * (1 + 1e-11))
+    assert inside[:, ~is_clipped].all()
+
+
+def test_a_bounded_capacitance_bounds_the_resistance_at_a_time_constant():
+    low, high = BOXES["capacitance of both"].resistance_box(np.array([5.0, 50.0]))
+    np.testing.assert_allclose(low, [1e-4, 5 / 500, 50 / 1e4])
+    np.testing.assert_allclose(high, [0.2, 0.2, 0.2])
+    fixed = BOXES["fixed capacitance"].resistance_box(np.array([5.0, 50.0]))
+    assert fixed[0][1] == fixed[1][1] == pytest.approx(5 / 500)
 
 
 # Resistances at given time constants

@@ -119,6 +119,18 @@ def test_any_time_constants_on_any_intervals_agree_with_a_plain_loop(interval_s,
 
 
 @pytest.mark.parametrize("clock", CLOCKS)
+def test_a_pulse_rises_and_relaxes_as_an_exponential(clock):
+    time_s, pulse_a, end = CLOCKS[clock], 3.0, 200
+    current_a = np.where(np.arange(SAMPLES) < end, pulse_a, 0.0)
+    inputs = drive_of(time_s, "forward", current_a)
+    (response,) = responses_jit(jnp.array([20.0]), inputs.held_a, inputs.intervals)
+    elapsed_s = time_s - time_s[0]
+    rising = pulse_a * -np.expm1(-np.minimum(elapsed_s, elapsed_s[end]) / 20)
+    relaxing = np.exp(-np.maximum(elapsed_s - elapsed_s[end], 0) / 20)
+    np.testing.assert_allclose(response, rising * relaxing, atol=1e-12)
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
 def test_the_squared_error_is_that_of_the_scored_voltages(clock):
     rc, inputs = rc_parameters(CIRCUIT), drive_of(CLOCKS[clock])
     simulated_v = np.asarray(terminal_voltage_jit(rc, inputs))
@@ -149,6 +161,33 @@ def test_derivatives_are_exact(clock):
         slope = looped_response(time_s, CURRENT_A, complex(tau, step)).imag / step
         np.testing.assert_allclose(jacobian.r[pair], response, atol=1e-11)
         np.testing.assert_allclose(jacobian.tau[pair], r * slope, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("start_s", "samples"), [(7.3, SAMPLES), (7.3, 100_000), (1.7e9, SAMPLES), (-1.7e9, SAMPLES)]
+)
+def test_an_even_clock_needs_one_exponential(start_s, samples):
+    # However long it runs and far from zero: the rounding of its times is no jitter.
+    intervals = Intervals.measure(start_s + np.arange(samples) * 0.1, SHORTEST_TAU_S)
+    assert intervals.is_even
+    assert not intervals.has_offsets
+
+
+def test_a_single_odd_interval_of_a_long_record_keeps_its_offset():
+    time_s = np.arange(300_000.0)
+    time_s[150_000:] -= 1e-5
+    intervals = Intervals.measure(time_s, SHORTEST_TAU_S)
+    assert intervals.is_even
+    assert intervals.has_offsets
+
+
+def test_nodes_and_offsets_are_the_measured_intervals():
+    intervals = Intervals.measure(CLOCKS["measured"], SHORTEST_TAU_S)
+    rebuilt_s = intervals.node_s[intervals.node] + intervals.offset_s
+    interval_s = np.diff(CLOCKS["measured"])
+    np.testing.assert_allclose(rebuilt_s[:-1], interval_s, rtol=1e-15, atol=1e-15)
+    # The last leads nowhere and is the one before again.
+    assert rebuilt_s[-1] == rebuilt_s[-2]
 
 
 def moved_drive() -> SimulationInput:

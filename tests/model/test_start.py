@@ -179,6 +179,40 @@ def test_an_opening_rest_that_relaxes_tells_the_charge_where_it_ends(
     assert told.counts == (rest_s < 1800)
 
 
+@pytest.mark.parametrize("noise_v", [3e-3, 0.03])
+@pytest.mark.parametrize("seed", range(12))
+def test_noise_and_a_load_in_the_last_row_are_no_relaxation(bundled_cell, seed, noise_v):
+    record, _ = made(bundled_cell, [(0.0, 2400), *PULSES], 0.6)
+    voltage_v = record.voltage_v + noise_v * np.random.default_rng(seed).standard_normal(
+        record.samples
+    )
+    # The row before the load holds the load's voltage.
+    voltage_v[239] = voltage_v[240]
+    noisy = make_record(record.time_s, record.current_a, voltage_v)
+    found = prepare_record(noisy, bundled_cell, "so-rc", Window()).start
+    assert (found.row, found.direction_source) == (noisy.row[0], "assumed")
+
+
+def test_the_voltage_of_a_load_tells_no_direction(bundled_cell):
+    record, _ = made(bundled_cell, [(0.0, 2400), *PULSES], 0.6)
+    window = Window(start_time_s=record.time_s[240], initial_soc=0.6)
+    found = prepare_record(record, bundled_cell, "so-rc", window).start
+    assert found.direction_source == "assumed"
+
+
+def test_a_small_current_that_moves_the_charge_is_no_rest(bundled_cell):
+    record, _ = made(bundled_cell, [(0.019, 14400), *PULSES], 0.6)
+    assert prepare_record(record, bundled_cell, "so-rc", Window()).first == 0
+
+
+def test_a_start_that_is_given_is_kept_in_a_rest_that_relaxes(bundled_cell):
+    record, _ = made(bundled_cell, [(0.0, 900), *PULSES], 0.6)
+    voltage_v = record.voltage_v + 0.02 * np.minimum(record.time_s / 900 - 1, 0.0)
+    record = make_record(record.time_s, record.current_a, voltage_v)
+    assert start(bundled_cell, record, 1).row == record.row[1]
+    assert prepare_record(record, bundled_cell, "so-rc", Window()).start.row == record.row[89]
+
+
 def unlike(voltage_v):
     """A voltage that no circuit follows, so that a record under load does not tell its start."""
     return voltage_v + 0.1 * np.resize([1, -1], len(voltage_v)) * (np.arange(len(voltage_v)) > 9)

@@ -1,6 +1,11 @@
 """Starts that files of the field begin with: noise, loads, a given SOC, and what a result is of."""
 
+import os
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
+import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -11,16 +16,31 @@ from barnax.bundled import BUNDLED
 from barnax.cell import characterize, read_ocv_test
 from barnax.cell.ocv_points import find_rest_sweeps
 from barnax.global_optimum import find_global_optimum
+from barnax.job import Job
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.rest import cell_at_rest
 from barnax.model.window import Window
+from barnax.plan.running import prepare_pulse_tests
 from barnax.records import read_record
 from barnax.run_setup import with_joint_starts
 from barnax.uncertainty import assess
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import make_record
+from helpers.results import make_result
 from helpers.shared import CASES, needs_cases
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def cases():
+    """The folder of small cells with known answers, which is not part of the project."""
+    shared = os.environ.get("BARNAX_SHARED_DATA", REPOSITORY.parent / "shared" / "data")
+    folder = Path(shared).parent / "cases" / "cells"
+    if not folder.is_dir():
+        pytest.skip("the cases are not here; set BARNAX_SHARED_DATA to the folder beside theirs")
+    return folder
 
 
 def codes(prepared):
@@ -160,6 +180,41 @@ def test_the_last_rest_of_a_test_may_lack_the_interval_that_no_sample_shows():
     assert len(find_rest_sweeps(record, 0.01)[0].points) == 5
 
 
+def test_a_given_soc_is_kept_without_a_rest(cases):
+    folder = cases / "08_cc_known_ocv"
+    columns = "time=Experimental_Time(s):s,current=It:A,voltage=Experimental_Voltage(v)"
+    record = read_record(folder / "Data.xlsx", columns=columns)
+    cell = characterize([read_ocv_test(folder / "ocv.csv")], capacity_ah=2.5)
+    prepared = prepare_record(record, cell, "so-rc", Window(initial_soc=1.0))
+    assert (prepared.first, prepared.start.soc, prepared.start.soc_source) == (0, 1.0, "given")
+    assert not codes(prepared) & {"start.other-soc", "start.fitted"}
+
+
+@pytest.mark.slow
+def test_a_given_soc_is_that_of_the_first_row_where_a_pulse_test_starts_later():
+    record = read_record(BUNDLED.hppc[1])
+    job = prepare_pulse_tests(Job(records=BUNDLED.hppc[1], window=Window(initial_soc=0.9)))
+    window = job.window[record.name]
+    at = int(np.searchsorted(record.time_s, window.start_time_s))
+    assert 0 < at < record.samples
+    moved_ah = float(np.sum(record.current_a[:at] * np.diff(record.time_s)[:at])) / 3600
+    capacity_ah = characterize([record], ocv_fit="interpolated").capacity_ah
+    assert window.initial_soc == pytest.approx(0.9 - moved_ah / capacity_ah, abs=1e-4)
+
+
+def test_a_given_soc_is_counted_to_a_start_that_is_moved(bundled_cell):
+    record, _ = loaded(bundled_cell, 0.6, rest_s=2000)
+    relaxing_v = record.voltage_v - 0.03 * np.exp(-record.time_s / 300) * (record.time_s < 2000)
+    current_a = np.where(record.time_s < 2000, 0.003, record.current_a)
+    record = replace(record, current_a=current_a, voltage_v=relaxing_v)
+    prepared = prepare_record(record, bundled_cell, "so-rc", Window(initial_soc=0.6))
+    assert prepared.first == 999
+    counted = 0.003 * 999 * 2.0 / 3600 / bundled_cell.capacity_ah
+    assert prepared.start.soc == pytest.approx(0.6 - counted, abs=1e-9)
+    at_start = Window(initial_soc=0.6, start_time_s=float(record.time_s[999]))
+    assert prepare_record(record, bundled_cell, "so-rc", at_start).start.soc == 0.6
+
+
 # A SOC that is given
 
 
@@ -192,6 +247,13 @@ def test_a_record_that_begins_under_load_has_its_start_fitted(bundled_cell, soc)
     assert start.soc_sd < 0.2
 
 
+def test_what_tells_no_start_is_still_asked_for(bundled_cell):
+    record, _ = loaded(bundled_cell, 0.6)
+    record = replace(record, voltage_v=np.full(record.samples, 2.0))
+    with pytest.raises(barnax.InputError, match="give `initial_soc`"):
+        prepare_record(record, bundled_cell, "so-rc")
+
+
 # A result's windows and starts
 
 
@@ -202,3 +264,43 @@ def result():
         BUNDLED.record, ocv=BUNDLED.ocv, validate=BUNDLED.validation, window=own,
         model="so-rc", seeds=0, advise=False,
     )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_every_way_to_a_record_gives_the_same_start(result):
+    (identified,), (validated,) = map(result.of_role, ("identification", "validation"))
+    assert (identified.start.soc, identified.samples) == (0.98, 1501)
+    for part, path in ((identified, BUNDLED.record), (validated, BUNDLED.validation)):
+        frame = pl.read_parquet(path)
+        for given_record in (path, frame, read_record(path)):
+            prepared = result.validate(given_record).prepared
+            assert prepared.start.soc == part.start.soc
+            assert prepared.scored.sum() == part.samples
+        replayed = barnax.replay_soc(result, path)
+        assert replayed.start.soc == part.start.soc
+    assert validated.start.soc != 0.98
+
+
+@pytest.mark.slow
+def test_another_record_has_a_start_of_its_own(result, tmp_path):
+    path = tmp_path / BUNDLED.record.name
+    pl.read_parquet(BUNDLED.validation).head(9000).write_parquet(path)
+    prepared = result.validate(path).prepared
+    alone = prepare_record(read_record(path), result.cell_model, result.model)
+    assert prepared.start.soc == alone.start.soc
+    assert prepared.scored.sum() == 9000
+    assert result.common_window == Window()
+
+
+@pytest.mark.parametrize("soc", [1.0000347, -2e-5])
+def test_a_result_s_own_start_is_simulated(soc):
+    result = make_result("so-rc")
+    (part, *others) = result.inputs
+    own = part.model_copy(update={"start": replace(part.start, soc=soc)})
+    result = result.model_copy(update={"inputs": (own, *others)})
+    time_s, current_a = np.arange(50.0), np.where(soc > 0.5, 1.0, -1.0) * np.ones(50)
+    for initial_soc in (None, soc):
+        found = result.simulate(current_a, time_s, initial_soc=initial_soc)
+        assert found["SOC"][0] == pytest.approx(soc, abs=1e-12)
+    with pytest.raises(barnax.InputError, match="is not a fraction"):
+        result.simulate(current_a, time_s, initial_soc=1.2)

@@ -37,6 +37,19 @@ def proposed(solver, swarm, key):
     return solver.propose(drawn, swarm, jnp.array(1), box)[0]
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"mating_factor": "one"}, "needs cosine_factor"),
+        ({"mating_factor": "gaussian"}, "no mating_factor is called 'gaussian'"),
+        ({"reevaluate_parents": True, "brood_share": 0.5}, "brood_share of zero"),
+    ],
+)
+def test_switches_that_do_not_go_together_are_refused(options, words):
+    with pytest.raises(ValueError, match=words):
+        BarnacleMating(**options)
+
+
 @pytest.mark.slow
 def test_moving_the_origin_moves_the_whole_run_of_ibmo_centered():
     with jax.enable_x64(True):

@@ -196,6 +196,29 @@ def test_any_population_of_four_or_more_keeps_its_size_and_precision(name, popul
     )
 
 
+@pytest.mark.slow
+def test_a_keyed_objective_sees_a_fresh_key_at_every_evaluation():
+    seen = []
+
+    def write_down(draws):
+        seen.append(np.array(draws))
+        return seen[-1]
+
+    def draw_of(x, data_and_key):
+        draw = jr.uniform(data_and_key[1])
+        # The loss comes back from Python, so nothing can be evaluated and not written down.
+        return jax.pure_callback(write_down, draw, draw, vmap_method="expand_dims")
+
+    options = {"key": jr.key(6), "lower": LOWER, "upper": UPPER, "keyed_objective": True}
+    solver, args = make_optimizer("bmo", 12, 25), (None, jr.key(0))
+    solution = optx.minimise(draw_of, solver, jnp.zeros(3), args, options=options, max_steps=None)
+    draws = np.concatenate(seen)
+    # Uniform float32 numbers have 2^23 values, so a few hundred draws hardly ever coincide.
+    assert len(set(draws.tolist())) > 0.99 * len(draws)
+    assert solution.stats["evaluations"] == len(draws)
+    assert solution.stats["best_loss"] == draws.min()
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

@@ -29,6 +29,7 @@ from barnax.optimizers.leaders import (
     learn_from_neighbors,
     random_subset,
     replace_leaders,
+    three_best,
 )
 from barnax.optimizers.pso import badness
 
@@ -211,6 +212,12 @@ def test_the_random_wolf_of_a_step_is_another_in_every_dimension():
     np.testing.assert_allclose(learned, 2 * wolves - jnp.array([0.0, 2.0]))
 
 
+def test_demoted_leaders_are_the_three_best_ever():
+    old = Swarm(jnp.array([[-1.0], [-2.0], [-3.0]]), jnp.array([1.0, 4.0, 5.0]))
+    swarm = Swarm(jnp.array([[0.0], [1.0], [2.0]]), jnp.array([3.0, 7.0, 0.5]))
+    np.testing.assert_array_equal(three_best(old, swarm).positions[:, 0], [2, -1, 0])
+
+
 def test_a_leader_is_replaced_only_by_a_strictly_better_candidate():
     swarm = Swarm(jnp.array([[1.0], [2.0]]), jnp.array([3.0, 3.0]))
     leader = best_of(swarm)
@@ -219,6 +226,15 @@ def test_a_leader_is_replaced_only_by_a_strictly_better_candidate():
     assert same.position[0] == 1
     better = better_leader(leader, Swarm(swarm.positions + 5, swarm.losses - 1))
     assert (better.position[0], better.loss) == (6, 2)
+
+
+@pytest.mark.parametrize(("limit", "expected"), [(0.25, 0.25), (None, 0.06)])
+def test_no_particle_flies_faster_than_its_limit(limit, expected):
+    solver = ParticleSwarm(velocity_limit=limit)
+    swarm, drawn = prepared(solver)
+    moved, _ = proposed(solver, drawn, swarm)
+    steps = jnp.abs(moved - swarm.positions)
+    assert jnp.max(steps if limit else steps / BOX.width) == pytest.approx(expected, rel=1e-5)
 
 
 def test_neighbors_within_reach_are_chosen_equally_often():

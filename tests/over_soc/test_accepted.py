@@ -78,6 +78,16 @@ def test_held_out_blocks_have_the_accepted_errors(measured):
 
 
 @pytest.mark.slow
+def test_a_record_left_out_is_predicted_as_a_fit_to_the_others_does(measured):
+    settings = TableSettings(fixed=GIVEN, max_boxes=0)
+    both = fit_tables(measured[:2], settings).cross_validation
+    assert both is not None
+    for own, other, errors in zip(measured[:2], measured[1::-1], both.by_record, strict=True):
+        scanned = errors_on(own, fit_tables([other], settings).tables)
+        assert in_mv([errors]) == pytest.approx(in_mv([scanned]), rel=1e-6)
+
+
+@pytest.mark.slow
 def test_the_interval_of_another_record_holds_what_a_fourth_one_shows(measured):
     settings, holds, own_holds = TableSettings(fixed=GIVEN, max_boxes=0), [], []
     for left, record in enumerate(measured):

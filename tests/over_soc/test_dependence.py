@@ -25,6 +25,7 @@ from barnax.over_soc import TableSettings
 from barnax.over_soc.intervals import intervals_of
 from barnax.over_soc.problem import reduced_objective
 from helpers.known_cell import R0_OHM, SMALL, TAU_S, made, ocv_v
+from helpers.reference import make_record
 
 BETA, REFERENCE_DEGC = 0.06, 10.0
 
@@ -48,6 +49,13 @@ def by_heat(tau_s, kappa_per_a2, reference_a2):
         heat_a2 = lfilter([0.0, 1 - kept], [1.0, -kept], current_a**2)
         flowing_a = np.exp(-kappa_per_a2 * (heat_a2 - reference_a2)) * current_a
         return None, flowing_a, flowing_a
+
+    return driven
+
+
+def by_current(onset_a):
+    def driven(time_s, current_a):
+        return None, current_a, onset_a * np.arcsinh(current_a / onset_a)
 
     return driven
 
@@ -139,6 +147,23 @@ def test_a_simulation_follows_a_temperature_of_its_own(followed):
 
 
 @pytest.mark.slow
+def test_without_such_a_cell_nothing_is_followed():
+    """Temperatures that change nothing, and none at all."""
+    idle = [made(seed, driven=by_temperature(5.0, 8.0, beta=0.0))[0] for seed in range(2)]
+    plain = [made(seed)[0] for seed in range(2)]
+    for records in (idle, plain):
+        assert identified(records).fit.tables.dependence is None
+
+
+@pytest.mark.slow
+def test_none_is_asked_for_and_taken(warming, followed):
+    fit = identified(warming, resistances_follow="none").fit
+    assert fit.tables.dependence is None
+    held = followed.fit.cross_validation
+    assert fit.cross_validation.tables.rmse_v > 2 * held.tables.rmse_v
+
+
+@pytest.mark.slow
 def test_heat_of_its_own_is_found_from_several_records():
     driven = by_heat(1500.0, 0.25, 0.9)
     # One drives harder, so that it is warmer at the same SOC.
@@ -146,6 +171,14 @@ def test_heat_of_its_own_is_found_from_several_records():
     known = identified(records).fit.tables.dependence
     assert known.kappa_per_a2 == pytest.approx(0.25, rel=0.25)
     assert known.heating_tau_s == pytest.approx(1500.0, rel=0.4)
+
+
+@pytest.mark.slow
+def test_a_current_of_butler_and_volmer_is_found():
+    records = [made(seed, driven=by_current(0.8))[0] for seed in range(2)]
+    known = identified(records).fit.tables.dependence
+    assert known.onset_a == pytest.approx(0.8, rel=0.1)
+    assert known.numbers.keys() == {"i0 [A]"}
 
 
 @pytest.mark.slow
@@ -189,6 +222,15 @@ def test_a_record_that_only_discharges_tells_no_difference_of_resistances():
     record = replace(record, current_a=np.abs(record.current_a))
     with pytest.raises(InputError, match="hardly a current flows in one of the directions"):
         identified([record], resistances_follow="direction")
+
+
+@pytest.mark.slow
+def test_a_temperature_that_stands_still_is_as_good_as_none():
+    def driven(time_s, current_a):
+        return np.full_like(time_s, 25.0), *by_current(0.8)(time_s, current_a)[1:]
+
+    # Of one record without temperatures nothing is tried.
+    assert identified([made(driven=driven)[0]]).fit.tables.dependence is None
 
 
 @pytest.mark.parametrize("kappa_per_a2", [1e-6, 1e-5])
@@ -240,3 +282,11 @@ def test_between_two_temperatures_what_is_followed_changes_without_a_jump():
     assert one_way.charge_ratio == pytest.approx(1.2)
     assert half.beta_per_k == pytest.approx(cold.beta_per_k / 2)
     assert alone.at(39.999).dependence.beta_per_k == pytest.approx(0.0, abs=1e-5)
+
+
+def test_a_record_without_current_heats_nothing():
+    record = make_record(np.arange(5.0), np.zeros(5))
+    factor = Dependence(kappa_per_a2=0.1, heating_tau_s=100.0).factor(
+        record.time_s, record.interval_current_a, None
+    )
+    assert factor.tolist() == [1.0] * 5

@@ -4,16 +4,20 @@ import csv
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
+from barnax.reporting.candidates import ocv_test_sentences
 
 import barnax
 from barnax.bundled import BUNDLED
+from barnax.cell import OcvPoint, OcvTable
 from barnax.cell.parameters import OCV
 from barnax.errors import InputError
 from barnax.export.tables import tables_of
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings, errors_on
+from barnax.over_soc import TableSettings, errors_on, own_ocv
+from barnax.over_soc.certificate import certify
 from barnax.over_soc.current_offset import offset_effect
 from barnax.over_soc.level import level_cell
 from barnax.over_soc.problem import find_best, reduced_objective
@@ -114,6 +118,16 @@ def test_capacity_only_names_the_axis(known):
     assert one_v == pytest.approx(own.cell.average_ocv_v(1 - charge_ah / 2.0), abs=4e-3)
 
 
+@pytest.mark.parametrize(
+    ("lower_v", "is_part"), [pytest.param(0.5, False, marks=pytest.mark.slow), (0.0, True)]
+)
+def test_a_span_that_ends_far_from_empty_is_no_capacity_and_says_so(lower_v, is_part):
+    record, _ = made(hours=1.0)
+    record = replace(record, voltage_v=record.voltage_v - lower_v)
+    own = fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK)
+    assert ("so the cell holds more" in own.cell.capacity_origin) is is_part
+
+
 def test_a_full_charge_in_the_record_is_where_soc_is_one():
     record, _ = made(charge=True, start=1.0)
     first = float(record.time_s[1300])
@@ -122,6 +136,42 @@ def test_a_full_charge_in_the_record_is_where_soc_is_one():
     started = own.windows[record.name]
     assert started.soc_source == "own full charge"
     assert started.initial_soc == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
+    whole, _ = made(seed=0)
+    rest, other = np.zeros(400), made(seed=1, start=0.7, hours=1.0)[0]
+    current_a = np.concatenate([rest, other.current_a])
+    voltage_v = np.concatenate([rest + ocv_v(0.7), other.voltage_v])
+    interval_s = other.time_s[1]
+    part = make_record(
+        interval_s * 40 * np.arange(len(current_a)) / 40, current_a, voltage_v, name="part.csv"
+    )
+    windows = {whole.name: FROM_FULL, part.name: Window()}
+    own = fit_with_ocv([whole, part], "so-rc", windows, QUICK)
+    assert own.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
+    # It may go deeper than the record whose OCV tells its start.
+    upper = replace(windows[whole.name], score_soc=(0.6, 1.0))
+    both = fit_with_ocv([whole, part], "so-rc", windows | {whole.name: upper}, QUICK)
+    assert both.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
+    assert both.cell.soc_range[0] < 0.4
+
+
+@pytest.mark.slow
+def test_a_start_beyond_full_that_a_rest_tells_is_told():
+    whole, _ = made(seed=0)
+    drive, soc = made(seed=1, hours=1.5)
+    counted_a = np.concatenate([1.05 * drive.current_a, np.zeros(3000)])
+    voltage_v = np.concatenate([drive.voltage_v, np.full(3000, ocv_v(soc[-1]))])
+    time_s = (drive.time_s[1] - drive.time_s[0]) * np.arange(len(counted_a))
+    part = make_record(time_s, counted_a, voltage_v, name="part.csv")
+    windows = {whole.name: FROM_FULL, part.name: Window()}
+    own = fit_with_ocv([whole, part], "so-rc", windows, replace(QUICK, keep_starts=True))
+    (told,) = own.warnings
+    assert (told.code, told.subject) == ("start.beyond-an-end", part.name)
+    assert told.values["soc"] == pytest.approx(1 + 0.05 * (1 - soc[-1]), abs=5e-3)
+    assert own.windows[part.name].initial_soc == told.values["soc"]
 
 
 @pytest.mark.parametrize("window", [Window(capacity_ah=0.9), Window(initial_soc=0.5)])
@@ -248,6 +298,40 @@ def test_a_hysteresis_is_found_under_noise_and_from_the_other_direction(noise_v,
     assert r2_ohm == pytest.approx(R_OHM[1], rel=0.05)
 
 
+@pytest.mark.slow
+def test_a_hysteresis_is_found_beside_a_third_pair():
+    """Either alone imitates the other, and the slow resistances are 30 to 45 % too high."""
+    r_ohm, tau_s = (0.010, 0.012, 0.014), (4.0, 40.0, 300.0)
+    record, _ = hysteretic(0.008, 40.0, 12_000, pairs=(r_ohm, tau_s))
+    result = barnax.identify(record, window=FROM_FULL, **FAST)
+    assert result.model == "esc+rc"
+    inside = np.linspace(0.2, 0.8, 20)
+    assert result.fit.tables.tau_s == pytest.approx(tau_s, rel=0.1)
+    for place, ohm in enumerate(r_ohm, 1):
+        found_ohm = np.median(result.fit.tables.at(f"R{place} [Ohm]", inside))
+        assert found_ohm == pytest.approx(ohm, rel=0.05)
+    gap_v = result.fit.tables.at("half hysteresis [V]", inside)
+    assert np.median(gap_v) == pytest.approx(0.008, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("keep_starts", [False, True])
+def test_of_several_records_the_direction_is_found_with_the_start(keep_starts):
+    """A rest tells the start by the branch that it is on: the gap is 2 % SOC there, and a start
+    wrong by that leaves a slow resistance 40 % too high."""
+    first, _ = hysteretic(0.012, 40.0, 9000)
+    second, _ = hysteretic(0.012, 40.0, 6000, start=0.5, state=-1.0, seed=5)
+    second = replace(second, name="second.csv")
+    given = {"window": Window(capacity_ah=2.0), "keep_starts": keep_starts, **FAST}
+    result = barnax.identify([first, second], **given)
+    assert result.model == "esc"
+    _, part = result.of_role("identification")
+    assert part.start.direction == -1
+    assert part.start.soc == pytest.approx(0.5, abs=2e-3)
+    r2_ohm = np.median(result.fit.tables.at("R2 [Ohm]", np.linspace(0.2, 0.7, 20)))
+    assert r2_ohm == pytest.approx(R_OHM[1], rel=0.05)
+
+
 LG, CALCE = "lg-hg2-18650", "calce-inr18650-20r"
 TESTED = f"{CALCE}/ocv-incremental_25degC_SP20-3"
 FULL = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
@@ -296,6 +380,25 @@ def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, t
     path.write_text(bad.to_json())
     again = barnax.Result.from_json(path)
     assert again.fit.own_ocv == bad.fit.own_ocv
+
+
+@pytest.mark.slow
+def test_a_record_that_is_not_suitable_cannot_speak_against_its_ocv_test(tmp_path):
+    """Under one constant current, slow resistances and a lower OCV look the same."""
+    time_s, current_a = np.arange(0, 7600.0, 10), np.full(760, 1.0)
+    current_a[[*range(20), *range(740, 760)]] = 0.0
+    soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 720
+    voltage_v = ocv_v(soc) - R0_OHM * current_a
+    frame = pl.DataFrame({"Time [s]": time_s, "Current [A]": -current_a, "Voltage [V]": voltage_v})
+    frame.write_csv(tmp_path / "one.csv")
+    nodes = np.linspace(0, 1, 101)
+    test = {"SOC": nodes, "OCV [V]": ocv_v(nodes) + 0.1 * np.sin(np.pi * nodes)}
+    found = barnax.identify(tmp_path / "one.csv", ocv=test, capacity=2.0, **SMALL)
+    codes = {told.code for told in found.warnings}
+    assert found.fit.own_ocv.median_v > 0.05
+    assert "role.unfit" in codes
+    assert "ocv-test.disagrees" not in codes
+    assert "predicts better" not in "".join(ocv_test_sentences(found))
 
 
 @pytest.mark.slow
@@ -395,6 +498,33 @@ def test_the_frame_of_one_value_has_the_nodes_of_the_ocv(narrow):
 
 
 @pytest.mark.slow
+def test_one_node_beside_an_ocv_test_is_a_table_of_one_row():
+    record, _ = made(1, hours=0.6, noise_v=1e-3)
+    soc = np.linspace(0, 1, 101)
+    points = tuple(
+        OcvPoint(at, volt, "ocv.csv", 0, 0.0) for at, volt in zip(soc, ocv_v(soc), strict=True)
+    )
+    result = barnax.identify(
+        record,
+        ocv=[OcvTable("ocv.csv", {0: points}, sha256="")],
+        window=FROM_FULL,
+        bounds={"tau2 [s]": (60.0, TAU_S[1] / 2)},
+        over="soc",
+        nodes=(0.5,),
+        folds=0,
+        **FAST,
+    )
+    assert result.over == "soc"
+    (row,) = result.to_frame().iter_rows(named=True)
+    assert row["SOC"] == 0.5
+    assert row["R0 [Ohm]"] == pytest.approx(R0_OHM, rel=0.02)
+    rows = csv.DictReader(fit_csv(result.fit).decode().splitlines())
+    assert {line["SOC"] for line in rows if line["table"] == "R0 [Ohm]"} == {"0.5"}
+    (told,) = [warning for warning in result.warnings if "upper-bound" in warning.code]
+    assert told.subject == "tables over SOC"
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("chosen", [{"model": "so-rc"}, {"over": "soc", "nodes": (0.5,)}])
 def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
     """Those that take the OCV for known would miss the slow pair."""
@@ -415,6 +545,21 @@ def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
     assert np.mean(held) >= 0.85
 
 
+@pytest.mark.slow
+def test_only_the_answer_is_proved(monkeypatch):
+    seen = []
+
+    def counted(objective, best):
+        seen.append(objective.nodes)
+        return certify(objective, best)
+
+    monkeypatch.setattr(own_ocv, "certify", counted)
+    record, _ = made(1, noise_v=1e-3)
+    result = barnax.identify(record, window=FROM_FULL, advise=False, seeds=0, trust="none")
+    assert result.fit.status == "certified"
+    assert seen == [len(result.fit.tables.nodes)] == [1]
+
+
 def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):
     record, _, _ = known
     prepared = prepare_record(record, level_cell(2.0, 3.7), "so-rc", FROM_FULL)
@@ -422,3 +567,22 @@ def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):
     best = find_best(objective)
     assert offset_effect(objective, best) is not None
     assert offset_effect(objective, replace(best, values=0 * best.values)) is None
+
+
+@pytest.mark.slow
+def test_what_an_offset_of_the_current_would_do_is_what_it_does():
+    record, _ = made(0)
+
+    def fitted(record):
+        return fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK).fit
+
+    told = fitted(record)
+    effect = told.of_offset
+    moved = fitted(replace(record, current_a=record.current_a + effect.offset_a)).tables
+
+    def total_ohm(tables):
+        return tables.ohm.sum(axis=0)[list(tables.visited)]
+
+    change = np.median(np.abs(total_ohm(moved) / total_ohm(told.tables) - 1))
+    assert change > 1e-3
+    assert effect.total == pytest.approx(change, rel=0.1)

@@ -225,6 +225,31 @@ def test_what_the_circuit_does_not_have_is_refused(prepared, settings, words):
         fit_tables([prepared], TableSettings(**settings))
 
 
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"nodes": (0.5, 0.4)},
+        {"roughness": 0.0},
+        {"folds": 1},
+        {"bounds": {"C1 [F]": (1.0, 2.0)}},
+        {"bounds": {"tau1 [s]": (2.0, 1.0)}},
+        {"bounds": {"tau1 [s]": (1.0, 2.0)}, "fixed": {"tau1 [s]": 1.0}},
+    ],
+)
+def test_settings_that_cannot_be_are_refused(settings):
+    with pytest.raises(InputError):
+        TableSettings(**settings)
+
+
+def test_a_record_of_seconds_has_tables_and_nothing_held_out(bundled_record, bundled_cell):
+    window = Window(score_to_s=20.5)
+    short = prepare_record(bundled_record, bundled_cell, "so-rc", window)
+    fit = fit_tables([short])
+    assert fit.cross_validation is None
+    assert fit.tables.tau_s == pytest.approx((2.0, 2.0))
+    assert [each.code for each in fit.warnings] == ["tables.mostly-unvisited"]
+
+
 def test_hysteresis_is_held_where_records_go_one_way_only(with_hysteresis):
     held = {"tau1 [s]": 10.0, "tau2 [s]": 60.0}
     settings = replace(SMALL, bounds={}, fixed=held)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import barnax
+from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.inputs import Inputs
 from barnax.model.prepared import prepare_record
@@ -14,6 +15,7 @@ from barnax.model.window import Window
 from barnax.over_soc import (
     TableSettings,
     counted_alike,
+    errors_on,
     fit_tables,
     register_alone,
     rest_warnings,
@@ -25,7 +27,7 @@ from barnax.records import read_record
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences
 from helpers import known_cell
-from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made
+from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import drop_v, filtered_response, make_record
 
@@ -50,6 +52,32 @@ def identified(records, **options):
 @pytest.fixture(scope="module")
 def registered(records):
     return identified(records, folds=0)
+
+
+@pytest.mark.slow
+def test_a_charge_beside_a_drive_leaves_blocks_out_and_not_the_drive(records, registered):
+    time_s = 4.0 * np.arange(3000)
+    current_a = np.where(time_s > 60, -0.55, 0.0)
+    soc = 0.05 + np.append(0.0, np.cumsum(-current_a[:-1] * 4.0)) / 7200
+
+    def response(time_s, current_a, tau, hold):
+        return filtered_response(4.0, current_a, tau, hold)
+
+    voltage_v = ocv_v(soc) - drop_v(response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
+    charge = make_record(time_s, current_a, voltage_v, name="charge.csv")
+    windows = {
+        records[0].name: Window(initial_soc=1.0, capacity_ah=2.0),
+        charge.name: Window(initial_soc=0.05, capacity_ah=2.0),
+    }
+    alone = {**ALONE, "keep_starts": True}
+    beside = barnax.identify([records[0], charge], window=windows, **alone)
+    held = beside.fit.cross_validation
+    # No drive follows from a charge alone.
+    assert held.block_s is not None
+    assert held.by_record == ()
+    # Blocks near full leave out what the OCV does between its closest nodes.
+    assert held.tables.rmse_v < 5e-3
+    assert len(registered.fit.cross_validation.by_record) == 3
 
 
 def test_starts_and_capacities_are_found_up_to_the_axis(registered):
@@ -94,6 +122,44 @@ def test_a_record_to_validate_on_is_told_with_its_start_moved_too(registered):
     assert rmse_v < 0.5 * found.metrics.rmse_v
     stays = registered.validate(record, Window(initial_soc=0.99 + moved_soc, capacity_ah=2.0))
     assert abs(stays.registered[0]) < 1e-3
+
+
+def logged_at_end(record):
+    """The same on an uneven clock, with the mean current since the row before, as none says."""
+    current_a = np.append(0.0, record.current_a[:-1])
+    voltage_v = record.voltage_v + R0_OHM * (record.current_a - current_a)
+    is_steady = np.append(current_a[:-1] == current_a[1:], False)
+    keep = ~is_steady | (np.random.default_rng(1).random(len(is_steady)) > 0.4)
+    keep[:5] = True
+    own = make_record(record.time_s[keep], current_a[keep], voltage_v[keep], name=record.name)
+    return replace(own, hold=replace(own.hold, strength="assumed"))
+
+
+@pytest.mark.slow
+def test_what_another_hold_tells_is_registered_with_it(records):
+    """The fit that is stored is that of the windows that are stored."""
+    found = identified([logged_at_end(each) for each in records])
+    inputs = found.of_role("identification")
+    assert [each.hold.value for each in inputs] == ["backward"] * 3
+    for each, own in zip(found.fit.errors, found.metrics.jointly, strict=True):
+        assert own.rmse_v == pytest.approx(each.rmse_v, rel=1e-2)
+    soc = np.array([each.window.initial_soc for each in inputs])
+    np.testing.assert_allclose(soc - soc.mean(), TRUE_SOC - TRUE_SOC.mean(), atol=1e-3)
+    assert {each.window.registration.told_source for each in inputs} == {"given"}
+
+
+@pytest.mark.slow
+def test_bounds_of_what_tables_do_not_have_leave_records_registered():
+    given = {"fix": {"C1 [F]": 1e3}, "ocv": BUNDLED.ocv, "seeds": 0, "trust": "none"}
+    found = barnax.identify([BUNDLED.record, BUNDLED.validation], model="so-rc", **given)
+    for each in found.of_role("identification"):
+        assert each.window.registration is not None
+    windows = {each.name: each.window for each in found.of_role("identification")}
+    again = barnax.identify(
+        [BUNDLED.record, BUNDLED.validation], model="so-rc", window=windows, **given
+    )
+    # What was registered is no more told than before.
+    assert {each.name: each.window for each in again.of_role("identification")} == windows
 
 
 @pytest.fixture(scope="module")
@@ -223,6 +289,32 @@ def test_a_cut_drive_of_an_lfp_cell_and_its_charge_have_tables_with_the_r0_of_st
 
 
 @pytest.mark.slow
+def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(real_data):
+    """As told they are 48 mV off, 110 to 360 of that below 5 % SOC."""
+    folder = real_data / "plett-a123-26650"
+    tests = [read_record(folder / f"ocv-s{part}_25degC.parquet") for part in (1, 3)]
+    cell = characterize(tests, ocv_fit="interpolated")
+
+    def prepared(part, **window):
+        record = read_record(
+            folder / f"dyn-s{part}_25degC.parquet", current_sign="discharge-positive"
+        )
+        return prepare_record(record, cell, "esc", Window(**window))
+
+    drive = register_alone(prepared(1, initial_soc=1.0), TableSettings())
+    given = {"initial_soc": 0.0, "score_steps": (11,), "score_soc": (0.03, 0.95)}
+    charge, counted = prepared(3, **given), prepared(3, capacity_ah=drive.capacity_ah, **given)
+    assert drive.capacity_ah == pytest.approx(2.0, abs=0.01)
+    tables = fit_tables([drive], TableSettings(max_boxes=0, folds=0)).tables
+    assert errors_on(charge, tables).rmse_v < 12e-3
+    found = errors_on(counted, tables)
+    assert found.rmse_v < 8e-3
+    assert found.above_v < 8e-3
+    together = fit_tables([drive, charge], TableSettings(max_boxes=0, folds=0)).errors
+    assert max(each.rmse_v for each in together) < 5e-3
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("offset_a", [-0.02, 0.0, 0.02])
 def test_records_of_different_rates_tell_an_offset_of_their_current(offset_a):
     fast, slow = made(0, 0.98, 2.4, 1e-3)[0], made(1, 0.98, 4.8, 1e-3, scale=0.5)[0]
@@ -262,6 +354,18 @@ def test_a_load_that_passes_zero_is_no_rest_that_reads_zero(rest_a, is_zero):
     assert np.count_nonzero(np.abs(current_a) < 0.01) > 60
     read = SimpleNamespace(current_a=current_a, capacity_ah=2.0, median_interval_s=1.0)
     assert reads_zero_at_rest(read) is is_zero
+
+
+@pytest.mark.slow
+def test_a_current_that_reads_zero_at_rest_has_no_offset_whatever_the_voltages_say():
+    records = [made(0, 0.98, 2.4, 1e-3)[0], made(1, 0.98, 4.8, 1e-3, scale=0.5)[0]]
+    records = [
+        replace(each, current_a=np.where(each.current_a == 0, 0.0, each.current_a + 0.03))
+        for each in records
+    ]
+    windows = {each.name: Window(initial_soc=0.98, capacity_ah=2.0) for each in records}
+    found = barnax.identify(records, window=windows, folds=0, **ALONE)
+    assert "answer.current-offset" not in {each.code for each in found.warnings}
 
 
 def test_a_rest_far_from_the_ocv_of_a_record_to_validate_on_is_told(emptied):

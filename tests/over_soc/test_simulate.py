@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 from barnax.cell import CircuitParameters
 from barnax.cell.parameters import OCV_CORRECTION
 from barnax.cell.tables import hats
+from barnax.errors import InputError
 from barnax.execution import in_float64
 from barnax.model.reference import simulate_circuit
 from helpers.scan import rc_parameters, terminal_voltage
@@ -74,3 +75,19 @@ def test_a_table_of_the_measured_amplitude_is_the_measured_hysteresis(with_hyste
     )
     simulated_v = simulate_circuit(with_hysteresis, tabled)
     assert simulated_v == pytest.approx(simulate_circuit(with_hysteresis, measured), abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"nodes": (0.5, 0.3)},
+        {"r0_ohm": (0.1,)},
+        {"tau_s": (1.0,)},
+        {"ocv_correction_v": (0.0, 0.0)},
+    ],
+)
+def test_tables_that_do_not_fit_together_are_refused(changed):
+    given = {"nodes": (0.0, 1.0, 2.0), "r0_ohm": (0.1,) * 3, "tau_s": (1.0, 2.0)}
+    given |= {"r_ohm": ((0.1,) * 3, (0.1,) * 3)} | changed
+    with pytest.raises(InputError):
+        CircuitParameters.over_soc(**given)

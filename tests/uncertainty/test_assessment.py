@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
+from barnax.errors import InputError
+from barnax.uncertainty import assess, covariance
 from barnax.uncertainty.assessment import diagnostics
 from helpers.noisy_fits import SAMPLES, fit, made_problem, white_noise
 
@@ -19,6 +21,21 @@ def test_where_two_pairs_are_one_every_parameter_has_an_error(short_problem, see
         assert estimate.relative_error is not None
     assert found.uncertainty["R1 [Ohm]"].low is None
     assert found.uncertainty["R0 [Ohm]"].low is not None
+
+
+def test_a_time_constant_too_short_to_be_seen_has_no_interval(short_problem):
+    problem = made_problem(short_problem, white_noise(0), bounds={"tau1 [s]": (1e-6, 1e-4)})
+    uncertainty = assess(
+        problem, CircuitParameters.constant(0.05, (0.02, 0.03), (5e-4, 4000))
+    ).uncertainty
+    assert uncertainty["tau1 [s]"].held == "unseen"
+    assert uncertainty["R2 [Ohm]"].low is not None
+
+
+def test_errors_too_large_to_be_squared_are_refused_in_one_message(white, monkeypatch):
+    monkeypatch.setattr(covariance, "LARGEST_NUMBER", 0.5 * white.rmse_v)
+    with pytest.raises(InputError, match="narrow the bounds"):
+        assess(white.problem, white.parameters)
 
 
 @pytest.mark.parametrize("bands", ["by_soc", "by_current"])
@@ -40,6 +57,17 @@ def test_a_band_holds_the_errors_of_its_samples(colored):
     assert rest.mean_v == pytest.approx(np.mean(error_v[inside]))
     (top,) = [band for band in found.by_soc if band.high == 1.0]
     assert top.samples == np.count_nonzero(prepared.soc >= 0.9)
+
+
+def test_rates_are_of_the_capacity_a_record_was_simulated_with(colored):
+    prepared = colored.problem.prepared
+    aged = replace(prepared, capacity_ah=prepared.capacity_ah / 4)
+    problem = replace(colored.problem, prepared_records=(aged,))
+    found = diagnostics(problem, colored.assessment.covariance).by_current
+    rate = 4 * prepared.current_a / prepared.capacity_ah
+    for band in found:
+        low, high = band.low or -np.inf, band.high or np.inf
+        assert band.samples == np.count_nonzero((rate >= low) & (rate < high))
 
 
 def test_the_autocorrelation_is_the_residuals_own(colored):

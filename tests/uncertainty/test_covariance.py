@@ -3,13 +3,18 @@
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.optimize import curve_fit
+from scipy.signal import lfilter
 from scipy.stats import t as student
 
+import barnax
 from barnax.model.problem import make_problem
+from barnax.model.window import Window
 from barnax.uncertainty import assess
 from helpers.noisy_fits import SAMPLES, TRUTH, fit, made_problem, white_noise
+from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
 from helpers.reference import drop_v, filtered_response
 
 LOGARITHMS = np.log([TRUTH.r0, TRUTH.r[0], TRUTH.tau_s[0], TRUTH.r[1], TRUTH.tau_s[1]])
@@ -133,3 +138,25 @@ def test_an_interval_spans_another_possible_value_by_its_own_relative_width(whit
     within = uncertainty.spanning([below, above])["R0 [Ohm]"]
     assert (within.low, within.high) == (0.9999 * own.low, 1.0002 * own.high)
     assert uncertainty.spanning([])["R0 [Ohm]"] == own
+
+
+@pytest.mark.slow
+def test_a_rest_before_the_first_load_says_nothing(bundled_cell):
+    """Intervals with it are those without."""
+    rng = np.random.default_rng(0)
+    current_a = np.repeat(rng.uniform(-0.5, 2.0, 200), rng.integers(2, 40, 200))[:3000]
+    noise_v = np.asarray(lfilter([5e-4], [1, -0.99], rng.normal(size=3000)))
+    voltage_v = simulated_cell(current_a) + noise_v
+    found = []
+    for rest in (0, 3000):
+        amps = np.append(np.zeros(rest), current_a)
+        volts = np.append(voltage_v[0] + 1e-4 * rng.normal(size=rest), voltage_v)
+        table = pl.DataFrame({TIME: 1.0 * np.arange(len(amps)), CURRENT: -amps, VOLTAGE: volts})
+        options = {"window": Window(initial_soc=0.6), "current_hold": "forward", "seeds": 0}
+        result = barnax.identify(table, cell=bundled_cell, model="so-rc", **options)
+        own = result.constant.assessment
+        assert own
+        found.append([(each.low, each.high) for each in own.uncertainty.estimates])
+    lows, highs = np.array(found, float).T
+    np.testing.assert_allclose(lows[:, 0], lows[:, 1], rtol=1e-3)
+    np.testing.assert_allclose(highs[:, 0], highs[:, 1], rtol=1e-3)

@@ -10,6 +10,9 @@ from helpers.reference import filtered_response
 
 # Li et al. (2023), Table 3, BMO-SO: its first pair has 0.0996 s.
 BMO_SO = CircuitParameters.constant(0.0334, (0.0023, 0.0503), (43.31, 488.57))
+
+
+HALF_A_SECOND = CircuitParameters.constant(0.05, (0.01, 0.03), (0.5 / 0.01, 120 / 0.03))
 WIDE = {"tau1 [s]": (0.05, 1500.0), "tau2 [s]": (0.05, 1500.0)}
 SEED = 20
 
@@ -26,6 +29,11 @@ def test_the_collinearity_index_is_that_of_two_columns_at_an_angle(degrees):
     columns = np.array([[1.0, np.cos(angle)], [0.0, np.sin(angle)], [0.0, 0.0]])
     # The smaller eigenvalue of [[1, cos], [cos, 1]] is 1 - cos (Brun et al., 2001, Eq. 11).
     assert collinearity(columns) == pytest.approx(1 / np.sqrt(1 - np.cos(angle)))
+
+
+def test_what_the_data_determine_leaves_no_finding(white):
+    assert white.assessment.identifiability.findings == ()
+    assert white.assessment.identifiability.condition_number > 1
 
 
 def relative_error_of_r1(problem, circuit, sd_v):
@@ -63,6 +71,32 @@ def test_where_it_responds_one_sample_late_its_resistance_is_known_and_its_time_
     assert "at bound" not in findings
 
 
+def test_a_pair_of_half_a_second_that_the_data_determine_is_no_finding(short_problem):
+    problem = made_problem(short_problem, white_noise(24, 5e-3), HALF_A_SECOND, bounds=WIDE)
+    assert relative_error_of_r1(problem, HALF_A_SECOND, 5e-3) < 0.1
+    estimates, findings = findings_of(problem, HALF_A_SECOND)
+    assert estimates["tau1 [s]"].value < 0.5
+    assert findings == {}
+    for name, value in {"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.01, "tau1 [s]": 0.5}.items():
+        assert estimates[name].value / 2 < estimates[name].low <= value <= estimates[name].high
+
+
+# R2 t / tau2: all that the first 1,500 s show of such a pair.
+SLOW = CircuitParameters.constant(0.05, (0.02, 0.1), (10 / 0.02, 50_000))
+
+
+def test_of_a_pair_slower_than_the_record_only_the_capacitance_is_known(short_problem):
+    wide = {f"R{pair} [Ohm]": (1e-4, 1e3) for pair in (1, 2)}
+    wide |= {f"tau{pair} [s]": (0.5, 1e6) for pair in (1, 2)}
+    problem = made_problem(short_problem, white_noise(SEED), SLOW, bounds=wide)
+    estimates, findings = findings_of(problem, SLOW)
+    slow = findings["too slow"]
+    assert slow.combined == estimates["C2 [F]"]
+    assert slow.combined.low <= 50_000 <= slow.combined.high
+    assert slow.combined.relative_error < 0.2 * estimates["tau2 [s]"].relative_error
+    assert slow.duration_s == pytest.approx(1500.0)
+
+
 def test_of_two_pairs_with_one_time_constant_only_the_sum_is_known(short_problem):
     alike = CircuitParameters.constant(0.05, (0.02, 0.03), (40 / 0.02, 40.2 / 0.03))
     noise_v = colored_noise(np.random.default_rng(4), SAMPLES, 12.0, 2e-3)[0]
@@ -72,6 +106,13 @@ def test_of_two_pairs_with_one_time_constant_only_the_sum_is_known(short_problem
     assert finding.combined.name == "R1 + R2 [Ohm]"
     assert finding.combined.low < 0.05 < finding.combined.high
     assert found.collinearity_index > 15
+
+
+def test_a_parameter_at_a_bound_that_is_no_limit_of_the_record_is_a_finding(short_problem):
+    problem = made_problem(short_problem, white_noise(SEED), bounds={"R0 [Ohm]": (0.01, 0.045)})
+    (bound,) = findings_of(problem)[1]["at bound"].estimates
+    assert (bound.name, bound.held) == ("R0 [Ohm]", "at upper bound")
+    assert bound.value == pytest.approx(0.045, rel=2e-3)
 
 
 def test_loose_parameters_and_directions_are_findings(short_problem):

@@ -201,3 +201,10 @@ def test_empty_time_between_records_adds_no_degrees_of_freedom():
     freedom = np.median([fit.degrees_of_freedom(np.ones(1)) for fit in fits])
     # 400 variances tell their own scatter to 7 %; counting the empty time would add 84 %.
     assert freedom * np.var(fitted) / np.mean(fitted) ** 2 / 2 == pytest.approx(1.0, abs=0.35)
+
+
+def test_a_perfect_fit_leaves_no_noise(waves):
+    noise = fit_noise(np.zeros(400), waves, np.arange(400.0))
+    assert noise.sd_v == 0
+    assert not noise.spread_v2.any()
+    assert noise.correlation_time_s(1.0) == 1.0

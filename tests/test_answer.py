@@ -1,18 +1,26 @@
 """The answer of the bundled cell and of simulated ones: what was chosen, and what stands beside."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 import barnax
+from barnax.bundled import BUNDLED
+from barnax.cell import CircuitParameters
 from barnax.cli.session import as_flags
 from barnax.job import Job
+from barnax.model.prepared import prepare_record
+from barnax.model.window import Window
 from barnax.over_soc import SocErrors
 from barnax.reporting.first_screen import first_screen
 from barnax.results import Result
+from barnax.search.evaluate import evaluate
 from barnax.uncertainty.assessment import soc_bands
+from helpers.problems import drive_a
+from helpers.reference import make_record
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +91,56 @@ def test_what_is_stored_says_the_same(result, tmp_path):
     assert len(stored.parameters["R0 [Ohm]"]) == len(stored.parameters["SOC"])
 
 
+@pytest.mark.slow
+def test_a_record_of_little_soc_gets_no_tables():
+    result = barnax.identify(window=Window(score_to_s=1500.0), trust="none", seeds=0)
+    assert result.tables is None
+    assert {own.nodes for own in result.tried} == {1}
+    assert isinstance(result.parameters["R0 [Ohm]"], float)
+
+
+@pytest.fixture(scope="module")
+def moving_cell(bundled_cell):
+    """The bundled cell with four times its hysteresis."""
+    wider = replace(
+        bundled_cell.hysteresis,
+        ends_v=tuple(tuple(4 * end for end in each) for each in bundled_cell.hysteresis.ends_v),
+    )
+    return replace(bundled_cell, hysteresis=wider)
+
+
+@pytest.fixture(scope="module")
+def moving_record(moving_cell):
+    """A drive on it whose hysteresis follows the charge slowly."""
+    time_s = np.arange(0.0, 8000.0, 2.0)
+    current_a = drive_a(len(time_s), interval=25) / 3
+    current_a[:100] = 0.0
+    record = make_record(time_s, current_a, np.full(len(time_s), 3.7), name="moving.csv")
+    window = Window(initial_soc=0.9, initial_direction=1)
+    truth = CircuitParameters.of_tau(0.05, (0.01, 0.02), (10.0, 200.0), 40.0)
+    made = evaluate_voltage(prepare_record(record, moving_cell, "esc", window), truth)
+    noise_v = 2e-4 * np.random.default_rng(0).standard_normal(len(time_s))
+    return replace(record, voltage_v=made + noise_v), window
+
+
+def evaluate_voltage(prepared, truth):
+    """The circuit's voltage; a ramp keeps the measured one, which is not there yet, from being
+    flat."""
+    ramp = replace(prepared.record, voltage_v=np.linspace(3.8, 3.6, prepared.record.samples))
+    return evaluate(replace(prepared, record=ramp), truth).simulated_v
+
+
+@pytest.mark.slow
+def test_a_hysteresis_that_follows_the_charge_is_chosen_with_its_constants(
+    moving_cell, moving_record
+):
+    record, window = moving_record
+    free = barnax.identify(record, cell=moving_cell, window=window, seeds=0)
+    assert (free.model, free.tables) == ("esc", None)
+    assert free.parameters["R0 [Ohm]"] == pytest.approx(0.05, rel=0.002)
+    assert free.parameters["gamma"] == pytest.approx(40.0, rel=0.02)
+
+
 def test_the_set_up_of_the_paper_is_one_word():
     paper = Job(setup="li2023")
     assert (paper.model, paper.ocv_fit) == ("iso-rc", "polynomial")
@@ -90,6 +148,34 @@ def test_the_set_up_of_the_paper_is_one_word():
     assert (over.model, over.ocv_fit) == ("so-rc", "interpolated")
     with pytest.raises(barnax.InputError, match="`setup` 'li2024' is not known"):
         barnax.identify(setup="li2024")
+
+
+@pytest.mark.slow
+def test_asking_for_tables_takes_the_simpler_ones_too_unless_others_are_worth_it(result):
+    asked = barnax.identify(over="soc", seeds=0, trust="none")
+    assert (asked.model, asked.fit.tables.nodes) == (result.model, result.fit.tables.nodes)
+
+
+@pytest.mark.slow
+def test_files_and_a_folder_get_the_same_answer(result, tmp_path):
+    for path in (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    found = barnax.identify(tmp_path, validate=tmp_path / BUNDLED.validation.name, seeds=0)
+    assert found.tables is not None
+    assert found.metrics.identification.rmse_v == pytest.approx(
+        result.metrics.identification.rmse_v, rel=1e-6
+    )
+
+
+@pytest.mark.slow
+def test_what_is_held_is_held_in_every_circuit_that_has_it():
+    few = {"window": Window(score_to_s=1500.0), "trust": "none", "seeds": 0}
+    # Tables have no capacitance.
+    farads = barnax.identify(fix={"C1 [F]": 1000.0}, **few)
+    assert farads.constant.parameters.scales["C1 [F]"] == pytest.approx(1000.0)
+    assert not any(each.over for each in farads.candidates)
+    with pytest.raises(barnax.InputError, match="'gamma' is not a parameter of this circuit"):
+        barnax.identify(model="so-rc", fix={"gamma": 50.0}, **few)
 
 
 def test_a_sample_at_ten_percent_counts_above_it_in_held_out_errors_as_in_bands():

@@ -127,6 +127,15 @@ def refusal(record, **options):
     return str(caught.value).splitlines()[0]
 
 
+@pytest.mark.slow
+def test_a_fast_record_too_short_for_three_pairs_is_identified_with_two(tmp_path):
+    frame = pl.read_parquet(BUNDLED.validation)[:60]
+    frame.with_columns(pl.col("Test Time / s") / 10).write_csv(tmp_path / "short.csv")
+    quick = {"seeds": 0, "trust": "none", "advise": False, "folds": 0, "max_boxes": 0}
+    found = identify(tmp_path / "short.csv", ocv=BUNDLED.ocv, **quick)
+    assert "3rc" not in {each.model for each in found.candidates}
+
+
 def test_a_record_without_changes_of_load_is_refused_with_what_to_give(tmp_path):
     for current_a, hours, what in ((1.0, 1.5, "only charges"), (0.1, 19.0, "is a slow sweep")):
         time_s = np.linspace(0, 3600 * hours, 2000)

@@ -17,6 +17,8 @@ from barnax.over_soc.pack import fit_pack
 from barnax.pack import identify_pack
 from barnax.records import record_from_frame, source_from_frame
 from barnax.records.pack import read_pack
+from barnax.reporting.pack import pack_document
+from barnax.reporting.render import to_markdown
 from helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, simulated
 
 SAMPLES = 4500
@@ -176,3 +178,14 @@ def test_columns_of_something_else_are_no_cells_of_a_pack(voltages, other):
     assert told.value.code.startswith("columns.missing")
     with pytest.raises(InputError, match="no columns of cell voltages found"):
         of(beside)
+
+
+@pytest.mark.slow
+def test_what_is_found_in_the_record_of_a_pack_is_told_with_what_is_assumed(voltages):
+    table = frame(*voltages).with_columns(pl.col("^V.*$").shift(2)).drop_nulls()
+    options = {"capacity": 5.0, "window": Window(initial_soc=START), "max_boxes": 0}
+    late = identify_pack(table, **options)
+    assert "late-voltage.lags" in {notice.code for notice in late.result.warnings}
+    assert late.result.inputs[0].voltage_lag_s == pytest.approx(2.0, abs=0.05)
+    told = to_markdown(pack_document(late))
+    assert "Assumed: each sample's current flows until the next sample" in " ".join(told.split())

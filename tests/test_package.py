@@ -179,6 +179,16 @@ def build(folder, *targets):
     )
 
 
+@pytest.mark.slow
+def test_building_twice_gives_the_same_bytes(tmp_path):
+    for folder in ("a", "b"):
+        build(tmp_path / folder)
+    names = sorted(path.name for path in (tmp_path / "a").iterdir())
+    assert [name.rpartition(".")[2] for name in names] == ["whl", "gz"]
+    for name in names:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
 def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_licence(tmp_path):
     build(tmp_path, "-t", "wheel")
     (wheel,) = tmp_path.glob("*.whl")

@@ -1,5 +1,6 @@
 """`barnax.identify`: the answer is the best circuit known, whatever it was found from."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -51,6 +52,15 @@ def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch
     assert result.constant.source == "seeds"
     assert result.parameters == result.constant.refined.parameters.to_dict()
     assert "not known" in result._repr_html_()
+
+
+@pytest.mark.slow
+def test_bounds_of_almost_nothing_are_searched_by_the_scan_and_lose_nothing():
+    bounds = {"tau1 [s]": (1e-6, 1e9), "R1 [Ohm]": (1e-9, 0.2)}
+    result = barnax.identify(window=SHORT, bounds=bounds, **(SMALL | {"trust": "basic"}))
+    assert result.constant.search.objective == "scan"
+    assert math.isfinite(result.metrics.identification.rmse_v)
+    assert result.to_json()
 
 
 def frame_of(path, library):

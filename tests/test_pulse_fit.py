@@ -1,9 +1,15 @@
 """A pulse test of a made cell gives the cell back, and what the command writes of it."""
 
+import csv
+import json
+
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from barnax import Result
+from barnax.cli.app import app
+from barnax.export import EXPORTERS
 from barnax.pipeline import hppc
 from helpers.pulse_tests import CAPACITY_AH, R1_OHM, R2_OHM, TAU_S, made_record, r0_ohm
 
@@ -43,3 +49,21 @@ def test_pulses_and_tables_are_stored_and_read_back(result, tmp_path):
     again = Result.from_json(place)
     assert again.pulses == result.pulses
     assert again.fit.tables == result.fit.tables
+
+
+@pytest.mark.slow
+def test_the_command_writes_tables_pulses_and_figures_and_exports_take_them(tmp_path):
+    folder = tmp_path / "out"
+    runner = CliRunner()
+    ran = runner.invoke(app, ["hppc", "--seeds=0", "--out", str(folder)])
+    assert ran.exit_code == 0, ran.output
+    assert "discharge at 1C (2 A)" in ran.output
+    figures = {path.stem for path in (folder / "figures").iterdir()}
+    assert {"tables", "identification-pulses"} <= figures
+    rows = list(csv.DictReader((folder / "pulses.csv").read_text().splitlines()))
+    assert len(rows) == len(json.loads((folder / "result.json").read_text())["pulses"]) == 37
+    for name, exporter in EXPORTERS.items():
+        place = tmp_path / exporter.file_name
+        ran = runner.invoke(app, ["export", str(folder), "--to", name, "--out", str(place)])
+        assert ran.exit_code == 0, ran.output
+        assert place.stat().st_size > 500

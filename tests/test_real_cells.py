@@ -240,3 +240,18 @@ def test_the_lfp_cell_runs_from_files_of_opposite_signs(real_data, circuit):
     # Hysteresis and relaxation of this cell are some tens of millivolts.
     assert refinement.rmse_v < 20e-3
     assert evaluation.metrics.r2 > 0.9
+
+
+@pytest.mark.slow
+def test_the_leaf_cell_runs_from_its_pulse_test(real_data):
+    record = read_record(real_data / "nissan-leaf-lmo-33ah" / "hppc_25degC.parquet")
+    assert (record.sign.value, record.hold.value) == ("charge-positive", "forward")
+    cell = characterize([record], capacity_ah=33.1, ocv_fit="interpolated")
+    # From the rest at full, before the pulses, to the last rest of which the OCV is known.
+    window = Window(start_time_s=15_400.0, score_to_s=46_000.0)
+    refinement, evaluation = identified(record, cell, "so-rc", window)
+    assert evaluation.prepared.start.soc == pytest.approx(1.0, abs=0.01)
+    # 30 A take 0.1 V in 30 s: 3.3 mohm in all, of which the ohmic part is less.
+    assert 0.5e-3 < refinement.parameters.r0 < 3.3e-3
+    assert refinement.rmse_v < 10e-3
+    assert evaluation.metrics.r2 > 0.97

@@ -60,6 +60,20 @@ def test_a_loaded_result_has_the_evaluations_and_figures_of_the_run(kept):
     assert {"convergence", "tables"} < set(names[1])
 
 
+@pytest.mark.slow
+def test_a_loaded_result_writes_the_same_report(kept, tmp_path):
+    result, folder, data = kept
+    page = Result.load(folder / "result.json", data=[data]).report(tmp_path / "new" / "report.md")
+    assert (tmp_path / "new" / "report.md").read_text() == page == result.report(format="md")
+    pictures = {path.name for path in (tmp_path / "new" / "figures").iterdir()}
+    assert pictures
+    assert all(f"(figures/{name})" in page for name in pictures)
+    assert "</html>" in result.report()
+    assert len(repr(result.report())) < 100
+    with pytest.raises(InputError, match="is html or md, not 'docx'"):
+        result.report("report.docx")
+
+
 def test_files_are_looked_for_beside_the_result_and_told_where_they_are_not(kept, tmp_path):
     _, folder, data = kept
     stored = Result.load(folder)

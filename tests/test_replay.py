@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from barnax.bundled import BUNDLED
+from barnax.cell import Dependence, InterpolatedCurve
 from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.pipeline import identify
@@ -17,6 +18,7 @@ from barnax.replay import Scenario, SocReplay, _converged, replay_soc
 from barnax.reporting.replay import soc_lines
 from barnax.reporting.terminal import soc_screen
 from barnax.result_filter import FilterSettings
+from helpers.results import make_record, make_result, make_table_result
 
 SCENARIOS = (
     Scenario("right start"),
@@ -120,6 +122,32 @@ def test_a_replay_is_stored_and_read_back(replay, tmp_path):
     with pytest.raises(InputError, match="replay the record again"):
         plot_soc_replay(again)
     assert len(plot_soc_replay(replay).axes) == 1 + len(replay.scenarios)
+
+
+@pytest.mark.slow
+def test_without_tables_the_cell_is_that_of_the_records_temperature():
+    made = make_result("so-rc")
+    soc = np.linspace(0, 1, 41)
+    cold = InterpolatedCurve.fit(soc, made.cell.average_ocv_v(soc) - 0.03)
+    there = replace(made.cell, charge=cold, discharge=cold, capacity_ah=1.8, temperature_degc=10.0)
+    cells = replace(made.cell, temperature_degc=25.0, elsewhere=(there,)), there
+    window, settings = Window(initial_soc=0.9, temperature_degc=10.0), FilterSettings(tables=False)
+    both, alone = (
+        replay_soc(made.model_copy(update={"cell": cell}), make_record(300), window, settings)
+        for cell in cells
+    )
+    np.testing.assert_array_equal(both.traces.estimate.soc, alone.traces.estimate.soc)
+    assert both.scenarios == alone.scenarios
+
+
+@pytest.mark.slow
+def test_resistances_that_follow_a_temperature_that_is_not_there_are_told_of():
+    made = make_table_result()
+    fit, warm = made.fit, Dependence(beta_per_k=0.03, reference_degc=20.0)
+    fits = (replace(fit, tables=replace(fit.tables, dependence=warm)),)
+    made = made.model_copy(update={"tables": made.tables.model_copy(update={"fits": fits})})
+    told = replay_soc(made, make_record(300), Window(initial_soc=0.9)).warnings
+    assert "tables.no-temperature" in [each.code for each in told]
 
 
 def test_convergence_must_hold_ten_minutes_or_to_the_end():

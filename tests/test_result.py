@@ -11,6 +11,7 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
+from barnax.export.tables import tables_of
 from barnax.global_optimum import find_global_optimum
 from barnax.identification import best_of
 from barnax.model.window import Window
@@ -112,6 +113,27 @@ def test_to_dict_holds_plain_values_equal_to_the_file(result, document):
 
     assert is_plain(result.to_dict())
     assert result.to_dict() == document
+
+
+@pytest.mark.slow
+def test_an_export_starts_where_the_simulation_does(bundled_cell):
+    # From 5,000 s on the cell comes from a discharge, whatever was before the record.
+    window = Window(start_time_s=5000.0, score_to_s=5900.0, initial_soc=0.7)
+    windows = {"identification.parquet": window, "": Window(score_to_s=900.0)}
+    stored = barnax.identify(
+        window=windows, setup="li2023", seeds=1, population=8, iterations=1, trust="none"
+    )
+    assert stored.start.direction_source == "load before"
+    assert stored.start.direction == -1
+    assert stored.start_rest_current_a == pytest.approx(bundled_cell.capacity_ah / 100)
+    prepared, away_v = (
+        stored.evaluations.identification[0].prepared,
+        tables_of(stored).initial_hysteresis_v,
+    )
+    assert prepared.source_v[0] == pytest.approx(
+        bundled_cell.average_ocv_v(prepared.soc[:1])[0] + away_v, abs=1e-6
+    )
+    assert away_v < -1e-3
 
 
 def test_a_seed_that_failed_at_first_or_altogether_is_stored(result):

@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.errors import InputError
+from barnax.records import read_record
 from helpers.ocv_tests import (
     CAPACITY_AH,
     REST,
@@ -18,10 +20,12 @@ from helpers.ocv_tests import (
     both_ways,
     branch_v,
     charge_only,
+    conditioned,
     discharge_only,
     driven,
     pulses,
     slow_sweep,
+    steady,
 )
 
 GRID = np.linspace(0.0, 1.0, 21)
@@ -63,6 +67,14 @@ def test_between_branches_lies_what_was_measured_unless_they_are_polynomials():
     np.testing.assert_allclose(both.at(12.5).branch_gap_v(soc), fitted.hysteresis_v(soc), atol=1e-9)
 
 
+def test_two_files_in_any_order_give_the_same_as_one():
+    one = characterize([both_ways()], ocv_fit="interpolated")
+    for records in ([discharge_only(), charge_only()], [charge_only(), discharge_only()]):
+        two = characterize(records, ocv_fit="interpolated")
+        np.testing.assert_allclose(two.average_ocv_v(GRID), one.average_ocv_v(GRID), atol=1e-9)
+        np.testing.assert_allclose(two.hysteresis_v(GRID), one.hysteresis_v(GRID), atol=1e-9)
+
+
 @settings(max_examples=20)
 @given(st.integers(8, 40), st.floats(0.3, 100.0))
 def test_any_number_of_pulses_and_any_capacity_recover_the_average(count, size):
@@ -74,6 +86,20 @@ def test_any_number_of_pulses_and_any_capacity_recover_the_average(count, size):
     np.testing.assert_allclose(cell.average_ocv_v(soc), average_v(soc), atol=1e-8)
 
 
+@pytest.mark.parametrize(("returned", "capacity_ah"), [(0.98, None), (0.5, 2.0)])
+def test_one_file_keeps_one_axis_when_the_recharge_stops_short(returned, capacity_ah):
+    test = both_ways(returned=returned)
+    cell = characterize([test], capacity_ah=capacity_ah, ocv_fit="interpolated")
+    assert cell.charge_points[0].soc == pytest.approx(0.0, abs=1e-9)
+    assert cell.charge_points[-1].soc == pytest.approx(returned, abs=1e-9)
+
+
+def test_a_given_capacity_scales_the_axis_of_one_file():
+    cell = characterize([both_ways()], capacity_ah=2.02, ocv_fit="interpolated")
+    assert cell.discharge_points[-1].soc == 1.0
+    assert cell.discharge_points[0].soc == pytest.approx(1 - CAPACITY_AH / 2.02, abs=1e-9)
+
+
 def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
     half = half_discharge()
     upper = driven(half, name="upper.csv")
@@ -83,12 +109,47 @@ def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
     np.testing.assert_allclose(joined.discharge(GRID), whole.discharge(GRID), atol=1e-9)
 
 
+def test_conditioning_before_the_test_is_left_out():
+    parts = REST, pulses(+1, 1, share=0.4), pulses(-1), pulses(+1)
+    cell = characterize([driven(*parts, start_soc=0.6, direction=-1)], ocv_fit="interpolated")
+    np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
+
+
+def test_a_small_top_up_belongs_to_the_sweep_of_its_direction():
+    parts = REST, pulses(+1, share=0.99), np.full(6, -0.2), REST
+    cell = characterize([driven(*parts, start_soc=0.0, direction=-1)])
+    assert len(cell.charge_points) == 22
+
+
 def test_the_errors_of_the_branches_cancel_in_the_average():
     # The average is a cubic, which its polynomial meets; the kinks of the hysteresis it misses.
     errors = characterize([both_ways()], ocv_fit="polynomial").errors
     assert set(errors) == {"charge", "discharge", "average", "hysteresis"}
     assert errors["average"].max_v < 1e-9
     assert errors["charge"].max_v > 1e-4
+
+
+@pytest.mark.parametrize("minutes", [0, 10, 60])
+def test_a_slow_conditioning_discharge_does_not_hide_the_pulses(minutes):
+    cell = characterize([conditioned(np.zeros(minutes))], ocv_fit="interpolated")
+    assert (len(cell.discharge_points), len(cell.charge_points)) == (21, 21)
+    np.testing.assert_allclose(cell.discharge(GRID), branch_v(GRID, -1), atol=1e-9)
+    np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
+
+
+@pytest.mark.parametrize("slow", [steady(-1, 20), [*steady(-1, 20), *steady(+1, 20), *REST]])
+def test_rests_of_both_directions_come_before_slow_sweeps(slow):
+    full = [] if len(slow) > 1200 else steady(+1, 2)
+    down, up = pulses(-1, 16, share=0.85), pulses(+1, 16, share=0.85)
+    record = driven(REST, slow, full, REST, down, up)
+    cell = characterize([record], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    assert (len(cell.discharge_points), len(cell.charge_points)) == (17, 17)
+
+
+def test_a_few_pulses_after_a_slow_discharge_are_not_the_test():
+    few = pulses(+1, 5, share=0.3), pulses(-1, 5, share=0.3)
+    cell = characterize([driven(REST, steady(-1, 20), REST, *few)])
+    assert len(cell.discharge_points) == 101
 
 
 # Records that hold more than their OCV test, and testers that never read zero
@@ -128,6 +189,22 @@ def test_a_test_between_cutoffs_measures_its_capacity():
     assert cell.capacity_origin.startswith("measured")
 
 
+def test_a_test_that_only_reaches_empty_does_not_show_that_it_began_full():
+    parts = half_discharge()[:-63], REST, pulses(+1, 10, share=0.475)
+    cell = characterize([driven(*parts, start_soc=0.5)])
+    assert len(assumptions(cell)) == 1
+
+
+@pytest.mark.parametrize("test", [between_cutoffs, lambda: slow_sweep(-1)])
+@pytest.mark.parametrize("ratio", [0.6, 0.9, 1.1, 1.9])
+def test_the_record_s_capacity_does_not_stretch_a_test_that_spans_both_ends(test, ratio):
+    whole = characterize([test()], ocv_fit="interpolated")
+    other = characterize([test()], capacity_ah=ratio * whole.capacity_ah, ocv_fit="interpolated")
+    assert other.capacity_ah == ratio * whole.capacity_ah
+    assert other.discharge_points == whole.discharge_points
+    assert other.charge_points == whole.charge_points
+
+
 def test_the_capacity_of_the_ocv_test_scales_one_that_does_not_span_both_ends():
     test = driven(half_discharge())
     cell = characterize([test], capacity_ah=1.8, ocv_capacity_ah=2.0)
@@ -146,6 +223,13 @@ def test_a_slow_sweep_measures_its_capacity_and_scales_itself():
     assert "ocv-test.scaled" not in {each.code for each in given.warnings}
 
 
+def test_the_bundled_test_measures_its_capacity():
+    cell = characterize([read_record(path) for path in BUNDLED.ocv])
+    assert cell.capacity_origin.startswith("measured")
+    assert cell.capacity_ah == pytest.approx(1.9997, abs=5e-5)
+    assert assumptions(cell) == []
+
+
 def test_a_charge_that_stops_at_92_percent_is_scaled_by_the_capacity():
     records = [discharge_only(), scaled(charge_only(), 0.92)]
     cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
@@ -159,3 +243,11 @@ def test_two_files_that_agree_are_scaled_by_their_own_charge_and_say_so():
     cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
     assert cell.soc_range == pytest.approx((0.0, 1.0), abs=1e-9)
     assert [each.values.get("by") for each in cell.warnings].count("own") == 2
+
+
+@pytest.mark.parametrize("share", [0.981, 1.0, 1.019])
+def test_a_charge_within_two_percent_is_scaled_by_its_own_without_a_word(share):
+    records = [discharge_only(), scaled(charge_only(), share)]
+    cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=1e-9)
+    assert "ocv-test.scaled" not in {each.code for each in cell.warnings}

@@ -47,6 +47,17 @@ def test_a_value_that_is_not_positive_and_finite_is_refused_by_name(value):
         CircuitParameters.constant(0.05, (0.02, 0.03), (500.0, 2000.0), value)
 
 
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_a_time_constant_beyond_all_floats_is_refused_by_its_pair(size):
+    with pytest.raises(ValueError, match=r"tau2 \[s\] must be positive and finite"):
+        CircuitParameters.constant(0.05, (0.02, size), (500.0, size))
+
+
+def test_resistances_without_capacitances_are_refused():
+    with pytest.raises(ValueError, match="2 R and 1 C"):
+        CircuitParameters.constant(0.05, (0.02, 0.03), (500.0,))
+
+
 @pytest.mark.parametrize("name", ["R5 [Ohm]", "R9 [Ohm]", "x"])
 def test_an_unknown_parameter_is_named(name):
     values = CircuitParameters.constant(0.05, (0.02,), (500.0,)).to_dict() | {name: 1.0}

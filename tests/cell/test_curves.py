@@ -9,6 +9,7 @@ from scipy.interpolate import PchipInterpolator
 
 from barnax.cell import SegmentedHysteresis
 from barnax.cell.curves import KNOTS, InterpolatedCurve, PolynomialCurve, curve_warnings, fit_curve
+from barnax.errors import InputError
 
 SOC = np.linspace(0.0, 1.0, 12)
 VOLTAGE_V = 3.0 + 0.8 * SOC + 0.3 * np.sin(2 * SOC)
@@ -34,11 +35,30 @@ def test_a_curve_is_constant_beyond_its_end_points(fit):
     np.testing.assert_array_equal(outside, ends)
 
 
+@pytest.mark.parametrize("at", [[2, 1, 0], [0, 2, 1], [0, 1, 1, 2]])
+def test_points_out_of_order_are_refused(at):
+    with pytest.raises(InputError, match="increase in SOC"):
+        InterpolatedCurve.fit(SOC[at], VOLTAGE_V[at])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_points_that_are_not_finite_are_refused(value):
+    with pytest.raises(InputError, match="finite"):
+        InterpolatedCurve(((0.0, 3.0), (0.5, value), (1.0, 4.0)))
+
+
 def test_a_fall_between_points_is_warned_about_with_where_it_begins_and_ends():
     curve = InterpolatedCurve(((0.0, 3.0), (0.3, 3.3), (0.4, 3.35), (0.6, 3.31), (1.0, 3.6)))
     (told,) = curve_warnings(curve, "charge")
     assert "falls by 40.0 mV from SOC 0.400 to 0.600" in told.what
     assert told.remedy == "check the points there"
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_curve_that_misses_its_points_is_warned_about(side):
+    points = ((0.0, 3.0), (0.5, 3.5 + side * 0.02), (1.0, 4.0))
+    (told,) = curve_warnings(PolynomialCurve(points, (3.0, 1.0)), "charge")
+    assert "misses its points by up to 20.0 mV, at SOC 0.500" in told.what
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -109,3 +129,8 @@ def test_the_nine_parameters_are_those_of_equation_4(kind):
     fitted = SegmentedHysteresis.fit(W_SOC, 0.01 + 0.02 * np.sin(9 * W_SOC), kind)
     grid = np.linspace(0, 1, 777)
     np.testing.assert_allclose(fitted(grid), eq4(fitted.parameters, grid), atol=1e-14)
+
+
+def test_soc_beyond_full_and_empty_takes_the_end_values():
+    fitted = SegmentedHysteresis.fit(W_SOC, np.interp(W_SOC, KNOTS, AT_KNOTS_V))
+    np.testing.assert_array_equal(fitted(np.array([-0.5, 1.5])), fitted(np.array([0.0, 1.0])))

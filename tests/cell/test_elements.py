@@ -60,6 +60,21 @@ def test_a_slow_pair_of_next_to_nothing_does_not_bound_the_time_constant(short_p
     assert bounds.limits_s(1) == (low_s / 4, high_s / 4)
 
 
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("so-rc+warburg", "'so-rc[+]warburg' is not known.*[+]diffusion"),
+        ("2rc+diffusion", "'2rc[+]diffusion' is not known"),
+        ("1rc+diffusion+diffusion", "every element but RC pairs once"),
+        ("1rc+diffusion+rc", "its RC pairs come first"),
+        ("4rc+diffusion", "has 5 elements; a search takes at most 4"),
+    ],
+)
+def test_what_no_circuit_is_is_refused(name, message):
+    with pytest.raises(InputError, match=message):
+        get_circuit(name)
+
+
 def test_a_circuit_of_ones_own_is_known_by_its_name():
     made = make_circuit("cell/test_elements", "rc", "diffusion", like="iso-rc")
     assert get_circuit("cell/test_elements") is made

@@ -10,6 +10,9 @@ from barnax.errors import InputError
 from barnax.records import read_record
 
 INCREMENTAL = "calce-inr18650-20r/ocv-incremental_25degC_SP20-3.parquet"
+
+
+VIRTUAL_CELL = Path(__file__).parents[2] / "data" / "virtual_cell"
 TENTHS = np.arange(1, 10) / 10
 
 
@@ -29,6 +32,18 @@ def test_the_samsung_cell_has_the_published_rested_voltages(samsung):
     linear_v = np.interp(TENTHS, [p.soc for p in points], [p.voltage_v for p in points])
     published_v = [3.4731, 3.5628, 3.6017, 3.6292, 3.6719, 3.7599, 3.8477, 3.9480, 4.0583]
     np.testing.assert_allclose(linear_v, published_v, atol=1.1e-3)
+
+
+def test_the_samsung_cell_has_the_published_gap(samsung):
+    gap_mv = 1e3 * (samsung.charge(TENTHS) - samsung.discharge(TENTHS))
+    published_mv = [14.0, 17.8, 10.4, 10.6, 7.8, 11.3, 12.5, 11.8, 10.4]
+    np.testing.assert_allclose(gap_mv, published_mv, atol=1.0)
+
+
+def test_the_samsung_test_measures_the_published_capacity(samsung):
+    assert samsung.capacity_ah == pytest.approx(1.9960, abs=5e-4)
+    assert samsung.capacity_origin.startswith("measured")
+    assert samsung.warnings == ()
 
 
 def test_both_branches_of_the_samsung_cell_share_one_axis(incremental):
@@ -52,6 +67,21 @@ def test_the_lfp_cell_has_the_published_gap_at_c_30(real_data: Path):
     assert cell.warnings == ()
 
 
+def test_a_slow_pair_that_does_not_close_is_warned_about(real_data: Path):
+    folder = real_data / "calce-inr18650-20r"
+    record = read_record(folder / "ocv-low-current_25degC_SP20-1.parquet")
+    cell = characterize([record], ocv_fit="interpolated")
+    assert len(cell.charge_points) == len(cell.discharge_points) == 101
+    assert any("2.157 Ah out" in each.what for each in cell.warnings)
+
+
+def test_the_leaf_hppc_test_is_a_discharge_of_long_rests(real_data: Path):
+    record = read_record(real_data / "nissan-leaf-lmo-33ah" / "hppc_25degC.parquet")
+    cell = characterize([record], capacity_ah=33.1, ocv_fit="interpolated")
+    assert (len(cell.discharge_points), len(cell.charge_points)) == (10, 0)
+    assert cell.discharge_points[-1].voltage_v == pytest.approx(4.182, abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("name", "found"),
     [
@@ -63,3 +93,12 @@ def test_the_lfp_cell_has_the_published_gap_at_c_30(real_data: Path):
 def test_a_drive_cycle_is_refused_as_an_ocv_test(real_data: Path, name, found):
     with pytest.raises(InputError, match=found):
         characterize([read_record(real_data / name)])
+
+
+def test_the_virtual_cell_has_the_gap_that_was_put_into_its_graphite():
+    # 12 mV between lithiation and delithiation at every stoichiometry of the graphite.
+    records = [read_record(VIRTUAL_CELL / f"ocv_{way}.parquet") for way in ("charge", "discharge")]
+    cell = characterize(records, ocv_fit="interpolated")
+    assert cell.capacity_ah == pytest.approx(2.0, abs=0.01)
+    assert cell.hysteresis.parameters["P"] == pytest.approx(0.012, abs=0.002)
+    assert cell.soc_range == pytest.approx((0.0, 1.0), abs=1e-3)

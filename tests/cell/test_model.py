@@ -1,10 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from barnax.cell import CellModel, characterize
+from barnax.cell import CellModel, characterize, get_circuit
 from barnax.cell.circuits import loops
 from barnax.errors import InputError
 from helpers.ocv_tests import average_v, both_ways, branch_v
+
+GRID = np.linspace(0.0, 1.0, 21)
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +36,21 @@ def test_a_rested_voltage_is_the_nearest_end_up_to_50_mv_outside(cell, end, outw
         cell.soc_from_rest_voltage(end_v + outward * 50.1e-3)
 
 
+def test_no_ocv_test_is_blamed_where_there_is_none(cell):
+    points = [replace(point, row=0) for point in cell.charge_points + cell.discharge_points]
+    own = replace(cell, charge_points=tuple(points), discharge_points=())
+    with pytest.raises(InputError, match=r"the records show.*`initial_soc`") as told:
+        own.soc_from_rest_voltage(5.0)
+    assert "OCV test" not in str(told.value)
+
+
+def test_a_rested_voltage_where_a_branch_is_constant_is_its_lowest_soc():
+    cell = characterize([both_ways(returned=0.98)], ocv_fit="interpolated")
+    assert cell.soc_range[1] == 1.0
+    highest_v = float(cell.charge.voltage_v[-1])
+    assert cell.soc_from_rest_voltage(highest_v, +1) == pytest.approx(0.98, abs=1e-3)
+
+
 def test_a_loop_turns_along_a_tangent_and_a_minor_one_begins_where_it_had_come():
     """Charged to 0.5, discharged by 0.03, charged by 0.04, at rest."""
     soc = np.array([0.49, 0.5, 0.48, 0.47, 0.49, 0.51, 0.51])
@@ -41,3 +60,11 @@ def test_a_loop_turns_along_a_tangent_and_a_minor_one_begins_where_it_had_come()
     along = [bottom + (1 - bottom) * np.tanh(passed / width) for passed in (0.0, 0.02, 0.04)]
     expected = [1, 1, 1 - 2 * np.tanh(0.02 / width), *along, along[-1]]
     np.testing.assert_allclose(turned, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_loop_without_a_turn_is_the_branch(cell, direction):
+    way = np.full(21, float(direction))
+    source_v = get_circuit("takacs").source_voltage(cell, GRID, way)
+    branch_v = cell.average_ocv_v(GRID) + direction * cell.branch_gap_v(GRID) / 2
+    np.testing.assert_allclose(source_v, branch_v, rtol=0, atol=1e-12)

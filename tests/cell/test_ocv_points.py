@@ -52,6 +52,48 @@ def test_each_rest_is_a_point_at_the_charge_moved_until_then(hold, size):
     assert {point.rest_s for point in out.points + back.points} == {3600.0}
 
 
+def test_a_rest_programmed_as_30_minutes_may_end_early_by_the_clock(hold):
+    (sweep,) = sweeps_of(DOWN, start_soc=1.0, hold=hold, rest_s=1799.95)
+    assert len(sweep.points) == 21
+    with pytest.raises(InputError, match=r"longest rest is 29\.8 min"):
+        sweeps_of(DOWN, start_soc=1.0, hold=hold, first_rest_s=60.0, rest_s=1790.0)
+
+
+def test_four_points_are_a_sweep_and_three_are_none(hold):
+    (sweep,) = sweeps_of([[-0.1]] * 3, start_soc=1.0, hold=hold)
+    assert len(sweep.points) == 4
+    (sweep,) = sweeps_of([*DOWN, [0.05], [0.05]], start_soc=1.0, hold=hold)
+    assert sweep.direction == -1
+
+
+def test_too_short_runs_are_refused_with_the_longest():
+    cycle = [-0.05, 0.05]
+    with pytest.raises(InputError, match=r"4 rests of at least 30 min, at most 3 in"):
+        sweeps_of([cycle, [-0.1], [-0.1]], start_soc=1.0)
+    with pytest.raises(InputError, match=r"1 rest of at least 30 min"):
+        sweeps_of([[-1.0]], start_soc=1.0, rest_s=60.0)
+
+
+def test_of_several_sweeps_of_a_direction_the_one_with_the_most_points_counts():
+    out, _ = sweeps_of(DOWN + UP + DOWN[:4], start_soc=1.0)
+    assert len(out.points) == 21
+
+
+@pytest.mark.parametrize("share", [-5e-4, 5e-4])
+def test_rests_with_next_to_no_charge_between_are_one(hold, size, share):
+    moves = [*DOWN[:8], [share], *DOWN[8:]]
+    (sweep,) = sweeps_of(moves, start_soc=1.0, hold=hold, size=size)
+    assert len(sweep.points) == 21
+    # The later rest counts: it is the one that the next pulse ends.
+    assert sweep.points[8].discharged_ah == pytest.approx((0.4 - share) * size * CAPACITY_AH)
+
+
+def test_pulses_below_a_hundredth_of_the_capacity_are_points_of_their_own(size):
+    moves = [[-1 / 150]] * 150 + [[1 / 150]] * 150
+    sweeps = sweeps_of(moves, start_soc=1.0, size=size)
+    assert [len(sweep.points) for sweep in sweeps] == [151, 151]
+
+
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_pulses_against_the_sweep_neither_end_nor_extend_it(hold, size, direction):
     moves = turned(direction, [[0.005, -0.055]] * 20)
@@ -61,11 +103,48 @@ def test_pulses_against_the_sweep_neither_end_nor_extend_it(hold, size, directio
 
 
 @pytest.mark.parametrize("direction", [-1, 1])
+@pytest.mark.parametrize(("cycle", "reached"), [([-0.02, 0.02], 0.62), ([0.02, -0.02], 0.6)])
+def test_a_cycle_between_two_rests_ends_a_sweep(hold, size, direction, cycle, reached):
+    moves = turned(direction, [*DOWN[:12], cycle, *DOWN[:8]])
+    (sweep,) = sweeps_of(moves, start_soc=START[direction], hold=hold, size=size)
+    assert len(sweep.points) == 13
+    np.testing.assert_allclose(extent(sweep, size), [0, -direction * reached], atol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
 def test_a_sweep_that_begins_without_a_rest_begins_where_the_charge_turned(hold, direction):
     moves = turned(direction, [[0.4, -0.05], *DOWN[1:]])
     (sweep,) = sweeps_of(moves, start_soc=0.5 - 0.1 * direction, hold=hold)
     assert len(sweep.points) == 20
     np.testing.assert_allclose(extent(sweep), [0.4 * direction, -0.6 * direction], atol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_a_sweep_that_ends_without_a_rest_ends_where_the_charge_turned(hold, direction):
+    moves = turned(direction, [*DOWN[1:], [-0.05, 0.4]])
+    (sweep,) = sweeps_of(moves, start_soc=START[direction], hold=hold)
+    assert len(sweep.points) == 20
+    np.testing.assert_allclose(extent(sweep), [0, -direction], atol=1e-12)
+
+
+def test_neighboring_sweeps_end_and_begin_at_the_rest_between_them(hold):
+    # The last discharge goes a little too far and comes back before the rest.
+    moves = [*DOWN[1:], [-0.055, 0.005], *UP]
+    out, back = sweeps_of(moves, start_soc=1.0, hold=hold)
+    np.testing.assert_allclose([extent(out), extent(back)], [[0, 1], [1, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_a_short_first_rest_counts_in_either_direction(hold, size, direction):
+    moves, start_soc = turned(direction, DOWN), START[direction]
+    (sweep,) = sweeps_of(moves, start_soc=start_soc, hold=hold, size=size, first_rest_s=60.0)
+    assert len(sweep.points) == 21
+    assert sweep.points[0].rest_s == 60.0
+
+
+def test_a_short_first_rest_that_is_no_pulse_away_is_the_same_rest():
+    (sweep,) = sweeps_of([[-5e-4], *DOWN[1:]], start_soc=1.0, first_rest_s=60.0)
+    assert len(sweep.points) == 20
 
 
 @pytest.mark.parametrize("first_v", [(0.02, 0.0), (-0.02, 0.0), (-0.12, -0.12)])
@@ -119,6 +198,14 @@ def test_a_pulse_below_all_before_it_stops_at_the_cutoff(size, last, stops):
     assert by_pulses(*-steps).stops_at_cutoff is stops
 
 
+def test_a_test_with_finer_pulses_toward_both_ends_shows_no_cutoff():
+    assert not by_pulses(0.05, 0.05, *[0.1] * 8, 0.05, 0.05).stops_at_cutoff
+
+
+def test_a_slow_sweep_stops_at_the_cutoff():
+    assert sweep_at([0.0, 1.0, 2.0], kind="slow").stops_at_cutoff
+
+
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_parts_on_axes_of_their_own_are_joined_to_the_whole(direction):
     at_ah = np.linspace(0, 2, 10)[::-direction]
@@ -141,3 +228,9 @@ def test_parts_that_overlap_or_leave_a_gap_are_refused(begins_ah):
     lower = sweep_at(np.linspace(begins_ah, 2, 5), name="lower.csv")
     with pytest.raises(InputError, match=r"upper.csv and lower.csv do not join"):
         join_sweeps([lower, upper])
+
+
+def test_a_slow_sweep_joins_nothing():
+    rests, slow = sweep_at([0.0, 1.0]), sweep_at([1.0, 2.0], kind="slow")
+    with pytest.raises(InputError, match="2 discharge sweeps"):
+        join_sweeps([rests, slow])

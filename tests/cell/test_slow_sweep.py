@@ -56,6 +56,14 @@ def test_one_file_may_hold_both_sweeps():
     np.testing.assert_allclose(gap_v, expected_v, atol=1e-4)
 
 
+def test_each_slow_sweep_is_scaled_by_its_own_charge():
+    shorter = sweep(+1)
+    shorter = replace(shorter, current_a=shorter.current_a * 0.9)
+    cell = characterize([sweep(-1), shorter], ocv_fit="interpolated")
+    assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=2e-4)
+    assert "ocv-test.open" in {each.code for each in cell.warnings}
+
+
 @pytest.mark.parametrize(("returned", "end"), [(0.985, 0.985), (0.9, 1.0)])
 def test_a_charge_that_nearly_closes_in_its_record_ends_where_the_charge_says(returned, end):
     down = CURRENT_A * SWEEP
@@ -63,6 +71,14 @@ def test_a_charge_that_nearly_closes_in_its_record_ends_where_the_charge_says(re
     cell = characterize([record], capacity_ah=1.01 * CAPACITY_AH)
     assert cell.charge_points[-1].soc == pytest.approx(end, abs=2e-4)
     assert cell.discharge_points[0].soc == pytest.approx(0.0, abs=2e-4)
+
+
+def test_a_short_pause_does_not_end_a_slow_sweep():
+    record = sweep(-1)
+    current_a = record.current_a.copy()
+    current_a[4000:4006] = 0.0
+    cell = characterize([replace(record, current_a=current_a)], ocv_fit="interpolated")
+    assert len(cell.discharge_points) == 101
 
 
 @pytest.mark.parametrize("direction", [-1, 1])
@@ -80,6 +96,18 @@ def test_noise_is_averaged(direction):
     assert np.sqrt(np.mean(errors_v**2)) < 0.5e-3
 
 
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+def test_a_record_of_few_samples_gives_a_point_a_sample(hold):
+    samples, interval_s = 3 * HOURS, 1200.0
+    loaded_a, rest = np.full(samples, CURRENT_A), np.zeros(3)
+    record = driven(rest, loaded_a, rest, interval_s=interval_s, hold=hold)
+    points = characterize([record], ocv_fit="interpolated").discharge_points
+    assert len(points) == samples
+    soc = np.array([point.soc for point in points])
+    np.testing.assert_allclose(np.diff(soc), 1 / samples)
+    np.testing.assert_allclose([p.voltage_v for p in points], under_load_v(soc, -1), atol=1e-12)
+
+
 @pytest.mark.parametrize("size", [0.01, 100.0])
 def test_a_slow_sweep_takes_ten_hours_or_more_whatever_the_cell(size):
     def found(hours):
@@ -88,6 +116,35 @@ def test_a_slow_sweep_takes_ten_hours_or_more_whatever_the_cell(size):
         return slow_sweeps(record)
 
     assert (len(found(10)), len(found(9))) == (1, 0)
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+@pytest.mark.parametrize("between", [REST[:0], REST])
+def test_each_sweep_of_a_file_passes_all_of_its_charge(between, hold):
+    # Loaded from its first to its last sample.
+    down = CURRENT_A * SWEEP
+    out, back = slow_sweeps(driven(down, between, -down, interval_s=10.0, hold=hold))
+    assert (out.direction, back.direction) == (-1, 1)
+    assert (out.passed_ah, back.passed_ah) == pytest.approx((CAPACITY_AH, CAPACITY_AH), rel=1e-9)
+
+
+def test_a_fast_discharge_beside_a_slow_charge_is_not_counted_into_it():
+    fast = np.full(720, CAPACITY_AH / 2)
+    (found,) = slow_sweeps(driven(fast, REST, -CURRENT_A * SWEEP, interval_s=10.0))
+    assert found.direction == 1
+
+
+def test_a_current_that_pauses_every_ten_minutes_is_no_sweep():
+    minutes = np.tile([1.0] * 9 + [0.0], 100)
+    assert slow_sweeps(record_of(CAPACITY_AH / 15 * minutes)) == []
+
+
+def test_an_hour_that_the_logger_missed_does_not_end_a_sweep():
+    interval_s = np.full(HOURS * 360 - 359, 10.0)
+    interval_s[1000] = 3600.0
+    current_a = np.full(len(interval_s), CURRENT_A)
+    (found,) = slow_sweeps(record_of(current_a, interval_s=interval_s))
+    assert found.passed_ah == pytest.approx(CAPACITY_AH, rel=1e-9)
 
 
 @pytest.mark.parametrize("samples", [1, 360])

@@ -8,8 +8,11 @@ from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.checks.against_cell import (
     compare_resistances,
+    compare_temperatures,
     compare_with_cell,
+    follow,
 )
+from barnax.notices import notice
 from barnax.records import read_record
 
 
@@ -49,6 +52,51 @@ def test_a_wrong_capacity_is_measured(bundled_record, bundled_cell, factor):
     assert held_ah == pytest.approx(2.0, rel=0.06)
 
 
+def partly(cell, lowest_soc):
+    """The cell of the same OCV test that stopped above a state of charge."""
+    points = {
+        branch: tuple(point for point in getattr(cell, branch) if point.soc >= lowest_soc)
+        for branch in ("charge_points", "discharge_points")
+    }
+    return replace(cell, **points)
+
+
+def test_a_record_that_goes_below_an_ocv_test_is_as_near_to_it_as_to_the_whole(
+    bundled_record, bundled_cell
+):
+    whole_v = follow(bundled_record, bundled_cell, 2.0)(1.0)
+    assert follow(bundled_record, partly(bundled_cell, 0.5), 2.0)(1.0) <= whole_v
+
+
+def test_a_record_of_more_charge_than_a_test_is_told_both_and_that_the_test_may_be_a_part(
+    bundled_record, bundled_cell
+):
+    axis = replace(partly(bundled_cell, 0.5), capacity_ah=1.0)
+    half = {
+        branch: tuple(replace(point, soc=2 * point.soc - 1) for point in getattr(axis, branch))
+        for branch in ("charge_points", "discharge_points")
+    }
+
+    def stretched(curve):
+        return lambda soc: curve((soc + 1) / 2)
+
+    curves = {name: stretched(getattr(axis, name)) for name in ("charge", "discharge")}
+    cell = replace(axis, **half, **curves)
+    (text,) = said(bundled_record, cell)
+    assert "another cell: its charge goes beyond full and empty, whatever its unit" in text
+    sweep = {"direction": "discharge", "first_v": 4.2, "last_v": 3.7, "passed_ah": 1.0}
+    assumed = notice("ocv-test.capacity-assumed", "ocv.csv", **sweep, ends="full")
+    (text,) = said(bundled_record, replace(cell, warnings=(assumed,)))
+    assert text.startswith("error: it spans 1.88")
+    assert "and the OCV test 1 Ah" in text
+    assert "covers only a part of the SOC" in text
+
+
+def test_records_of_the_cell_are_in_no_doubt(bundled_record, validation_record, bundled_cell):
+    for record in (bundled_record, validation_record):
+        assert said(record, bundled_cell) == []
+
+
 def test_measured_records_follow_the_ocv_test_of_their_cell(real_data):
     for folder, tests, drives in (
         ("calce-inr18650-20r", "ocv-incremental_25*", "*_25degC_?0soc*"),
@@ -68,6 +116,37 @@ def test_an_ocv_test_of_another_chemistry_is_found(real_data, bundled_record):
     tests = [read_record(path) for path in real_data.glob("plett*/ocv-s[13]*")]
     (text,) = said(bundled_record, characterize(tests, ocv_fit="interpolated"))
     assert "whatever its unit" in text
+
+
+def test_temperatures_far_from_every_ocv_test_are_told():
+    tests = [("ocv-0.csv", 0.4), ("ocv-45.csv", 45.0), ("ocv.csv", None)]
+    records = [("warm.csv", 25.0), ("cold.csv", -10.0), ("near.csv", 2.0), ("unknown.csv", None)]
+    warm, cold = compare_temperatures(records, tests)
+    assert (warm.subject, warm.values["other"]) == ("warm.csv", "ocv-45.csv")
+    assert (cold.subject, cold.values["other_degc"]) == ("cold.csv", 0.4)
+    assert str(warm).startswith("warm.csv: was measured at 25 degC, the OCV test ocv-45.csv at 45")
+    assert compare_temperatures(records, tests[2:]) == []
+
+
+def test_a_record_in_fahrenheit_is_told_beside_an_ocv_test_in_celsius():
+    (found,) = compare_temperatures([("drive", 77.0)], [("ocv", 25.0)])
+    assert found.code == "cell.fahrenheit"
+    assert found.values["own_degc"] == pytest.approx(25.0)
+
+
+def test_a_record_of_another_resistance_among_some_is_named(bundled_record, validation_record):
+    more_v = validation_record.voltage_v - 0.06 * validation_record.current_a
+    other = replace(validation_record, name="other.csv", voltage_v=more_v)
+    two = [(bundled_record, 25.0), (validation_record, None)]
+    assert compare_resistances(two) == []
+    (told,) = compare_resistances([(other, 25.0), *two])
+    assert (told.code, told.subject) == ("answer.other-resistance", "other.csv")
+    apart_ohm = float(told.values["own_ohm"]) - float(told.values["other_ohm"])
+    assert apart_ohm == pytest.approx(0.06, rel=0.05)
+    # Of two none is the usual one.
+    assert len(compare_resistances([(other, 25.0), two[0]])) == 1
+    # At another temperature it may have it.
+    assert compare_resistances([(other, 0.0), (bundled_record, 25.0)]) == []
 
 
 @pytest.mark.parametrize("degc", ["25degC", "_0degC"])

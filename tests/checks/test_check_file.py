@@ -1,6 +1,7 @@
 """The check as a whole: nothing hides behind anything, and it agrees with the reader."""
 
 import json
+import time
 
 import numpy as np
 import polars as pl
@@ -11,7 +12,8 @@ from hypothesis import strategies as st
 import barnax.records.source
 from barnax.bundled import BUNDLED_NAMES, bundled_file
 from barnax.checks import check_file
-from barnax.records import read_record, read_source
+from barnax.errors import InputError
+from barnax.records import read_record, read_source, source_from_frame
 from helpers.records import CURRENT, TIME, VOLTAGE, changed, checked, counting, frame
 
 
@@ -60,6 +62,38 @@ def test_rows_are_the_file_s_own_below_a_preamble(tmp_path):
     assert text.splitlines()[clock.row - 1].startswith("12.5,")
 
 
+def test_two_columns_of_one_used_name_are_a_warning(tmp_path):
+    lines = frame()[:500].write_csv().splitlines()
+    rows = [f"{line},{number}" for number, line in enumerate(lines)]
+    rows[0] = f"{TIME},{CURRENT},{VOLTAGE},{VOLTAGE}"
+    (tmp_path / "cell.csv").write_text("\n".join(rows))
+    assert counting(check_file(tmp_path / "cell.csv")) == {"columns": "warning"}
+
+
+@pytest.mark.parametrize("name", ["cell.xls", "cell.parquet"])
+def test_a_suffix_that_lies_is_a_note(tmp_path, name):
+    (tmp_path / name).write_text(frame().write_csv())
+    (finding,) = check_file(tmp_path / name).findings
+    assert (finding.check, finding.severity) == ("format", "note")
+
+
+@pytest.mark.parametrize("capacity_ah", [0.0, -2.0, float("nan")])
+def test_a_capacity_that_is_none_is_refused(capacity_ah):
+    with pytest.raises(InputError, match="`capacity` must be positive"):
+        check_file(bundled_file("validation"), capacity_ah=capacity_ah)
+
+
+@pytest.mark.slow
+def test_a_million_rows_take_seconds(tmp_path):
+    table = pl.concat([frame().with_columns(pl.col(TIME) + 19_680.0 * k) for k in range(51)])
+    table.write_parquet(tmp_path / "long.parquet")
+    assert table.height > 1_000_000
+    # Processor seconds: the machine may be busy with other things.
+    start = time.process_time()
+    check_file(tmp_path / "long.parquet")
+    assert time.process_time() - start < 10
+
+
 @settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(10, 300))
 def test_a_rough_record_of_any_shape_is_checked_without_a_crash(tmp_path_factory, seed, rows):
@@ -75,3 +109,10 @@ def test_a_rough_record_of_any_shape_is_checked_without_a_crash(tmp_path_factory
         }
     )
     assert json.dumps(checked(tmp_path_factory.mktemp("rough"), table).to_dict())
+
+
+def test_rows_of_a_testers_own_file_are_deleted_in_an_export():
+    voltage_v = frame()[VOLTAGE].to_numpy()
+    source = source_from_frame(changed(frame(), VOLTAGE, voltage_v[700] + 0.3, 700), "cell.nda")
+    remedies = [each.remedy for each in check_file(source).findings]
+    assert "export it as CSV, and delete these rows, or correct them" in remedies

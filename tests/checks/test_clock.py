@@ -17,6 +17,16 @@ def inputs():
     return frame()
 
 
+@pytest.mark.parametrize(
+    ("line", "wrong_s"), [(0, 1e7), (1, 1e7), (500, 12.5), (500, -1e7), (500, 1e7), (19_679, 3.5)]
+)
+def test_a_stamp_out_of_line_is_found_at_its_row(tmp_path, inputs, line, wrong_s):
+    outcome = checked(tmp_path, changed(inputs, TIME, wrong_s, [line]))
+    assert counting(outcome) == {"clock": "error"}
+    assert found(outcome, "clock").row == line + 2
+    assert "delete these rows" in found(outcome, "clock").remedy
+
+
 @settings(max_examples=30)
 @given(
     line=st.integers(5, 1990),

@@ -365,6 +365,16 @@ def test_a_spike_is_found_at_its_row(tmp_path, name, column, height, width):
     assert f"({width} sample" in found(outcome, check).what
 
 
+@pytest.mark.parametrize("late", [3, -3, 5])
+@pytest.mark.parametrize("column", [VOLTAGE, CURRENT])
+def test_a_spike_beside_a_late_voltage_is_found_at_its_row(tmp_path, late, column):
+    table = DRIVE.with_columns(pl.col(VOLTAGE).shift(late)).drop_nulls()
+    height = 0.5 if column == VOLTAGE else 8.0
+    outcome = checked(tmp_path, changed(table, column, array(table, column)[3001] + height, 3001))
+    check = "voltage spikes" if column == VOLTAGE else "current spikes"
+    assert found(outcome, check).row == 3003
+
+
 @pytest.mark.parametrize("late", [3, -3])
 def test_a_late_voltage_that_stands_still_is_found_at_its_rows(tmp_path, late):
     table = DRIVE.with_columns(pl.col(VOLTAGE).shift(late)).drop_nulls()
@@ -373,6 +383,12 @@ def test_a_late_voltage_that_stands_still_is_found_at_its_rows(tmp_path, late):
     # The ends of a run may be of the moments beside it.
     assert told.row == told.values["first_row"] == 3003
     assert told.values["last_row"] == 3400
+
+
+def test_a_short_pulse_that_the_voltage_answers_is_no_spike(tmp_path):
+    current_a = np.where(np.arange(3000) % 100 == 50, 4.0, 0.5 * (np.arange(3000) // 500 % 2))
+    table = logged(np.arange(3000.0), -current_a, simulated_cell(current_a))
+    assert checked(tmp_path, table).is_clean
 
 
 @pytest.mark.parametrize("name", DRIVES)
@@ -392,6 +408,13 @@ def test_a_channel_that_stands_still_is_found(tmp_path, name, column, value, che
     assert found(outcome, check).row == pytest.approx(3002, abs=3)
 
 
+@pytest.mark.parametrize("name", BUNDLED_NAMES)
+def test_a_clipped_voltage_is_found(tmp_path, name):
+    table = frame(name)
+    clipped = changed(table, VOLTAGE, np.clip(array(table, VOLTAGE), 3.3, 3.9))
+    assert "stops at" in found(checked(tmp_path, clipped), "stuck voltage").what
+
+
 @pytest.mark.parametrize("name", DRIVES)
 def test_a_clipped_current_is_found_at_both_ends(tmp_path, name):
     table = frame(name)
@@ -399,6 +422,37 @@ def test_a_clipped_current_is_found_at_both_ends(tmp_path, name):
     findings = checked(tmp_path, table).findings
     clipped = [finding.what for finding in findings if finding.check == "clipped current"]
     assert [re.findall(r"-?[\d.]+ A", what)[0] for what in clipped] == ["-1.5 A", "1.5 A"]
+
+
+def test_a_current_that_is_clipped_at_unlike_ends_is_found(tmp_path):
+    table = changed(DRIVE, CURRENT, np.clip(array(DRIVE, CURRENT), -2.755, 1.378))
+    assert counting(checked(tmp_path, table))["clipped current"] == "warning"
+
+
+@pytest.mark.parametrize("noise_a", [0.0, 0.01])
+def test_a_held_voltage_is_not_stuck(tmp_path, noise_a):
+    # 4.2 V held to the last digit while the charging current tapers, then rest.
+    seconds = np.arange(9000.0)
+    current_a = np.where(seconds < 3000, 1.0, np.exp(-(seconds - 3000) / 900))
+    current_a += np.random.default_rng(0).normal(0, noise_a, 9000)
+    current_a[seconds >= 7000] = 0.0
+    voltage_v = np.where(seconds < 3000, 3.9 + 0.3 * seconds / 3000, 4.2)
+    voltage_v[seconds >= 7000] = 4.19
+    for start in range(0, 2000, 200):
+        current_a[start : start + 20] = 0.0
+        voltage_v[start : start + 20] -= 0.06
+    table = logged(seconds, np.round(current_a, 3), voltage_v)
+    assert not counting(checked(tmp_path, table)).keys() & {"stuck voltage", "stuck current"}
+
+
+def test_a_step_of_the_current_that_the_voltage_answers_late_is_no_break(tmp_path):
+    current_a = np.concatenate([np.tile(np.repeat([0.0, 1.0], 15), 20), np.repeat([0.0, 5.8], 60)])
+    voltage_v = simulated_cell(current_a)
+    voltage_v[1:] -= 0.85 * np.diff(voltage_v)
+    table = logged(np.arange(720.0), -current_a, np.round(voltage_v, 4))
+    assert counting(checked(tmp_path, table)) == {"late voltage": "warning"}
+    shifted_v = np.where(np.arange(720) < 640, voltage_v, voltage_v - 0.2)
+    assert "breaks" in counting(checked(tmp_path, changed(table, VOLTAGE, shifted_v)))
 
 
 @pytest.mark.parametrize("name", BUNDLED_NAMES)
@@ -417,6 +471,13 @@ def test_a_current_offset_at_rest_is_found_with_its_size(tmp_path, name, offset_
     assert ("`rest_current" in rests.remedy) == (abs(offset_a) > 0.02)
 
 
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_current_without_a_sign_is_an_error(tmp_path, name):
+    table = frame(name)
+    outcome = checked(tmp_path, changed(table, CURRENT, np.abs(array(table, CURRENT))))
+    assert counting(outcome) == {"sign": "error"}
+
+
 @pytest.mark.parametrize("name", BUNDLED_NAMES)
 def test_a_sign_that_turns_is_found_where_it_does(tmp_path, name):
     table = frame(name)
@@ -428,9 +489,116 @@ def test_a_sign_that_turns_is_found_where_it_does(tmp_path, name):
     assert 0 <= found(outcome, "sign").row - half < 500
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DRIVES)
+@pytest.mark.parametrize("start", [3000, 9000])
+def test_a_sign_turned_for_300_samples_is_found(tmp_path, name, start):
+    table = frame(name)
+    current_a = array(table, CURRENT).copy()
+    current_a[start : start + 300] *= -1
+    outcome = checked(tmp_path, changed(table, CURRENT, current_a))
+    assert counting(outcome) == {"sign": "error"}
+    assert found(outcome, "sign").row == pytest.approx(start, abs=100)
+    assert "it turns back at row" in found(outcome, "sign").what
+    # Mended, it moves what the record moves.
+    assert outcome.facts.discharged_ah == pytest.approx(
+        checked(tmp_path, table).facts.discharged_ah, abs=0.02
+    )
+
+
+def test_a_hard_drive_cycle_without_its_sign_is_found(tmp_path, real_data):
+    """US06 charges so seldom that few of its steps contradict the others."""
+    (path,) = real_data.glob("calce*/us06_25degC_80soc*.parquet")
+    table = pl.read_parquet(path)[[TIME, CURRENT, VOLTAGE]]
+    outcome = checked(tmp_path, table.with_columns(pl.col(CURRENT).abs()))
+    assert counting(outcome) == {"sign": "error"}
+
+
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_counters_that_prove_a_current_is_scaled_name_the_factor(tmp_path, factor):
     outcome = checked(tmp_path, scaled(with_counters(DRIVE), CURRENT, factor))
     counters = found(outcome, "counters")
     assert f"the current is {factor:g} times what the tester counted, throughout" in counters.what
     assert f"{1 / factor:g} times as much" in counters.remedy
+
+
+def test_a_hole_that_the_counters_saw_is_no_wrong_unit(tmp_path):
+    outcome = checked(tmp_path, cut(with_counters(DRIVE), 3000, 9000))
+    assert "throughout" not in found(outcome, "counters").what
+
+
+def test_a_gap_between_two_rests_is_not_in_doubt(tmp_path):
+    """300 s of a rest that the tester left out, just before the load that follows."""
+    current_a = array(OUT, CURRENT)
+    load = 1 + int(np.flatnonzero(np.abs(np.diff(current_a)) > 0.5)[2])
+    clock = array(OUT, TIME)
+    last = int(np.searchsorted(clock, clock[load] - 320))
+    outcome = checked(tmp_path, cut(OUT, last, load - 1))
+    assert outcome.is_clean
+    assert "nothing seems to happen" in found(outcome, "gaps").what
+
+
+def in_bursts(usual_s, within_s):
+    """Intervals of a drive, often short for a while, with a long one in the middle of that."""
+    interval_s = np.full(len(DRIVE) - 1, usual_s)
+    for start in range(1000, 9000, 200):
+        interval_s[start : start + 20] = 0.1
+        interval_s[start + 10] = within_s(start)
+    return interval_s
+
+
+def spaced(folder, interval_s):
+    return checked(folder, changed(DRIVE, TIME, np.concatenate([[0], np.cumsum(interval_s)])))
+
+
+def test_an_interval_as_long_as_the_usual_ones_elsewhere_is_no_gap(tmp_path):
+    """A log every 5 s, and every 0.1 s on both sides of some of its intervals."""
+    interval_s = in_bursts(5.0, lambda start: 5.018)
+    assert "gaps" not in {each.check for each in spaced(tmp_path, interval_s).findings}
+    interval_s[3010] = 31.0
+    assert "a gap of 31 s" in found(spaced(tmp_path, interval_s), "gaps").what
+
+
+def test_a_gap_in_which_a_rested_cell_was_moved_is_a_warning(tmp_path):
+    low = OUT.filter(pl.col(TIME) > 100_000)
+    outcome = checked(tmp_path, pl.concat([OUT.filter(pl.col(TIME) < 4000), low]))
+    assert counting(outcome)["gaps"] == "warning"
+
+
+def test_the_integrated_charge_is_that_of_a_plain_sum(tmp_path):
+    moved_ah = array(DRIVE, CURRENT)[:-1] * np.diff(array(DRIVE, TIME)) / 3600
+    facts = checked(tmp_path, DRIVE).facts
+    assert facts.charged_ah == pytest.approx(moved_ah[moved_ah > 0].sum())
+    assert facts.discharged_ah == pytest.approx(-moved_ah[moved_ah < 0].sum())
+
+
+def test_an_interval_no_longer_than_most_is_no_gap(tmp_path):
+    """Logged every 10 s, and at once where the voltage moves: what is between may be anything."""
+    interval_s = in_bursts(10.0, lambda start: 4 + start / 2000)
+    assert "gaps" not in {each.check for each in spaced(tmp_path, interval_s).findings}
+    interval_s[1:-1:2] = 0.004
+    assert "gaps" not in {each.check for each in spaced(tmp_path, interval_s).findings}
+
+
+def test_no_more_charge_is_in_doubt_than_passed(tmp_path):
+    """A day without samples, after a minute of pulses, and the voltage is lower after it."""
+    cut_s = np.where(LINES[:120] < 60, LINES[:120], LINES[:120] + 86400.0)
+    after = LINES[60:120]
+    lower = changed(DRIVE[:120], VOLTAGE, array(DRIVE, VOLTAGE)[after] - 0.05, after)
+    what = found(checked(tmp_path, changed(lower, TIME, cut_s)), "gaps").what
+    assert "what passed meanwhile was not logged" in what
+
+
+@pytest.mark.parametrize("late", [0.0, 0.1, 0.4])
+def test_a_late_voltage_knows_what_each_sample_shows(tmp_path, late):
+    rng = np.random.default_rng(0)
+    current_a = np.repeat(rng.uniform(-1, 2, 200), rng.integers(2, 20, 200))
+    voltage_v = simulated_cell(current_a)
+    voltage_v[1:] -= late * np.diff(voltage_v)
+    outcome = checked(tmp_path, logged(1.0 * np.arange(len(current_a)), -current_a, voltage_v))
+    if not late:
+        assert outcome.is_clean
+        return
+    told = found(outcome, "late voltage").values
+    # By parts of a sample, what came at once is shared between it and the next.
+    assert told["missing_share"] == pytest.approx(late, abs=0.04)

@@ -9,7 +9,7 @@ import pytest
 
 from barnax.checks import check_file
 from helpers.golden import require_golden
-from helpers.records import counting
+from helpers.records import counting, found
 
 CALCE, PLETT, LEAF = "calce-inr18650-20r", "plett-a123-26650", "nissan-leaf-lmo-33ah"
 DRIVES = [
@@ -17,6 +17,10 @@ DRIVES = [
     for profile in ("dst", "us06")
     for degc, soc in ((25, 80), (25, 50), (0, 80), (45, 80))
 ]
+
+
+# How many samples follow the one before within 0.05 s, by that README.
+CLOSE = dict(zip(DRIVES, (24, 13, 26, 23, 14, 10, 11, 17), strict=True))
 LOW_CURRENT = f"{CALCE}/ocv-low-current_25degC_SP20-1.parquet"
 INCREMENTAL = f"{CALCE}/ocv-incremental_25degC_SP20-3.parquet"
 PART3 = f"{CALCE}/ocv-incremental-part3_25degC_SP20-1.parquet"
@@ -73,6 +77,11 @@ def test_every_finding_and_role_is_worded_as_it_was_written_down(checks):
     require_golden(Path(__file__).with_name("measured.txt"), "\n".join(lines) + "\n")
 
 
+def test_samples_hard_upon_another_are_counted(checks):
+    for file, count in CLOSE.items():
+        assert f"{count} samples within" in found(checks[file], "repeats").what
+
+
 def test_a_calce_drive_test_is_cut_to_its_profile(checks):
     for file in DRIVES + RAW_DRIVES:
         assert usable(checks[file]) == ["identification", "validation"]
@@ -104,9 +113,23 @@ def test_what_each_other_file_serves_as(checks):
     assert window(checks[DYNAMIC[0]]).options == {}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("file", [OCV[1], OCV[3], DYNAMIC[1], DYNAMIC[2]])
+@pytest.mark.parametrize("capacity_ah", [None, 2.06])
+def test_a_dither_and_a_charge_serve_for_nothing(real_data, file, capacity_ah):
+    outcome = check_file(real_data / file, capacity_ah=capacity_ah)
+    assert usable(outcome) == []
+    assert outcome.traits.kind(2.06) == ("charge" if file == DYNAMIC[2] else "no test")
+
+
 def test_every_measured_file_is_known_for_what_it_is(checks):
     kinds = {file: outcome.traits.kind(None) for file, outcome in checks.items()}
     assert {kinds[file] for file in [*DRIVES, *RAW_DRIVES, DYNAMIC[0]]} == {"drive cycle"}
     assert {kinds[file] for file in [LOW_CURRENT, OCV[0], OCV[2]]} == {"slow sweep"}
     assert (kinds[INCREMENTAL], kinds[LEAVES[0]]) == ("OCV test", "pulse test")
     assert {kinds[file] for file in [*LEAVES[1:], RAW[4]]} == {"capacity test"}
+
+
+def test_the_low_current_test_passes_more_than_the_capacity(real_data):
+    outcome = check_file(real_data / LOW_CURRENT, capacity_ah=2.0)
+    assert "2.157 Ah between its extremes, 107.8 %" in found(outcome, "capacity").what

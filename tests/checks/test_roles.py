@@ -14,6 +14,15 @@ def roles(outcome):
     return {role.name: role for role in outcome.roles}
 
 
+@pytest.mark.parametrize("name", ["identification", "validation"])
+def test_a_drive_record_serves_to_identify_and_to_validate(name):
+    found = roles(check_file(bundled_file(name)))
+    assert [found[role].is_usable for role in found] == [False, True, True]
+    assert "its longest rest is" in found["OCV test"].reason
+    assert "it starts at rest" in found["identification"].reason
+    assert found["identification"].window.options == {}
+
+
 @pytest.mark.parametrize(
     ("name", "words"), [("ocv_charge", "charge with 21 rests"), ("ocv_discharge", "with 22 rests")]
 )
@@ -40,6 +49,17 @@ def test_an_ocv_test_of_another_capacity_is_refused_as_such():
     assert "capacity 1 Ah was given" in found["OCV test"].reason
 
 
+def test_a_record_of_little_charge_does_not_serve_to_identify():
+    found = roles(check_file(bundled_file("identification"), capacity_ah=100.0))
+    assert "1.9 % of the capacity" in found["identification"].reason
+
+
+def test_a_record_without_steps_does_not_serve_to_identify(tmp_path):
+    time_s = 1.0 * np.arange(300)
+    found = roles(checked(tmp_path, logged(time_s, 0 * time_s - 1.0, 4.0 - 1e-4 * time_s)))
+    assert "do not tell R0; 33 % is wanted" in found["identification"].reason
+
+
 @pytest.mark.parametrize(("pulses", "serves"), [(1, False), (6, True)])
 def test_steps_serve_by_how_closely_they_tell_the_resistance(tmp_path, pulses, serves):
     """Twelve steps spread over the charge leave less of it between them than two at its ends."""
@@ -62,6 +82,14 @@ def test_the_predicted_interval_is_that_of_repeated_draws():
     held = np.abs(estimates - 0.03) < np.array(halves) * estimates
     # 2,000 draws miss 95 % by less than 2 % nearly always; the scatter of each step is its own.
     assert 0.92 < held.mean() < 0.97
+
+
+def test_a_record_that_starts_under_load_needs_its_state_of_charge(tmp_path):
+    table = frame()
+    start = int(np.flatnonzero(np.abs(table[CURRENT].to_numpy()) > 1)[0])
+    found = roles(checked(tmp_path, table[start:]))
+    assert found["identification"].window.options == {}
+    assert found["identification"].window.needs_initial_soc
 
 
 def whole_test(rest_s=7200):

@@ -1,5 +1,6 @@
 """Two columns of one quantity that disagree as only a wrong one does."""
 
+import numpy as np
 import polars as pl
 import pytest
 
@@ -25,3 +26,14 @@ def test_currents_that_disagree_are_told(tmp_path, factor):
     assert counting(outcome) == expected
     if expected:
         assert f"{ratio:.4g} times the first" in found(outcome, "twin columns").what
+
+
+def test_other_columns_are_no_twins(tmp_path):
+    rng = np.random.default_rng(0)
+    table = frame().with_columns(
+        pl.col(VOLTAGE).cum_max().alias("Maximum Voltage / V"),
+        pl.Series("Voltage noise / V", rng.normal(3.7, 1e-3, frame().height)),
+        pl.lit(4.2).alias("Voltage limit / V"),
+        pl.col(CURRENT).sign().alias("Current direction"),
+    )
+    assert counting(checked(tmp_path, table)) == {}

@@ -18,6 +18,7 @@ from helpers.records import (
     counting,
     found,
     frame,
+    logged,
     pulse_frame,
     scaled,
     with_counters,
@@ -112,6 +113,20 @@ def test_units_that_names_state_are_converted_with_a_note(tmp_path):
     assert outcome.is_clean
     assert "from h to s" in found(outcome, "columns").what
     assert_seen_through(tmp_path, "identification", outcome)
+
+
+def test_a_slow_log_in_seconds_is_no_millisecond_file(tmp_path):
+    hours = np.linspace(0, 40, 241)
+    table = logged(hours * 3600, 0 * hours - 0.05, 4.1 - 0.03 * hours)
+    assert "error" not in counting(checked(tmp_path, table, capacity_ah=2.0)).values()
+
+
+def test_a_current_named_in_milliamperes_is_not_taken_for_them_again(tmp_path):
+    """Whatever the capacity, which may be another cell's."""
+    table = scaled(frame(), CURRENT, 1e3).rename({CURRENT: "Current [mA]"})
+    found_checks = {each.check for each in checked(tmp_path, table, capacity_ah=0.05).findings}
+    assert "current unit" not in found_checks
+    assert "capacity" in found_checks
 
 
 def test_a_charge_of_the_interval_too_small_for_the_cell_is_told_by_its_own_name():

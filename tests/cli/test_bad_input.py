@@ -157,3 +157,8 @@ def test_a_platform_that_is_not_there_is_one_line_with_the_remedy(tmp_path, word
     assert last.startswith(f"error: JAX_PLATFORMS={platform}: JAX cannot compute there")
     assert "unset JAX_PLATFORMS" in last
     assert (done.returncode, done.stderr.count("\n")) == (2, len(words))
+
+
+def test_a_pack_has_nothing_to_validate_on(refuse):
+    words = refuse("pack", BUNDLED.record, "--validate", BUNDLED.validation)
+    assert "--validate does nothing for a pack" in words

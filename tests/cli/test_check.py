@@ -8,7 +8,7 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from helpers.golden import GOLDEN, require_golden, without_blanks
-from helpers.records import CURRENT, TIME, changed, frame
+from helpers.records import CURRENT, TIME, VOLTAGE, changed, frame
 
 CLEAN = (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv)
 
@@ -74,3 +74,20 @@ def test_json_holds_every_file_and_goes_to_stdout_alone(run, faulty, unreadable)
     outcome = run("check", unreadable, "--json")
     assert outcome.status == 2
     assert "binary" in json.loads(outcome.out)["files"][0]["unreadable"]
+
+
+def test_the_capacity_judges_the_charge(run, refuse):
+    outcome = run("check", BUNDLED.record, "--capacity", "1.5")
+    assert outcome.status == 1
+    assert "125.7 %" in " ".join(outcome.out.split())
+    message = refuse("check", BUNDLED.record, "--capacity", "0")
+    assert "--capacity 0.0 Ah must be positive" in message
+    assert "Missing argument" in refuse("check")
+
+
+def test_words_of_the_file_are_shown_as_they_stand(run, tmp_path):
+    frame().rename({VOLTAGE: "[bold]Voltage[/bold] x"}).write_csv(tmp_path / "[red]cell.csv")
+    outcome = run("check", tmp_path / "[red]cell.csv")
+    assert outcome.status == 1
+    assert "[red]cell.csv" in outcome.out
+    assert "[bold]Voltage[/bold] x" in " ".join(outcome.out.split())

@@ -8,6 +8,8 @@ import pytest
 from barnax.bundled import BUNDLED
 from barnax.cli import compare as command
 from barnax.comparison import ComparisonResult
+from barnax.comparison.result import compare_files
+from barnax.errors import InputError
 
 from .conftest import BUDGET, contents, run_command
 
@@ -72,6 +74,13 @@ def test_a_folder_is_planned_and_its_circuits_are_ranked_before_its_methods(run,
     assert roles["validation.parquet"] == "validation"
 
 
+@pytest.mark.slow
+def test_json_goes_to_stdout_alone(run, tmp_path):
+    outcome = run("compare", "--models", "so-rc", "--methods", "ls", *COMMON, "--json")
+    assert json.loads(outcome.out)["rows"][0]["method"] == "ls"
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -85,3 +94,9 @@ def test_a_folder_is_planned_and_its_circuits_are_ranked_before_its_methods(run,
 )
 def test_bad_input_is_one_message(words, message, refuse):
     assert message in " ".join(refuse("compare", *words).split())
+
+
+def test_a_second_record_is_refused_rather_than_left_out():
+    records = [BUNDLED.record, BUNDLED.validation]
+    with pytest.raises(InputError, match="uses one record, but 2 were given"):
+        compare_files(records, ocv=list(BUNDLED.ocv))

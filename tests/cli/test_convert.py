@@ -49,11 +49,28 @@ def test_the_hold_is_the_same_after_a_conversion(name, suffix, tmp_path):
     assert before.hold.value == "backward" or "Arbin" not in name
 
 
+def test_csv_has_its_provenance_beside_it(run, cycler_file, tmp_path):
+    assert run("convert", cycler_file, "--out", tmp_path / "out.csv", "-q").status == 0
+    before, after = read_record(cycler_file), read_record(tmp_path / "out.csv")
+    np.testing.assert_array_equal(after.current_a, before.current_a)
+    assert json.loads((tmp_path / "out.json").read_text())["source"] == "cell.062"
+
+
 def test_neither_another_file_nor_the_measured_one_is_written_over(refuse, cycler_file, tmp_path):
     (tmp_path / "out.json").write_text("mine")
     assert "out.json: exists already" in refuse("convert", cycler_file, "--out", "out.csv")
     words = ("convert", cycler_file, "--out", cycler_file, "--force")
     assert "this is the file to read" in refuse(*words)
+
+
+def test_a_pack_is_converted_to_one_of_its_cells(run, tmp_path):
+    table = pulse_table()
+    table.with_columns(pl.col(VOLTAGE) * 12).write_csv(tmp_path / "pack.csv")
+    words = (tmp_path / "pack.csv", "--series", "12")
+    assert run("convert", *words, "--out", tmp_path / "o.csv").status == 0
+    read = read_record(tmp_path / "o.csv").voltage_v
+    np.testing.assert_allclose(read, table[VOLTAGE].to_numpy())
+    assert "divided by 12" in run("check", *words).out
 
 
 def test_a_log_that_was_cut_into_files_is_joined(run, refuse, tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """`barnax export`: one file, whole or not at all, and what it leaves out on stderr."""
 
 import importlib.util
+import os
 import re
 import shutil
 from pathlib import Path
@@ -33,6 +34,15 @@ def test_every_target_goes_to_its_own_file(run, stored, tmp_path, name):
     assert {*contents(stored.parent)} == {exporter.file_name, "result.json"}
 
 
+def test_an_existing_file_is_replaced_only_by_force(run, refuse, stored):
+    place = stored.with_name("barnax_cell.h")
+    place.write_text("mine")
+    message = refuse("export", stored, "--to", "c-header")
+    assert "barnax_cell.h: exists already; replace it with --force" in message
+    assert run("export", stored, "--to", "c-header", "--force").status == 0
+    assert place.read_text().startswith("/*\n * Written by barnax")
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -47,6 +57,17 @@ def test_every_target_goes_to_its_own_file(run, stored, tmp_path, name):
 def test_what_cannot_be_exported_is_refused(refuse, stored, words, message):
     assert message in refuse("export", stored, *(w.format(stored=stored) for w in words))
     Result.from_json(stored)
+
+
+@pytest.mark.parametrize(
+    "content", [None, b"", b"{}", b"\x89PNG\r\n\xff"], ids=["absent", "empty", "other", "binary"]
+)
+def test_a_result_that_is_none_is_refused(refuse, tmp_path, content):
+    if content is not None:
+        (tmp_path / "result.json").write_bytes(content)
+    message = refuse("export", "result.json", "--to", "csv")
+    assert message.startswith("error: result.json: ")
+    assert "give the result.json that barnax identify wrote" in message
 
 
 @pytest.mark.parametrize(
@@ -78,3 +99,13 @@ def test_verify_prints_the_largest_difference_in_volts(run, stored, name):
     words = " ".join(outcome.out.split())
     assert f"Largest difference from barnax in {name} " in words
     assert re.search(r"pulse test: [0-9.e-]+ V \(RMS [0-9.e-]+ V\)", words)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")
+@pytest.mark.parametrize("target", ["pipe", "/dev/null"])
+def test_a_device_is_never_replaced(refuse, stored, tmp_path, target):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to(target)
+    for out in (target, "link"):
+        message = refuse("export", stored, "--to", "csv", "--out", out, "--force")
+        assert "is a device or a pipe, and no file; give --out another file" in message

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -103,6 +104,30 @@ def test_quiet_shows_warnings_alone_and_force_keeps_a_users_own_files(run, finis
     }  # fmt: skip
     stored = folder / "result.json"
     assert stored.read_bytes() == (finished.folder / "result.json").read_bytes()
+
+
+def test_the_result_names_no_folder_and_no_moment(finished, result):
+    text = (finished.folder / "result.json").read_text()
+    assert str(finished.folder.parent) not in text
+    assert str(BUNDLED.record.parent) not in text
+    assert not re.search(r'"/|[A-Z]:\\\\|\d{4}-\d{2}-\d{2}|\d{2}:\d{2}:\d{2}', text)
+
+
+def test_what_cannot_be_drawn_costs_only_itself(run, finished, tmp_path, monkeypatch):
+    def broken(*_):
+        raise RuntimeError("no fonts")
+
+    # The search is done already.
+    monkeypatch.setattr(
+        "barnax.pipeline.identify", lambda *_, **__: Result.from_json(finished[1] / "result.json")
+    )
+    monkeypatch.setattr(command, "result_files", broken)
+    outcome = run("identify", *BUDGET, "--quiet")
+    assert outcome.status == 0
+    assert "warning: the figures could not be drawn (no fonts); the result is written" in (
+        outcome.err
+    )
+    assert (tmp_path / "barnax-out" / "result.json").is_file()
 
 
 NOT_UTF8 = os.fsdecode(b"cell\xff\x1b[2J.csv")

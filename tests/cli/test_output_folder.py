@@ -298,6 +298,36 @@ def test_two_runs_that_end_at_once_both_keep_their_results(tmp_path, monkeypatch
     assert (written(tmp_path / "out"), written(tmp_path / "out-2")) == (MINE, NEW)
 
 
+def test_a_place_that_refuses_a_folder_is_a_message(tmp_path, monkeypatch):
+    def forbidden(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "mkdir", forbidden)
+    with pytest.raises(InputError, match=r"Permission denied.*give `out` another folder"):
+        write_folder(tmp_path / "out", NEW, False)
+    assert contents(tmp_path) == {}
+
+
+def test_results_go_to_where_a_link_points(tmp_path, old):
+    (tmp_path / "link").symlink_to(old, target_is_directory=True)
+    write_folder(tmp_path / "link", NEW, True)
+    assert (tmp_path / "link").is_symlink()
+    assert written(old) == NEW
+    (tmp_path / "link.h").symlink_to("real.h")
+    write_file(tmp_path / "link.h", b"new")
+    assert (tmp_path / "real.h").read_text() == "new"
+
+
+def test_our_files_have_the_permissions_any_new_file_has(tmp_path):
+    (tmp_path / "plain").write_text("")
+    write_file(tmp_path / "ours", b"")
+    write_folder(tmp_path / "out", NEW, False)
+    modes = {path.stat().st_mode for path in (tmp_path / "ours", tmp_path / "out/result.json")}
+    assert modes == {(tmp_path / "plain").stat().st_mode}
+    (tmp_path / "folder").mkdir()
+    assert (tmp_path / "out").stat().st_mode == (tmp_path / "folder").stat().st_mode
+
+
 REFUSED = {
     "out": "out: holds a result; replace it with --force or give --out another folder",
     "foreign": "foreign: holds 'figures', which barnax did not write",
@@ -320,6 +350,13 @@ def test_a_place_that_takes_no_folder_is_refused_before_any_work(
     (tmp_path / "loop").symlink_to("loop")
     forced = () if name == "out" else ("--force",)
     assert message.format(tmp=tmp_path) in refuse(*IDENTIFY, "--out", name, *forced)
+
+
+@pytest.mark.usefixtures("without_work")
+def test_a_read_only_place_is_refused_before_any_work(refuse, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    message = refuse(*IDENTIFY, "--out", "out")
+    assert "cannot be written to; give --out another folder" in message
 
 
 @pytest.mark.parametrize(("files", "is_forced"), [(OLD, False), (MINE, False), (MINE, True)])

@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from barnax.bundled import BUNDLED
 from barnax.replay import SCENARIOS
 
@@ -28,6 +30,13 @@ def test_a_replay_is_a_screen_a_file_and_a_figure(run, finished, tmp_path):
     assert [each["name"] for each in stored["scenarios"]] == tried
     again = run("soc", finished.folder, BUNDLED.validation)
     assert "holds a result; replace it with --force" in again.err
+
+
+@pytest.mark.slow
+def test_json_goes_to_stdout_and_writes_nothing(run, finished, tmp_path):
+    outcome = run("soc", finished.folder, BUNDLED.validation, "--json", "--score-to", "1000")
+    assert json.loads(outcome.out)["samples"] == 1001
+    assert contents(tmp_path) == {}
 
 
 def test_what_is_unknown_is_refused(refuse, finished):

@@ -8,11 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 import barnax
+from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cli.app import app
 from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step
-from barnax.experiment.belief import believed_of
+from barnax.experiment.belief import believed_of, window_of
 from barnax.experiment.widths import before_of
 from barnax.reporting.design import (
     design_screen,
@@ -22,6 +23,7 @@ from barnax.reporting.design_forms import design_files
 from barnax.reporting.next_step import next_step
 from barnax.reporting.words import joined
 from helpers.designs import BLOCKS, screen_of
+from helpers.known_cell import made
 
 
 @pytest.fixture(scope="module")
@@ -166,6 +168,37 @@ def test_a_test_that_falls_short_says_where_and_why(design):
     enough = dict.fromkeys(design.wanted, 10.0)
     reached = design.model_copy(update={"wanted": enough, "is_reached": True})
     assert "Not reached" not in screen_of(design_screen(reached, as_flags))
+
+
+@pytest.mark.parametrize(("chemistry", "window_v"), [("nmc", (2.5, 4.2)), ("lfp", (2.0, 3.65))])
+def test_a_cell_s_usual_voltages_are_those_of_its_chemistry(chemistry, window_v):
+    assert window_of(believed_of(None, 2.0, chemistry).cell) == window_v
+
+
+@pytest.mark.parametrize(
+    ("ends_v", "window_v"), [((3.5, 3.7), (2.5, 4.2)), ((3.2, 3.35), (2.5, 3.65))]
+)
+def test_of_an_ocv_that_no_full_cell_showed_the_narrower_voltages_are_taken(ends_v, window_v):
+    soc = np.linspace(0.1, 0.5, 9)
+    points = tuple(
+        OcvPoint(float(at), float(volts), "a.csv", row=0, rest_s=0.0)
+        for at, volts in zip(soc, np.linspace(*ends_v, len(soc)), strict=True)
+    )
+    table = OcvTable("a.csv", {0: points}, sha256="")
+    assert window_of(characterize([table], capacity_ah=2.0, ocv_fit="interpolated")) == window_v
+
+
+@pytest.mark.slow
+def test_an_answer_of_one_value_at_every_soc_is_believed_with_its_own_values():
+    window = barnax.Window(initial_soc=1.0, capacity_ah=2.0)
+    quick = {"model": "so-rc", "seeds": 0, "trust": "none", "advise": False}
+    result = barnax.identify(made()[0], window=window, **quick)
+    assert result.answer == "so-rc with a fitted OCV"
+    tables = believed_of(result, None).tables
+    for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):
+        np.testing.assert_array_equal(np.unique(tables.tables[name]), result.parameters[name])
+    for name, tau_s in tables.constants.items():
+        assert tau_s == result.parameters[name]
 
 
 def test_another_capacity_leaves_the_largest_currents_of_the_records():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.export import EXPORTERS
-from helpers.results import make_cell, make_result, with_constant
+from helpers.results import make_cell, make_result, make_table_result, with_constant
 
 from .conftest import every_circuit, every_exporter
 
@@ -61,6 +61,25 @@ def test_a_hysteresis_that_a_tool_cannot_hold_is_named(name, circuit):
         gap_v = cell.branch_gap_v if circuit == "esc" else cell.hysteresis_v
         largest_mv = 1e3 * max(gap_v(np.linspace(0, 1, 101)))
         assert f"up to {largest_mv:.3g} mV" in caveats
+
+
+@every_exporter
+def test_a_capacity_that_only_a_record_tells_is_named(exporter):
+    result = make_table_result()
+    own = [replace(point, row=0) for point in result.cell.charge_points]
+    cell = replace(result.cell, charge_points=tuple(own), discharge_points=tuple(own))
+    assert "capacity" not in "".join(
+        exporter.write(result.model_copy(update={"cell": cell})).caveats
+    )
+    spanned = replace(cell, capacity_origin="the charge that cycle.csv spans")
+    caveat = exporter.write(result.model_copy(update={"cell": spanned})).caveats[0]
+    assert caveat.startswith("The capacity, 2 Ah, is only the charge that cycle.csv spans: ")
+
+
+@every_exporter
+def test_nodes_near_no_sample_are_named(exporter):
+    caveats = exporter.write(make_table_result()).caveats
+    assert caveats[0].startswith("No sample is near the nodes at SOC -0.05, 0:")
 
 
 @every_exporter

@@ -8,6 +8,7 @@ import subprocess
 import fastexcel
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 from scipy.io import loadmat
 
 from barnax.export import EXPORTERS, pulse_profile
@@ -220,6 +221,19 @@ def test_csv_and_json_have_every_temperature(over_temperature):
     assert own == pytest.approx(ocv_at(over_temperature, 45.0, 0.5), abs=1e-6)
 
 
+def test_the_capacity_is_that_of_the_record_nearest_to_25_degc(over_temperature):
+    (record,) = over_temperature.inputs
+    inputs = tuple(
+        record.model_copy(update={"temperature_degc": degc, "capacity_ah": own_ah})
+        for degc, own_ah in ((1.0, 1.7), (24.0, 1.6), (24.5, 1.5))
+    )
+    own = over_temperature.model_copy(update={"inputs": inputs})
+    exported = EXPORTERS["json"].write(own)
+    assert json.loads(exported.content)["capacity [A.h]"] == 1.6
+    assert "at 0, 25, 45 degC it was 1.7, 1.6, 2.1 Ah" in " ".join(exported.caveats)
+    assert b"barnax_capacity_ah = BARNAX_N(1.6);" in EXPORTERS["c-filter"].write(own).content
+
+
 def load(result) -> dict:
     return loadmat(io.BytesIO(EXPORTERS["simscape"].write(result).content), squeeze_me=True)
 
@@ -259,6 +273,20 @@ def test_simscape_gets_tables_for_both_blocks():
     np.testing.assert_allclose(block["Tau2"].item(), TABLE_TAU_S[1])
     np.testing.assert_allclose(block["OpenCircuitVoltage"].item(), stored["V0_vec"])
     assert any("0 to 1" in caveat for caveat in EXPORTERS["simscape"].write(result).caveats)
+
+
+@pytest.mark.parametrize("kept", [slice(2, 6), slice(4, 5)], ids=["0.1 to 0.8", "0.5 alone"])
+def test_a_table_that_is_read_on_straight_is_constant_beyond_its_nodes(kept):
+    result = make_table_result("esc", kept)
+    expected_ohm = np.interp(SOC, NODES[kept], TABLE_OHM[0][kept])
+    found = json.loads(EXPORTERS["json"].write(result).content)["resistances"]
+    block = load(result)["BatteryEquivalentCircuit"]
+    for nodes, values in (
+        (found["SOC"], found["R0 [Ohm]"]),
+        (block["ResistanceSOCBreakpoints"].item(), block["R0"].item()),
+    ):
+        straight = make_interp_spline(nodes, values, k=1)
+        np.testing.assert_allclose(straight(SOC), expected_ohm, rtol=1e-12)
 
 
 def test_simscape_has_a_column_for_each_temperature(over_temperature):

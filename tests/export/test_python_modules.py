@@ -10,8 +10,12 @@ from barnax.export.python_modules import pulse_profile, simulate_here
 from barnax.export.tables import TOLERANCE_V, tables_of
 from helpers.results import (
     CAPACITY_AH,
+    CORRECTION_V,
+    GAMMA,
+    NODES,
     PAIRS,
     PAIRS_OF,
+    TABLE_OHM,
     TABLE_TAU_S,
     make_cell,
     make_result,
@@ -71,6 +75,11 @@ def test_thevenin_gets_every_name_it_asks_for_and_no_other(circuit):
     assert params["num_RC_pairs"] == PAIRS_OF[circuit]
 
 
+@pytest.mark.parametrize(("circuit", "rate"), [("so-rc", 0.0), ("iso-rc", 1e5), ("esc", GAMMA)])
+def test_thevenin_gets_the_rate_of_the_hysteresis(circuit, rate):
+    assert load("thevenin", circuit)["get_params"]()["gamma"] == rate
+
+
 def run_thevenin(module: dict[str, Any], profile: Profile) -> np.ndarray:
     """The documented equations of thevenin, exact for a current held between samples."""
     p = module["get_params"]()
@@ -100,6 +109,42 @@ def test_thevenins_equations_give_barnax_voltage_from_the_exported_dictionary(ci
     here_v = simulate_here(result, profile)
     there_v = run_thevenin(load("thevenin", circuit), profile)
     assert np.abs(there_v - here_v).max() < 1.1 * TOLERANCE_V
+
+
+def test_an_instant_hysteresis_turns_in_thevenin_one_sample_later():
+    result = make_result("iso-rc")
+    profile = pulse_profile(result)
+    there_v = run_thevenin(load("thevenin", "iso-rc"), profile)
+    difference_v = there_v - simulate_here(result, profile)
+    flowing = np.flatnonzero(profile.current_a)
+    turns = flowing[np.flatnonzero(np.diff(np.sign(profile.current_a[flowing]))) + 1]
+    late = np.union1d(flowing[:1], turns)
+    assert np.abs(np.delete(difference_v, late)).max() < 1.1 * TOLERANCE_V
+    assert np.abs(difference_v[late]).min() > 5e-3
+
+
+def test_a_dynamic_hysteresis_differs_in_thevenin_by_its_slope_over_gamma():
+    result = make_result("esc")
+    profile = pulse_profile(result)
+    here_v = simulate_here(result, profile)
+    difference_v = run_thevenin(load("thevenin", "esc"), profile) - here_v
+    w = result.cell_model.hysteresis
+    steepest_v = max(abs(w.parameters[name]) for name in "ACEG") / 2
+    assert np.abs(difference_v).max() < 1.1 * steepest_v / GAMMA + TOLERANCE_V
+    assert np.abs(difference_v).max() > 0.3 * steepest_v / GAMMA
+
+
+def test_pybamm_gets_interpolants_of_the_tables(fake_pybamm):
+    values = run_module(EXPORTERS["pybamm"], make_table_result())["get_parameter_values"]()
+    expected_ohm = np.interp(SOC, NODES, TABLE_OHM[0])
+    np.testing.assert_allclose(values["R0 [Ohm]"](25.0, 1.0, SOC), expected_ohm)
+    tau_s = values["R2 [Ohm]"](25.0, 1.0, SOC) * values["C2 [F]"](25.0, 1.0, SOC)
+    np.testing.assert_allclose(tau_s, TABLE_TAU_S[1])
+    # A resistance of zero leaves a time constant that no solver divides by.
+    assert np.isfinite(values["C1 [F]"](25.0, 1.0, SOC)).all()
+    expected_v = make_cell().average_ocv_v(SOC) + np.interp(SOC, NODES, CORRECTION_V)
+    found_v = values["Open-circuit voltage [V]"](SOC)
+    assert np.abs(found_v - expected_v).max() < 1.1 * TOLERANCE_V
 
 
 def test_thevenins_functions_of_soc_simulate_what_barnax_does():

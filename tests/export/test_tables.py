@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
 import barnax.export.tables
+from barnax.cell import SegmentedHysteresis
 from barnax.cell.circuits import Circuit
-from barnax.export.tables import TOLERANCE_V, linear_table, tables_of
+from barnax.errors import InputError
+from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
 from barnax.search.refine import AtBound
 from helpers.results import (
     CORRECTION_V,
@@ -44,6 +46,22 @@ def test_a_table_follows_any_monotone_cubic_within_the_tolerance(voltages_v, see
     assert np.abs(table(FINE) - clipped(FINE)).max() < 1.1 * TOLERANCE_V
 
 
+def test_the_ocv_of_a_result_is_the_mean_of_both_branches():
+    cell, ocv = make_cell(), tables_of(make_result()).ocv
+    mean_v = (cell.charge(FINE) + cell.discharge(FINE)) / 2
+    assert np.abs(ocv(FINE) - mean_v).max() < 1.1 * TOLERANCE_V
+
+
+@pytest.mark.parametrize("fit", ["continuous", "independent"])
+def test_the_hysteresis_table_reads_as_its_segments(fit):
+    rng = np.random.default_rng(1)
+    w = SegmentedHysteresis.fit(np.linspace(0, 1, 40), 0.02 * rng.random(40), fit)
+    table = segment_table(w)
+    assert np.all(np.diff(table.soc) > 0)
+    # A step takes a billionth of SOC.
+    np.testing.assert_allclose(table(FINE), w(FINE), rtol=0, atol=1e-9)
+
+
 def test_a_time_constant_at_a_bound_is_a_caveat():
     told = "tau2 ended at the upper bound of its search: the data do not set it."
     (bound,) = bounds = (AtBound("tau2 [s]", "upper"),)
@@ -55,6 +73,13 @@ def test_a_time_constant_at_a_bound_is_a_caveat():
         assert told in tables_of(bounded).caveats
     # The constant circuit beside tables is not what is exported.
     assert told not in tables_of(with_constant(result, at_bound=bounds)).caveats
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_the_hysteresis_starts_where_the_last_current_left_it(direction):
+    tables = tables_of(make_result(initial_direction=direction))
+    w_v = make_cell().hysteresis(np.array(0.9))
+    assert tables.initial_hysteresis_v == pytest.approx(direction * w_v / 2, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -75,6 +100,11 @@ def test_a_circuit_of_ones_own_is_exported_with_its_own_source(monkeypatch, sour
         assert tables.hysteresis is None
     else:
         assert np.abs(tables.hysteresis(FINE) - w_v).max() < 1.1 * TOLERANCE_V
+
+
+def test_a_circuit_that_remembers_its_turns_is_refused():
+    with pytest.raises(InputError, match="which no table over SOC holds"):
+        tables_of(make_result("so-rc").model_copy(update={"model": "takacs"}))
 
 
 def test_the_ocv_holds_the_correction_exactly():

@@ -2,6 +2,7 @@
 
 import itertools
 import re
+import sys
 from datetime import UTC, date, datetime
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import polars as pl
 import pytest
 
 from barnax.errors import InputError
+from barnax.fleet import dataset
 from barnax.fleet.dataset import (
     compact,
     dataset_path,
@@ -16,6 +18,7 @@ from barnax.fleet.dataset import (
     keep_result,
     parts_folder,
     read_rows,
+    rows_of_others,
     write_rows,
     writing,
 )
@@ -135,3 +138,17 @@ def test_duckdb_and_polars_answer_the_three_questions_alike(tmp_path):
     assert answers[0] == [(0, 2, pytest.approx(0.015)), (100, 2, pytest.approx(0.016))]
     assert [row[0] for row in answers[1]] == ["21", "20", "11", "10"]
     assert answers[2] == [("file.damaged", 2, "12")]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="no other system limits a process's memory")
+def test_a_dataset_of_others_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(dataset, "LARGEST_FILE", 300_000_000)
+    rows = pl.DataFrame({"id": ["a"], "error": [None]})
+    rows.write_parquet(dataset_path(tmp_path))
+    assert len(rows_of_others(tmp_path)) == 1
+    zeros = pl.Series("warnings", [pl.repeat(0, 60_000_000, dtype=pl.Int8, eager=True)])
+    rows.with_columns(zeros).write_parquet(dataset_path(tmp_path), compression="zstd")
+    assert dataset_path(tmp_path).stat().st_size < 100_000
+    with pytest.raises(InputError, match="unpack to more than a fleet's dataset does"):
+        rows_of_others(tmp_path)

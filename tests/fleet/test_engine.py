@@ -4,6 +4,8 @@ import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
 
 import polars as pl
 import pytest
@@ -13,8 +15,9 @@ from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.errors import InputError
 from barnax.execution import AtOnce
-from barnax.fleet import identify_fleet, read_manifest
+from barnax.fleet import FleetCell, cell_of, identify_fleet, read_manifest
 from barnax.fleet.dataset import read_rows
+from barnax.fleet.rows import identify_rows
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.records import read_record
@@ -97,6 +100,28 @@ def test_retry_repeats_what_failed_and_nothing_else(tmp_path, monkeypatch, is_in
     assert read_rows(tmp_path)["error"].to_list() == [None] * 3
 
 
+def test_settings_that_come_back_have_their_own_rows(tmp_path, computed):
+    def stop(state):
+        if state.finished:
+            raise Stop
+
+    for trust in ("none", "basic"):
+        with pytest.raises(Stop):
+            identify_fleet(
+                cells_of("a"), tmp_path, executor=AtOnce(), settings={"trust": trust}, report=stop
+            )
+    options = {"executor": AtOnce(), "settings": {"trust": "none"}}
+    assert identify_fleet(cells_of("a"), tmp_path, **options).finished == 1
+    assert identify_fleet(cells_of("a"), tmp_path, **options).skipped == 1
+
+
+def test_rows_of_other_cells_stay(tmp_path, computed):
+    identify_fleet(cells_of("ab"), tmp_path, executor=AtOnce())
+    identify_fleet(cells_of("c"), tmp_path, executor=AtOnce())
+    assert read_rows(tmp_path)["id"].to_list() == ["a", "b", "c"]
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["cells.parquet"]
+
+
 def test_an_iterable_is_read_no_further_than_its_batches(tmp_path, computed):
     taken = []
 
@@ -130,6 +155,19 @@ def test_shards_write_files_of_their_own_that_the_whole_takes_in(tmp_path, compu
     assert pl.read_parquet(tmp_path / "cells.parquet")["id"].to_list() == list("abcdef")
 
 
+def test_shards_run_beside_each_other(tmp_path, computed):
+    names = [f"cell {number}" for number in range(24)]
+    with ThreadPoolExecutor(4) as pool:
+        running = [
+            pool.submit(
+                identify_fleet, cells_of(names), tmp_path, executor=AtOnce(), shard=(n, 4), batch=1
+            )
+            for n in (1, 2, 3, 4)
+        ]
+    assert sum(each.result().finished for each in running) == len(names)
+    assert identify_fleet(cells_of(names), tmp_path, executor=AtOnce()).skipped == len(names)
+
+
 def test_two_commands_cannot_write_to_one_folder(tmp_path, monkeypatch):
     refused = []
 
@@ -141,6 +179,37 @@ def test_two_commands_cannot_write_to_one_folder(tmp_path, monkeypatch):
     made_rows(monkeypatch, begin_another)
     assert identify_fleet(cells_of("a"), tmp_path, executor=AtOnce()).finished == 1
     assert len(refused) == 1
+
+
+def test_an_id_that_stands_twice_is_refused(tmp_path, computed):
+    with pytest.raises(InputError, match="the id 'a' occurs twice"):
+        identify_fleet(cells_of("aba"), tmp_path, executor=AtOnce())
+
+
+def test_an_unknown_method_is_refused_before_any_cell(tmp_path, computed):
+    with pytest.raises(InputError, match="`method` 'magic' is not known; there are"):
+        identify_fleet(cells_of("a"), tmp_path, executor=AtOnce(), settings={"method": "magic"})
+    assert computed == []
+
+
+def test_an_edited_result_is_another_cell(tmp_path, monkeypatch):
+    given = []
+
+    def identify(job):
+        given.append(job.cell)
+        raise InputError("only the cell is looked at")
+
+    monkeypatch.setattr("barnax.fleet.rows.identify", identify)
+    monkeypatch.setattr(
+        "barnax.fleet.rows.Result.from_json",
+        lambda path: SimpleNamespace(cell=Path(path).read_text()),
+    )
+    path = tmp_path / "result.json"
+    for text in ("2 A.h", "1.5 A.h"):
+        path.write_text(text)
+        for name in "ab":
+            identify_rows(FleetCell(name, records=("drive.csv",), cell=str(path)), {})
+    assert given == ["2 A.h", "2 A.h", "1.5 A.h", "1.5 A.h"]
 
 
 class Deadly(Exception):
@@ -208,6 +277,20 @@ def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch)
     assert (state.finished, state.skipped, computed) == (2, 1, ["a", "deadly", "b"])
 
 
+def test_workers_that_never_begin_are_no_endless_loop(tmp_path, monkeypatch):
+    class Dead(Fragile):
+        is_broken = True
+
+        def submit(self, fn, /, *args, **kwargs):
+            future = Future()
+            future.set_exception(BrokenProcessPool("no worker started"))
+            return future
+
+    use_pools(monkeypatch, Dead)
+    with pytest.raises(RuntimeError, match="workers die before they begin"):
+        identify_fleet(cells_of("ab"), tmp_path)
+
+
 @pytest.fixture(scope="module")
 def alone(small_fleet, tmp_path_factory):
     """The rows of the small fleet, made one by one in this process."""
@@ -231,6 +314,19 @@ def test_a_row_says_what_was_found_or_why_nothing_was(alone):
         assert row["R0 [Ohm] low"] < row["R0 [Ohm]"] < row["R0 [Ohm] high"]
         assert row["R0 [Ohm]"] == pytest.approx(0.05 + 0.01 * seed, abs=0.004)
         assert row["RMSE [V]"] < 0.01
+
+
+def test_no_column_of_a_manifest_can_be_one_of_the_dataset(alone):
+    others = {"id", "age", "circuit", "records"}
+    for name in {
+        *alone.columns,
+        "C4 [F] high",
+        "gamma low",
+        "tables RMSE [V]",
+        "tables R1 [Ohm] low",
+    } - others:
+        with pytest.raises(InputError, match="the dataset has its own"):
+            cell_of({"id": "a", "records": "a.csv", name: 1})
 
 
 def test_a_row_has_the_same_bits_in_a_batch_and_in_another_order(alone, small_fleet, tmp_path):

@@ -2,6 +2,7 @@
 
 import gzip
 import os
+import zlib
 
 import polars as pl
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError, as_keys
 from barnax.fleet import read_manifest
+from barnax.fleet.engine import in_shard, parse_shard
 from barnax.fleet.rows import identify_rows
 from barnax.records.readers import room
 from barnax.reporting.fleet import problem_lines
@@ -72,6 +74,23 @@ def test_a_pipe_or_a_device_is_told_with_its_row_and_never_read(folder, column):
         read_manifest(folder / "pipe.csv")
 
 
+def test_only_what_a_row_says_is_a_pattern(tmp_path):
+    folder = tmp_path / "[A1] cells"
+    (folder / "c[1];2").mkdir(parents=True)
+    drive = folder / "c[1];2" / "drive.csv"
+    drive.write_text("time\n")
+    (folder / "m.csv").write_text("id,records\nx,*/dri*.csv\n")
+    assert read_manifest(folder / "m.csv")[0][0].records == (str(drive),)
+    assert read_manifest(folder)[0][0].records == (str(drive),)
+
+
+def test_a_pattern_without_a_file_is_missing_and_no_error(folder):
+    (folder / "m.csv").write_text("id,records\nx,nowhere*.csv;b.csv\n")
+    (cell,), _ = read_manifest(folder / "m.csv")
+    assert cell.missing == ("nowhere*.csv does not exist",)
+    assert cell.records == (str(folder / "b.csv"),)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -107,6 +126,15 @@ def test_a_fingerprint_follows_inputs_and_settings(folder):
     assert cell.fingerprint({}) != before
 
 
+def test_shards_share_the_cells_out(folder):
+    cells, _ = read_manifest(as_csv(folder))
+    shards = [{cell.id for cell in cells if in_shard(cell, (k, 3))} for k in (1, 2, 3)]
+    assert set().union(*shards) == {"007", "b"}
+    assert sum(map(len, shards)) == 2
+    with pytest.raises(InputError, match="such as 3/10"):
+        parse_shard("4/3")
+
+
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_a_manifest_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch, suffix):
     monkeypatch.setattr(room, "LARGEST_FILE", 1_000_000)
@@ -116,6 +144,19 @@ def test_a_manifest_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch, s
     else:
         pl.DataFrame({"id": pl.repeat(1, 100_000, eager=True)}).write_parquet(path)
     with pytest.raises(InputError, match=r"bytes need more than the limit of 0\.001 GB"):
+        read_manifest(path)
+
+
+def test_a_manifest_that_is_packed_twice_or_has_too_many_rows_is_refused(tmp_path, monkeypatch):
+    text = b"id,records\n" + b"a,b.csv\n" * 1000
+    path = tmp_path / "m.csv"
+    for packed in (gzip.compress(gzip.compress(text)), zlib.compress(text)):
+        path.write_bytes(packed)
+        with pytest.raises(InputError, match=r"m\.csv: cannot be read"):
+            read_manifest(path)
+    monkeypatch.setattr(room, "LARGEST_FILE", 100_000)
+    path.write_bytes(text)
+    with pytest.raises(InputError, match="need more than the limit"):
         read_manifest(path)
 
 

@@ -3,7 +3,9 @@
 import pytest
 
 import barnax
+from barnax.errors import InputError
 from barnax.factors import factors_to_bytes
+from barnax.fleet import identify_fleet
 from barnax.fleet.dataset import dataset_path, keep_factors, read_rows, regrouped, write_rows
 from barnax.fleet.manifest import FleetCell
 from barnax.fleet.rows import identify_rows
@@ -57,6 +59,21 @@ def test_the_mean_cell_of_a_pack_is_none_of_its_cells(fleet, tmp_path):
     ]
 
 
+def test_a_row_that_names_another_folder_is_refused(tmp_path):
+    write_rows(dataset_path(tmp_path), [{"id": "../a", "error": None, "model": "x"}])
+    with pytest.raises(InputError, match=r"'../a', which is no name of a file"):
+        regrouped(tmp_path, ["model"])
+
+
+def test_groups_that_would_have_one_name_are_refused_with_both(fleet, tmp_path):
+    for name in "ab":
+        keep_factors(tmp_path, name, (fleet / "factors" / "a.factors.npz").read_bytes())
+    rows = [{"id": name, "error": None, "car": car} for name, car in (("a", "A/1"), ("b", "A-1"))]
+    write_rows(dataset_path(tmp_path), rows)
+    with pytest.raises(InputError, match=r"A/1 and A-1 would both be called 'A-1'; change"):
+        regrouped(tmp_path, ["car"])
+
+
 def test_kept_factors_of_a_chosen_circuit_answer_as_its_record_does(tmp_path):
     """Without an OCV test one value of each resistance, with the OCV of its own."""
     record, _ = made(1)
@@ -75,6 +92,17 @@ def test_kept_factors_of_a_chosen_circuit_answer_as_its_record_does(tmp_path):
     assert whole["answer"] == "tables over SOC (1rc)"
     (row,) = identify_rows(cell, {"seeds": 0, "model": "so-rc"})
     assert "the factors are of 1rc, and so-rc was asked for" in row["error"]
+
+
+@pytest.mark.parametrize("given", [{"settings": "esc"}, {"cell": "esc"}])
+def test_a_circuit_whose_factors_cannot_be_kept_is_refused_before_any_cell(tmp_path, given):
+    settings = {"keep_factors": "tables", "model": given.get("settings", "so-rc")}
+    options = {"model": given["cell"]} if "cell" in given else {}
+    cells = [FleetCell("a", ["no.csv"]), FleetCell("b", ["no.csv"], options=options)]
+    begun = []
+    with pytest.raises(InputError, match=r"dynamic hysteresis.*, or keep none"):
+        identify_fleet(cells, tmp_path, settings=settings, workers=1, report=begun.append)
+    assert not begun
 
 
 def keep_at(folder, kept):

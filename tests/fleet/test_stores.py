@@ -1,5 +1,7 @@
 """Fleets in object stores: a real S3 server on this machine, and fsspec's memory."""
 
+import subprocess
+import sys
 import uuid
 from contextlib import suppress
 
@@ -11,7 +13,15 @@ from barnax.errors import InputError
 from barnax.execution import AtOnce
 from barnax.files import fetched, located
 from barnax.fleet import identify_fleet, read_manifest
-from barnax.fleet.dataset import FACTORS, marked_place, marking, read_rows, regrouped, writing
+from barnax.fleet.dataset import (
+    FACTORS,
+    marked_place,
+    marking,
+    opened,
+    read_rows,
+    regrouped,
+    writing,
+)
 from barnax.fleet.rows import identify_rows
 
 from .conftest import comparable
@@ -67,6 +77,24 @@ def test_a_fleet_in_a_store_is_that_of_a_folder(small_fleet, bucket, tmp_path):
     assert again["R0 [Ohm]"] == there["R0 [Ohm]"]
 
 
+@pytest.mark.slow
+def test_the_command_reads_and_writes_a_store(small_fleet, bucket, tmp_path):
+    manifest = tmp_path / "m.csv"
+    manifest.write_text(f"id,records\na,{bucket / 'none.csv'}\n")
+    words = [sys.executable, "-m", "barnax", "fleet", manifest, "--workers", "1"]
+    to = ["--out", str(bucket / "out")]
+    refused = subprocess.run([*words, *to], capture_output=True, text=True, check=False)
+    assert refused.returncode == 2
+    assert "--addresses" in refused.stderr
+    done = subprocess.run(
+        [*words, *to, "--addresses", str(bucket)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    (row,) = pl.read_parquet(opened(bucket / "out" / "cells.parquet")).to_dicts()
+    assert "none.csv: cannot be read" in row["error"]
+    assert (bucket / "out" / "report.html").exists()
+
+
 def test_what_is_being_computed_is_noted_in_a_store_too(memory):
     with writing(memory) as folder:
         with suppress(KeyError), marking(folder, "b") as mark:
@@ -104,3 +132,19 @@ def test_a_manifest_in_a_store_reads_no_file_of_this_machine(memory, name):
     manifest.fs.pipe_file(manifest.path, f"id,records\na,{name}\n".encode())
     with pytest.raises(InputError, match=r"own folder|allow it"):
         read_manifest(str(manifest))
+
+
+def test_a_store_that_is_not_there_is_told(memory):
+    with pytest.raises(InputError, match=r"none.csv: cannot be read"):
+        fetched(memory / "none.csv", 10)
+    (memory / "a").fs.pipe_file((memory / "a").path, b"12345")
+    with pytest.raises(InputError, match="longer than 4 bytes"):
+        fetched(memory / "a", 4)
+    with pytest.raises(InputError, match="no address of a kind"):
+        located("nonsense://bucket/a")
+
+
+def test_without_the_packages_an_address_names_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "upath", None)
+    with pytest.raises(InputError, match=r"barnax\[cloud\]"):
+        identify_fleet([], "s3://bucket/fleet")

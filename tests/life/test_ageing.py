@@ -1,5 +1,6 @@
 """A dataset of known ageing: units of age, what is not determined, and what a record tells."""
 
+import json
 from functools import cache
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 import barnax
+from barnax.errors import InputError
 from barnax.fleet.aged import ageing_row
 from barnax.life import QUANTITIES, life_of
 from barnax.model.prepared import prepare_record
@@ -21,7 +23,7 @@ from barnax.over_soc.ageing import (
     shows_both_ends,
 )
 from barnax.plots import plot_fleet_life
-from barnax.reporting.life import life_lines
+from barnax.reporting.life import life_frame, life_json, life_lines
 
 
 def dataset(cells=9, ages=5, **columns):
@@ -71,6 +73,26 @@ def test_the_unit_is_in_the_column_s_name(name, unit, years):
     assert life.exposure == pytest.approx(3 * 4 * years)
 
 
+def test_what_no_record_tells_is_not_determined():
+    ends = ("", " low", " high", " by OCV")
+    nothing = {f"aged {CAPACITY}{end}": None for end in ends}
+    life = life_of(dataset(cells=3).with_columns(**{k: pl.lit(v) for k, v in nothing.items()}))
+    assert all(np.isnan(each.smooth).all() for each in life.of(CAPACITY))
+    assert any(line.startswith("capacity: not determined") for line in life_lines(life))
+    stored = json.loads(life_json(life))
+    own = [each for each in stored["trends"] if each["quantity"] == CAPACITY]
+    assert {each["trend"] for each in own} == {None}
+    assert len(life_frame(life)) == 4 * 15
+
+
+@pytest.mark.slow
+def test_equivalent_full_cycles_count_what_passed():
+    passed = dataset().with_columns((pl.int_range(pl.len()) % 5 * 100.0).alias("ah_since_new"))
+    assert life_of(passed, throughput="ah_since_new").cycles["C1"] == 100.0
+    known = life_of(passed)
+    assert (known.cycles["C1"], known.cycles_known) == (5.0, False)
+
+
 def test_capacities_without_a_rest_near_empty_assume_the_shape_of_the_ocv(life):
     assert any("in 9 rows; an electrode may lose" in line for line in life_lines(life))
     told = dataset(cells=3).with_columns(pl.lit(True).alias("aged capacity to empty"))
@@ -90,6 +112,15 @@ def test_few_cells_are_drawn_by_name_and_not_judged(life):
     low, high = few.axes[1].get_ylim()
     assert low < 0.992 * 30
     assert high > 1.008 * 30 * 1.2
+
+
+def test_a_dataset_without_ageing_or_column_is_refused():
+    with pytest.raises(InputError, match="says nothing of ageing"):
+        life_of(dataset().select("id", "error", "specimen", "date"))
+    with pytest.raises(InputError, match="`by` nosuch: no such column; the dataset has"):
+        life_of(dataset(), by="nosuch")
+    with pytest.raises(InputError, match="row 1 is 'soon'; give a number in every row"):
+        life_of(dataset(date="soon"))
 
 
 OWN_AH, SHIFT_V, OWN_R0, PAIRS = 1.7, 0.006, 0.04, (0.012, 0.02)
@@ -212,3 +243,26 @@ def test_a_descent_goes_on_until_a_step_is_small_beside_the_errors(cell, told, h
     assert determined
     for name, own in determined.items():
         assert abs(own.value - ended[name].value) < 0.15 * (own.high - own.low) / 2
+
+
+@pytest.mark.slow
+def test_the_voltage_that_told_a_start_moves_with_a_shift_of_the_ocv(cell):
+    found, _ = told_of(cell, begun=0.98, opening_s=4000, shift_v=0.025)
+    assert all(found[name].is_determined for name in ("start SOC", SHIFT))
+    for name, value in {"start SOC": 0.98, SHIFT: 0.025}.items():
+        assert found[name].low <= value <= found[name].high
+
+
+@pytest.mark.slow
+def test_capacities_are_tried_on_the_same_samples(cell, monkeypatch):
+    counts, reduced = [], ageing.reduced_objective
+
+    def counted(records, *rest):
+        counts.append(sum(np.count_nonzero(prepared.scored) for prepared in records))
+        return reduced(records, *rest)
+
+    monkeypatch.setattr(ageing, "reduced_objective", counted)
+    assert told_of(cell, to_empty=True)[0]
+    # Four capacities do not empty the cell far beyond its OCV.
+    assert len(set(counts[:4])) == 1
+    assert counts[4] > counts[0]

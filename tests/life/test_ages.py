@@ -39,6 +39,14 @@ def test_dates_are_the_same_however_they_are_written(dates, how):
     np.testing.assert_allclose(days, expected, atol=1e-6)
 
 
+@given(dates=st.lists(DATES, min_size=2, max_size=5), kind=st.sampled_from([int, float, str]))
+def test_compact_dates_are_dates_and_no_numbers(dates, kind):
+    column = pl.Series([kind(one.strftime("%Y%m%d")) for one in dates])
+    days, unit = ages_of(column, "date")
+    expected = [(one.date() - min(dates).date()).days for one in dates]
+    assert (days.tolist(), unit) == (expected, "day")
+
+
 @pytest.mark.parametrize(
     ("name", "factor", "unit"),
     [
@@ -89,3 +97,16 @@ def test_rows_without_a_finite_age_are_counted_and_those_of_one_age_named():
     assert "3 rows without a finite age, or without a cell: left out." in lines
     assert "Of one cell at one age, both counted: 0-2, 0-3." in lines
     assert (life.rows, life.unit, life.span) == (15 - 3, "day", 9.0)
+
+
+@pytest.mark.parametrize("none", ["nan", "NaN", "inf", ""])
+def test_a_text_that_stands_for_no_number_is_no_age(none):
+    days, _ = ages_of(pl.Series(["2024-01-15", none, "2024-01-25"]), "date")
+    np.testing.assert_array_equal(days, [0.0, np.nan, 10.0])
+
+
+def test_a_date_that_stands_for_none_is_no_age():
+    frame = dataset(cells=3)
+    dates = ["1970-01-01", *frame["date"][1:]]
+    with pytest.raises(InputError, match="1970-01-01 in row 1 and 2022-01-01 in row 5"):
+        life_of(frame.with_columns(pl.Series("date", dates)))

@@ -90,6 +90,21 @@ def test_cells_far_from_an_age_have_no_vote_there():
     np.testing.assert_allclose(beside[:, -1], alone[:, 0])
 
 
+def test_one_record_that_differs_from_its_cell_s_others_keeps_a_wide_interval():
+    one = rows_of([0.0] * 8)
+    other = rows_of([0.06], seed=3)[-1:].with_columns(cell=pl.lit("C7"))
+    _, low, high = told(pl.concat([one[:-1], other]))
+    assert not high[-1] - low[-1] < 5 * np.median(high[:-1] - low[:-1])
+
+
+def test_a_row_without_evidence_stays_as_it_is_and_the_others_do_not():
+    rows, nothing = rows_of([0.0] * 8), [float("nan")] * len(SHAPES_V)
+    evidence = [nothing, None, *rows[EVIDENCE].to_list()[2:]]
+    _, low, _ = told(rows.with_columns(pl.Series(EVIDENCE, evidence)))
+    assert np.isnan(low[:2]).all()
+    assert np.isfinite(low[2:]).all()
+
+
 def test_an_interval_in_a_fleet_holds_the_spread_between_shapes():
     draw = np.random.default_rng(0)
     evidence = draw.normal(0.0, 2.0, (2, len(SHAPES_V)))

@@ -129,6 +129,21 @@ def test_a_planted_knee_is_found_and_its_trend_follows_it(planted):
 
 
 @pytest.mark.slow
+def test_intervals_of_an_odd_cell_hold_although_it_bends_as_no_other():
+    held = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        series, truth = fleet(rng)
+        bent = 0.4 * series.age[0] - 0.12 * series.age[0] ** 2
+        series.value[0] += bent
+        judged = judge(series, 0.1, rng)
+        assert 0 in judged.faults
+        value, error = judged.fit.trend(0, series.age[0])
+        held.append(np.abs(value - truth[0] - bent) < 1.96 * error)
+    assert np.mean(held) >= 0.85
+
+
+@pytest.mark.slow
 def test_a_fleet_without_faults_is_flagged_as_often_as_is_said():
     expected, fleets = 0.5, 16
     flagged = 0

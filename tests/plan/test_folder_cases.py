@@ -63,6 +63,11 @@ def test_c20_hppc_and_drive_are_ocv_test_record_and_validation(form, tmp_path):
     assert "pulses, to predict from the drive" in other.reason
 
 
+def test_a_small_current_before_a_drive_is_no_offset(tmp_path):
+    write(tmp_path / "drive.csv", DRIVE)
+    assert not [one for one in check_file(tmp_path / "drive.csv").findings if one.counts]
+
+
 def test_measured_c20_hppc_and_drive_are_combined(real_data):
     files = [
         real_data / "lg-hg2-18650" / f"{name}_25degC.parquet" for name in ("c20", "hppc", "us06")

@@ -110,6 +110,14 @@ def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folde
     assert roles(given)["cold.parquet"] == "identification"
 
 
+def test_an_ocv_test_at_0_degc_has_a_temperature(folder):
+    change(folder, "bcd", at(0.0))
+    warm = pl.read_parquet(BUNDLED.ocv[0]).with_columns(at(25.0), pl.col(VOLTAGE) + 1e-3)
+    warm.write_parquet(folder / "warm.parquet")
+    found = plan(folder)
+    assert reason(found, "warm.parquet") == "measured at 25 degC, the OCV test at 0 degC"
+
+
 def test_a_record_alone_shows_its_own_ocv_and_a_slow_sweep_alone_lacks_a_record(tmp_path):
     sweep = slow_sweep(-1)
     lone = plan(BUNDLED.record)
@@ -123,6 +131,28 @@ def test_a_record_alone_shows_its_own_ocv_and_a_slow_sweep_alone_lacks_a_record(
     columns = {TIME: sweep.time_s, CURRENT: -sweep.current_a, VOLTAGE: sweep.voltage_v}
     pl.DataFrame(columns).write_parquet(tmp_path / "sweep.parquet")
     assert "measure a drive" in plan(tmp_path).missing
+
+
+@pytest.mark.slow
+def test_a_record_of_each_temperature_is_identified_on_with_its_own_ocv_test(folder):
+    change(folder, "a", at(5.0))
+    change(folder, "bcd", at(25.0))
+    assert roles(plan(folder))["a.parquet"] == "not used"
+    found = plan(folder, over="soc,temperature")
+    assert [part.name for part in found.of_role("identification")] == ["c.parquet", "a.parquet"]
+    for name in "bd":
+        warm = pl.read_parquet(folder / f"{name}.parquet")
+        cold = warm.with_columns(at(5.0), pl.col(VOLTAGE) + 1e-3)
+        cold.write_parquet(folder / f"cold {name}.parquet")
+    alone = plan(folder)
+    assert len(alone.of_role("OCV test")) == 2
+    assert "for tables over temperature" in reason(alone, "a.parquet")
+    found = plan(folder, over="soc,temperature")
+    assert len(found.of_role("OCV test")) == 4
+    # Given beside a folder, those of one temperature are one test too.
+    names = ("b", "d", "cold b", "cold d")
+    given = plan(folder, ocv=[folder / f"{name}.parquet" for name in names], over="soc,temperature")
+    assert roles(given) == roles(found)
 
 
 def test_what_is_said_of_a_record_is_known_before_roles_are_chosen(folder):
@@ -173,6 +203,14 @@ def test_a_table_is_an_ocv_test_whose_capacity_a_discharge_or_the_user_tells(tmp
     assert (told.options["capacity"], told.reasons["capacity"]) == (2.0, "given")
 
 
+@pytest.mark.slow
+def test_a_charge_of_a_flat_ocv_is_identified_on_beside_the_drive(real_data):
+    found = plan(real_data / "plett-a123-26650")
+    names = [part.name for part in found.of_role("identification")]
+    assert names == ["dyn-s1_25degC.parquet", "dyn-s3_25degC.parquet"]
+    assert "for the other direction" in reason(found, "dyn-s3_25degC.parquet")
+
+
 def test_a_folder_in_a_folder_is_looked_into_unless_it_holds_a_result(folder):
     (folder / "cold").mkdir()
     shutil.move(folder / "a.parquet", folder / "cold")
@@ -183,6 +221,13 @@ def test_a_folder_in_a_folder_is_looked_into_unless_it_holds_a_result(folder):
     found = plan(folder)
     assert roles(found).keys() == NAMES.keys()
     assert roles(found)["a.parquet"] == "identification"
+
+
+def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_path):
+    with pytest.raises(InputError, match="has no files"):
+        plan(tmp_path)
+    with pytest.raises(InputError, match="there is no such file"):
+        plan(tmp_path / "missing.csv")
 
 
 def test_a_record_that_takes_more_out_of_the_full_cell_than_the_ocv_test_tells_its_capacity(folder):
@@ -211,6 +256,14 @@ def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
     whole = barnax.read_record(bundled_file("identification"))
     expected = 1 - whole.discharged_ah[half] / 2.0
     assert second.window.initial_soc == pytest.approx(expected, abs=0.005)
+
+
+def test_a_record_that_takes_a_little_more_than_its_test_has_a_capacity_of_its_own(folder):
+    change(folder, "bd", pl.col(CURRENT) * 0.85)
+    part = next(part for part in plan(folder).parts if part.name == "c.parquet")
+    assert part.role == "identification"
+    moved_ah = barnax.read_record(folder / "c.parquet").discharged_ah.max()
+    assert part.window.capacity_ah == pytest.approx(moved_ah, rel=1e-3)
 
 
 def test_records_of_another_cell_than_the_ocv_test_s_say_so(folder):

@@ -3,13 +3,14 @@
 import io
 
 import numpy as np
+import pytest
 
 from barnax.plots import (
     plot_compared_convergence,
     plot_convergence,
 )
 from helpers.comparisons import make_comparison, make_row
-from helpers.results import labels, line, make_refinement, make_search
+from helpers.results import labels, line, make_refinement, make_search, result_of
 
 HISTORIES_V = [[0.03, 0.02, 0.011], [0.04, 0.012, 0.012], [0.05, 0.05, 0.02]]
 
@@ -48,3 +49,14 @@ def test_the_excess_over_a_known_optimum_has_a_panel():
         line(figure.axes[1], "ibmo so-rc").get_ydata(), [100.0, 50.0, 1.0], rtol=1e-6
     )
     assert len(plot_compared_convergence(make_comparison(rows)).axes) == 1
+
+
+@pytest.mark.slow
+def test_a_result_is_drawn_as_the_search_it_holds(refinement):
+    figures = (
+        plot_convergence(refinement.search, refinement),
+        plot_convergence(result_of(refinement)),
+    )
+    for ours, drawn in zip(*(figure.axes for figure in figures), strict=True):
+        for each, same in zip(ours.get_lines(), drawn.get_lines(), strict=True):
+            np.testing.assert_array_equal(each.get_xydata(), same.get_xydata())

@@ -1,11 +1,13 @@
 """A record is told again whatever was done to its file, and a test that was repeated is another."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.records import read_record, record_from_frame
-from barnax.records.fingerprint import Content
+from barnax.records.fingerprint import Content, read_fingerprint
 from helpers.records import CURRENT, TIME, VOLTAGE, pulses_a, simulated_cell
 
 
@@ -71,6 +73,15 @@ def test_the_same_current_again_or_on_another_cell_is_another_record(noise_v, pl
     assert not other.holds(one.fingerprint)
 
 
+@pytest.mark.slow
+def test_measured_records_of_one_cell_are_different(real_data):
+    paths = real_data.glob("calce*/*_SP20-2.parquet")
+    contents = [Content(read_record(path)) for path in paths]
+    assert len(contents) == 8
+    for one, other in permutations(contents, 2):
+        assert not one.holds(other.fingerprint)
+
+
 def test_a_part_overlaps_with_the_whole_and_not_with_what_follows_it(record):
     cut = (slice(0, 9000), slice(5000, 14000), slice(9000, None))
     first, middle, last = (
@@ -80,3 +91,17 @@ def test_a_part_overlaps_with_the_whole_and_not_with_what_follows_it(record):
     assert first.is_like(middle)
     assert middle.is_like(last)
     assert not first.is_like(last)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("0 1", "holds samples"),
+        ("0;1 2 3", "unpack"),
+        ("0 1;1 2", "reshape"),
+        ("0 1;a b c", "could not convert"),
+    ],
+)
+def test_what_is_no_fingerprint_is_refused(text, told):
+    with pytest.raises(ValueError, match=told):
+        read_fingerprint(text)

@@ -7,7 +7,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from barnax.records import read_record
-from helpers.records import arbin_rows, pulse_frame, pulses_a, simulated_cell
+from helpers.dialects import WRITERS, pulse_table
+from helpers.records import arbin_rows, pulse_frame, pulses_a, read, simulated_cell
 
 
 def counted(hold, *, seed=0, dtype=pl.Float64, digits=None, resets=False, net=False, sign=1.0):
@@ -60,6 +61,11 @@ def test_counters_prove_the_hold(tmp_path_factory, hold, seed, dtype, digits, re
     assert "counters" in decision.reason
 
 
+def test_without_counters_the_hold_is_assumed_forward(tmp_path):
+    decision = decided(tmp_path, pulse_frame())
+    assert (decision.value, decision.strength) == ("forward", "assumed")
+
+
 def test_without_proof_an_arbin_record_is_held_backward(tmp_path):
     header, *rows = arbin_rows(pulse_frame())
     frame = pl.DataFrame(rows, schema=header, orient="row").drop(
@@ -91,6 +97,19 @@ def test_one_change_of_step_counted_decides_before_the_make_does(tmp_path, hold)
     assert "at 1 change of step" in decision.reason
 
 
+def test_a_column_of_mean_currents_is_held_backward(tmp_path):
+    decision = read(tmp_path, WRITERS["BioLogic .mpt"](pulse_table())).hold
+    assert (decision.value, decision.strength) == ("backward", "weak")
+    assert "'<I>/mA' is the mean current" in decision.reason
+
+
+def test_counters_of_some_nanoampere_hours_prove_the_hold(tmp_path):
+    frame = counted("backward")
+    small = [pl.col(name) * 1e-6 for name in frame.columns if "Ah" in name or "/ A" in name]
+    decision = decided(tmp_path, frame.with_columns(small))
+    assert (decision.value, decision.strength) == ("backward", "strong")
+
+
 def test_steps_in_time_with_the_log_outweigh_a_cycle_on_its_own_clock(tmp_path):
     frame = counted("backward")
     # Inside the cycle the current switches halfway between samples, at step changes with them.
@@ -109,6 +128,20 @@ def test_steps_in_time_with_the_log_outweigh_a_cycle_on_its_own_clock(tmp_path):
     decision = decided(tmp_path, mixed.with_columns(pl.Series("Step Index / 1", step)))
     assert (decision.value, decision.strength) == ("backward", "strong")
     assert "fits neither hold well" in decision.reason
+
+
+def test_counters_halfway_between_the_holds_prove_nothing(tmp_path):
+    backward, forward = counted("backward"), counted("forward")
+    names = ["Charging Capacity / Ah", "Discharging Capacity / Ah"]
+    frame = backward.with_columns((backward[name] + forward[name]) / 2 for name in names)
+    assert decided(tmp_path, frame).strength == "assumed"
+
+
+@pytest.mark.parametrize("values", [np.zeros(400), np.random.default_rng(0).uniform(size=400)])
+def test_meaningless_counters_prove_nothing(tmp_path, values):
+    names = ["Charging Capacity / Ah", "Discharging Capacity / Ah"]
+    frame = counted("backward").with_columns(pl.Series(name, values) for name in names)
+    assert decided(tmp_path, frame).strength == "assumed"
 
 
 def test_a_given_hold_is_taken_and_the_proof_against_it_told(tmp_path):

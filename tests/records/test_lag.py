@@ -5,8 +5,11 @@ import polars as pl
 import pytest
 from scipy.signal import lfilter
 
+import barnax
 from barnax.bundled import bundled_file
-from barnax.records import read_record, record_from_frame
+from barnax.checks import check_file
+from barnax.errors import InputError
+from barnax.records import read_record, record_from_frame, source_from_frame
 from barnax.records.lag import find_lag, lagged
 from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
 
@@ -30,6 +33,17 @@ def test_a_first_order_lag_is_scipys_filter(kept):
     values = np.random.default_rng(0).normal(size=1000)
     expected = lfilter([0.0, 1 - kept], [1.0, -kept], values)
     np.testing.assert_allclose(lagged(values, kept), expected, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("half", [3, 5])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_half_a_period_of_a_simulated_load_is_no_lag(half, sign):
+    current_a = 2.0 * np.resize([1.0] * half + [-1.0] * half, 3000)
+    volts = simulated_cell(current_a, 1.0, r0=R0)
+    table = {TIME: np.arange(3000.0), CURRENT: sign * current_a, VOLTAGE: volts}
+    record = record_from_frame(table)
+    assert (record.sign.value == "discharge-positive") is (sign > 0)
+    assert not record.voltage_lag_s
 
 
 @pytest.mark.parametrize("interval_s", [0.1, 1.0])
@@ -68,6 +82,15 @@ def test_the_bundled_cell_is_the_same_with_a_voltage_of_another_row(rows, sign):
     assert np.abs(moved_a - own.current_a[kept]).mean() < 0.02
 
 
+@pytest.mark.parametrize("rows", [1, 3, -2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_plain_discharge_keeps_its_sign_whatever_row_its_voltage_is_in(rows, sign):
+    table = log(1.0, rows, least_a=0.0).with_columns(pl.col(CURRENT) * sign)
+    record = record_from_frame(table)
+    assert record.sign.value == ("charge-positive" if sign == 1 else "discharge-positive")
+    assert record.sign.strength == "strong"
+
+
 @pytest.mark.parametrize("interval_s", [0.1, 1.0])
 def test_without_a_lag_none_is_found_and_the_current_is_as_logged(interval_s):
     table = log(interval_s, 0.0)
@@ -94,6 +117,42 @@ def test_a_given_lag_takes_the_current_that_much_earlier_and_keeps_its_charge():
     mixed_a = 0.75 * raw.current_a[1:] + 0.25 * raw.current_a[:-1]
     assert given.current_a[1:] == pytest.approx(mixed_a, abs=1e-12)
     assert given.discharged_ah[-1] == pytest.approx(raw.discharged_ah[-1], abs=3.0 / 3600)
+
+
+def test_a_lag_longer_than_the_record_is_refused():
+    with pytest.raises(InputError, match=r"data frame: `voltage_lag` is 1e\+09 s; give seconds"):
+        record_from_frame(log(1.0, 0.0, samples=300), voltage_lag=1e9)
+
+
+@pytest.mark.parametrize("rows", [1, 3, -2])
+def test_a_check_of_a_late_voltage_finds_nothing_else(rows):
+    own = read_record(bundled_file("identification"))
+    late = pl.Series(VOLTAGE, own.voltage_v).shift(rows)
+    table = pl.DataFrame({TIME: own.time_s, CURRENT: -own.current_a, VOLTAGE: late}).drop_nulls()
+    source = source_from_frame(table, "late")
+    assert {each.check for each in check_file(source).findings if each.counts} == {"late voltage"}
+    assert check_file(source, voltage_lag=float(rows)).is_clean
+
+
+@pytest.mark.slow
+def test_identify_finds_r0_of_a_lagging_voltage_with_a_proof_and_reopens(tmp_path):
+    path = tmp_path / "drive.csv"
+    log(0.1, 0.45, samples=6000).write_csv(path)
+    given = {"seeds": 0, "capacity": 0.2, "trust": "none", "advise": False}
+    result = barnax.identify(path, **given)
+    assert "late-voltage.lags" in {each.code for each in result.warnings}
+    assert result.tables is not None
+    nodes = [each for each in result.fit.of_table("R0 [Ohm]") if each.low]
+    assert np.median([each.value for each in nodes]) == pytest.approx(R0, rel=0.03)
+    assert result.fit.proved_gap is not None
+    (tmp_path / "result.json").write_text(result.to_json())
+    loaded = barnax.Result.load(tmp_path)
+    assert loaded.inputs[0].voltage_lag_s == result.inputs[0].voltage_lag_s > 0.04
+    # Every error is computed again on the record as it was read.
+    assert loaded.fit is not None
+    assert loaded.evaluations.identification[0].metrics.rmse_v == pytest.approx(
+        result.metrics.identification.rmse_v
+    )
 
 
 @pytest.mark.parametrize("every", [3, 10])

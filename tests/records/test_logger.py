@@ -1,5 +1,8 @@
 """The sampling of the current belongs to the logger: decided once over all its records."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -12,6 +15,11 @@ from barnax.settings import CellSettings, Reading
 from helpers.records import CURRENT, TIME, VOLTAGE
 from records.test_hold import counted
 from records.test_slow_log import log
+
+SHARED = Path(os.environ.get("BARNAX_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
+
+
+HOLD = SHARED.parent / "cases" / "systems" / "hold"
 
 
 def in_time(seed, share=0.7):
@@ -95,3 +103,11 @@ def test_records_of_one_call_are_of_one_logger(tmp_path, bundled_cell):
         capacity=None, window=None, cell=bundled_cell,
     )  # fmt: skip
     assert [one.hold.value for one in (*inputs.records, *inputs.validation)] == ["backward"] * 2
+
+
+@pytest.mark.skipif(not HOLD.is_dir(), reason="needs the shared cases")
+def test_two_records_of_one_logger_are_read_alike():
+    records = [read_record(path) for path in sorted(HOLD.glob("*.parquet"))]
+    loggers = loggers_of(records)
+    together = [sampled(record, loggers).hold.value for record in records]
+    assert together == [record.hold.value for record in records] == ["forward", "forward"]

@@ -1,5 +1,7 @@
 """What is written in a usual form comes back as it was, discharge positive."""
 
+import hashlib
+
 import numpy as np
 import polars as pl
 import pytest
@@ -208,6 +210,14 @@ def test_a_plain_workbook_is_read_from_its_only_fitting_sheet(tmp_path):
     frame = pulse_frame(30)
     sheets = {"notes": [["hello"]], "data": [frame.columns, *map(list, frame.rows())]}
     assert read(tmp_path, workbook(sheets), "cell.xlsx").samples == 30
+
+
+def test_the_hash_is_of_the_file_as_it_stands(tmp_path):
+    path = tmp_path / "cell.csv"
+    pulse_frame().write_csv(path)
+    record = read_record(str(path))
+    assert record.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert record.name == "cell.csv"
 
 
 def test_currents_of_either_direction_are_to_be_joined():

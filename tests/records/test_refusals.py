@@ -137,6 +137,28 @@ def test_every_message_is_the_one_that_was_written_down(tmp_path):
     require_golden(Path(__file__).with_name("messages.txt"), text)
 
 
+def test_every_message_names_its_file_and_no_flag():
+    text = Path(__file__).with_name("messages.txt").read_text()
+    messages = re.findall(r"^  (.*)$", text, re.M)
+    assert len(messages) >= len(REFUSED) + len(TOLD)
+    assert all(message.startswith("cell.csv: ") for message in messages)
+    assert not any("--" in message for message in messages)
+    # Backticks hold options, alone or with a value.
+    for quoted in re.findall(r"`([^`]*)`", text):
+        assert re.fullmatch(r"[a-z_]+(='?[\w.,-]+'?|='[a-z ]+=[^']+')?", quoted)
+
+
+@pytest.mark.parametrize("rate", [1.0, 2.0, 4.0])
+def test_milliamperes_are_refused_from_one_ampere_on(tmp_path, rate):
+    assert "milliamperes" in refusal(tmp_path, scaled(CURRENT, 1000 * rate))
+
+
+@pytest.mark.parametrize("peak_a", [91.8, 300.0, 450.0])
+def test_a_large_cell_at_full_load_is_no_milliampere_file(tmp_path, peak_a):
+    current_a = read(tmp_path, scaled(CURRENT, peak_a / 2)).current_a
+    assert np.abs(current_a).max() == pytest.approx(peak_a)
+
+
 @pytest.mark.parametrize("given", ["charge-positive", "discharge-positive"])
 def test_a_sign_given_against_strong_evidence_is_refused(tmp_path, given):
     table = pulse_frame(charge_positive=given == "discharge-positive")

@@ -31,6 +31,16 @@ def test_the_rest_current_is_five_times_the_noise_of_a_loud_tester():
     assert rest_current_a(record_of(current), 2.0) == pytest.approx(5 * 8e-3, rel=0.1)
 
 
+def test_slow_sweeps_and_their_steps_are_no_noise():
+    current = np.repeat([0.0, 2 / 30, 0.0, -2 / 30, 0.0], 500)
+    assert rest_current_a(record_of(current), 2.0) == 0.02
+
+
+def test_an_offset_of_the_tester_is_a_rest():
+    rested = is_rested(record_of([19e-6, -19e-6, 0.0, 0.02, 1.0]), 0.02)
+    assert rested.tolist() == [True] * 3 + [False] * 2
+
+
 def test_the_direction_holds_through_rests_and_starts_as_told():
     current = [0.0, 0.001, 1.0, 0.0, -0.001, -2.0, 0.001, 1.0]
     expected = [1, 1, -1, -1, -1, 1, 1, -1]

@@ -5,6 +5,8 @@ import polars as pl
 import pytest
 from scipy.signal import lfilter
 
+from barnax import InputError
+from barnax.checks import check_file
 from barnax.records import read_record, record_from_frame
 from barnax.records.record import in_means
 from helpers.known_cell import R0_OHM, R_OHM, TAU_S, ocv_v
@@ -57,6 +59,29 @@ def test_gaps_of_a_logger_that_writes_nothing_at_rest_are_rests(rests, resting_s
     assert abs(held_ah / record.discharged_ah[-1] - 1) > 0.2
 
 
+def test_a_logger_that_writes_nothing_at_rest_is_told(tmp_path):
+    time_s, current_a, voltage_v = drive()
+    is_written = current_a != 0
+    rows = table(time_s[is_written], current_a[is_written], voltage_v[is_written])
+    path = tmp_path / "log.csv"
+    pl.DataFrame(rows).write_csv(path)
+    codes = [each.code for each in check_file(path, capacity_ah=CAPACITY_AH).findings]
+    assert "gaps.rests" in codes
+    assert not {"gaps.jump", "gaps.steady"} & set(codes)
+
+
+@pytest.mark.parametrize("missing_s", [20, 300])
+def test_gaps_under_load_are_no_rests(missing_s):
+    time_s, current_a, voltage_v = drive(rests=3, resting_s=(1, 3))
+    is_written = np.ones(len(time_s), bool)
+    for first in range(300, LOADED - 600, 600):
+        is_written[first : first + missing_s] = False
+    record = record_from_frame(
+        table(time_s[is_written], current_a[is_written], voltage_v[is_written])
+    )
+    assert record.flowing is None
+
+
 def test_a_current_that_is_empty_at_rest_is_zero(tmp_path):
     time_s, current_a, voltage_v = drive()
     rows = pl.DataFrame(table(time_s, current_a, voltage_v))
@@ -66,6 +91,32 @@ def test_a_current_that_is_empty_at_rest_is_zero(tmp_path):
     record = read_record(path)
     np.testing.assert_allclose(record.current_a, current_a, atol=1e-12)
     assert [each.code for each in record.warnings] == ["cells.empty-current"]
+
+
+def test_a_current_that_is_empty_under_load_is_refused(tmp_path):
+    time_s, current_a, voltage_v = drive(rests=3, resting_s=(1, 3))
+    rows = pl.DataFrame(table(time_s, current_a, voltage_v))
+    is_empty = pl.col("Time [s]").is_between(1000, 1100) | pl.col("Time [s]").is_between(3000, 3100)
+    path = tmp_path / "log.csv"
+    rows.with_columns(pl.when(~is_empty).then(pl.col("Current [A]"))).write_csv(path)
+    with pytest.raises(InputError, match="nothing stands under 'Current"):
+        read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("load_a", "gap_s", "gaps"), [(0.3, 600, 20), (0.1, 3600, 8), (1.0, 600, 9)]
+)
+def test_gaps_of_a_logger_that_writes_changes_alone_are_no_rests(load_a, gap_s, gaps):
+    """Bursts, and between them a steady load of which nothing is written."""
+    burst_a = np.where((np.arange(120) // 20) % 2 == 0, 2.0, load_a)
+    burst_a[[0, -1]] = load_a
+    current_a = np.tile(np.append(burst_a, np.full(gap_s, load_a)), gaps)
+    is_written = np.tile(np.append(np.ones(120, bool), np.zeros(gap_s, bool)), gaps)
+    voltage_v = 4.0 - 0.33 * np.append(0.0, np.cumsum(current_a[:-1])) / 3600 - 0.03 * current_a
+    voltage_v += 3e-4 * np.random.default_rng(0).standard_normal(len(voltage_v))
+    rows = table(np.arange(len(current_a), dtype=float), current_a, voltage_v)
+    record = record_from_frame({name: column[is_written] for name, column in rows.items()})
+    assert record.flowing is None
 
 
 def test_in_means_a_rest_that_is_not_written_stays_one():

@@ -13,7 +13,8 @@ from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import read_record, record_from_frame
 from barnax.records.readers import READERS
-from helpers.records import CURRENT, VOLTAGE, good_files, pulse_frame
+from helpers.records import CURRENT, TIME, VOLTAGE, good_files, pulse_frame
+from helpers.reference import make_record
 
 FRAME = pulse_frame().with_columns(pl.Series("Step Index / 1", np.arange(200) // 50))
 
@@ -51,6 +52,14 @@ def test_a_fault_of_a_data_frame_is_named_by_its_row(made):
     table = FRAME.with_columns(pl.Series(VOLTAGE, [3.7] * 40 + [None] + [3.7] * 159))
     with pytest.raises(InputError, match=r"^drive: row 42: .* under 'Voltage / V'"):
         record_from_frame(made(table), name="drive")
+
+
+def test_the_hash_of_a_data_frame_is_of_its_names_and_values():
+    first = record_from_frame(FRAME)
+    assert first.sha256 == record_from_frame(FRAME.clone(), name="other").sha256
+    assert first.sha256 != record_from_frame(FRAME.rename({TIME: "Time [s]"})).sha256
+    moved = FRAME.with_columns(pl.col(VOLTAGE) + 1e-9)
+    assert first.sha256 != record_from_frame(moved).sha256
 
 
 @pytest.mark.parametrize("frame", [3, "cell.csv", [1.0, 2.0], None])
@@ -104,3 +113,11 @@ def test_the_arrays_of_a_record_cannot_be_written_to(record, name):
     for each in (record, replace(record, name="other.csv")):
         with pytest.raises(ValueError, match="read-only"):
             getattr(each, name)[0] = 1
+
+
+def test_writing_to_what_a_record_was_made_from_does_not_change_it():
+    time_s, current_a = np.arange(20.0), np.ones(20)
+    record = make_record(time_s, current_a)
+    current_a[3], time_s[3] = 7.0, -1.0
+    assert (record.current_a == 1).all()
+    assert (np.diff(record.time_s) > 0).all()

@@ -21,14 +21,17 @@ from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.illustrations import identification_illustrations
 from barnax.reporting.next_step import next_step
-from barnax.reporting.render import to_markdown
+from barnax.reporting.render import to_html, to_markdown
 from barnax.reporting.result_tables import search_boxes
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
 from barnax.results import Result
 from barnax.search.refine import AtBound
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
+from helpers.report_reader import ReportReader
 from helpers.results import with_constant
+
+LARGEST_REPORT = 4_000_000
 
 STORED = Result.from_json(RESULT)
 WINDOWS = [
@@ -166,6 +169,32 @@ def test_names_that_a_terminal_would_obey_are_shown_whole_in_80_columns():
     assert "\x1b" not in text
     assert "a [bold]lon...xxxxxxxx.csv" in text
     assert max(map(len, text.splitlines())) <= 80
+
+
+def pictures_of(section):
+    return [block for block in section.blocks if isinstance(block, Picture)]
+
+
+@pytest.mark.slow
+def test_every_figure_of_a_run_finds_its_place_in_one_page(joint):
+    drawn = identification_illustrations(joint)
+    document = identification_document(joint, drawn)
+    assert {each.name for each in document.pictures} == {each.name for each in drawn}
+    assert {f"identification-{n}-{kind}" for n in (1, 2) for kind in ("voltage", "error")} | {
+        "validation-1-error", "convergence", "ocv",
+    } <= {each.name for each in drawn}  # fmt: skip
+    page = to_html(document)
+    assert ReportReader(page).count("img") == len(drawn)
+    assert not [each.name for each in drawn if each.live]
+    moving = identification_illustrations(joint, live=True)
+    assert [each.name for each in moving if each.live] == [
+        "identification-1-voltage", "identification-2-voltage", "validation-1-voltage"
+    ]  # fmt: skip
+    titles = [section.title for section in document.sections]
+    assert titles[0] == "Parameters"
+    assert [each.name for each in pictures_of(document.sections[0])] == ["summary"]
+    assert len(page) < LARGEST_REPORT
+    assert page == to_html(identification_document(joint, identification_illustrations(joint)))
 
 
 def test_records_identified_together_stand_one_by_one_and_as_a_whole(joint):

@@ -7,6 +7,7 @@ import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.model.problem import make_problem
+from barnax.optimizers import make_optimizer
 from barnax.search.refine import SAME_RMSE, AtBound, RefinedSeed, distinct_optima, refine
 from barnax.search.seeds import search_seeds
 
@@ -90,6 +91,24 @@ def test_a_box_that_excludes_the_optimum_is_reported(refined_in, refinement, fac
     assert narrow.parameters.r0 == pytest.approx(high if end == "upper" else low, rel=1e-2)
     assert low * (1 - 1e-12) <= narrow.parameters.r0 <= high * (1 + 1e-12)
     assert narrow.rmse_v > refinement.rmse_v
+
+
+@pytest.mark.slow
+def test_fixed_parameters_hold_through_search_and_refinement(short_problem):
+    fixed = {"C1 [F]": 500.0, "R0 [Ohm]": 0.05}
+    problem = make_problem(
+        short_problem.prepared.record,
+        short_problem.cell,
+        "so-rc",
+        window=short_problem.window,
+        fixed=fixed,
+        objective="compressed",
+    )
+    searched = search_seeds(problem, make_optimizer("pso", 8, 20), key=jax.random.key(0), seeds=8)
+    refined = refine(searched)
+    for seed in (*searched.seeds, *refined.seeds):
+        assert seed.parameters.to_dict() == pytest.approx(seed.parameters.to_dict() | fixed)
+    assert not {each.name for each in refined.at_bound} & {"C1 [F]", "R0 [Ohm]", "tau1 [s]"}
 
 
 def test_equal_errors_are_one_optimum():

@@ -36,5 +36,5 @@ def test_pairs_with_one_time_constant_are_one_pair(bundled_record, bundled_cell)
     )
     start, alone = two.solve((3.0, 3.0)), one.solve((3.0,))
     assert start.objective_v2 == pytest.approx(alone.objective_v2, rel=1e-9)
-    assert start.ohm[1:].sum() == pytest.approx(alone.ohm[1], rel=1e-6)
+    assert start.unknowns[1:].sum() == pytest.approx(alone.unknowns[1], rel=1e-6)
     assert polish(two, start).objective_v2 < alone.objective_v2

@@ -78,7 +78,9 @@ def _bound(
     low, middle, high = (np.stack([side.log_scales[end] for side in sides]) for end in range(3))
     allowed = objective.coefficient_box(low)[0], objective.coefficient_box(high)[1]
     box = objective.coefficient_box(middle)
-    columns, base = objective.columns([side.responses[1] for side in sides])
+    answers = [side.responses[1] for side in sides]
+    base = np.broadcast_to(objective.base, answers[0].shape)
+    columns = [np.broadcast_to(objective.current, base.shape), *answers]
     normal, gradient = normal_equations(columns, base)
 
     found = least_in_boxes(normal, gradient, *box)

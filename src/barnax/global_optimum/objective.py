@@ -1,9 +1,10 @@
-"""The problem for given time constants: linear in the resistances, solved exactly in their box."""
+"""The problem for given time constants: linear in all else, solved exactly in its box."""
 
+import abc
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -25,28 +26,132 @@ from ..model.descent import LogScales, Solved
 from ..model.layout import Spans
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
-from ..model.search_space import Bounds, Range
+from ..model.search_space import Bounds
 from .remainders import remainders
 
 # By how much a logarithm is moved to see how a bound in F moves that of a resistance.
 MOVED = 1e-4
 # A slope by the logarithm of a scale is of no account below this share of J.
 FLAT = 1e-5
-# What makes equations of columns that are equal definite, relative.
+# What makes equations of columns that are equal definite, relative: two pairs with one time
+# constant share their resistance.
 SHARED = 1e-12
+
+# Lowest and highest value of every unknown at every point.
+Box = tuple[Float[np.ndarray, "unknowns points"], Float[np.ndarray, "unknowns points"]]
 
 
 @dataclass(frozen=True, eq=False)
-class ConstantSolution(Solved):
-    """The best resistances at some scales: R0, R1, ... with their columns, and the errors left."""
+class Solution(Solved):
+    """The best tables at some scales: rows of R0, every pair's R, then what else is tabulated.
 
-    ohm: Float[np.ndarray, "resistances"]
-    columns: Float[np.ndarray, "rows resistances"]
+    `unknowns` are the same as the problem in a box has them, `error` is what they leave.
+    """
+
+    values: tuple[Float[np.ndarray, "nodes"], ...]
+    unknowns: Float[np.ndarray, "unknowns"]
     error: Float[np.ndarray, "rows"]
 
 
+class LinearObjective(abc.ABC):
+    """J = |base + A x|^2 + |penalty x|^2 of circuits whose unknowns x are in a box at given scales.
+
+    A has the columns of every table. Those of an axis change along it, `fixed_columns` are the
+    others, and what an axis adds to, by table. An axis without a table adds to the base error.
+    """
+
+    base: Any
+    axes: Any
+    fixed_columns: Any
+    # The rows whose squares are added to the mean squared error.
+    penalty: Any
+    # What the diagonal of the equations is raised by, relative.
+    shared = 0.0
+
+    @property
+    @abc.abstractmethod
+    def tables(self) -> int:
+        """Number of tables."""
+
+    @abc.abstractmethod
+    def box_at(self, log_scales: Float[np.ndarray, "axes points"]) -> Box:
+        """Lowest and highest value of every unknown at some points."""
+
+    @abc.abstractmethod
+    def values_of(self, x: Float[np.ndarray, "unknowns"]) -> tuple[Float[np.ndarray, "nodes"], ...]:
+        """Every table's values from the unknowns."""
+
+    @cached_property
+    def penalty_normal(self) -> Float[np.ndarray, "unknowns unknowns"]:
+        return self.penalty.T @ self.penalty
+
+    def columns(
+        self, log_scales: LogScales
+    ) -> tuple[Float[np.ndarray, "rows unknowns"], Float[np.ndarray, "rows"]]:
+        """Columns of all unknowns at some scales, and the base error there."""
+        blocks, base = dict(self.fixed_columns), self.base
+        for axis, where in zip(self.axes, log_scales, strict=True):
+            if axis.table is None:
+                base = base + axis.columns_at(where)[:, 0]
+            else:
+                blocks[axis.table] = blocks.get(axis.table, 0.0) + axis.columns_at(where)
+        return np.concatenate([blocks[table] for table in range(self.tables)], axis=1), base
+
+    def solve(
+        self, log_scales: LogScales, sides: Sides | None = None, exact: bool = False
+    ) -> Solution:
+        """The best tables at some scales; `exact` takes the orthogonal factorization's digits."""
+        columns, base = self.columns(log_scales)
+        low, high = (end[:, 0] for end in self.box_at(np.array(log_scales)[:, None]))
+        normal = columns.T @ columns + self.penalty_normal
+        normal[np.diag_indices(len(normal))] *= 1 + self.shared
+        x, sides = least_in_box(normal, columns.T @ base, low, high, sides)
+        if exact:
+            whole = np.concatenate([columns, self.penalty])
+            longer = np.append(base, np.zeros(len(self.penalty)))
+            x = np.clip(with_free_values(whole, longer, x, sides == 0), low, high)
+        error = base + columns @ x
+        bent = self.penalty @ x
+        objective_v2 = float(error @ error + bent @ bent)
+        return Solution(log_scales, sides, objective_v2, self.values_of(x), x, error)
+
+    def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
+        """The least J at many scales: of a constant circuit all at once, of tables, whose problems
+        are large, each from the active set of the one before."""
+        if len(self.penalty_normal) > self.tables:
+            found, sides = np.empty(log_scales.shape[1]), None
+            for place, scales in enumerate(log_scales.T.tolist()):
+                solution = self.solve(tuple(scales), sides)
+                found[place], sides = solution.objective_v2, solution.sides
+            return found
+        blocks, base = dict(self.fixed_columns), self.base
+        for axis, own in zip(self.axes, log_scales, strict=True):
+            places, at = np.unique(own, return_inverse=True)
+            answers = axis.columns(places)[at]
+            if axis.table is None:
+                base = base + answers[:, :, 0]
+            else:
+                blocks[axis.table] = blocks.get(axis.table, 0.0) + answers
+        shape = (log_scales.shape[1], len(self.base))
+        base = np.broadcast_to(base, shape)
+        columns = [np.broadcast_to(blocks[table][..., 0], shape) for table in range(self.tables)]
+        normal, gradient = normal_equations(columns, base)
+        normal = normal + self.penalty_normal[:, :, None]
+        x = least_in_boxes(normal, gradient, *self.box_at(log_scales))
+        error = errors_of(columns, base, x)
+        return np.sum(error**2, axis=1) + np.sum((self.penalty @ x) ** 2, axis=0)
+
+    def slopes_at(self, found: Solution) -> Float[np.ndarray, "axes"]:
+        """The derivative of J by the scales at fixed unknowns."""
+        slopes = [
+            axis.slopes_at(where) @ (np.ones(1) if axis.table is None else found.values[axis.table])
+            for axis, where in zip(self.axes, found.log_scales, strict=True)
+        ]
+        return np.array([2 * float(found.error @ slope) for slope in slopes])
+
+
 @dataclass(frozen=True, eq=False)
-class ConstantObjective:
+class ConstantObjective(LinearObjective):
     """The columns of a circuit with constants, scaled so that sums of squares are mean squares.
 
     The first `bounds.pairs` axes are the pairs', then gamma's where there is one.
@@ -60,11 +165,7 @@ class ConstantObjective:
     # Number of the first axes that are of pairs with one box: only circuits with tau1 <= tau2 and
     # so on are in it.
     interchangeable: int
-
-    @cached_property
-    def remainders(self) -> list[Float[np.ndarray, "2 _"]]:
-        """The allowance of a proof between the scales that it looks at."""
-        return remainders(self.prepared_records, self.axes, (0.5,))
+    shared = SHARED
 
     @classmethod
     def of(cls, problem: Problem) -> "ConstantObjective":
@@ -75,20 +176,34 @@ class ConstantObjective:
         count = len(short.in_tau.nodes)
         in_tau, in_rate = Spans.of(problem.prepared_records, problem.coordinates)
         answers = factor.T[:-2, :, None]
-
-        def axis(name: str, ends: Range, *given) -> Axis:
-            return Axis(name, math.log(ends[0]), math.log(ends[1]), None, *given)
-
         axes = [
-            axis(names.tau, bounds.tau_range_s(at), answers[:count], None, in_tau, 1, element)
-            for at, (names, element) in enumerate(
-                zip(bounds.element_names, map(get_element, bounds.elements), strict=True)
-            )
-        ]
+            Axis(names.tau, math.log(low), math.log(high), 1 + at, answers[:count], None, in_tau, 1,
+                 get_element(bounds.elements[at]))
+            for at, names in enumerate(bounds.element_names)
+            for low, high in [bounds.tau_range_s(at)]
+        ]  # fmt: skip
         if in_rate is not None and bounds.gamma_range is not None:
-            axes.append(axis(RATE, bounds.gamma_range, answers[count:], None, in_rate, -1, RC))
+            low, high = map(math.log, bounds.gamma_range)
+            axes.append(Axis(RATE, low, high, None, answers[count:], None, in_rate, -1, RC))
         records, alike = problem.prepared_records, bounds.interchangeable_pairs
         return cls(factor[:, -1], factor[:, -2], tuple(axes), bounds, records, alike)
+
+    @property
+    def tables(self) -> int:
+        return 1 + self.bounds.pairs
+
+    @property
+    def fixed_columns(self) -> dict[int, Columns]:
+        return {0: self.current[:, None]}
+
+    @cached_property
+    def penalty(self) -> Float[np.ndarray, "0 unknowns"]:
+        return np.empty((0, self.tables))
+
+    @cached_property
+    def remainders(self) -> list[Float[np.ndarray, "2 _"]]:
+        """The allowance of a proof between the scales that it looks at."""
+        return remainders(self.prepared_records, self.axes, (0.5,))
 
     def fixing(self, name: str, value: float) -> "ConstantObjective":
         """The same with one value of a resistance, a time constant, a capacitance or gamma."""
@@ -106,77 +221,37 @@ class ConstantObjective:
             bounds = replace(bounds, ranges=ranges, fixed={**fixed, name: value})
         return replace(self, axes=axes, bounds=bounds, interchangeable=0)
 
-    def columns(self, responses: Sequence[Columns]) -> tuple[list[Columns], Columns]:
-        """The columns of R0 and of every axis, which are given, at some points; the base error."""
-        base = np.broadcast_to(self.base, responses[0].shape)
-        return [np.broadcast_to(self.current, base.shape), *responses], base
+    def box_at(self, log_scales: Float[np.ndarray, "axes points"]) -> Box:
+        return self.bounds.resistance_box(np.exp(log_scales[: self.bounds.pairs]))
 
-    def coefficient_box(
-        self, log_scales: Float[np.ndarray, "axes points"]
-    ) -> tuple[Float[np.ndarray, "unknowns points"], Float[np.ndarray, "unknowns points"]]:
+    def coefficient_box(self, log_scales: Float[np.ndarray, "axes points"]) -> Box:
         """Least and greatest of what multiplies current and the axes' columns: R0, R1, ...
 
         Gamma's column counts once.
         """
-        pairs = self.bounds.pairs
-        ends = self.bounds.resistance_box(np.exp(log_scales[:pairs]))
-        once = np.ones((len(log_scales) - pairs, log_scales.shape[1]))
-        low, high = (np.concatenate([end, once]) for end in ends)
+        once = np.ones((len(log_scales) - self.bounds.pairs, log_scales.shape[1]))
+        low, high = (np.concatenate([end, once]) for end in self.box_at(log_scales))
         return low, high
 
-    def solve(
-        self, log_scales: LogScales, sides: Sides | None = None, exact: bool = False
-    ) -> ConstantSolution:
-        """The best resistances at some scales; `exact` takes the orthogonal factorization's
-        digits."""
-        pairs = self.bounds.pairs
-        answers = [
-            axis.columns_at(scale)[:, 0] for axis, scale in zip(self.axes, log_scales, strict=True)
-        ]
-        columns = np.stack([self.current, *answers[:pairs]], axis=1)
-        base = sum(answers[pairs:], self.base)
-        low, high = self._box(log_scales)
-        normal = columns.T @ columns
-        # Two pairs with one time constant share their resistance.
-        normal[np.diag_indices(len(normal))] *= 1 + SHARED
-        ohm, sides = least_in_box(normal, columns.T @ base, low, high, sides)
-        if exact:
-            ohm = np.clip(with_free_values(columns, base, ohm, sides == 0), low, high)
-        error = base + columns @ ohm
-        return ConstantSolution(log_scales, sides, float(error @ error), ohm, columns, error)
+    def values_of(self, x: Float[np.ndarray, "unknowns"]) -> tuple[Float[np.ndarray, "1"], ...]:
+        return tuple(x[:, None])
 
-    def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
-        """The least J at many scales, all at once."""
-        answers = []
-        for axis, scales in zip(self.axes, log_scales, strict=True):
-            places, at = np.unique(scales, return_inverse=True)
-            answers.append(axis.columns(places)[at, :, 0])
-        columns, base = self.columns(answers)
-        box = self.coefficient_box(log_scales)
-        found = least_in_boxes(*normal_equations(columns, base), *box)
-        return np.sum(errors_of(columns, base, found) ** 2, axis=1)
-
-    def slope(self, found: ConstantSolution) -> Float[np.ndarray, "axes"]:
+    def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
         """The derivative of the least J by the scales: that at fixed resistances, and where one is
         at a bound in F, what that bound moves."""
-        weights = [*found.ohm[1:], 1.0]
-        slopes = []
-        pull = np.where(found.sides, found.error @ found.columns, 0.0)
-        for place, (axis, scale) in enumerate(zip(self.axes, found.log_scales, strict=True)):
-            own = weights[min(place, self.bounds.pairs)] * axis.slopes_at(scale)[:, 0]
-            slope = float(found.error @ own)
-            if place < self.bounds.pairs and found.sides[place + 1]:
-                ends = []
-                for moved in (MOVED, -MOVED):
-                    at = list(found.log_scales)
-                    at[place] += moved
-                    low, high = self._box(at)
-                    ends.append((low if found.sides[place + 1] < 0 else high)[place + 1])
-                slope += pull[place + 1] * (ends[0] - ends[1]) / (2 * MOVED)
-            slopes.append(2 * slope)
-        return np.array(slopes)
+        slopes = self.slopes_at(found)
+        for place in np.flatnonzero(found.sides[1:]).tolist():
+            ends = []
+            for moved in (MOVED, -MOVED):
+                at = np.array(found.log_scales)[:, None]
+                at[place] += moved
+                low, high = self.box_at(at)
+                ends.append((low if found.sides[place + 1] < 0 else high)[place + 1, 0])
+            pull = found.error @ self.axes[place].columns_at(found.log_scales[place])[:, 0]
+            slopes[place] += 2 * pull * (ends[0] - ends[1]) / (2 * MOVED)
+        return slopes
 
-    def is_flat(self, found: ConstantSolution) -> bool:
+    def is_flat(self, found: Solution) -> bool:
         """True at the end of a descent: no slope of account but into an end of an axis."""
         slopes = self.slope(found)
         into = [
@@ -185,17 +260,9 @@ class ConstantObjective:
         ]
         return bool(np.all(into | (np.abs(slopes) <= FLAT * found.objective_v2)))
 
-    def _box(
-        self, log_scales: Sequence[float]
-    ) -> tuple[Float[np.ndarray, "resistances"], Float[np.ndarray, "resistances"]]:
-        """Least and greatest R0, R1, ... at some scales."""
-        tau_s = np.exp(np.array(log_scales[: self.bounds.pairs]))[:, None]
-        low, high = self.bounds.resistance_box(tau_s)
-        return low[:, 0], high[:, 0]
-
-    def circuit(self, found: ConstantSolution) -> CircuitParameters:
+    def circuit(self, found: Solution) -> CircuitParameters:
         """The circuit of a solution."""
-        (r0, *r), scales = found.ohm.tolist(), np.exp(found.log_scales).tolist()
+        (r0, *r), scales = found.unknowns.tolist(), np.exp(found.log_scales).tolist()
         pairs = self.bounds.pairs
         rate = scales[pairs] if len(scales) > pairs else None
         return CircuitParameters.of_tau(r0, r, scales[:pairs], rate, self.bounds.elements)

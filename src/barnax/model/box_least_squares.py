@@ -2,7 +2,7 @@
 
 Of many small problems at once (`least_in_boxes`: a few unknowns, thousands of problems, columns
 that may depend on each other), and of one with up to hundreds of unknowns (`least_in_box`), to more
-digits by `least_squares_in_box`.
+digits by `with_free_values`.
 """
 
 import itertools
@@ -202,29 +202,17 @@ def least_in_box(
     return np.clip(x, low, high), sides
 
 
-def least_squares_in_box(
-    matrix: Float[np.ndarray, "rows unknowns"],
-    base: Float[np.ndarray, "rows"],
-    low: Unknowns,
-    high: Unknowns,
-    sides: Sides | None = None,
-) -> tuple[Unknowns, Sides]:
-    """The x in [low, high] with the least |base + matrix x|, and which are at a bound.
-
-    Which are is found with the normal equations; their values, which those would give to fewer
-    digits, by an orthogonal factorization.
-    """
-    x, sides = least_in_box(matrix.T @ matrix, matrix.T @ base, low, high, sides)
-    return np.clip(with_free_values(matrix, base, x, sides == 0), low, high), sides
-
-
 def with_free_values(
     matrix: Float[np.ndarray, "rows unknowns"],
     base: Float[np.ndarray, "rows"],
     x: Unknowns,
     is_free: Bool[np.ndarray, "unknowns"],
 ) -> Unknowns:
-    """x with the free entries that make |base + matrix x| least, whether in the box or not."""
+    """x with the free entries that make |base + matrix x| least, whether in the box or not.
+
+    By an orthogonal factorization: the normal equations, which tell which entries are free, would
+    give them to fewer digits.
+    """
     x = np.where(is_free, 0.0, x)
     found = lstsq(matrix[:, is_free], -(base + matrix @ x), lapack_driver="gelsy")
     x[is_free] = np.asarray(found[0] if found is not None else 0.0)

@@ -241,19 +241,5 @@ class _Relaxation:
 
     def _limits(self, objective_v2: float) -> tuple[np.ndarray, np.ndarray]:
         """The lowest and highest value of every unknown of tables with at most this J."""
-        objective = self.objective
-        furthest = np.concatenate(
-            [
-                np.sqrt(objective_v2 / (ridge * objective.smoothing_scale)) / weight
-                for weight, ridge in (
-                    (np.full(len(nodes), weight), ridge)
-                    for nodes, (weight, ridge) in zip(
-                        objective.nodes_of, objective.weights, strict=True
-                    )
-                )
-            ]
-        )
-        # A step from node to node is at most the sum of both values.
-        furthest = np.abs(np.linalg.inv(objective.to_tables)) @ furthest
-        low, high = objective.box
+        furthest, (low, high) = self.objective.furthest(objective_v2), self.objective.box
         return np.maximum(low, -furthest), np.minimum(high, furthest)

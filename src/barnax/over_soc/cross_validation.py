@@ -111,7 +111,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
 
     None where nothing is held out, or where all samples lie in one fold.
     """
-    errors = _errors_of_kept if objective.kept else _errors_of_blocks
+    errors = _errors_of_kept if objective.is_kept else _errors_of_blocks
     tables = constant = errors(objective, best)
     if tables is None:
         return None
@@ -122,7 +122,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
         flat = replace(objective, reduced=whole, settings=plain, parts=flat)
         constant = errors(flat, find_best(flat))
     records, block_s, by_record = objective.prepared_records, None, ()
-    if objective.kept:
+    if objective.is_kept:
         by_record = _left_out_whole(objective, best)
     else:
         block_s = block_length_s(records[0], objective.settings)
@@ -303,13 +303,13 @@ def with_spread(
     joint interval. A record's own interval is far narrower than what another load of the same cell
     shows.
     """
-    records = objective.facts
-    by_record = objective.kept or are_left_out_whole(objective.prepared_records)
+    records = objective.prepared_records
+    by_record = objective.is_kept or are_left_out_whole(objective.prepared_records)
     if len(records) < FEWEST_RECORDS or not objective.settings.folds or not by_record:
         return tuple(intervals)
     groups, rows, visits = _Groups.of(objective, best), [], []
     for number in range(len(records)):
-        alone = objective.alone(number)
+        alone = replace(objective, prepared_records=[records[number]])
         rows.append(objective.to_tables @ groups.fitted_to(groups.record == number))
         visits.append(np.concatenate([alone.visited_of(n) for n in range(objective.tables)]))
     values, is_there = np.array(rows), np.array(visits)
@@ -334,7 +334,7 @@ def with_spread(
         reach = float(reach * np.sqrt(1 + 1 / len(own)))
         middle, least = float(np.mean(own)), 0.0 if interval.name.startswith("R") else -np.inf
         low, high = max(middle - reach, least), middle + reach
-        if objective.kept:
+        if objective.is_kept:
             # Nothing else is known of the joint value than what the records make of it.
             error = float(np.std(own, ddof=1)) / len(own) ** 0.5
             both = reach / (len(own) + 1) ** 0.5

@@ -109,7 +109,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         on_curve = own + sag - float(moves.by_lines[row])
         around = interval(name, soc, unit[row], value, own, on_curve)
         found.append(around.opened() if row in held else around)
-    dependence, numbers = objective.facts[0].dependence, objective.numbers
+    dependence, numbers = objective.prepared_records[0].dependence, objective.numbers
     usual = {} if dependence is None else dependence.usual
     of_numbers = {name: math.log(value) for name, value in numbers.items()}
     names = [axis.name for axis in objective.axes]
@@ -160,7 +160,7 @@ def _moves_of(
         for axis, scale in zip(lighter.axes, best.log_scales, strict=True)
     ]
     of_tables = lighter.ways(light)
-    dependence, numbers = lighter.facts[0].dependence, lighter.numbers
+    dependence, numbers = lighter.prepared_records[0].dependence, lighter.numbers
     of_constants = block_diag(np.eye(len(is_open))[:, is_open], np.eye(len(numbers)))
     starts_v, starts_sd = open_starts(lighter.prepared_records)
     ways = np.asarray(block_diag(of_tables, of_constants, np.eye(len(starts_sd))))

@@ -285,7 +285,7 @@ def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjectiv
     none = Reduced(layout, 0, np.zeros((layout.width, layout.width)))
     with one_blas_thread():
         whole = together([none, *parts])
-    return TableObjective((), settings, ranges, whole, parts, kept=kept)
+    return TableObjective(kept, settings, ranges, whole, parts, is_kept=True)
 
 
 def _without_noise(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,16 +15,8 @@ from ..cell.circuits import get_circuit
 from ..cell.elements import alike, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC, RATE
 from ..cell.tables import hats
+from ..global_optimum.objective import Box, LinearObjective, Solution
 from ..model.axes import Axis, axes_of
-from ..model.box_least_squares import (
-    Sides,
-    errors_of,
-    least_in_box,
-    least_in_boxes,
-    least_squares_in_box,
-    normal_equations,
-)
-from ..model.descent import LogScales, Solved
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced
 from ..model.search_space import Range
@@ -36,59 +28,56 @@ LEAST_SHARE = 1 / 3
 # A hysteresis beside an OCV that is fitted with it is measured from none: one that turns slowly
 # can be any part of the OCV.
 GAP_RIDGE = 1e-6
+# The columns of a layout that no axis changes, by what is tabulated.
+FIXED = {
+    OHMIC: "current",
+    OCV: "correction",
+    OCV_CORRECTION: "correction",
+    HALF_HYSTERESIS: "initial_hysteresis",
+}
+
+
+class Table(NamedTuple):
+    """What is tabulated, at which nodes, with which weight w and ridge of the penalty, and the
+    lowest and highest values of its unknowns. Those of one that `rises` are its value at the first
+    node and the steps from node to node, each with a bound of its own."""
+
+    name: str
+    nodes: Float[np.ndarray, "nodes"]
+    weight: float
+    ridge: float
+    low: Float[np.ndarray, "nodes"]
+    high: Float[np.ndarray, "nodes"]
+    rises: bool = False
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(Solved):
-    """The best tables at some scales: rows of R0, every pair's R, then what else is tabulated.
-
-    `unknowns` are the same as the problem in a box has them (`TableObjective.to_tables`).
-    """
-
-    values: tuple[Float[np.ndarray, "nodes"], ...]
-    unknowns: Float[np.ndarray, "unknowns"]
-    error: Float[np.ndarray, "rows"]
-
-
-@dataclass(frozen=True, eq=False)
-class TableObjective:
+class TableObjective(LinearObjective):
     """J of `settings` over some records of a cell, for circuits with so many pairs.
 
     `ranges` are those of every pair's time constant in s, then of gamma where there is one, by
     name; `LogScales` are the logarithms of these. `reduced` is the factor of all scored samples,
     `parts` those of the groups of `blocks_of`; `smoothing_scale` scales all smoothing weights.
-    Records that were `kept` are without samples, and stand in place of prepared ones.
+    Records that were kept (`is_kept`) are without samples, and stand in place of prepared ones.
     """
 
-    prepared_records: Sequence[PreparedRecord]
+    prepared_records: Sequence[Any]
     settings: TableSettings
     ranges: Mapping[str, Range]
     reduced: Reduced
     parts: Sequence[Reduced] = ()
     smoothing_scale: float = 1.0
-    kept: Sequence[Any] = ()
-
-    @property
-    def facts(self) -> Sequence[Any]:
-        """The records, prepared or kept, for all but their factors: circuit, cell, capacity, and so
-        on."""
-        return self.kept or self.prepared_records
-
-    def alone(self, place: int) -> "TableObjective":
-        """The same of one record, but for the factors."""
-        own = slice(place, place + 1)
-        records, kept = self.prepared_records[own], self.kept[own]
-        return replace(self, prepared_records=records, kept=kept)
+    is_kept: bool = False
 
     @property
     def numbers(self) -> dict[str, float]:
         """The numbers of what resistances follow."""
-        dependence = self.facts[0].dependence
+        dependence = self.prepared_records[0].dependence
         return {} if dependence is None else dependence.numbers
 
     @property
     def elements(self) -> tuple[str, ...]:
-        return get_circuit(self.facts[0].circuit).elements
+        return get_circuit(self.prepared_records[0].circuit).elements
 
     @property
     def pairs(self) -> int:
@@ -98,7 +87,7 @@ class TableObjective:
     @property
     def folds(self) -> int:
         """Folds into which the samples of every record are grouped."""
-        return max(len(self.parts) // (2 * len(self.facts)), 1)
+        return max(len(self.parts) // (2 * len(self.prepared_records)), 1)
 
     @property
     def nodes(self) -> int:
@@ -106,29 +95,67 @@ class TableObjective:
         return len(self.reduced.layout.nodes)
 
     @cached_property
-    def nodes_of(self) -> tuple[Float[np.ndarray, "nodes"], ...]:
-        """Every table's nodes."""
-        layout = self.reduced.layout
-        found = [np.array(layout.nodes)] * self.tables
+    def _tables(self) -> tuple[Table, ...]:
+        """R0, the resistance of every pair, then the OCV or its correction, then the amplitude of a
+        dynamic hysteresis, where these are tabulated.
+
+        The weight of resistances is the capacity in Ah over 1 h. From node to node, a correction of
+        an OCV that is to rise may fall by as much as the known OCV rises at least; else it is free.
+        """
+        settings, layout, records = self.settings, self.reduced.layout, self.prepared_records
+        nodes, ridge = np.array(layout.nodes), settings.voltage_ridge
+        zero, infinite = np.zeros(len(nodes)), np.full(len(nodes), np.inf)
+        limits = {OHMIC: (self.least_r0_ohm, np.inf)} | settings.ranges
+        given = records[0].capacity_ah, settings.resistance_ridge
+        tables = []
+        for name in (OHMIC, *(element.resistance for element in names_of(self.elements))):
+            low, high = limits.get(name, (0.0, np.inf))
+            tables.append(Table(name, nodes, *given, zero + low, zero + high))
+        is_fitted = layout.has_correction and settings.ocv_nodes is not None
         if layout.has_correction:
-            found[1 + self.pairs] = np.array(layout.ocv_nodes)
-        return tuple(found)
+            at = np.array(layout.ocv_nodes)
+            low, high = np.full(len(at), -np.inf), np.full(len(at), np.inf)
+            if settings.rising_ocv:
+                slopes = [record.cell.least_ocv_slopes(at) for record in records]
+                low[1:] = -np.diff(at) * np.min(slopes, axis=0)
+            name = OCV if is_fitted else OCV_CORRECTION
+            tables.append(Table(name, at, 1.0, ridge, low, high, settings.rising_ocv))
+        if layout.has_amplitude:
+            ridge = max(ridge, GAP_RIDGE) if is_fitted else ridge
+            tables.append(Table(HALF_HYSTERESIS, nodes, 1.0, ridge, zero, infinite))
+        return tuple(tables)
+
+    @property
+    def tables(self) -> int:
+        return len(self._tables)
 
     @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The names of the tables."""
+        return tuple(table.name for table in self._tables)
+
+    @cached_property
+    def nodes_of(self) -> tuple[Float[np.ndarray, "nodes"], ...]:
+        """Every table's nodes."""
+        return tuple(table.nodes for table in self._tables)
+
+    @property
     def visited(self) -> Bool[np.ndarray, "nodes"]:
         """True at the nodes of a resistance that are nearest to some scored sample."""
-        return self._nearest(self.nodes_of[0])
+        return self.visited_of(0)
 
     def visited_of(self, table: int) -> Bool[np.ndarray, "nodes"]:
         """The same of any table."""
-        return self._visited_ocv if len(self.nodes_of[table]) != self.nodes else self.visited
+        return self._visits[len(self.nodes_of[table])]
 
     @cached_property
-    def _visited_ocv(self) -> Bool[np.ndarray, "nodes"]:
-        return self._nearest(np.array(self.reduced.layout.ocv_nodes))
+    def _visits(self) -> dict[int, Bool[np.ndarray, "nodes"]]:
+        """The same by the number of nodes."""
+        nodes = {len(nodes): nodes for nodes in reversed(self.nodes_of)}
+        return {count: self._nearest(own) for count, own in nodes.items()}
 
     def _nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
-        return np.any([record.nearest(nodes) for record in self.facts], axis=0)
+        return np.any([record.nearest(nodes) for record in self.prepared_records], axis=0)
 
     @cached_property
     def visited_rows(self) -> dict[tuple[str, float | None], int]:
@@ -159,69 +186,47 @@ class TableObjective:
         boxes = {(axis.low, axis.high) for axis in self.axes[:pairs]}
         return pairs if len(boxes) == 1 else 0
 
-    @property
-    def tables(self) -> int:
-        layout = self.reduced.layout
-        return 1 + self.pairs + layout.has_correction + layout.has_amplitude
-
     @cached_property
     def fixed_columns(self) -> dict[int, Columns]:
-        """The columns of tables that no axis changes, and what an axis adds to."""
-        layout = self.reduced.layout
-        own = {0: self.reduced.part("current")[0]}
-        if layout.has_correction:
-            own[1 + self.pairs] = self.reduced.part("correction")[0] @ self._to_correction
-        if layout.has_amplitude:
-            own[self.tables - 1] = self.reduced.part("initial_hysteresis")[0]
-        return own
+        return {
+            table: self.reduced.part(FIXED[name])[0] @ _unit(self._tables[table])
+            for table, name in enumerate(self.names)
+            if name in FIXED
+        }
 
     @cached_property
     def base(self) -> Float[np.ndarray, "rows"]:
         return self.reduced.part("base")[0][:, 0]
 
     @cached_property
-    def weights(self) -> list[tuple[float, float]]:
-        """Every table's w, of resistances the capacity in Ah over 1 h, and its ridge."""
-        settings, layout = self.settings, self.reduced.layout
-        resistance = self.facts[0].capacity_ah, settings.resistance_ridge
-        ocv, gap = (1.0, settings.voltage_ridge), (1.0, max(settings.voltage_ridge, GAP_RIDGE))
-        gaps = [gap if OCV in self.names else ocv] * layout.has_amplitude
-        return [resistance] * (self.pairs + 1) + [ocv] * layout.has_correction + gaps
-
-    @cached_property
-    def _to_correction(self) -> Float[np.ndarray, "nodes nodes"]:
-        """The OCV correction at every node from its unknowns: its value at the first node and the
-        steps from node to node, each with a bound of its own, where the OCV is to rise."""
-        count = len(self.reduced.layout.ocv_nodes)
-        return np.tril(np.ones((count, count))) if self.settings.rising_ocv else np.eye(count)
-
-    @cached_property
     def to_tables(self) -> Float[np.ndarray, "values unknowns"]:
         """All tables' values from the unknowns."""
-        blocks = [np.eye(len(nodes)) for nodes in self.nodes_of]
-        if self.reduced.layout.has_correction:
-            blocks[1 + self.pairs] = self._to_correction
-        return np.asarray(block_diag(*blocks))
+        return np.asarray(block_diag(*map(_unit, self._tables)))
 
     @cached_property
     def penalty(self) -> Float[np.ndarray, "penalties unknowns"]:
-        """The rows whose squares are added to the mean squared error."""
         return self.table_penalty @ self.to_tables
 
     @cached_property
     def table_penalty(self) -> Float[np.ndarray, "penalties values"]:
         """The same by the tables' values."""
         blocks = []
-        for nodes, (weight, ridge) in zip(self.nodes_of, self.weights, strict=True):
-            eye = np.eye(len(nodes))
+        for table in self._tables:
+            eye = np.eye(len(table.nodes))
             bent = math.sqrt(self.settings.roughness) * np.diff(eye, 2, axis=0)
-            rows = np.concatenate([bent, math.sqrt(ridge) * eye])
-            blocks.append(weight * math.sqrt(self.smoothing_scale) * rows)
+            rows = np.concatenate([bent, math.sqrt(table.ridge) * eye])
+            blocks.append(table.weight * math.sqrt(self.smoothing_scale) * rows)
         return np.asarray(block_diag(*blocks))
 
-    @cached_property
-    def penalty_normal(self) -> Float[np.ndarray, "unknowns unknowns"]:
-        return self.penalty.T @ self.penalty
+    def furthest(self, objective_v2: float) -> Float[np.ndarray, "unknowns"]:
+        """How far from zero every unknown of tables with at most this J is, by their ridges."""
+        values = [
+            np.full(len(table.nodes), np.sqrt(objective_v2 / (table.ridge * self.smoothing_scale)))
+            / table.weight
+            for table in self._tables
+        ]
+        # A step from node to node is at most the sum of both values.
+        return np.abs(np.linalg.inv(self.to_tables)) @ np.concatenate(values)
 
     @cached_property
     def least_r0_ohm(self) -> float:
@@ -229,86 +234,22 @@ class TableObjective:
         an OCV that is wrong would be fitted with none. Zero where they do not tell it."""
         if OHMIC in self.settings.ranges:
             return 0.0
-        return LEAST_SHARE * min(record.step_ohm for record in self.facts)
+        return LEAST_SHARE * min(record.step_ohm for record in self.prepared_records)
 
     @cached_property
     def box(self) -> tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]]:
-        """Lowest and highest value of every unknown. From node to node, a correction of an OCV that
-        is to rise may fall by as much as the known OCV rises at least; else it is free."""
-        low = [np.zeros(len(nodes)) for nodes in self.nodes_of]
-        high = [np.full(len(nodes), np.inf) for nodes in self.nodes_of]
-        low[0][:] = self.least_r0_ohm
-        ranges = self.settings.ranges
-        names = (OHMIC, *(element.resistance for element in names_of(self.elements)))
-        for table, name in enumerate(names):
-            if name in ranges:
-                low[table][:], high[table][:] = ranges[name]
-        if self.reduced.layout.has_correction:
-            low[self.pairs + 1][:] = -np.inf
-            if self.settings.rising_ocv:
-                nodes = self.nodes_of[self.pairs + 1]
-                slopes = [record.cell.least_ocv_slopes(nodes) for record in self.facts]
-                low[self.pairs + 1][1:] = -np.diff(nodes) * np.min(slopes, axis=0)
-        return np.concatenate(low), np.concatenate(high)
+        """Lowest and highest value of every unknown."""
+        ends = zip(*((table.low, table.high) for table in self._tables), strict=True)
+        low, high = map(np.concatenate, ends)
+        return low, high
 
-    def columns(self, log_scales: LogScales) -> tuple[Columns, Float[np.ndarray, "rows"]]:
-        """Columns of all unknowns at some scales, and the base error there."""
-        blocks, base = dict(self.fixed_columns), self.base
-        for axis, where in zip(self.axes, log_scales, strict=True):
-            if axis.table is None:
-                base = base + axis.columns_at(where)[:, 0]
-            else:
-                blocks[axis.table] = blocks.get(axis.table, 0.0) + axis.columns_at(where)
-        return np.concatenate([blocks[table] for table in range(self.tables)], axis=1), base
-
-    def solve(
-        self, log_scales: LogScales, sides: Sides | None = None, exact: bool = False
-    ) -> Solution:
-        """The best tables at some scales; `exact` takes the orthogonal factorization's digits."""
-        columns, base = self.columns(log_scales)
-        low, high = self.box
-        if exact:
-            whole = np.concatenate([columns, self.penalty])
-            longer = np.append(base, np.zeros(len(self.penalty)))
-            x, sides = least_squares_in_box(whole, longer, low, high, sides)
-        else:
-            normal = columns.T @ columns + self.penalty_normal
-            x, sides = least_in_box(normal, columns.T @ base, low, high, sides)
-        error = base + columns @ x
-        bent = self.penalty @ x
-        objective_v2 = float(error @ error + bent @ bent)
-        return Solution(log_scales, sides, objective_v2, self.values_of(x), x, error)
+    def box_at(self, log_scales: Float[np.ndarray, "axes points"]) -> Box:
+        low, high = (np.repeat(end[:, None], log_scales.shape[1], axis=1) for end in self.box)
+        return low, high
 
     def values_of(self, x: Float[np.ndarray, "unknowns"]) -> tuple[Float[np.ndarray, "nodes"], ...]:
-        """Every table's values from the unknowns."""
         rows = self.to_tables @ x
         return tuple(rows[self.block(table)] for table in range(self.tables))
-
-    def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
-        """The least J at many scales: of a constant circuit all at once, of tables, whose problems
-        are large, each from the active set of the one before."""
-        if len(self.penalty_normal) > self.tables:
-            found, sides = np.empty(log_scales.shape[1]), None
-            for place, scales in enumerate(log_scales.T.tolist()):
-                solution = self.solve(tuple(scales), sides)
-                found[place], sides = solution.objective_v2, solution.sides
-            return found
-        blocks, base = dict(self.fixed_columns), self.base
-        for axis, own in zip(self.axes, log_scales, strict=True):
-            places, at = np.unique(own, return_inverse=True)
-            answers = axis.columns(places)[at]
-            if axis.table is None:
-                base = base + answers[:, :, 0]
-            else:
-                blocks[axis.table] = blocks.get(axis.table, 0.0) + answers
-        shape = (log_scales.shape[1], len(self.base))
-        base = np.broadcast_to(base, shape)
-        columns = [np.broadcast_to(blocks[table][..., 0], shape) for table in range(self.tables)]
-        normal, gradient = normal_equations(columns, base)
-        low, high = (np.repeat(end[:, None], shape[0], axis=1) for end in self.box)
-        x = least_in_boxes(normal + self.penalty_normal[:, :, None], gradient, low, high)
-        error = errors_of(columns, base, x)
-        return np.sum(error**2, axis=1) + np.sum((self.penalty @ x) ** 2, axis=0)
 
     def ways(self, found: Solution) -> Float[np.ndarray, "values ways"]:
         """The ways in which tables can move within their bounds, unless no sample is near.
@@ -316,32 +257,16 @@ class TableObjective:
         Values at a bound stay. The OCV correction of nodes that a bound ties together moves as one.
         """
         blocks = []
-        for table in range(self.tables):
-            is_free = found.sides[self.block(table)] == 0
-            eye = np.eye(len(is_free))
-            own = eye[is_free]
-            if self.reduced.layout.has_correction and table == self.pairs + 1:
-                tied = np.cumsum(is_free) - 1
-                own = eye[: tied[-1] + 1, tied] if self.settings.rising_ocv else own
-            blocks.append(own[own @ self.visited_of(table) > 0].T)
+        for number, table in enumerate(self._tables):
+            is_free = found.sides[self.block(number)] == 0
+            eye, tied = np.eye(len(is_free)), np.cumsum(is_free) - 1
+            own = eye[: tied[-1] + 1, tied] if table.rises else eye[is_free]
+            blocks.append(own[own @ self.visited_of(number) > 0].T)
         return np.asarray(block_diag(*blocks))
 
     def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
         """The derivative of the least J by the scales: that at fixed tables, which are optimal."""
-        slopes = [
-            axis.slopes_at(where) @ (np.ones(1) if axis.table is None else found.values[axis.table])
-            for axis, where in zip(self.axes, found.log_scales, strict=True)
-        ]
-        return np.array([2 * float(found.error @ slope) for slope in slopes])
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the tables."""
-        layout = self.reduced.layout
-        names = [OHMIC, *(element.resistance for element in names_of(self.elements))]
-        if layout.has_correction:
-            names.append(OCV_CORRECTION if self.settings.ocv_nodes is None else OCV)
-        return (*names, HALF_HYSTERESIS) if layout.has_amplitude else tuple(names)
+        return self.slopes_at(found)
 
     def ocv_at(
         self, found: Solution
@@ -349,7 +274,7 @@ class TableObjective:
         """Nodes and OCV in V of a solution that has one of its own."""
         place = self.names.index(OCV)
         nodes = self.nodes_of[place]
-        return nodes, self.facts[0].cell.average_ocv_v(nodes) + found.values[place]
+        return nodes, self.prepared_records[0].cell.average_ocv_v(nodes) + found.values[place]
 
     def with_ocv(self, prepared: PreparedRecord, found: Solution) -> PreparedRecord:
         """A record with the OCV of a solution that has one of its own."""
@@ -379,5 +304,11 @@ class TableObjective:
             scales={axis.name: scale for axis, scale in zip(self.axes, scales, strict=True)},
             nodes=nodes,
             visited=tuple(self._nearest(np.array(nodes)).tolist()),
-            dependence=self.facts[0].dependence,
+            dependence=self.prepared_records[0].dependence,
         )
+
+
+def _unit(table: Table) -> Float[np.ndarray, "nodes nodes"]:
+    """A table's values from its unknowns."""
+    count = len(table.nodes)
+    return np.tril(np.ones((count, count))) if table.rises else np.eye(count)

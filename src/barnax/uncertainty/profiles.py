@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 
 from ..cell import CircuitParameters
 from ..errors import InputError
-from ..global_optimum.objective import ConstantObjective, ConstantSolution
+from ..global_optimum.objective import ConstantObjective, Solution
 from ..model.descent import LogScales, polish
 from ..model.problem import Problem
 from .covariance import CONFIDENCE, Covariance, Linearization, linearize, named_values
@@ -135,7 +135,7 @@ def _reach(
 
 def _refitted(
     objective: ConstantObjective, name: str, values: Float[np.ndarray, "values"], start: LogScales
-) -> Iterator[ConstantSolution]:
+) -> Iterator[Solution]:
     """The best circuits with each of a parameter's values, from the scales of the one before."""
     for value in values.tolist():
         fixed = objective.fixing(name, value)

@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear
 
 from barnax.global_optimum.certificate import _bound
 from barnax.global_optimum.objective import ConstantObjective
-from barnax.global_optimum.remainders import THIRD_DERIVATIVE, beyond_parabola
+from barnax.global_optimum.proof import THIRD_DERIVATIVE, beyond_parabola
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from helpers.problems import drive_record

@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 
 from barnax.global_optimum.certificate import CERTIFIED_GAP, certify
 from barnax.global_optimum.objective import ConstantObjective
-from barnax.global_optimum.remainders import THIRD_DERIVATIVE, lowest_of_parabola
+from barnax.global_optimum.proof import THIRD_DERIVATIVE, lowest_of_parabola
 from barnax.global_optimum.search import GRID
 from barnax.model.descent import lowest_scales
 from barnax.model.problem import make_problem, rmse_by_scan

@@ -12,9 +12,9 @@ from barnax.cell import CircuitParameters, Dependence
 from barnax.execution import in_float64
 from barnax.over_soc import dependence
 from barnax.over_soc.cross_validation import held_out, with_spread
-from barnax.over_soc.curves import curves_of
 from barnax.over_soc.intervals import LIGHT, NodeInterval, intervals_of
 from barnax.over_soc.level import FREE_RIDGE, NEARLY_LEVEL_V
+from barnax.over_soc.node_interval import curves_of
 from barnax.over_soc.nuisances import Measured, estimate
 from barnax.over_soc.pack import R0, TOTAL, fit_pack
 from barnax.over_soc.problem import find_best, reduced_objective

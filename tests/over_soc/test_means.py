@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barnax.execution import in_float64
-from barnax.over_soc.curves import curves_of
 from barnax.over_soc.intervals import LIGHT, intervals_of
-from barnax.over_soc.node_interval import node_weights
+from barnax.over_soc.node_interval import curves_of, node_weights
 from barnax.over_soc.problem import reduced_objective
 from helpers.dense import (
     BOX,

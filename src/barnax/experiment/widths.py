@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..over_soc.curves import sag_of
 from ..over_soc.intervals import NodeInterval
+from ..over_soc.node_interval import sag_of
 from .information import HALF_95, Believed, Information, Name
 
 

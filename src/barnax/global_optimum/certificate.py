@@ -13,13 +13,20 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..blas import one_blas_thread
-from ..model.axes import Axis
 from ..model.box_least_squares import Columns, dot, errors_of, least_in_boxes, normal_equations
-from ..model.descent import LogScales
+from ..model.descent import Axis, LogScales
 from ..search.refine import RefinedSeed
 from .objective import ConstantObjective
-from .proof import ABSOLUTE_V, SMALLEST_RMSE_V, Boxes, Proof, first_boxes, prove
-from .remainders import beyond_parabola, lowest_of_parabola
+from .proof import (
+    ABSOLUTE_V,
+    SMALLEST_RMSE_V,
+    Boxes,
+    Proof,
+    beyond_parabola,
+    first_boxes,
+    lowest_of_parabola,
+    prove,
+)
 
 # Boxes an axis to begin with, and how many are looked at at a time.
 FIRST_BOXES = 8

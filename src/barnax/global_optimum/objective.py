@@ -12,7 +12,6 @@ from jaxtyping import Float
 from ..cell import CircuitParameters
 from ..cell.elements import RC, get_element, names_beside
 from ..cell.parameters import RATE
-from ..model.axes import Axis
 from ..model.box_least_squares import (
     Columns,
     Sides,
@@ -22,12 +21,12 @@ from ..model.box_least_squares import (
     normal_equations,
     with_free_values,
 )
-from ..model.descent import LogScales, Solved
+from ..model.descent import Axis, LogScales, Solved
 from ..model.layout import Spans
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from ..model.search_space import Bounds
-from .remainders import remainders
+from .proof import remainders
 
 # By how much a logarithm is moved to see how a bound in F moves that of a resistance.
 MOVED = 1e-4

@@ -28,11 +28,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..global_optimum.proof import Boxes, Proof, first_boxes, prove
-from ..global_optimum.remainders import beyond_parabola, lowest_of_parabola, remainders
-from ..model.axes import Axis
+from ..global_optimum.proof import (
+    Boxes,
+    Proof,
+    beyond_parabola,
+    first_boxes,
+    lowest_of_parabola,
+    prove,
+    remainders,
+)
 from ..model.box_least_squares import least_in_box
-from ..model.descent import Found, polish
+from ..model.descent import Axis, Found, polish
 from ..model.search_space import Range
 from .objective import Solution, TableObjective
 

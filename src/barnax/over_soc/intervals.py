@@ -28,8 +28,7 @@ from ..model.reference import errors_along
 from ..uncertainty.identifiability import are_one
 from ..uncertainty.joined import one_clock, open_starts
 from ..uncertainty.noise import Noise, Slots, fit_gathered
-from .curves import TableCurve, curves_of
-from .node_interval import NodeInterval, mean_weights, parts_of, sum_name
+from .node_interval import NodeInterval, TableCurve, curves_of, mean_weights, parts_of, sum_name
 from .objective import Solution, TableObjective
 
 # Of the smoothing weights, those of the fit that standard errors are of.

@@ -16,7 +16,7 @@ from ..cell.elements import alike, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC, RATE
 from ..cell.tables import hats
 from ..global_optimum.objective import Box, LinearObjective, Solution
-from ..model.axes import Axis, axes_of
+from ..model.descent import Axis, axes_of
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced
 from ..model.search_space import Range

@@ -18,8 +18,7 @@ from ..cell import TemperatureTables
 from ..cell.model import SAME_DEGC, group_near
 from ..errors import InputError
 from ..global_optimum.proof import Proof
-from ..model.axes import Axis
-from ..model.descent import LogScales, Solved, polish
+from ..model.descent import Axis, LogScales, Solved, polish
 from ..model.prepared import PreparedRecord
 from .certificate import certify
 from .dependence import with_asked

@@ -19,9 +19,8 @@ from scipy.signal import lfilter
 import barnax
 from barnax.fleet.summary import read_fleet
 from barnax.life import life_of
-from barnax.plots import plot_fleet_life, style
+from barnax.plots import encode, plot_fleet_life, style
 from barnax.plots.cells import plot_distributions
-from barnax.plots.pictures import encode
 
 CELLS = 24
 

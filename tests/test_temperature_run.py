@@ -14,7 +14,7 @@ from barnax.experiment.belief import believed_of_result
 from barnax.pipeline import hppc
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
-from barnax.reporting.pulses import tables_csv
+from barnax.reporting.parameters import tables_csv
 from barnax.reporting.render import to_markdown
 from barnax.reporting.wording import sentences
 from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm

@@ -21,5 +21,5 @@ HOOKS |= {
     "Result._repr_html_": "barnax.reporting.identification:fragment_of",
     "Design.figure": "barnax.plots:plot_design",
     "SocReplay.figure": "barnax.plots:plot_soc_replay",
-    "SocReplay._repr_png_": "barnax.plots.pictures:encode",
+    "SocReplay._repr_png_": "barnax.plots:encode",
 }

@@ -55,7 +55,7 @@ def narrow_terminal() -> Iterator[None]:
     """Tables are as wide everywhere, and pictures have few pixels: most of a run's time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COLUMNS", "80")
-        patch.setattr("barnax.plots.pictures.ILLUSTRATION_DPI", 40)
+        patch.setattr("barnax.reporting.document.PICTURE_DPI", 40)
         yield
 
 

@@ -23,7 +23,7 @@ from barnax.over_soc.problem import find_best, reduced_objective
 from barnax.records import read_record
 from barnax.records.record import in_means
 from barnax.reporting.identification import identification_document
-from barnax.reporting.pulses import fit_csv
+from barnax.reporting.parameters import fit_csv
 from barnax.reporting.view import View
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v

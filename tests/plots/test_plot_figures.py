@@ -10,7 +10,7 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 
 from barnax import bundled_file, characterize, plots, read_record
-from barnax.plots.pictures import encode
+from barnax.plots import encode
 from barnax.results import Result
 from helpers.comparisons import make_comparison, make_failure, make_row
 from helpers.golden import RESULT
@@ -37,13 +37,12 @@ def make_all_figures() -> dict[str, Figure]:
         "voltages": plots.plot_voltage({"a": evaluation, "b": evaluation}),
         "errors": plots.plot_error({"a": evaluation, "b": evaluation}),
         "convergences": plots.plot_compared_convergence(comparison),
-        "parameters": plots.plot_compared_parameters(comparison),
     }
 
 
 NAMES = (
     *("voltage", "error", "ocv", "convergence"),
-    *("voltages", "errors", "convergences", "parameters"),
+    *("voltages", "errors", "convergences"),
 )
 
 
@@ -98,7 +97,6 @@ def test_the_style_of_the_session_does_not_show():
         (plots.plot_ocv, "result"),
         (plots.plot_convergence, "result"),
         (plots.plot_compared_convergence, "comparison"),
-        (plots.plot_compared_parameters, "comparison"),
     ],
 )
 def test_what_is_stored_is_drawn_from_its_file_too(plot, what, tmp_path):

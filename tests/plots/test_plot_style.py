@@ -11,13 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barnax.plots import (
+    encode,
     plot_error,
     plot_ocv,
     plot_voltage,
     style,
 )
-from barnax.plots.pictures import Illustration, encode
 from barnax.plots.style import decimate
+from barnax.reporting.document import Picture
 from helpers.results import make_cell, make_evaluation, make_record
 
 BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
@@ -95,14 +96,14 @@ def test_a_figure_gives_the_same_bytes_every_time_and_after_other_forms(kind):
 
 
 def test_an_illustration_has_both_forms_and_a_small_picture_that_is_the_large_one():
-    drawn = Illustration("error", make_figure, "", "")
+    drawn = Picture("error", make_figure, "", "")
     for kind in ("png", "svg"):
         assert getattr(drawn, kind).startswith(BEGINNINGS[kind])
     assert drawn.png is drawn.png
     large, small = (
-        matplotlib.image.imread(io.BytesIO(each))[..., :3] for each in (drawn.png, drawn.small_png)
+        matplotlib.image.imread(io.BytesIO(each))[..., :3] for each in (drawn.png, drawn.content)
     )
-    assert len(drawn.small_png) < 0.6 * len(drawn.png)
+    assert len(drawn.content) < 0.6 * len(drawn.png)
     assert np.abs(large - small).max() < 0.1
 
 

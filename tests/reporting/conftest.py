@@ -8,5 +8,5 @@ import pytest
 @pytest.fixture(scope="session", autouse=True)
 def coarse_pictures() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("barnax.plots.pictures.ILLUSTRATION_DPI", 40)
+        patch.setattr("barnax.reporting.document.PICTURE_DPI", 40)
         yield

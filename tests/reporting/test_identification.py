@@ -14,12 +14,11 @@ import barnax
 from barnax.cell import SegmentedHysteresis
 from barnax.cli.session import as_flags
 from barnax.model.window import Window
-from barnax.plots.pictures import Illustration, record_roles
 from barnax.records import Decision
 from barnax.reporting.document import Picture
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
-from barnax.reporting.illustrations import identification_illustrations
+from barnax.reporting.illustrations import identification_illustrations, record_roles
 from barnax.reporting.next_step import next_step
 from barnax.reporting.render import to_html, to_markdown
 from barnax.reporting.result_tables import search_boxes
@@ -81,7 +80,7 @@ def changed(result: Result, **inputs) -> Result:
 def test_a_figure_without_a_section_of_its_own_is_in_the_report_too(joint):
     # Where they stand, not what is drawn.
     drawn = [replace(each, draw=Figure) for each in identification_illustrations(joint)]
-    own = Illustration("new", Figure, "", "")
+    own = Picture("new", Figure, "", "")
     for illustrations, others in ((drawn, set()), ([*drawn, own], {"new"})):
         document = identification_document(joint, illustrations)
         more = {

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from barnax.pulses import Pulse
+from barnax.reporting.parameters import tables_csv
 from barnax.reporting.pulses import (
     middle_heads,
     middle_pulses,
     pulses_csv,
-    tables_csv,
 )
 from helpers.results import NODES, TABLE_OHM, make_cell, make_table_result
 

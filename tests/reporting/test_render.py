@@ -5,20 +5,20 @@ import hashlib
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
+from matplotlib.figure import Figure
 
 import barnax
 from barnax.plots import column_width, plot_ocv
-from barnax.plots.pictures import Illustration
 from barnax.reporting.document import (
     Bullets,
     Column,
     Document,
-    Live,
     Paragraph,
     Picture,
     Section,
@@ -44,7 +44,7 @@ HOSTILE = (
     "\u202efdp.exe\x00\x1b[31m\udcff.csv",
     "line\nbreak\r\n\r\nand more.csv",
 )
-PICTURE = Picture("figure", "a caption", "an alt", "image/png", b"\x89PNG")
+PICTURE = Picture("figure", Figure, "a caption", "an alt")
 
 
 def make_document(text="plain", pictures=(PICTURE,)):
@@ -151,7 +151,7 @@ def test_a_table_whose_rows_do_not_fit_its_columns_is_refused():
 def test_figures_for_a_paper_are_pdf_and_svg_as_wide_as_a_column():
     cell = barnax.characterize([barnax.read_record(barnax.bundled_file("ocv_discharge"))])
     with column_width():
-        files = paper_files([Illustration("ocv", lambda: plot_ocv(cell), "", "")])
+        files = paper_files([Picture("ocv", lambda: plot_ocv(cell), "", "")])
     assert set(files) == {"figures/paper/ocv.pdf", "figures/paper/ocv.svg"}
     assert re.search(rb"/MediaBox \[ 0 0 252 ", files["figures/paper/ocv.pdf"])
     assert b'width="252pt"' in files["figures/paper/ocv.svg"]
@@ -162,7 +162,7 @@ def test_figures_for_a_paper_are_pdf_and_svg_as_wide_as_a_column():
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chrome")
 SCRIPT = "</script><script>alert(1)</script>"
 DATA = {"label": SCRIPT, "columns": ["AAAA"], "panels": []}
-LIVE = Picture("f", "a still", "an alt", "image/png", b"\x89PNG", Live(DATA, "a moving one"))
+LIVE = replace(PICTURE, live=lambda: (DATA, "a moving one"))
 LARGEST_REPORT = 6_000_000
 
 

@@ -88,7 +88,9 @@ def test_every_macro_is_used():
     called = {id(macros(name)[macro]) for name, macro in calls if macro in macros(name)}
     for name in NAMES:
         for macro in parsed(name).find_all(nodes.Macro):
-            is_said = re.search(rf"""["']{name}\.{macro.name}["']""", source)
+            is_said = re.search(rf"""["']{name}\.{macro.name}["']""", source) or (
+                name == "figures" and f"def {macro.name}(" in source
+            )
             assert id(macro) in called or is_said, f"{name}.{macro.name}"
 
 

@@ -105,7 +105,7 @@ def design(cell: Cell, test: Test, output: Output) -> None:
     def files() -> dict[str, bytes]:
         if not test_design.is_needed:
             return {}
-        from ..plots.pictures import encode
+        from ..plots import encode
 
         picture = encode(test_design.figure())
         return {**design_files(test_design), "figures/design.png": picture}

@@ -309,7 +309,7 @@ def life(given: LifeOptions, output: Output) -> None:
 
 def _pages(trends: "Life", cells: Iterable[str]) -> dict[str, bytes]:
     from ..plots import plot_cell_life, plot_fleet_life
-    from ..plots.pictures import illustrate
+    from ..reporting.illustrations import illustrate
     from ..reporting.life import cell_document, life_document
     from ..reporting.render import report_files
 

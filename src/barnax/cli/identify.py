@@ -103,7 +103,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         from ..factors import read_factors
         from ..over_soc.kept import fit_kept
         from ..pipeline import bounded_tables
-        from ..reporting.pulses import fit_csv
+        from ..reporting.parameters import fit_csv
         from ..reporting.soc_tables import kept_document
 
     job = barnax.Job(**options.given, watch=session.watch)
@@ -211,7 +211,8 @@ def result_files(
     """The figures, and the report where it is wanted, by their path in the folder."""
     from ..reporting.identification import identification_document
     from ..reporting.illustrations import identification_illustrations
-    from ..reporting.pulses import pulses_csv, tables_csv
+    from ..reporting.parameters import tables_csv
+    from ..reporting.pulses import pulses_csv
 
     tables = {"tables.csv": tables_csv(result)} if result.tables else {}
     tables |= {"pulses.csv": pulses_csv(result.pulses)} if result.pulses else {}
@@ -296,7 +297,7 @@ def pack(on: OfPack, output: Output) -> None:
 
     def draw() -> dict[str, bytes]:
         from ..fleet.dataset import rows_bytes
-        from ..plots.pictures import encode
+        from ..plots import encode
 
         return {
             "cells.parquet": rows_bytes(pack_rows(identified, on.record.stem)),

@@ -165,12 +165,12 @@ def validate(on: OnRecord, output: Errors) -> None:
 
 def _validation_page(evaluation: "barnax.Evaluation", table: "Table", answer: str) -> bytes:
     from ..plots import plot_error, plot_voltage
-    from ..plots.pictures import illustrate
-    from ..reporting.document import Document, Section, picture
+    from ..reporting.document import Document, Section
+    from ..reporting.illustrations import illustrate
 
     record = evaluation.prepared.record.name
     plots = {"voltage": plot_voltage, "error": plot_error}
-    drawn = (picture(illustrate(name, record, plot, evaluation)) for name, plot in plots.items())
+    drawn = (illustrate(name, record, plot, evaluation) for name, plot in plots.items())
     return page_of(Document(f"{answer} on {record}", "", (Section("Errors", (table, *drawn)),)))
 
 

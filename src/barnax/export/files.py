@@ -146,7 +146,7 @@ def _means(result: Result) -> Iterator[tuple[str, float, str]]:
     """The means of tables over SOC with the ends of their intervals, or the ends of constants."""
     for degc, fit in result.fits.by_degc:
         where = "" if degc is None else f", {degc:.4g} degC"
-        for mean in fit.means:
+        for mean in (fact for fact in fit.facts if fact.is_mean):
             name, _, unit = mean.name.rstrip("]").partition(" [")
             own = f"mean {name}" if fit.is_over_soc else name
             ends = {own: mean.value, f"{own} low": mean.low, f"{own} high": mean.high}
@@ -158,11 +158,11 @@ def _means(result: Result) -> Iterator[tuple[str, float, str]]:
 def _beside(result: Result) -> Iterator[tuple[str, float, str]]:
     """The numbers of what resistances follow beside SOC, and what those given are then."""
     for degc, fit in result.fits.by_degc:
-        known = fit.tables.dependence
+        law = fit.tables.dependence
         where = "" if degc is None else f", {degc:.4g} degC"
-        for name, value in {} if known is None else known.numbers.items():
+        for name, value in {} if law is None else law.numbers.items():
             plain, _, unit = name.removesuffix("]").partition(" [")
-            taken = {CHARGE: " (R: geometric mean of charge and discharge)"}.get(name, "")
+            taken = " (R: geometric mean of charge and discharge)" if name == CHARGE else ""
             yield f"{plain}{where}{taken}", value, unit or "1"
 
 

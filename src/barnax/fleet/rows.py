@@ -354,18 +354,14 @@ def _proof_of(result: Result) -> tuple[bool, float | None]:
 
 def _middle_of(fit: TableFit, whose: str = "tables ") -> dict[str, float | None]:
     """The resistances of tables at the node nearest to 50 % SOC that samples visit."""
-    known = {(interval.name, interval.soc): interval for interval in fit.intervals}
     visited = list(itertools.compress(fit.tables.nodes, fit.tables.visited))
     soc = min(visited or fit.tables.nodes, key=lambda node: abs(node - MIDDLE_SOC))
-    place = fit.tables.nodes.index(soc)
-    found: dict[str, float | None] = {"tables at SOC": soc}
-    for name, values in fit.tables.tables.items():
-        if name.startswith("R"):
-            interval = known.get((name, soc))
-            found[f"{whose}{name}"] = values[place]
-            found[f"{whose}{name} low"] = interval and interval.low
-            found[f"{whose}{name} high"] = interval and interval.high
-    return found
+    row: dict[str, float | None] = {"tables at SOC": soc}
+    for fact in fit.facts:
+        if fact.name in fit.tables.resistances and not fact.is_mean and fact.soc in (soc, None):
+            row |= {f"{whose}{fact.name}": fact.value, f"{whose}{fact.name} low": fact.low}
+            row[f"{whose}{fact.name} high"] = fact.high
+    return row
 
 
 def _errors_of(whose: str, metrics: MetricsPart | None) -> dict[str, float | None]:

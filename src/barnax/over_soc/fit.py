@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -28,7 +29,7 @@ from .cross_validation import (
 from .current_offset import OffsetEffect
 from .dependence import with_asked
 from .intervals import intervals_of
-from .node_interval import NodeInterval, parts_of
+from .node_interval import Fact, NodeInterval, parts_of
 from .objective import TableObjective
 from .problem import BOTH_WAYS_SOC, HELD_GAMMA, find_best, least_travel_soc, reduced_objective
 from .settings import TableSettings
@@ -122,6 +123,27 @@ class TableFit(Brief):
     def of_table(self, name: str) -> tuple[NodeInterval, ...]:
         """The intervals of one table, by rising SOC."""
         return tuple(own for own in self.intervals if own.name == name and own.soc is not None)
+
+    @cached_property
+    def facts(self) -> tuple[Fact, ...]:
+        """Every number of the fit once: the nodes of its tables, what has one value at every SOC,
+        the means, and the nodes of an OCV of the records' own."""
+        known = {(own.name, own.soc): own for own in self.intervals}
+        tables, facts = self.tables, []
+        visited = tables.visited or (True,) * len(tables.nodes)
+        numbers = [
+            (name, *node)
+            for name, row in tables.tables.items()
+            for node in zip(tables.nodes, row, visited, strict=True)
+        ]
+        numbers += [(name, None, value, True) for name, value in tables.constants.items()]
+        for name, soc, value, is_visited in numbers:
+            own = known.get((name, soc))
+            fact = vars(own or NodeInterval(name, soc, value, 0.0, 0.0, None, None))
+            fact = fact | {"value": value, "soc": soc if self.is_over_soc else None}
+            facts.append(Fact(**fact, is_assessed=own is not None, is_visited=is_visited))
+        means = (Fact(**vars(mean), is_mean=True) for mean in self.means)
+        return (*facts, *means, *(Fact(**vars(node)) for node in self.of_table(OCV)))
 
 
 def fit_tables(

@@ -8,6 +8,7 @@ other values. The curve is taken for the cubic spline of which the table's lines
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -48,7 +49,7 @@ class NodeInterval:
         return abs(self.bias) > self.standard_error
 
     @property
-    def on_another_record(self) -> "NodeInterval":
+    def on_another_record(self) -> Self:
         """What another record of the cell would show."""
         return replace(self, low=self.record_low, high=self.record_high)
 
@@ -93,6 +94,25 @@ class NodeInterval:
             ends["record_low"] = min(self.record_low, ends.get("low", self.record_low))
             ends["record_high"] = max(self.record_high, ends.get("high", self.record_high))
         return replace(self, **ends)
+
+
+@dataclass(frozen=True)
+class Fact(NodeInterval):
+    """A number of a fit, in the unit of its name: a node of a table, or without `soc` what has one
+    value at every SOC, or a mean over SOC.
+
+    An end is None where the interval is open. `is_assessed` says whether there is one at all, and
+    `is_visited` whether samples are near the node.
+    """
+
+    is_mean: bool = False
+    is_assessed: bool = True
+    is_visited: bool = True
+
+    @property
+    def label(self) -> str:
+        """What it is called beside the others."""
+        return f"mean {self.name}" if self.is_mean else self.name
 
 
 def node_weights(

@@ -15,7 +15,6 @@ from ..cell import CellModel
 from ..cell.parameters import OCV
 from ..pulses import STANDARD_S, Pulse, levels, pulse_samples
 from . import style
-from .pictures import illustration
 
 if TYPE_CHECKING:
     from ..over_soc import NodeInterval
@@ -32,12 +31,7 @@ FEW_POINTS: Final = 50
 ROUNDING_MV: Final = 1e-3
 
 
-@illustration(
-    "Open-circuit voltage: the measured points, the curve of each branch and their average. "
-    "Below, unless the curves pass through their points, the error of each curve at its points.",
-    "Open-circuit voltage over the state of charge, with residuals of the fit",
-    is_dense=False,
-)
+@style.figure_style()
 def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     """OCV points and curves over SOC; below, what each curve leaves at its own points, in mV. One
     that was identified from records has no points: it is a line, of a result with its intervals.
@@ -97,13 +91,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     return style.finish(figure, *figure.axes)
 
 
-@illustration(
-    "Open-circuit voltage identified from the record, no OCV test: lines between its nodes, and "
-    "the 95 % interval of each node.",
-    "Open-circuit voltage over the state of charge, identified from the record, with intervals",
-    is_dense=False,
-)
-def plot_own_ocv(cell: CellModel, nodes: "Sequence[NodeInterval]" = ()) -> Figure:
+def plot_own_ocv(cell: CellModel, nodes: "Sequence[NodeInterval]") -> Figure:
     """An OCV of the records' own over SOC with the intervals of its nodes; where a hysteresis was
     identified with it, its branches too."""
     figure = style.make_figure()
@@ -131,12 +119,7 @@ MAX_PANELS: Final = 6
 PULSE_COLORS: Final = "viridis"
 
 
-@illustration(
-    "The pulses of {}, overlaid: the change of voltage divided by the change of current since "
-    "the pulse began. Color: state of charge. Solid: measured; dashed: simulated.",
-    "Resistance over the time into a pulse, one line per pulse",
-    is_main=True,
-)
+@style.figure_style()
 def plot_pulses(evaluation: "Evaluation", pulses: Sequence[Pulse]) -> Figure:
     """The change of voltage over that of current since each pulse began, a panel a rate.
 
@@ -178,12 +161,7 @@ def _draw_pulse(axes: Axes, evaluation: "Evaluation", pulse: Pulse, color: objec
         axes.plot(since_s, 1e3 * (drop_v[is_on] / change_a[is_on]), **look)
 
 
-@illustration(
-    "The standard pulse resistances of {} over the state of charge.",
-    "Pulse resistances over the state of charge, by direction and rate",
-    is_dense=False,
-    is_main=True,
-)
+@style.figure_style()
 def plot_pulse_resistances(pulses: Sequence[Pulse], capacity_ah: float) -> Figure:
     """The standard pulse resistances over SOC, a panel a direction and rate.
 

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from . import style
-from .pictures import illustration
 
 if TYPE_CHECKING:
     from ..life import Life
@@ -24,11 +23,7 @@ HISTOGRAM_IN: Final = 0.62 * style.HEIGHT_IN
 BINS: Final = 24
 
 
-@illustration(
-    "Distribution of each quantity over the cells; the dashed line is the median.",
-    "Histograms of the quantities over the cells, each with its median",
-    is_dense=False,
-)
+@style.figure_style()
 def plot_distributions(quantities: Mapping[str, Float[np.ndarray, "cells"]]) -> Figure:
     """A histogram of each positive quantity over the cells, and its median.
 
@@ -63,12 +58,7 @@ PACK: Final = {
 }
 
 
-@illustration(
-    "Every cell with its 95 % interval; dashed: the median of the cells. Odd cells are red, and "
-    "the weakest has a ring.",
-    "Resistances, SOC shift and capacity of every cell of a pack",
-    is_main=True,
-)
+@style.figure_style()
 def plot_pack(fit: "PackFit", odd: Collection[tuple[str, str]] = (), weakest: str = "") -> Figure:
     """R0, total R, SOC shift and capacity of every cell of a pack.
 
@@ -141,13 +131,7 @@ APART: Final = 0.008
 MARGIN: Final = 0.03
 
 
-@illustration(
-    "Smooth trends of {}. Few cells have names, and the 95 % intervals of their records (bars) and "
-    "trends (bands). Of many, those that depart from the fleet in that quantity are red, and a "
-    "black bar is the median 95 % interval of the trends.",
-    "Capacity, resistances and OCV shift of every cell over its age",
-    is_main=True,
-)
+@style.figure_style()
 def plot_fleet_life(life: "Life") -> Figure:
     """The smooth trends of all cells, and in color those that are flagged; few cells by name, with
     what each record tells.
@@ -170,12 +154,7 @@ def plot_fleet_life(life: "Life") -> Figure:
     return style.finish(figure, *panels.values(), columns=MOST_NAMED)
 
 
-@illustration(
-    "Ageing of {}: what each record tells with its 95 % interval, the smooth trend with its own, "
-    "and dashed the age at which it departs from the fleet.",
-    "Capacity, resistances and OCV shift of one cell over its age",
-    is_main=True,
-)
+@style.figure_style()
 def plot_cell_life(life: "Life", cell: str) -> Figure:
     """The estimates of one cell, its smooth trends, and where it departs from the fleet.
 

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
 
 from . import style
-from .pictures import illustration
 from .voltage import ERROR_LABEL, NOT_SCORED, Clock, Rows, Samples, shade_unscored
 
 if TYPE_CHECKING:
@@ -34,12 +33,7 @@ FAR_OFF: Final = 3.0
 OUTLINE: Final = (Stroke(linewidth=2.8, foreground="white"), Normal())
 
 
-@illustration(
-    "Measured minus simulated voltage on {}, over time and over the state of charge, all on one "
-    "scale. Dashed: plus and minus the RMSE; steps: the RMSE in each 5 % of the state of charge.",
-    "Error over time and over the state of charge",
-    is_main=True,
-)
+@style.figure_style()
 def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
     """Measured minus simulated voltage in mV, over time and over SOC, of one circuit or of many.
 
@@ -214,12 +208,7 @@ BESIDE: Final = 25.0
 BAND_SD: Final = 2.0
 
 
-@illustration(
-    "State of charge of {}: the ampere-hour counter, and counting alone with what a scenario has "
-    "wrong. Below, the error of the filter in each scenario.",
-    "State of charge over time, counted right and wrong, and the errors of the filter",
-    is_main=True,
-)
+@style.figure_style()
 def plot_soc_replay(replay: "SocReplay") -> Figure:
     """SOC by the counter and by counting with what each scenario has wrong, and a panel with the
     filter's errors in each.

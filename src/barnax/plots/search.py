@@ -9,10 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..cell import CircuitParameters
-from ..cell.elements import names_of
 from . import style
-from .pictures import illustration
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -64,11 +61,7 @@ def _beside(figure: Figure, count: int) -> list[Axes]:
     return list(figure.subplots(1, count, squeeze=False)[0])
 
 
-@illustration(
-    "How the best RMSE of every seed fell during the search, and how far each stayed above "
-    "the lowest RMSE known.",
-    "Best RMSE of every seed over evaluations",
-)
+@style.figure_style()
 def plot_convergence(
     searches: "Search | Result | str | Path | Mapping[str, ArrayLike]",
     refinement: "Refinement | None" = None,
@@ -179,11 +172,7 @@ MARKERS_PER_LINE: Final = 6
 COMPARED_IN: Final = 4.8
 
 
-@illustration(
-    "How the best RMSE of each row fell: the median of its seeds, and a band from the tenth "
-    "to the ninetieth percentile. A row without a history is a single marker.",
-    "Best RMSE of the rows over evaluations, with the spread of the seeds",
-)
+@style.figure_style()
 def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Figure:
     """Best RMSE of each row over the evaluations of one seed: its median, and a band of seeds.
 
@@ -256,109 +245,3 @@ def _draw_convergence(
     every = np.unique(np.minimum(marked, len(spent) - 1)).tolist()
     line = {"linestyle": look.line, "linewidth": 1.3, "markerfacecolor": "white"}
     axes.plot(spent, finite(median), **mark, **line, markevery=every)
-
-
-RMSE: Final = "RMSE [mV]"
-PANELS_ACROSS: Final = 3
-LINE_IN: Final = 0.26
-FURNITURE_IN: Final = 0.65
-LEGEND_IN: Final = 0.3
-# Seeds are spread evenly about their row's line, so that equal answers show.
-SPREAD: Final = 0.56
-MARGIN: Final = 0.06
-GOLDEN_RATIO: Final = 0.6180339887498949
-
-
-def readable(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Resistances in mOhm, capacitances in F and time constants in s, by a name with its unit.
-
-    `parameters` are PyBaMM's names, as `result.json` holds them.
-
-    >>> readable({"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.02, "C1 [F]": 500.0})
-    {'R0 [mOhm]': 50.0, 'R1 [mOhm]': 20.0, 'C1 [F]': 500.0, 'tau1 [s]': 10.0}
-    """
-    circuit = CircuitParameters.from_dict(parameters)
-    values = {"R0 [mOhm]": 1e3 * circuit.r0}
-    pairs = zip(names_of(circuit.elements), circuit.r, circuit.c, circuit.tau_s, strict=True)
-    for names, r, c, tau_s in pairs:
-        values[names.resistance.replace("[Ohm]", "[mOhm]")] = 1e3 * r
-        if names.capacitance is not None:
-            values[names.capacitance] = c
-        values[names.tau] = tau_s
-    if circuit.gamma is not None:
-        values["gamma [1/SOC]"] = circuit.gamma
-    return values
-
-
-@illustration(
-    "The answer of every seed, before refinement. Bar: the median seed; diamond: the "
-    "same after refinement; dotted: a bound.",
-    "Parameters of every seed of every row",
-    is_dense=False,
-)
-def plot_compared_parameters(comparison: "ComparisonResult | str | Path") -> Figure:
-    """Every seed's own parameters and RMSE: a panel for each, a line for each row.
-
-    Marks are the seeds before refinement, the tall stroke their median seed, the white diamond
-    what Levenberg-Marquardt made of that. Dotted lines are bounds that all models share, where
-    they lie in view.
-
-    Args:
-        comparison: A comparison, or the path of a `comparison.json`.
-    """
-    result, rows, looks = _seeded_rows(comparison)
-    names = _quantities(rows)
-    heights_in = FURNITURE_IN + LINE_IN * len(rows), LEGEND_IN
-    figure, panels = style.make_panels(len(names), PANELS_ACROSS, heights_in, sharey=True)
-    bounds = _shared_bounds(result)
-    for axes, name in zip(panels, names, strict=True):
-        for line, row in enumerate(rows):
-            _draw_row(axes, line, row, looks[row.name], name)
-        axes.set(xscale="log", xlabel=name)
-        axes.margins(x=MARGIN)
-        low, high = axes.get_xlim()
-        for limit in bounds.get(name, ()):
-            # A bound just outside the data still shows that they end at it.
-            if low / 1.3 <= limit <= high * 1.3:
-                axes.axvline(limit, color=style.GREY, linestyle=":", linewidth=1.1, zorder=1)
-        style.label_plainly(axes.xaxis)
-        axes.set_ylim(len(rows) - 0.4, -0.6)
-        axes.set_yticks(range(len(rows)), [row.name for row in rows], parse_math=False)
-    return style.finish(figure, *panels, legend_of=panels[:1])
-
-
-def _quantities(rows: "Sequence[RowPart]") -> list[str]:
-    """The quantities with a panel: RMSE, resistances, time constants, the rate of a hysteresis."""
-    names = dict.fromkeys(name for row in rows for name in readable(row.seeds[0].parameters))
-    kinds = ("R", "tau", "gamma")
-    return [RMSE, *(name for kind in kinds for name in names if name.startswith(kind))]
-
-
-def _value(name: str, rmse_v: float, parameters: Mapping[str, float]) -> float:
-    return 1e3 * rmse_v if name == RMSE else readable(parameters).get(name, np.nan)
-
-
-def _draw_row(axes: Axes, line: int, row: "RowPart", look: style.RowLook, name: str) -> None:
-    values = np.array([_value(name, seed.rmse_v, seed.parameters) for seed in row.seeds])
-    offset = SPREAD * ((np.arange(len(values)) * GOLDEN_RATIO + 0.5) % 1 - 0.5)
-    dot = {"color": look.color, "markeredgewidth": 0.0, "alpha": 0.75, "label": "one seed"}
-    style.draw_points(axes, values, line + offset, look.marker, 3.2, **dot)
-    if row.identification is not None and row.parameters is not None:
-        median = _value(name, row.identification.metrics.rmse_v, row.parameters)
-        stroke = {"color": style.BLACK, "linewidth": 1.4, "label": "median seed"}
-        axes.plot([median] * 2, [line - 0.42, line + 0.42], **stroke)
-    if row.refined_rmse_v is not None and row.refined_parameters is not None:
-        refined = _value(name, row.refined_rmse_v, row.refined_parameters)
-        label = "median seed, refined"
-        style.draw_points(axes, refined, line, "D", 4.6, **style.OPEN, label=label, zorder=3)
-
-
-def _shared_bounds(result: "ComparisonResult") -> dict[str, tuple[float, float]]:
-    """Bounds in readable units of what every model bounds alike."""
-    of_models = [model.bounds for model in result.models.values()]
-    shared = {}
-    for name, (low, high) in of_models[0].items() if of_models else ():
-        if all(bounds.get(name) == (low, high) for bounds in of_models):
-            scale = 1e3 if name.endswith("[Ohm]") else 1.0
-            shared[name.replace("[Ohm]", "[mOhm]")] = (scale * low, scale * high)
-    return shared

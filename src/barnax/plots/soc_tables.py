@@ -14,11 +14,11 @@ from ..cell.elements import names_beside
 from ..cell.parameters import HALF_HYSTERESIS, OCV
 from ..errors import counted
 from . import style
-from .pictures import illustration
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
     from ..over_soc import TableFit, TableFits
+    from ..over_soc.node_interval import Fact
 
 PANELS_ACROSS: Final = 2
 # Of a row of panels, and of what is around all of them.
@@ -65,32 +65,22 @@ class DrawnTable:
 def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
     """Every table of a fit by its name, with both ends of every node's interval; and the OCV of the
     records' own, which has nodes of its own."""
-    soc = np.array(fit.tables.nodes)
-    is_visited = np.array(fit.tables.visited or np.ones(len(soc)), bool)
-    drawn = {
-        name: _drawn(fit, name, soc, is_visited, np.array(values))
-        for name, values in fit.tables.tables.items()
-    }
-    if ocv := fit.of_table(OCV):
-        soc, ocv_v = np.array([(node.soc, node.value) for node in ocv], float).T
-        drawn[OCV] = _drawn(fit, OCV, soc, np.full(len(soc), True), ocv_v)
-    return drawn
+    rows: dict[str, list[Fact]] = {}
+    for fact in fit.facts:
+        if not fact.is_mean and fact.name in (*fit.tables.tables, OCV):
+            rows.setdefault(fact.name, []).append(fact)
+    return {name: _drawn(name, facts) for name, facts in rows.items()}
 
 
-def _drawn(
-    fit: "TableFit", name: str, soc: np.ndarray, is_visited: np.ndarray, values: np.ndarray
-) -> DrawnTable:
+def _drawn(name: str, facts: "Sequence[Fact]") -> DrawnTable:
     symbol, _, unit = name.partition(" [")
     scale, shown = (1.0, "V") if name == OCV else (1e3, f"m{unit.rstrip(']')}")
-    ends = np.full((len(soc), 2), np.nan)
-    for node in fit.of_table(name):
-        at = int(np.argmin(np.abs(soc - (node.soc or 0.0))))
-        ends[at] = scale * np.array([node.low, node.high], float)
-    columns = [soc, is_visited, scale * values, *ends.T]
-    if len(soc) == 1:
+    values = scale * np.array([(fact.value, fact.low, fact.high) for fact in facts], float)
+    columns = [[fact.soc for fact in facts], [fact.is_visited for fact in facts], *values.T]
+    if len(facts) == 1:
         columns = [np.array([0.0, 1.0]), *(np.repeat(column, 2) for column in columns[1:])]
     nodes = np.array([*zip(*columns, strict=True)], NODE)
-    return DrawnTable(f"{symbol} [{shown}]", unit == "Ohm]", nodes, len(soc) > 1)
+    return DrawnTable(f"{symbol} [{shown}]", unit == "Ohm]", nodes, len(facts) > 1)
 
 
 def scale_of(tables: Sequence[DrawnTable]) -> tuple[float, float]:
@@ -139,14 +129,7 @@ def off_the_scale(
     return f"off scale: {', '.join(reasons)}" if reasons else ""
 
 
-@illustration(
-    "Resistances{}, and the OCV where it was fitted, over the state of charge with 95 % intervals; "
-    "the constant circuit in grey. Hollow: nodes without samples near them, whose values follow "
-    "from those of their neighbors. Crossed: values that the samples there do not determine.",
-    "Resistances, and OCV where it was fitted, over the state of charge, with intervals",
-    is_dense=False,
-    is_main=True,
-)
+@style.figure_style()
 def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) -> Figure:
     """Every table over SOC with the intervals of its nodes, the constant circuit's value behind.
 
@@ -231,14 +214,7 @@ WIDEST_LOG: Final = 3.0
 POINTS: Final = 101
 
 
-@illustration(
-    "Resistances over temperature at several states of charge, on a logarithmic scale. Markers "
-    "with 95 % intervals: measured temperatures, drawn a little apart; dashed: the interpolation "
-    "between them.",
-    "Resistances over temperature, one line per state of charge",
-    is_dense=False,
-    is_main=True,
-)
+@style.figure_style()
 def plot_over_temperature(found: "TableFits") -> Figure:
     """Every resistance over temperature, a line a state of charge.
 

@@ -10,7 +10,6 @@ from matplotlib.lines import Line2D
 from ..cell.elements import names_beside
 from . import style
 from .error import outside_note, scored_limits
-from .pictures import illustration
 from .soc_tables import drawn_tables, off_the_scale, scale_of
 from .voltage import Clock, Rows, Samples, draw_rows, shade_unscored
 
@@ -23,12 +22,7 @@ COLORS: Final = (style.BLUE, style.ORANGE, style.GREEN, style.PURPLE, style.VERM
 ROOM: Final = 1.3
 
 
-@illustration(
-    "The answer on {}: measured and simulated voltage, the error, and the resistances over the "
-    "state of charge with their 95 % intervals.",
-    "Voltage and error over time, and resistances over the state of charge",
-    is_main=True,
-)
+@style.figure_style()
 def plot_summary(evaluation: "Evaluation", fit: "TableFit") -> Figure:
     """Voltage and error over time, and the resistances with their 95 % intervals over SOC.
 

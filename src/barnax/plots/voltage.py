@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from . import style
-from .pictures import illustration
 
 if TYPE_CHECKING:
     from ..experiment import Design
@@ -133,12 +132,7 @@ def worst_stretch(error_v: Samples, scored: Bool[np.ndarray, "samples"]) -> slic
     return slice(start, start + length)
 
 
-@illustration(
-    "Measured and simulated voltage on {}, and the current. On the right, the framed part with the "
-    "largest error; of several circuits, of the one with the lowest RMSE.",
-    "Measured and simulated voltage over time, above the current",
-    is_main=True,
-)
+@style.figure_style()
 def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
     """Voltage over time, measured and simulated by one circuit or by many, above the current.
 
@@ -287,12 +281,7 @@ def _live_line(label: str, column: int, color: str, width: float = 1.0, **more: 
     return {"label": label, "column": column, "color": color, "width": width, **more}
 
 
-@illustration(
-    "The test for {} as predicted: current (discharge > 0), voltage with its range up "
-    "to the largest resistances allowed for and an OCV that is off either way, state of charge.",
-    "Current, voltage and state of charge over time",
-    is_main=True,
-)
+@style.figure_style()
 def plot_design(design: "Design") -> Figure:
     """Current, voltage and state of charge over time, as a design predicts them.
 

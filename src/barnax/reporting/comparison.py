@@ -4,13 +4,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..plots.pictures import Illustration, record_roles
 from ..search.refine import SAME_RMSE
 from .document import (
     METRICS,
     Block,
     Cells,
     Document,
+    Picture,
     Pictures,
     Table,
     circuits_table,
@@ -18,6 +18,7 @@ from .document import (
     pairs_table,
     rows_table,
 )
+from .illustrations import record_roles
 from .result_tables import (
     circuit_blocks,
     files_table,
@@ -51,7 +52,7 @@ BASE = "so-rc"
 
 def comparison_document(
     result: "ComparisonResult",
-    illustrations: Iterable[Illustration] = (),
+    illustrations: Iterable[Picture] = (),
     seconds: Mapping[str, float] | None = None,
 ) -> Document:
     """The whole report of a comparison, ready for `to_html` and `to_markdown`.
@@ -72,8 +73,7 @@ def comparison_document(
         "versions": (versions_table(result),),
     }
     if records:
-        tables = (parameters_table(result), *refined_tables(result))
-        blocks["parameters"] = (*tables, *pictures.of("parameters"))
+        blocks["parameters"] = (parameters_table(result), *refined_tables(result))
         blocks["search"] = (search_table(result, seconds),)
         blocks["convergence"] = pictures.of("convergence")
     for on, role in zip(records, roles, strict=True):

@@ -2,20 +2,25 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import chain, takewhile
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+from ..cell import CircuitParameters
+from ..cell.elements import names_of
 from .words import figures, fixed, millivolts_cell
 
 if TYPE_CHECKING:
-    from ..plots.pictures import Illustration
+    from matplotlib.figure import Figure
+
     from ..result_parts import MetricsPart
 
 Role = Literal["text", "number"]
-MediaType = Literal["image/png", "image/svg+xml"]
 Item = TypeVar("Item")
 # Functions of the cells under each head of a table, from what its row is about.
 Cells = dict[str, Callable[[Item], str]]
+# Sharp on a phone and in print, and small enough to send.
+PICTURE_DPI = 180
 
 
 @dataclass(frozen=True)
@@ -118,9 +123,6 @@ def circuits_table(
 
     `further` columns follow, filled by what they give for a name.
     """
-    # The styles of figures load matplotlib, which a check of files does without.
-    from ..plots.search import readable
-
     values = {name: readable(parameters) for name, parameters in circuits.items()}
     heads = sorted(dict.fromkeys(chain.from_iterable(values.values())), key=_order)
     rows = (
@@ -128,6 +130,27 @@ def circuits_table(
         for name, own in values.items()
     )
     return rows_table(caption, [first, *heads, *further], rows, [first])
+
+
+def readable(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Resistances in mOhm, capacitances in F and time constants in s, by a name with its unit.
+
+    `parameters` are PyBaMM's names, as `result.json` holds them.
+
+    >>> readable({"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.02, "C1 [F]": 500.0})
+    {'R0 [mOhm]': 50.0, 'R1 [mOhm]': 20.0, 'C1 [F]': 500.0, 'tau1 [s]': 10.0}
+    """
+    circuit = CircuitParameters.from_dict(parameters)
+    values = {"R0 [mOhm]": 1e3 * circuit.r0}
+    pairs = zip(names_of(circuit.elements), circuit.r, circuit.c, circuit.tau_s, strict=True)
+    for names, r, c, tau_s in pairs:
+        values[names.resistance.replace("[Ohm]", "[mOhm]")] = 1e3 * r
+        if names.capacitance is not None:
+            values[names.capacitance] = c
+        values[names.tau] = tau_s
+    if circuit.gamma is not None:
+        values["gamma [1/SOC]"] = circuit.gamma
+    return values
 
 
 def _order(head: str) -> tuple[str, int]:
@@ -144,27 +167,63 @@ def pairs_table(caption: str, name: str, value: str, pairs: Mapping[str, str]) -
     return rows_table(caption, [name, value], pairs.items(), [name, value])
 
 
-@dataclass(frozen=True)
-class Live:
-    """The numbers of an interactive figure, and how to read and use it."""
-
-    data: dict[str, Any]
-    caption: str
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Picture:
-    """A figure as an image: `caption` says how to read it, `alt` stands for it where unseen.
+    """A figure, drawn when it is first asked for, with what a page and a file need of it.
 
-    `name` is its file's, without a suffix. A page with scripts shows `live` in its place.
+    Each form is drawn once.
+
+    Attributes:
+        name: Its file's name without a suffix.
+        draw: What draws it.
+        caption: Its caption.
+        alt: Words for who cannot see it.
+        is_dense: It holds so many points that PNG is the smaller form.
+        is_main: It is written beside a result even where no report is.
+        live: Gives the numbers of an interactive form, which a page with scripts shows in its
+            place, and its caption.
     """
 
     name: str
+    draw: "Callable[[], Figure]"
     caption: str
     alt: str
-    media_type: MediaType
-    content: bytes
-    live: Live | None = None
+    is_dense: bool = True
+    is_main: bool = False
+    live: Callable[[], tuple[dict[str, Any], str]] | None = None
+
+    @cached_property
+    def figure(self) -> "Figure":
+        return self.draw()
+
+    @cached_property
+    def png(self) -> bytes:
+        return _encoded(self.figure, "png")
+
+    @cached_property
+    def svg(self) -> bytes:
+        return _encoded(self.figure, "svg")
+
+    @property
+    def suffix(self) -> str:
+        """That of the smaller form's file."""
+        return ".png" if self.is_dense else ".svg"
+
+    @cached_property
+    def content(self) -> bytes:
+        """The smaller form; PNG with 256 colors, a third of the bytes."""
+        if not self.is_dense:
+            return self.svg
+        from ..plots import with_few_colors
+
+        return with_few_colors(self.png)
+
+
+def _encoded(figure: "Figure", kind: Literal["png", "svg"]) -> bytes:
+    # It loads matplotlib, which a check of files does without.
+    from ..plots import encode
+
+    return encode(figure, kind, PICTURE_DPI)
 
 
 Block = Paragraph | Bullets | Table | Picture
@@ -197,26 +256,11 @@ class Document:
         return tuple(block for block in blocks if isinstance(block, Picture))
 
 
-def picture(illustration: "Illustration") -> Picture:
-    """The smaller of both forms: PNG of what is dense, SVG of all else."""
-    is_png = illustration.is_dense
-    return Picture(
-        name=illustration.name,
-        caption=illustration.caption,
-        alt=illustration.alt,
-        media_type="image/png" if is_png else "image/svg+xml",
-        content=illustration.small_png if is_png else illustration.svg,
-        live=None if illustration.live is None else Live(*illustration.live()),
-    )
-
-
 class Pictures:
     """The pictures of a report by their figures' names, each to be put where it belongs."""
 
-    def __init__(self, illustrations: "Iterable[Illustration]"):
-        self._pictures = {
-            illustration.name: picture(illustration) for illustration in illustrations
-        }
+    def __init__(self, pictures: Iterable[Picture]):
+        self._pictures = {picture.name: picture for picture in pictures}
         self._placed: set[str] = set()
 
     def of(self, *names: str) -> tuple[Picture, ...]:

@@ -8,28 +8,25 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from ..errors import as_keys
-from .document import Block, Document, Pictures, Table, make_table
+from .document import Block, Document, Picture, Pictures, Table, make_table
 from .wording import document, wording
 from .words import counted, duration, figures, millivolt
 
 if TYPE_CHECKING:
     from ..fleet import FleetCell, Progress
     from ..fleet.summary import Cause, Summary
-    from ..plots.pictures import Illustration
     from ..search.evaluate import Evaluation
 
 # The longest list shown; the dataset has all.
 MOST_ROWS = 50
 
 
-def fleet_illustrations(
-    rows: pl.DataFrame, worst: "Mapping[str, Evaluation]"
-) -> "list[Illustration]":
+def fleet_illustrations(rows: pl.DataFrame, worst: "Mapping[str, Evaluation]") -> list[Picture]:
     """Distributions, and the worst fits."""
     from ..fleet.summary import summed_up
     from ..plots.cells import plot_distributions
-    from ..plots.pictures import Illustration, illustrate
     from ..plots.voltage import plot_voltage
+    from .illustrations import illustrate
 
     good = rows.filter(pl.col("error").is_null())
     found = []
@@ -43,11 +40,11 @@ def fleet_illustrations(
     for place, (name, evaluation) in enumerate(worst.items(), 1):
         caption = f"{name}, RMSE {millivolt(evaluation.metrics.rmse_v)}."
         draw = partial(plot_voltage, evaluation)
-        found.append(Illustration(f"worst-{place}", draw, caption, caption))
+        found.append(Picture(f"worst-{place}", draw, caption, caption))
     return found
 
 
-def fleet_document(summary: "Summary", illustrations: "Sequence[Illustration]" = ()) -> Document:
+def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) -> Document:
     """The whole report."""
     pictures = Pictures(illustrations)
     blocks: dict[str, tuple[Block, ...]] = {

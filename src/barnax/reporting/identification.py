@@ -6,12 +6,11 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files import write_whole
-from ..plots.pictures import Illustration, record_roles
 from ..results import Result
 from .document import Block, Document, Picture, Pictures
-from .illustrations import identification_illustrations
+from .illustrations import identification_illustrations, record_roles
 from .pulses import pulses_section
-from .render import picture_suffix, to_fragment, to_html, to_markdown
+from .render import to_fragment, to_html, to_markdown
 from .result_tables import (
     assessment_tables,
     circuit_blocks,
@@ -29,7 +28,7 @@ from .wording import document
 
 
 def identification_document(
-    result: Result, illustrations: Iterable[Illustration] = (), *, summary_only: bool = False
+    result: Result, illustrations: Iterable[Picture] = (), *, summary_only: bool = False
 ) -> Document:
     """The whole report of an identification, ready for HTML, Markdown or a terminal.
 
@@ -100,7 +99,7 @@ def report_of(result: Result, path: str | Path | None, format: str | None) -> Re
         file = Path(path)
         if form == "md":
             for picture in report.pictures:
-                name = f"{picture.name}{picture_suffix(picture)}"
+                name = f"{picture.name}{picture.suffix}"
                 write_whole(file.parent / "figures" / name, picture.content)
         write_whole(file, text.encode())
     return Report(text)

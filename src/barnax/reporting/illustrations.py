@@ -1,40 +1,67 @@
-"""The figures of a report: which there are, and of what."""
+"""The figures of a report: which there are, of what, and with which words."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
 
 from .. import plots
-from ..cell import CircuitParameters
 from ..cell.model import SAME_DEGC
-from ..cell.parameters import OCV
 from ..errors import InputError
-from ..plots.cell import plot_own_ocv
-from ..plots.pictures import Illustration, illustrate, record_roles
+from ..plots.cells import plot_distributions
 from ..plots.style import ALONE
 from ..plots.voltage import MAX_NUMBERS, live_record
 from ..pulses import levels, pulses_of
+from .document import Picture
+from .wording import sentences, wording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..cell import CellModel
     from ..comparison import Comparison, ComparisonResult
-    from ..over_soc import TableFits
-    from ..pulses import Pulse
     from ..replay import SocReplay
     from ..results import Result
     from ..search.evaluate import Evaluation
 
-# The first {} is the record, the second says how many samples are drawn.
-LIVE_WORDS = (
-    "Measured and simulated voltage on {}, the errors (of one circuit, dashed: plus and minus the "
-    "RMSE) and the current, on a common time axis. {} Drag to zoom, double-click to reset; the "
-    "buttons do the same."
+# Those of few points, whose smaller form is SVG.
+SPARSE: Final = (
+    *(plots.plot_ocv, plots.plot_tables, plots.plot_over_temperature),
+    *(plots.plot_pulse_resistances, plot_distributions),
+)
+# Those that are written beside a result where no report is: to draw all takes longer than the
+# search.
+MAIN: Final = (
+    *(plots.plot_summary, plots.plot_voltage, plots.plot_error, plots.plot_soc_replay),
+    *(plots.plot_tables, plots.plot_over_temperature),
+    *(plots.plot_pulses, plots.plot_pulse_resistances),
 )
 # Pulses of a rate that show how its resistances go over the state of charge.
 FEWEST_OVER_SOC = 3
-Drawn = list[Illustration]
+
+
+Drawn = list[Picture]
+
+
+def illustrate(
+    name: str, subject: object, draw: "Callable[..., Figure]", *given: object
+) -> Picture:
+    """The figure that a function of `plots` draws, with its words in `figures.txt` of a subject."""
+    caption, alt = sentences(f"figures.{draw.__name__}", subject)
+    kind = draw not in SPARSE, draw in MAIN
+    return Picture(name, partial(draw, *given), caption, alt, *kind)
+
+
+def record_roles(identified: int, validated: int) -> list[str]:
+    """Names of each record's files: those identified on, then those for validation.
+
+    >>> record_roles(1, 2)
+    ['identification', 'validation-1', 'validation-2']
+    """
+    first = [f"identification-{number}" for number in range(1, identified + 1)]
+    return [
+        *(first if identified > 1 else ["identification"]),
+        *(f"validation-{number}" for number in range(1, validated + 1)),
+    ]
 
 
 def identification_illustrations(result: "Result", *, live: bool = False) -> Drawn:
@@ -43,29 +70,18 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
     Where `live`, a record's voltage has an interactive form. Raises `InputError` for a result that
     was read from a file and whose records are not found.
     """
-    answered, constant = result.evaluations, result.constant
-    found = [_summary(result, answered.identification), *_of_cell(result.cell, result)]
-    roles = record_roles(len(answered.identification), len(answered.validation))
-    for role, evaluation in zip(
-        roles, [*answered.identification, *answered.validation], strict=True
-    ):
-        found += _of_record(role, evaluation, live and len(roles))
-    if result.tables is not None:
-        found += _of_tables(result.tables, constant.parameters)
-    for role, evaluation in zip(roles, answered.identification, strict=False):
-        pulses, record = pulses_of(evaluation.prepared), evaluation.prepared.record.name
-        if pulses:
-            found.append(
-                illustrate(f"{role}-pulses", record, plots.plot_pulses, evaluation, pulses)
-            )
-        if over_soc := _over_soc(pulses):
-            drawn = plots.plot_pulse_resistances, over_soc, evaluation.prepared.capacity_ah
-            found.append(illustrate(f"{role}-resistances", record, *drawn))
-    if constant.search is not None:
-        optimum_v = constant.global_optimum and constant.global_optimum.rmse_v
-        of_seeds = constant.search, constant.refined, optimum_v
-        found += [illustrate("convergence", "", plots.plot_convergence, *of_seeds)]
-    return found
+    identified = result.evaluations.identification
+    evaluations = [*identified, *result.evaluations.validation]
+    roles = record_roles(len(identified), len(evaluations) - len(identified))
+    drawn = [_summary(result, identified), _of_ocv(result)]
+    for role, evaluation in zip(roles, evaluations, strict=True):
+        drawn += _of_record(role, evaluation, live and len(roles))
+    drawn += _of_tables(result)
+    for role, evaluation in zip(roles, identified, strict=False):
+        drawn += _of_pulses(role, evaluation)
+    if result.constant.search is not None:
+        drawn.append(illustrate("convergence", "", plots.plot_convergence, result))
+    return drawn
 
 
 def figure_of(result: "Result", name: str) -> "Figure":
@@ -73,9 +89,7 @@ def figure_of(result: "Result", name: str) -> "Figure":
 
     Raises `InputError` where there is none of that name.
     """
-    drawn = {
-        illustration.name: illustration for illustration in identification_illustrations(result)
-    }
+    drawn = {each.name: each for each in identification_illustrations(result)}
     found = [title for title in drawn if title == name or title.rpartition("-")[2] == name]
     found += [title for title in drawn if title.startswith(name)]
     if not found:
@@ -85,13 +99,10 @@ def figure_of(result: "Result", name: str) -> "Figure":
 
 def stored_illustrations(result: "Result") -> Drawn:
     """The figures of a stored result that need none of its records."""
-    if result.tables is None:
-        return _of_cell(result.cell)
-    constant = result.constant.parameters
-    return [*_of_cell(result.cell, result), *_of_tables(result.fits, constant)]
+    return [_of_ocv(result), *_of_tables(result)]
 
 
-def replay_illustration(replay: "SocReplay") -> Illustration:
+def replay_illustration(replay: "SocReplay") -> Picture:
     """The figure of a replay, which has to have its traces."""
     return illustrate("soc", replay.record, plots.plot_soc_replay, replay)
 
@@ -107,65 +118,67 @@ def comparison_illustrations(
     A stored comparison holds no records, so from `result` alone come the figures of the cell and
     of the seeds. Where `live`, the voltages of a record have an interactive form.
     """
-    found = _of_cell(result.cell_model)
+    drawn = [illustrate("ocv", result.cell.is_of_records, plots.plot_ocv, result.cell)]
     if comparison is not None and comparison.answered:
-        online = {row.name: row for row in comparison.answered}
         roles = record_roles(1, len(comparison.answered[0].evaluations) - 1)
-        for place, role in enumerate(roles):
-            rows = {name: row.evaluations[place] for name, row in online.items()}
-            found += _of_record(role, rows, live and len(roles))
+        for index, role in enumerate(roles):
+            rows = {row.name: row.evaluations[index] for row in comparison.answered}
+            drawn += _of_record(role, rows, live and len(roles))
     if any(row.seeds for row in result.rows):
-        found += [
-            illustrate("convergence", "", plots.plot_compared_convergence, result),
-            illustrate("parameters", "", plots.plot_compared_parameters, result),
-        ]
-    return found
+        drawn.append(illustrate("convergence", "", plots.plot_compared_convergence, result))
+    return drawn
 
 
 def _of_record(role: str, drawn: "Evaluation | Mapping[str, Evaluation]", live_of: int) -> Drawn:
     """The figures of a record, of one circuit or of many rows; its voltage has an interactive form
     where it is one of `live_of` that have."""
     rows, ending = (drawn, "s") if isinstance(drawn, Mapping) else ({ALONE: drawn}, "")
-    prepared = next(iter(rows.values())).prepared
-    record = prepared.record.name
+    record = next(iter(rows.values())).prepared.record.name
+
+    def live() -> tuple[dict[str, Any], str]:
+        data = live_record(rows, MAX_NUMBERS // live_of)
+        return data, wording("figures.live", record, data["held"], data["samples"])
+
     voltage = illustrate(f"{role}-voltage{ending}", record, plots.plot_voltage, drawn)
     return [
-        _moving(voltage, record, rows, live_of) if live_of else voltage,
+        replace(voltage, live=live) if live_of else voltage,
         illustrate(f"{role}-error{ending}", record, plots.plot_error, drawn),
     ]
 
 
-def _of_cell(cell: "CellModel", result: "Result | None" = None) -> Drawn:
-    """The figures of a cell; an OCV of the records' own with the intervals of the result."""
-    found = [illustrate("ocv", "", plots.plot_ocv, cell)]
-    if cell.is_of_records:
-        nodes = () if result is None else result.fit.of_table(OCV)
-        found = [illustrate("ocv", "", plot_own_ocv, cell, nodes)]
-    return found
+def _of_ocv(result: "Result") -> Picture:
+    return illustrate("ocv", result.cell.is_of_records, plots.plot_ocv, result)
 
 
-def _of_tables(found: "TableFits", constant: CircuitParameters) -> Drawn:
-    """The tables over SOC, beside the constant circuit."""
-    degc = found.reference_degc
+def _of_tables(result: "Result") -> Drawn:
+    """The tables over SOC, beside the constant circuit; none where that is the answer."""
+    if result.tables is None:
+        return []
+    fits, degc = result.fits, result.fits.reference_degc
     where = "" if degc is None else f" at {degc:.3g} degC"
     # One value at every SOC is that of the constant circuit.
-    beside = constant if found.reference.is_over_soc else None
-    tables = illustrate("tables", where, plots.plot_tables, found.reference, beside)
+    beside = result.constant.parameters if fits.reference.is_over_soc else None
+    tables = illustrate("tables", where, plots.plot_tables, fits.reference, beside)
     if degc is None:
         return [tables]
-    return [
-        illustrate("tables-over-temperature", "", plots.plot_over_temperature, found),
-        tables,
-    ]
+    return [illustrate("tables-over-temperature", "", plots.plot_over_temperature, fits), tables]
 
 
-def _over_soc(pulses: "Sequence[Pulse]") -> "list[Pulse]":
-    """The pulses of rates that were tried at several states of charge: those of a drive cycle,
-    each of a rate of its own, show nothing over it."""
-    return [pulse for level in levels(pulses) if len(level) >= FEWEST_OVER_SOC for pulse in level]
+def _of_pulses(role: str, evaluation: "Evaluation") -> Drawn:
+    """The pulses of a test, and those of rates that were tried at several states of charge: those
+    of a drive cycle, each of a rate of its own, show nothing over it."""
+    prepared, drawn = evaluation.prepared, []
+    pulses, record = pulses_of(prepared), prepared.record.name
+    if pulses:
+        drawn.append(illustrate(f"{role}-pulses", record, plots.plot_pulses, evaluation, pulses))
+    many = [pulse for level in levels(pulses) if len(level) >= FEWEST_OVER_SOC for pulse in level]
+    if many:
+        over_soc = plots.plot_pulse_resistances, many, prepared.capacity_ah
+        drawn.append(illustrate(f"{role}-resistances", record, *over_soc))
+    return drawn
 
 
-def _summary(result: "Result", evaluations: "Sequence[Evaluation]") -> Illustration:
+def _summary(result: "Result", evaluations: "Sequence[Evaluation]") -> Picture:
     """The answer at a glance, on the first record, or the first at the tables' temperature."""
     first, degc = evaluations[0], result.fits.reference_degc
     if degc is not None:
@@ -175,19 +188,3 @@ def _summary(result: "Result", evaluations: "Sequence[Evaluation]") -> Illustrat
                 first = evaluation
     record = first.prepared.record.name
     return illustrate("summary", record, plots.plot_summary, first, result.fit)
-
-
-def _moving(
-    still: Illustration, record: str, rows: "Mapping[str, Evaluation]", records: int
-) -> Illustration:
-    """A figure of one of so many records with its interactive form."""
-
-    def live() -> tuple[dict[str, Any], str]:
-        data = live_record(rows, MAX_NUMBERS // records)
-        samples, held = data["samples"], data["held"]
-        drawn = f"{held:,} of {samples:,} samples are drawn, including every peak."
-        if held == samples:
-            drawn = f"All {samples:,} samples are drawn."
-        return data, LIVE_WORDS.format(record, drawn)
-
-    return replace(still, live=live)

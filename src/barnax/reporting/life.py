@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from ..life import QUANTITIES, SHIFT
-from .document import Document, Table, picture, rows_table
+from .document import Document, Picture, Table, rows_table
 from .wording import document, sentences
 from .words import NOTHING, figures, symbol
 
@@ -38,10 +38,10 @@ def life_lines(life: "Life") -> list[str]:
     ]
 
 
-def life_document(life: "Life", drawn: Sequence[Any]) -> Document:
+def life_document(life: "Life", drawn: Sequence[Picture]) -> Document:
     """The page of the fleet."""
     blocks = {
-        "trends": (*map(picture, drawn), _fleet_table(life)),
+        "trends": (*drawn, _fleet_table(life)),
         "odd": (_fault_table(life),) if life.faults else (),
     }
     facts = {"quantities": _quantities(life), "is_judged": _is_judged(life)}
@@ -49,7 +49,7 @@ def life_document(life: "Life", drawn: Sequence[Any]) -> Document:
     return document("life_page", blocks, life=life, causes=causes, **facts)
 
 
-def cell_document(life: "Life", cell: str, drawn: Sequence[Any]) -> Document:
+def cell_document(life: "Life", cell: str, drawn: Sequence[Picture]) -> Document:
     """The page of a cell."""
     faults = [_said(life, fault) for fault in life.faults if fault.cell == cell]
     trends = {
@@ -59,7 +59,7 @@ def cell_document(life: "Life", cell: str, drawn: Sequence[Any]) -> Document:
         if trend.estimates
     }
     missing = [quantity_name(quantity) for quantity in QUANTITIES if quantity not in trends]
-    blocks = {"drawn": tuple(map(picture, drawn)), "trends": tuple(trends.values())}
+    blocks = {"drawn": tuple(drawn), "trends": tuple(trends.values())}
     return document("cell_page", blocks, life=life, cell=cell, its_faults=faults, missing=missing)
 
 

@@ -1,18 +1,20 @@
-"""The parameters of a result with their intervals: as a data frame, and results side by side."""
+"""The parameters of a result with their intervals: as CSV, as a data frame, and side by side."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..cell.parameters import OCV, OCV_CORRECTION
 from ..errors import InputError
+from ..files import csv_text
+from ..over_soc.node_interval import Fact
 from ..results import Result
+from ..uncertainty import Estimate
 from .document import Document, Table, rows_table
-from .pulses import table_rows
 from .render import to_fragment
 from .wording import document
 from .words import (
@@ -35,54 +37,36 @@ if TYPE_CHECKING:
 
 # A parameter's name, and the SOC that it is at.
 Key = tuple[str, float | None]
+TABLE_HEADS = ("table", "SOC", "value", "low", "high", "visited")
 # States of charge at which tables are compared.
 COMPARED_SOC = (0.1, 0.3, 0.5, 0.7, 0.9)
 # An interval that spans more than this factor could hide a doubling.
 TOO_WIDE = 2.0
 
 
-class Quantity(NamedTuple):
-    """A parameter, in its own unit, with the ends of its interval where it has one; at an SOC, and
-    NaN where it is not determined there."""
-
-    name: str
-    soc: float | None
-    value: float
-    low: float | None = None
-    high: float | None = None
-
-    @property
-    def words(self) -> str:
-        if math.isnan(self.value):
-            return NOT_DETERMINED
-        value = with_unit(self.name, self.value)
-        if self.low is None and self.high is None:
-            return value
-        return f"{value} ({interval_beside(value, self.name, self.low, self.high, self.value)})"
-
-    @property
-    def title(self) -> str:
-        """Its symbol, and its SOC where it has one."""
-        return symbol(self.name) + ("" if self.soc is None else f" at {percent(self.soc)} SOC")
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Those of its interval, infinite where open."""
-        low = -math.inf if self.low is None else self.low
-        return low, math.inf if self.high is None else self.high
+def tables_csv(result: Result) -> bytes:
+    """Every node of every table in a row, with its interval where one was computed, then constants
+    and means; the tables of each temperature after the other where there are several."""
+    if result.fits.over_temperature is None:
+        return fit_csv(result.fit)
+    rows = ([degc, *row] for degc, fit in result.fits.by_degc for row in _rows(fit))
+    return csv_text(["temperature [degC]", *TABLE_HEADS], rows).encode()
 
 
-def compare(first: Quantity, other: Quantity) -> str:
-    """What intervals tell of a difference: "beyond" where they do not overlap, "too wide to tell"
-    where one could hide a doubling, else "within"."""
-    both = first.ends, other.ends
-    if (-math.inf, math.inf) in both:
-        return "no interval"
-    (low, high), (other_low, other_high) = both
-    if low > other_high or high < other_low:
-        return "beyond"
-    is_wide = any(least <= 0 or most > TOO_WIDE * least for least, most in both)
-    return "too wide to tell" if is_wide else "within"
+def fit_csv(fit: "TableFit") -> bytes:
+    """The same of one fit."""
+    return csv_text(TABLE_HEADS, _rows(fit)).encode()
+
+
+def _rows(fit: "TableFit") -> Iterator[tuple[Any, ...]]:
+    """What stands under `TABLE_HEADS`."""
+    for fact in _facts(fit):
+        yield fact.label, fact.soc, fact.value, fact.low, fact.high, int(fact.is_visited)
+
+
+def _facts(fit: "TableFit") -> Iterator[Fact]:
+    """Every number once: the mean of what has one value is that value."""
+    return (fact for fact in fit.facts if fit.is_over_soc or not fact.is_mean)
 
 
 def parameters_frame(result: Result) -> "polars.DataFrame":
@@ -107,43 +91,36 @@ def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
     the lines between theirs are there."""
     rows: dict[float, dict[str, Any]] = {}
     everywhere: dict[str, Any] = {}
-    for name, soc, value, low, high, is_visited in table_rows(fit):
-        what, bracket, unit = name.partition(" [")
-        heads = [f"{what}{end}{bracket}{unit}" for end in ("", " low", " high")]
-        told = dict(zip(heads, (value, low, high), strict=True))
-        if soc is None:
+    for fact in _facts(fit):
+        what, bracket, unit = fact.label.partition(" [")
+        ends = {"": fact.value, " low": fact.low, " high": fact.high}
+        told = {f"{what}{end}{bracket}{unit}": value for end, value in ends.items()}
+        if fact.soc is None:
             everywhere |= told
             continue
-        row = {"SOC": soc, "is visited": bool(is_visited)}
-        if name == OCV and fit.is_over_soc:
+        row = {"SOC": fact.soc, "is visited": bool(fact.is_visited)}
+        if fact.name == OCV and fit.is_over_soc:
             tables = fit.tables
-            row |= {own: float(tables.at(own, np.array(soc))) for own in tables.tables}
-        rows.setdefault(soc, row).update(told)
+            row |= {name: float(tables.at(name, np.array(fact.soc))) for name in tables.tables}
+        rows.setdefault(fact.soc, row).update(told)
     return [row | everywhere for _, row in sorted(rows.items())]
 
 
-def _constants(result: Result) -> list[Quantity]:
+def _constants(result: Result) -> list[Fact]:
     """The constant circuit's parameters and time constants."""
-    found = result.constant.estimates.values()
-    if not found:
-        own = result.constant.parameters.to_dict()
-        return [Quantity(name, None, value) for name, value in own.items()]
-    return [Quantity(known.name, None, known.value, known.low, known.high) for known in found]
+    constant = result.constant
+    values = constant.parameters.to_dict().items()
+    estimates = constant.estimates.values() or [Estimate(name, value) for name, value in values]
+    return [Fact(each.name, None, each.value, 0.0, 0.0, each.low, each.high) for each in estimates]
 
 
-def _tabulated(fit: "TableFit") -> Iterator[Quantity]:
+def _compared(fit: "TableFit") -> Iterator[Fact]:
     """Means over SOC, tables at a few states of charge between visited nodes, and constants."""
-    for mean in fit.means if fit.is_over_soc else ():
-        yield Quantity(f"mean {mean.name}", None, mean.value, mean.low, mean.high)
-    for name in fit.tables.tables:
-        nodes = fit.of_table(name)
-        known = [node for node in nodes if (node.low, node.high) != (None, None)]
-        if not fit.is_over_soc:
-            (value,) = fit.tables.tables[name]
-            ends = ((node.low, node.high) for node in known)
-            yield Quantity(name, None, value, *next(ends, (None, None)))
-            continue
-        if name == OCV_CORRECTION or not known:
+    facts = [*_facts(fit)]
+    yield from (fact for fact in facts if fact.is_mean)
+    for name in fit.tables.tables if fit.is_over_soc else ():
+        nodes = [fact for fact in facts if fact.label == name and fact.is_assessed]
+        if name == OCV_CORRECTION or all((node.low, node.high) == (None, None) for node in nodes):
             # A correction belongs to one result's OCV; another result has another.
             continue
         soc = np.array([node.soc for node in nodes], float)
@@ -153,10 +130,40 @@ def _tabulated(fit: "TableFit") -> Iterator[Quantity]:
             if soc[0] <= at <= soc[-1]:
                 value, *ends = (float(np.interp(at, soc, row)) for row in rows.T)
                 low, high = (None if math.isnan(end) else end for end in ends)
-                yield Quantity(name, at, np.nan if low is high is None else value, low, high)
-    known_ends = {node.name: (node.low, node.high) for node in fit.intervals if node.soc is None}
-    for name, value in fit.tables.constants.items():
-        yield Quantity(name, None, value, *known_ends.get(name, (None, None)))
+                value = np.nan if low is high is None else value
+                yield Fact(name, at, value, 0.0, 0.0, low, high)
+    yield from (fact for fact in facts if fact.soc is None and not fact.is_mean)
+
+
+def _words(fact: Fact) -> str:
+    """A number with its interval; NaN is not determined."""
+    if math.isnan(fact.value):
+        return NOT_DETERMINED
+    value = with_unit(fact.name, fact.value)
+    if fact.low is None and fact.high is None:
+        return value
+    return f"{value} ({interval_beside(value, fact.name, fact.low, fact.high, fact.value)})"
+
+
+def _title(fact: Fact) -> str:
+    """The symbol of a number, and its SOC where it has one."""
+    return symbol(fact.label) + ("" if fact.soc is None else f" at {percent(fact.soc)} SOC")
+
+
+def compare(first: Fact, other: Fact) -> str:
+    """What intervals tell of a difference: "beyond" where they do not overlap, "too wide to tell"
+    where one could hide a doubling, else "within"."""
+    both = [
+        (-math.inf if fact.low is None else fact.low, math.inf if fact.high is None else fact.high)
+        for fact in (first, other)
+    ]
+    if (-math.inf, math.inf) in both:
+        return "no interval"
+    (low, high), (other_low, other_high) = both
+    if low > other_high or high < other_low:
+        return "beyond"
+    is_wide = any(least <= 0 or most > TOO_WIDE * least for least, most in both)
+    return "too wide to tell" if is_wide else "within"
 
 
 @dataclass(frozen=True, repr=False)
@@ -212,8 +219,8 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     have_tables = all(result.over for result in found)
     quantities = {
         name: {
-            (own.name, own.soc): own
-            for own in (_tabulated(result.fit) if have_tables else _constants(result))
+            (own.label, own.soc): own
+            for own in (_compared(result.fit) if have_tables else _constants(result))
         }
         for name, result in zip(names, found, strict=True)
     }
@@ -230,6 +237,10 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         {name: own.get(change, []) for name, own in changes.items()}
         for change in ("beyond", "too wide to tell")
     )
+    differing, too_wide = (
+        {name: tuple(map(_title, own)) for name, own in several.items()}
+        for several in (beyond, wide)
+    )
     blocks = {
         "results": (_results_table(names, found, have_tables),),
         "parameters": (_parameters_table(quantities),),
@@ -238,22 +249,18 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         "beside",
         blocks,
         names=names,
-        beyond=beyond,
+        beyond=differing,
         wide={name: _by_symbol(own) for name, own in wide.items()},
         models={result.model for result in found},
         have_tables=have_tables,
     )
-    differing, too_wide = (
-        {name: tuple(quantity.title for quantity in own) for name, own in several.items()}
-        for several in (beyond, wide)
-    )
     return SideBySide(report, differing, too_wide)
 
 
-def _by_symbol(quantities: Iterable[Quantity]) -> Mapping[str, list[str]]:
+def _by_symbol(quantities: Iterable[Fact]) -> Mapping[str, list[str]]:
     """All states of charge of each parameter, in percent; one that has none is empty."""
     return gathered(
-        (symbol(own.name), "" if own.soc is None else f"{100 * own.soc:g}") for own in quantities
+        (symbol(own.label), "" if own.soc is None else f"{100 * own.soc:g}") for own in quantities
     )
 
 
@@ -290,11 +297,11 @@ def _results_table(names: tuple[str, ...], results: list[Result], have_tables: b
     return rows_table("", [*text[:3], "capacity [Ah]", "RMSE", *text[3:]], rows, text)
 
 
-def _parameters_table(quantities: Mapping[str, Mapping[Key, Quantity]]) -> Table:
+def _parameters_table(quantities: Mapping[str, Mapping[Key, Fact]]) -> Table:
     """Each parameter of each result with its interval, and the change from the first."""
     (_, first), *others = quantities.items()
 
-    def change(key: Key, own: Mapping[Key, Quantity]) -> str:
+    def change(key: Key, own: Mapping[Key, Fact]) -> str:
         if key not in first or key not in own or not first[key].value:
             return NOTHING
         ratio = own[key].value / first[key].value
@@ -309,7 +316,7 @@ def _parameters_table(quantities: Mapping[str, Mapping[Key, Quantity]]) -> Table
     for key in dict.fromkeys(key for own in quantities.values() for key in own):
         row = [symbol(key[0]), NOTHING if key[1] is None else percent(key[1])]
         for own in quantities.values():
-            row += [own[key].words if key in own else NOTHING]
+            row += [_words(own[key]) if key in own else NOTHING]
             row += [] if own is first else [change(key, own)]
         rows.append(row)
     caption = (

@@ -1,13 +1,12 @@
 """The pulses of a test in words and tables, and the same numbers as CSV."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC
-from ..cell.parameters import OCV
 from ..errors import escaped
 from ..files import csv_text
 from ..plots.cell import rate_label
@@ -17,14 +16,12 @@ from .wording import sentences
 from .words import NOTHING, aligned, fixed
 
 if TYPE_CHECKING:
-    from ..over_soc import TableFit
     from ..results import Result
 
 HEADS = tuple(f"{time_s:g} s" if time_s else "at once" for time_s in STANDARD_S)
 MIDDLE_SOC = 0.5
 # Pulses on either side of it are no further apart.
 NEAR_SOC = 0.4
-TABLE_HEADS = ("table", "SOC", "value", "low", "high", "visited")
 
 
 def pulses_section(result: "Result", pictures: Iterable[Picture]) -> list[Section]:
@@ -135,39 +132,3 @@ def pulses_csv(pulses: Sequence[Pulse]) -> bytes:
         for p in pulses
     ]
     return csv_text(head, rows).encode()
-
-
-def tables_csv(result: "Result") -> bytes:
-    """Every node of every table in a row, with its interval where one was computed; the tables of
-    each temperature after the other where there are several."""
-    if result.tables is None:
-        raise ValueError("there are no tables over SOC in this result")
-    if result.fits.over_temperature is None:
-        return fit_csv(result.fit)
-    rows = ([degc, *row] for degc, fit in result.fits.by_degc for row in table_rows(fit))
-    return csv_text(["temperature [degC]", *TABLE_HEADS], rows).encode()
-
-
-def fit_csv(fit: "TableFit") -> bytes:
-    """The same of one fit."""
-    return csv_text(TABLE_HEADS, table_rows(fit)).encode()
-
-
-def table_rows(fit: "TableFit") -> Iterator[tuple[Any, ...]]:
-    """Every node of every table, constants and means over SOC: what stands under `TABLE_HEADS`.
-
-    An OCV of the records' own, which has nodes of its own, is among them.
-    """
-    known = {(node.name, node.soc): (node.low, node.high) for node in fit.intervals}
-    unknown = (None, None)
-    visited = fit.tables.visited or (True,) * len(fit.tables.nodes)
-    for name, values in fit.tables.tables.items():
-        for soc, value, is_visited in zip(fit.tables.nodes, values, visited, strict=True):
-            ends = known.get((name, soc), unknown)
-            yield name, soc if fit.is_over_soc else None, value, *ends, int(is_visited)
-    for name, value in fit.tables.constants.items():
-        yield name, None, value, *known.get((name, None), unknown), 1
-    for mean in fit.means if fit.is_over_soc else ():
-        yield f"mean {mean.name}", None, mean.value, mean.low, mean.high, 1
-    for node in fit.of_table(OCV):
-        yield node.name, node.soc, node.value, node.low, node.high, 1

@@ -11,7 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from ..plots.pictures import Illustration, Kind, encode
+from ..plots import Kind, encode
 from .document import Bullets, Document, Paragraph, Picture, Table
 
 # Markdown's special characters. Brackets count only where a link could follow, and underscores
@@ -78,7 +78,7 @@ KINDS = {
 }
 # Resolution of the parts of a vector figure that are drawn as pictures.
 PAPER_DPI = 600
-SUFFIXES = {"image/png": ".png", "image/svg+xml": ".svg"}
+MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
 # Invisible letters, and those that reverse the text: file names may hold them.
 UNSEEN = {"Cc", "Cf", "Cs"}
 
@@ -112,7 +112,7 @@ def _script() -> str:
 def to_markdown(document: Document) -> str:
     """The same as GitHub's Markdown; its images are looked for in the folder figures.
 
-    They are the document's `pictures`, each under its name and `picture_suffix`.
+    They are the document's `pictures`, each under its name and suffix.
     """
     template = _templates(for_html=False).get_template("report.md")
     return template.render(document=document).rstrip("\n") + "\n"
@@ -123,30 +123,25 @@ def to_fragment(document: Document) -> str:
     return _templates(for_html=True).get_template("fragment.html").render(document=document)
 
 
-def report_files(document: Document, drawn: Iterable[Illustration]) -> dict[str, bytes]:
+def report_files(document: Document, drawn: Iterable[Picture]) -> dict[str, bytes]:
     """A report in both forms and its figures, by their path below the results folder."""
     files = {"report.html": to_html(document).encode(), "report.md": to_markdown(document).encode()}
-    for illustration in drawn:
+    for picture in drawn:
         files |= {
-            f"figures/{illustration.name}.png": illustration.png,
-            f"figures/{illustration.name}.svg": illustration.svg,
+            f"figures/{picture.name}.png": picture.png,
+            f"figures/{picture.name}.svg": picture.svg,
         }
     return files
 
 
-def paper_files(drawn: Iterable[Illustration]) -> dict[str, bytes]:
+def paper_files(drawn: Iterable[Picture]) -> dict[str, bytes]:
     """Figures drawn within `column_width`, as PDF and SVG by their path in the results folder."""
     kinds: tuple[Kind, ...] = ("pdf", "svg")
     return {
-        f"figures/paper/{illustration.name}.{kind}": encode(illustration.figure, kind, PAPER_DPI)
-        for illustration in drawn
+        f"figures/paper/{picture.name}.{kind}": encode(picture.figure, kind, PAPER_DPI)
+        for picture in drawn
         for kind in kinds
     }
-
-
-def picture_suffix(picture: Picture) -> str:
-    """The suffix of a picture's file."""
-    return SUFFIXES[picture.media_type]
 
 
 @cache
@@ -163,7 +158,6 @@ def _templates(for_html: bool) -> Environment:
     templates.tests |= {name: partial(_is, kind=kind) for name, kind in KINDS.items()}
     templates.filters |= {
         "data_uri": _data_uri,
-        "suffix": picture_suffix,
         "breakable": _breakable,
         "options_whole": _with_options_whole,
         "md": escape_markdown,
@@ -187,7 +181,7 @@ def _is(block: Any, kind: type) -> bool:
 
 
 def _data_uri(picture: Picture) -> str:
-    return f"data:{picture.media_type};base64,{base64.b64encode(picture.content).decode()}"
+    return f"data:{MEDIA_TYPES[picture.suffix]};base64,{base64.b64encode(picture.content).decode()}"
 
 
 def _seen(value: Any) -> Any:

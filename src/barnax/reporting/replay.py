@@ -3,12 +3,11 @@
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from .document import Document, Pictures, Table, rows_table
+from .document import Document, Picture, Pictures, Table, rows_table
 from .wording import document, sentences, wording
 from .words import NOTHING, duration
 
 if TYPE_CHECKING:
-    from ..plots.pictures import Illustration
     from ..replay import ScenarioPart, SocReplay
 
 # Columns of a replay's table.
@@ -29,7 +28,7 @@ EXPECTED = ("given", "rested voltage")
 FLAT_SHARE = 0.05
 
 
-def replay_document(replay: "SocReplay", illustrations: "Iterable[Illustration]" = ()) -> Document:
+def replay_document(replay: "SocReplay", illustrations: Iterable[Picture] = ()) -> Document:
     """The whole report of a replay."""
     errors = (*Pictures(illustrations).of("soc"), replay_table(replay))
     facts = {"replay": replay, "verdict": soc_lines(replay)}

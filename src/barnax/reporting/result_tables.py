@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..plots.search import readable
 from ..select import Policy, Tried
 from .document import (
     METRICS,
@@ -18,6 +17,7 @@ from .document import (
     circuits_table,
     make_table,
     pairs_table,
+    readable,
     rows_table,
 )
 from .view import View

@@ -1,6 +1,7 @@
 """Tables over SOC, and over temperature, as tables of words: every node, and in a few lines."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ from ..cell.elements import names_beside
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, RATE
 from ..cell.soc_axis import ABOVE_SOC
 from ..over_soc.fits import MIDDLE_SOC
-from ..over_soc.node_interval import parts_of
+from ..over_soc.node_interval import Fact, parts_of
 from .document import Cells, Document, Table, make_table, rows_table
 from .wording import document
 from .words import (
@@ -75,25 +76,22 @@ def other_temperatures(fits: "TableFits") -> tuple[Table, ...]:
 
 def nodes_table(fit: "TableFit", where: str = "") -> Table:
     """Every table at every node that samples visit, with its interval."""
-    are_several = any(node.record_low is not None for node in fit.intervals)
-    intervals = [node for node in fit.intervals if node.soc is not None]
-    if are_several:
-        intervals = [node.on_another_record for node in intervals]
-    by_node = {(node.name, node.soc): node for node in intervals}
+    are_several = any(fact.record_low is not None for fact in fit.facts if not fact.is_mean)
+    nodes: dict[float | None, list[Fact]] = {}
+    for fact in fit.facts:
+        if fact.name in fit.tables.tables and fact.is_visited and not fact.is_mean:
+            shown = fact.on_another_record if are_several else fact
+            nodes.setdefault(fact.soc, []).append(shown)
     heads = ["SOC [%]"]
     for name in fit.tables.tables:
         short = short_name(name)
         heads += [f"{short} [{'mOhm' if 'Ohm' in name else 'mV'}]", f"{short}, 95 %"]
     rows = []
-    for index in _visited(fit):
-        soc = fit.tables.nodes[index]
-        row = [f"{100 * soc:g}"]
-        for name, values in fit.tables.tables.items():
-            node = by_node.get((name, soc))
-            row += [figures(1e3 * values[index]) + _edge(node), _thousandfold(node)]
-        rows.append(row)
+    for soc, facts in nodes.items():
+        cells = ((figures(1e3 * fact.value) + _edge(fact), _thousandfold(fact)) for fact in facts)
+        rows.append([f"{100 * (soc or 0.0):g}", *chain.from_iterable(cells)])
     mark = " 95 %: what another record of the cell would show." if are_several else ""
-    if any(map(_edge, intervals)):
+    if any(map(_edge, chain.from_iterable(nodes.values()))):
         mark += (
             f" {EDGE}: the value is at one end of its interval: smoothing over SOC moved it. The "
             "interval is that of a fit with a hundredth of the smoothing, extended to the value."
@@ -108,52 +106,52 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
 
 def means_table(fit: "TableFit", where: str = "") -> Table:
     """The mean of every table over SOC, with its interval."""
-    cells: Cells[NodeInterval] = {
-        "mean": lambda mean: short_name(mean.name),
-        "value": lambda mean: with_unit(mean.name, mean.value),
-        "95 % interval": lambda mean: _beside(with_unit(mean.name, mean.value), mean),
-    }
-    return make_table(f"Means{where} {over_soc_words(fit)}.", fit.means, cells, cells)
+    means = (fact for fact in fit.facts if fact.is_mean)
+    return _values_table(f"Means{where} {over_soc_words(fit)}.", "mean", means)
 
 
 def constants_table(fit: "TableFit", where: str = "") -> Table:
     """The parameters with one value at every SOC: time constants, gamma if there is one, and
     resistances of one node."""
-    values = fit.tables.constants
-    if not fit.is_over_soc:
-        values = {name: value for name, (value,) in fit.tables.tables.items()} | values
-    intervals = {it.name: it for it in fit.intervals if it.soc is None or not fit.is_over_soc}
-    cells: Cells[str] = {
-        "parameter": symbol,
-        "value": lambda name: with_unit(name, values[name]),
-        "95 % interval": lambda name: (
-            _beside(with_unit(name, values[name]), intervals[name])
-            if name in intervals
-            else NOTHING
-        ),
-    }
     elsewhere = "" if fit.is_over_soc else "; tables.csv has the OCV"
     caption = f"The parameters with one value at every SOC{where}{elsewhere}."
-    names = [name for name in values if not where or name not in _law_numbers(fit)]
-    return make_table(caption, names, cells, cells)
+    shown = (f for f in _constants(fit) if not where or f.name not in _law_numbers(fit))
+    return _values_table(caption, "parameter", shown)
+
+
+def _values_table(caption: str, head: str, facts: "Iterable[Fact]") -> Table:
+    cells: Cells[Fact] = {
+        head: lambda fact: short_name(fact.name),
+        "value": lambda fact: with_unit(fact.name, fact.value),
+        "95 % interval": lambda fact: (
+            _beside(with_unit(fact.name, fact.value), fact) if fact.is_assessed else NOTHING
+        ),
+    }
+    return make_table(caption, facts, cells, cells)
+
+
+def _constants(fit: "TableFit") -> "Iterator[Fact]":
+    """What has one value at every SOC."""
+    return (fact for fact in fit.facts if fact.soc is None and not fact.is_mean)
 
 
 def ocv_tables(fits: "TableFits") -> tuple[Table, ...]:
     """An OCV of the records' own at the nodes near samples, at each temperature."""
-    cells: Cells[NodeInterval] = {
+    cells: Cells[Fact] = {
         "SOC [%]": lambda node: f"{100 * (node.soc or 0.0):.4g}",
         "OCV [V]": lambda node: f"{node.value:.4f}",
         "95 %": lambda node: NOTHING if node.low is None else f"{node.low:.4f} to {node.high:.4f}",
     }
+    by_degc = ((degc, [f for f in fit.facts if f.name == OCV]) for degc, fit in fits.by_degc)
     return tuple(
         make_table(
             f"The OCV{'' if degc is None else f' at {degrees(degc)}'} at the nodes near samples; "
             "linear between nodes, constant beyond them.",
-            fit.of_table(OCV),
+            nodes,
             cells,
         )
-        for degc, fit in fits.by_degc
-        if fit.of_table(OCV)
+        for degc, nodes in by_degc
+        if nodes
     )
 
 
@@ -189,10 +187,11 @@ def headline(view: "View") -> tuple[list[str], list[Row]]:
         own = mean.on_another_record if are_several else mean
         row = [short_name(mean.name), value, _interval_of(own, value, view), middle]
         rows.append((*row, *_taus(parts, view)))
-    for name, number in fit.tables.constants.items():
-        if not name.startswith("tau") and name not in _law_numbers(fit):
-            value = with_unit(name, number) + (" /SOC" if name == RATE else "")
-            interval = _interval_named(name, value, view)
+    for fact in _constants(fit):
+        name, is_shown = fact.name, fact.name not in (*fit.tables.tables, *_law_numbers(fit))
+        if is_shown and not name.startswith("tau"):
+            value = with_unit(name, fact.value) + (" /SOC" if name == RATE else "")
+            interval = _interval_of(fact, value, view) if fact.is_assessed else ""
             rows.append((symbol(name), value, interval, "", "", "", ""))
     return ([*heads, "", "", ""] if view.tables is not None else []), rows
 
@@ -231,26 +230,19 @@ def _by_temperature(view: "View") -> tuple[list[str], list[Row]]:
 
 def _taus(parts: list[str], view: "View") -> Row:
     """The symbols, values and intervals of the time constants of some resistances."""
-    fit = view.fit
-    names = [tau for part in parts if (tau := names_beside(part).tau) in fit.tables.constants]
-    if not names:
+    named = [names_beside(part).tau for part in parts]
+    taus = [fact for name in named for fact in _constants(view.fit) if fact.name == name]
+    if not taus:
         return ("", "", "")
-    values_s = [fit.tables.constants[name] for name in names]
-    symbols = ", ".join(map(symbol, names))
-    if len(names) > 1:
-        return symbols, f"{joined([figures(value_s) for value_s in values_s])} s", ""
+    symbols, fact = ", ".join(symbol(tau.name) for tau in taus), taus[0]
+    if len(taus) > 1:
+        return symbols, f"{joined([figures(tau.value) for tau in taus])} s", ""
     longest_s = max(part.duration_s or 0.0 for part in view.identified)
-    upper = {bound.name for bound in fit.at_bound if bound.side == "upper"}
-    if names[0] in upper and values_s[0] >= longest_s * (1 - 1e-3):
+    upper = {bound.name for bound in view.fit.at_bound if bound.side == "upper"}
+    if fact.name in upper and fact.value >= longest_s * (1 - 1e-3):
         return symbols, f"> {duration(longest_s)}", "longer than the record"
-    value = with_unit(names[0], values_s[0])
-    return symbols, value, _interval_named(names[0], value, view)
-
-
-def _interval_named(name: str, value: str, view: "View") -> str:
-    """The interval of a constant; empty of one without."""
-    own = next((own for own in view.fit.intervals if own.name == name), None)
-    return _interval_of(own, value, view) if own else ""
+    value = with_unit(fact.name, fact.value)
+    return symbols, value, _interval_of(fact, value, view) if fact.is_assessed else ""
 
 
 def _interval_of(own: "NodeInterval", value: str, view: "View") -> str:
@@ -282,11 +274,7 @@ def over_soc_words(fit: "TableFit") -> str:
 
 def visited_soc(fit: "TableFit") -> list[float]:
     """The nodes of tables that samples visit."""
-    return [fit.tables.nodes[index] for index in _visited(fit)]
-
-
-def _visited(fit: "TableFit") -> list[int]:
-    return [index for index, is_visited in enumerate(fit.tables.visited) if is_visited]
+    return [*compress(fit.tables.nodes, fit.tables.visited)]
 
 
 def _law_numbers(fit: "TableFit") -> set[str]:
@@ -300,9 +288,9 @@ def short_name(name: str) -> str:
     return SHORT.get(name, symbol(name))
 
 
-def _thousandfold(node: "NodeInterval | None") -> str:
+def _thousandfold(node: Fact) -> str:
     """An interval in mOhm or mV."""
-    if node is None:
+    if not node.is_assessed:
         return NOTHING
     open_end = one_sided(node.low, node.high, lambda end: figures(1e3 * end))
     if open_end or node.low is None or node.high is None:
@@ -310,9 +298,9 @@ def _thousandfold(node: "NodeInterval | None") -> str:
     return f"{figures(1e3 * node.low)} to {figures(1e3 * node.high)}"
 
 
-def _edge(node: "NodeInterval | None") -> str:
+def _edge(node: Fact) -> str:
     """A mark where a value is at an end of its own interval."""
-    if node is None or node.low is None or node.high is None or node.record_low is not None:
+    if node.low is None or node.high is None or node.record_low is not None:
         return ""
     near = AT_EDGE * (node.high - node.low)
     return f" {EDGE}" if min(node.value - node.low, node.high - node.value) <= near else ""

@@ -15,7 +15,8 @@ import numpy as np
 from .bundled import BUNDLED
 from .cell import CellModel
 from .checks.against_cell import compare_resistances
-from .checks.roles import MAX_HALF_WIDTH, are_unfit
+from .checks.roles import are_unfit
+from .checks.traits import MAX_HALF_WIDTH
 from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
 from .identification import search_and_assess

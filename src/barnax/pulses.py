@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from .records import Record, is_rested, rest_current_a
+from .records import Record
+from .records.record import equal_runs
 from .records.samples import STEADY_SHARE, voltage_noise_v
 
 if TYPE_CHECKING:
@@ -69,8 +70,7 @@ class Pulse:
     resistance_ohm: tuple[float | None, ...]
 
 
-@dataclass(frozen=True)
-class _Load:
+class _Load(NamedTuple):
     """Samples `first` to `last` under one current, or at rest (`way` 0)."""
 
     way: int
@@ -104,12 +104,12 @@ def find_pulses(
     is_quiet = step_a < STEADY_SHARE * np.abs(record.current_a).max()
     noise_v = voltage_noise_v(np.diff(record.voltage_v)[is_quiet])
     loads, discharged_ah = tuple(_loads(record, threshold_a)), record.discharged_ah
-    most_ah = MOST_SHARE * float(np.ptp(discharged_ah))
     may_count = [load.duration_s <= LONGEST_S for load in loads]
     pairs = list(_out_of_rest(loads, may_count))
     if len(pairs) < FEWEST_LEVELS:
-        passed_ah = (abs(discharged_ah[load.last] - discharged_ah[load.first]) for load in loads)
-        may_count = [ah <= most_ah or brief for ah, brief in zip(passed_ah, may_count, strict=True)]
+        for place, (_, first, last, *_) in enumerate(loads):
+            passed_ah = abs(discharged_ah[last] - discharged_ah[first])
+            may_count[place] |= bool(passed_ah <= MOST_SHARE * record.span_ah)
         pairs = list(_out_of_rest(loads, may_count))
     return tuple(_pulse(record, soc, load, rest, noise_v) for rest, load in pairs)
 
@@ -132,29 +132,17 @@ def _out_of_rest(
 
 def _loads(record: Record, threshold_a: float) -> Iterator[_Load]:
     """The record as loads and rests; the short ramp of a current belongs to what it leads to."""
-    level_a = np.where(is_rested(record, threshold_a), 0.0, record.current_a)
+    level_a = np.where(record.segments(threshold_a).is_rested, 0.0, record.current_a)
     way = np.sign(level_a).astype(int)
     largest_a = np.maximum(np.abs(level_a[1:]), np.abs(level_a[:-1]))
     is_cut = (np.diff(way) != 0) | (np.abs(np.diff(level_a)) > STEP_SHARE * largest_a)
-    firsts = np.concatenate([[0], np.flatnonzero(is_cut) + 1])
-    lasts = np.append(firsts[1:] - 1, record.samples - 1)
-    # Where a sample's current flowed: up to the next sample, or since the one before.
-    begins, ends = (
-        (firsts, np.minimum(lasts + 1, record.samples - 1))
-        if record.hold.value == "forward"
-        else (np.maximum(firsts - 1, 0), lasts)
-    )
+    firsts, lasts = equal_runs(np.append(0, np.cumsum(is_cut)))
+    begins, ends = (record.time_s[at] for at in record.flowing_between(firsts, lasts))
+    columns = (way[firsts], firsts, lasts, begins, ends)
     ramp: _Load | None = None
-    for first, last, begin, end in zip(firsts, lasts, begins, ends, strict=True):
-        load = _Load(
-            int(way[first]),
-            int(first),
-            int(last),
-            float(record.time_s[begin]),
-            float(record.time_s[end]),
-        )
+    for load in map(_Load, *(column.tolist() for column in columns)):
         if ramp is not None and ramp.way == load.way:
-            load = _Load(load.way, ramp.first, load.last, ramp.begin_s, load.end_s)
+            load = load._replace(first=ramp.first, begin_s=ramp.begin_s)
         elif ramp is not None:
             yield ramp
         ramp = load if load.way and load.duration_s < RAMP_S else None
@@ -165,11 +153,7 @@ def _loads(record: Record, threshold_a: float) -> Iterator[_Load]:
 
 
 def _pulse(
-    record: Record,
-    soc: Float[np.ndarray, "samples"],
-    load: _Load,
-    rest: _Load,
-    noise_v: float,
+    record: Record, soc: Float[np.ndarray, "samples"], load: _Load, rest: _Load, noise_v: float
 ) -> Pulse:
     span = slice(load.first, load.last + 1)
     since_s = record.time_s[span] - load.begin_s
@@ -188,6 +172,7 @@ def _pulse(
         np.diff(times_s), np.abs(drop_v[held][:3]), noise_v
     )
     ratio_ohm = drop_v[held] / change_a[held]
+    at_once_ohm = float(ratio_ohm[0]) if is_whole else None
     degc = record.temperature_degc
     return Pulse(
         record=record.name,
@@ -199,10 +184,7 @@ def _pulse(
         is_limited=stop < len(is_held),
         temperature_degc=None if degc is None else float(degc[rest.last]),
         delay_s=float(since_s[start]),
-        resistance_ohm=(
-            float(ratio_ohm[0]) if is_whole else None,
-            *_lasting(since_s[held], ratio_ohm),
-        ),
+        resistance_ohm=(at_once_ohm, *_lasting(since_s[held], ratio_ohm)),
     )
 
 
@@ -235,11 +217,10 @@ def _is_in_edge(
 
 def first_pulse(record: Record) -> Pulse | None:
     """The first pulse of a record, None where there is none; its SOC is not known yet."""
-    span_ah = float(np.ptp(record.discharged_ah))
-    if span_ah == 0:
+    if record.span_ah == 0:
         return None
-    pulses = find_pulses(record, np.ones(record.samples), rest_current_a(record, span_ah))
-    return pulses[0] if pulses else None
+    rest_a = record.rest_current_a(record.span_ah)
+    return next(iter(find_pulses(record, np.ones(record.samples), rest_a)), None)
 
 
 def pulses_of(prepared: "PreparedRecord") -> tuple[Pulse, ...]:

@@ -27,8 +27,7 @@ def under_load_v(soc: np.ndarray, direction: int) -> np.ndarray:
 
 
 def slow_sweeps(record):
-    span_ah = float(np.ptp(record.discharged_ah))
-    return find_slow_sweeps(record, rest_current_a=span_ah / 100, minimum_rest_s=1800.0)
+    return find_slow_sweeps(record.segments(record.span_ah / 100))
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward"])

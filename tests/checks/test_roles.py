@@ -6,7 +6,7 @@ import pytest
 
 from barnax.bundled import bundled_file
 from barnax.checks import check_file
-from barnax.checks.roles import _half_width
+from barnax.checks.traits import _half_width
 from helpers.records import CURRENT, VOLTAGE, checked, frame, logged
 
 

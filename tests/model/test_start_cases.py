@@ -19,7 +19,7 @@ from barnax.global_optimum import find_global_optimum
 from barnax.job import Job
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
-from barnax.model.rest import cell_at_rest
+from barnax.model.rest import mean_at_rest
 from barnax.model.window import Window
 from barnax.plan.running import prepare_pulse_tests
 from barnax.records import read_record
@@ -129,23 +129,21 @@ def test_the_mean_of_a_rest_is_within_its_error(bundled_cell, seed, samples, noi
     voltage_v = float(bundled_cell.average_ocv_v(np.array([soc]))[0]) + noise_v * noise
     current_a = np.append(np.zeros(samples), 1.0)
     record = make_record(np.arange(samples + 1.0), current_a, np.append(voltage_v, 3.0))
-    rest = cell_at_rest(record, bundled_cell, 0, 0.02, 1)
+    mean_v, sd_v = mean_at_rest(record.segments(0.02), 0)
     # By the noise that is there, for that of two samples is hardly known.
-    assert abs(rest.voltage_v - voltage_v.mean() + noise_v * noise.mean()) < 10 * noise_v
+    assert abs(mean_v - voltage_v.mean() + noise_v * noise.mean()) < 10 * noise_v
     if samples >= 30:
-        assert rest.voltage_sd_v < 4 * noise_v / np.sqrt(samples) or rest.voltage_sd_v <= 1e-4
+        assert sd_v < 4 * noise_v / np.sqrt(samples) or sd_v <= 1e-4
         true_v = float(bundled_cell.average_ocv_v(np.array([soc]))[0])
-        assert abs(rest.voltage_v - true_v) < 7 * rest.voltage_sd_v
+        assert abs(mean_v - true_v) < 7 * sd_v
 
 
 def test_a_rest_that_drifts_is_read_near_the_start():
     time_s = np.arange(2001.0)
     voltage_v = 3.8 - 0.1 * np.exp(-time_s / 400)
-    cell = characterize([read_record(path) for path in BUNDLED.ocv])
     record = make_record(time_s, np.where(time_s < 2000, 0.0, 1.0), voltage_v)
     for at in (0, 500, 1999):
-        rest = cell_at_rest(record, cell, at, 0.02, 1)
-        assert rest.voltage_v == pytest.approx(voltage_v[at], abs=1e-3)
+        assert mean_at_rest(record.segments(0.02), at)[0] == pytest.approx(voltage_v[at], abs=1e-3)
 
 
 def test_one_sample_without_current_is_no_rest(real_data):
@@ -170,14 +168,14 @@ def test_the_last_rest_of_a_test_may_lack_the_interval_that_no_sample_shows():
     for short in (0, 2):
         rows = slice(0, len(time_s) - short)
         record = make_record(time_s[rows], current_a[rows], 3.2 + soc[rows])
-        points[short] = len(find_rest_sweeps(record, 0.01)[0].points)
+        points[short] = len(find_rest_sweeps(record.segments(0.01))[0].points)
     # 1,790 s by the stamps, and 1,770 s.
     assert points == {0: 6, 2: 5}
     # What comes after an hour of load has not rested for an hour.
     time_s, current_a = 3600.0 * np.arange(11), np.append(np.tile([0.0, 0.1], 5), 0.0)
     soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 0.6
     record = make_record(time_s, current_a, 3.2 + soc)
-    assert len(find_rest_sweeps(record, 0.01)[0].points) == 5
+    assert len(find_rest_sweeps(record.segments(0.01))[0].points) == 5
 
 
 def test_a_given_soc_is_kept_without_a_rest(cases):

@@ -1,6 +1,6 @@
 """From an OCV test, as records or as a table, to a characterized cell."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,6 @@ from ..errors import InputError
 from ..notices import Notice, notice
 from ..records import Record
 from .curves import (
-    AbstractCurve,
     Curve,
     HysteresisFit,
     InterpolatedCurve,
@@ -22,8 +21,8 @@ from .curves import (
     curve_warnings,
     fit_curve,
 )
-from .model import REFERENCE_DEGC, CellModel, FitError, fit_error
-from .ocv_points import find_sweeps
+from .model import REFERENCE_DEGC, CellModel, fit_error
+from .ocv_points import OcvSweeps, find_sweeps
 from .ocv_table import EITHER, OcvTable
 from .soc_axis import (
     CHARGE,
@@ -33,8 +32,8 @@ from .soc_axis import (
     Capacity,
     OcvPoint,
     Sweep,
+    by_direction,
     decide_capacity,
-    join_sweeps,
     place_on_soc,
 )
 
@@ -68,50 +67,85 @@ def characterize(
         rest_current_a: The cell rests below this current; by default C/100, or five times the noise
             at rest if that is more.
 
-    Raises `InputError` naming a record that is not an OCV test, and `ValueError` for an unknown
-    fit.
+    Raises `InputError` naming a record that is not an OCV test, and for an unknown fit.
     """
     if not tests:
         raise InputError("an OCV test is needed; no record was given")
-    _require_positive("capacity", capacity_ah, "Ah")
-    _require_positive("ocv_capacity", ocv_capacity_ah, "Ah")
-    _require_positive("rest_current", rest_current_a, "A")
-    tables = [test for test in tests if isinstance(test, OcvTable)]
-    records = [test for test in tests if isinstance(test, Record)]
-    found = [find_sweeps(record, capacity_ah, rest_current_a) for record in records]
-    sweeps = {
-        direction: join_sweeps(same)
-        for direction in (DISCHARGE, CHARGE)
-        if (same := [sweep for one, _ in found for sweep in one if sweep.direction == direction])
-    }
-    warnings = [warning for table in tables for warning in table.warnings]
-    warnings.extend(warning for _, of_record in found for warning in of_record)
-    points: dict[int, tuple[OcvPoint, ...]] = {}
-    for table in tables:
-        _join(points, table.branches, tables)
+    given = {"capacity": (capacity_ah, "Ah"), "ocv_capacity": (ocv_capacity_ah, "Ah")}
+    for option, (value, unit) in {**given, "rest_current": (rest_current_a, "A")}.items():
+        if value is not None and not value > 0:
+            raise InputError(f"`{option}` must be positive, in {unit}; {value} was given")
+    found = [
+        find_sweeps(test, capacity_ah, rest_current_a) for test in tests if isinstance(test, Record)
+    ]
+    cell = cell_of(
+        found,
+        [test for test in tests if isinstance(test, OcvTable)],
+        capacity_ah,
+        ocv_capacity_ah=ocv_capacity_ah,
+        ocv_fit=ocv_fit,
+        hysteresis_fit=hysteresis_fit,
+    )
+    if isinstance(cell, InputError):
+        raise cell
+    return cell
+
+
+def cell_of(
+    of_records: Sequence[OcvSweeps],
+    tables: Sequence[OcvTable],
+    capacity_ah: float | None,
+    *,
+    ocv_capacity_ah: float | None = None,
+    ocv_fit: OcvFit = "interpolated",
+    hysteresis_fit: HysteresisFit = "continuous",
+) -> CellModel | InputError:
+    """The cell model of sweeps and tables, or why they make none; options are those of
+    `characterize`, and positive."""
+    for missing in (one.missing for one in of_records if one.missing):
+        return missing.error(".")
+    sweeps = by_direction([sweep for one in of_records for sweep in one.sweeps])
+    if isinstance(sweeps, InputError):
+        return sweeps
+    warnings = [warning for one in (*tables, *of_records) for warning in one.warnings]
+    ways = [way for table in tables for way in table.branches] + [*sweeps]
+    if len(set(ways)) < len(ways) or (EITHER in ways and len(ways) > 1):
+        names = ", ".join(table.name for table in tables)
+        return InputError(
+            f"the OCV table {names} has a branch that another OCV test also has; give only one of "
+            "them"
+        )
+    points = {way: branch for table in tables for way, branch in table.branches.items()}
     if sweeps:
         capacity = decide_capacity(sweeps, capacity_ah, ocv_capacity_ah)
-        warnings.extend(capacity.warnings)
-        placed, scaled = place_on_soc(sweeps, capacity, len(records) == 1)
-        warnings.extend(scaled)
-        _join(points, placed, tables)
+        if isinstance(capacity, InputError):
+            return capacity
+        placed, scaled = place_on_soc(sweeps, capacity, len(of_records) == 1)
+        warnings += [*capacity.warnings, *scaled]
+        points |= placed
     elif capacity_ah is not None:
         capacity = Capacity(capacity_ah, GIVEN, capacity_ah)
     else:
-        raise notice("ocv-table.no-capacity", tables[0].name).error()
-    warnings.extend(_kind_warnings(sweeps, points))
-    warnings.extend(_speed_warnings(sweeps))
-    fitted = _fitted(points, ocv_fit, hysteresis_fit)
-    charge, discharge = fitted["charge"], fitted["discharge"]
-    for direction, of_direction in sorted(points.items()):
-        curve = charge if direction == CHARGE else discharge
-        of_curve = curve_warnings(curve, WORD.get(direction))
-        warnings.extend(warning.about(_sources(of_direction)) for warning in of_curve)
+        return notice("ocv-table.no-capacity", tables[0].name).error()
+    warnings += _test_warnings(sweeps, points)
     if len(points) == 2:
-        soc = _shared_soc(charge, discharge)
-        if (mean_v := float(np.mean(charge(soc) - discharge(soc)))) < _LEAST_GAP_V:
-            both = _sources([*points[CHARGE], *points[DISCHARGE]])
-            warnings.append(notice("ocv-test.exchanged", both, below_v=-mean_v))
+        (charge_low, *_, charge_high), (low, *_, high) = (
+            [point.soc for point in points[way]] for way in (CHARGE, DISCHARGE)
+        )
+        if max(charge_low, low) > min(charge_high, high):
+            return InputError(
+                f"the charge covers SOC {charge_low:.3f} to {charge_high:.3f}, the discharge "
+                f"{low:.3f} to {high:.3f}: they do not overlap; give two branches of the same cell"
+            )
+    fitted = _fitted(points, ocv_fit, hysteresis_fit)
+    for way, branch in sorted(points.items()):
+        curve = fitted["charge" if way == CHARGE else "discharge"]
+        of_curve = curve_warnings(curve, WORD.get(way))
+        warnings += [warning.about(_sources(branch)) for warning in of_curve]
+    gaps_v = [gap_v for _, gap_v in fitted["hysteresis"].points]
+    if gaps_v and (mean_v := float(np.mean(gaps_v))) < _LEAST_GAP_V:
+        both = _sources([*points[CHARGE], *points[DISCHARGE]])
+        warnings.append(notice("ocv-test.exchanged", both, below_v=-mean_v))
     return CellModel(
         capacity_ah=capacity.value_ah,
         capacity_origin=capacity.origin,
@@ -132,22 +166,17 @@ def without_drop(cell: CellModel, resistance_ohm: float) -> CellModel:
         for name in ("soc", "voltage_v", "current_a")
     )
     drop_v = {way: resistance_ohm * current_a[way] for way in points}
-    share: dict[int, Any] = dict.fromkeys(points, 1.0)
-    if len(points) == 2:
-        for way in points:
+    at_rest: dict[int, tuple[OcvPoint, ...]] = {}
+    for way in points:
+        share: Any = 1.0
+        if len(points) == 2:
             other_v = InterpolatedCurve.fit(soc[-way], voltage_v[-way])(soc[way])
             drops_v = drop_v[way] - np.interp(soc[way], soc[-way], drop_v[-way])
             gap_v = np.maximum(way * (voltage_v[way] - other_v), 0.0)
-            share[way] = gap_v / np.maximum(gap_v, np.abs(drops_v) + np.finfo(float).tiny)
-    at_rest = {
-        way: tuple(
-            replace(point, voltage_v=float(rested_v))
-            for point, rested_v in zip(
-                points[way], voltage_v[way] + share[way] * drop_v[way], strict=True
-            )
-        )
-        for way in points
-    }
+            share = gap_v / np.maximum(gap_v, np.abs(drops_v) + np.finfo(float).tiny)
+        rested_v = (voltage_v[way] + share * drop_v[way]).tolist()
+        moved = zip(points[way], rested_v, strict=True)
+        at_rest[way] = tuple(replace(point, voltage_v=rest_v) for point, rest_v in moved)
     ocv_fit = "polynomial" if isinstance(cell.discharge, PolynomialCurve) else "interpolated"
     fitted = _fitted(at_rest, ocv_fit, cell.hysteresis.kind)
     return replace(cell, sweep_ohm=resistance_ohm, **fitted)
@@ -173,92 +202,46 @@ def over_temperatures(by_degc: Mapping[float, CellModel]) -> CellModel:
     return replace(cells[nearest], elsewhere=others, warnings=tuple(warnings))
 
 
-def _require_positive(option: str, value: float | None, unit: str) -> None:
-    if value is not None and not value > 0:
-        raise InputError(f"`{option}` must be positive, in {unit}; {value} was given")
-
-
-def _join(
-    points: dict[int, tuple[OcvPoint, ...]],
-    more: Mapping[int, tuple[OcvPoint, ...]],
-    tables: Sequence[OcvTable],
-) -> None:
-    """Add branches. Raises `InputError` for one given twice, or a single curve beside another."""
-    if points and (points.keys() & more.keys() or EITHER in {*points, *more}):
-        names = ", ".join(table.name for table in tables)
-        raise InputError(
-            f"the OCV table {names} has a branch that another OCV test also has; give only one of "
-            "them"
-        )
-    points.update(more)
-
-
 def _fitted(
-    points: Mapping[int, tuple[OcvPoint, ...]], ocv_fit: OcvFit, hysteresis_fit: HysteresisFit
+    points: Mapping[int, Sequence[OcvPoint]], ocv_fit: OcvFit, hysteresis_fit: HysteresisFit
 ) -> dict[str, Any]:
-    """The fields of a cell that follow from its points: curves, hysteresis, and their errors."""
-    measured = {
-        direction: _curve(points[direction], ocv_fit)
-        for direction in (DISCHARGE, CHARGE, EITHER)
-        if direction in points
-    }
-    only = next(iter(measured.values()))
-    charge, discharge = measured.get(CHARGE, only), measured.get(DISCHARGE, only)
+    """The fields of a cell that follow from its points: curves, hysteresis, and their errors; those
+    of the average are against the mean of both branches' PCHIP."""
+    curves: dict[int, Curve] = {}
+    for way in (way for way in (DISCHARGE, CHARGE, EITHER) if way in points):
+        soc = np.array([point.soc for point in points[way]])
+        voltage_v = np.array([point.voltage_v for point in points[way]])
+        curves[way] = fit_curve(soc, voltage_v, ocv_fit)
+    only = next(iter(curves.values()))
+    charge, discharge = curves.get(CHARGE, only), curves.get(DISCHARGE, only)
+    errors = {WORD.get(way, "discharge"): fit_error(curves[way].errors_v) for way in curves}
     hysteresis = SegmentedHysteresis.zero()
-    if len(measured) == 2:
+    if len(curves) == 1:
+        errors["average"] = fit_error(only.errors_v)
+    else:
         soc = _shared_soc(charge, discharge)
+        fitted_v = [curve(soc) for curve in curves.values()]
+        through_v = [PchipInterpolator(own.soc, own.voltage_v)(soc) for own in curves.values()]
+        errors["average"] = fit_error(np.mean(fitted_v, axis=0) - np.mean(through_v, axis=0))
         hysteresis = SegmentedHysteresis.fit(soc, charge(soc) - discharge(soc), hysteresis_fit)
+        errors["hysteresis"] = fit_error(hysteresis.errors_v)
     return {
         "charge": charge,
         "discharge": discharge,
         "hysteresis": hysteresis,
         "charge_points": points.get(CHARGE, ()),
         "discharge_points": points.get(DISCHARGE, points.get(EITHER, ())),
-        "errors": _errors(measured, hysteresis),
+        "errors": errors,
     }
 
 
-def _curve(points: tuple[OcvPoint, ...], ocv_fit: OcvFit) -> Curve:
-    soc = np.array([point.soc for point in points])
-    voltage_v = np.array([point.voltage_v for point in points])
-    return fit_curve(soc, voltage_v, ocv_fit)
-
-
-def _shared_soc(charge: AbstractCurve, discharge: AbstractCurve) -> Float[np.ndarray, "points"]:
+def _shared_soc(charge: Curve, discharge: Curve) -> Float[np.ndarray, "points"]:
     """SOC of all points of both branches that lie on both."""
-    low = max(charge.soc[0], discharge.soc[0])
-    high = min(charge.soc[-1], discharge.soc[-1])
     soc = np.union1d(charge.soc, discharge.soc)
+    low, high = max(charge.soc[0], discharge.soc[0]), min(charge.soc[-1], discharge.soc[-1])
     soc = soc[(soc >= low) & (soc <= high)]
     # Points of both branches at the same SOC differ in their last bits; one of them is enough.
-    soc = soc[np.concatenate([[True], np.diff(soc) > SAME_POINT])[: soc.size]]
-    if soc.size == 0:
-        raise InputError(
-            f"the charge covers SOC {charge.soc[0]:.3f} to {charge.soc[-1]:.3f}, the discharge "
-            f"{discharge.soc[0]:.3f} to {discharge.soc[-1]:.3f}: they do not overlap; give two "
-            "branches of the same cell"
-        )
-    return soc
-
-
-def _errors(
-    measured: Mapping[int, AbstractCurve], hysteresis: SegmentedHysteresis
-) -> dict[str, FitError]:
-    """Errors at the points; those of the average against the mean of both branches' PCHIP."""
-    errors = {
-        WORD.get(direction, "discharge"): fit_error(curve.errors_v)
-        for direction, curve in measured.items()
-    }
-    curves = list(measured.values())
-    if len(curves) == 2:
-        soc = _shared_soc(measured[CHARGE], measured[DISCHARGE])
-        through_v = [PchipInterpolator(curve.soc, curve.voltage_v)(soc) for curve in curves]
-        fitted_v = [curve(soc) for curve in curves]
-        errors["average"] = fit_error(np.mean(fitted_v, axis=0) - np.mean(through_v, axis=0))
-        errors["hysteresis"] = fit_error(hysteresis.errors_v)
-    else:
-        (errors["average"],) = errors.values()
-    return errors
+    return soc[np.append(True, np.diff(soc) > SAME_POINT)]
 
 
 def _sources(points: Sequence[OcvPoint]) -> str:
@@ -266,26 +249,18 @@ def _sources(points: Sequence[OcvPoint]) -> str:
     return ", ".join(dict.fromkeys(point.source for point in points))
 
 
-def _kind_warnings(
-    sweeps: Mapping[int, Sweep], points: Mapping[int, tuple[OcvPoint, ...]]
-) -> list[Notice]:
+def _test_warnings(
+    sweeps: Mapping[int, Sweep], points: Mapping[int, Sequence[OcvPoint]]
+) -> Iterator[Notice]:
+    """Warnings of what a test leaves unknown by its kind, and of a sweep too fast for its
+    hysteresis."""
     source = _sources([point for branch in points.values() for point in branch])
     if len(points) == 1:
         # A table of one voltage has no direction.
-        return [notice("ocv-test.no-hysteresis", source, direction=WORD.get(*points))]
-    if len({sweep.kind for sweep in sweeps.values()}) == 2:
-        return [notice("ocv-test.mixed", source)]
-    return []
-
-
-def _speed_warnings(sweeps: Mapping[int, Sweep]) -> list[Notice]:
-    """A warning where a sweep is too fast for its hysteresis."""
-    hours = {
-        sweep.passed_ah / float(np.median([abs(point.current_a) for point in sweep.points])): sweep
-        for sweep in sweeps.values()
-        if sweep.kind == "slow"
-    }
-    fastest = min(hours, default=SLOW_HOURS)
-    if fastest >= SLOW_HOURS:
-        return []
-    return [notice("ocv-test.fast", hours[fastest].source, hours=fastest)]
+        yield notice("ocv-test.no-hysteresis", source, direction=WORD.get(*points))
+    elif len({sweep.kind for sweep in sweeps.values()}) == 2:
+        yield notice("ocv-test.mixed", source)
+    slow = [sweep for sweep in sweeps.values() if sweep.kind == "slow"]
+    fastest = min(slow, key=lambda sweep: sweep.hours, default=None)
+    if fastest and fastest.hours < SLOW_HOURS:
+        yield notice("ocv-test.fast", fastest.source, hours=fastest.hours)

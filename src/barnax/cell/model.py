@@ -180,22 +180,38 @@ class CellModel(Brief):
         On the average curve, or with `direction` +1 or -1 on the charge or discharge branch.
         Raises `InputError` more than 50 mV outside the curve.
         """
-        soc = np.linspace(*self.soc_range, INVERSION_POINTS)
-        curve = {0: self.average_ocv_v, 1: self.charge, -1: self.discharge}[direction]
-        # Where a fitted curve falls, its running maximum is the only monotone reading of it.
-        ocv_v = np.maximum.accumulate(curve(soc))
-        low_v, high_v = ocv_v[0], ocv_v[-1]
-        if not low_v - REST_VOLTAGE_MARGIN_V <= voltage_v <= high_v + REST_VOLTAGE_MARGIN_V:
-            whose, remedy = "of this cell", "check that the OCV test is of this cell and reaches"
-            if self.is_of_records:
-                whose, remedy = "that the records show", "identify on records that reach"
-            raise InputError(
-                f"the rested voltage {voltage_v:.4f} V is outside the OCV {whose}, {low_v:.4f} to "
-                f"{high_v:.4f} V; {remedy} that voltage, or give the SOC there as `initial_soc`"
-            )
+        soc = self.soc_at_rest(voltage_v, direction)
+        if soc is None:
+            raise self.beyond_ocv(voltage_v, direction)
+        return soc
+
+    def soc_at_rest(self, voltage_v: float, direction: int = 0) -> float | None:
+        """The same, None where the voltage is more than 50 mV outside the curve."""
+        soc, ocv_v = self._rising_ocv(direction)
+        low_v, high_v = ocv_v[0] - REST_VOLTAGE_MARGIN_V, ocv_v[-1] + REST_VOLTAGE_MARGIN_V
+        if not low_v <= voltage_v <= high_v:
+            return None
         # Flat stretches have no inverse; keep their lowest sample.
         rises = np.concatenate([[True], np.diff(ocv_v) > 0])
         return float(np.interp(voltage_v, ocv_v[rises], soc[rises]))
+
+    def beyond_ocv(self, voltage_v: float, direction: int) -> InputError:
+        """The refusal of a rested voltage that is more than 50 mV outside the curve."""
+        _, (low_v, *_, high_v) = self._rising_ocv(direction)
+        whose, remedy = "of this cell", "check that the OCV test is of this cell and reaches"
+        if self.is_of_records:
+            whose, remedy = "that the records show", "identify on records that reach"
+        return InputError(
+            f"the rested voltage {voltage_v:.4f} V is outside the OCV {whose}, {low_v:.4f} to "
+            f"{high_v:.4f} V; {remedy} that voltage, or give the SOC there as `initial_soc`"
+        )
+
+    def _rising_ocv(self, direction: int) -> tuple[Soc, Soc]:
+        """SOC, and the OCV there of a direction: where a fitted curve falls, its running maximum is
+        the only monotone reading of it."""
+        soc = np.linspace(*self.soc_range, INVERSION_POINTS)
+        curve = {0: self.average_ocv_v, 1: self.charge, -1: self.discharge}[direction]
+        return soc, np.maximum.accumulate(curve(soc))
 
 
 def _between(cold: CellModel, warm: CellModel, share: float) -> CellModel:

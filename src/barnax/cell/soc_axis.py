@@ -1,8 +1,7 @@
 """The sweeps of an OCV test, where their points lie on the axis of SOC, and the capacity."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -32,14 +31,14 @@ def is_above(soc: Float[np.ndarray, "samples"]) -> Bool[np.ndarray, "samples"]:
 
 
 @dataclass(frozen=True)
-class SweepPoint:
-    """One OCV reading.
+class OcvPoint:
+    """One OCV reading; `rest_s` is how long the cell had rested there, 0 for a slow sweep.
 
-    `discharged_ah` counts on the sweep's own axis; `row` is the row of the source file, `rest_s`
-    how long the cell had rested there, 0 for a slow sweep, and `current_a` what flowed there.
+    `soc` is NaN until it is placed on that axis, `row` the row of the source file, and `current_a`
+    what flowed there, discharge positive; 0 at rest.
     """
 
-    discharged_ah: float
+    soc: float
     voltage_v: float
     source: str
     row: int
@@ -51,8 +50,8 @@ class SweepPoint:
 class Sweep:
     """OCV points in the order they were met, in `direction` +1 (charge) or -1 (discharge).
 
-    `start_ah` and `end_ah` are where the sweep began and ended on the axis of discharged
-    ampere-hours; the first and last points may lie inside.
+    `start_ah` and `end_ah` are where the sweep began and ended on its own axis of discharged
+    ampere-hours, `discharged_ah` where its points lie; the first and last may lie inside.
     """
 
     kind: Literal["rests", "slow"]
@@ -60,12 +59,18 @@ class Sweep:
     source: str
     start_ah: float
     end_ah: float
-    points: tuple[SweepPoint, ...]
+    discharged_ah: tuple[float, ...]
+    points: tuple[OcvPoint, ...]
 
     @property
     def passed_ah(self) -> float:
         """The charge of the whole sweep, positive."""
         return abs(self.end_ah - self.start_ah)
+
+    @property
+    def hours(self) -> float:
+        """The hours that its charge takes at its usual current; only of a slow sweep."""
+        return self.passed_ah / float(np.median([abs(point.current_a) for point in self.points]))
 
     @property
     def stops_at_cutoff(self) -> bool:
@@ -76,44 +81,58 @@ class Sweep:
         """
         if self.kind == "slow":
             return True
-        at_ah = [point.discharged_ah for point in self.points]
-        steps_ah = [abs(after - before) for before, after in pairwise([*at_ah, self.end_ah])]
-        pulses_ah = [step_ah for step_ah in steps_ah if step_ah > SAME_CHARGE * self.passed_ah]
+        steps_ah = np.abs(np.diff([*self.discharged_ah, self.end_ah]))
+        pulses_ah = steps_ah[steps_ah > SAME_CHARGE * self.passed_ah]
         return any(
-            pulses_ah[last] < SHORT_PULSE * min(pulses_ah[:last])
+            pulses_ah[last] < SHORT_PULSE * pulses_ah[:last].min()
             for last in (-1, -2)
-            if pulses_ah[:last]
+            if len(pulses_ah) > -last
         )
 
-
-def join_sweeps(sweeps: list[Sweep]) -> Sweep:
-    """One sweep of several of the same direction, each beginning at the rest where another ended.
-
-    Raises `InputError` where they do not meet, or where a slow sweep is among them.
-    """
-    if len(sweeps) == 1:
-        return sweeps[0]
-    word = WORD[sweeps[0].direction]
-    if any(sweep.kind == "slow" for sweep in sweeps):
-        where = ", ".join(
-            f"{own.source} rows {own.points[0].row} to {own.points[-1].row}" for own in sweeps
+    def placed(self, anchor: "Sweep", scale_ah: float) -> tuple[OcvPoint, ...]:
+        """The points by increasing SOC, which is 1 where a discharge and 0 where a charge begins
+        that is the anchor."""
+        anchor_soc = 1.0 if anchor.direction == DISCHARGE else 0.0
+        points = (
+            replace(point, soc=anchor_soc + (anchor.start_ah - at_ah) / scale_ah)
+            for at_ah, point in zip(self.discharged_ah, self.points, strict=True)
         )
-        raise InputError(f"there are {len(sweeps)} {word} sweeps ({where}); give only one of them")
-    ordered = sorted(sweeps, key=lambda s: s.direction * s.points[0].voltage_v)
-    joined = ordered[0]
-    for part in ordered[1:]:
-        before, after = joined.points[-1], part.points[0]
-        if abs(before.voltage_v - after.voltage_v) > SAME_REST_V:
-            raise InputError(
-                f"the {word} sweeps of {before.source} and {after.source} do not join: one ends "
-                f"at a rest of {before.voltage_v:.4f} V, the next begins at {after.voltage_v:.4f} "
-                "V. Give only one test, or all of its files."
+        return tuple(sorted(points, key=lambda point: point.soc))
+
+
+def by_direction(sweeps: Sequence[Sweep]) -> dict[int, Sweep] | InputError:
+    """One sweep of each direction, of those that begin at the rest where another ended; why not
+    where they do not meet, or a slow sweep is among several."""
+    joined: dict[int, Sweep] = {}
+    for direction in (DISCHARGE, CHARGE):
+        same = [sweep for sweep in sweeps if sweep.direction == direction]
+        word = WORD[direction]
+        if len(same) > 1 and any(sweep.kind == "slow" for sweep in same):
+            where = ", ".join(
+                f"{own.source} rows {own.points[0].row} to {own.points[-1].row}" for own in same
             )
-        shift_ah = before.discharged_ah - after.discharged_ah
-        moved = tuple(
-            replace(point, discharged_ah=point.discharged_ah + shift_ah) for point in part.points
-        )
-        joined = replace(joined, end_ah=part.end_ah + shift_ah, points=joined.points + moved[1:])
+            return InputError(
+                f"there are {len(same)} {word} sweeps ({where}); give only one of them"
+            )
+        for part in sorted(same, key=lambda own: own.direction * own.points[0].voltage_v):
+            whole = joined.setdefault(direction, part)
+            if whole is part:
+                continue
+            before, after = whole.points[-1], part.points[0]
+            if abs(before.voltage_v - after.voltage_v) > SAME_REST_V:
+                return InputError(
+                    f"the {word} sweeps of {before.source} and {after.source} do not join: one "
+                    f"ends at a rest of {before.voltage_v:.4f} V, the next begins at "
+                    f"{after.voltage_v:.4f} V. Give only one test, or all of its files."
+                )
+            shift_ah = whole.discharged_ah[-1] - part.discharged_ah[0]
+            moved_ah = tuple(at_ah + shift_ah for at_ah in part.discharged_ah[1:])
+            joined[direction] = replace(
+                whole,
+                end_ah=part.end_ah + shift_ah,
+                discharged_ah=whole.discharged_ah + moved_ah,
+                points=whole.points + part.points[1:],
+            )
     return joined
 
 
@@ -126,23 +145,6 @@ CLOSURE = 0.02
 CAPACITY_WARNING = 0.05
 CAPACITY_ERROR = 0.20
 HALF = 0.5
-
-
-@dataclass(frozen=True)
-class OcvPoint:
-    """One OCV reading on the axis of SOC; `rest_s` is 0 where it comes from a slow sweep.
-
-    `current_a` flowed there, discharge positive; 0 at rest.
-    """
-
-    soc: float
-    voltage_v: float
-    source: str
-    row: int
-    rest_s: float
-    current_a: float = 0.0
-
-
 # The origin of a capacity that was told.
 GIVEN = "given"
 
@@ -162,8 +164,10 @@ class Capacity:
 
 def decide_capacity(
     sweeps: Mapping[int, Sweep], given_ah: float | None, ocv_given_ah: float | None = None
-) -> Capacity:
-    """The given capacity, checked against the sweeps, or the one they measured.
+) -> Capacity | InputError:
+    """The given capacity, checked against the sweeps, or the one they measured; or why there is
+    none: the given one is off by more than 20 % (by a factor of 2, where the test spans both ends),
+    or none was given and none was measured.
 
     `sweeps` maps the direction to its sweep. `given_ah` is the capacity of the cell in the record
     that is simulated, which may be older or colder than in its OCV test; `ocv_given_ah` is the
@@ -172,9 +176,7 @@ def decide_capacity(
     A sweep measures the capacity where the other sweep passed the same charge within 10 %, where
     it is slow (cut-off to cut-off), or where it is alone and no capacity was given. That it ran
     between full and empty is then an assumption, and a warning, unless it is slow or both sweeps
-    close and stop at a cut-off. Raises `InputError` where the given capacity is off by more than
-    20 % (by a factor of 2, where the test spans both ends), or where none was given and none was
-    measured.
+    close and stop at a cut-off.
     """
     main = _main(sweeps)
     measured = f"the {WORD[main.direction]} of {main.source} passed {main.passed_ah:.4g} Ah"
@@ -188,36 +190,35 @@ def decide_capacity(
     if axis_ah is None:
         if len(sweeps) == 2 and not _agree(sweeps, AGREEMENT) and main.kind != "slow":
             charges = {"out_ah": sweeps[DISCHARGE].passed_ah, "in_ah": sweeps[CHARGE].passed_ah}
-            raise notice("ocv-test.capacity-unknown", main.source, **charges).error()
-        if spans:
-            return Capacity(main.passed_ah, f"measured: {measured}", main.passed_ah, warnings)
-        warnings += (_assumption(main),)
-        origin = f"assumed: {measured}, taken as full to empty"
+            return notice("ocv-test.capacity-unknown", main.source, **charges).error()
+        origin = f"measured: {measured}"
+        if not spans:
+            origin = f"assumed: {measured}, taken as full to empty"
+            ends = {"first_v": main.points[0].voltage_v, "last_v": main.points[-1].voltage_v}
+            ends |= {"ends": "full" if main.direction == DISCHARGE else "empty"}
+            warnings += (notice("ocv-test.capacity-assumed", main.source, **passed, **ends),)
         return Capacity(main.passed_ah, origin, main.passed_ah, warnings)
-    _require_possible(sweeps, axis_ah, spans)
+    most = max(sweeps.values(), key=lambda sweep: sweep.passed_ah)
+    if not _is_possible(sweeps, axis_ah, most.passed_ah, spans):
+        return InputError(
+            f"capacity {axis_ah:.4g} Ah was given, but the OCV test passed "
+            f"{most.passed_ah:.4g} Ah ({WORD[most.direction]} of {most.source}): check the "
+            "capacity, its unit (Ah) and the unit of the current, or leave `capacity` out"
+        )
     if abs(main.passed_ah / axis_ah - 1) > CAPACITY_WARNING:
         told = notice("ocv-test.other-capacity", main.source, capacity_ah=axis_ah, **passed)
         warnings += (told,)
     return Capacity(given_ah or axis_ah, GIVEN, axis_ah, warnings)
 
 
-def _require_possible(sweeps: Mapping[int, Sweep], axis_ah: float, spans: bool) -> None:
-    """Raise InputError where the sweeps cannot be of a cell of that capacity."""
-    main = _main(sweeps)
-    most = max(sweeps.values(), key=lambda sweep: sweep.passed_ah)
-    ratio = main.passed_ah / axis_ah
+def _is_possible(sweeps: Mapping[int, Sweep], axis_ah: float, most_ah: float, spans: bool) -> bool:
+    """True where the sweeps may be of a cell of that capacity."""
+    ratio = _main(sweeps).passed_ah / axis_ah
     if spans:
-        is_wrong = not HALF <= ratio <= 1 / HALF
-    else:
-        agrees = _agree(sweeps, AGREEMENT)
-        is_wrong = abs(ratio - 1) > CAPACITY_ERROR if agrees else ratio < HALF
-        is_wrong |= most.passed_ah > (1 + CAPACITY_ERROR) * axis_ah
-    if is_wrong:
-        raise InputError(
-            f"capacity {axis_ah:.4g} Ah was given, but the OCV test passed "
-            f"{most.passed_ah:.4g} Ah ({WORD[most.direction]} of {most.source}): check the "
-            "capacity, its unit (Ah) and the unit of the current, or leave `capacity` out"
-        )
+        return HALF <= ratio <= 1 / HALF
+    if most_ah > (1 + CAPACITY_ERROR) * axis_ah:
+        return False
+    return abs(ratio - 1) <= CAPACITY_ERROR if _agree(sweeps, AGREEMENT) else ratio >= HALF
 
 
 def place_on_soc(
@@ -240,30 +241,19 @@ def place_on_soc(
         is_other = not _is_near(anchor.passed_ah, capacity.axis_ah, CLOSURE)
         is_own = anchor.kind == "slow" or (is_other and spans_both_ends(sweeps))
         scale_ah = anchor.passed_ah if is_own else capacity.axis_ah
-        placed = {way: _place(sweep, anchor, scale_ah) for way, sweep in sweeps.items()}
-        return placed, []
+        return {way: sweep.placed(anchor, scale_ah) for way, sweep in sweeps.items()}, []
     placed, warnings = {}, []
     for direction, sweep in sweeps.items():
         # A slow sweep defines full and empty.
         is_whole = sweep.kind == "slow" or _is_near(sweep.passed_ah, capacity.axis_ah, CLOSURE)
         agrees = _agree(sweeps, CLOSURE, direction)
         scale_ah = sweep.passed_ah if is_whole or agrees else capacity.axis_ah
-        placed[direction] = _place(sweep, sweep, scale_ah)
+        placed[direction] = sweep.placed(sweep, scale_ah)
         if not is_whole:
             charges = {"passed_ah": sweep.passed_ah, "capacity_ah": capacity.axis_ah}
             by = {"direction": WORD[direction], "by": "own" if agrees else "capacity"}
             warnings.append(notice("ocv-test.scaled", sweep.source, **charges, **by))
     return placed, warnings
-
-
-def _place(sweep: Sweep, anchor: Sweep, scale_ah: float) -> tuple[OcvPoint, ...]:
-    anchor_soc = 1.0 if anchor.direction == DISCHARGE else 0.0
-    points = []
-    for point in sweep.points:
-        soc = anchor_soc + (anchor.start_ah - point.discharged_ah) / scale_ah
-        read = (point.voltage_v, point.source, point.row, point.rest_s, point.current_a)
-        points.append(OcvPoint(soc, *read))
-    return tuple(sorted(points, key=lambda point: point.soc))
 
 
 def _main(sweeps: Mapping[int, Sweep]) -> Sweep:
@@ -289,18 +279,6 @@ def spans_both_ends(sweeps: Mapping[int, Sweep]) -> bool:
     """
     return _main(sweeps).kind == "slow" or (
         _agree(sweeps, CLOSURE) and all(sweep.stops_at_cutoff for sweep in sweeps.values())
-    )
-
-
-def _assumption(main: Sweep) -> Notice:
-    return notice(
-        "ocv-test.capacity-assumed",
-        main.source,
-        direction=WORD[main.direction],
-        first_v=main.points[0].voltage_v,
-        last_v=main.points[-1].voltage_v,
-        passed_ah=main.passed_ah,
-        ends="full" if main.direction == DISCHARGE else "empty",
     )
 
 

@@ -10,8 +10,8 @@ from ..cell import CellModel
 from ..cell.soc_axis import BEYOND_SOC
 from ..notices import Notice, notice
 from ..records import Record
+from ..records.record import LEAST_REACH, reach_of_steps
 from ..records.samples import record_resistance_ohm
-from ..records.segments import LEAST_REACH, reach_of_steps
 from .sampling import in_fahrenheit
 
 # A mistake of unit or range multiplies the charge by one of these; a wrong capacity by another.

@@ -7,10 +7,10 @@ from jaxtyping import Bool, Float, Int
 
 from ..notices import Notice, Severity
 from ..records.dialects import CHARGE, DISCHARGE
+from ..records.record import equal_runs
 from ..records.samples import Samples
-from ..records.segments import equal_runs
 from ..records.sign import step_votes
-from .check_input import CheckInput
+from .traits import CheckInput
 
 # How many steps of either kind make a pattern, at an end of the record and within it, and how far
 # they must agree.

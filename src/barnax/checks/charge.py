@@ -9,9 +9,9 @@ from jaxtyping import Float
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, CLOSURE, DISCHARGE
 from ..notices import Notice
 from ..records.counters import gain_ah
+from ..records.record import runs
 from ..records.samples import STEADY_SHARE
-from ..records.segments import runs
-from .check_input import CheckInput
+from .traits import CheckInput
 
 # As shares of all the charge that went in and out. Testers integrate between the samples that
 # they log, so that a fast current and slow samples differ by a percent.
@@ -105,10 +105,10 @@ def _is_scaled(given: CheckInput, ratio: float) -> bool:
 
 def find_capacity(given: CheckInput) -> Iterator[Notice]:
     """Charge that does not fit the given capacity."""
-    if given.capacity_ah is None or given.span_ah == 0:
+    if given.capacity_ah is None or given.record.span_ah == 0:
         return
-    share = given.span_ah / given.capacity_ah
-    told = {"moved_ah": given.span_ah, "share": share, "capacity_ah": given.capacity_ah}
+    share = given.record.span_ah / given.capacity_ah
+    told = {"moved_ah": given.record.span_ah, "share": share, "capacity_ah": given.capacity_ah}
     if share > 1 + CAPACITY_WARNING:
         discharged_ah = given.record.discharged_ah
         at = max(int(np.argmax(discharged_ah)), int(np.argmin(discharged_ah)))
@@ -121,12 +121,10 @@ def find_capacity(given: CheckInput) -> Iterator[Notice]:
 
 def find_closure(given: CheckInput) -> Iterator[Notice]:
     """A full discharge and a full charge in one record that do not pass the same charge."""
-    if isinstance(given.sweeps, str):
+    of_direction = {sweep.direction: sweep for sweep in given.ocv.sweeps}
+    if len(of_direction) < 2:
         return
-    by_direction = {sweep.direction: sweep for sweep in given.sweeps}
-    if len(by_direction) < 2:
-        return
-    out, into = by_direction[DISCHARGE], by_direction[CHARGE]
+    out, into = of_direction[DISCHARGE], of_direction[CHARGE]
     error = into.passed_ah / out.passed_ah - 1
     if abs(error) <= CLOSURE:
         return
@@ -185,8 +183,8 @@ def find_rests(given: CheckInput) -> Iterator[Notice]:
     rests = _rests(given)
     if rests:
         yield from _offset(given, rests)
-    if given.given_rest_a is None and given.rest_current_a > 1.01 * given.scale_ah / 100:
-        yield given.at(given.is_rested, "rests.noisy", rest_a=given.rest_current_a)
+    if given.given_rest_a is None and given.segments.rest_a > 1.01 * given.scale_ah / 100:
+        yield given.at(given.is_rested, "rests.noisy", rest_a=given.segments.rest_a)
 
 
 def _doubt_a(given: CheckInput, rests: list[_Rest]) -> float:
@@ -274,7 +272,7 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Notice]:
     value_a = -offset_a if record.sign.value == "charge-positive" else offset_a
     told = {"offset_a": value_a, "drift_ah": drift_ah, "rests": len(rests)}
     is_much, share = drift_ah > _DRIFT * turnover_ah, drift_ah / turnover_ah
-    if is_much and not isinstance(given.sweeps, str):
+    if is_much and given.ocv.sweeps:
         told |= {"soc_share": share, "ocv_v": share * given.samples.bulk_time[1]}
     if abs(offset_a) >= turnover_ah / 100 or is_much:
         is_hidden = abs(offset_a) >= turnover_ah / 100 and given.given_rest_a is None

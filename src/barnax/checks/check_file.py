@@ -19,8 +19,8 @@ from ..records.sign import decide_sign
 from ..records.source import Source, read_source
 from ..schema import Json, key_of, notice_to_dict
 from . import channels, charge, sampling
-from .check_input import Check, CheckInput, in_its_rows
-from .roles import Role, Traits, find_fall, find_roles, roles_of_table, traits_of
+from .roles import Role, find_fall, find_roles, roles_of_table
+from .traits import Check, CheckInput, Traits, traits_of
 
 # The registry of checks on a record, in the order in which they are told.
 CHECKS: Mapping[str, Check] = {
@@ -170,8 +170,8 @@ def check_file(
             is_told = any(finding.check == "sign" for finding in examined.findings)
             findings += [] if is_told else doubts
             record = make_record(source, samples, sign, current_hold)
-            given = CheckInput(source.cut(samples), record, capacity_ah, rest_current_a)
-            given = in_its_rows(given, voltage_lag)
+            own = source.cut(samples)
+            given = CheckInput.of(own, record, capacity_ah, rest_current_a, voltage_lag)
             for check in CHECKS.values():
                 findings += check(given)
             traits = traits_of(given)

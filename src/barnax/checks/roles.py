@@ -1,43 +1,28 @@
-"""The kind of test that a record is, and the roles it can serve in.
-
-The kind is told by its sweeps, its current steps and how far they reach.
-"""
+"""The roles that a record can serve in, and the window that cuts a whole test to its profile."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
-from scipy.special import stdtrit
+from jaxtyping import Int
 
 from ..cell import OcvPoint, OcvTable
-from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, decide_capacity, join_sweeps
+from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, by_direction, decide_capacity
 from ..errors import InputError, counted
 from ..notices import Notice, notice
-from ..records.record import degc_in_name
-from ..records.segments import reach
-from .check_input import CheckInput
-from .windows import SuggestedWindow, suggest_window
+from ..records.record import CHARGE_S, SETTLED_V, is_long
+from ..settings import Window
+from .traits import CheckInput, Kind, Traits
 
-Kind = Literal[
-    "OCV test", "slow sweep", "pulse test", "drive cycle", "capacity test", "charge", "no test"
-]
-
-# The share of R0 that its 95 % interval may reach to either side, and the sampling interval that
-# still shows what follows a step of the current.
-MAX_HALF_WIDTH, FINE_S = 1 / 3, 10.5
-# The standard deviation of log R0 between the first step and the last, by which it is predicted
-# between steps: a random walk, for R0 follows the SOC.
-_DRIFT, _NORMAL_95, _BETWEEN = 0.5, 1.96, 201
-# Steps that reach over less of the capacity, or the bulk time of a steep end, say little.
-LEAST_SHARE, STEEP_S = 0.05, 20.0
-# Pulses and rests alone make two steps a point; an HPPC test has pulses of its own beside them.
-_STEPS_A_POINT = 3
-# A discharge that passes so much of all the charge was one of a capacity test.
-_MOST = 0.8
+# Current steps inside a step of the tester that make it a profile.
+_FEWEST_STEPS = 10
+# A record that is profile to this share needs no window.
+_WHOLE = 0.95
+# Intervals up to this many times the usual one under load are sampled alike.
+_ALIKE = 1.5
 
 
 def are_unfit(names: Collection[str], warnings: Iterable[Notice], by_steps: bool = False) -> bool:
@@ -55,163 +40,41 @@ def are_unfit(names: Collection[str], warnings: Iterable[Notice], by_steps: bool
     return bool(names) and unfit.issuperset(names)
 
 
-@dataclass(frozen=True)
-class Traits:
-    """Numbers of a record that tell what it can serve as.
-
-    `steps` are those of the current that are sampled finely enough; they reach over `reach_ah` of
-    charge. `half_width_at_steps` and `half_width_between` are predicted half-widths of the 95 %
-    interval of R0, as shares of it, at the steps and at half of the charge between them; infinite
-    where they tell none. `steep_v` is the travel of the voltage where the cell stands at a steep
-    end throughout, else zero. `temperature_degc` is the column's median, else the one in the name,
-    else None.
-    """
-
-    sweeps: tuple[Sweep, ...]
-    steps: int
-    reach_ah: float
-    half_width_at_steps: float
-    half_width_between: float
-    span_ah: float
-    charged_ah: float
-    discharged_ah: float
-    longest_discharge_ah: float
-    interval_s: float
-    steep_v: float
-    temperature_degc: float | None
-
-    @property
-    def is_slow(self) -> bool:
-        """True if all that it holds are slow sweeps."""
-        return bool(self.sweeps) and all(sweep.kind == "slow" for sweep in self.sweeps)
-
-    def kind(self, capacity_ah: float | None, has_test: bool = False) -> Kind:
-        """The kind of test, for a cell of that capacity; with an OCV test, the fit's interval of R0
-        decides whether the steps of a charge are enough."""
-        if self.sweeps:
-            points = sum(len(sweep.points) - 1 for sweep in self.sweeps)
-            has_pulses = self.steps >= _STEPS_A_POINT * points
-            return "slow sweep" if self.is_slow else "pulse test" if has_pulses else "OCV test"
-        if not self.missing_for(capacity_ah):
-            return "drive cycle"
-        whole_ah = capacity_ah or self.span_ah
-        if self.steep_v or self.span_ah < LEAST_SHARE * whole_ah:
-            return "no test"
-        if self.longest_discharge_ah > _MOST * whole_ah:
-            return "capacity test"
-        if has_test and self.half_width_at_steps < math.inf:
-            return "drive cycle"
-        return "charge" if self.charged_ah > self.discharged_ah else "no test"
-
-    def half_width(self, is_validated: bool) -> float:
-        """The predicted half-width of the interval of R0 that decides whether a record serves: what
-        is validated on need not tell it between the steps."""
-        return self.half_width_at_steps if is_validated else self.half_width_between
-
-    def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
-        """The reason why no circuit can be identified, or validated, on it; empty if one can."""
-        if self.is_slow and self.half_width_at_steps <= MAX_HALF_WIDTH:
-            steps = counted(self.steps, "current step")
-            return f"it holds a slow sweep beside {steps}; give the part with the steps by itself"
-        if self.is_slow:
-            return "a slow sweep does not show what follows a step of current"
-        if self.steep_v:
-            return (
-                f"the cell is at the steep end of its OCV: {self.span_ah:.3g} Ah move its voltage "
-                f"by {self.steep_v:.2g} V"
-            )
-        if capacity_ah is not None and self.span_ah < LEAST_SHARE * capacity_ah:
-            share = 100 * self.span_ah / capacity_ah
-            return (
-                f"it spans {self.span_ah:.3g} Ah, {share:.2g} % of the capacity of "
-                f"{capacity_ah:.4g} Ah"
-            )
-        return self.steps_lack(capacity_ah, is_validated)
-
-    def steps_lack(self, capacity_ah: float | None, is_validated: bool) -> str:
-        """What the current steps by themselves lack to tell the resistances, if anything."""
-        half_width = self.half_width(is_validated)
-        steps = counted(self.steps, "current step")
-        if half_width > MAX_HALF_WIDTH:
-            within = f"tell R0 within {100 * half_width:.0f} %"
-            told = within if half_width < math.inf else "do not tell R0"
-            return (
-                f"{steps} sampled finely enough {told}; "
-                f"{100 * MAX_HALF_WIDTH:.0f} % is wanted where no OCV test tells it"
-            )
-        # Without a capacity a dither gives itself away by how often it turns.
-        whole_ah = capacity_ah or self.charged_ah + self.discharged_ah
-        if self.reach_ah < LEAST_SHARE * whole_ah:
-            share = 100 * self.reach_ah / whole_ah
-            of = "the capacity" if capacity_ah else "what it passes"
-            return f"its {steps} lie within {self.reach_ah:.2g} Ah, {share:.2g} % of {of}"
-        return ""
-
-
-def traits_of(given: CheckInput) -> Traits:
-    """The numbers that tell the kind of a record."""
-    record = given.record
-    fine = np.flatnonzero(given.samples.is_step & (record.interval_s <= FINE_S))
-    discharged_ah = record.discharged_ah
-    loaded_s = record.interval_s[~given.is_rested[1:]]
-    bulk_s, travel_v = given.samples.bulk_time
-    # The deepest point below the highest one before it: charge taken out without going back up.
-    out_ah = discharged_ah - np.minimum.accumulate(discharged_ah)
-    at_steps = _half_width(given.samples.step_a[fine], given.samples.answer_v[fine])
-    return Traits(
-        sweeps=() if isinstance(given.sweeps, str) else tuple(given.sweeps),
-        steps=len(fine),
-        reach_ah=reach(discharged_ah[fine]) if len(fine) else 0.0,
-        half_width_at_steps=at_steps,
-        half_width_between=math.hypot(at_steps, _NORMAL_95 * _drift(discharged_ah[fine])),
-        span_ah=given.span_ah,
-        charged_ah=given.charged_ah,
-        discharged_ah=given.discharged_ah,
-        longest_discharge_ah=float(out_ah.max()),
-        interval_s=float(np.median(loaded_s)) if len(loaded_s) else np.inf,
-        steep_v=travel_v if 0 < bulk_s < STEEP_S else 0.0,
-        temperature_degc=_temperature_degc(given),
-    )
-
-
-def _half_width(step_a: Float[np.ndarray, "steps"], step_v: Float[np.ndarray, "steps"]) -> float:
-    """The half-width of the 95 % interval of the resistance that fits all steps, as a share of it;
-    infinite of fewer than two, for one shows no scatter."""
-    product = float(np.sum(step_a * step_v))
-    if len(step_a) < 2 or product == 0:
-        return math.inf
-    left_v = step_v - product / np.sum(step_a**2) * step_a
-    error = float(np.linalg.norm(left_v * step_a)) / abs(product)
-    freedom = len(step_a) - 1
-    return float(stdtrit(freedom, 0.975)) * error * math.sqrt(len(step_a) / freedom)
-
-
-def _drift(at_ah: Float[np.ndarray, "steps"]) -> float:
-    """The standard deviation of log R0 that half of the charge between the steps stays below."""
-    ends_ah = np.sort(at_ah)
-    if len(ends_ah) < 2 or ends_ah[0] == ends_ah[-1]:
-        return 0.0
-    between_ah = np.linspace(ends_ah[0], ends_ah[-1], _BETWEEN)
-    after = np.clip(np.searchsorted(ends_ah, between_ah), 1, len(ends_ah) - 1)
-    before_ah, after_ah = between_ah - ends_ah[after - 1], ends_ah[after] - between_ah
-    # The variance of a random walk between two of its values that are known.
-    bridge_ah = before_ah * after_ah / np.maximum(before_ah + after_ah, np.finfo(float).tiny)
-    return _DRIFT * math.sqrt(np.median(bridge_ah) / (ends_ah[-1] - ends_ah[0]))
-
-
-def _temperature_degc(given: CheckInput) -> float | None:
-    measured = given.record.temperature_degc
-    if measured is not None and np.isfinite(measured).any():
-        return float(np.nanmedian(measured))
-    return degc_in_name(given.record.name)
-
-
 def require_load(kinds: Mapping[str, Kind]) -> None:
     """Raise `InputError` for files, by name, of which one is a slow sweep, or none holds changes of
     current that a circuit follows from: a charge beside a drive shows the other direction."""
     for file, kind in kinds.items():
         if kind == "slow sweep" or (kind == "charge" and set(kinds.values()) == {"charge"}):
             raise notice("role.no-load", file, what=kind).error()
+
+
+@dataclass(frozen=True)
+class SuggestedWindow:
+    """A window that cuts a whole test to its profile, and why.
+
+    `needs_initial_soc` says that the record does not tell the state of charge at the start, so
+    that the user must; `is_settled` that the cell has rested when the profile begins.
+    """
+
+    reason: str
+    window: Window = field(default_factory=Window)
+    needs_initial_soc: bool = False
+    is_settled: bool = True
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Arguments of `barnax.Window`."""
+        values = {own.name: getattr(self.window, own.name) for own in fields(Window)}
+        return {name: value for name, value in values.items() if value is not None}
+
+    @property
+    def advice(self) -> str:
+        """The options to give where not all of a record is to be simulated."""
+        options = [
+            f"`{name.removesuffix('_s')}={','.join(f'{n:.10g}' for n in np.atleast_1d(value))}`"
+            for name, value in self.options.items()
+        ]
+        return f"give {' '.join(options)}" if options else ""
 
 
 @dataclass(frozen=True)
@@ -269,21 +132,19 @@ def find_fall(points: Sequence[OcvPoint]) -> tuple[OcvPoint, OcvPoint] | None:
 
 def _ocv_test(given: CheckInput) -> Role:
     name = "OCV test"
-    if isinstance(given.sweeps, str):
-        return Role(name, False, given.sweeps)
-    try:
-        by_direction = {
-            direction: join_sweeps(
-                [sweep for sweep in given.sweeps if sweep.direction == direction]
-            )
-            for direction in dict.fromkeys(sweep.direction for sweep in given.sweeps)
-        }
-        if given.capacity_ah is not None:
-            decide_capacity(by_direction, given.capacity_ah)
-    except InputError as problem:
-        return Role(name, False, str(problem))
-    reason = "; ".join(_sweep_words(sweep) for sweep in by_direction.values())
-    if len(by_direction) == 1:
+    sweeps, _, missing = given.ocv
+    if missing:
+        return Role(name, False, str(missing.values["reason"]))
+    whole = by_direction(sweeps)
+    if isinstance(whole, InputError):
+        return Role(name, False, str(whole))
+    if given.capacity_ah is not None:
+        capacity = decide_capacity(whole, given.capacity_ah)
+        if isinstance(capacity, InputError):
+            return Role(name, False, str(capacity))
+    ways = dict.fromkeys(sweep.direction for sweep in sweeps)
+    reason = "; ".join(_sweep_words(whole[way]) for way in ways)
+    if len(ways) == 1:
         reason += "; one direction only, so the hysteresis voltage stays unknown"
     return Role(name, True, reason)
 
@@ -300,7 +161,7 @@ def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
     window = suggest_window(given)
     steps = counted(traits.steps, "current step")
     seen = f"{steps}, sampled every {traits.interval_s:.3g} s under load"
-    moves = f"{seen}; it spans {given.span_ah:.3g} Ah; {window.reason}"
+    moves = f"{seen}; it spans {given.record.span_ah:.3g} Ah; {window.reason}"
     roles = []
     for name in ("identification", "validation"):
         is_validated = name == "validation"
@@ -310,3 +171,107 @@ def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
         unusable = Role(name, False, missing, half_width=loose)
         roles.append(unusable if missing else Role(name, True, moves, window))
     return roles
+
+
+def suggest_window(given: CheckInput) -> SuggestedWindow:
+    """The window that starts where the charge is known and scores the profile."""
+    record = given.record
+    whole = _from_the_beginning(given)
+    step = record.step
+    numbers = () if step is None else _profile_numbers(given, step)
+    if step is None or not len(numbers):
+        return _after_charge(given) or whole
+    inside = np.flatnonzero(np.isin(step, numbers))
+    first, last = int(inside[0]), int(inside[-1])
+    if last - first + 1 >= _WHOLE * record.samples:
+        return whole
+    # Steps that are met inside the profile only belong to it.
+    outside = np.concatenate([step[:first], step[last + 1 :]])
+    own = tuple(np.setdiff1d(step[first : last + 1], outside).tolist())
+    at, rest_s = given.segments.rest_before(first)
+    is_settled = is_long(rest_s)
+    rest = f"after {_duration(rest_s)} of rest" + ("" if is_settled else ", too short to settle")
+    if not rest_s:
+        rest = "without a rest before it"
+    profile = f"the profile is step{'s' if len(own) > 1 else ''} {', '.join(map(str, own))}, {rest}"
+    full = _full_step(given, step, first)
+    if full is not None:
+        reason = f"{profile}; the cell is full at the end of step {full}"
+        window = Window(start_after_step=full, initial_soc=1.0, score_steps=own)
+        return SuggestedWindow(reason, window, is_settled=is_settled)
+    if is_settled:
+        reason = f"{profile} at {record.voltage_v[at]:.4f} V"
+        start_s = _clock_before(given, at)
+        return SuggestedWindow(reason, Window(start_time_s=start_s, score_steps=own))
+    # Ampere-hours carry the charge from the record's own beginning.
+    reason = f"{profile}; {whole.reason}"
+    interval_s = record.interval_s
+    loaded_s = float(np.median(interval_s[~given.is_rested[1:]]))
+    if np.quantile(interval_s, _WHOLE) <= _ALIKE * loaded_s:
+        # What comes before the profile is simulated anyhow, and tells as much.
+        return replace(whole, reason=f"{reason}; its sampling is uniform")
+    window = replace(whole.window, score_steps=own)
+    return replace(whole, reason=reason, window=window, is_settled=is_settled)
+
+
+def _after_charge(given: CheckInput) -> SuggestedWindow | None:
+    """From the end of the rest after a long charge, where all current steps come after it."""
+    record, steps = given.record, given.samples.steps
+    for first, last in () if given.ocv.sweeps else given.segments.loads(1):
+        before, after = np.sum(steps < last), np.sum(steps > last)
+        if before >= _FEWEST_STEPS or after < _FEWEST_STEPS:
+            return None
+        at, rest_s = given.segments.rest_before(last + 1)
+        if is_long(rest_s) and record.time_s[last] - record.time_s[first] >= CHARGE_S:
+            charge = f"the charge that ends in row {record.row[last]}"
+            reason = f"the profile follows {charge}, after {_duration(rest_s)} of rest"
+            return SuggestedWindow(reason, Window(start_time_s=_clock_before(given, at)))
+    return None
+
+
+def _from_the_beginning(given: CheckInput) -> SuggestedWindow:
+    """The window of the whole record, by how it tells its state of charge."""
+    record, loaded = given.record, given.segments.loaded
+    at = int(loaded[0]) - 1 if len(loaded) else record.samples - 1
+    if at < 0:
+        return SuggestedWindow("it starts under load", needs_initial_soc=True, is_settled=False)
+    first_v, last_v = record.voltage_v[0], record.voltage_v[at]
+    if abs(last_v - first_v) <= SETTLED_V:
+        return SuggestedWindow(f"it starts at rest at {first_v:.4f} V")
+    moves = f"the voltage goes from {first_v:.4f} to {last_v:.4f} V in its opening rest"
+    if is_long(record.time_s[at] - record.time_s[0]):
+        return SuggestedWindow(moves, Window(start_time_s=_clock_before(given, at)))
+    return SuggestedWindow(moves, needs_initial_soc=True, is_settled=False)
+
+
+def _clock_before(given: CheckInput, at: int) -> float:
+    """A time of few digits that selects the sample `at` as the first one not before it."""
+    time_s = given.record.time_s
+    short = float(f"{math.floor(time_s[at] * 1e3) / 1e3:.10g}")
+    return short if at == 0 or short > time_s[at - 1] else float(time_s[at])
+
+
+def _profile_numbers(
+    given: CheckInput, step: Int[np.ndarray, "samples"]
+) -> Int[np.ndarray, "numbers"]:
+    """The tester's step numbers inside which the current steps about."""
+    is_inside = given.samples.is_step & (np.diff(step) == 0)
+    numbers, times = np.unique(step[1:][is_inside], return_counts=True)
+    return numbers[times >= _FEWEST_STEPS]
+
+
+def _full_step(given: CheckInput, step: Int[np.ndarray, "samples"], before: int) -> int | None:
+    """The number of the last step before a sample that ends with the cell full."""
+    found = None
+    for last in given.segments.full_charges(given.scale_ah):
+        # The last block of a step is what `start_after_step` takes.
+        end = int(np.flatnonzero(step == step[last])[-1])
+        if end < before and np.all(step[last:end] == step[last]):
+            found = int(step[last])
+    return found
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"

@@ -6,10 +6,9 @@ import numpy as np
 
 from ..notices import Notice, notice
 from ..records.lag import LASTING, LATE_SURE, Known, late_of
-from ..records.segments import equal_runs
+from ..records.record import equal_runs
 from ..records.silence import gaps_in
-from .check_input import CheckInput
-from .roles import FINE_S
+from .traits import FINE_S, CheckInput
 
 # More than this share of all intervals is how the tester samples.
 _MANY = 0.1

@@ -14,7 +14,7 @@ from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input
 from ..notices import Notice
-from ..records import Record, current_direction, rest_current_a
+from ..records import Record
 from ..records.samples import record_resistance_ohm
 from ..settings import is_temperature
 from .intervals import Intervals, sized
@@ -298,7 +298,7 @@ def prepare_record(
     window = window or Window()
     cell = cell.at(temperature_of(record, window))
     capacity_ah = window.capacity_ah or cell.capacity_ah
-    rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
+    rest_a = window.rest_current_a or record.rest_current_a(capacity_ah)
     first = first_sample(record, window, rest_a)
     start, capacity_ah, warnings = find_start(record, cell, window, capacity_ah, first, rest_a)
     soc = soc_along(record, capacity_ah, first, start.soc)
@@ -319,7 +319,7 @@ def prepare_record(
             f"{record.name}: fewer than {FEWEST_SAMPLES} samples are left to score; widen the "
             "window"
         )
-    direction = current_direction(record, rest_a, start.direction)[span]
+    direction = record.segments(rest_a).directions(start.direction)[span]
     model = get_circuit(circuit)
     source_v = model.source_voltage(cell, soc[span], direction)
     amplitude_v = None

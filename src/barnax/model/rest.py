@@ -14,9 +14,8 @@ from scipy.optimize import minimize_scalar, nnls
 
 from ..cell import CellModel
 from ..cell.soc_axis import BEYOND_SOC
-from ..errors import InputError
-from ..records import Record, is_rested
-from ..records.segments import runs
+from ..records import Record
+from ..records.record import Segments
 
 # No tester resolves less.
 LEAST_NOISE_V = 1e-4
@@ -28,39 +27,35 @@ _DRIFTING = 4.0
 _STEP_SOC = 0.01
 
 
-class Rest(NamedTuple):
-    """The voltage and the SOC of a cell at rest, with their standard errors by the noise."""
+class RestedCell(NamedTuple):
+    """The SOC of a cell at rest, and its standard error by the noise."""
 
-    voltage_v: float
     soc: float
-    voltage_sd_v: float
     soc_sd: float
 
 
-def cell_at_rest(record: Record, cell: CellModel, at: int, rest_a: float, direction: int) -> Rest:
-    """What the rest around the sample `at` tells of a cell that came from a direction. Raises
-    `InputError` where that is beyond the OCV."""
-    voltage_v, sd_v = mean_at_rest(record, at, rest_a)
-    try:
-        soc = cell.soc_from_rest_voltage(voltage_v, direction)
-    except InputError as problem:
-        raise InputError(f"{record.name}: row {record.row[at]}: {problem}") from problem
+def cell_at_rest(segments: Segments, cell: CellModel, at: int, direction: int) -> RestedCell | None:
+    """What the rest around the sample `at` tells of a cell that came from a direction; None where
+    that is beyond the OCV."""
+    voltage_v, sd_v = mean_at_rest(segments, at)
+    soc = cell.soc_at_rest(voltage_v, direction)
+    if soc is None:
+        return None
     branch = cell.charge if direction > 0 else cell.discharge
     around = np.clip([soc - _STEP_SOC / 2, soc + _STEP_SOC / 2], *cell.soc_range)
     slope = float(np.ptp(branch(around)) / np.ptp(around))
-    return Rest(voltage_v, soc, sd_v, min(sd_v / max(slope, 1e-9), 1.0))
+    return RestedCell(soc, min(sd_v / max(slope, 1e-9), 1.0))
 
 
-def mean_at_rest(record: Record, at: int, rest_a: float) -> tuple[float, float]:
+def mean_at_rest(segments: Segments, at: int) -> tuple[float, float]:
     """The mean voltage of a rest and its standard error, over as many of its samples, the nearest
     to the sample `at` first, as differ by no more than their noise."""
-    firsts, lasts = runs(is_rested(record, rest_a))
-    number = int(np.searchsorted(lasts, at))
-    rest = slice(int(firsts[number]), int(lasts[number]) + 1)
-    steps_v = np.abs(np.diff(record.voltage_v[rest]))
+    first, last = next(rest[:2] for rest in segments.rests if rest.last >= at)
+    rest = np.arange(first, last + 1)
+    voltage_v = segments.record.voltage_v[rest]
+    steps_v = np.abs(np.diff(voltage_v))
     noise_v = max(LEAST_NOISE_V, _TO_SD * float(np.median(steps_v)) if len(steps_v) else 0.0)
-    nearest = np.argsort(np.abs(np.arange(rest.start, rest.stop) - at), kind="stable")
-    voltage_v = record.voltage_v[rest][nearest]
+    voltage_v = voltage_v[np.argsort(np.abs(rest - at), kind="stable")]
     count = 1
     while count < len(voltage_v):
         drift_v = voltage_v[: 2 * count].mean() - voltage_v[:count].mean()

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..cell import CellModel
-from ..cell.ocv_points import SETTLED_V
 from ..errors import InputError
 from ..notices import Notice, notice
-from ..records import Record, is_rested
+from ..records import Record
+from ..records.record import SETTLED_V
 from ..records.samples import record_resistance_ohm
 from ..settings import Window
 
@@ -70,7 +70,7 @@ def relaxing_rest(record: Record, rest_a: float) -> tuple[int, float]:
     The circuit starts relaxed, and the last sample of such a rest is the one nearest to that. A
     current that moves more than a thousandth of the capacity is no rest.
     """
-    loaded = np.flatnonzero(~is_rested(record, rest_a))
+    loaded = record.segments(rest_a).loaded
     last = int(loaded[0]) - 1 if len(loaded) else 0
     few = min(last // 2, _FEW)
     if last < 1 or abs(record.discharged_ah[last] - record.discharged_ah[0]) > rest_a / 10:

@@ -27,13 +27,12 @@ from jaxtyping import Float
 from scipy.special import softmax
 
 from ..blas import one_blas_thread
-from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S
 from ..cell.tables import hats
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import FEWEST_SAMPLES, PreparedRecord
 from ..model.search_space import Range
-from ..records.segments import runs
+from ..records.record import is_long, runs
 from .nuisances import Estimated, Measured, estimate, of_starts
 from .objective import Solution, TableObjective
 from .problem import box_of, find_best, held_at, reduced_objective
@@ -271,13 +270,12 @@ def _steep_rests(prepared: PreparedRecord) -> Iterator[tuple[int, int, float, fl
     SOC within `FULL_SD`, that SOC, and the slope."""
     resting = np.abs(prepared.current_a) < prepared.rest_current_a
     for first, last in zip(*runs(resting), strict=True):
-        if prepared.time_s[last] - prepared.time_s[first] < MINIMUM_REST_S - CLOCK_SLACK_S:
+        rested = prepared.cell.soc_at_rest(float(prepared.voltage_v[last]))
+        if rested is None or not is_long(float(prepared.time_s[last] - prepared.time_s[first])):
             continue
-        with suppress(InputError):
-            rested = prepared.cell.soc_from_rest_voltage(float(prepared.voltage_v[last]))
-            slope = float(_slope(prepared, np.array([rested]), REST_SLOPE_SOC)[0])
-            if slope * FULL_SD >= REST_SD_V:
-                yield int(first), int(last), rested, slope
+        slope = float(_slope(prepared, np.array([rested]), REST_SLOPE_SOC)[0])
+        if slope * FULL_SD >= REST_SD_V:
+            yield int(first), int(last), rested, slope
 
 
 def _rests(prepared_records: Sequence[PreparedRecord], now: Nuisance) -> Measured | None:

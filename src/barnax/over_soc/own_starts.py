@@ -18,9 +18,8 @@ from ..model.start import find_start, require_whole_log
 from ..model.temperature import temperature_of
 from ..model.window import OCV_MARGIN, Window, first_sample, scored_samples
 from ..notices import Notice, notice
-from ..records import Record, rest_current_a
+from ..records import Record
 from ..records.record import in_means
-from ..records.segments import FULL_CHARGE, held_charges
 from .level import cell_of, level_cell, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import find_best, held_at, reduced_objective
@@ -62,7 +61,7 @@ def axis_capacity(
 def require_on_axis(record: Record, window: Window, capacity_ah: float):
     """Raise `InputError` where a record in its window of `axis_of` leaves the axis of SOC."""
     initial_soc = window.initial_soc or 0.0
-    rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
+    rest_a = window.rest_current_a or record.rest_current_a(capacity_ah)
     first = first_sample(record, window, rest_a)
     soc = soc_along(record, capacity_ah, first, initial_soc)
     soc = soc[scored_samples(record, window, first, soc)]
@@ -85,14 +84,9 @@ def axis_of(record: Record, window: Window, capacity_ah: float) -> Window:
     fullest sample as full."""
     if window.initial_soc is not None:
         return replace(window, soc_source=None, capacity_ah=capacity_ah)
-    rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
+    rest_a = window.rest_current_a or record.rest_current_a(capacity_ah)
     first = first_sample(record, window, rest_a)
-    highest_v = float(record.voltage_v.max())
-    full = [
-        last
-        for last in held_charges(record, capacity_ah, rest_a)
-        if record.voltage_v[last] >= highest_v - FULL_CHARGE.held_near_v
-    ]
+    full = record.segments(rest_a).full_charges(capacity_ah)
     fullest = int(np.argmin(record.discharged_ah))
     at = min(full, key=lambda sample: abs(sample - first)) if full else fullest
     out_ah = float(record.discharged_ah[first] - record.discharged_ah[at])
@@ -280,7 +274,7 @@ class OwnRecords:
         """What speaks against the start that a rest on the cell's OCV tells, with which its window
         is in `told`; in `turned` with the other direction, where that is open."""
         window = replace(self.windows[record.name], capacity_ah=self.capacity_ah)
-        rest_a = window.rest_current_a or rest_current_a(record, self.capacity_ah)
+        rest_a = window.rest_current_a or record.rest_current_a(self.capacity_ah)
         given = self.capacity_ah, first_sample(record, window, rest_a), rest_a
         try:
             start, _, against = find_start(record, cell, window, *given)

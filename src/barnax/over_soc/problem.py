@@ -21,7 +21,7 @@ from ..model.layout import layout_of
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Groups, Reduced, reduce_records, scored_alone, together
 from ..model.search_space import RATE_RANGE, Range
-from ..records.segments import LEAST_REACH, reach_of_steps
+from ..records.record import LEAST_REACH, reach_of_steps
 from .objective import TableObjective
 from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 

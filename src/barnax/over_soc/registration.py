@@ -28,8 +28,7 @@ from ..execution import in_float64
 from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord
 from ..notices import Notice, notice
-from ..records.record import in_means
-from ..records.segments import runs
+from ..records.record import in_means, runs
 from ..settings import Registration
 from ..uncertainty.noise import CONFIDENCE
 from .cross_validation import SocErrors, held_out
@@ -277,9 +276,8 @@ def _far_rest(prepared: PreparedRecord) -> _Rest | None:
         apart_v = voltage_v - min(max(voltage_v, min(around_v)), max(around_v))
         if abs(apart_v) <= (abs(found.apart_v) if found else FAR_V):
             continue
-        try:
-            rested_soc = prepared.cell.soc_from_rest_voltage(voltage_v)
-        except InputError:
+        rested_soc = prepared.cell.soc_at_rest(voltage_v)
+        if rested_soc is None:
             continue
         own_soc = prepared.start.soc - rested_soc
         if own_soc * gone_soc > 0:

@@ -102,8 +102,8 @@ def plan(
             raise InputError(file.refusal)
     with watch("Planning", 0):
         files = [part for file in looked[:first] for part in split(file)] + looked[first:]
-        given_ah = windows.get("", Window()).capacity_ah if capacity is None else capacity
-        draft = Draft(files, given_ah=given_ah, is_over=over == OVER_TEMPERATURE)
+        given = windows.get("", Window()) if capacity is None else Window(capacity_ah=capacity)
+        draft = Draft(files, given_ah=given.capacity_ah, is_over=over == OVER_TEMPERATURE)
         return _decide(draft, looked[first:last], looked[last:])
 
 

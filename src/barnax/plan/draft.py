@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise, permutations
 from pathlib import Path
 
-from ..checks.roles import LEAST_SHARE
+from ..checks.traits import LEAST_SHARE
 from ..model.window import Window
 from ..notices import Notice, notice
 from ..records.fingerprint import Content

@@ -13,17 +13,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..cell import OcvTable, read_ocv_test
+from ..cell import OcvTable, read_ocv_table
 from ..cell.model import SAME_DEGC
 from ..cell.soc_axis import Sweep
 from ..checks import FileCheck, Role, check_file
-from ..checks.roles import Traits
+from ..checks.traits import Traits
 from ..errors import InputError, printable
 from ..inputs import Watch, file_names, source_of, window_of
 from ..model.window import START, Window
-from ..records import Record, Source, read_record, rest_current_a
+from ..records import Record, Source, read_record
 from ..records.columns import is_ocv_table
-from ..records.segments import FULL_CHARGE
 from ..settings import Reading
 from .document import merged
 
@@ -115,8 +114,10 @@ class CandidateFile:
         return read_record(self.known_source)
 
     @cached_property
-    def ocv_test(self) -> Record | OcvTable:
-        return self.record if self.check else read_ocv_test(self.known_source)
+    def table(self) -> OcvTable | None:
+        """The table of OCV in it, if that is what it is."""
+        is_table = is_ocv_table(self.known_source.table.header, self.known_source.columns)
+        return read_ocv_table(self.known_source) if is_table else None
 
     @property
     def known_source(self) -> Source:
@@ -222,8 +223,7 @@ def _looked_at(path: Path, source: Source, chosen: Window) -> CandidateFile:
     """A file that was read, checked."""
     file = CandidateFile(path, source.name, source, chosen=chosen)
     try:
-        if is_ocv_table(source.table.header, source.columns):
-            _ = file.ocv_test
+        if file.table:
             return file
         check = check_file(source, rest_current_a=chosen.rest_current_a)
     except InputError as problem:
@@ -300,8 +300,9 @@ def _part(file: CandidateFile, first: int, last: int, is_full: bool = False) -> 
 def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:
     """Spans between the ends of the record's long charges, and whether each follows a full one."""
     discharged_ah = record.discharged_ah
-    span_ah = float(np.ptp(discharged_ah))
-    rest_a = rest_current_a(record, span_ah)
+    span_ah = record.span_ah
+    rest_a = record.rest_current_a(span_ah)
+    full = {*record.segments(rest_a).full_charges(span_ah)}
     charging = np.flatnonzero(record.current_a < -rest_a)
     discharging = np.flatnonzero(record.current_a > rest_a)
     begin, is_full = 0, False
@@ -315,9 +316,7 @@ def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:
             continue
         is_slow = record.time_s[last] - record.time_s[first] > _SLOW_S
         yield begin, (last if is_slow else max(first - 1, begin)), is_full
-        current_a = record.current_a[run]
-        is_near = record.voltage_v[last] > record.voltage_v.max() - FULL_CHARGE.near_v
-        is_full = bool(is_near and FULL_CHARGE.has_tapered(current_a.min(), current_a[-1]))
+        is_full = last in full
         begin = min(last + 1, record.samples - 1)
     yield begin, record.samples - 1, is_full
 

@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..cell import CellModel, characterize
+from ..cell import CellModel
+from ..cell.characterize import cell_of
+from ..cell.ocv_points import find_sweeps
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, DISCHARGE, WORD, Sweep
 from ..errors import InputError
 from ..model.prepared import prepare_record
@@ -86,16 +88,11 @@ def _choose_ocv(
     reason = None
     for tests in [tuple(candidates)] if is_given else sets:
         for capacity_ah in capacities_ah:
-            try:
-                cell = characterize(
-                    [test.ocv_test for test in tests],
-                    capacity_ah=capacity_ah,
-                    ocv_fit="interpolated",
-                )
-            except InputError as problem:
-                reason = reason or problem
-                continue
-            return OcvChoice(tests, cell, capacity_ah)
+            sweeps = [find_sweeps(test.record, capacity_ah) for test in tests if test.check]
+            cell = cell_of(sweeps, [test.table for test in tests if test.table], capacity_ah)
+            if isinstance(cell, CellModel):
+                return OcvChoice(tests, cell, capacity_ah)
+            reason = reason or cell
     if is_given and reason is not None:
         raise reason
     return None
@@ -145,7 +142,7 @@ def _hole_ah(sweeps: Sequence[Sweep], max_ah: float) -> float:
     that passes `max_ah`; two that close reach both ends."""
     gaps_ah = [0.0]
     for sweep in sweeps:
-        at_ah = [sweep.start_ah, *(point.discharged_ah for point in sweep.points), sweep.end_ah]
+        at_ah = [sweep.start_ah, *sweep.discharged_ah, sweep.end_ah]
         gaps_ah.append(float(np.abs(np.diff(at_ah)).max()))
     if len({sweep.direction for sweep in sweeps}) == 1:
         gaps_ah.append(max_ah - sum(sweep.passed_ah for sweep in sweeps))

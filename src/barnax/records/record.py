@@ -1,10 +1,13 @@
-"""One measured record of one cell in one convention, its rests and its direction."""
+"""One measured record of one cell in one convention, with its rests, loads and charges."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..display import Brief
 from ..notices import Notice
@@ -22,6 +25,8 @@ _NAMED_DEGC = re.compile(
     r"[ _]?(?:degC|deg_?C|°C)(?![a-zA-Z])",
     re.IGNORECASE,
 )
+
+Places = Int[np.ndarray, "places"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,6 +123,159 @@ class Record(Brief):
         moved_ah = self.interval_current_a * self.interval_s / 3600
         return moved_ah if self.skipped_ah is None else moved_ah + self.skipped_ah
 
+    @cached_property
+    def span_ah(self) -> float:
+        """The charge between the fullest and the emptiest sample."""
+        return float(np.ptp(self.discharged_ah))
+
+    def flowing_between(self, first: Places, last: Places) -> tuple[Places, Places]:
+        """The samples between which the currents of the samples `first` to `last` flowed."""
+        if self.hold.value == "backward":
+            return np.maximum(first - 1, 0), last
+        return first, np.minimum(last + 1, self.samples - 1)
+
+    def rest_current_a(self, capacity_ah: float) -> float:
+        """The current below which a cell of that capacity counts as resting, in A.
+
+        C/100, and never under five times the current's noise at rest: a tester's offset is not a
+        direction.
+
+        >>> from barnax import bundled_file, read_record
+        >>> read_record(bundled_file("ocv_discharge")).rest_current_a(2.0)
+        0.02
+        """
+        return max(capacity_ah / 100, 5 * _noise_at_rest_a(self, capacity_ah))
+
+    @cached_property
+    def _segments(self) -> dict[float, "Segments"]:
+        return {}
+
+    def segments(self, rest_a: float) -> "Segments":
+        """Its rests, loads and charges, where currents below `rest_a` are none; found once.
+
+        >>> from barnax import bundled_file, read_record
+        >>> len(read_record(bundled_file("ocv_discharge")).segments(0.02).rests)
+        22
+        """
+        return self._segments.setdefault(rest_a, Segments(self, rest_a))
+
+
+# The rest after which the voltage is the OCV, and by what it may end early on the tester's clock
+# where it was programmed as 30 min.
+MINIMUM_REST_S, CLOCK_SLACK_S = 1800.0, 1.0
+# A voltage that moves by less is settled.
+SETTLED_V = 5e-3
+# A charge that ends full lasts so long, for what a brake gives back is shorter. At its end a
+# voltage is held within this for so long, for an LFP cell is full within minutes; the current
+# falls below this share meanwhile, and would take so long for the capacity.
+CHARGE_S, HELD_V, HELD_S, TAPERED, LEAST_HOURS = 300.0, 0.01, 60.0, 0.5, 10.0
+# So near the record's highest voltage is a held one, which brakes of a cold cell exceed.
+NEAR_HIGHEST_V = 0.06
+
+
+def is_long(rest_s: float) -> bool:
+    """True for a rest after which the voltage is the OCV."""
+    return rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
+
+
+class Rest(NamedTuple):
+    """First and last sample of an unbroken rest, and for how long no current flowed, in s."""
+
+    first: int
+    last: int
+    duration_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """The rests, loads and charges of a record in which currents below `rest_a` are none."""
+
+    record: Record
+    rest_a: float
+
+    @cached_property
+    def is_rested(self) -> Bool[np.ndarray, "samples"]:
+        return np.abs(self.record.current_a) < self.rest_a
+
+    @cached_property
+    def loaded(self) -> Int[np.ndarray, "loaded"]:
+        """The samples under load."""
+        return np.flatnonzero(~self.is_rested)
+
+    @cached_property
+    def rests(self) -> tuple[Rest, ...]:
+        """Every rest, in order, with the interval of the hold at one of its ends."""
+        first, last = runs(self.is_rested)
+        begin_s, end_s = (self.record.time_s[at] for at in self.record.flowing_between(first, last))
+        return tuple(map(Rest, first.tolist(), last.tolist(), (end_s - begin_s).tolist()))
+
+    def rest_before(self, sample: int) -> tuple[int, float]:
+        """The last rested sample before the load at `sample` or the next one, and for how long the
+        cell had rested then, in s; zero where it had not, or nothing was before it."""
+        at = np.searchsorted(self.loaded, sample)
+        last = int(self.loaded[at]) - 1 if at < len(self.loaded) else sample
+        if at == 0 or last <= self.loaded[at - 1]:
+            return max(last, 0), 0.0
+        return last, float(self.record.time_s[last] - self.record.time_s[self.loaded[at - 1]])
+
+    def directions(self, initial: int = 1) -> Float[np.ndarray, "samples"]:
+        """The last direction of the current: +1 charging, -1 discharging (Sig of Eq. 5).
+
+        At rest the last direction goes on; before the first one it is `initial`, +1 for a cell that
+        comes from a charge.
+
+        >>> from barnax import bundled_file, read_record
+        >>> directions = read_record(bundled_file("ocv_discharge")).segments(0.02).directions()
+        >>> float(directions[0]), float(directions[-1])
+        (1.0, -1.0)
+        """
+        current_a = self.record.current_a
+        moving = ~self.is_rested & (current_a != 0)
+        last_moving = np.maximum.accumulate(np.where(moving, np.arange(len(moving)), -1))
+        return np.where(last_moving >= 0, -np.sign(current_a[last_moving]), float(initial))
+
+    def loads(self, direction: int) -> list[tuple[int, int]]:
+        """First and last samples of charges (+1) or discharges (-1) without a pause."""
+        first, last = runs(-direction * self.record.current_a > self.rest_a)
+        return list(zip(first.tolist(), last.tolist(), strict=True))
+
+    def long_loads(self, direction: int) -> list[tuple[int, int]]:
+        """The same but for those of brakes and short loads."""
+        time_s = self.record.time_s
+        loads = self.loads(direction)
+        return [load for load in loads if time_s[load[1]] - time_s[load[0]] >= CHARGE_S]
+
+    def held_charges(self, capacity_ah: float) -> Iterator[int]:
+        """The last samples of charges that end as one to full does: at a voltage that is held while
+        the current tapers."""
+        for first, last in self.long_loads(1):
+            voltage_v = self.record.voltage_v[first : last + 1]
+            moving = np.flatnonzero(np.abs(voltage_v - voltage_v[-1]) > HELD_V)
+            held = first + int(moving[-1]) + 1 if len(moving) else first
+            held_s = self.record.time_s[last] - self.record.time_s[held]
+            end_a = -float(self.record.current_a[last])
+            is_tapered = end_a < -TAPERED * self.record.current_a[held]
+            if held_s >= HELD_S and is_tapered and end_a <= capacity_ah / LEAST_HOURS:
+                yield last
+
+    def full_charges(self, capacity_ah: float) -> list[int]:
+        """Those of which the voltage is the record's highest, whatever the cell."""
+        least_v = self.record.voltage_v.max() - NEAR_HIGHEST_V
+        held = self.held_charges(capacity_ah)
+        return [last for last in held if self.record.voltage_v[last] >= least_v]
+
+
+def runs(holds: Bool[np.ndarray, "samples"]) -> tuple[Places, Places]:
+    """First and last place of each unbroken run where `holds` is true, in order."""
+    edges = np.flatnonzero(np.diff(holds, prepend=False, append=False))
+    return edges[::2], edges[1::2] - 1
+
+
+def equal_runs(values: np.ndarray) -> tuple[Places, Places]:
+    """First and last place of each run of equal values."""
+    changes = np.flatnonzero(np.diff(values) != 0)
+    return np.append(0, changes + 1), np.append(changes, len(values) - 1)
+
 
 def pause_s(earlier: Record, later: Record) -> float:
     """Seconds from the end of one record to the start of another, by the dates of both, or else by
@@ -185,3 +343,53 @@ def degc_in_name(name: str) -> float | None:
     if named is None:
         return None
     return -float(named["degrees"]) if named["minus"] else float(named["degrees"])
+
+
+# Steps of the current are changes by this share of the largest. Those of a load reach over this
+# share of the charge, from the first of these quantiles to the last: a few may stand apart.
+_STEP_SHARE, LEAST_REACH, _ENDS = 0.1, 0.05, (0.05, 0.95)
+# Fewer steps are no load.
+_FEWEST_STEPS = 10
+
+
+def reach_of_steps(
+    current_a: Float[np.ndarray, "samples"], charge: Float[np.ndarray, "samples"]
+) -> float:
+    """The charge, or the SOC, over which most of the current's steps reach; zero of few steps, as
+    a charge at one current has them at its ends.
+
+    >>> round(reach_of_steps(np.resize([0.0, 1.0], 21), np.linspace(0.0, 1.0, 21)), 3)
+    0.855
+    """
+    step_a = np.abs(np.diff(current_a))
+    at = charge[1:][step_a > _STEP_SHARE * np.max(np.abs(current_a), initial=0.0)]
+    return reach(at) if len(at) >= _FEWEST_STEPS else 0.0
+
+
+def reach(at: Float[np.ndarray, "steps"]) -> float:
+    """The charge, or the SOC, over which steps at these reach, but for a few at either end."""
+    return float(np.ptp(np.quantile(at, _ENDS)))
+
+
+# Long enough for a robust spread of the current's noise, short against a rest.
+_WINDOW_SAMPLES = 32
+
+
+def _noise_at_rest_a(record: Record, capacity_ah: float) -> float:
+    """The median robust noise of short windows of small, steady current; zero without such.
+
+    The windows lie below C/20 throughout and below C/50 in the median. Differences of neighbors
+    over sqrt(2) give the noise of white noise and little of a drift or a slow dither.
+    """
+    windows = record.samples // _WINDOW_SAMPLES
+    current = record.current_a[: windows * _WINDOW_SAMPLES].reshape(windows, _WINDOW_SAMPLES)
+    is_small = (np.abs(current) < capacity_ah / 20).all(axis=1)
+    current = current[is_small]
+    steps = np.diff(current, axis=1)
+    noise_a = 1.4826 * np.median(np.abs(steps), axis=1) / np.sqrt(2)
+    # Half against half: the means of white noise hardly differ, those of a swing do.
+    half = _WINDOW_SAMPLES // 2
+    drift_a = np.abs(current[:, :half].mean(axis=1) - current[:, half:].mean(axis=1))
+    is_low = np.abs(np.median(current, axis=1)) < capacity_ah / 50
+    is_steady = is_low & (drift_a <= 3 * noise_a * np.sqrt(2 / half))
+    return float(np.median(noise_a[is_steady])) if is_steady.any() else 0.0

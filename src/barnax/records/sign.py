@@ -15,8 +15,8 @@ from ..errors import counted
 from ..notices import Notice, notice
 from .dialects import CHARGE, DISCHARGE, Sign
 from .logger import Decision
+from .record import equal_runs, runs
 from .samples import Samples, some, voltage_noise_v
-from .segments import equal_runs, runs
 from .table import found_at
 
 SIGNS: Mapping[int, Sign] = {1: CHARGE, -1: DISCHARGE}

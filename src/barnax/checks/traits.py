@@ -1,0 +1,332 @@
+"""A record as the checks see it, mended so far as it could be, and the traits of its kind."""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, Self
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.special import stdtrit
+
+from ..cell.ocv_points import OcvSweeps, find_sweeps
+from ..cell.soc_axis import Sweep
+from ..errors import counted
+from ..notices import Notice
+from ..records import Record
+from ..records.lag import Known, Lag, answers_ohm, find_lag, require_lag
+from ..records.record import Segments, degc_in_name, reach
+from ..records.samples import Samples
+from ..records.table import found_at
+
+_FEWEST_READINGS, _MAX_STEPS = 20, 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class CheckInput:
+    """A file's samples, in its own sign of current, and the record made of them, each voltage in
+    the row of its current.
+
+    Both have the same samples. `capacity_ah` and `given_rest_a`, the current below which the cell
+    rests, are the user's. `lag` is that of the voltage, None where it has none or one is given. The
+    voltage of a sample stands `late_rows` further down in the file.
+    """
+
+    samples: Samples
+    record: Record
+    capacity_ah: float | None
+    given_rest_a: float | None
+    lag: Lag | None
+    is_lag_given: bool
+    late_rows: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        samples: Samples,
+        record: Record,
+        capacity_ah: float | None,
+        rest_a: float | None,
+        lag_s: float | None,
+    ) -> Self:
+        """The input of the checks; a lag of None is looked for.
+
+        Raises `InputError` for a lag that is no number, or is longer than the record.
+        """
+        require_lag(record, lag_s or 0.0)
+        lag = find_lag(record) if lag_s is None else None
+        given = cls(samples, record, capacity_ah, rest_a, lag, lag_s is not None)
+        known_s = lag.seconds if lag else lag_s or 0.0
+        rows = round(known_s / float(np.median(record.interval_s)))
+        if not rows:
+            return given
+        given = replace(given, late_rows=rows)
+        moved_v = record.voltage_v[given.places("voltage")]
+        samples, record = samples.having(voltage=moved_v), replace(record, voltage_v=moved_v)
+        return replace(given, samples=samples, record=record)
+
+    @cached_property
+    def charged_ah(self) -> float:
+        """All the charge that went in."""
+        return float(np.sum(np.maximum(-self.moved_ah, 0)))
+
+    @cached_property
+    def discharged_ah(self) -> float:
+        """All the charge that came out."""
+        return float(np.sum(np.maximum(self.moved_ah, 0)))
+
+    @cached_property
+    def moved_ah(self) -> Float[np.ndarray, "intervals"]:
+        """Ampere-hours that came out in each interval."""
+        return self.record.moved_ah
+
+    @cached_property
+    def scale_ah(self) -> float:
+        """The capacity: the given one, else the charge the record spans."""
+        return self.capacity_ah or self.record.span_ah
+
+    @cached_property
+    def segments(self) -> Segments:
+        """Rests and loads, by the given current or a hundredth of the capacity."""
+        return self.record.segments(self.given_rest_a or self.record.rest_current_a(self.scale_ah))
+
+    @property
+    def is_rested(self) -> Bool[np.ndarray, "samples"]:
+        return self.segments.is_rested
+
+    @cached_property
+    def resolution_v(self) -> float:
+        """The smallest step of the voltage's readings; zero where too few differ to tell."""
+        return _resolution(self.record.voltage_v)
+
+    @cached_property
+    def resolution_a(self) -> float:
+        """The smallest step of the current's readings; zero where too few differ to tell."""
+        return _resolution(self.record.current_a)
+
+    @property
+    def resistance_ohm(self) -> float:
+        """The resistance at the current's steps; zero where too few tell."""
+        return self.samples.resistance_ohm
+
+    @cached_property
+    def response_ohm(self) -> float:
+        """The resistance that most steps of the current stay below, two samples after them.
+
+        A voltage that is logged late shows less at the step itself.
+        """
+        at = self.samples.steps
+        if not len(at):
+            return 0.0
+        before, after = np.maximum(at - 1, 0), np.minimum(at + 2, self.record.samples - 1)
+        moved_v = np.abs(self.record.voltage_v[after] - self.record.voltage_v[before])
+        return float(np.quantile(moved_v / np.abs(self.samples.step_a[at]), _MAX_STEPS))
+
+    @cached_property
+    def answers_ohm(self) -> Known | None:
+        """The answers of the voltage to a step of the current; None where too few steps tell."""
+        return answers_ohm(self.record)
+
+    @cached_property
+    def source_v(self) -> Float[np.ndarray, "samples"]:
+        """The voltage without the drop over the resistance."""
+        return self.record.voltage_v + self.resistance_ohm * self.record.current_a
+
+    @cached_property
+    def ocv(self) -> OcvSweeps:
+        """The OCV sweeps of the record, or why it is no OCV test."""
+        return find_sweeps(self.record, self.capacity_ah)
+
+    def places(self, channel: str) -> Int[np.ndarray, "samples"]:
+        """Where the file has each sample's reading of a channel."""
+        late = self.late_rows if channel == "voltage" else 0
+        return np.clip(np.arange(self.record.samples) + late, 0, self.record.samples - 1)
+
+    def at(
+        self,
+        place: int | Bool[np.ndarray, "samples"],
+        code: str,
+        channel: str = "current",
+        /,
+        **values: Any,
+    ) -> Notice:
+        """A notice of one sample, or the first of several, in the row of its channel."""
+        place = int(np.argmax(place)) if isinstance(place, np.ndarray) else place
+        return found_at(self.samples, int(self.places(channel)[place]), code, **values)
+
+
+Check = Callable[[CheckInput], Iterable[Notice]]
+
+
+def _resolution(readings: Float[np.ndarray, "samples"]) -> float:
+    steps = np.diff(np.unique(readings))
+    # Conversions leave differences in the last bits.
+    steps = steps[steps > 1e-9]
+    return float(steps.min()) if len(steps) >= _FEWEST_READINGS else 0.0
+
+
+Kind = Literal[
+    "OCV test", "slow sweep", "pulse test", "drive cycle", "capacity test", "charge", "no test"
+]
+
+# The share of R0 that its 95 % interval may reach to either side, and the sampling interval that
+# still shows what follows a step of the current.
+MAX_HALF_WIDTH, FINE_S = 1 / 3, 10.5
+# The standard deviation of log R0 between the first step and the last, by which it is predicted
+# between steps: a random walk, for R0 follows the SOC.
+_DRIFT, _NORMAL_95, _BETWEEN = 0.5, 1.96, 201
+# Steps that reach over less of the capacity, or the bulk time of a steep end, say little.
+LEAST_SHARE, STEEP_S = 0.05, 20.0
+# Pulses and rests alone make two steps a point; an HPPC test has pulses of its own beside them.
+_STEPS_A_POINT = 3
+# A discharge that passes so much of all the charge was one of a capacity test.
+_MOST = 0.8
+
+
+@dataclass(frozen=True)
+class Traits:
+    """Numbers of a record that tell what it can serve as.
+
+    `steps` are those of the current that are sampled finely enough; they reach over `reach_ah` of
+    charge. `half_width_at_steps` and `half_width_between` are predicted half-widths of the 95 %
+    interval of R0, as shares of it, at the steps and at half of the charge between them; infinite
+    where they tell none. `steep_v` is the travel of the voltage where the cell stands at a steep
+    end throughout, else zero. `temperature_degc` is the column's median, else the one in the name,
+    else None.
+    """
+
+    sweeps: tuple[Sweep, ...]
+    steps: int
+    reach_ah: float
+    half_width_at_steps: float
+    half_width_between: float
+    span_ah: float
+    charged_ah: float
+    discharged_ah: float
+    longest_discharge_ah: float
+    interval_s: float
+    steep_v: float
+    temperature_degc: float | None
+
+    @property
+    def is_slow(self) -> bool:
+        """True if all that it holds are slow sweeps."""
+        return bool(self.sweeps) and all(sweep.kind == "slow" for sweep in self.sweeps)
+
+    def kind(self, capacity_ah: float | None, has_test: bool = False) -> Kind:
+        """The kind of test, for a cell of that capacity; with an OCV test, the fit's interval of R0
+        decides whether the steps of a charge are enough."""
+        if self.sweeps:
+            points = sum(len(sweep.points) - 1 for sweep in self.sweeps)
+            has_pulses = self.steps >= _STEPS_A_POINT * points
+            return "slow sweep" if self.is_slow else "pulse test" if has_pulses else "OCV test"
+        if not self.missing_for(capacity_ah):
+            return "drive cycle"
+        whole_ah = capacity_ah or self.span_ah
+        if self.steep_v or self.span_ah < LEAST_SHARE * whole_ah:
+            return "no test"
+        if self.longest_discharge_ah > _MOST * whole_ah:
+            return "capacity test"
+        if has_test and self.half_width_at_steps < math.inf:
+            return "drive cycle"
+        return "charge" if self.charged_ah > self.discharged_ah else "no test"
+
+    def half_width(self, is_validated: bool) -> float:
+        """The predicted half-width of the interval of R0 that decides whether a record serves: what
+        is validated on need not tell it between the steps."""
+        return self.half_width_at_steps if is_validated else self.half_width_between
+
+    def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
+        """The reason why no circuit can be identified, or validated, on it; empty if one can."""
+        if self.is_slow and self.half_width_at_steps <= MAX_HALF_WIDTH:
+            steps = counted(self.steps, "current step")
+            return f"it holds a slow sweep beside {steps}; give the part with the steps by itself"
+        if self.is_slow:
+            return "a slow sweep does not show what follows a step of current"
+        if self.steep_v:
+            return (
+                f"the cell is at the steep end of its OCV: {self.span_ah:.3g} Ah move its voltage "
+                f"by {self.steep_v:.2g} V"
+            )
+        if capacity_ah is not None and self.span_ah < LEAST_SHARE * capacity_ah:
+            share = 100 * self.span_ah / capacity_ah
+            return (
+                f"it spans {self.span_ah:.3g} Ah, {share:.2g} % of the capacity of "
+                f"{capacity_ah:.4g} Ah"
+            )
+        return self.steps_lack(capacity_ah, is_validated)
+
+    def steps_lack(self, capacity_ah: float | None, is_validated: bool) -> str:
+        """What the current steps by themselves lack to tell the resistances, if anything."""
+        half_width = self.half_width(is_validated)
+        steps = counted(self.steps, "current step")
+        if half_width > MAX_HALF_WIDTH:
+            within = f"tell R0 within {100 * half_width:.0f} %"
+            told = within if half_width < math.inf else "do not tell R0"
+            return (
+                f"{steps} sampled finely enough {told}; "
+                f"{100 * MAX_HALF_WIDTH:.0f} % is wanted where no OCV test tells it"
+            )
+        # Without a capacity a dither gives itself away by how often it turns.
+        whole_ah = capacity_ah or self.charged_ah + self.discharged_ah
+        if self.reach_ah < LEAST_SHARE * whole_ah:
+            share = 100 * self.reach_ah / whole_ah
+            of = "the capacity" if capacity_ah else "what it passes"
+            return f"its {steps} lie within {self.reach_ah:.2g} Ah, {share:.2g} % of {of}"
+        return ""
+
+
+def traits_of(given: CheckInput) -> Traits:
+    """The numbers that tell the kind of a record."""
+    record = given.record
+    fine = np.flatnonzero(given.samples.is_step & (record.interval_s <= FINE_S))
+    discharged_ah = record.discharged_ah
+    loaded_s = record.interval_s[~given.is_rested[1:]]
+    bulk_s, travel_v = given.samples.bulk_time
+    # The deepest point below the highest one before it: charge taken out without going back up.
+    out_ah = discharged_ah - np.minimum.accumulate(discharged_ah)
+    measured = np.empty(0) if record.temperature_degc is None else record.temperature_degc
+    known_degc = measured[np.isfinite(measured)]
+    at_steps = _half_width(given.samples.step_a[fine], given.samples.answer_v[fine])
+    return Traits(
+        sweeps=given.ocv.sweeps,
+        steps=len(fine),
+        reach_ah=reach(discharged_ah[fine]) if len(fine) else 0.0,
+        half_width_at_steps=at_steps,
+        half_width_between=math.hypot(at_steps, _NORMAL_95 * _drift(discharged_ah[fine])),
+        span_ah=given.record.span_ah,
+        charged_ah=given.charged_ah,
+        discharged_ah=given.discharged_ah,
+        longest_discharge_ah=float(out_ah.max()),
+        interval_s=float(np.median(loaded_s)) if len(loaded_s) else np.inf,
+        steep_v=travel_v if 0 < bulk_s < STEEP_S else 0.0,
+        temperature_degc=float(np.median(known_degc))
+        if len(known_degc)
+        else degc_in_name(record.name),
+    )
+
+
+def _half_width(step_a: Float[np.ndarray, "steps"], step_v: Float[np.ndarray, "steps"]) -> float:
+    """The half-width of the 95 % interval of the resistance that fits all steps, as a share of it;
+    infinite of fewer than two, for one shows no scatter."""
+    product = float(np.sum(step_a * step_v))
+    if len(step_a) < 2 or product == 0:
+        return math.inf
+    left_v = step_v - product / np.sum(step_a**2) * step_a
+    error = float(np.linalg.norm(left_v * step_a)) / abs(product)
+    freedom = len(step_a) - 1
+    return float(stdtrit(freedom, 0.975)) * error * math.sqrt(len(step_a) / freedom)
+
+
+def _drift(at_ah: Float[np.ndarray, "steps"]) -> float:
+    """The standard deviation of log R0 that half of the charge between the steps stays below."""
+    ends_ah = np.sort(at_ah)
+    if len(ends_ah) < 2 or ends_ah[0] == ends_ah[-1]:
+        return 0.0
+    between_ah = np.linspace(ends_ah[0], ends_ah[-1], _BETWEEN)
+    after = np.clip(np.searchsorted(ends_ah, between_ah), 1, len(ends_ah) - 1)
+    before_ah, after_ah = between_ah - ends_ah[after - 1], ends_ah[after] - between_ah
+    # The variance of a random walk between two of its values that are known.
+    bridge_ah = before_ah * after_ah / np.maximum(before_ah + after_ah, np.finfo(float).tiny)
+    return _DRIFT * math.sqrt(np.median(bridge_ah) / (ends_ah[-1] - ends_ah[0]))

@@ -142,8 +142,8 @@ FAULTS = (
           "moved = (to_axis @ estimated.values).reshape", "moved = estimated.values.reshape",
           "tests/over_soc/test_registration.py"),
     fault("charge carried to a start", "model/start.py",
-          "passed_ah = discharged_ah[known.known_at] - discharged_ah[at]",
-          "passed_ah = discharged_ah[at] - discharged_ah[known.known_at]",
+          "passed_ah = self.discharged_ah[known.known_at] - self.discharged_ah[self.first]",
+          "passed_ah = self.discharged_ah[self.first] - self.discharged_ah[known.known_at]",
           "tests/model/test_start.py"),
     # Fit and filters.
     fault("weight of a bend", "over_soc/objective.py",

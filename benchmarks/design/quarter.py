@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from barnax.cell import CellModel, characterize
-from barnax.experiment.belief import believed_of_fit
-from barnax.experiment.earlier import by_second
+from barnax.experiment.belief import believed_of_fit, by_second, counting
 from barnax.experiment.information import (
     Believed,
     Columns,
     Information,
     columns_along,
     information_of,
+    widths_of,
 )
-from barnax.experiment.widths import widths_of
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc import TableFit, errors_on, fit_tables
 from barnax.over_soc.registration import register
@@ -142,7 +141,7 @@ def reached_over_promised(
 def believed_by(cell: CellModel, records: Sequence[PreparedRecord], fit: TableFit) -> Believed:
     """The belief that the fit of some records leaves, which count for the next."""
     seen = [evaluate(prepared, fit.tables) for prepared in records]
-    return believed_of_fit(fit, SETTINGS, cell, fit.errors[0].rmse_v, seen)
+    return counting(believed_of_fit(fit, SETTINGS, cell, fit.errors[0].rmse_v), seen)
 
 
 def alone_by(cell: CellModel, prepared: PreparedRecord, fit: TableFit) -> Believed:

@@ -9,7 +9,7 @@ import barnax
 from barnax.bundled import bundled_file
 from barnax.cell import CellModel, CircuitParameters, characterize
 from barnax.experiment import Design
-from barnax.experiment.belief import believed_of_fit
+from barnax.experiment.belief import believed_of_fit, counting
 from barnax.experiment.protocol import hppc_steps, sampled
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import simulate_circuit
@@ -188,7 +188,7 @@ def virtual_row(number: int) -> Row:
     fit = identified("known", known)
     seen = evaluate(prepared_for(known, truth.cell), fit.tables)
     rmse_v = fit.errors[0].rmse_v
-    believed = believed_of_fit(fit, SETTINGS, truth.cell, rmse_v, [seen])
+    believed = counting(believed_of_fit(fit, SETTINGS, truth.cell, rmse_v), [seen])
     for share in SHARES:
         test = barnax.design(believed, max_hours=hppc_h / share, want="hppc", **RATES)
         current_a = sampled(test.steps)

@@ -14,9 +14,8 @@ import barnax
 from barnax.errors import InputError
 from barnax.experiment import Block
 from barnax.experiment.belief import believed_of_chemistry
-from barnax.experiment.information import Seconds, columns_along, information_of
+from barnax.experiment.information import Seconds, columns_along, information_of, widths_of
 from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
-from barnax.experiment.widths import widths_of
 from barnax.reporting.design_forms import procedure, profile_csv, pybamm_steps, steps_csv
 
 LIMITS: dict[str, Any] = {"max_discharge": 2.0, "max_charge": 1.0}

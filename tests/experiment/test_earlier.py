@@ -9,8 +9,7 @@ from scipy.signal import lfilter
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize
-from barnax.experiment.belief import believed_of_chemistry
-from barnax.experiment.earlier import by_second, error_of
+from barnax.experiment.belief import believed_of_chemistry, by_second, error_of
 from barnax.experiment.information import columns_along
 from barnax.metrics import measure
 from barnax.model.prepared import Window, prepare_record

@@ -13,8 +13,9 @@ from barnax.cli.app import app
 from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step
-from barnax.experiment.belief import believed_of, window_of
-from barnax.experiment.widths import before_of
+from barnax.experiment.belief import believed_of
+from barnax.experiment.information import before_of
+from barnax.experiment.protocol import window_of
 from barnax.reporting.design import (
     design_screen,
     reached_half,

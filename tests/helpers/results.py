@@ -160,7 +160,7 @@ def make_result(
     noise = NoiseParts((0.0, 25.0, 700.0), (0.002, 0.015, 0.018))
     assessment = Assessment(
         uncertainty=Uncertainty(0.95, 99, (), (), (), noise),
-        identifiability=Identifiability(1.0, 1.0, (), ()),
+        identifiability=Identifiability(()),
         diagnostics=Diagnostics((), (), 100.0, 9.0, 99, bands, (), None),
     )
     given = Start(initial_soc, "given", initial_direction, "given", row=2, voltage_v=4.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.uncertainty.identifiability import are_one, collinearity
+from barnax.uncertainty.identifiability import are_one
 from helpers.noisy_fits import SAMPLES, TRUTH, colored_noise, fit, made_problem, white_noise
 from helpers.reference import filtered_response
 
@@ -23,17 +23,8 @@ def findings_of(problem, start=TRUTH):
     return assessment.uncertainty, {each.kind: each for each in assessment.identifiability.findings}
 
 
-@pytest.mark.parametrize("degrees", [90.0, 30.0, 1.0])
-def test_the_collinearity_index_is_that_of_two_columns_at_an_angle(degrees):
-    angle = np.radians(degrees)
-    columns = np.array([[1.0, np.cos(angle)], [0.0, np.sin(angle)], [0.0, 0.0]])
-    # The smaller eigenvalue of [[1, cos], [cos, 1]] is 1 - cos (Brun et al., 2001, Eq. 11).
-    assert collinearity(columns) == pytest.approx(1 / np.sqrt(1 - np.cos(angle)))
-
-
 def test_what_the_data_determine_leaves_no_finding(white):
     assert white.assessment.identifiability.findings == ()
-    assert white.assessment.identifiability.condition_number > 1
 
 
 def relative_error_of_r1(problem, circuit, sd_v):
@@ -101,11 +92,10 @@ def test_of_two_pairs_with_one_time_constant_only_the_sum_is_known(short_problem
     alike = CircuitParameters.constant(0.05, (0.02, 0.03), (40 / 0.02, 40.2 / 0.03))
     noise_v = colored_noise(np.random.default_rng(4), SAMPLES, 12.0, 2e-3)[0]
     fitted = fit(made_problem(short_problem, noise_v, alike), alike)
-    found = fitted.assessment.identifiability
-    (finding,) = [each for each in found.findings if each.kind == "alike"]
+    findings = fitted.assessment.identifiability.findings
+    (finding,) = [each for each in findings if each.kind == "alike"]
     assert finding.combined.name == "R1 + R2 [Ohm]"
     assert finding.combined.low < 0.05 < finding.combined.high
-    assert found.collinearity_index > 15
 
 
 def test_a_parameter_at_a_bound_that_is_no_limit_of_the_record_is_a_finding(short_problem):

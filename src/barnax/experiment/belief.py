@@ -12,30 +12,36 @@ from jaxtyping import Float
 from ..bundled import bundled_file
 from ..cell import CellModel, CircuitParameters, characterize, get_circuit
 from ..cell.curves import InterpolatedCurve
-from ..cell.dependence import BETA, CHARGE, KAPPA, ONSET, Dependence
 from ..cell.elements import RC
 from ..cell.model import MIXED_POINTS
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..cell.soc_axis import CAPACITY_WARNING, GIVEN
 from ..cell.tables import LEAST_OHM
 from ..errors import InputError
+from ..model.prepared import PreparedRecord
 from ..over_soc import TableFit
+from ..over_soc.intervals import MAX_SLOTS, UNSEEN
 from ..over_soc.level import with_own_ocv
 from ..over_soc.settings import TableSettings
 from ..records import read_record
 from ..results import Result
 from ..search.evaluate import Evaluation
 from ..settings import NODES
-from .earlier import by_second, error_of
-from .information import NEARLY_SOC, OVERSHOT, Believed, Error
-from .widths import told_half
+from ..uncertainty.noise import fit_noise
+from .information import (
+    NEARLY_SOC,
+    OVERSHOT,
+    Believed,
+    Columns,
+    Error,
+    Name,
+    Seconds,
+    columns_along,
+)
+from .protocol import window_of
+from .stored import followed, told_half
 
 Chemistry = Literal["nmc", "lfp"]
-# Lowest and highest voltage of a cell of layered oxide, and of one whose OCV when full is under the
-# last.
-WINDOW_V, LFP_WINDOW_V, LFP_FULL_V, NEARLY_FULL = (2.5, 4.2), (2.0, 3.65), 3.8, 0.97
-# A few minutes of any cell are flat: one of LFP has been seen nearly empty too.
-SEEN_EMPTY_V = 3.1
 # Resistances of a typical cell of 1 Ah half full, R0, R1 and R2, and how much more they are empty.
 TYPICAL_OHM, EMPTY, EMPTY_SOC = (0.10, 0.03, 0.05), (0.3, 1.0, 1.0), 0.08
 TYPICAL_TAU_S = (12.0, 120.0)
@@ -43,9 +49,8 @@ TYPICAL_TAU_S = (12.0, 120.0)
 TYPICAL_DEGC, NEAR_K = 25.0, 5.0
 # How many times that a cell's may be, and how far its OCV from the bundled cell's.
 UNKNOWN, UNKNOWN_OCV_V = 2.0, {"nmc": 0.05, "lfp": 0.03}
-# What a fit leaves: eight records at 25 degC, six of them of two measured cells, leave 4 to 9 mV,
-# very roughly so much of it white and correlated over 10, 200 and 1000 s. Shares of the RMSE, and
-# the RMSE where none is known.
+# What a fit leaves: eight records at 25 degC leave 4 to 9 mV, very roughly so much of it white and
+# correlated over 10, 200 and 1000 s. Shares of the RMSE, and the RMSE where none is known.
 SHAPE = ((0.0, 0.4), (10.0, 0.65), (200.0, 0.7), (1000.0, 0.5))
 TYPICAL_V = 5e-3
 # Of the RMSE, what is not due to what the circuit leaves out.
@@ -148,26 +153,6 @@ def _going_on(believed: Believed, chemistry: str) -> Believed:
     return replace(believed, cell=replace(believed.cell, charge=charge, discharge=discharge))
 
 
-def window_of(cell: CellModel, chemistry: str = "") -> tuple[float, float]:
-    """The lowest and the highest voltage that are usual for a chemistry, else for such an OCV.
-
-    An OCV that is not known of a full cell may be of either kind, unless it goes beyond one: then
-    the narrower limits are taken.
-    """
-    if chemistry:
-        return LFP_WINDOW_V if chemistry == "lfp" else WINDOW_V
-    highest_soc = cell.soc_range[1]
-    highest_v = float(cell.average_ocv_v(np.array([highest_soc]))[0])
-    # Of a cell without an OCV test, the fullest that was seen may be far from full.
-    if highest_soc > NEARLY_FULL and not cell.is_of_records:
-        return LFP_WINDOW_V if highest_v < LFP_FULL_V else WINDOW_V
-    if highest_v > LFP_WINDOW_V[1]:
-        return WINDOW_V
-    lowest_v = float(cell.average_ocv_v(np.array([cell.soc_range[0]]))[0])
-    is_lfp = cell.has_flat_ocv and (not cell.is_of_records or lowest_v < SEEN_EMPTY_V)
-    return LFP_WINDOW_V if is_lfp else (WINDOW_V[0], LFP_WINDOW_V[1])
-
-
 def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
     """A typical cell, of which no record exists: the test has to find its OCV too.
 
@@ -208,12 +193,14 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
     Raises `InputError` where its answer has elements that are no RC pairs, or nothing that follows
     the temperature that is asked for.
     """
-    told, untold = result.fit.intervals, ""
-    peaks_a = [part.peak_current_a or 0.0 for part in result.of_role("identification")]
+    told, untold, parts = result.fit.intervals, "", result.of_role("identification")
+    earlier = list[Evaluation]()
     try:
-        earlier = _records_of(result, temperature_degc)
+        for evaluated, part in zip(result.evaluations.identification, parts, strict=True):
+            if temperature_degc is None or part.is_at(temperature_degc):
+                earlier.append(evaluated)
     except InputError as problem:
-        earlier, untold = [], str(problem)
+        untold = str(problem)
     if temperature_degc is not None:
         over = result.fits.over_temperature
         if over is None:
@@ -232,11 +219,11 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
         )
     if result.tables is not None and result.over != "ocv":
         fit = replace(result.fit, intervals=told)
-        believed = believed_of_fit(fit, result.tables.settings, cell, rmse_v, earlier)
+        believed = believed_of_fit(fit, result.tables.settings, cell, rmse_v)
     else:
         circuit = result.circuit_parameters
         r0_ohm, *r_ohm = np.repeat(circuit.ohm, len(NODES), axis=1)
-        constants = Believed(
+        believed = Believed(
             cell=cell,
             tables=CircuitParameters.over_soc(NODES, circuit.tau_s, r0_ohm, r_ohm),
             worst=np.full(len(NODES), UNKNOWN),
@@ -244,16 +231,16 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
             settings=with_own_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
             ocv_reach_v=LEAST_OCV_V,
         )
-        believed = _counting(constants, earlier)
-    largest_c = max(peaks_a, default=0.0) / cell.capacity_ah
+    believed = counting(believed, earlier)
+    largest_c = max((part.peak_current_a or 0.0 for part in parts), default=0.0) / cell.capacity_ah
     rates_c = (largest_c, largest_c / 2) if largest_c else believed.rates_c
     taus = tuple(bound for bound in result.at_bound if bound.name.startswith("tau"))
     is_open = result.tables is not None and result.tables.hold_shift_ohm is not None
     believed = replace(
         believed, rates_c=rates_c, untold=untold, told_soc=_told_soc(cell), at_bound=taus,
-        beyond=("hold",) * is_open + believed.beyond,
+        beyond=("hold",) * is_open,
     )  # fmt: skip
-    is_own = any(part.start_source == "own span" for part in result.of_role("identification"))
+    is_own = any(part.start_source == "own span" for part in parts)
     return _started_by_voltage(believed) if cell.is_of_records and is_own else believed
 
 
@@ -285,83 +272,42 @@ def _started_by_voltage(believed: Believed) -> Believed:
     return replace(believed, start_v=top_v, start_reach_soc=off_soc)
 
 
-def _records_of(result: Result, temperature_degc: float | None) -> list[Evaluation]:
-    """The records that a result is of, at that temperature. Raises `InputError` where they are not
-    found."""
-    evaluations = result.evaluations.identification
-    return [
-        evaluated
-        for evaluated, part in zip(evaluations, result.of_role("identification"), strict=True)
-        if temperature_degc is None or part.is_at(temperature_degc)
-    ]
-
-
 def believed_of_fit(
-    fit: TableFit,
-    settings: TableSettings,
-    cell: CellModel,
-    rmse_v: float,
-    earlier: Sequence[Evaluation] = (),
+    fit: TableFit, settings: TableSettings, cell: CellModel, rmse_v: float
 ) -> Believed:
-    """The cell of tables that were fitted with these settings and left such an RMSE, with the
-    records that will be identified with the next test's."""
-    told = [
-        (one, half, (one.high - one.low) / 2)
-        for one in fit.intervals
-        if (half := told_half(one)) is not None and one.low is not None and one.high is not None
-    ]
-    printed = {
-        (one.name, one.soc): half / one.value if one.name.startswith(("R", "tau")) else half
-        for one, _, half in told
-    }
-    corrections = [half for (name, _), half in printed.items() if name == OCV_CORRECTION]
-    found = fit.tables
-    tables = replace(
-        found,
-        tables={
-            name: _positive(row) if name in found.resistances else row
-            for name, row in found.tables.items()
-            if name != HALF_HYSTERESIS
-        },
-        scales=found.named_tau_s,
-        dependence=None,
-    )
-    believed = Believed(
+    """The cell of tables that were fitted with these settings and left such an RMSE."""
+    known, printed, corrected_v = dict[Name, float](), dict[Name, float](), 0.0
+    for one in fit.intervals:
+        half = told_half(one)
+        if half is None or one.low is None or one.high is None:
+            continue
+        known[one.name, one.soc] = half
+        scale = one.value if one.name.startswith(("R", "tau")) else 1.0
+        printed[one.name, one.soc] = (one.high - one.low) / 2 / scale
+        if one.name == OCV_CORRECTION:
+            corrected_v = max(corrected_v, printed[one.name, one.soc])
+    rows = {name: row for name, row in fit.tables.tables.items() if name != HALF_HYSTERESIS}
+    for name in fit.tables.resistances:
+        rows[name] = tuple(max(ohm, LEAST_OHM) for ohm in rows[name])
+    return Believed(
         cell=cell,
-        tables=tables,
-        worst=_worst(fit, found.nodes),
+        tables=replace(fit.tables, tables=rows, scales=fit.tables.named_tau_s, dependence=None),
+        worst=_worst(fit, fit.tables.nodes),
         error=typical_error(rmse_v),
         settings=with_own_ocv(settings) if cell.is_of_records else settings,
-        known={(one.name, one.soc): half for one, half, _ in told},
+        known=known,
         printed=printed,
-        follows=followed(found.dependence),
-        ocv_reach_v=LEAST_OCV_V + max(corrections, default=0.0),
+        follows=followed(fit.tables.dependence),
+        ocv_reach_v=LEAST_OCV_V + corrected_v,
     )
-    return _counting(believed, earlier)
 
 
-def followed(dependence: Dependence | None) -> tuple[str, ...]:
-    """What resistances follow beside SOC, in words."""
-    words = {
-        ONSET: "the current",
-        CHARGE: "its direction",
-        KAPPA: "the cell's own heat",
-        BETA: "the temperature",
-    }
-    numbers = {} if dependence is None else dependence.numbers
-    return tuple(word for name, word in words.items() if numbers.get(name))
-
-
-def _counting(believed: Believed, earlier: Sequence[Evaluation]) -> Believed:
+def counting(believed: Believed, earlier: Sequence[Evaluation]) -> Believed:
     """The same with records that are identified with the test's, and the error that they show."""
     if not earlier:
         return believed
     seconds = [by_second(evaluated.prepared) for evaluated in earlier]
     return replace(believed, earlier=seconds, error=error_of(believed, earlier))
-
-
-def _positive(row: tuple[float, ...]) -> tuple[float, ...]:
-    return tuple(max(ohm, LEAST_OHM) for ohm in row)
 
 
 def typical_error(rmse_v: float) -> Error:
@@ -373,13 +319,82 @@ def typical_error(rmse_v: float) -> Error:
 def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"]:
     """The largest sum of the resistances within their intervals over the sum itself."""
     values, high = np.zeros(len(nodes)), np.zeros(len(nodes))
-    told = np.zeros(len(nodes), bool)
     for interval in fit.intervals:
-        if interval.soc is None or not interval.name.startswith("R"):
-            continue
-        place = nodes.index(interval.soc)
-        values[place] += interval.value
-        high[place] += min(interval.high or math.inf, UNKNOWN * interval.value)
-        told[place] = True
-    ratio = np.where(told, high / np.maximum(values, LEAST_OHM), UNKNOWN)
+        if interval.soc is not None and interval.name.startswith("R"):
+            place = nodes.index(interval.soc)
+            values[place] += interval.value
+            high[place] += min(interval.high or math.inf, UNKNOWN * interval.value)
+    ratio = np.where(values > 0, high / np.maximum(values, LEAST_OHM), UNKNOWN)
     return np.maximum(ratio, LEAST_WORST)
+
+
+def by_second(prepared: PreparedRecord) -> Seconds:
+    """A record by the second."""
+    time_s = prepared.time_s - prepared.time_s[0]
+    soc = np.interp(np.arange(0.0, time_s[-1] + 1.0), time_s, prepared.soc)
+    counted = np.isin(np.arange(len(soc) - 1), _second(prepared)[prepared.scored])
+    current_a = -np.diff(soc) * prepared.capacity_ah * 3600
+    return Seconds(prepared.record.name, current_a, float(soc[0]), counted)
+
+
+def _second(prepared: PreparedRecord) -> np.ndarray:
+    return np.floor(prepared.time_s - prepared.time_s[0] + 1e-6).astype(int)
+
+
+def error_of(believed: Believed, earlier: Sequence[Evaluation]) -> Error:
+    """The error of a fit with these tables as its residuals on its records show it: how much of it
+    is noise, and how much comes of a cell that is more than its circuit.
+
+    What the tables do not follow of the columns F (`information`) explains some of the errors.
+    Noise would leave errors that look so too, of an expected size; what is more tells how large
+    that is which the circuit leaves out.
+    """
+    errors, stacked, times, clock_s = [], [], [], 0.0
+    usual = replace(believed, error=replace(believed.error, left_out=1.0))
+    longest_s = max(evaluated.prepared.scored_duration_s for evaluated in earlier)
+    for evaluated in earlier:
+        seconds, scored = by_second(evaluated.prepared), evaluated.prepared.scored
+        second, count = _second(evaluated.prepared)[scored], len(seconds.counted)
+        sums_v, samples = (
+            np.bincount(second, weights, count)[:count][seconds.counted]
+            for weights in (evaluated.error_v[scored], np.ones(len(second)))
+        )
+        errors.append(sums_v / samples)
+        columns, _ = columns_along(usual, seconds.current_a, seconds.soc)
+        stacked.append(columns[seconds.counted])
+        # No lag within a record is one between records.
+        at = np.flatnonzero(seconds.counted)
+        times.append(clock_s + at - at[0])
+        clock_s = times[-1][-1] + longest_s + 2
+    columns, time_s = np.concatenate(stacked), np.concatenate(times)
+    clock = time_s, longest_s, MAX_SLOTS
+    followed, left_out = np.split(columns, [len(believed.names)], axis=1)
+    basis = _basis(followed)
+    # What bounds and smoothing kept a fit from following is left too.
+    error_v, left_out = np.concatenate(errors), _without(left_out, basis)
+    explaining = _basis(left_out)
+    noise = fit_noise(error_v, basis, *clock)
+    both = np.concatenate([basis, explaining], axis=1)
+    of_rest = fit_noise(_without(error_v, explaining), both, *clock).spread_v2
+    expected_v2 = float(np.trace(of_rest[basis.shape[1] :, basis.shape[1] :]))
+    explained_v2 = max(float(np.sum((explaining.T @ error_v) ** 2)) - expected_v2, 0.0)
+    rmse_v = math.sqrt(float(np.mean(error_v**2)))
+    parts = zip(noise.correlation_s.tolist(), np.sqrt(noise.variance_v2).tolist(), strict=True)
+    return Error(
+        rmse_v=rmse_v,
+        noise=tuple((correlation_s, sd_v) for correlation_s, sd_v in parts if sd_v > 0),
+        left_out=math.sqrt(explained_v2 / float(np.sum(left_out**2))),
+        rest_v=math.sqrt(max(rmse_v**2 - explained_v2 / len(error_v), 0.0)),
+    )
+
+
+def _basis(columns: Columns) -> Columns:
+    """Orthonormal columns that span the same, as far as these can be told from rounding."""
+    lengths = np.linalg.norm(columns, axis=0)
+    seen = lengths > UNSEEN * lengths.max()
+    basis, sizes, _ = np.linalg.svd(columns[:, seen] / lengths[seen], full_matrices=False)
+    return basis[:, sizes > UNSEEN * sizes[0]]
+
+
+def _without(values: np.ndarray, basis: Columns) -> np.ndarray:
+    return values - basis @ (basis.T @ values)

@@ -12,8 +12,7 @@ add is followed by the tables, wrongly where the drive differs from the test: of
 fit leaves (F - J H^-1 J_t' F_t) w on the drive. Its square, over w of independent size one, is what
 tells tests apart (bias and variance of a response surface; Box and Draper, 1959).
 
-Products add up over pieces of a test, as far as the error of one is not correlated with the next.
-"""
+Products add up over pieces whose errors are not correlated."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,13 +27,14 @@ from ..cell import CellModel, CircuitParameters
 from ..cell.parameters import OCV, OCV_CORRECTION, OHMIC
 from ..cell.tables import hats
 from ..over_soc.intervals import LIGHT, STEP
+from ..over_soc.node_interval import sag_of
+from ..over_soc.objective import smoothing_rows
 from ..over_soc.settings import TableSettings
 from ..search.refine import AtBound
 
 # Half a 95 % interval in standard errors.
 HALF_95 = 1.96
-# So near to an end of the state of charge is at it, and so far may blocks take a cell below the end
-# of their stretch.
+# So near to an end of the SOC is at it, and so far may blocks take a cell below their stretch.
 NEARLY_SOC, OVERSHOT = 0.02, 0.03
 # What a circuit leaves out: other pairs, of such a share of R0 and such shares and multiples of its
 # fastest and slowest time constants; resistances that change by such a share at 1C. Nodes over SOC
@@ -46,6 +46,8 @@ LEFT_OUT_NODES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 UNSEEN_SHARE, UNSEEN_V = 0.3, 20e-3
 # Slots in a correlation time that an error is taken for constant in.
 SLOTS_A_TIME = 10
+# The RMSE that what is not known makes on a drive cycle is a wish too.
+DRIVE = "drive"
 
 Columns = Float[np.ndarray, "samples columns"]
 Normal = Float[np.ndarray, "columns columns"]
@@ -55,14 +57,9 @@ Name = tuple[str, float | None]
 
 @dataclass(frozen=True)
 class Error:
-    """The error that a fit is taken to leave.
-
-    Args:
-        rmse_v: Its RMSE.
-        noise: It as noise, in parts: correlation time in s, 0 for white, and standard deviation in
-            V.
-        left_out: How large what the circuit leaves out is, 1 for usual.
-        rest_v: The RMSE without what that makes.
+    """The error that a fit is taken to leave: its RMSE; it as noise, in parts of a correlation time
+    in s, 0 for white, and a standard deviation in V; how large what the circuit leaves out is, 1
+    for usual; and the RMSE without what that makes.
     """
 
     rmse_v: float
@@ -73,7 +70,7 @@ class Error:
 
 @dataclass(frozen=True, eq=False)
 class Seconds:
-    """A record by the second: its current, its state of charge at the start, and what counts."""
+    """A record by the second: its current, its SOC at the start, and what counts."""
 
     name: str
     current_a: Float[np.ndarray, "seconds"]
@@ -92,17 +89,15 @@ class Believed:
         error: What a fit leaves.
         settings: The tables that will be fitted; an OCV of the test's own where it has `ocv_nodes`.
         earlier: Records that will be identified with the test's.
-        known: Half the 95 % intervals that they left, relative or in V, in the measure of a design:
-            by the standard errors, and half of what smoothing may have moved.
+        known: Half the 95 % intervals that they left, relative or in V, as `told_half` has them.
         printed: The same as they are printed, which may reach over more.
-        beyond: What these reach over: "hold" for both holds of the current, "fits" for two fits.
+        beyond: What these reach over: "hold" for both samplings of the current.
         follows: What the resistances follow beside SOC, which a design leaves out.
         ocv_reach_v: How far the OCV may be from the cell's.
-        told_soc: From where to where the OCV is told, 0 and 1 where to both ends.
-        typical: The chemistry whose OCV goes on beyond, empty for none.
-        typical_reach_v: How much farther that may be off.
-        start_v: The OCV that brings a cell to the highest SOC, where nothing shows what is full.
-        start_reach_soc: How far off that may start.
+        told_soc: From where to where the OCV is told.
+        typical: The chemistry whose OCV goes on beyond, up to `typical_reach_v` farther off.
+        start_v: The OCV that brings a cell to the highest SOC where nothing shows what is full.
+        start_reach_soc: How far off that may be.
         rates_c: The largest discharge and charge that are usual for it, in 1/h of the capacity.
         untold: Why the earlier records do not count.
         at_bound: Time constants that ended at a bound of their search.
@@ -129,27 +124,26 @@ class Believed:
     at_bound: tuple[AtBound, ...] = ()
 
     @cached_property
-    def usual(self) -> "Believed":
-        """The same where the circuit leaves out as much as usual."""
-        return replace(self, error=replace(self.error, left_out=1.0))
-
-    @cached_property
     def names(self) -> tuple[Name, ...]:
         """Every unknown: R0, the pairs' R, the OCV, and the time constants."""
-        nodes = self.settings.nodes
-        found: list[Name] = [(row, node) for row in self.tables.resistances for node in nodes]
-        name = OCV_CORRECTION if self.settings.ocv_nodes is None else OCV
-        found += [(name, node) for node in self.settings.nodes_of_ocv]
-        return (*found, *((name, None) for name in self.tables.named_tau_s))
+        settings = self.settings
+        nodes = dict.fromkeys(self.tables.resistances, settings.nodes)
+        nodes[OCV_CORRECTION if settings.ocv_nodes is None else OCV] = settings.nodes_of_ocv
+        nodes |= dict.fromkeys(self.tables.named_tau_s, (None,))
+        return tuple((name, node) for name, own in nodes.items() for node in own)
 
     @cached_property
     def tables_of_names(self) -> dict[str, slice]:
-        """The places of every table's nodes."""
+        """The unknowns of every table's nodes."""
         tables = [name for name, soc in self.names if soc is not None]
         return {
             name: slice(tables.index(name), tables.index(name) + tables.count(name))
             for name in dict.fromkeys(tables)
         }
+
+    @cached_property
+    def are_resistances(self) -> Bool[np.ndarray, "unknowns"]:
+        return np.array([name.startswith("R") for name, _ in self.names])
 
     @cached_property
     def values(self) -> Float[np.ndarray, "unknowns"]:
@@ -168,20 +162,19 @@ class Believed:
     @cached_property
     def units(self) -> Float[np.ndarray, "unknowns"]:
         """The unit of each width: its value for a resistance, else one."""
-        is_r = [name.startswith("R") for name, _ in self.names]
-        return np.where(is_r, self.values, 1.0)
+        return np.where(self.are_resistances, self.values, 1.0)
 
     @cached_property
     def unseen(self) -> Float[np.ndarray, "unknowns"]:
         """The prior width of each where nothing is measured; time constants always are."""
-        share = [UNSEEN_SHARE if name.startswith("R") else UNSEEN_V for name, _ in self.names]
+        share = np.where(self.are_resistances, UNSEEN_SHARE, UNSEEN_V)
         return self.units * share * [soc is not None for _, soc in self.names]
 
     def ocv_v(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """The OCV between charge and discharge, corrected where the tables correct it."""
-        known_v = self.cell.average_ocv_v(soc)
-        has_own = OCV_CORRECTION in self.tables.tables
-        return known_v + self.tables.at(OCV_CORRECTION, soc) if has_own else known_v
+        is_corrected = OCV_CORRECTION in self.tables.tables
+        correction_v = self.tables.at(OCV_CORRECTION, soc) if is_corrected else 0.0
+        return self.cell.average_ocv_v(soc) + correction_v
 
     def ocv_end_v(self, soc: Float[np.ndarray, "*any"], way: int) -> Float[np.ndarray, "*any"]:
         """The lowest (-1) or highest (+1) that the OCV may be."""
@@ -191,31 +184,29 @@ class Believed:
 
     @property
     def planned_soc(self) -> tuple[float, float]:
-        """The lowest and the highest SOC at which an OCV is known, or taken from other cells."""
+        """The lowest and the highest SOC at which an OCV is known or taken from other cells."""
         return (0.0, 1.0) if self.typical else self.told_soc
 
     @cached_property
     def penalty(self) -> Normal:
         """The smoothing of the tables, as `TableObjective.table_penalty` has it, squared."""
         settings, blocks = self.settings, []
+        resistance = self.cell.capacity_ah, settings.resistance_ridge
         for name, places in self.tables_of_names.items():
-            is_r = name.startswith("R")
-            eye = np.eye(places.stop - places.start)
-            bent = np.diff(eye, 2, axis=0)
-            weight = self.cell.capacity_ah if is_r else 1.0
-            ridge = settings.resistance_ridge if is_r else settings.voltage_ridge
-            blocks.append(weight**2 * (settings.roughness * bent.T @ bent + ridge * eye))
-        return np.asarray(block_diag(*blocks, np.zeros((self.tables.pairs,) * 2)))
+            weights = resistance if name.startswith("R") else (1.0, settings.voltage_ridge)
+            blocks.append(smoothing_rows(settings, places.stop - places.start, *weights))
+        rows = np.asarray(block_diag(*blocks, np.zeros((0, self.tables.pairs))))
+        return rows.T @ rows
 
     @cached_property
     def told_before(self) -> "Information | None":
         """The information of the earlier records."""
-        found = None
-        for own in self.earlier:
-            columns, _ = columns_along(self, own.current_a, own.soc)
-            told = information_of(self, columns * own.counted[:, None])
-            found = replace(told, samples=int(own.counted.sum())) + found
-        return found
+        whole = None
+        for record in self.earlier:
+            columns, _ = columns_along(self, record.current_a, record.soc)
+            told = information_of(self, columns * record.counted[:, None])
+            whole = replace(told, samples=int(record.counted.sum())) + whole
+        return whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,9 +220,8 @@ class Information:
     def __add__(self, other: "Information | None") -> "Information":
         if other is None:
             return self
-        return Information(
-            self.samples + other.samples, self.normal + other.normal, self.noise + other.noise
-        )
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Information(*(one + another for one, another in pairs))
 
     @property
     def of_unknowns(self) -> Normal:
@@ -340,3 +330,71 @@ def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0
     of_noise = np.zeros((len(believed.names),) * 2)
     of_noise[np.ix_(used[:count], used[:count])] = noise
     return Information(len(columns), wide, of_noise)
+
+
+@dataclass(frozen=True)
+class Width:
+    """Half the 95 % interval of one value, as a test is predicted to leave it: relative for
+    resistances and time constants, in V for an OCV.
+
+    Args:
+        name: What it is.
+        soc: Its node, None of a time constant.
+        value: What it is believed to be.
+        alone: Half the interval of a fit of the test alone.
+        after: The same of a fit of the test with the earlier records.
+        before: The same of a fit of the earlier records alone, None where they tell nothing.
+    """
+
+    name: str
+    soc: float | None
+    value: float
+    alone: float
+    after: float
+    before: float | None = None
+
+
+def widths_of(
+    believed: Believed, test: Information | None = None, drive: Normal | None = None
+) -> tuple[Width, ...]:
+    """Half an interval of every value that a sample of a test, else of the earlier records, is near
+    to; where `drive` is the mean product of columns on a drive cycle, the RMSE on that too."""
+    told, before = believed.told_before, before_of(believed)
+    alone, after, own, both = before, before, told, told
+    if test is not None:
+        own, both = test, test + told
+        alone, after = _halves(believed, own), _halves(believed, both)
+    widths = [
+        Width(*name, value, alone[name], after[name], before.get(name))
+        for name, value in zip(believed.names, believed.values.tolist(), strict=True)
+        if name in alone
+    ]
+    if drive is not None and own and both:
+        fits = (own, both, told) if told else (own, both)
+        left_v = [each.left_on(believed, each.inverse(believed), drive) for each in fits]
+        widths.append(Width(f"{DRIVE} [V]", None, 0.0, *left_v))
+    return tuple(widths)
+
+
+def before_of(believed: Believed) -> dict[Name, float]:
+    """Half the intervals of a fit of the earlier records; what their own told where none count."""
+    told = believed.told_before
+    return _halves(believed, told) if told else dict(believed.known)
+
+
+def _halves(believed: Believed, fit: Information) -> dict[Name, float]:
+    """Half the intervals of what is seen, as `over_soc.intervals` has them: by the noise, and half
+    of what smoothing and the straight lines between nodes move."""
+    light, smooth = fit.inverse(believed), fit.inverse(believed, 1.0)
+    errors = np.sqrt(np.maximum(np.diag(fit.covariance(believed, light)), 0.0))
+    resistances = np.where(believed.are_resistances, believed.values, 0.0)
+    smoothed = (smooth - light) @ (fit.of_unknowns @ resistances)
+    moved, is_seen = np.zeros(len(errors)), np.diag(fit.of_unknowns) > 0
+    for name, places in believed.tables_of_names.items():
+        seen = np.arange(places.start, places.stop)[is_seen[places]]
+        if name.startswith("R") and len(seen):
+            nodes = np.array([soc for _, soc in believed.names])[seen].astype(float)
+            sag = sag_of(nodes, believed.values[seen])
+            moved[seen] = np.maximum(np.abs(smoothed[seen]), np.abs(smoothed[seen] - sag))
+    halves = (HALF_95 * errors + moved / 2) / believed.units
+    return {believed.names[place]: float(halves[place]) for place in np.flatnonzero(is_seen)}

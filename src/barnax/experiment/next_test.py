@@ -10,32 +10,43 @@ import numpy as np
 from ..blas import one_blas_thread
 from ..errors import InputError
 from ..results import Result
-from .belief import HELD_V, UNKNOWN_LOW_SOC, believed_of, window_of
-from .blocks import Block, candidate_blocks
+from .belief import HELD_V, UNKNOWN_LOW_SOC, believed_of
 from .information import (
+    DRIVE,
     OVERSHOT,
     Believed,
-    Normal,
+    Columns,
+    Width,
     columns_along,
     information_of,
+    widths_of,
 )
-from .planning import LONGER, MOST_HOURS, is_reached_in, planned
 from .protocol import (
     COARSE_S,
     INTERVAL_S,
     LOW_SOC,
+    Block,
     Limits,
     Step,
+    candidate_blocks,
     drive_levels,
     drive_steps,
     hours_of,
     hppc_steps,
     move,
     sampled,
+    window_of,
 )
-from .search import Choice, Criterion, OnDrive, Wish, worst_first
+from .search import (
+    LONGER,
+    MOST_HOURS,
+    Choice,
+    Criterion,
+    is_reached_in,
+    planned,
+    worst_first,
+)
 from .stored import (
-    DRIVE,
     WANTED_SOC,
     Design,
     Predicted,
@@ -45,7 +56,6 @@ from .stored import (
     short,
     wanted_of,
 )
-from .widths import Width, before_of, widths_of
 
 # Of further resistances what is wanted of R2.
 WANTED = {"R0": 0.02, "R1": 0.2, "R2": 0.3, "OCV": 15e-3}
@@ -137,7 +147,7 @@ def design(
     low_soc, high_soc = _span(believed)
     _check_start(believed, high_soc, limits.high_v)
     wanted_soc = max(WANTED_SOC[0], low_soc), min(WANTED_SOC[1], high_soc)
-    wishes, wanted = wishes_of(believed, None if want == "hppc" else want, wanted_soc)
+    wished, wanted = wishes_of(believed, None if want == "hppc" else want, wanted_soc)
     random_key = jax.random.key(key)
     blocks = candidate_blocks(random_key, drive_levels()) if blocks is None else blocks
     capacity_ah = believed.cell.capacity_ah
@@ -146,40 +156,42 @@ def design(
         "HPPC": hppc_steps(capacity_ah, largest_a, charged_a, high_soc, low_soc),
         "drive cycle": drive_steps(capacity_ah, largest_a, high_soc, low_soc),
     }
-    on_drive, soc = columns_along(
-        believed, sampled(usual["drive cycle"], COARSE_S), high_soc, COARSE_S
-    )
-    on_drive = on_drive[soc >= WANTED_SOC[0]]
-    normal = on_drive.T @ on_drive / len(on_drive)
-    references = tuple(
-        Reference(
-            name=name,
-            hours=hours_of(steps),
-            widths=_widths(believed, steps, high_soc, normal, COARSE_S),
-        )
+    along = {
+        name: columns_along(believed, sampled(steps, COARSE_S), high_soc, COARSE_S)
         for name, steps in usual.items()
+    }
+    on_drive, soc = along["drive cycle"]
+    on_drive = on_drive[soc >= WANTED_SOC[0]]
+    drive = on_drive.T @ on_drive / len(on_drive)
+
+    def left(columns: Columns, interval_s: float = INTERVAL_S) -> tuple[Width, ...]:
+        return widths_of(believed, information_of(believed, columns, interval_s), drive)
+
+    references = tuple(
+        Reference(name=name, hours=hours_of(usual[name]), widths=left(columns, COARSE_S))
+        for name, (columns, _) in along.items()
     )
     if want == "hppc":
         medians = _medians(believed, references[0].widths, wanted_soc)
-        wishes, wanted = wishes_of(believed, medians, wanted_soc)
-    drive = OnDrive(wanted[DRIVE], normal) if DRIVE in wanted else None
+        wished, wanted = wishes_of(believed, medians, wanted_soc)
     choice = Choice(
-        believed, limits, tuple(blocks), wishes, criterion, high_soc, low_soc, drive,
+        believed, limits, tuple(blocks), wished, criterion, high_soc, low_soc,
+        drive if DRIVE in wanted else None, wanted.get(DRIVE, 0.0),
         _emptying(believed, limits, low_soc),
     )  # fmt: skip
 
-    def left(steps: Sequence[Step]) -> tuple[Width, ...]:
-        return _widths(believed, steps, high_soc, normal)
+    def left_by(steps: Sequence[Step]) -> tuple[Width, ...]:
+        return left(columns_along(believed, sampled(steps), high_soc)[0])
 
     def reaches(steps: Sequence[Step]) -> bool:
-        widths = left(steps)
+        widths = left_by(steps)
         return all(
             is_enough(name, width.after, half)
             for name, half in wanted.items()
             for width in wanted_of(name, widths, wanted_soc)
         )
 
-    before = _before(believed, normal)
+    before = widths_of(believed, drive=drive)
     already = _already(believed, before, wanted, wanted_soc)
     plan, is_reached, longer, needed = None, True, None, None
     if is_asked or len(already) < len(wanted):
@@ -200,7 +212,7 @@ def design(
         is_reached=is_reached,
         hours=hours_of(steps),
         steps=steps,
-        widths=left(steps) if steps else before,
+        widths=left_by(steps) if steps else before,
         references=references,
         predicted=Predicted.none() if plan is None else plan.predicted,
         initial_soc=high_soc,
@@ -273,8 +285,11 @@ def _names(believed: Believed) -> list[str]:
 
 def wishes_of(
     believed: Believed, want: Mapping[str, float] | None, wanted_soc: tuple[float, float]
-) -> tuple[list[Wish], dict[str, float]]:
-    """The wishes by place, and by table. Raises `InputError` for what the test cannot find."""
+) -> tuple[dict[int, float], dict[str, float]]:
+    """The wishes by the place of an unknown, and by table.
+
+    Raises `InputError` for what the test cannot find.
+    """
     names = _names(believed)
     for name, half in (want or {}).items():
         if name not in names:
@@ -283,19 +298,19 @@ def wishes_of(
             raise InputError(f"`want` {name}={half:g} must be above 0, and under 1 (100 % or 1 V)")
     usual = {**WANTED, DRIVE: WANTED_ON_DRIVE * believed.error.rmse_v}
     wanted = {name: usual.get(name, WANTED["R2"]) for name in names} if want is None else dict(want)
-    wishes = [
-        Wish(place, wanted[short(name)])
+    wished = {
+        place: wanted[short(name)]
         for place, (name, soc) in enumerate(believed.names)
         if is_within(soc, wanted_soc) and short(name) in wanted
-    ]
-    found = {DRIVE, *(short(believed.names[wish.place][0]) for wish in wishes)}
-    if lacking := [name for name in wanted if name not in found]:
+    }
+    inside = {DRIVE, *(short(believed.names[place][0]) for place in wished)}
+    if lacking := [name for name in wanted if name not in inside]:
         low, high = (100 * soc for soc in wanted_soc)
         raise InputError(
             f"`want` {', '.join(lacking)}: no node lies from {low:.0f} to {high:.0f} % SOC, where "
             "the test is; identify again with more `nodes`"
         )
-    return wishes, wanted
+    return wished, wanted
 
 
 def _medians(
@@ -318,35 +333,6 @@ def _emptying(believed: Believed, limits: Limits, low_soc: float) -> tuple[Step,
     rates_a, _ = limits.rates_a(capacity_ah, np.linspace(0.0, low_soc, 11))
     rate_a = min(EMPTYING_C * capacity_ah, float(np.min(rates_a)))
     return (move("to empty", low_soc * capacity_ah, rate_a), rest) if rate_a > 0 else (rest,)
-
-
-def _widths(
-    believed: Believed,
-    steps: Sequence[Step],
-    high_soc: float,
-    drive: Normal,
-    interval_s: float = INTERVAL_S,
-) -> tuple[Width, ...]:
-    """The widths that a test leaves, and the RMSE on a drive cycle with it."""
-    columns, _ = columns_along(believed, sampled(steps, interval_s), high_soc, interval_s)
-    found = information_of(believed, columns, interval_s)
-    alone, after = (
-        whole.left_on(believed, whole.inverse(believed), drive)
-        for whole in (found, found + believed.told_before)
-    )
-    left_v = None if believed.told_before is None else _before(believed, drive)[-1].after
-    return (*widths_of(believed, found), Width(f"{DRIVE} [V]", None, 0.0, alone, after, left_v))
-
-
-def _before(believed: Believed, drive: Normal) -> tuple[Width, ...]:
-    """The widths that the earlier records leave without a test; last, the RMSE on a drive cycle."""
-    told, before = believed.told_before, before_of(believed)
-    names = zip(believed.names, believed.values.tolist(), strict=True)
-    own = [Width(*name, value, *[before[name]] * 3) for name, value in names if name in before]
-    if told is not None:
-        left_v = told.left_on(believed, told.inverse(believed), drive)
-        own.append(Width(f"{DRIVE} [V]", None, 0.0, *[left_v] * 3))
-    return tuple(own)
 
 
 def _already(

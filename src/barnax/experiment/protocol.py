@@ -1,13 +1,16 @@
-"""A test as steps of constant current: composed, simulated, and held within limits."""
+"""A test as steps of constant current: its pieces, how it goes, and the limits that it keeps."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, Int
 
 from ..bundled import bundled_file
+from ..cell import CellModel
 from ..errors import InputError
 from ..records import read_record
 from .information import NEARLY_SOC, Believed, lagged, soc_along
@@ -23,6 +26,16 @@ COARSE_S = 2.0
 # Heat grows with the capacity, cooling with the surface: others by the cube root of theirs.
 WARMING_AH, WARMING_K, WARMING_S = 2.5, 30.0, 540.0
 SHORTEST_MOVE_S = 5
+# Lowest and highest voltage of a cell of layered oxide, and of one whose OCV when full is under the
+# last.
+WINDOW_V, LFP_WINDOW_V, LFP_FULL_V, NEARLY_FULL = (2.5, 4.2), (2.0, 3.65), 3.8, 0.97
+# A few minutes of any cell are flat: one of LFP has been seen nearly empty too.
+SEEN_EMPTY_V = 3.1
+# A cycler holds no step shorter than this, and levels are multiples of that share.
+SHORTEST_S = 2.0
+LEVEL = 0.05
+# Of a piece of a drive cycle.
+DRIVE_S = 120
 
 
 @dataclass(frozen=True)
@@ -113,6 +126,26 @@ def _at(rate: float | Sequence[tuple[float, float]], soc: np.ndarray) -> np.ndar
     if isinstance(rate, int | float):
         return np.full(len(soc), float(rate))
     return np.interp(soc, *np.transpose(sorted(rate)))
+
+
+def window_of(cell: CellModel, chemistry: str = "") -> tuple[float, float]:
+    """The lowest and the highest voltage that are usual for a chemistry, else for such an OCV.
+
+    An OCV that is not known of a full cell may be of either kind, unless it goes beyond one: then
+    the narrower limits are taken.
+    """
+    if chemistry:
+        return LFP_WINDOW_V if chemistry == "lfp" else WINDOW_V
+    highest_soc = cell.soc_range[1]
+    highest_v = float(cell.average_ocv_v(np.array([highest_soc]))[0])
+    # Of a cell without an OCV test, the fullest that was seen may be far from full.
+    if highest_soc > NEARLY_FULL and not cell.is_of_records:
+        return LFP_WINDOW_V if highest_v < LFP_FULL_V else WINDOW_V
+    if highest_v > LFP_WINDOW_V[1]:
+        return WINDOW_V
+    lowest_v = float(cell.average_ocv_v(np.array([cell.soc_range[0]]))[0])
+    is_lfp = cell.has_flat_ocv and (not cell.is_of_records or lowest_v < SEEN_EMPTY_V)
+    return LFP_WINDOW_V if is_lfp else (WINDOW_V[0], LFP_WINDOW_V[1])
 
 
 def hours_of(steps: Sequence[Step]) -> float:
@@ -209,3 +242,114 @@ def move(name: str, charge_ah: float, rate_a: float) -> Step:
     if seconds < SHORTEST_MOVE_S:
         return Step(name, 0.0, 0.0)
     return Step(name, float(seconds), float(f"{charge_ah * 3600 / seconds:.5g}"))
+
+
+@dataclass(frozen=True)
+class Block:
+    """Steps of constant current: how long each lasts, and its level.
+
+    Args:
+        name: What it is.
+        durations_s: Duration of each step.
+        levels: Its level: a share of the largest current allowed at the state of charge where the
+            block stands; 1 is the largest discharge, -1 the largest charge, 0 a rest.
+
+    >>> Block("pulse", (10.0, 40.0), (1.0, 0.0)).duration_s
+    50.0
+    """
+
+    name: str
+    durations_s: tuple[float, ...]
+    levels: tuple[float, ...]
+
+    @property
+    def duration_s(self) -> float:
+        return sum(self.durations_s)
+
+    def currents(self, discharge_a: float, charge_a: float) -> Float[np.ndarray, "steps"]:
+        """The current of every step in A, where so much discharge and charge are allowed."""
+        level = np.array(self.levels)
+        return np.where(level > 0, level * discharge_a, level * charge_a)
+
+    def pairs(self, discharge_a: float, charge_a: float) -> list[tuple[float, float]]:
+        """Duration and current of every step."""
+        currents = self.currents(discharge_a, charge_a).tolist()
+        return [*zip(self.durations_s, currents, strict=True)]
+
+
+def candidate_blocks(
+    key: Array, drive: Float[np.ndarray, "seconds"] | None = None
+) -> tuple[Block, ...]:
+    """The blocks that a design chooses from by default.
+
+    Pulses and rests, pseudo-random binary currents of several clocks, random steps, a multisine
+    and, where one is given, pieces of a drive cycle (`drive`, a level for every second).
+
+    Args:
+        key: What the random ones are drawn with.
+        drive: A drive cycle, 1 its largest discharge.
+    """
+    binary_key, step_key, sine_key, piece_key = jax.random.split(key, 4)
+    pulses_s = (10.0, 40.0, 10.0, 40.0)
+    blocks = [
+        Block("slow discharge", (300.0,), (0.2,)),
+        Block("short pulses", pulses_s, (1.0, 0.0, -1.0, 0.0)),
+        Block("small pulses", pulses_s, (0.5, 0.0, -0.5, 0.0)),
+        Block("long pulse", (60.0, 120.0), (1.0, 0.0)),
+    ]
+    for number, (clock_s, length_s) in enumerate(((4, 64), (12, 144), (40, 240))):
+        own = jax.random.fold_in(binary_key, number)
+        for floor in (-1.0, 0.0):
+            levels = np.where(_balanced(own, length_s // clock_s), 1.0, floor)
+            name = f"binary {clock_s} s" + (", no charge" if floor == 0 else "")
+            blocks.append(_joined(name, [float(clock_s)] * len(levels), levels))
+    for number, (longest_s, length_s) in enumerate(((30, 120), (120, 360))):
+        own = jax.random.fold_in(step_key, number)
+        blocks.append(_random_steps(own, longest_s, length_s))
+    blocks.append(_multisine(sine_key, 256))
+    if drive is not None and len(drive) > DRIVE_S:
+        starts = jax.random.randint(piece_key, (2,), 0, len(drive) - DRIVE_S)
+        for number, start in enumerate(np.asarray(starts).tolist(), 1):
+            piece = np.clip(drive[start : start + DRIVE_S], -1.0, 1.0)
+            blocks.append(_joined(f"drive cycle {number}", [1.0] * DRIVE_S, piece))
+    return tuple(blocks)
+
+
+def _balanced(key: Array, count: int) -> Int[np.ndarray, "count"]:
+    """Ones and zeros in random order, half of each."""
+    return np.asarray(jax.random.permutation(key, np.arange(count) % 2 == 0))
+
+
+def _random_steps(key: Array, longest_s: float, length_s: float) -> Block:
+    """Steps of random levels, with lengths as often short as long."""
+    length_key, level_key = jax.random.split(key)
+    count = int(length_s // SHORTEST_S)
+    drawn = jax.random.uniform(length_key, (count,))
+    lengths = np.round(3.0 * (longest_s / 3.0) ** np.asarray(drawn))
+    count = int(np.searchsorted(np.cumsum(lengths), length_s)) + 1
+    lengths = lengths[:count]
+    levels = np.asarray(jax.random.uniform(level_key, (count,), minval=-1.0, maxval=1.0))
+    return _joined(f"random steps up to {longest_s:g} s", lengths.tolist(), levels)
+
+
+def _multisine(key: Array, length_s: int) -> Block:
+    """Sines of equal size from 16 s to the length, octave by octave, with random phases."""
+    periods = length_s / 2.0 ** np.arange(int(np.log2(length_s / 16)) + 1)
+    phases = np.asarray(jax.random.uniform(key, (len(periods), 1))) * 2 * np.pi
+    time_s = np.arange(0.0, length_s, 4.0)
+    level = np.sum(np.sin(2 * np.pi * time_s / periods[:, None] + phases), axis=0)
+    return _joined("multisine", [4.0] * len(level), level / np.abs(level).max())
+
+
+def _joined(name: str, lengths: Sequence[float], levels: Float[np.ndarray, "steps"]) -> Block:
+    """A block of these steps; neighbors of one rounded level are one step."""
+    joined = list(_runs(lengths, np.round(levels / LEVEL) * LEVEL + 0.0))
+    return Block(name, tuple(length for length, _ in joined), tuple(level for _, level in joined))
+
+
+def _runs(
+    lengths: Sequence[float], levels: Float[np.ndarray, "steps"]
+) -> Iterator[tuple[float, float]]:
+    firsts = np.flatnonzero(np.append(True, np.diff(levels) != 0))
+    for first, after in pairwise([*firsts.tolist(), len(levels)]):
+        yield float(sum(lengths[first:after])), round(float(levels[first]), 6)

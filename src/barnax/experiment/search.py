@@ -1,14 +1,13 @@
-"""The search for a test: a pattern over the state of charge, changed while that gains.
+"""The shortest test that reaches what is wanted: a pattern over the SOC, changed while that gains.
 
 A test goes down the state of charge in stretches. Each has some blocks, a move at constant current
 that takes what charge is left, and a rest; rests share the time that is left of all. How many
-stretches and blocks of each kind there are, how fast moves go, and which part of the state of
-charge gets more of blocks and rests is the pattern. Every change of it is predicted as a whole
-test, transients and slow errors and all: block by block, rests would look worth little.
+of each there are, how fast moves go, and where blocks and rests are dense is the pattern. Every
+change of it is predicted as a whole test: block by block, rests would look worth little.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 
@@ -16,14 +15,14 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from .blocks import Block
+from ..errors import InputError
 from .information import HALF_95, OVERSHOT, Believed, Normal, columns_along, information_of
-from .protocol import Limits, Step, move, sampled
+from .protocol import INTERVAL_S, Block, Limits, Step, move, sampled, voltage_along, warming_of
+from .stored import Predicted
 
-# Widths over wished ones to a number: what a design lowers.
+# Widths over wished ones to a number: what a design lowers; and whether a test reaches them all.
 Criterion = Callable[[Float[np.ndarray, "wishes"]], float]
-# Rests are multiples of this.
-INTERVAL_S = 2.0
+Reaches = Callable[[Sequence[Step]], bool]
 # Tests are predicted on samples apart by this share of the fastest time constant, within limits.
 SHARE_OF_TAU, FINEST_S, COARSEST_S = 1 / 4, 1.0, 4.0
 # Equal parts of the state of charge, and how a pattern is changed: by these factors, up to so many
@@ -33,8 +32,21 @@ MOST_CHANGES, MANY = 3, 2**30
 FEWEST, MOST = 4, 40
 # What currents of a few digits may miss.
 ROUNDED_SOC = 1e-4
-# The rest that a test starts with, and the shortest of the others.
-SETTLE_S, SHORTEST_REST_S = 300.0, 10.0
+# The rest that a test starts with, and the shortest of the others, which are multiples of this.
+SETTLE_S, SHORTEST_REST_S, REST_S = 300.0, 10.0, 2.0
+# The longest test, and how much longer one is looked at where none reaches what is wanted.
+MOST_HOURS, LONGER = 200.0, 2
+BISECTIONS, ADJUSTMENTS, SEARCHES = 6, 8, 3
+# Tests that a search predicts, that one for a shorter test does, and the patterns of their start.
+PREDICTIONS, FURTHER, STRETCHES, MOVE_C = 120, 60, (10, 18), 1.0
+# A test is not made shorter by less than this share.
+NEARLY_SHORTEST, ROUNDED = 0.03, 1.001
+# Of a longer test's pieces, what shares a shorter one is tried with, and by how much of what is
+# wanted it is reached well enough to look no further.
+FEWER, WELL_REACHED = (0.6, 0.3), 0.97
+# By how much of the SOC a piece is first taken to leave its stretch, and by how much more than a
+# square law currents are lowered where they warm too much.
+LEAST_BEYOND, LESS_WARM = 0.01, 0.95
 
 
 def worst_first(ratios: Float[np.ndarray, "wishes"]) -> float:
@@ -44,23 +56,6 @@ def worst_first(ratios: Float[np.ndarray, "wishes"]) -> float:
     (1.0, 8.0)
     """
     return float(np.mean(ratios**4))
-
-
-@dataclass(frozen=True)
-class Wish:
-    """Half a 95 % interval that is wanted of a value: relative, in V for an OCV."""
-
-    place: int
-    half: float
-
-
-@dataclass(frozen=True, eq=False)
-class OnDrive:
-    """The RMSE in V that is wanted on a drive cycle, and the mean product of columns along that. It
-    counts as much as all wishes of one table do."""
-
-    wanted_v: float
-    normal: Normal
 
 
 @dataclass(frozen=True)
@@ -83,21 +78,24 @@ class Pattern:
     def dealt(self) -> list[list[int]]:
         """The numbers of the blocks of every stretch: each kind evenly, by the density."""
         upper = np.cumsum(self.density)
-        found: list[list[int]] = [[] for _ in range(self.stretches)]
+        dealt: list[list[int]] = [[] for _ in range(self.stretches)]
         for block, count in enumerate(self.counts):
             at = (np.arange(count) + 0.5) / max(count, 1)
             for place in np.searchsorted(upper, at).tolist():
-                found[min(place, self.stretches - 1)].append(block)
-        return found
+                dealt[min(place, self.stretches - 1)].append(block)
+        return dealt
 
     def fewer(self, share: float) -> "Pattern":
         """The pattern with so much of every kind of block."""
         return replace(self, counts=tuple(math.floor(share * count) for count in self.counts))
 
-    @property
-    def changes(self) -> int:
-        """Number of single changes."""
-        return 2 * (2 + len(self.counts) + PARTS)
+    def drawn(self, key: Array) -> "Pattern":
+        """The pattern with one to three random changes."""
+        count, *numbers = np.asarray(jax.random.randint(key, (MOST_CHANGES + 1,), 0, MANY)).tolist()
+        pattern, changes = self, 2 * (2 + len(self.counts) + PARTS)
+        for number in numbers[: 1 + count % MOST_CHANGES]:
+            pattern = pattern.changed(number % changes) or pattern
+        return pattern
 
     def changed(self, number: int) -> "Pattern | None":
         """The pattern with one thing more or less; None where it cannot be less."""
@@ -124,33 +122,36 @@ class Pattern:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A pattern, the logarithm of its criterion, and its widths over the wished ones."""
+    """A pattern, the logarithm of its criterion, and its widest width over the wished one."""
 
     pattern: Pattern
     value: float
-    ratios: Float[np.ndarray, "wishes"]
-
-    def is_within(self, share: float) -> bool:
-        """True where every width is at most so much of the wished one."""
-        return float(np.max(self.ratios)) <= share
+    widest: float
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
     """All that a search chooses from, and what it is to reach.
 
-    `last` are steps that end every test; a discharge among them takes what charge is left.
+    `wished` are half the 95 % intervals wanted of unknowns, by their place: relative, in V of an
+    OCV. With `drive`, the mean product of columns on a drive cycle, the RMSE there is to be
+    `drive_v`. `last` are steps that end every test; one that discharges takes what charge is left.
     """
 
     believed: Believed
     limits: Limits
     blocks: Sequence[Block]
-    wishes: Sequence[Wish]
+    wished: Mapping[int, float]
     criterion: Criterion
     high_soc: float
     low_soc: float
-    drive: OnDrive | None = None
+    drive: Normal | None = None
+    drive_v: float = 0.0
     last: tuple[Step, ...] = ()
+
+    def warming_or(self, other: str) -> str:
+        """The warming where it lowers currents, else another option that limits a test."""
+        return "`max_warming`" if self.limits.share < 1 else other
 
     @cached_property
     def _allowed(self) -> Callable[[float, float], tuple[float, float]]:
@@ -196,7 +197,7 @@ class Choice:
             return None
         whole = [first]
         for steps, share in zip(stretches, pattern.density.tolist(), strict=True):
-            own_s = float(math.floor(rest_s * share / INTERVAL_S) * INTERVAL_S)
+            own_s = float(math.floor(rest_s * share / REST_S) * REST_S)
             rest = Step("rest", own_s if own_s >= SHORTEST_REST_S else 0.0, 0.0)
             whole += [*steps, rest]
         return [step for step in (*whole, *last) if step.duration_s > 0]
@@ -209,13 +210,13 @@ class Choice:
         columns, _ = columns_along(self.believed, current_a, self.high_soc, interval_s)
         whole = information_of(self.believed, columns, interval_s) + self.believed.told_before
         inverse = whole.inverse(self.believed)
-        places = [wish.place for wish in self.wishes]
+        places, halves = [*self.wished], np.array([*self.wished.values()])
         variance = np.diag(whole.covariance(self.believed, inverse))[places]
-        wished = np.array([wish.half for wish in self.wishes]) * self.believed.units[places]
+        wished = halves * self.believed.units[places]
         widths = HALF_95 * np.sqrt(np.maximum(variance, 0.0)) / wished
         if self.drive is None:
             return widths
-        on_drive = whole.left_on(self.believed, inverse, self.drive.normal) / self.drive.wanted_v
+        on_drive = whole.left_on(self.believed, inverse, self.drive) / self.drive_v
         return np.append(widths, [on_drive] * max(1, len(widths)))
 
     def searched(
@@ -224,33 +225,176 @@ class Choice:
         """The best test of so many hours that changes of the best of some patterns lead to, one to
         three at a time, or the first whose widths are all at most `until` times the wished ones;
         None where each of the patterns takes longer."""
-        best = None
+        best, seen = None, set(starts)
         for start in starts:
-            found = self._predicted(start, hours)
-            if found is not None and (best is None or found.value < best.value):
-                best = found
-            if best is not None and best.is_within(until):
+            best = self._better(best, start, hours)
+            if best is not None and best.widest <= until:
                 return best
-        seen = set(starts)
         for own_key in jax.random.split(key, predictions):
-            if best is None or best.is_within(until):
+            if best is None or best.widest <= until:
                 break
-            pattern = best.pattern
-            drawn = jax.random.randint(own_key, (MOST_CHANGES + 1,), 0, MANY)
-            count, *numbers = np.asarray(drawn).tolist()
-            for number in numbers[: 1 + count % MOST_CHANGES]:
-                pattern = pattern.changed(number % pattern.changes) or pattern
-            if pattern in seen:
-                continue
-            seen.add(pattern)
-            other = self._predicted(pattern, hours)
-            if other is not None and other.value < best.value:
-                best = other
+            pattern = best.pattern.drawn(own_key)
+            if pattern not in seen:
+                seen.add(pattern)
+                best = self._better(best, pattern, hours)
         return best
 
-    def _predicted(self, pattern: Pattern, hours: float) -> Found | None:
+    def _better(self, best: Found | None, pattern: Pattern, hours: float) -> Found | None:
+        """The better of a test and one of another pattern, if that does not take longer."""
         steps = self.steps(pattern, hours)
         if steps is None:
-            return None
+            return best
         ratios = self.ratios(steps)
-        return Found(pattern, math.log(self.criterion(ratios)), ratios)
+        value = math.log(self.criterion(ratios))
+        is_better = best is None or value < best.value
+        return Found(pattern, value, float(np.max(ratios))) if is_better else best
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A test that keeps all limits: its steps, and how it goes."""
+
+    choice: Choice
+    pattern: Pattern
+    steps: list[Step]
+    predicted: Predicted
+
+
+def planned(choice: Choice, max_hours: float, key: Array, starts: int, reaches: Reaches) -> Plan:
+    """The shortest test that reaches the wishes, or the best of the time, within all limits."""
+    best = None
+    for _ in range(SEARCHES):
+        best, choice = _kept(choice, _best(choice, max_hours, key, starts), max_hours)
+        if best is not None:
+            break
+        # Smaller currents may not bring back the charge that the pieces take.
+    if best is None:
+        raise InputError(
+            f"no test stays between {choice.limits.low_v:g} and {choice.limits.high_v:g} V in the "
+            "worst case, or warms so little; widen `low_voltage` and `high_voltage`, allow more "
+            f"{choice.warming_or('`max_hours`')}, or lower `max_discharge` and `max_charge`"
+        )
+    capacity_ah = best.choice.believed.cell.capacity_ah
+    largest_a, _ = best.choice.limits.rates_a(capacity_ah, np.linspace(0.0, 1.0, 21))
+    fast = _starts_of(best.choice, float(np.max(largest_a)) / capacity_ah)
+    shortest, hours = _least_hours(best.choice, fast), max_hours
+    for number in range(BISECTIONS if reaches(best.steps) else 0):
+        if hours - shortest < NEARLY_SHORTEST * hours:
+            break
+        middle, own_key = (shortest + hours) / 2, jax.random.fold_in(key, number)
+        # Pieces of a longer test may not fit: fewer of them, and what a fast pass starts from.
+        fewer = [best.pattern.fewer(share) for share in FEWER]
+        shorter = best.choice.searched(
+            middle, own_key, FURTHER, best.pattern, *fewer, *fast, until=WELL_REACHED
+        )
+        plan = None if shorter is None else _kept(best.choice, shorter, middle)[0]
+        if plan is not None and reaches(plan.steps):
+            best, hours = plan, middle
+        else:
+            shortest = middle
+    return best
+
+
+def _kept(choice: Choice, found: Found, hours: float) -> tuple[Plan | None, Choice]:
+    """A found test with its currents lowered until it keeps all limits, None where it cannot, and
+    the choice with its limits tightened by that."""
+    for _ in range(ADJUSTMENTS):
+        steps = choice.steps(found.pattern, hours)
+        if steps is None:
+            break
+        predicted, limits = _simulated(choice, steps)
+        if limits == choice.limits:
+            return Plan(choice, found.pattern, steps, predicted), choice
+        choice = replace(choice, limits=limits)
+    return None, choice
+
+
+def is_reached_in(hours: float, plan: Plan, key: Array, reaches: Reaches) -> bool:
+    """True where a test of so many hours is found that reaches what a shorter plan does not."""
+    longer, _ = _kept(plan.choice, _best(plan.choice, hours, key, 1), hours)
+    return longer is not None and reaches(longer.steps)
+
+
+def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Found:
+    """The best of several searches. Raises `InputError` where no test is so short."""
+    patterns = _starts_of(choice)
+    searches = [
+        choice.searched(max_hours, jax.random.fold_in(key, number), PREDICTIONS, *patterns)
+        for number in range(starts)
+    ]
+    best = min(filter(None, searches), key=lambda test: test.value, default=None)
+    if best is not None:
+        return best
+    if choice.steps(Pattern(STRETCHES[0], MOVE_C, (0,) * len(choice.blocks)), MOST_HOURS) is None:
+        rates_a, _ = choice.limits.rates_a(1.0, np.linspace(choice.low_soc, choice.high_soc, 21))
+        if not np.min(rates_a) > 0:
+            raise InputError(
+                "`max_discharge`: a test discharges the cell, and 0 allows no discharge at some "
+                "state of charge; give more"
+            )
+        raise InputError(
+            f"between {choice.limits.low_v:g} and {choice.limits.high_v:g} V no discharge is "
+            "possible at some state of charge in the worst case; lower `low_voltage`"
+        )
+    least_hours = _least_hours(choice, patterns)
+    raise InputError(
+        f"`max_hours` {max_hours:g}: one pass through the state of charge takes "
+        f"{math.ceil(100 * least_hours) / 100:g} h without rests between its pieces; give more "
+        f"time, or a larger {choice.warming_or('`max_discharge`')}"
+    )
+
+
+def _starts_of(choice: Choice, move_c: float = MOVE_C) -> list[Pattern]:
+    """The patterns that a search starts from: moves and rests alone, and with pieces of a kind."""
+    kinds = len(choice.blocks)
+    return [
+        Pattern(stretches, move_c, tuple(stretches * (kind == own) for own in range(kinds)))
+        for stretches in STRETCHES
+        for kind in range(kinds, -1, -1)
+    ]
+
+
+def _least_hours(choice: Choice, patterns: Sequence[Pattern]) -> float:
+    """How long the shortest of these tests takes without rests between its pieces."""
+    taken_s = (
+        sum(step.duration_s for step in steps if step.block != "rest") + SETTLE_S
+        for pattern in patterns
+        if (steps := choice.steps(pattern, MOST_HOURS)) is not None
+    )
+    return min(taken_s, default=math.inf) / 3600
+
+
+def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits]:
+    """The test as it goes, and the limits of the choice, tightened where its worst case leaves a
+    voltage, warms too much, or has a current over what is named for its state of charge."""
+    believed, limits, current_a = choice.believed, choice.limits, sampled(steps)
+    voltage_v, soc = voltage_along(believed, current_a, choice.high_soc)
+    low_v, _ = voltage_along(believed, current_a, choice.high_soc, -1)
+    high_v, _ = voltage_along(believed, current_a, choice.high_soc, 1)
+    loaded = steps[: len(steps) - len(choice.last)]
+    counts = np.arange(len(current_a)) <= sum(round(s.duration_s / INTERVAL_S) for s in loaded)
+    # The rest of a full cell is at its highest voltage, and no test's doing.
+    charges = counts & (current_a < 0)
+    under_v, over_v = counts * (limits.low_v - low_v), charges * (high_v - limits.high_v)
+    beyond_v = float(np.max([under_v, over_v]))
+    if beyond_v > 0:
+        limits = replace(limits, margin_v=limits.margin_v + beyond_v + 1e-3)
+    low_soc, high_soc = believed.planned_soc
+    low_soc = choice.low_soc - ROUNDED_SOC if choice.last else low_soc
+    is_outside = counts & ((soc < low_soc) | (soc > high_soc + 1e-9))
+    discharge_a, charge_a = limits.rates_a(believed.cell.capacity_ah, soc)
+    # A current holds until the next sample, by when its limit may have passed it a little.
+    is_above = (current_a > ROUNDED * discharge_a) | (-current_a > ROUNDED * charge_a)
+    for is_beyond in (is_outside, is_above):
+        if np.any(is_beyond):
+            limits = replace(limits, beyond_soc=max(LEAST_BEYOND, 2 * limits.beyond_soc))
+    worst_v = np.where(current_a > 0, low_v, high_v)
+    worst_k = warming_of(believed, current_a, worst_v, soc)
+    if limits.warming_k is not None and worst_k > limits.warming_k:
+        share = LESS_WARM * math.sqrt(limits.warming_k / worst_k)
+        limits = replace(limits, share=limits.share * share)
+    predicted = Predicted.of(
+        steps, warming_of(believed, current_a, voltage_v, soc),
+        current_a=current_a, voltage_v=voltage_v, low_v=low_v, high_v=high_v, soc=soc,
+    )  # fmt: skip
+    return predicted, limits

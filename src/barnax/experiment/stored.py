@@ -6,21 +6,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
+from ..cell.dependence import BETA, CHARGE, KAPPA, ONSET, Dependence
 from ..display import hook
+from ..over_soc.node_interval import NodeInterval
 from ..schema import ARRAY, Document, Part
-from .information import Error
-from .protocol import Limits, Step
-from .widths import Width
+from .information import DRIVE, HALF_95, Error, Width
+from .protocol import INTERVAL_S, Limits, Step, bends
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Where tables are wanted.
 WANTED_SOC = (0.1, 0.9)
-# The RMSE that what is not known makes on a drive cycle is a wish too.
-DRIVE = "drive"
 
 
 def short(name: str) -> str:
@@ -58,6 +58,27 @@ def is_enough(name: str, half: float, wanted: float) -> bool:
     return float(f"{half:{form}}") <= float(f"{wanted:{form}}")
 
 
+def told_half(interval: NodeInterval) -> float | None:
+    """Half an interval of a fit in the measure of a design: what more samples would narrow. None
+    where nothing tells it."""
+    scale = interval.value if interval.name.startswith(("R", "tau")) else 1.0
+    if interval.low is None or interval.high is None or not scale > 0:
+        return None
+    return (HALF_95 * interval.standard_error + abs(interval.bias) / 2) / scale
+
+
+def followed(dependence: Dependence | None) -> tuple[str, ...]:
+    """What resistances follow beside SOC, in words."""
+    words = {
+        ONSET: "the current",
+        CHARGE: "its direction",
+        KAPPA: "the cell's own heat",
+        BETA: "the temperature",
+    }
+    numbers = {} if dependence is None else dependence.numbers
+    return tuple(word for name, word in words.items() if numbers.get(name))
+
+
 class Predicted(Part):
     """The test as it is believed to go: both ends of every step, and where the voltage bends
     between them.
@@ -81,13 +102,27 @@ class Predicted(Part):
     warming_k: float
 
     @classmethod
+    def of(
+        cls, steps: Sequence[Step], warming_k: float, **by_second: Float[np.ndarray, "seconds"]
+    ) -> "Predicted":
+        """What is drawn of a test whose current, voltages and SOC are known by the second."""
+        ends = np.cumsum([round(step.duration_s / INTERVAL_S) for step in steps])
+        starts = np.append(0, ends[:-1])
+        voltages_v = np.stack([by_second[name] for name in ("voltage_v", "low_v", "high_v")])
+        of_steps = [bends(voltages_v, *span) for span in zip(starts, ends - 1, strict=True)]
+        at = np.concatenate(of_steps)
+        # A step's last value is held until the next step, so that jumps are drawn upright.
+        is_last = np.cumsum([len(drawn) for drawn in of_steps]) - 1
+        time_s = INTERVAL_S * at
+        time_s[is_last] = INTERVAL_S * ends
+        drawn = {name: np.round(values[at], 5) for name, values in by_second.items()}
+        return cls(time_s=time_s, warming_k=warming_k, **drawn)
+
+    @classmethod
     def none(cls) -> "Predicted":
         """That of no test."""
-        nothing = np.empty(0)
-        return cls(
-            time_s=nothing, current_a=nothing, voltage_v=nothing, low_v=nothing, high_v=nothing,
-            soc=nothing, warming_k=0.0,
-        )  # fmt: skip
+        signals = [name for name in cls.model_fields if name != "warming_k"]
+        return cls(warming_k=0.0, **dict.fromkeys(signals, np.empty(0)))
 
 
 class Reference(Part):

@@ -210,12 +210,11 @@ class TableObjective(LinearObjective):
     @cached_property
     def table_penalty(self) -> Float[np.ndarray, "penalties values"]:
         """The same by the tables' values."""
-        blocks = []
-        for table in self._tables:
-            eye = np.eye(len(table.nodes))
-            bent = math.sqrt(self.settings.roughness) * np.diff(eye, 2, axis=0)
-            rows = np.concatenate([bent, math.sqrt(table.ridge) * eye])
-            blocks.append(table.weight * math.sqrt(self.smoothing_scale) * rows)
+        scale = math.sqrt(self.smoothing_scale)
+        blocks = (
+            smoothing_rows(self.settings, len(table.nodes), table.weight * scale, table.ridge)
+            for table in self._tables
+        )
         return np.asarray(block_diag(*blocks))
 
     def furthest(self, objective_v2: float) -> Float[np.ndarray, "unknowns"]:
@@ -312,3 +311,12 @@ def _unit(table: Table) -> Float[np.ndarray, "nodes nodes"]:
     """A table's values from its unknowns."""
     count = len(table.nodes)
     return np.tril(np.ones((count, count))) if table.rises else np.eye(count)
+
+
+def smoothing_rows(
+    settings: TableSettings, nodes: int, weight: float, ridge: float
+) -> Float[np.ndarray, "penalties nodes"]:
+    """The rows whose squares smooth one table: of its bends, and of its values themselves."""
+    eye = np.eye(nodes)
+    bent = math.sqrt(settings.roughness) * np.diff(eye, 2, axis=0)
+    return weight * np.concatenate([bent, math.sqrt(ridge) * eye])

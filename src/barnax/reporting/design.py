@@ -8,10 +8,10 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from ..experiment.belief import UNKNOWN_LOW_SOC, followed
+from ..experiment.belief import UNKNOWN_LOW_SOC
+from ..experiment.information import DRIVE
 from ..experiment.protocol import LOW_SOC
-from ..experiment.stored import DRIVE, is_enough
-from ..experiment.widths import told_half
+from ..experiment.stored import followed, is_enough, told_half
 from .design_forms import EMPTYING
 from .document import Table, rows_table
 from .terminal import bare_table, headed_lines, indented, terminal_table
@@ -31,8 +31,7 @@ from .words import (
 
 if TYPE_CHECKING:
     from ..experiment import Design
-    from ..experiment.information import Believed
-    from ..experiment.widths import Width
+    from ..experiment.information import Believed, Width
     from ..over_soc import TableFit
     from ..results import Result
 

@@ -1,4 +1,4 @@
-"""Parameters that the data do not determine: collinear ones, too fast, too slow, at bounds."""
+"""Parameters that the data do not determine: too fast or too slow ones, alike ones, at bounds."""
 
 import math
 from collections.abc import Sequence
@@ -7,15 +7,11 @@ from itertools import combinations, pairwise
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from ..cell.elements import ElementNames, names_beside
 from ..model.problem import Problem
 from .covariance import Covariance, Estimate, Uncertainty
 
-# Brun, Reichert, Kuensch, Water Resources Research 37 (2001) 1015: above 10 to 15 parameters can
-# hardly be told apart.
-COLLINEAR = 15.0
 # A combination is worth telling where its error is this much smaller than its members'.
 SHARPER = 1 / 3
 # Time constants within this factor of each other are one to the data.
@@ -24,8 +20,6 @@ SAME_TAU = 1.5
 LOOSE_FACTOR = 2.0
 # A time constant at its bound, 0.1 % of the box's log width, is this close to it.
 NEAR_LIMIT = 0.01
-# Singular values under this share of the largest are rounding.
-LEAST_SHARE = 1e-12
 # What changes by less than this in a direction is not part of it.
 PART_OF_DIRECTION = 0.1
 
@@ -62,26 +56,9 @@ class Undetermined:
 
 
 @dataclass(frozen=True)
-class CollinearPair:
-    """Two parameters and Brun's collinearity index of them alone."""
-
-    first: str
-    second: str
-    index: float
-
-
-@dataclass(frozen=True)
 class Identifiability:
-    """Measures of how well the free parameters can be told apart.
+    """All that the data leave undetermined."""
 
-    `collinearity_index` is Brun's gamma of all of them: a change of one of them by 1 can be made
-    up by the others down to 1/gamma of its effect. `collinear_pairs` are the pairs whose own
-    index is above `COLLINEAR`. `condition_number` is that of the columns scaled to length 1.
-    """
-
-    collinearity_index: float
-    condition_number: float
-    collinear_pairs: tuple[CollinearPair, ...]
     findings: tuple[Undetermined, ...]
 
 
@@ -89,25 +66,13 @@ def identifiability(
     problem: Problem, covariance: Covariance, uncertainty: Uncertainty
 ) -> Identifiability:
     """The identifiability of an optimum by the records of its problem."""
-    linearization = covariance.linearization
-    findings = _Search(
+    search = _Search(
         covariance,
         {estimate.name: estimate for estimate in uncertainty.estimates},
         min(prepared.median_interval_s for prepared in problem.prepared_records),
         max(prepared.scored_duration_s for prepared in problem.prepared_records),
     )
-    scaled = linearization.slope_v / np.linalg.norm(linearization.slope_v, axis=0)
-    singular = _singular(scaled)
-    return Identifiability(
-        collinearity_index=collinearity(scaled),
-        condition_number=float(singular[0] / max(singular[-1], LEAST_SHARE * singular[0])),
-        collinear_pairs=tuple(
-            CollinearPair(linearization.names[i], linearization.names[j], index)
-            for i, j in combinations(range(len(linearization.names)), 2)
-            if (index := collinearity(scaled[:, [i, j]])) > COLLINEAR
-        ),
-        findings=findings.all(problem.bounds.element_names),
-    )
+    return Identifiability(search.all(problem.bounds.element_names))
 
 
 def are_one(log_ratio: float, reach: float, total: float, *members: float) -> bool:
@@ -117,16 +82,6 @@ def are_one(log_ratio: float, reach: float, total: float, *members: float) -> bo
     apart = abs(log_ratio)
     is_better = apart <= reach and total < SHARPER * min(members)
     return min(members) > 0 and (apart <= math.log(SAME_TAU) or is_better)
-
-
-def collinearity(scaled: Float[np.ndarray, "samples columns"]) -> float:
-    """Brun's collinearity index of columns of length 1 (2001, Eq. 11)."""
-    return float(1 / np.maximum(_singular(scaled)[-1], LEAST_SHARE))
-
-
-def _singular(scaled: np.ndarray) -> np.ndarray:
-    """Singular values, a 1 where there are no columns: nothing is then collinear."""
-    return np.linalg.svd(scaled, compute_uv=False) if scaled.size else np.ones(1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ def located(where: str | Path) -> Any:
     if parts.scheme == "file":
         return Path(url2pathname(parts.path))
     try:
-        from upath import UPath  # pyright: ignore[reportMissingImports]
+        from upath import UPath
 
         found = UPath(where, use_listings_cache=False)
         _ = found.fs

@@ -140,7 +140,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
 
     def part(self, kind: Callable[..., Found]) -> Found:
         """The options of one kind, such as `Reading`, by themselves."""
-        names = [field.name for field in fields(kind)]  # pyright: ignore[reportArgumentType]
+        names = [field.name for field in fields(kind)]  # pyrefly: ignore
         return kind(**{name: getattr(self, name) for name in names})
 
     def changed(self, **options: Any) -> Self:
@@ -187,7 +187,7 @@ def takes_options(
         @functools.wraps(run)
         def function(*given: Asked.args, **options: Asked.kwargs) -> Found:
             if given and isinstance(given[0], Job):
-                given, options = (), {**given[0].chosen, **options}  # pyright: ignore
+                given, options = (), {**given[0].chosen, **options}  # pyrefly: ignore
             return run(make(*given, **options))
 
         own = explained(run)
@@ -195,7 +195,7 @@ def takes_options(
         lines = [f"    {name}: {text}\n" for name, text in more.items()]
         doc = inspect.cleandoc(run.__doc__ or "")
         function.__doc__ = re.sub(ARGS, lambda found: found[0] + "".join(lines), doc)
-        function.__signature__ = inspect.signature(make)  # pyright: ignore
+        function.__signature__ = inspect.signature(make)  # pyrefly: ignore
         return function
 
     return decorate

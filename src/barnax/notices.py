@@ -86,7 +86,8 @@ def kinds() -> Mapping[str, Kind]:
     for room, own in rooms.items():
         for name, given in own.items():
             code = f"{room}.{name}"
-            found[code] = Kind(code, **{**given, "words": {**shared, **given.get("words", {})}})
+            told: dict[str, Any] = {**given, "words": {**shared, **given.get("words", {})}}
+            found[code] = Kind(code, **told)
     return found
 
 

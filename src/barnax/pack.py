@@ -6,7 +6,7 @@ the axis of SOC, the time constants and what resistances follow. The cells are t
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -81,9 +81,8 @@ class Pack(Brief):
             row: dict[str, str | float | None] = {"cell": cell.name, "RMSE [V]": cell.rmse_v}
             for name in (*LOOKED_AT, LOADED, *([LAG] if LAG in cell.values else ())):
                 known = cell.values.get(name)
-                row[name] = known and known.value
-                row[f"{name} low"], row[f"{name} high"] = (
-                    (known.low, known.high) if known else (None, None)
+                row[name], row[f"{name} low"], row[f"{name} high"] = (
+                    (None,) * 3 if known is None else (known.value, known.low, known.high)
                 )
             odd = [own.quantity for own in self.odd if own.cell == cell.name]
             rows.append(row | {"odd": "; ".join(odd), "weakest": cell.name == self.weakest})
@@ -139,7 +138,13 @@ def identify_pack(job: PackJob) -> Pack:
     reading = job.part(Reading)
     source = source_of(records[0], {}, reading)
     read = read_pack(source, job.cells, **how_read(reading, source.name))
-    chosen = {"seeds": 0, "trust": "none", "advise": False, "model": "so-rc", **job.chosen}
+    chosen: dict[str, Any] = {
+        "seeds": 0,
+        "trust": "none",
+        "advise": False,
+        "model": "so-rc",
+        **job.chosen,
+    }
     chosen |= {"records": [read.source], "over": "soc"}
     if read.scan is not None:
         chosen["voltage_lag"] = read.record.voltage_lag_s

@@ -192,7 +192,7 @@ class Result(Document):
         known = {"initial_soc": initial_soc, "initial_direction": initial_direction}
         return hook("Result.simulate")(self, current, time, temperature_degc=temperature, **known)
 
-    def validate(  # pyright: ignore[reportIncompatibleMethodOverride]
+    def validate(  # pyrefly: ignore
         self,
         record: "Given",
         window: Window | None = None,

@@ -83,7 +83,7 @@ def with_joint_starts(problem: Problem) -> Problem:
         except (InputError, ValueError, np.linalg.LinAlgError):
             # Too wide a box, beyond the OCV, or nothing that tells the start.
             break
-        problem = replace(problem, prepared_records=[record])
+        problem = replace(problem, prepared_records=(record,))
         if np.all(np.abs(joint.starts_step) < SETTLED * joint.starts_error):
             break
     return problem
@@ -172,7 +172,7 @@ class Setup:
     @property
     def has_tables(self) -> bool:
         """True where the answer is tables, of resistances or of the OCV."""
-        point = self.chosen and self.chosen.point
+        point = None if self.chosen is None else self.chosen.point
         is_table = point is not None and not (point.is_constant and point.law is None)
         return is_table or self.fits is not None or self.over_temperature
 
@@ -257,7 +257,7 @@ def _registered(chosen: Fitted, tables: TableSettings) -> Fitted:
     known = records[0].window.registration
     if known is None or records[0].window == told[0].window:
         return chosen
-    law = Dependence(**{**known.follows}) if known.follows else None  # pyright: ignore
+    law = Dependence(**{**known.follows}) if known.follows else None  # pyrefly: ignore
     records = [record.following(law) for record in records]
     objective = reduced_objective(records, own)
     with one_blas_thread():
@@ -269,10 +269,11 @@ def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
     """Settings of tables, with the bounds and fixed values of the circuit, but those in a unit
     that tables do not have."""
     ranges, tables = ranges_of(job.bounds)[1], job.table_settings
-    bounds, fixed = (
-        {name: value for name, value in (given or {}).items() if but is None or but not in name}
-        for given in (ranges, job.fix)
-    )
+
+    def kept(given: Mapping[str, Any] | None) -> dict[str, Any]:
+        return {name: own for name, own in (given or {}).items() if but is None or but not in name}
+
+    bounds, fixed = kept(ranges), kept(job.fix)
     return replace(tables, bounds={**bounds, **tables.bounds}, fixed={**fixed, **tables.fixed})
 
 

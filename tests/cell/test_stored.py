@@ -18,7 +18,7 @@ class Stored(Document):
 
 def stored(path: Path, make=both_ways, **fits: str) -> Stored:
     document = Stored(
-        cell=characterize([make()], **fits),  # pyright: ignore[reportArgumentType]
+        cell=characterize([make()], **fits),
         parameters=CircuitParameters.constant(0.05, (0.02, 0.03), (500.0, 2000.0), gamma=300.0),
     )
     path.write_text(document.to_json())

@@ -36,7 +36,7 @@ def optimizer_of_table(name: str) -> AbstractPopulationMinimiser:
         return ParticleSwarm(POPULATION, ITERATIONS, velocity_limit=6.0, bounded=False)
     optimizer = make_optimizer(name, POPULATION, ITERATIONS)
     if name in ("bmo", "ibmo"):
-        return dataclasses.replace(optimizer, reevaluate_parents=True)
+        return dataclasses.replace(optimizer, reevaluate_parents=True)  # pyrefly: ignore
     return optimizer
 
 

@@ -152,7 +152,7 @@ def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> Circ
             "the difference equation it finds has complex, negative or unstable poles, which are "
             "not time constants; noise and model error cause this"
         )
-    resistances = [r0, *r]
+    resistances = [float(value) for value in (r0, *r)]
     if min(resistances) <= 0:
         values = ", ".join(
             f"R{index} {1e3 * value:.4g} mohm" for index, value in enumerate(resistances)

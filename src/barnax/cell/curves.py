@@ -244,7 +244,7 @@ class SegmentedHysteresis(Brief):
     @property
     def parameters(self) -> dict[str, float]:
         """A to H and P of Eq. 4: slope and intercept of each sloping segment, and the constant."""
-        values = {}
+        values: dict[str, float] = {}
         for (slope, intercept), segment in (("AB", 0), ("CD", 1), ("EF", 3), ("GH", 4)):
             left_v, right_v = self.ends_v[segment]
             slope_v = (right_v - left_v) / float(KNOTS[segment + 1] - KNOTS[segment])

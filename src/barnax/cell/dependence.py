@@ -167,4 +167,5 @@ def heat_of(
     kept = np.exp(-np.diff(time_s) / tau_s)
     # Each state less what is kept of the one before is what the interval adds.
     added_a2 = np.append(0.0, (1 - kept) * interval_current_a**2)
-    return solve_banded((1, 0), [np.ones(len(time_s)), np.append(-kept, 0.0)], added_a2)
+    bands = [np.ones(len(time_s)), np.append(-kept, 0.0)]
+    return np.asarray(solve_banded((1, 0), bands, added_a2))

@@ -354,7 +354,8 @@ class CircuitParameters(Brief):
 
     @classmethod
     def _of_numbers(cls, numbers: Mapping[str, float]) -> Self:
-        tables = {name: (ohm,) for name, ohm in numbers.items() if name.endswith("[Ohm]")}
+        tables: dict[str, tuple[float, ...]] = {}
+        tables |= {name: (ohm,) for name, ohm in numbers.items() if name.endswith("[Ohm]")}
         made = cls(tables, {name: numbers[name] for name in numbers if name not in tables})
         for name, value in {**numbers, **made.named_tau_s}.items():
             if not (math.isfinite(value) and value > 0):
@@ -381,10 +382,10 @@ class CircuitParameters(Brief):
         fields = dict(handler.resolve_ref_schema(handler(source)))
         return core_schema.no_info_wrap_validator_function(
             read,
-            fields,  # pyright: ignore[reportArgumentType]
+            fields,  # pyrefly: ignore
             # All who refer to the class are to find this, not the fields alone.
             ref=fields.pop("ref", None),
-            serialization=core_schema.wrap_serializer_function_ser_schema(write, schema=fields),  # pyright: ignore[reportArgumentType]
+            serialization=core_schema.wrap_serializer_function_ser_schema(write, schema=fields),  # pyrefly: ignore
         )
 
 

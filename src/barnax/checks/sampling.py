@@ -208,7 +208,7 @@ def find_fast_load(given: CheckInput) -> Iterator[Notice]:
     between which nobody knows what flowed."""
     hold, evidence = given.record.hold, given.record.evidence
     is_given = hold.strength == "given"
-    slow = evidence and evidence.slow
+    slow = None if evidence is None else evidence.slow
     if slow is None or not (slow.changes_between and (is_given or hold.value != "forward")):
         return
     rows = slow.kind

@@ -3,7 +3,7 @@
 import shlex
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import barnax
 
@@ -94,7 +94,12 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         believed = believed_of(stored, cell.capacity, cell.chemistry, test.temperature)
     rates = {name: _rate(name, vars(test)[name]) for name in ("max_discharge", "max_charge")}
     with run.watch("Designing"):
-        options = {**vars(test), **rates, "want": _wanted(test.want), "blocks": blocks}
+        options: dict[str, Any] = {
+            **vars(test),
+            **rates,
+            "want": _wanted(test.want),
+            "blocks": blocks,
+        }
         test_design = barnax.design(believed, **options)
     chosen = [name for name, rate in rates.items() if rate is not None]
     run.show(planned_lines(believed, as_flags, chosen))

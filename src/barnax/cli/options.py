@@ -250,7 +250,7 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     empty, kind = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
     spelled = [inspect.Parameter("context", kind, default=empty, annotation=typer.Context)]
     spelled += [parameter for of in groups.values() for parameter in _parameters(of)]
-    spread.__signature__ = inspect.Signature(spelled)  # pyright: ignore
+    spread.__signature__ = inspect.Signature(spelled)  # pyrefly: ignore
     spread.__annotations__ = {parameter.name: parameter.annotation for parameter in spelled}
     return spread
 

@@ -232,12 +232,16 @@ def make_comparison_result(
 
 
 def _model_part(problem: Problem, optimum: GlobalOptimum | None) -> ModelPart:
-    known: dict[str, Any] | None = optimum and {
-        "optimum_rmse_v": optimum.rmse_v,
-        "optimum_parameters": optimum.parameters.to_dict(),
-        "optimum_status": optimum.status,
-        "optimum_proved_gap": optimum.proved_gap,
-    }
+    known: dict[str, Any] = (
+        {}
+        if optimum is None
+        else {
+            "optimum_rmse_v": optimum.rmse_v,
+            "optimum_parameters": optimum.parameters.to_dict(),
+            "optimum_status": optimum.status,
+            "optimum_proved_gap": optimum.proved_gap,
+        }
+    )
     box = problem.bounds
     return ModelPart(bounds=dict(box.ranges), fixed=dict(box.fixed), **known or {})
 

@@ -108,7 +108,7 @@ def believed_of(
         cell = replace(known.cell, capacity_ah=capacity_ah, capacity_origin=GIVEN)
         discharge_c, charge_c = known.rates_c
         known = replace(known, cell=cell, rates_c=(share * discharge_c, share * charge_c))
-    return known if chemistry in (None, known.typical) else _going_on(known, chemistry)
+    return known if chemistry is None or chemistry == known.typical else _going_on(known, chemistry)
 
 
 def _going_on(believed: Believed, chemistry: str) -> Believed:

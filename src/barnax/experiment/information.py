@@ -233,7 +233,7 @@ class Information:
         whole = self.of_unknowns + smoothing * max(self.samples, 1) * believed.penalty
         # Of a time constant that nothing tells, the logarithm is known to about one.
         whole[np.diag_indices(len(whole))] += 1e-12 * np.diag(whole).max()
-        return cho_solve(cho_factor(whole), np.eye(len(whole)))
+        return np.asarray(cho_solve(cho_factor(whole), np.eye(len(whole))))
 
     def covariance(self, believed: Believed, inverse: Normal) -> Normal:
         """The covariance of what a fit finds, where what the circuit leaves out makes as much of

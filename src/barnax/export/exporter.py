@@ -80,7 +80,7 @@ def _templates() -> Environment:
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     found.filters |= {"numbers": numbers, "array": python_array}
-    found.globals["asarray"] = np.asarray
+    found.globals["asarray"] = np.asarray  # pyrefly: ignore
     return found
 
 

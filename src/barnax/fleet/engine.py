@@ -313,8 +313,8 @@ def _dask(address: str, workers: int) -> Iterator[tuple[Executor, int]]:
     """Dask's own executor, on a scheduler that runs or on a cluster of this machine's processes,
     and how many threads its workers have now."""
     try:
-        import dask.config  # pyright: ignore[reportMissingImports]
-        from distributed import Client, LocalCluster  # pyright: ignore[reportMissingImports]
+        import dask.config
+        from distributed import Client, LocalCluster
     except ImportError as problem:
         raise InputError(
             '`scheduler` needs Dask; install it with pip install "barnax[dask]"'

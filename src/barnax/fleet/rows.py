@@ -154,7 +154,8 @@ def _identified_pack(cell: FleetCell, settings: Mapping[str, Any]) -> Pack:
     job = job_of(given).changed(window=_windows(cell), bounds=cell.bounds)
     asked = str(cell.options["pack_cells"])
     cells = None if asked == "auto" else asked
-    return identify_pack(**{**job.chosen, "records": cell.records, "ocv": cell.ocv, "cells": cells})
+    chosen: dict[str, Any] = {**job.chosen, "records": cell.records, "ocv": cell.ocv}
+    return identify_pack(**chosen, cells=cells)
 
 
 def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:

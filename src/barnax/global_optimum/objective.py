@@ -156,9 +156,9 @@ class ConstantObjective(LinearObjective):
     The first `bounds.pairs` axes are the pairs', then gamma's where there is one.
     """
 
-    base: Float[np.ndarray, "rows"]
+    base: Float[np.ndarray, "rows"]  # pyrefly: ignore
     current: Float[np.ndarray, "rows"]
-    axes: tuple[Axis, ...]
+    axes: tuple[Axis, ...]  # pyrefly: ignore
     bounds: Bounds
     prepared_records: tuple[PreparedRecord, ...]
     # Number of the first axes that are of pairs with one box: only circuits with tau1 <= tau2 and
@@ -192,7 +192,7 @@ class ConstantObjective(LinearObjective):
         return 1 + self.bounds.pairs
 
     @property
-    def fixed_columns(self) -> dict[int, Columns]:
+    def fixed_columns(self) -> dict[int, Columns]:  # pyrefly: ignore
         return {0: self.current[:, None]}
 
     @cached_property
@@ -213,10 +213,8 @@ class ConstantObjective(LinearObjective):
         if axes == self.axes:
             # A capacitance bounds its resistance, beside the time constants that it had.
             others = {name, names_beside(name).tau} if name.startswith("C") else {name}
-            ranges, fixed = (
-                {own: known for own, known in given.items() if own not in others}
-                for given in (bounds.ranges, bounds.fixed)
-            )
+            ranges = {own: ends for own, ends in bounds.ranges.items() if own not in others}
+            fixed = {own: held for own, held in bounds.fixed.items() if own not in others}
             bounds = replace(bounds, ranges=ranges, fixed={**fixed, name: value})
         return replace(self, axes=axes, bounds=bounds, interchangeable=0)
 

@@ -154,7 +154,7 @@ def life_of(
     cells = tuple(good[names].unique().sort())
     good = with_pooled_shapes(good, names, "_age", QUANTITIES)
     own = {name: good.filter(pl.col(names) == name) for name in cells}
-    first, last = float(good["_age"].min()), float(good["_age"].max())  # pyright: ignore
+    first, last = float(good["_age"].min()), float(good["_age"].max())  # pyrefly: ignore
     span = last - first or 1.0
     spans = [float(np.ptp(rows["_age"].to_numpy())) for rows in own.values()]
     nominal_ah = {name: float(rows["capacity [A.h]"][0]) for name, rows in own.items()}

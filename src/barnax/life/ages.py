@@ -51,7 +51,7 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
         column = number
     if column.dtype.is_temporal():
         days = column.cast(pl.Datetime("us")).cast(pl.Int64) / 86_400e6
-        return (days - days.min()).cast(pl.Float64).to_numpy(), "day"  # pyright: ignore
+        return (days - days.min()).cast(pl.Float64).to_numpy(), "day"  # pyrefly: ignore
     number = column.cast(pl.Float64, strict=False).to_numpy()
     number = np.where(np.isfinite(number), number, np.nan)
     if np.isnan(number).all():

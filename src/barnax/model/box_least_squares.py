@@ -78,7 +78,7 @@ def least_in_boxes(
     normal = normal / scale[:, None] / scale
     gradient, box = gradient / scale, (low, high)
     low, high = low * scale, high * scale
-    given = [normal, gradient, low, high, low >= high]
+    given: list[Any] = [normal, gradient, low, high, low >= high]
     at_low = at_high = np.zeros(low.shape, bool)
     found, open_problems = low.copy(), np.arange(low.shape[1])
     for _ in range(GUESSES):

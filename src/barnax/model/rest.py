@@ -103,7 +103,7 @@ def fitted_soc(
     tried = np.linspace(low, high, _TRIED_SOC)
     best, step = tried[np.argmin([loss_v2(soc) for soc in tried])], tried[1] - tried[0]
     ends = max(best - step, low), min(best + step, high)
-    soc: float = minimize_scalar(loss_v2, bounds=ends, method="bounded").x  # pyright: ignore
+    soc: float = minimize_scalar(loss_v2, bounds=ends, method="bounded").x  # pyrefly: ignore
     error_v = errors_v(soc)
     slope_v = cell.ocv_slope(soc - moved)
     # What resistances cannot make up for.
@@ -124,4 +124,4 @@ def _through_pair(record: Record, first: int, tau_s: float) -> Float[np.ndarray,
     bands = np.ones((2, len(share) + 1))
     bands[1, :-1] = share - 1
     passed_a = np.append(0.0, share * record.interval_current_a[first:])
-    return solve_banded((1, 0), bands, passed_a)
+    return np.asarray(solve_banded((1, 0), bands, passed_a))

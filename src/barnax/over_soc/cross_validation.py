@@ -180,7 +180,7 @@ def held_out(
 
 def _errors_of_blocks(objective: TableObjective, best: Solution) -> SocErrors | None:
     errors = held_out(objective, best)
-    return errors and errors.errors
+    return None if errors is None else errors.errors
 
 
 def _errors_of_kept(objective: TableObjective, best: Solution) -> SocErrors | None:

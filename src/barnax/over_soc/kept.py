@@ -209,8 +209,8 @@ def keep_all(
     if not names:
         return [alone]
     return [
-        replace(alone, name=f"{alone.name} {name}", parts=tuple(
-            _shortened(whole.side(side)) for whole in wholes))
+        replace(alone, name=f"{alone.name} {name}", parts=(
+            _shortened(wholes[0].side(side)), _shortened(wholes[1].side(side))))
         for side, name in enumerate(names)
     ]  # fmt: skip
 

@@ -76,7 +76,7 @@ class Draft:
                 file.kind(self.capacity_ah),
                 reason,
                 window,
-                span_s=file.source and file.source.span_s,
+                span_s=None if file.source is None else file.source.span_s,
                 temperature_degc=file.temperature_degc,
                 plans_soc=window.initial_soc is not None and file.chosen.initial_soc is None,
                 source=None if role == "not used" else file.source,

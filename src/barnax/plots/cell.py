@@ -153,7 +153,12 @@ def _draw_pulse(axes: Axes, evaluation: "Evaluation", pulse: Pulse, color: objec
     change_a = prepared.current_a[inside] - prepared.current_a[inside.start]
     is_on = np.abs(change_a) > abs(pulse.current_a) / 2
     since_s = (prepared.time_s[inside] - prepared.time_s[inside.start])[is_on]
-    measured = {"color": color, "linewidth": 1.3, "zorder": 2, "label": "measured, colored by SOC"}
+    measured: dict[str, Any] = {
+        "color": color,
+        "linewidth": 1.3,
+        "zorder": 2,
+        "label": "measured, colored by SOC",
+    }
     simulated: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.7, "linestyle": (0, (3, 2))}
     simulated["label"] = "simulated"
     for voltage_v, look in ((prepared.voltage_v, measured), (evaluation.simulated_v, simulated)):

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from jaxtyping import Float
@@ -39,7 +39,7 @@ def plot_distributions(quantities: Mapping[str, Float[np.ndarray, "cells"]]) -> 
         low, high = values.min(), values.max()
         bins = min(BINS, 2 * math.ceil(math.sqrt(len(values))))
         edges = np.geomspace(low, high, bins + 1) if high > low else 1
-        axes.hist(values, edges, color=style.BLUE)
+        axes.hist(values, edges, color=style.BLUE)  # pyrefly: ignore
         axes.axvline(float(np.median(values)), color=style.VERMILLION, linestyle="--")
         axes.set(xlabel=name, ylabel="Cells [-]")
         axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
@@ -204,7 +204,7 @@ def _draw_many(axes: Axes, life: "Life", quantity: str, trends: "Sequence[Trend]
     _, scale = LIFE[quantity]
     odd = {fault.cell for fault in life.faults if fault.quantity == quantity}
     for trend in [*trends[:MOST_DRAWN], *(trend for trend in trends if trend.cell in odd)]:
-        look = {"color": style.GREY, "alpha": 0.5}
+        look: dict[str, Any] = {"color": style.GREY, "alpha": 0.5}
         if trend.cell in odd:
             look = {"color": style.VERMILLION, "zorder": 3}
         axes.plot(trend.age, scale * trend.smooth[:, 0], linewidth=0.8, **look)

@@ -1,7 +1,7 @@
 """Errors: of voltage over time and SOC, of one circuit or many, and of a filter's SOC."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -64,8 +64,8 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
         panels = figure.subplots(2, 1, sharey=True)[None]
     else:
         figure = style.make_figure(height_in=AROUND_STRIPS_IN + STRIP_IN * len(rows.shown))
-        across = {"sharey": True, "sharex": "col", "width_ratios": [1.9, 1.0]}
-        panels = figure.subplots(len(rows.shown), 2, squeeze=False, **across)
+        layout: dict[str, Any] = {"sharey": True, "sharex": "col", "width_ratios": [1.9, 1.0]}
+        panels = figure.subplots(len(rows.shown), 2, squeeze=False, **layout)
         figure.supylabel(ERROR_LABEL.replace("\n", " "), fontsize=style.letters_pt(9))
     limits = _common_limits(rows)
     for (over_time, over_soc), (label, row) in zip(panels, rows.shown.items(), strict=True):

@@ -139,7 +139,7 @@ def _plot_errors(
             raise ValueError("this result was found without seeds, so no search converged")
         seeds, population = constant.search.seeds, constant.search.population
         optimum_v = None if optimum is None else optimum.rmse_v
-    aims_v = {OPTIMUM: optimum_v, "refined": refined and refined.rmse_v}
+    aims_v = {OPTIMUM: optimum_v, "refined": None if refined is None else refined.rmse_v}
     aims_mv = {name: 1e3 * aim for name, aim in aims_v.items() if aim is not None}
     lowest_mv = min(aims_mv.values(), default=0.0)
     history_mv = 1e3 * padded([seed.history_v for seed in seeds])
@@ -159,7 +159,7 @@ def _draw_seeds(axes: Axes, population: Any, evaluations: Any, values: Histories
     """A line for every seed, from its first generation to what it spent in all, and the median."""
     first, last = (np.broadcast_to(count, len(values)) for count in (population, evaluations))
     spent = np.linspace(first, last, values.shape[1], axis=1)
-    look = {"color": style.SKY_BLUE, "linewidth": 0.8, "drawstyle": "steps-post"}
+    look: dict[str, Any] = {"color": style.SKY_BLUE, "linewidth": 0.8, "drawstyle": "steps-post"}
     label = "one seed" if len(values) == 1 else f"each of {len(values)} seeds"
     axes.plot(spent.T, finite(values).T, **look, label=label)
     if len(values) > 1:

@@ -76,7 +76,11 @@ def _drawn(name: str, facts: "Sequence[Fact]") -> DrawnTable:
     symbol, _, unit = name.partition(" [")
     scale, shown = (1.0, "V") if name == OCV else (1e3, f"m{unit.rstrip(']')}")
     values = scale * np.array([(fact.value, fact.low, fact.high) for fact in facts], float)
-    columns = [[fact.soc for fact in facts], [fact.is_visited for fact in facts], *values.T]
+    columns: list[Any] = [
+        [fact.soc for fact in facts],
+        [fact.is_visited for fact in facts],
+        *values.T,
+    ]
     if len(facts) == 1:
         columns = [np.array([0.0, 1.0]), *(np.repeat(column, 2) for column in columns[1:])]
     nodes = np.array([*zip(*columns, strict=True)], NODE)
@@ -178,17 +182,22 @@ def _draw_table(axes: Axes, table: DrawnTable) -> None:
     nodes, is_visited = table.nodes, table.nodes["is_visited"]
     is_known = is_visited & np.isfinite(nodes["low"]) & np.isfinite(nodes["high"])
     known = nodes[is_known]
-    line = {"color": style.BLUE, "zorder": 3}
+    line: dict[str, Any] = {"color": style.BLUE, "zorder": 3}
     axes.plot(nodes["soc"], nodes["value"], linestyle=(0, (3, 2)), linewidth=0.8, **line)
     axes.plot(nodes["soc"], np.where(is_visited, nodes["value"], np.nan), linewidth=1.2, **line)
-    band = {"color": style.SKY_BLUE, "alpha": 0.35, "linewidth": 0.0, "label": "95 % interval"}
+    band: dict[str, Any] = {
+        "color": style.SKY_BLUE,
+        "alpha": 0.35,
+        "linewidth": 0.0,
+        "label": "95 % interval",
+    }
     axes.fill_between(nodes["soc"], nodes["low"], nodes["high"], where=is_known, zorder=2, **band)
     # A node whose neighbors have no interval has no area to fill.
-    ends = {"color": style.SKY_BLUE, "linewidth": 1.0, "zorder": 2}
+    ends: dict[str, Any] = {"color": style.SKY_BLUE, "linewidth": 1.0, "zorder": 2}
     axes.vlines(known["soc"], known["low"], known["high"], **ends)
-    dot = {"marker": "o", "markersize": 3.6, "color": style.BLUE}
-    cross = {"marker": "x", "markersize": 5.5, "color": style.VERMILLION}
-    hollow = {**dot, **style.OPEN, "markeredgecolor": style.BLUE}
+    dot: dict[str, Any] = {"marker": "o", "markersize": 3.6, "color": style.BLUE}
+    cross: dict[str, Any] = {"marker": "x", "markersize": 5.5, "color": style.VERMILLION}
+    hollow: dict[str, Any] = {**dot, **style.OPEN, "markeredgecolor": style.BLUE}
     for label, is_drawn, mark in (
         ("node", is_visited & table.has_nodes, dot),
         ("not determined", is_visited & ~is_known, cross),

@@ -80,7 +80,8 @@ def read_pack(source: Source, cells: str | None = None, **reading: Any) -> PackR
     given = {**source.columns, "voltage": f"{MEAN}:V"}
     of_mean = replace(source, table=alone, columns=given)
     lag_s = reading.get("voltage_lag")
-    logged = read_record(of_mean, **{**reading, "voltage_lag": 0.0})
+    how: dict[str, Any] = {**reading, "voltage_lag": 0.0}
+    logged = read_record(of_mean, **how)
     lines = np.searchsorted(table.row, logged.row)
     if np.any(np.diff(table.row) <= 0) or np.any(table.row[lines] != logged.row):
         raise InputError(f"{source.name}: its rows are not in order; give one sheet of them")

@@ -285,12 +285,12 @@ def make_record(
 
 def _turned(values: Values, turn: float) -> Values:
     # Adding zero makes the -0.0 of a resting tester a plain zero.
-    return values if values is None else values * turn + 0.0
+    return values * turn + 0.0 if isinstance(values, np.ndarray) else values  # pyrefly: ignore
 
 
 def _own(values: Values) -> Values:
     """The values, no longer to be written to, which saves a record its copy."""
-    if values is not None:
+    if isinstance(values, np.ndarray):
         values.flags.writeable = False
     return values
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -309,7 +309,10 @@ def in_means(record: Record, interval_s: float) -> Record:
         return np.add.reduceat(values, first) / counts
 
     names = ("temperature_degc", "step", "row", "charge_ah", "cycle", "state")
-    begun = {name: getattr(record, name) for name in names}
+    begun: dict[str, Any] = {}
+    for name in names:
+        own = getattr(record, name)
+        begun[name] = None if own is None else own[first]
     found = replace(
         record,
         time_s=mean(record.time_s),
@@ -318,7 +321,7 @@ def in_means(record: Record, interval_s: float) -> Record:
         hold=replace(record.hold, value="centered"),
         skipped_ah=None,
         flowing=None,
-        **{name: own if own is None else own[first] for name, own in begun.items()},
+        **begun,
     )
     moved_ah = np.diff(mean(record.discharged_ah))
     if record.flowing is not None:

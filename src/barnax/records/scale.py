@@ -201,7 +201,7 @@ def _settled(samples: Samples, best: list[Verdict]) -> Samples:
         return mended.telling(at, code["wrong"], **told)
     columns = dict(samples.columns)
     for own in changed:
-        columns[own] = replace(columns[own], unit=reading.unit, is_unit_assumed=False)
+        columns[own] = replace(columns[own], unit=reading.unit, is_unit_assumed=False)  # pyrefly: ignore
     return replace(mended, columns=columns).telling(at, code["taken"], **told)
 
 

@@ -243,9 +243,9 @@ def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None
     cells: Cells[RowPart] = {
         "row": lambda row: row.name,
         "median [mV]": lambda row: millivolts_cell(own.rmse_v(row.name)),
-        "best [mV]": lambda row: millivolts_cell(row.spread and row.spread.best_rmse_v),
-        "worst [mV]": lambda row: millivolts_cell(row.spread and row.spread.worst_rmse_v),
-        "SD [mV]": lambda row: millivolts_cell(row.spread and row.spread.deviation_v),
+        "best [mV]": lambda row: millivolts_cell(row.spread.best_rmse_v if row.spread else None),
+        "worst [mV]": lambda row: millivolts_cell(row.spread.worst_rmse_v if row.spread else None),
+        "SD [mV]": lambda row: millivolts_cell(row.spread.deviation_v if row.spread else None),
         "gap [%]": lambda row: _percents(row.optimality_gap),
         "seeds": lambda row: str(len(row.seeds)),
         "evaluations": lambda row: NOTHING if row.evaluations is None else str(row.evaluations),
@@ -301,7 +301,7 @@ def differences_table(result: "ComparisonResult", on: OnRecord) -> Table:
             else NOTHING
         )
         cells["p"] = lambda difference: significant(
-            difference.over_seeds and difference.over_seeds.p_value, 2
+            difference.over_seeds.p_value if difference.over_seeds else None, 2
         )
     facts = has_seeds, are_some, NARROW_MARK if is_marked else ""
     caption = wording("comparison.differences", on.name, *facts)

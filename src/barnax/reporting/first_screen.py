@@ -83,7 +83,7 @@ def _errors_table(view: View) -> Whole:
     above = [part.rmse_above_10_soc_v for part in metrics]
     whole = [part.rmse_v for part in metrics]
     candidates = view.candidates
-    held = [c.held_out and c.held_out.rmse_v for c in candidates]
+    held = [c.held_out.rmse_v if c.held_out else None for c in candidates]
     if any(value is not None for value in held):
         heads.append("left out")
     rows: list[list[str]] = []
@@ -92,7 +92,7 @@ def _errors_table(view: View) -> Whole:
         mark = "<- answer" if candidate.is_answer and len(candidates) > 1 else ""
         rows.append([candidate.name, *map(aligned_millivolt, errors_v[: len(heads) - 1]), mark])
         if candidate.is_answer and any(map(is_apart, above, whole)):
-            errors_v = [*above, candidate.held_out and candidate.held_out.above_v]
+            errors_v = [*above, candidate.held_out.above_v if candidate.held_out else None]
             row = map(aligned_millivolt, errors_v[: len(heads) - 1])
             rows.append(["  above 10 % SOC", *row, ""])
     are_numbers = [False, *(True for _ in heads[1:]), False]

@@ -75,7 +75,7 @@ def middle_pulses(result: "Result") -> list[tuple[str, ...]]:
     with dashes only, such as of a drive cycle's last pulses, are left out.
     """
     unit, known = _unit(result), _known(result.pulses)
-    lines = []
+    lines: list[tuple[str, ...]] = []
     for label, level in _levels(result):
         ohms = [_at_middle(level, place) for place in known]
         if any(ohm is not None for ohm in ohms):

@@ -59,7 +59,7 @@ def other_temperatures(fits: "TableFits") -> tuple[Table, ...]:
     cells: Cells[tuple[LeftOut, CrossValidation | None]] = {
         "temperature": lambda row: degrees(row[0].temperature_degc),
         "own tables [mV]": lambda row: errors_words(row[0].own),
-        "held-out blocks [mV]": lambda row: errors_words(row[1] and row[1].tables),
+        "held-out blocks [mV]": lambda row: errors_words(row[1].tables if row[1] else None),
         "left out [mV]": lambda row: errors_words(row[0].errors),
         "predicted from": lambda row: "both sides" if row[0].is_between else "one side",
     }
@@ -215,12 +215,12 @@ def _by_temperature(view: "View") -> tuple[list[str], list[Row]]:
     assert over is not None, "asked of several temperatures"
     names = [mean.name for mean in fits[0].means if len(parts_of(mean.name)) == 1]
     heads = [over_soc_words(view.fit), *map(symbol, names), "RMSE", "unseen", "left out"]
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for fit, left in zip(fits, over.left_out, strict=True):
         held = fit.cross_validation
         means = {mean.name: with_unit(mean.name, mean.value) for mean in fit.means}
-        errors = (left.own, held and held.tables, left.errors)
-        shown = [aligned_millivolt(error and error.rmse_v) for error in errors]
+        errors = (left.own, held.tables if held else None, left.errors)
+        shown = [aligned_millivolt(error.rmse_v if error else None) for error in errors]
         rows.append((degrees(left.temperature_degc), *(means[name] for name in names), *shown))
     for name, value in fits[0].tables.constants.items():
         if name not in _law_numbers(fits[0]):

@@ -173,7 +173,7 @@ class Whole:
             if not loose:
                 break
             widths[max(loose, key=widths.__getitem__)] -= 1
-        layout = {**self.layout, "padding": (0, pad, 0, 0)}
+        layout: dict[str, Any] = {**self.layout, "padding": (0, pad, 0, 0)}
         table = Shown(show_header=bool(self.heads), **layout)
         for place in places:
             is_number = self.are_numbers[place]

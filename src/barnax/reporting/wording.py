@@ -114,5 +114,5 @@ def _templates() -> Environment:
     )
     functions = {name: value for name, value in vars(words).items() if isfunction(value)}
     templates.filters |= {**functions, "lines": Lines, "sentences_of": sentences_of}
-    templates.globals |= {**functions, **CONSTANTS, "alike": alike}
+    templates.globals.update({**functions, **CONSTANTS, "alike": alike})  # pyrefly: ignore
     return templates

@@ -303,7 +303,8 @@ class Bench:
 def _tried(
     ladder: Ladder | None, fitted: Fitted, gain: Gain | None, outcome: Outcome = "kept"
 ) -> Tried:
-    law, point, held = fitted.point.law, fitted.point, fitted.loss and fitted.loss.errors
+    law, point, loss = fitted.point.law, fitted.point, fitted.loss
+    held = None if loss is None else loss.errors
     follows = tuple(law.numbers) if law else ()
     given = ladder, point.circuit, len(point.nodes), follows, fitted.best.rms_v, held, gain
     return Tried(*given, outcome)

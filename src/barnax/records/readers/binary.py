@@ -197,14 +197,14 @@ def _by_package(
 
 
 def _parse_mpr(content: bytes) -> Columns:
-    from galvani.BioLogic import MPRfile  # pyright: ignore[reportMissingImports]
+    from galvani.BioLogic import MPRfile
 
     data = MPRfile(io.BytesIO(content)).data
     return {name: data[name] for name in data.dtype.names or ()}
 
 
 def _parse_res(content: bytes) -> Columns:
-    from access_parser import AccessParser  # pyright: ignore[reportMissingImports]
+    from access_parser import AccessParser
 
     with _as_file(content, ".res") as path:
         table = AccessParser(path).parse_table("Channel_Normal_Table")

@@ -83,7 +83,7 @@ def _of_matlab_5(content: bytes) -> Struct:
 
 
 def _of_hdf5(content: bytes, file: str) -> Struct:
-    import h5py  # pyright: ignore[reportMissingImports]
+    import h5py
 
     known: dict[Any, Any] = {}
 

@@ -77,7 +77,7 @@ def test_a_finished_cell_is_skipped_and_a_changed_one_computed_again(tmp_path, c
 
 
 class Stop(Exception):
-    """Ends a command between two batches."""
+    """Ends a command between two cells."""
 
 
 @pytest.mark.parametrize("shard", [None, (1, 1)])
@@ -122,7 +122,7 @@ def test_rows_of_other_cells_stay(tmp_path, computed):
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["cells.parquet"]
 
 
-def test_an_iterable_is_read_no_further_than_its_batches(tmp_path, computed):
+def test_an_iterable_is_read_no_further_than_its_cells_wait(tmp_path, computed):
     taken = []
 
     def cells():
@@ -139,7 +139,7 @@ def test_an_iterable_is_read_no_further_than_its_batches(tmp_path, computed):
         batch=1,
         report=lambda state: reports.append((state.finished, len(taken))),
     )
-    # Two batches for the worker and two more.
+    # Two cells for the worker and two more.
     assert reports[1] == (1, 4)
     assert reports[-1] == (10, 10)
 

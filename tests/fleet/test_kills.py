@@ -82,9 +82,9 @@ def workers_of(driver):
 
 
 def wait_for_cells(running, out, draw):
-    """Until some while after a worker began a cell or wrote factors or a part, however slow it
-    starts; not for a command that has nothing left to do."""
-    patterns = ("parts/.*.at", "factors/*.npz", "parts/[!.]*.parquet")
+    """Until some while after a worker wrote factors, or the command a part, however slow they
+    start; not for a command that has nothing left to do."""
+    patterns = ("factors/*.npz", "parts/[!.]*.parquet")
     start_s, pattern = time.time(), draw.choice(patterns)
     while running.poll() is None and time.time() < start_s + 120:
         time.sleep(0.05)

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import uuid
-from contextlib import suppress
 
 import polars as pl
 import pytest
@@ -13,15 +12,7 @@ from barnax.errors import InputError
 from barnax.execution import AtOnce
 from barnax.files import fetched, located
 from barnax.fleet import identify_fleet, read_manifest
-from barnax.fleet.dataset import (
-    FACTORS,
-    marked_place,
-    marking,
-    opened,
-    read_rows,
-    regrouped,
-    writing,
-)
+from barnax.fleet.dataset import FACTORS, opened, read_rows, regrouped
 from barnax.fleet.rows import identify_rows
 
 from .conftest import comparable
@@ -93,18 +84,6 @@ def test_the_command_reads_and_writes_a_store(small_fleet, bucket, tmp_path):
     (row,) = pl.read_parquet(opened(bucket / "out" / "cells.parquet")).to_dicts()
     assert "none.csv: cannot be read" in row["error"]
     assert (bucket / "out" / "report.html").exists()
-
-
-def test_what_is_being_computed_is_noted_in_a_store_too(memory):
-    with writing(memory) as folder:
-        with suppress(KeyError), marking(folder, "b") as mark:
-            mark(3)
-            raise KeyError
-        assert marked_place(folder, "b") == 3
-        assert marked_place(folder, "b") is None
-        with marking(folder, "c") as mark:
-            mark(1)
-        assert marked_place(folder, "c") is None
 
 
 @pytest.mark.parametrize(

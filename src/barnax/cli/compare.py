@@ -9,6 +9,7 @@ from pathlib import Path
 
 import barnax
 
+from .. import reporting
 from ..errors import InputError
 from .options import OF_FILES, OF_RECORDS, OF_SEARCH, Given, group, options_of, options_of_job
 from .output import DEFAULT_FOLDER, Output, drawn_files
@@ -52,12 +53,10 @@ def compare(options: Comparing) -> None:
     Without arguments, it runs the paper's five rows on the bundled cell.
     """
     record, run = options.record, options.output.begun(DEFAULT_FOLDER)
-    with run.loading():
-        from ..cell import CIRCUITS
-        from ..comparison import PAPER_ROWS
-        from ..comparison.result import ComparisonJob
-        from ..plan import plan_of, planned
-        from ..reporting.terminal import plan_lines
+    run.load_jax()
+    from ..cell import CIRCUITS
+    from ..comparison import PAPER_ROWS
+    from ..comparison.result import ComparisonJob
 
     rows = chosen_rows(options.models, options.methods, PAPER_ROWS)
     for model, method in rows:
@@ -65,13 +64,13 @@ def compare(options: Comparing) -> None:
         _require_choice("methods", method, barnax.METHODS)
     given = options_of_job({**options.job, **options.scope})
     job = ComparisonJob([record] if record else [], **given, rows=rows, watch=run.watch)
-    plan = plan_of(job)
+    plan = barnax.plan.plan_of(job)
     if plan is not None:
         if plan.command == "hppc":
             raise InputError(f"{record}: a pulse test is identified by barnax hppc, not compared")
         plan = plan.on_one
-        run.show(plan_lines(plan, as_flags))
-        job = planned(plan, job)
+        run.show(reporting.terminal.plan_lines(plan, as_flags))
+        job = barnax.plan.planned(plan, job)
     total = sum(1 if barnax.METHODS[method].is_deterministic else job.seeds for _, method in rows)
     with run.watch("Comparing", total) as advance:
         comparison, result = barnax.compare_files(job.changed(watch=_row_watch(run, advance)))
@@ -93,9 +92,7 @@ def _require_choice(option: str, value: str, choices: Iterable[str]) -> None:
 def _show(
     session: Session, result: "barnax.ComparisonResult", seconds: dict[str, float], is_verbose: bool
 ) -> None:
-    from ..reporting.comparison import comparison_document
-
-    document = comparison_document(result, (), seconds)
+    document = reporting.comparison.comparison_document(result, (), seconds)
     if not is_verbose:
         kept = [
             section for section in document.sections if section.title.partition(":")[0] in SHOWN
@@ -148,20 +145,16 @@ def _report(
     live: bool,
 ) -> dict[str, bytes]:
     """The report in both forms and its figures, by their path below the results folder."""
-    from ..reporting.comparison import comparison_document
-    from ..reporting.illustrations import comparison_illustrations
-
-    draw = partial(comparison_illustrations, result, comparison, live=live)
-    return drawn_files(draw, lambda drawn: comparison_document(result, drawn, seconds), True, paper)
+    draw = partial(reporting.illustrations.comparison_illustrations, result, comparison, live=live)
+    document_of = partial(reporting.comparison.comparison_document, result, seconds=seconds)
+    return drawn_files(draw, document_of, True, paper)
 
 
 def optimizers() -> None:
     """List the optimizers that --method accepts."""
     from ..optimizers import summarize_optimizers
-    from ..reporting.document import make_table
-    from ..reporting.terminal import terminal_table
 
-    table = make_table(
+    table = reporting.document.make_table(
         "Evaluations per iteration, with a population of 30.",
         summarize_optimizers(),
         {
@@ -171,4 +164,4 @@ def optimizers() -> None:
         },
         ["name", "what it is"],
     )
-    Session(is_quiet=False).show([terminal_table(table)])
+    Session(is_quiet=False).show([reporting.terminal.terminal_table(table)])

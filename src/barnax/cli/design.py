@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import barnax
 
+from .. import reporting
 from ..errors import InputError
 from ..settings import WINDOW_OPTIONS, Over, choices_in
 from .options import group
@@ -81,10 +82,8 @@ def design(cell: Cell, test: Test, output: Output) -> None:
     for a cycler's editor, with what they are predicted to tell.
     """
     run = output.begun("barnax-design", [] if cell.result is None else [cell.result])
-    with run.loading():
-        from ..experiment.belief import believed_of
-        from ..reporting.design import design_screen, planned_lines
-        from ..reporting.design_forms import design_files
+    run.load_jax()
+    from ..experiment.belief import believed_of
 
     blocks = None if test.blocks is None else _blocks(test.blocks, test.key)
     with run.watch("Looking at the records"):
@@ -102,7 +101,7 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         }
         test_design = barnax.design(believed, **options)
     chosen = [name for name, rate in rates.items() if rate is not None]
-    run.show(planned_lines(believed, as_flags, chosen))
+    run.show(reporting.design.planned_lines(believed, as_flags, chosen))
     if not test_design.is_needed:
         # A folder that nobody asked for would hold no test.
         run.folder = output.out
@@ -110,12 +109,10 @@ def design(cell: Cell, test: Test, output: Output) -> None:
     def files() -> dict[str, bytes]:
         if not test_design.is_needed:
             return {}
-        from ..plots import encode
+        files = reporting.design_forms.design_files(test_design)
+        return files | {"figures/design.png": barnax.plots.encode(test_design.figure())}
 
-        picture = encode(test_design.figure())
-        return {**design_files(test_design), "figures/design.png": picture}
-
-    run.show(design_screen(test_design, as_flags))
+    run.show(reporting.design.design_screen(test_design, as_flags))
     run.deliver("design.json", test_design.to_json(), files)
     if not test_design.is_needed:
         run.show_written(["design.json"])
@@ -145,8 +142,6 @@ def next_after(
 ) -> "list[RenderableType]":
     """The step after the test: to identify its record, with what counted and its options."""
     from ..reopening import Places, file_of
-    from ..reporting.terminal import next_lines
-    from ..reporting.words import joined
 
     soc, missing = f"{test.initial_soc:g}", []
     words = ["barnax", "identify"]
@@ -167,9 +162,9 @@ def next_after(
     command = shlex.join([*words, "--design", str(folder)])
     advice = "run the test and identify its record"
     if missing:
-        names = joined(list(dict.fromkeys(missing)))
+        names = reporting.words.joined(list(dict.fromkeys(missing)))
         advice += f"; write the path of {names}: no file of that name and content was found"
-    return [*next_lines(advice, command)]
+    return [*reporting.terminal.next_lines(advice, command)]
 
 
 def _files_of(

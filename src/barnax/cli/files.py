@@ -12,6 +12,7 @@ import typer
 
 import barnax
 
+from .. import reporting
 from ..errors import InputError, printable
 from ..settings import Reading
 from .options import HOW_READ, Given, group, known_names, options_of
@@ -59,7 +60,6 @@ def check(what: Checked) -> None:
         from ..plan.looking import files_of
         from ..records import read_source
         from ..records.source import name_of
-        from ..reporting.checks import check_document, count_sentence, finding_line
 
     for name, unit in (("capacity", "Ah"), ("rest_current", "A")):
         if (value := getattr(what, name)) is not None and not value > 0:
@@ -88,14 +88,14 @@ def check(what: Checked) -> None:
             continue
         checks.append(check)
         listed.append(check.to_dict())
-        session.show_document(check_document(check))
+        session.show_document(reporting.checks.check_document(check))
         if what.quiet:
             findings = [finding for finding in check.findings if finding.counts]
-            session.warn(finding_line(check.file, finding) for finding in findings)
+            session.warn(reporting.checks.finding_line(check.file, finding) for finding in findings)
     if what.as_json:
         document = {"schema_version": SCHEMA_VERSION, "files": listed}
         typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
-    session.show([count_sentence(checks, len(unreadable))])
+    session.show([reporting.checks.count_sentence(checks, len(unreadable))])
     if unreadable:
         raise InputError("\n".join(unreadable))
     if not all(check.is_clean for check in checks):
@@ -205,13 +205,10 @@ def export(chosen: ExportChoices) -> None:
     session, result = Session(is_quiet=chosen.quiet), chosen.result
     # PyBaMM would ask, and then report, what it is used for.
     os.environ.setdefault("PYBAMM_DISABLE_TELEMETRY", "true")
-    with session.loading():
-        from ..export import get_exporter, require_package
-        from ..export import verify as simulate_both
-
-    exporter = get_exporter(chosen.to)
+    session.load_jax()
+    exporter = barnax.export.get_exporter(chosen.to)
     if chosen.verify:
-        require_package(exporter)
+        barnax.export.require_package(exporter)
     file = result / "result.json" if result.is_dir() else result
     path = chosen.out or file.with_name(exporter.file_name)
     _require_another(path, file)
@@ -225,7 +222,7 @@ def export(chosen: ExportChoices) -> None:
     verification = None
     if chosen.verify:
         with session.watch(f"Simulating in {exporter.package}"):
-            verification = simulate_both(stored, exporter, content)
+            verification = barnax.export.verify(stored, exporter, content)
     write_file(path, content)
     session.warn(caveats)
     session.show([f"{exporter.description}: [bold]{shown(path)}[/bold]"])

@@ -10,6 +10,7 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from .. import reporting
 from ..errors import InputError, as_keys, counted
 from ..files import changed_ns, is_address, located, replacing
 from ..settings import Settings
@@ -132,7 +133,6 @@ def fleet(given: FleetOptions) -> None:
     session = Session(is_quiet=given.quiet)
     from ..fleet.manifest import read_manifest
     from ..fleet.worker import prepare_process
-    from ..reporting.fleet import closing_lines, problem_lines, progress_remark
 
     where = given.manifest or given.fleet
     if where is None or (given.manifest and given.fleet):
@@ -159,7 +159,7 @@ def fleet(given: FleetOptions) -> None:
     settings = given.settings
     _ = job_of(settings)
     if given.dry_run:
-        lines = list(map(as_keys, lines)) + problem_lines(cells)
+        lines = list(map(as_keys, lines)) + reporting.fleet.problem_lines(cells)
         session.show(map(shown, lines[:MAX_LISTED]))
         if lines:
             raise InputError(f"{manifest}: {counted(len(lines), 'problem')} to correct")
@@ -175,7 +175,7 @@ def fleet(given: FleetOptions) -> None:
     with session.counting("Identifying", len(cells)) as advance, _ended_from_within():
 
         def report(state: "Progress") -> None:
-            remark = progress_remark(state, time.perf_counter() - started_s)
+            remark = reporting.fleet.progress_remark(state, time.perf_counter() - started_s)
             advance(state.finished + state.skipped, remark)
 
         shard = parse_shard(given.shard) if given.shard else None
@@ -184,7 +184,7 @@ def fleet(given: FleetOptions) -> None:
     # Parts, factors and results are folders in it.
     for folder in (out, *filter(Path.is_dir, out.iterdir())) if isinstance(out, Path) else ():
         tell_unfinished(session, folder)
-    lines = closing_lines(state, out, session.elapsed_s, given.shard)
+    lines = reporting.fleet.closing_lines(state, out, session.elapsed_s, given.shard)
     # Shards run beside each other: the command that takes them together writes the report.
     if not given.shard:
         is_old = not page.exists() or changed_ns(page) < changed_ns(manifest)
@@ -217,18 +217,13 @@ def _summed_up(
     cannot be repeated are not drawn."""
     from ..fleet.rows import identified
     from ..fleet.summary import read_fleet, summarize
-    from ..reporting.fleet import (
-        failed_sentence,
-        fleet_document,
-        fleet_illustrations,
-        fleet_sentence,
-    )
-    from ..reporting.render import to_html
 
     by_id = {cell.id: cell for cell in cells}
     rows = read_fleet(out, by_id)
     summary = summarize(rows)
-    sentence = as_keys(fleet_sentence(summary) + failed_sentence(summary))
+    sentence = as_keys(
+        reporting.fleet.fleet_sentence(summary) + reporting.fleet.failed_sentence(summary)
+    )
     if not write:
         return sentence
     worst = {}
@@ -240,9 +235,10 @@ def _summed_up(
                 continue
             result, _ = identified(alone, settings | {"trust": "none"})
             worst[name] = result.without_tables().evaluations.identification[0]
-    document = fleet_document(summary, fleet_illustrations(rows, worst))
+    drawn = reporting.fleet.fleet_illustrations(rows, worst)
+    document = reporting.fleet.fleet_document(summary, drawn)
     with replacing(out / "report.html") as file:
-        file.write(to_html(document.with_option_names(as_keys)).encode())
+        file.write(reporting.render.to_html(document.with_option_names(as_keys)).encode())
     return sentence
 
 
@@ -284,7 +280,6 @@ def life(given: LifeOptions, output: Output) -> None:
     with run.watch("Fitting trends"):
         from ..fleet.summary import read_fleet
         from ..life import life_of
-        from ..reporting.life import life_frame, life_json, life_lines
 
         if not 0 < given.false_alarms < 1:
             raise InputError(f"`false_alarms` {given.false_alarms:g}: give a rate such as 0.005")
@@ -298,26 +293,23 @@ def life(given: LifeOptions, output: Output) -> None:
 
     def files() -> dict[str, bytes]:
         table = io.BytesIO()
-        life_frame(trends).write_parquet(table)
+        reporting.life.life_frame(trends).write_parquet(table)
         return {"trends.parquet": table.getvalue(), **_pages(trends, pages)}
 
-    run.show(shown(as_flags(line)) for line in life_lines(trends))
-    run.deliver("life.json", life_json(trends), files)
+    run.show(shown(as_flags(line)) for line in reporting.life.life_lines(trends))
+    run.deliver("life.json", reporting.life.life_json(trends), files)
     names = ["report.html", "trends.parquet", "life.json"]
     run.show_written(names, f"{len(pages)} pages in cells" if names[0] in run.written else "")
 
 
 def _pages(trends: "Life", cells: Iterable[str]) -> dict[str, bytes]:
-    from ..plots import plot_cell_life, plot_fleet_life
-    from ..reporting.illustrations import illustrate
-    from ..reporting.life import cell_document, life_document
-    from ..reporting.render import report_files
-
-    drawn = [illustrate("life", "all cells", plot_fleet_life, trends)]
-    files = report_files(life_document(trends, drawn).with_option_names(as_flags), drawn)
+    plots, illustrate = barnax.plots, reporting.illustrations.illustrate
+    drawn = [illustrate("life", "all cells", plots.plot_fleet_life, trends)]
+    document = reporting.life.life_document(trends, drawn).with_option_names(as_flags)
+    files = reporting.render.report_files(document, drawn)
     for number, cell in enumerate(cells, 1):
-        own = [illustrate(f"cell-{number}", cell, plot_cell_life, trends, cell)]
-        page = cell_document(trends, cell, own)
+        own = [illustrate(f"cell-{number}", cell, plots.plot_cell_life, trends, cell)]
+        page = reporting.life.cell_document(trends, cell, own)
         files[f"cells/{number}-{_file_name(cell)}.html"] = page_of(page)
         files[f"figures/cell-{number}.png"] = own[0].png
     return files

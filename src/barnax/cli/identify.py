@@ -12,6 +12,7 @@ import typer
 
 import barnax
 
+from .. import reporting
 from ..errors import InputError
 from ..files import is_factor_file, write_whole
 from ..settings import TableOptions
@@ -99,12 +100,10 @@ def identify(options: Identification, on: Records) -> None:
 def _fit_factors(options: Identification, paths: list[Path]) -> None:
     """Tables of records of which only factors were kept, on the screen; files of `out` if given."""
     session = Session(is_quiet=options.output.quiet)
-    with session.loading():
-        from ..factors import read_factors
-        from ..over_soc.kept import fit_kept
-        from ..pipeline import bounded_tables
-        from ..reporting.parameters import fit_csv
-        from ..reporting.soc_tables import kept_document
+    session.load_jax()
+    from ..factors import read_factors
+    from ..over_soc.kept import fit_kept
+    from ..run_setup import bounded_tables
 
     job = barnax.Job(**options.given, watch=session.watch)
     known = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch"}
@@ -120,25 +119,23 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         )
     kept = [record for path in paths for record in read_factors(path)]
     fit = fit_kept(kept, bounded_tables(job, but="[F]"))
-    session.show_document(kept_document(kept, fit))
+    session.show_document(reporting.soc_tables.kept_document(kept, fit))
     if folder := options.output.out:
         if (place := folder / "tables.csv").exists() and not options.output.force:
             raise InputError(f"{place}: is there already; give `out` another folder")
-        write_whole(place, fit_csv(fit))
+        write_whole(place, reporting.parameters.fit_csv(fit))
         session.show(["", str(place)])
     session.warn(fit.warnings)
 
 
 def _print_plan(options: Identification, records: list[Path]) -> None:
     session = Session(is_quiet=options.output.quiet)
-    with session.watch("Loading"):
-        from ..plan import plan_given, plan_of, with_choices
-
     if not records:
         raise InputError("`plan` is for files or a folder; give them")
-    job = barnax.Job(records, **options.given, watch=session.watch)
-    found = plan_of(job)
-    plan = plan_given(job, "identify") if found is None else with_choices(found, job)
+    with session.watch("Loading"):
+        job = barnax.Job(records, **options.given, watch=session.watch)
+    plan = barnax.plan.plan_of(job) or barnax.plan.plan_given(job, "identify")
+    plan = barnax.plan.with_choices(plan, job)
     typer.echo(barnax.plan_to_toml(plan), nl=False)
 
 
@@ -155,11 +152,7 @@ def _run(
 ) -> None:
     inputs = [*records, *options.job.get("ocv", ()), *options.job.get("validate", ())]
     run = options.output.begun(DEFAULT_FOLDER, inputs)
-    with run.loading():
-        from ..plan import found_anywhere, plan_given, plan_of, with_choices
-        from ..reporting.design import promised_lines
-        from ..reporting.terminal import next_lines, plan_lines
-
+    run.load_jax()
     promise = None if options.design is None else barnax.Design.load(options.design)
     if run.folder is not None:
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
@@ -167,15 +160,12 @@ def _run(
         # No daemon: a process that ends while one loads C++ aborts.
         threading.Thread(target=__import__, args=(module,)).start()
     job = barnax.Job(records, **options.given, watch=run.watch)
-    found = plan_of(job) if command == "identify" else None
-    plan = None
-    if found is not None:
-        plan = with_choices(found, job)
-        if not plan.missing:
-            run.show(plan_lines(plan, as_flags))
-    elif records:
-        plan = plan_given(job, command)
+    chosen = barnax.plan.plan_of(job) if command == "identify" else None
+    plan = chosen or (barnax.plan.plan_given(job, command) if records else None)
     if plan is not None:
+        plan = barnax.plan.with_choices(plan, job)
+        if chosen and not plan.missing:
+            run.show(reporting.terminal.plan_lines(plan, as_flags))
         job = barnax.Job(plan, watch=run.watch)
     is_pulsed = plan is None and command == "hppc"
     result = barnax.hppc(job) if is_pulsed else barnax.identify(job)
@@ -184,7 +174,7 @@ def _run(
         # Read while the figures are drawn.
         _show_answer(run, result, options.output.verbose)
         if promise is not None:
-            run.show(promised_lines(promise, result, as_flags))
+            run.show(reporting.design.promised_lines(promise, result, as_flags))
     except OSError as problem:
         # A screen that takes no more, such as a closed pipe, costs no result.
         unseen = problem
@@ -193,12 +183,12 @@ def _run(
     # A name that no plan can hold costs the plan.
     with suppress(InputError):
         if plan is not None:
-            beside[PLAN] = barnax.plan_to_toml(found_anywhere(plan, result.inputs))
+            beside[PLAN] = barnax.plan_to_toml(barnax.plan.found_anywhere(plan, result.inputs))
     run.deliver("result.json", result.to_json(), draw, beside)
     if unseen is not None:
         raise unseen
     plan = plan if PLAN in run.written else None
-    run.show(next_lines(*_next(result, run.folder, plan, options.design)))
+    run.show(reporting.terminal.next_lines(*_next(result, run.folder, plan, options.design)))
     names = ["report.html", "result.json", "tables.csv", "pulses.csv", "figures"]
     run.show_written(names, following=f"barnax show {shlex.quote(str(run.folder))}")
     run.tell(result.notes)
@@ -209,25 +199,20 @@ def result_files(
     result: "barnax.Result", report: bool, paper: bool = False, live: bool = False
 ) -> dict[str, bytes]:
     """The figures, and the report where it is wanted, by their path in the folder."""
-    from ..reporting.identification import identification_document
-    from ..reporting.illustrations import identification_illustrations
-    from ..reporting.parameters import tables_csv
-    from ..reporting.pulses import pulses_csv
-
-    tables = {"tables.csv": tables_csv(result)} if result.tables else {}
-    tables |= {"pulses.csv": pulses_csv(result.pulses)} if result.pulses else {}
-    draw = partial(identification_illustrations, result, live=live)
-    document_of = partial(identification_document, result)
+    tables: dict[str, bytes] = {}
+    if result.tables:
+        tables["tables.csv"] = reporting.parameters.tables_csv(result)
+    if result.pulses:
+        tables["pulses.csv"] = reporting.pulses.pulses_csv(result.pulses)
+    draw = partial(reporting.illustrations.identification_illustrations, result, live=live)
+    document_of = partial(reporting.identification.identification_document, result)
     return tables | drawn_files(draw, document_of, report or live, paper)
 
 
 def _show_answer(session: Session, result: "barnax.Result", verbose: bool) -> None:
-    from ..reporting.first_screen import first_screen
-    from ..reporting.identification import identification_document
-
     if verbose:
-        session.show_document(identification_document(result))
-    session.show(first_screen(result, as_flags))
+        session.show_document(reporting.identification.identification_document(result))
+    session.show(reporting.first_screen.first_screen(result, as_flags))
 
 
 def _next(
@@ -238,9 +223,8 @@ def _next(
     Options are given beside the plan that the run wrote; a design is met by the next run too.
     """
     from ..records.source import STDIN
-    from ..reporting.next_step import next_step
 
-    step = next_step(result)
+    step = reporting.next_step.next_step(result)
     advice = as_flags(step.advice)
     if step.exports and folder is not None:
         return advice, shlex.join(["barnax", "export", str(folder), "--to", step.exports])
@@ -286,25 +270,22 @@ def pack(on: OfPack, output: Output) -> None:
     if "validate" in on.job:
         raise InputError("`validate` does nothing for a pack, whose record is the only one")
     run = output.begun("barnax-pack", [on.record, *on.job.get("ocv", ())])
-    with run.loading():
-        from ..fleet.rows import pack_rows
-        from ..reporting.pack import cells_csv, pack_document
-
+    run.load_jax()
     given = options_of_job({name: value for name, value in on.job.items() if name != "over"})
     of_cells = {"cells": on.cells, "own_time_constants": on.own_time_constants}
     identified = barnax.identify_pack(on.record, **of_cells, **given, watch=run.watch)
-    run.show_document(pack_document(identified))
+    run.show_document(reporting.pack.pack_document(identified))
 
     def draw() -> dict[str, bytes]:
         from ..fleet.dataset import rows_bytes
-        from ..plots import encode
+        from ..fleet.rows import pack_rows
 
         return {
             "cells.parquet": rows_bytes(pack_rows(identified, on.record.stem)),
-            "figures/cells.png": encode(identified.figure()),
+            "figures/cells.png": barnax.plots.encode(identified.figure()),
         }
 
-    beside = {"cells.csv": cells_csv(identified)}
+    beside = {"cells.csv": reporting.pack.cells_csv(identified)}
     run.deliver("result.json", identified.result.to_json(), draw, beside)
     run.show_written(["cells.csv", "cells.parquet", "result.json", "figures"])
     run.warn(identified.result.warnings)

@@ -10,18 +10,18 @@ import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 from rich.text import Text
 
+import barnax
+
+from .. import reporting
 from ..errors import InputError, printable
 from ..files import aside, locked, restore, undisturbed, unfinished, write_whole
 from .options import group
 from .session import Session, as_flags
-
-if TYPE_CHECKING:
-    from ..reporting.document import Document
 
 DEFAULT_FOLDER = "barnax-out"
 # One of these is in every folder of results.
@@ -115,31 +115,28 @@ class Delivery(Session):
             self.show(["", Text(f"  {line}", no_wrap=True)])
 
 
-def page_of(document: "Document") -> bytes:
+def page_of(document: "reporting.document.Document") -> bytes:
     """A document as a page, with options as the command line spells them."""
-    from ..reporting.render import to_html
-
-    return to_html(document.with_option_names(as_flags)).encode()
+    return reporting.render.to_html(document.with_option_names(as_flags)).encode()
 
 
 def drawn_files(
-    draw: Callable[[], Any], document_of: Callable[[Any], "Document"], report: bool, paper: bool
+    draw: Callable[[], Any],
+    document_of: Callable[[Any], "reporting.document.Document"],
+    report: bool,
+    paper: bool,
 ) -> dict[str, bytes]:
     """The report with the figures that `draw` makes, or only the main ones, and all of them for
     paper, by their path below the results folder."""
-    from ..plots import column_width
-    from ..reporting.render import paper_files, report_files
-
     files: dict[str, bytes] = {}
     if paper:
-        with column_width():
-            files = paper_files(draw())
+        with barnax.plots.column_width():
+            files = reporting.render.paper_files(draw())
     drawn = draw()
-    if not report:
-        return files | {
-            f"figures/{figure.name}.png": figure.png for figure in drawn if figure.is_main
-        }
-    return files | report_files(document_of(drawn).with_option_names(as_flags), drawn)
+    if report:
+        document = document_of(drawn).with_option_names(as_flags)
+        return files | reporting.render.report_files(document, drawn)
+    return files | {f"figures/{figure.name}.png": figure.png for figure in drawn if figure.is_main}
 
 
 def require_there(path: Path) -> None:

@@ -11,6 +11,7 @@ import typer
 
 import barnax
 
+from .. import reporting
 from ..errors import InputError
 from ..settings import Reading, Window
 from .options import HOW_READ, OF_RECORDS, Given, group, options_of, windows_by_record
@@ -19,7 +20,6 @@ from .session import Session, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..records import Source
-    from ..reporting.document import Document, Table
 
 PAGE = "report.html"
 
@@ -92,16 +92,16 @@ def show(of: Shown) -> None:
     Two cells, two ages or two temperatures: the parameters with their
     intervals, and which differ beyond them.
     """
-    from ..reporting.identification import identification_document
-    from ..reporting.result_tables import choice_document
-
     if len(of.results) > 1:
         document = barnax.show(*of.results, names=_names(of.results)).document
     else:
         stored = barnax.Result.load(of.results[0])
         if of.choice and not stored.tried:
             raise InputError(f"{of.results[0]}: its circuit was asked for, so none was chosen")
-        document = choice_document(stored) if of.choice else identification_document(stored)
+        document_of = reporting.identification.identification_document
+        if of.choice:
+            document_of = reporting.result_tables.choice_document
+        document = document_of(stored)
     Session(is_quiet=False).show_document(document)
 
 
@@ -134,13 +134,10 @@ def validate(on: OnRecord, output: Errors) -> None:
     change it; of another record all is simulated.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
-    with session.loading():
-        from ..reporting.result_tables import metrics_table
-        from ..reporting.terminal import terminal_table
-        from ..reporting.wording import sentences
-        from ..reporting.words import capitalized
-        from ..result_parts import MetricsPart
+    session.load_jax()
+    from ..result_parts import MetricsPart
 
+    sentences = reporting.wording.sentences
     if output.report is not None:
         require_free_file(output.report, output.force)
     stored = barnax.Result.load(on.result)
@@ -150,9 +147,10 @@ def validate(on: OnRecord, output: Errors) -> None:
     metrics = MetricsPart.of(evaluation)
     if output.as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
-    table = metrics_table([(metrics, "validation")])
-    session.show([terminal_table(table)])
-    session.show([shown(capitalized(text)) for text in sentences("starts.moved", metrics)])
+    table = reporting.result_tables.metrics_table([(metrics, "validation")])
+    session.show([reporting.terminal.terminal_table(table)])
+    moved = sentences("starts.moved", metrics)
+    session.show([shown(reporting.words.capitalized(text)) for text in moved])
     if output.report is not None:
         with session.watch("Drawing figures"):
             write_file(output.report, _validation_page(evaluation, table, stored.answer))
@@ -163,15 +161,14 @@ def validate(on: OnRecord, output: Errors) -> None:
     session.warn(evaluation.warnings)
 
 
-def _validation_page(evaluation: "barnax.Evaluation", table: "Table", answer: str) -> bytes:
-    from ..plots import plot_error, plot_voltage
-    from ..reporting.document import Document, Section
-    from ..reporting.illustrations import illustrate
-
-    record = evaluation.prepared.record.name
-    plots = {"voltage": plot_voltage, "error": plot_error}
+def _validation_page(
+    evaluation: "barnax.Evaluation", table: "reporting.document.Table", answer: str
+) -> bytes:
+    record, illustrate = evaluation.prepared.record.name, reporting.illustrations.illustrate
+    plots = {"voltage": barnax.plots.plot_voltage, "error": barnax.plots.plot_error}
     drawn = (illustrate(name, record, plot, evaluation) for name, plot in plots.items())
-    return page_of(Document(f"{answer} on {record}", "", (Section("Errors", (table, *drawn)),)))
+    errors = reporting.document.Section("Errors", (table, *drawn))
+    return page_of(reporting.document.Document(f"{answer} on {record}", "", (errors,)))
 
 
 @group
@@ -201,9 +198,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     record that the result is of applies, unless options change it.
     """
     run = output.begun("barnax-soc", (on.result, on.record))
-    with run.loading():
-        from ..reporting.terminal import soc_screen
-
+    run.load_jax()
     stored = barnax.Result.load(on.result)
     record, window = on.meeting(stored)
     names = tuple(name.strip() for name in chosen.estimate.split(",") if name.strip())
@@ -212,17 +207,15 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
         replay = barnax.replay_soc(stored, record, window, settings, **on.how)
     draw = partial(_soc_figures, replay, chosen.report, chosen.paper)
     run.deliver("soc.json", replay.to_json(), draw)
-    run.show(soc_screen(replay))
+    run.show(reporting.terminal.soc_screen(replay))
     run.show_written([PAGE, "soc.json", "figures"])
     run.warn(replay.warnings)
 
 
 def _soc_figures(replay: "barnax.SocReplay", report: bool, paper: bool) -> dict[str, bytes]:
-    from ..reporting.illustrations import replay_illustration
-    from ..reporting.replay import replay_document
-
-    document_of = partial(replay_document, replay)
-    return drawn_files(lambda: [replay_illustration(replay)], document_of, report, paper)
+    document_of = partial(reporting.replay.replay_document, replay)
+    drawn = reporting.illustrations.replay_illustration
+    return drawn_files(lambda: [drawn(replay)], document_of, report, paper)
 
 
 @group
@@ -277,38 +270,34 @@ def _file_of(path: Path) -> Path:
     raise InputError(f"{path}: holds no result; give the folder that a command of barnax wrote")
 
 
-def _document(path: Path, data: Sequence[Path], live: bool) -> "tuple[Document, str]":
+def _document(
+    path: Path, data: Sequence[Path], live: bool
+) -> "tuple[reporting.document.Document, str]":
     """The document of what is stored, and why figures over time are missing, if they are."""
     if path.is_dir():
         from ..fleet.summary import read_fleet, summarize
-        from ..reporting.fleet import fleet_document, fleet_illustrations
 
         rows = read_fleet(path)
         missing = "the worst fits are drawn by barnax fleet, with its manifest"
-        return fleet_document(summarize(rows), fleet_illustrations(rows, {})), missing
+        drawn = reporting.fleet.fleet_illustrations(rows, {})
+        return reporting.fleet.fleet_document(summarize(rows), drawn), missing
     use_compilation_cache()
     keys = _keys(path)
     if "scenarios" in keys:
-        from ..reporting.replay import replay_document
-
         missing = "soc.json has no estimates over time; barnax soc --report draws them"
-        return replay_document(barnax.SocReplay.from_json(path)), missing
+        stored = barnax.SocReplay.from_json(path)
+        return reporting.replay.replay_document(stored), missing
     if "rows" in keys:
-        from ..reporting.comparison import comparison_document
-        from ..reporting.illustrations import comparison_illustrations
-
         stored = barnax.ComparisonResult.from_json(path)
         missing = "comparison.json has no records; barnax compare draws them"
-        return comparison_document(stored, comparison_illustrations(stored)), missing
-    from ..reporting.identification import identification_document
-    from ..reporting.illustrations import identification_illustrations, stored_illustrations
-
+        drawn = reporting.illustrations.comparison_illustrations(stored)
+        return reporting.comparison.comparison_document(stored, drawn), missing
     result, missing = barnax.Result.load(path, data=data), ""
     try:
-        drawn = identification_illustrations(result, live=live)
+        drawn = reporting.illustrations.identification_illustrations(result, live=live)
     except InputError as problem:
-        drawn, missing = stored_illustrations(result), str(problem)
-    return identification_document(result, drawn), missing
+        drawn, missing = reporting.illustrations.stored_illustrations(result), str(problem)
+    return reporting.identification.identification_document(result, drawn), missing
 
 
 def _keys(path: Path) -> set[str]:

@@ -7,7 +7,7 @@ import shlex
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from importlib import import_module
 
 import platformdirs
 from rich.console import Console, RenderableType
@@ -24,7 +24,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from .. import devices
+from .. import devices, reporting
 from ..errors import OPTION, InputError, printable, reason_of
 from ..notices import Notice, sentences_of
 
@@ -75,12 +75,11 @@ class Session:
         with self._progress(title, total, columns) as (progress, task):
             yield lambda gained: progress.advance(task, gained)
 
-    @contextmanager
-    def loading(self) -> Iterator[None]:
-        """A stage in which JAX is loaded, and modules that use it."""
+    def load_jax(self) -> None:
+        """A stage in which JAX is loaded, and what identifies with it."""
         with self.watch("Loading JAX"):
             use_compilation_cache()
-            yield
+            import_module("barnax.pipeline")
 
     @contextmanager
     def counting(self, title: str, total: int) -> Iterator[Callable[[int, str], None]]:
@@ -121,11 +120,9 @@ class Session:
                 is_whole = isinstance(block, Text) and bool(block.no_wrap)
                 self._console.print(block, soft_wrap=is_whole, crop=False)
 
-    def show_document(self, document: Any) -> None:
-        """Print a `Document`, with options as the command line spells them."""
-        from ..reporting.terminal import to_terminal
-
-        self.show(to_terminal(document.with_option_names(as_flags)))
+    def show_document(self, document: "reporting.document.Document") -> None:
+        """Print a document, with options as the command line spells them."""
+        self.show(reporting.terminal.to_terminal(document.with_option_names(as_flags)))
 
     def note(self, text: str) -> None:
         """Print a sentence to stderr, unless the command is quiet."""

@@ -8,7 +8,8 @@ rows are cells of any grouping: no raw data are read again.
 import io
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import uuid
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from numbers import Number
 from pathlib import Path
@@ -56,7 +57,7 @@ def dataset_path(out: Path, shard: Shard | None = None) -> Path:
 
 
 def parts_folder(out: Path, shard: Shard | None = None) -> Path:
-    """The folder for the rows of batches until the end."""
+    """The folder for the rows until the end."""
     return out / _named("parts", shard)
 
 
@@ -64,6 +65,12 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]] | pl.DataFrame) -> 
     """The rows as a Parquet file, whole or not at all."""
     with replacing(path) as file:
         (rows if isinstance(rows, pl.DataFrame) else _framed(rows)).write_parquet(file)
+
+
+def write_part(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """The rows, if there are any, as a part under a name that nothing else has."""
+    if rows:
+        write_rows(folder / f"{uuid.uuid4().hex}.parquet", rows)
 
 
 def rows_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
@@ -148,40 +155,6 @@ def _require_no_link(folder: Path) -> None:
             f"{folder}: is a link, and a dataset is written nowhere else; delete the link, or "
             "write the dataset to another folder"
         )
-
-
-@contextmanager
-def marking(folder: Path, batch: str) -> Iterator[Callable[[int], object]]:
-    """A note of the cell of a batch that is being computed; gone when all are."""
-    path = _marker(folder, batch)
-    yield lambda place: path.write_text(f"{place}\n")
-    path.unlink(missing_ok=True)
-
-
-def marked_place(folder: Path, batch: str) -> int | None:
-    """The place in its batch of the cell at which a worker died, None where it had not begun."""
-    path = _marker(folder, batch)
-    try:
-        place = int(path.read_text().split()[0])
-        path.unlink()
-    except (OSError, ValueError, IndexError):
-        return None
-    return place
-
-
-def _marker(folder: Path, batch: str) -> Path:
-    return folder / f".{batch}.at"
-
-
-def count_rows(part: Path) -> tuple[int, int] | None:
-    """The number of a part's rows, and of errors among them; None where it is not there."""
-    if not part.exists():
-        return None
-    # Those of a pack's cells are its own.
-    has_packs = "pack" in pl.read_parquet_schema(opened(part))
-    rows = pl.read_parquet(opened(part), columns=["error", *["pack"] * has_packs], glob=False)
-    own = rows.filter(pl.col("pack").is_null()) if has_packs else rows
-    return len(own), len(own) - own["error"].null_count()
 
 
 def opened(path: Path) -> Path | io.BytesIO:

@@ -1,15 +1,13 @@
-"""Batches of cells on a pool of processes or on Dask; a worker's death costs one cell at most.
+"""Cells of a fleet on a pool of processes or on Dask; a worker's death costs one row at most.
 
-Workers write what they find and send counts back. Where a pool breaks, the markers of the batches
-that ran say which cell each was at; those run once more, alone, and the rest of their batches as
-before. So the cell that kills its worker is known after one more death.
+Workers send rows back, and this process alone writes them. Where a pool breaks, the cells that it
+had are identified once more, each alone: one whose worker dies then too has that in its row.
 """
 
 import hashlib
 import itertools
 import multiprocessing
 import os
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -22,7 +20,6 @@ from concurrent.futures import (
 from concurrent.futures.process import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -31,17 +28,17 @@ from ..files import is_factor_file, located, undisturbed
 from ..records import read_record
 from ..records.logger import Logger, loggers_of
 from ..settings import Reading
-from .dataset import Shard, compact, finished, marked_place, write_rows, writing
+from .dataset import Shard, compact, finished, write_part, writing
 from .manifest import FleetCell, Options, cell_of, distinct
-from .worker import Counts, batch_name, run_batch, start_worker
+from .worker import Rows, prepare_process, run_cell, start_worker
 
-# A batch takes long enough that handing it over is no cost, and few enough cells to lose.
-MAX_IN_BATCH = 50
+# Rows of a part: few enough to lose where this process is killed.
+MAX_IN_PART = 50
 # So many files of each kind show how their loggers sample, evenly among all by the ids of cells.
 SAMPLED = 12
-# Batches that wait beside those that run, so that a lazy iterable is not read far ahead.
+# Cells that wait beside those that run, so that a lazy iterable is not read far ahead.
 WAITING = 2
-# Pools that break in a row before any worker began a cell.
+# Pools that break in a row before a worker has begun.
 FEW = 3
 DIED = (
     "the worker died while it identified this cell (killed, or out of memory); try it alone with "
@@ -56,7 +53,8 @@ QUIET_DASK = {
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "10s",
 }
-Batch = tuple[tuple[str, FleetCell], ...]
+# A cell with its fingerprint.
+Marked = tuple[str, FleetCell]
 
 
 @dataclass(frozen=True)
@@ -104,8 +102,8 @@ def identify_fleet(
         executor: Your own executor to run on instead.
         shard: A part of the fleet: which one, of how many.
         retry: Repeat cells that failed.
-        batch: Cells of one task.
-        report: Called with the progress after every batch.
+        batch: Rows of a part, which is written when they are there.
+        report: Called with the progress after every cell.
 
     Raises `InputError` if `out` cannot be written to, an id occurs twice or your executor breaks.
     """
@@ -113,7 +111,8 @@ def identify_fleet(
     state = Progress()
     made = (cell if isinstance(cell, FleetCell) else cell_of(cell) for cell in cells)
     # Of a lazy iterable no cell is looked at before its turn.
-    every = [*made] if isinstance(cells, Sequence) else []
+    is_whole = isinstance(cells, Sequence)
+    every = [*made] if is_whole else []
 
     def wanted(done: Mapping[str, tuple[str, bool]]) -> Iterator[tuple[str, FleetCell]]:
         """The cells that have no row of these inputs and settings yet; the others are counted."""
@@ -132,135 +131,103 @@ def identify_fleet(
         # A part that stands is not computed again, and some hold what failed or was replaced since.
         compact(root, shard)
         queue = wanted(finished(root))
-        few = list(queue) if isinstance(cells, Sequence) else None
-        if few is not None:
+        few = list(queue) if is_whole else list(itertools.islice(queue, 1))
+        if is_whole:
             state = replace(state, total=len(few) + state.skipped)
-            queue = iter(few)
-        first = next(queue, None)
-        if first is not None:
+        if few:
             from .rows import grid_of, job_of  # loads JAX
 
             # Before all cells fail of it.
             _ = job_of(chosen)
-            for _, cell in few or [first]:
+            for _, cell in few:
                 _ = grid_of(cell, chosen)
             report(state)
-            queue = itertools.chain([first], queue)
+            queue = itertools.chain(few, queue)
             with _opened(scheduler, executor, workers or os.cpu_count() or 1) as (reopen, count):
-                size = batch or MAX_IN_BATCH
-                if few and not batch:
-                    # A small number of cells is shared among the workers, four batches each.
-                    size = max(1, min(size, -(-len(few) // (4 * count))))
-                batches = iter(lambda: tuple(itertools.islice(queue, size)), ())
-                loggers = loggers_of_fleet(every, chosen)
-                work = partial(
-                    _submit, folder=folder, out=root, settings={**chosen, "loggers": loggers}
-                )
-                for rows, failed in _run(batches, reopen, work, folder, WAITING * (count + 1)):
-                    state = replace(
-                        state, finished=state.finished + rows, failed=state.failed + failed
-                    )
-                    report(state)
+                # Of few cells, four parts for every worker.
+                in_part = -(-len(few) // (4 * count)) if is_whole else MAX_IN_PART
+                size = batch or min(in_part, MAX_IN_PART)
+                how = {**chosen, "loggers": loggers_of_fleet(every, chosen)}
+                rows: Rows = []
+                try:
+                    for completed in _run(queue, reopen, (how, str(root.absolute())), count):
+                        rows += itertools.chain(*completed)
+                        if len(rows) >= size:
+                            write_part(folder, rows)
+                            rows = []
+                        for own, *_ in completed:
+                            failed = state.failed + (own["error"] is not None)
+                            state = replace(state, finished=state.finished + 1, failed=failed)
+                            report(state)
+                finally:
+                    write_part(folder, rows)
         compact(root, shard)
     return replace(state, total=state.finished + state.skipped)
 
 
-def _submit(
-    executor: Executor, batch: Batch, *, folder: Path, out: Path, settings: Mapping[str, Any]
-) -> "Future[Counts]":
-    prints, cells = zip(*batch, strict=True)
-    # A pool begins its processes here.
-    with undisturbed():
-        return executor.submit(
-            run_batch, str(folder.absolute()), str(out.absolute()), prints, cells, settings
-        )
-
-
 def _run(
-    batches: Iterator[Batch],
+    cells: Iterator[Marked],
     reopen: Callable[[], Executor],
-    submit: Callable[[Executor, Batch], "Future[Counts]"],
-    folder: Path,
-    max_out: int,
-) -> Iterator[Counts]:
-    """The counts of every batch, as they complete."""
-    executor, breaks = reopen(), 0
-    waiting: dict[Future[Counts], Batch] = {}
-    again: deque[Batch] = deque()
-    suspects: list[Batch] = []
+    how: tuple[Mapping[str, Any], str],
+    workers: int,
+) -> Iterator[list[Rows]]:
+    """The rows of every cell, those together that have completed."""
+    executor = reopen()
+    waiting: dict[Future[Rows], Marked] = {}
+    suspects: list[Marked] = []
     while True:
-        while len(waiting) < max_out:
-            batch = again.popleft() if again else next(batches, None)
-            if batch is None:
-                break
-            waiting[_attempt(submit, executor, batch)] = batch
+        for marked in itertools.islice(cells, WAITING * (workers + 1) - len(waiting)):
+            waiting[_submit(executor, run_cell, *marked, *how)] = marked
         if not waiting:
             break
-        lost: list[Batch] = []
         done = wait(waiting, return_when=FIRST_COMPLETED).done
         if any(isinstance(future.exception(), BrokenExecutor) for future in done):
             # The others fail as well, but not at once.
             done = wait(waiting).done
-        for future in done:
-            batch = waiting.pop(future)
-            if _has_died(future):
-                lost.append(batch)
-            else:
-                breaks = 0
-                yield future.result()
+        lost = [waiting[future] for future in done if _has_died(future)]
+        waiting = {future: marked for future, marked in waiting.items() if future not in done}
+        yield [future.result() for future in done if not _has_died(future)]
         if lost:
-            executor = reopen()
-            at = [
-                marked_place(folder, batch_name([print_ for print_, _ in batch])) for batch in lost
-            ]
-            breaks = breaks + 1 if all(place is None for place in at) else 0
-            if breaks == FEW:
-                raise BrokenExecutor(
-                    "workers die before they begin; in a script, call this from under "
-                    "`if __name__ == '__main__':`"
-                )
-            for batch, place in zip(lost, at, strict=True):
-                if place is None:
-                    again.append(batch)
-                    continue
-                suspects.append(batch[place : place + 1])
-                if len(batch) > 1:
-                    again.append(batch[:place] + batch[place + 1 :])
-    for batch in suspects:
-        future = submit(executor, batch)
-        wait([future])
+            suspects += lost
+            executor = _reopened(reopen)
+    for print_, cell in suspects:
+        future = _submit(executor, run_cell, print_, cell, *how)
         if not _has_died(future):
-            yield future.result()
+            yield [future.result()]
             continue
-        executor = reopen()
-        ((print_, cell),) = batch
-        row = {
-            "id": cell.id,
-            "error": DIED,
-            "error code": None,
-            **cell.carried,
-            "fingerprint": print_,
-        }
-        write_rows(folder / f"{batch_name([print_])}.parquet", [row])
-        yield 1, 1
+        executor = _reopened(reopen)
+        row = {"id": cell.id, "error": DIED, "error code": None, **cell.carried}
+        yield [[row | {"fingerprint": print_}]]
 
 
-def _attempt(
-    submit: Callable[[Executor, Batch], "Future[Counts]"], executor: Executor, batch: Batch
-) -> "Future[Counts]":
-    """A batch submitted; to an executor that is broken already, it fails like those that it had."""
+def _submit(executor: Executor, function: Callable[..., Any], *given: Any) -> "Future[Any]":
+    """A task submitted; to an executor that is broken already, it fails like those that it had."""
     try:
-        return submit(executor, batch)
+        # A pool begins its processes here.
+        with undisturbed():
+            return executor.submit(function, *given)
     except BrokenExecutor as problem:
-        failed: Future[Counts] = Future()
+        failed: Future[Any] = Future()
         failed.set_exception(problem)
         return failed
 
 
-def _has_died(future: "Future[Counts]") -> bool:
-    """True if a task was given up because its worker died."""
+def _has_died(future: "Future[Any]") -> bool:
+    """True if a task was given up because its worker died; waits for its end."""
     error = future.exception()
     return isinstance(error, BrokenExecutor) or type(error).__name__ in WORKER_DIED
+
+
+def _reopened(reopen: Callable[[], Executor]) -> Executor:
+    """Another executor in the place of one that may be broken, one of whose workers has begun."""
+    for _ in range(FEW):
+        executor = reopen()
+        if not _has_died(_submit(executor, prepare_process)):
+            return executor
+    raise BrokenExecutor(
+        "workers die before they begin; in a script, call this from under "
+        "`if __name__ == '__main__':`"
+    )
 
 
 @contextmanager

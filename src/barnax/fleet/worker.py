@@ -1,24 +1,22 @@
-"""A worker's task: a batch of cells, a row each, and one file of them.
+"""A worker's task: the row of a cell, of a pack a row for each of its cells too.
 
 Nothing here loads JAX before a worker has set how it is to run.
 """
 
 import functools
 import gc
-import hashlib
 import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import platformdirs
 
 from ..devices import prefer_cpu
 from ..files import located
-from .dataset import count_rows, marking, write_rows
 from .manifest import FleetCell
 
 # glibc gives freed memory back to the system at once above these sizes, and takes it again for the
@@ -30,37 +28,16 @@ XLA_FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 XLA_THREADS = {"NPROC": "1"}
 WATCH_S = 0.5
 
-
-# Rows that a batch gave, and how many of them are errors.
-Counts = tuple[int, int]
+Rows = list[dict[str, Any]]
 
 
-def batch_name(prints: Sequence[str]) -> str:
-    """The name of a batch's files, by the fingerprints of its cells."""
-    return hashlib.sha256("".join(prints).encode()).hexdigest()[:32]
-
-
-def run_batch(
-    folder: str, out: str, prints: Sequence[str], cells: Sequence[FleetCell], settings: Mapping
-) -> Counts:
-    """The rows of some cells, written as one part; a part that stands already is not computed."""
-    name = batch_name(prints)
-    place = located(folder)
-    part = place / f"{name}.parquet"
-    known = count_rows(part)
-    if known is not None:
-        return known
+def run_cell(print_: str, cell: FleetCell, settings: Mapping[str, Any], out: str) -> Rows:
+    """The rows of a cell with its fingerprint; its files are kept below the folder `out`."""
     prepare_process()
     from .rows import identify_rows
 
-    rows = []
-    with marking(place, name) as mark:
-        for place, (cell, print_) in enumerate(zip(cells, prints, strict=True)):
-            mark(place)
-            found = identify_rows(cell, settings, located(out))
-            rows += [row | {"fingerprint": print_} for row in found]
-        write_rows(part, rows)
-    return len(cells), sum(row["error"] is not None and row.get("pack") is None for row in rows)
+    found = identify_rows(cell, settings, located(out))
+    return [row | {"fingerprint": print_} for row in found]
 
 
 @functools.cache

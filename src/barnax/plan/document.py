@@ -1,6 +1,7 @@
 """A plan: which file serves for what, in which window and why; as TOML, and read back."""
 
 import functools
+import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -8,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
 import tomlkit
-from pydantic import StrictBool, StrictFloat, StrictInt, StrictStr, TypeAdapter
+from pydantic import TypeAdapter
 from tomlkit.items import Table
 
 from ..display import Brief
@@ -20,7 +21,7 @@ from ..notices import Notice
 from ..records import Source
 from ..records.source import find_planned
 from ..result_parts import PlannedFile, Use
-from ..settings import WINDOW_OPTIONS, Window
+from ..settings import WINDOW_OPTIONS, Window, choices_in
 
 ROLES: tuple[Use, ...] = get_args(Use)
 # Those with a window.
@@ -152,39 +153,40 @@ _HEAD = (
 )
 
 
-# What a key of a plan takes by its type, in words and strictly; all others take a text.
-_Kind = tuple[str, Any]
-_TEXT: _Kind = ("text in quotes", StrictStr)
-_BY_TYPE: dict[Any, _Kind] = {
-    int: ("a whole number", StrictInt),
-    Literal[-1, 1]: ("a whole number", StrictInt),
-    float: ("a number", StrictFloat),
-    bool: ("true or false", StrictBool),
-    tuple[int, ...]: ("whole numbers, as [7, 8]", tuple[StrictInt, ...]),
-    tuple[float, ...]: ("numbers, as [0.1, 0.5, 1.0]", tuple[StrictFloat, ...]),
-    tuple[float, float]: ("two numbers, as [0.1, 1.0]", tuple[StrictFloat, StrictFloat]),
-}
-_BY_TYPE |= {kind | None: takes for kind, takes in _BY_TYPE.items()}
-_RANGES = dict[StrictStr, tuple[StrictFloat, StrictFloat]]
-_LAGS = StrictFloat | StrictStr | list[StrictStr] | dict[StrictStr, StrictFloat]
-_BY_NAME: dict[str, _Kind] = {
-    "bounds": ("the name of a file, or pairs of numbers by name", StrictStr | _RANGES),
-    "fix": ("numbers by name", dict[StrictStr, StrictFloat]),
-    "columns": ("text in quotes, or texts by name", StrictStr | dict[StrictStr, StrictStr]),
-    "voltage_lag": ("a number, texts like FILE=0.3, or numbers by name of record", _LAGS),
+# What a key of a plan takes, in words, by its type or name; all others take a text.
+_TEXT = ("text in quotes", str)
+_NUMBER = "a whole number"
+_WORDS: dict[Any, str] = {
+    int: _NUMBER,
+    Literal[-1, 1]: _NUMBER,
+    float: "a number",
+    bool: "true or false",
+    tuple[int, ...]: "whole numbers, as [7, 8]",
+    tuple[float, ...]: "numbers, as [0.1, 0.5, 1.0]",
+    tuple[float, float]: "two numbers, as [0.1, 1.0]",
+    "bounds": "the name of a file, or pairs of numbers by name",
+    "fix": "numbers by name",
+    "columns": "text in quotes, or texts by name",
+    "voltage_lag": "a number, texts like FILE=0.3, or numbers by name of record",
 }
 
 
-def _kinds(owner: Any, names: Iterable[str]) -> dict[str, _Kind]:
-    """What fields of a class take, by name."""
-    hints = get_type_hints(owner)
-    return {name: _BY_NAME.get(name) or _BY_TYPE.get(hints[name], _TEXT) for name in names}
+def _kinds(owner: Any, names: Iterable[str]) -> dict[str, tuple[str, Any]]:
+    """What fields of a class take, by name, in words and as a type; of a choice any of its type."""
+    hints, kinds = get_type_hints(owner), {}
+    for name in names:
+        hint, choices = hints[name], choices_in(hints[name])
+        words = (_WORDS[one] for one in (name, hint, *get_args(hint)) if one in _WORDS)
+        kinds[name] = next(words, _TEXT[0]), type(choices[0]) if choices else hint
+    return kinds
 
 
-# Options of a record, in the order of a `Window`, whose fields they are.
-_OPTION_OF = {name: option for option, (name, *_) in WINDOW_OPTIONS.items()}
+# Options of a record, in the order of a `Window`, by the fields that they are.
 _FIELD_OF = {
-    _OPTION_OF[field.name]: field.name for field in fields(Window) if field.name in _OPTION_OF
+    option: field.name
+    for field in fields(Window)
+    for option, (name, *_) in WINDOW_OPTIONS.items()
+    if name == field.name
 }
 _OF_RECORD = dict(zip(_FIELD_OF, _kinds(Window, _FIELD_OF.values()).values(), strict=True))
 # What was found of a file: results tell it again.
@@ -192,12 +194,10 @@ _FINDINGS = _kinds(Part, ("kind", "reason", "sha256", "temperature_degc", "plans
 # Options of the run, by the names of `barnax.identify`; one capacity for all records is one too.
 _OF_RUN = {**_OF_RECORD, **_kinds(Job, PLANNED)}
 # What a file's table may hold.
+_SPAN = _kinds(Part, ["span_s"])["span_s"]
 _OF_FILE = {
-    **dict.fromkeys(("file", "name", "role"), _TEXT),
-    "span": _BY_TYPE[tuple[float, float]],
-    **_OF_RECORD,
-    **_FINDINGS,
-}
+    **dict.fromkeys(("file", "name", "role"), _TEXT), "span": _SPAN, **_OF_RECORD, **_FINDINGS
+}  # fmt: skip
 
 
 def plan_to_toml(plan: Plan) -> str:
@@ -246,7 +246,8 @@ def _table(part: Part, common: Mapping[str, Any]) -> Table:
         table.add("name", part.name)
         table.add("span", list(part.span_s))
     own = _known(part.window)
-    if not any(own.get(_OPTION_OF[name]) != common.get(_OPTION_OF[name]) for name in START):
+    starts = [option for option, name in _FIELD_OF.items() if name in START]
+    if all(own.get(option) == common.get(option) for option in starts):
         own = {option: value for option, value in own.items() if value != common.get(option)}
     for option, value in own.items():
         table.add(option, value)
@@ -351,8 +352,10 @@ def _named(parts: tuple[Part, ...], place: Path) -> tuple[tuple[Part, ...], tupl
     return tuple(found), tuple(warnings)
 
 
-def _read(shown: str, table: Mapping[str, Any], known: Mapping[str, _Kind]) -> dict[str, Any]:
-    """The table's values as what their keys take."""
+def _read(
+    shown: str, table: Mapping[str, Any], known: Mapping[str, tuple[str, Any]]
+) -> dict[str, Any]:
+    """The table's values as what their keys take, strictly: an array for several."""
     unknown = sorted(table.keys() - known.keys())
     if unknown:
         raise InputError(
@@ -362,7 +365,7 @@ def _read(shown: str, table: Mapping[str, Any], known: Mapping[str, _Kind]) -> d
     for key, value in table.items():
         words, kind = known[key]
         try:
-            values[key] = TypeAdapter(kind).validate_python(value)
-        except ValueError as problem:
+            values[key] = TypeAdapter(kind).validate_json(json.dumps(value), strict=True)
+        except (ValueError, TypeError) as problem:
             raise InputError(f"{shown}: {key} is {value!r}; it takes {words}") from problem
     return values

@@ -63,7 +63,7 @@ def plan_of(job: Job) -> Plan | None:
 
 
 def plan_given(job: Job, command: Literal["identify", "hppc"]) -> Plan:
-    """The plan of a job whose files have their roles given already."""
+    """The files of a job whose roles are given already, as a plan."""
     given: dict[Use, list[Any]] = {
         "identification": listed(job.records),
         "OCV test": listed(job.ocv),
@@ -73,7 +73,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"]) -> Plan:
     parts = tuple(
         Part(Path(path), names[Path(path)], role) for role, paths in given.items() for path in paths
     )
-    return with_choices(Plan(command, parts), job)
+    return Plan(command, parts)
 
 
 def with_choices(found: Plan, job: Job) -> Plan:

@@ -2,4 +2,9 @@
 
 A report is first a `Document`, made from results alone; `to_html`, `to_markdown` and `to_terminal`
 say the same. Nothing here writes a file.
+Its modules are imported on first use, since most load JAX.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

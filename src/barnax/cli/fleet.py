@@ -10,6 +10,8 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import barnax
+
 from .. import reporting
 from ..errors import InputError, as_keys, counted
 from ..files import changed_ns, is_address, located, replacing

@@ -314,10 +314,7 @@ def _resampled(problem: Problem, circuit: CircuitParameters) -> CircuitParameter
 
 def optimum_or_none(problem: Problem) -> GlobalOptimum | None:
     """The global optimum, None where the box is too wide to look for it."""
-    try:
-        return find_global_optimum(problem)
-    except InputError:
-        return None
+    return find_global_optimum(problem) if problem.is_compressible else None
 
 
 def _attempt(

@@ -6,23 +6,21 @@ constant circuit, and the answer is assessed and validated.
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from .bundled import BUNDLED
-from .cell import CellModel
+from .cell import CellModel, get_circuit
 from .checks.against_cell import compare_resistances
 from .checks.roles import are_unfit
 from .checks.traits import MAX_HALF_WIDTH
-from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
 from .identification import search_and_assess
 from .inputs import Inputs, listed, read_inputs, telling, unwatched, windows_by_name, windows_of
 from .job import Job, takes_options
-from .model.prepared import PreparedRecord, prepare_record
+from .model.prepared import PreparedRecord
 from .model.problem import Problem
 from .model.window import Window
 from .notices import Notice, notice
@@ -51,7 +49,9 @@ from .run_setup import (
     bounded_tables,
     first_problem,
     own_ocv_of,
+    problem_of,
     set_up,
+    settled,
     with_joint_starts,
 )
 from .search.evaluate import step_warnings
@@ -101,9 +101,7 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
     with telling(inputs.warnings), job.watch("Choosing the circuit", 0):
         prepare = _with_ocv_test if inputs.fitted_ocv is None else _with_fitted_ocv
         inputs, windows, first = prepare(job, inputs)
-        # A table has no capacitance to bound or hold.
-        tables = bounded_tables(job, but="[F]" if job.over is None else None)
-        setup = set_up(first, inputs, windows, job, tables, bounds=job.bounds, fix=job.fix)
+        setup = set_up(first, inputs, windows, job)
         if job.over == OVER_TEMPERATURE:
             require_temperatures(group_by_temperature(first.prepared_records))
             for prepared in setup.validation(first.circuit):
@@ -121,11 +119,15 @@ def _with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window],
     """The inputs, windows and constant problem of records with an OCV test, which tells starts and
     capacities; where it does not, the voltages with the circuit do."""
     windows = windows_of(inputs, job.window, job.capacity)
-    windows, between = _between_ends(inputs, windows)
-    registered = _registered(job, inputs, windows)
+    told = problem_of(inputs, windows, job)
+    records, between = _between_ends(told.cell, told.prepared_records)
+    if told.is_compressible:
+        # A box too wide to reduce records for is searched, not fitted to.
+        records = _registered(job, records)
+    registered = windows | {one.record.name: one.window for one in records}
     inputs = _as_counted(inputs, windows, registered)
     inputs = replace(inputs, warnings=(*inputs.warnings, *between))
-    first = first_problem(inputs, registered, job, bounds=job.bounds, fix=job.fix)
+    first = settled(told if registered == windows else problem_of(inputs, registered, job))
     if not job.keep_starts:
         first = with_joint_starts(first)
         registered |= {one.record.name: one.window for one in first.prepared_records}
@@ -139,7 +141,7 @@ def _with_fitted_ocv(
     with another sampling of the current than their voltages show."""
     given = {**windows_by_name(job.window), **inputs.fitted_ocv.windows}
     windows = windows_of(inputs, given, job.capacity)
-    first = first_problem(inputs, windows, job, bounds=job.bounds, fix=job.fix)
+    first = first_problem(inputs, windows, job)
     sampled = _as_sampled(inputs, first)
     pairs = zip(inputs.records, sampled.records, strict=True)
     if is_last or all(before.hold.value == after.hold.value for before, after in pairs):
@@ -159,21 +161,15 @@ def _as_sampled(inputs: Inputs, problem: Problem) -> Inputs:
 
 
 def _between_ends(
-    inputs: Inputs, windows: Mapping[str, Window]
-) -> tuple[dict[str, Window], list[Notice]]:
-    """The windows, in which a charge beside a record under load, on a flat OCV, does not count at
+    cell: CellModel, records: Sequence[PreparedRecord]
+) -> tuple[list[PreparedRecord], list[Notice]]:
+    """The records, of which a charge beside a record under load, on a flat OCV, does not count at
     the ends that it reaches unless samples are chosen; each is told. The drive would be fitted
     worse for them."""
-    known, told = dict(windows), list[Notice]()
-    if not inputs.cell.has_flat_ocv:
-        return known, told
-    simulated = list[PreparedRecord]()
-    for record in inputs.records:
-        with suppress(InputError):
-            simulated.append(prepare_record(record, inputs.cell, CONSTANT, known[record.name]))
-    under_load = [prepared for prepared in simulated if is_loaded(prepared)]
-    for prepared in simulated if under_load else ():
-        name, window, soc = prepared.record.name, prepared.window, prepared.soc[prepared.scored]
+    counted, notices = list(records), list[Notice]()
+    under_load = [prepared for prepared in records if cell.has_flat_ocv and is_loaded(prepared)]
+    for place, prepared in enumerate(records if under_load else ()):
+        window, soc = prepared.window, prepared.soc[prepared.scored]
         are_chosen = window.score_steps, window.score_soc, window.score_from_s, window.score_to_s
         # Most of what it moves must be charged, and lie between the ends.
         least_soc = float(np.ptp(soc)) / 2
@@ -183,28 +179,27 @@ def _between_ends(
         if any(chosen is not None for chosen in are_chosen) or not is_charge or ends == (0.0, 1.0):
             continue
         if np.ptp(np.clip(soc, *ends)) > least_soc:
-            known[name] = replace(window, score_soc=ends)
-            told.append(notice("charge.between-ends", name, low_soc=ends[0], high_soc=ends[1]))
-    return known, told
+            counted[place] = prepared.in_window(replace(window, score_soc=ends))
+            at = {"low_soc": ends[0], "high_soc": ends[1]}
+            notices.append(notice("charge.between-ends", prepared.record.name, **at))
+    return counted, notices
 
 
-def _registered(job: Job, inputs: Inputs, windows: Mapping[str, Window]) -> dict[str, Window]:
-    """The windows, with what the OCV test tells of the start and capacity of records whose rests it
+def _registered(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
+    """The records, with what the OCV test tells of the start and capacity of those whose rests it
     contradicts."""
     circuit, chosen = job.model or CONSTANT, job.table_settings
-    if chosen.keep_starts or not chosen.ocv_correction:
-        return dict(windows)
-    try:
-        tables = bounded_tables(job, but="[F]")
-        told = [
-            prepare_record(record, inputs.cell, circuit, windows[record.name].as_told)
-            for record in inputs.records
-        ]
-        found = counted_alike(told, [register_alone(prepared, tables) for prepared in told])
-        return {**windows, **{prepared.record.name: prepared.window for prepared in found}}
-    except InputError:
-        # What tables cannot be fitted to is refused, or not, by what is fitted to it.
-        return dict(windows)
+    has_no_amplitude = chosen.half_hysteresis and not get_circuit(circuit).has_rate
+    if chosen.keep_starts or not chosen.ocv_correction or has_no_amplitude:
+        return list(records)
+    tables = bounded_tables(job, but="[F]")
+    told = [
+        one
+        if one.circuit == circuit and one.window.registration is None
+        else replace(one, circuit=circuit).in_window(one.window.as_told)
+        for one in records
+    ]
+    return counted_alike(told, [register_alone(prepared, tables) for prepared in told])
 
 
 def _as_counted(

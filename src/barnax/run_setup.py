@@ -3,15 +3,12 @@ chosen on them, and without an OCV test the cell that the records themselves sho
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from .blas import one_blas_thread
 from .cell import Dependence, get_circuit
 from .cell.parameters import RATE
-from .errors import InputError
 from .execution import in_float64
 from .global_optimum import (
     find_global_optimum,
@@ -22,7 +19,7 @@ from .global_optimum import (
 from .inputs import Inputs, window_of
 from .job import Job
 from .model.prepared import PreparedRecord, prepare_record
-from .model.problem import Kind, Problem, make_problem, require_enough
+from .model.problem import Problem, make_problem, require_enough
 from .model.search_space import Range, ranges_of
 from .model.window import Window
 from .notices import Notice, notice
@@ -40,7 +37,7 @@ from .over_soc.problem import find_best, reduced_objective
 from .over_soc.registration import ROUNDS, SETTLED, with_start
 from .records import Record
 from .select import Choice, Fitted, Policy, Tried, choose, limits_of
-from .settings import OVER_TEMPERATURE, Settings
+from .settings import OVER_TEMPERATURE
 from .uncertainty.covariance import Covariance, linearize
 
 # The circuit that the population searches beside tables.
@@ -49,18 +46,16 @@ CONSTANT = "so-rc"
 LEAST_DOUBT_V = 0.002
 
 
-def first_problem(
-    inputs: Inputs,
-    windows: Mapping[str, Window],
-    settings: Settings,
-    **box: Any,
-) -> Problem:
-    """A constant circuit on the records: with the OCV at rest where sweeps measured it under load,
-    the directions before the start and the sampling of the current that the voltage shows."""
-    fitted: OwnOcv | None = inputs.fitted_ocv
-    circuit = fitted.circuit if fitted else settings.model or _start(inputs)
-    problem = without_sweep_drop(problem_of(inputs, windows, settings, circuit, **box))
-    if fitted is not None and get_circuit(circuit).has_rate:
+def first_problem(inputs: Inputs, windows: Mapping[str, Window], job: Job) -> Problem:
+    """A constant circuit on the records, with what the voltage shows of them."""
+    return settled(problem_of(inputs, windows, job), inputs.fitted_ocv)
+
+
+def settled(problem: Problem, fitted: OwnOcv | None = None) -> Problem:
+    """The problem with the OCV at rest where sweeps measured it under load, and the directions
+    before the start and the sampling of the current that the voltage shows."""
+    problem = without_sweep_drop(problem)
+    if fitted is not None and get_circuit(problem.circuit).has_rate:
         # A hysteresis of the records' own was fitted with the directions that fit better.
         problem = _with_directions(problem, fitted.directions)
     else:
@@ -74,14 +69,13 @@ def with_joint_starts(problem: Problem) -> Problem:
     first, *others = problem.prepared_records
     doubt_v = first.start.soc_sd * first.cell.ocv_slope(first.soc[:1])[0]
     # Several records tell each other's starts.
-    for _ in range(ROUNDS if doubt_v >= LEAST_DOUBT_V and not others else 0):
-        try:
-            optimum = find_global_optimum(problem, prove=False)
-            joint = Covariance.of(linearize(problem, optimum.parameters))
-            (step,), (error,) = joint.starts_step.tolist(), joint.starts_error.tolist()
-            record = _fitted(first, problem.prepared_records[0], step, error)
-        except (InputError, ValueError, np.linalg.LinAlgError):
-            # Too wide a box, beyond the OCV, or nothing that tells the start.
+    is_open = doubt_v >= LEAST_DOUBT_V and not others and problem.is_compressible
+    for _ in range(ROUNDS if is_open else 0):
+        optimum = find_global_optimum(problem, prove=False)
+        joint = Covariance.of(linearize(problem, optimum.parameters))
+        (step,), (error,) = joint.starts_step.tolist(), joint.starts_error.tolist()
+        record = _fitted(first, problem.prepared_records[0], step, error)
+        if record is None:
             break
         problem = replace(problem, prepared_records=(record,))
         if np.all(np.abs(joint.starts_step) < SETTLED * joint.starts_error):
@@ -89,16 +83,17 @@ def with_joint_starts(problem: Problem) -> Problem:
     return problem
 
 
-def _fitted(told: PreparedRecord, now: PreparedRecord, step: float, error: float) -> PreparedRecord:
-    """The record with its start a step away, in standard errors of what was told, like `error`."""
+def _fitted(
+    told: PreparedRecord, now: PreparedRecord, step: float, error: float
+) -> PreparedRecord | None:
+    """The record with its start a step away, in standard errors of what was told, like `error`;
+    None where it cannot be there."""
     start, sd = told.start, float(told.start.soc_sd)
     where = start.soc, told.capacity_ah, now.start.soc + sd * step - start.soc, 0.0, sd * error, 0.0
     moved = with_start(told, *where, by="circuit", told_sd=sd)
+    if moved is None:
+        return None
     return replace(moved, start=replace(moved.start, direction_source=start.direction_source))
-
-
-def _start(inputs: Inputs) -> str:
-    return limits_of(inputs.cell, TableSettings()).start.replace("1rc", CONSTANT)
 
 
 def _with_directions(problem: Problem, others: Mapping[str, float]) -> Problem:
@@ -115,36 +110,31 @@ def _with_directions(problem: Problem, others: Mapping[str, float]) -> Problem:
 def problem_of(
     inputs: Inputs,
     windows: Mapping[str, Window],
-    settings: Settings,
-    circuit: str,
-    bounds: Mapping[str, Range] | str | Path | None = None,
-    fix: Mapping[str, float] | None = None,
+    job: Job,
+    circuit: str | None = None,
+    usual: Mapping[str, Range] | None = None,
 ) -> Problem:
-    """The problem, compressed where the box allows it unless the objective is chosen."""
-    source, ranges = ranges_of(bounds)
-
-    def make(objective: Kind) -> Problem:
-        return make_problem(
-            inputs.records,
-            inputs.cell,
-            circuit,
-            window=[windows[record.name] for record in inputs.records],
-            bounds=ranges,
-            fixed=fix,
-            coordinates=settings.coordinates,
-            objective=objective,
-            source=source,
-        )
-
-    problem = make("scan" if settings.objective == "auto" else settings.objective)
+    """The problem of a circuit, by default of the first that is tried, with `usual` bounds where
+    none are given; compressed where the box allows it unless the objective is chosen."""
+    if circuit is None:
+        fitted: OwnOcv | None = inputs.fitted_ocv
+        start = limits_of(inputs.cell, TableSettings()).start.replace("1rc", CONSTANT)
+        circuit = fitted.circuit if fitted else job.model or start
+    source, ranges = ranges_of(job.bounds)
+    problem = make_problem(
+        inputs.records,
+        inputs.cell,
+        circuit,
+        window=[windows[record.name] for record in inputs.records],
+        bounds={**(usual or {}), **(ranges or {})},
+        fixed=job.fix,
+        coordinates=job.coordinates,
+        objective="scan" if job.objective == "auto" else job.objective,
+        source=source,
+    )
     require_enough(problem)
-    if settings.objective != "auto":
-        return problem
-    try:
-        _ = problem.compressed
-    except InputError:
-        return problem
-    return problem.keeping_computed(kind="compressed")
+    is_compressed = job.objective == "auto" and problem.is_compressible
+    return problem.keeping_computed(kind="compressed") if is_compressed else problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,12 +171,12 @@ def set_up(
     first: Problem,
     inputs: Inputs,
     windows: Mapping[str, Window],
-    settings: Settings,
-    tables: TableSettings,
-    **box: Any,
+    job: Job,
 ) -> Setup:
     """What is searched: without an OCV test the tables came with the cell's OCV; over temperature,
     and with a constant circuit that is asked for, there is nothing to choose."""
+    # A table has no capacitance to bound or hold.
+    tables = bounded_tables(job, but="[F]" if job.over is None else None)
     inputs, own = replace(inputs, cell=first.cell), inputs.fitted_ocv
     records = {prepared.record.name: prepared.record for prepared in first.prepared_records}
 
@@ -200,15 +190,13 @@ def set_up(
     _ = validation(first.circuit)
     if own is not None:
         return Setup(first, validation, own.settings, tried=own.tried, fits=own.found)
-    if settings.over == OVER_TEMPERATURE:
+    if job.over == OVER_TEMPERATURE:
         return Setup(first, validation, tables, over_temperature=True)
-    bounds = ranges_of(box.get("bounds"))[1] or {}
-    named = {*bounds, *(box.get("fix") or {})}
+    named = {*first.bounds.ranges, *first.bounds.fixed}
     has_farads = any(name.endswith("[F]") for name in named)
-    if (settings.model is not None and settings.over is None) or has_farads:
+    if (job.model is not None and job.over is None) or has_farads:
         return Setup(first, validation, tables)
-    over_soc = None if settings.over is None else True
-    limits = limits_of(first.cell, tables, settings.model, over_soc)
+    limits = limits_of(first.cell, tables, job.model, None if job.over is None else True)
 
     def prepare(circuit: str) -> Sequence[PreparedRecord]:
         own_windows = {name: windows[name] for name in records}
@@ -219,7 +207,7 @@ def set_up(
             ]
         if first.circuit == circuit:
             return first.prepared_records
-        made = problem_of(inputs, windows, settings, circuit)
+        made = problem_of(inputs, windows, job.changed(bounds=None, fix=None), circuit)
         return with_better_directions(made).prepared_records
 
     choice = choose(prepare, tables, limits)
@@ -227,12 +215,11 @@ def set_up(
     problem, point = first, chosen.point
     prepared = chosen.objective.prepared_records
     if point.is_constant and point.circuit != first.circuit:
-        if point.has_rate and RATE not in named:
-            # As fast as it was when it was chosen.
-            box = {**box, "bounds": {**bounds, RATE: chosen.objective.ranges[RATE]}}
-        problem = with_better_directions(
-            problem_of(inputs, windows, settings, point.circuit, **box)
-        )
+        # As fast as it was when it was chosen.
+        is_free = point.has_rate and RATE not in (job.fix or {})
+        rate = {RATE: chosen.objective.ranges[RATE]} if is_free else None
+        made = problem_of(inputs, windows, job, point.circuit, rate)
+        problem = with_better_directions(made)
     problem = _on_windows(problem, prepared)
     return Setup(problem, validation, chosen.objective.settings, chosen, choice.tried)
 

@@ -9,10 +9,10 @@ import pytest
 from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.cell.circuits import loops
 from barnax.errors import InputError
-from barnax.model.prepared import both_directions, prepare_record, soc_along
+from barnax.model.prepared import prepare_record, soc_along
 from barnax.model.problem import make_problem
 from barnax.model.window import Window, first_sample, scored_samples
-from barnax.search.evaluate import evaluate
+from barnax.search.evaluate import both_directions, evaluate
 from barnax.settings import Registration
 from helpers.problems import R0_OHM, R_OHM, TAU_S, simulated_record
 from helpers.reference import make_record

@@ -9,7 +9,6 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
-from barnax.inputs import Inputs
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import (
@@ -259,7 +258,7 @@ def test_a_charge_is_counted_over_the_capacity_that_the_test_tells_of_a_drive_be
     assert found[2].window.capacity_ah == pytest.approx(0.97 * whole_ah)
     assert found[2].window.registration.by == "OCV test"
     assert found[2].window.as_told == charge.window
-    given = charge.again(capacity_ah=1.01 * whole_ah)
+    given = charge.in_window(replace(charge.window, capacity_ah=1.01 * whole_ah))
     assert counted_alike([drive, given], [moved, given])[1] is given
     assert np.ptp(found[2].soc) == pytest.approx(np.ptp(charge.soc) / 0.97)
     # Where the test tells nothing of any, all stay as told.
@@ -404,10 +403,12 @@ def counted_between(cell, **records):
         name: simulated_record(cell, time_s, current_a * np.ones(3000), soc, 1.0, name=name)
         for name, (current_a, soc) in records.items()
     }
-    inputs = Inputs(list(made_of.values()), [], [], cell, ())
-    told = {name: Window(initial_soc=soc) for name, (_, soc) in records.items()}
-    windows, warnings = _between_ends(inputs, told)
-    return {name: window.score_soc for name, window in windows.items()}, warnings
+    told = [
+        prepare_record(record, cell, "so-rc", Window(initial_soc=records[name][1]))
+        for name, record in made_of.items()
+    ]
+    counted, warnings = _between_ends(cell, told)
+    return {one.record.name: one.window.score_soc for one in counted}, warnings
 
 
 def test_a_charge_beside_a_load_does_not_count_at_the_ends_that_it_reaches(flat_cell):

@@ -20,7 +20,7 @@ from ..model.search_space import ranges_of
 from ..notices import Notice
 from ..records import Record
 from ..result_parts import Candidate, InputPart, MetricsPart, all_versions
-from ..run_setup import bounded_tables, first_problem, set_up
+from ..run_setup import first_problem, set_up
 from ..schema import Count, Document, Key, Loss, Parameters, Part, Told, Volts, key_of
 from ..search.evaluate import Evaluation
 from ..search.refine import AtBound
@@ -348,10 +348,8 @@ def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
         watch=watch,
     )
     with watch("Circuits", 0):
-        alone = Settings(seeds=0)
-        box = {"bounds": job.bounds, "fix": job.fix}
-        first = first_problem(inputs, windows, alone, **box)
-        setup = set_up(first, inputs, windows, alone, bounded_tables(job, but="[F]"), **box)
+        alone = job.changed(**vars(Settings(seeds=0)), setup=None)
+        setup = set_up(first_problem(inputs, windows, alone), inputs, windows, alone)
         usual = search_and_assess(setup, None, alone, "none", unwatched, advise=False)
     result = make_comparison_result(
         comparison, usual.candidates, ocv=inputs.ocv, warnings=inputs.warnings

@@ -14,17 +14,16 @@ from ..blas import one_blas_thread
 from ..cell import CircuitParameters, get_circuit, without_drop
 from ..cell.model import NEAR_DEGC
 from ..display import Brief
-from ..errors import InputError
 from ..execution import in_float64
 from ..model.descent import GridSizes, LogScales, lowest_scales, polish
-from ..model.prepared import PreparedRecord, both_directions, prepare_record
+from ..model.prepared import PreparedRecord, prepare_record, try_record
 from ..model.problem import Problem, rmse_by_scan
 from ..model.sampling import other_sampling
 from ..notices import Notice, notice
 from ..records import Decision
 from ..records.lag import late_answers_ohm
 from ..schema import Count, MaybeInfinite, Volts
-from ..search.evaluate import evaluate
+from ..search.evaluate import both_directions, evaluate
 from ..search.refine import (
     SAME_RMSE,
     AtBound,
@@ -215,16 +214,14 @@ def without_sweep_drop(problem: Problem) -> Problem:
     """
     known = (problem.cell, *problem.cell.elsewhere)
     found = problem
-    for _ in range(DROP_ROUNDS if any(cell.has_sweep_drop for cell in known) else 0):
-        try:
-            at_rest = [
-                without_drop(cell, _slow_resistance_ohm(found, cell.temperature_degc))
-                if cell.has_sweep_drop
-                else cell
-                for cell in known
-            ]
-        except InputError:
-            return problem
+    is_told = problem.is_compressible and any(cell.has_sweep_drop for cell in known)
+    for _ in range(DROP_ROUNDS if is_told else 0):
+        at_rest = [
+            without_drop(cell, _slow_resistance_ohm(found, cell.temperature_degc))
+            if cell.has_sweep_drop
+            else cell
+            for cell in known
+        ]
         cell = replace(at_rest[0], elsewhere=tuple(at_rest[1:]))
         records = tuple(
             prepare_record(prepared.record, cell, prepared.circuit, prepared.window)
@@ -256,21 +253,17 @@ def with_better_directions(problem: Problem) -> Problem:
     """The problem with each open direction before the start as fits better, record by record."""
     for place, prepared in enumerate(problem.prepared_records):
         records = list(problem.prepared_records)
-        own, other = both_directions(prepared, problem.cell)
-        if other is None:
-            records[place] = own
-            problem = problem.keeping_computed(prepared_records=tuple(records))
-            continue
-        records[place] = other
-        tried = replace(problem, prepared_records=tuple(records))
-        try:
+        records[place], other = both_directions(prepared, problem.cell)
+        best = problem
+        if other is not None and problem.is_compressible:
+            others = (*records[:place], other, *records[place + 1 :])
+            tried = replace(problem, prepared_records=others)
             own_v, other_v = (
                 find_global_optimum(directed, prove=False).rmse_v for directed in (problem, tried)
             )
-        except InputError:
-            continue
-        best, rest_v = (tried, own_v) if other_v < own_v * (1 - SAME_FIT) else (problem, other_v)
-        records[place] = best.prepared_records[place].fitting_better(rest_v)
+            is_better = other_v < own_v * (1 - SAME_FIT)
+            best, rest_v = (tried, own_v) if is_better else (problem, other_v)
+            records[place] = best.prepared_records[place].fitting_better(rest_v)
         problem = best.keeping_computed(prepared_records=tuple(records))
     return problem
 
@@ -317,20 +310,15 @@ def with_better_hold(problem: Problem) -> Problem:
     reason = "the voltage follows it far better than the other"
     assumed = records[is_open.index(True)].record.hold
     turned = Decision(other_sampling(assumed.value), "weak", reason)
-    try:
-        other = replace(
-            problem,
-            prepared_records=tuple(
-                prepare_record(
-                    replace(each.record, hold=turned), problem.cell, problem.circuit,
-                    each.settled_window,
-                ) if one else each
-                for each, one in zip(records, is_open, strict=True)
-            ),
-        )  # fmt: skip
-        own_v, other_v = map(_moved_errors_v, (problem, other))
-    except InputError:
+    tried = []
+    for each, one in zip(records, is_open, strict=True):
+        given = replace(each.record, hold=turned), problem.cell, problem.circuit
+        tried.append(try_record(*given, each.settled_window) if one else each)
+    others = tuple(each for each in tried if isinstance(each, PreparedRecord))
+    if len(others) < len(records) or not problem.is_compressible:
         return problem
+    other = replace(problem, prepared_records=others)
+    own_v, other_v = map(_moved_errors_v, (problem, other))
     pairs = zip(own_v, other_v, is_open, strict=True)
     ratios = np.concatenate([_log_ratios(mine, others) for mine, others, one in pairs if one])
     mean, spread = np.mean(ratios), np.std(ratios, ddof=1) / np.sqrt(len(ratios))

@@ -19,7 +19,7 @@ from ..execution import as_input
 from .coordinates import Coordinates
 from .exponentials import Lagrange
 from .factor import NEGLIGIBLE_V, shorten
-from .layout import Layout, Spans
+from .layout import Layout, Spans, ends_of
 from .prepared import PreparedRecord
 from .reduced import reduce_records, scored_alone
 from .simulate import AbstractEvaluator, RCParameters
@@ -80,7 +80,7 @@ def compress(records: Sequence[PreparedRecord], box: Coordinates) -> Compressed:
 
     Raises `InputError` where the box is too wide for the accuracy promised.
     """
-    spans = in_tau, in_rate = Spans.of(records, box)
+    spans = in_tau, in_rate = Spans.between(ends_of(records, box))
     groups = [scored_alone(prepared) for prepared in records]
     (reduced,) = reduce_records(records, Layout.constant(spans), groups, 1)
     factor, count = reduced.factor, len(in_tau.skeleton)

@@ -59,24 +59,31 @@ class Span(NamedTuple):
         return terms / np.sum(terms, axis=1, keepdims=True)
 
 
+def can_span(lower: float, upper: float, tolerance: float) -> bool:
+    """True where `span_of` needs no more than `MAX_NODES` nodes."""
+    return interpolation_error(MAX_NODES, _steps(lower, upper) * _SPAN_STEP / 2) <= tolerance / 2
+
+
+def _steps(lower: float, upper: float) -> int:
+    return max(1, math.ceil(math.log(upper / lower) / _SPAN_STEP - 1e-9))
+
+
 def span_of(lower: float, upper: float, tolerance: float) -> Span:
     """Nodes for time constants from `lower` to `upper`.
 
     `tolerance` is the largest error of a pair's answer, relative to the largest current. Raises
     `InputError` where the span needs more than `MAX_NODES` nodes.
     """
-    steps = max(1, math.ceil(math.log(upper / lower) / _SPAN_STEP - 1e-9))
+    steps = _steps(lower, upper)
+    if not can_span(lower, upper, tolerance):
+        raise InputError(
+            f"the compressed objective cannot cover {lower:.3g} to {upper:.3g}, {steps / 4:g} "
+            "decades, to its stated accuracy; narrow the bounds or use `objective='scan'`"
+        )
     center = (math.log(lower) + math.log(upper)) / 2
     half_width = steps * _SPAN_STEP / 2
-    count = _NODE_STEP
-    while interpolation_error(count, half_width) > tolerance / 2:
-        count += _NODE_STEP
-        if count > MAX_NODES:
-            raise InputError(
-                f"the compressed objective cannot cover {lower:.3g} to {upper:.3g}, "
-                f"{steps / 4:g} decades, to its stated accuracy; narrow the bounds or use "
-                "`objective='scan'`"
-            )
+    counts = range(_NODE_STEP, MAX_NODES + 1, _NODE_STEP)
+    count = next(n for n in counts if interpolation_error(n, half_width) <= tolerance / 2)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
         return _table(count, half_width, tolerance / 2)._replace(center=center)

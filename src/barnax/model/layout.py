@@ -1,7 +1,7 @@
 """Columns of the reduced factor of some records, and the order in which they stand."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -25,24 +25,25 @@ class Spans(NamedTuple):
     """Nodes for every RC pair of a box, and for a dynamic hysteresis where there is one."""
 
     in_tau: Span
-    in_rate: Span | None
+    in_rate: Span | None = None
 
     @classmethod
-    def of(cls, records: Sequence[PreparedRecord], box: Coordinates) -> "Spans":
-        """The spans of every circuit in a box."""
-        interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in records)
-        taus_s = box.shortest_tau_s, box.longest_tau_s
-        return cls.between(taus_s, box.gamma_limits, interval_s)
+    def between(cls, ends: Iterable[Range]) -> "Spans":
+        """The spans of some ends, as `span_ends` has them. Raises `InputError` where these are too
+        far apart."""
+        return cls(*(span_of(*own, TOLERANCE) for own in ends))
 
-    @classmethod
-    def between(cls, taus_s: Range, gammas: Range | None, interval_s: float) -> "Spans":
-        """The spans between some ends, as far as an interval can tell a pair from a faster one.
 
-        Raises `InputError` where these are too far apart.
-        """
-        in_tau = span_of(max(taus_s[0], interval_s / AT_ONCE), taus_s[1], TOLERANCE)
-        in_rate = None if gammas is None else span_of(1 / gammas[1], 1 / gammas[0], TOLERANCE)
-        return cls(in_tau, in_rate)
+def span_ends(taus_s: Range, gammas: Range | None, interval_s: float) -> list[Range]:
+    """What spans go over, as far as an interval can tell a pair from a faster one."""
+    in_tau = max(taus_s[0], interval_s / AT_ONCE), taus_s[1]
+    return [in_tau] if gammas is None else [in_tau, (1 / gammas[1], 1 / gammas[0])]
+
+
+def ends_of(records: Sequence[PreparedRecord], box: Coordinates) -> list[Range]:
+    """The same of every circuit in a box."""
+    interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in records)
+    return span_ends((box.shortest_tau_s, box.longest_tau_s), box.gamma_limits, interval_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +120,7 @@ def layout_of(
         return Layout(nodes, ocv_nodes, in_tau, in_rate, has_correction, has_amplitude)
     fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
     slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
-    spans = Spans.between((fastest_s, slowest_s), ranges.get(RATE), interval_s)
+    spans = Spans.between(span_ends((fastest_s, slowest_s), ranges.get(RATE), interval_s))
     return Layout(nodes, ocv_nodes, *spans, has_correction, has_amplitude)
 
 

@@ -16,7 +16,7 @@ from ..execution import as_input
 from ..notices import Notice
 from ..records import Record
 from ..records.samples import record_resistance_ohm
-from ..settings import is_temperature
+from ..settings import Registration, is_temperature
 from .intervals import Intervals, sized
 from .simulate import HysteresisInput, SimulationInput
 from .start import Start, find_start
@@ -87,25 +87,40 @@ class PreparedRecord(Brief):
             return 0.0
         return (self.start.soc - known.told_soc) / known.told_sd
 
-    def again(self, record: Record | None = None, **changes: Any) -> "PreparedRecord":
-        """The same prepared anew with `changes` of its window, or another record in place of its
-        own; nothing is followed. Raises `InputError` as `prepare_record` does."""
-        return self.in_window(replace(self.window, **changes), record)
-
     def in_window(self, window: Window, record: Record | None = None) -> "PreparedRecord":
-        """The same prepared anew in another window, from the direction that was found to fit
-        better. Raises `InputError` as `prepare_record` does."""
+        """The same prepared anew in another window, or another record in place of its own, from the
+        direction that was found to fit better; nothing is followed. Raises `InputError` as
+        `prepare_record` does."""
+        return _required(self._in_window(window, record))
+
+    def _in_window(
+        self, window: Window, record: Record | None = None
+    ) -> "PreparedRecord | InputError":
         record, start = record or self.record, self.start
         if start.direction_source != "better fit" or start.other_rmse_v is None:
-            return prepare_record(record, self.cell, self.circuit, window)
+            return try_record(record, self.cell, self.circuit, window)
         window = replace(window, initial_direction=start.direction)
-        moved = prepare_record(record, self.cell, self.circuit, window)
-        return moved.fitting_better(start.other_rmse_v)
+        moved = try_record(record, self.cell, self.circuit, window)
+        is_refused = isinstance(moved, InputError)
+        return moved if is_refused else moved.fitting_better(start.other_rmse_v)
 
-    def registered(self, soc: float, capacity_ah: float, **known: Any) -> "PreparedRecord":
-        """The same with another start and capacity; `known` is what `again` takes besides."""
-        start: dict[str, Any] = {"initial_soc": soc, "soc_source": "registered"}
-        return self.again(capacity_ah=capacity_ah, **start, **known)
+    def registered(
+        self,
+        soc: float,
+        capacity_ah: float,
+        registration: Registration | None = None,
+        record: Record | None = None,
+    ) -> "PreparedRecord | None":
+        """The same with another start and capacity; None where the record cannot have these."""
+        window = replace(
+            self.window,
+            initial_soc=soc,
+            soc_source="registered",
+            capacity_ah=capacity_ah,
+            registration=registration or self.window.registration,
+        )
+        moved = self._in_window(window, record)
+        return None if isinstance(moved, InputError) else moved
 
     def following(self, dependence: Dependence | None) -> "PreparedRecord":
         """The same with resistances that follow more than SOC so; None for not."""
@@ -295,6 +310,25 @@ def prepare_record(
     """A record made ready, with the cell as it is at the record's temperature. Raises `InputError`
     where window, SOC or OCV range do not fit it; nothing is asked of a current that is not
     measured, for nothing is identified with it."""
+    return _required(try_record(record, cell, circuit, window, is_measured=is_measured))
+
+
+def _required(made: PreparedRecord | InputError) -> PreparedRecord:
+    if isinstance(made, InputError):
+        raise made
+    return made
+
+
+def try_record(
+    record: Record,
+    cell: CellModel,
+    circuit: str,
+    window: Window | None = None,
+    *,
+    is_measured: bool = True,
+) -> PreparedRecord | InputError:
+    """The same, or why the cell cannot be where the record takes it. Raises `InputError` where the
+    start is not known, or the window asks for what the record does not have."""
     window = window or Window()
     cell = cell.at(temperature_of(record, window))
     capacity_ah = window.capacity_ah or cell.capacity_ah
@@ -304,10 +338,13 @@ def prepare_record(
     soc = soc_along(record, capacity_ah, first, start.soc)
     scored = scored_samples(record, window, first, soc)
     scored, found = within_ocv(record, cell, capacity_ah, soc, scored)
+    if any(one.severity == "error" for one in found):
+        return found[0].error()
     warnings += found
-    _require_positive_voltage(record, scored)
+    if np.any(scored & (record.voltage_v <= 0)):
+        return _not_positive(record, scored)
     if is_measured and not np.any(record.current_a[scored]):
-        raise InputError(
+        return InputError(
             f"{record.name}: the current of every scored sample is zero, so nothing can be "
             "identified; give a record under load, or widen the window"
         )
@@ -315,7 +352,7 @@ def prepare_record(
     span = slice(first, int(np.flatnonzero(scored)[-1]) + 1)
     is_short = np.count_nonzero(scored) < FEWEST_SAMPLES or span.stop - first < FEWEST_SAMPLES
     if is_measured and is_short:
-        raise InputError(
+        return InputError(
             f"{record.name}: fewer than {FEWEST_SAMPLES} samples are left to score; widen the "
             "window"
         )
@@ -344,27 +381,6 @@ def prepare_record(
     )
 
 
-def both_directions(
-    prepared: PreparedRecord, cell: CellModel
-) -> tuple[PreparedRecord, PreparedRecord | None]:
-    """The record, and the same coming from the other direction, where that is open.
-
-    Where the other changes nothing there is none, and the record says so.
-    """
-    if prepared.start.direction_source != "assumed":
-        return prepared, None
-    window = replace(prepared.window, initial_direction=-prepared.start.direction)
-    try:
-        other = prepare_record(prepared.record, cell, prepared.circuit, window)
-    except InputError:
-        return prepared, None
-    if np.array_equal(prepared.source_v, other.source_v) and prepared.start.soc == other.start.soc:
-        start = replace(prepared.start, direction_source="without effect")
-        return replace(prepared, start=start), None
-    start = replace(other.start, direction_source="assumed")
-    return prepared, replace(other, window=prepared.window, start=start)
-
-
 def soc_along(
     record: Record, capacity_ah: float, first: int, soc: float
 ) -> Float[np.ndarray, "samples"]:
@@ -373,23 +389,12 @@ def soc_along(
     return soc - (discharged_ah - discharged_ah[first]) / capacity_ah
 
 
-def require_changing_voltage(prepared: PreparedRecord) -> None:
-    """Raise `InputError` where the scored voltage is flat: errors on it mean nothing."""
-    voltage_v = prepared.voltage_v[prepared.scored]
-    if np.ptp(voltage_v) == 0:
-        raise InputError(
-            f"{prepared.record.name}: the voltage is {voltage_v[0]:g} V at every scored sample; "
-            "widen the window or check the file"
-        )
-
-
-def _require_positive_voltage(record: Record, scored: Bool[np.ndarray, "samples"]) -> None:
-    """Raise `InputError` where a scored voltage is no cell's; relative errors divide by it."""
+def _not_positive(record: Record, scored: Bool[np.ndarray, "samples"]) -> InputError:
+    """The refusal of scored voltages that are no cell's; relative errors divide by them."""
     wrong = np.flatnonzero(scored & (record.voltage_v <= 0))
-    if len(wrong):
-        raise InputError(
-            f"{record.name}: row {record.row[wrong[0]]} is scored at "
-            f"{record.voltage_v[wrong[0]]:g} V, which is not a cell voltage ({len(wrong)} such "
-            "samples); delete the row, or leave it out with `score_from`, `score_to` or "
-            "`score_steps`"
-        )
+    return InputError(
+        f"{record.name}: row {record.row[wrong[0]]} is scored at "
+        f"{record.voltage_v[wrong[0]]:g} V, which is not a cell voltage ({len(wrong)} such "
+        "samples); delete the row, or leave it out with `score_from`, `score_to` or "
+        "`score_steps`"
+    )

@@ -19,8 +19,10 @@ from ..notices import Notice
 from ..records import Record
 from .compressed import Compressed, compress
 from .coordinates import Coordinates, Scale
+from .exponentials import can_span
+from .layout import TOLERANCE, ends_of
 from .padding import to_common_size
-from .prepared import PreparedRecord, prepare_record, require_changing_voltage
+from .prepared import PreparedRecord, prepare_record
 from .search_space import Bounds, Range
 from .simulate import AbstractEvaluator, Joint, RCParameters, SimulationInput
 from .start import require_whole_log
@@ -143,6 +145,12 @@ class Problem(Brief):
     def scan(self) -> AbstractEvaluator:
         """The objective by simulating every sample: the reference."""
         return Joint.of(self.all_inputs)
+
+    @property
+    def is_compressible(self) -> bool:
+        """True where the box is narrow enough for the small factor."""
+        ends = ends_of(self.prepared_records, self.coordinates)
+        return all(can_span(*own, TOLERANCE) for own in ends)
 
     @cached_property
     @in_float64
@@ -313,6 +321,16 @@ def make_problem(
     # What cannot be searched is refused here, not in the middle of a search.
     _ = problem.objective
     return problem
+
+
+def require_changing_voltage(prepared: PreparedRecord) -> None:
+    """Raise `InputError` where the scored voltage is flat: errors on it mean nothing."""
+    voltage_v = prepared.voltage_v[prepared.scored]
+    if np.ptp(voltage_v) == 0:
+        raise InputError(
+            f"{prepared.record.name}: the voltage is {voltage_v[0]:g} V at every scored sample; "
+            "widen the window or check the file"
+        )
 
 
 # Fewer, and parameters follow single samples of noise.

@@ -123,8 +123,8 @@ def within_ocv(
     """The scored samples whose OCV is known, which are all unless some lie far beyond the OCV
     points, and a notice of those beyond.
 
-    Raises `InputError` where the cell cannot be there: the voltage contradicts it, or the charge
-    goes beyond full or empty.
+    The notice is an error where the cell cannot be there: the voltage contradicts it, or the
+    charge goes beyond full or empty.
     """
     low, high = cell.soc_range
     beyond = np.maximum(low - soc, soc - high)
@@ -145,12 +145,12 @@ def within_ocv(
     source_v = record.voltage_v[at] + record_resistance_ohm(record) * record.current_a[at]
     if (source_v - end_v) * (1 if end == "empty" else -1) > _INSIDE_V:
         given |= {"end": end, "voltage_v": record.voltage_v[at], "end_v": end_v}
-        raise notice("soc.against-voltage", record.name, **given).error()
+        return scored, [notice("soc.against-voltage", record.name, **given)]
     impossible = far[np.abs(soc[far] - 0.5) > 0.5 + OCV_MARGIN]
     if len(impossible) or not np.any(scored & ~outside):
         at = [*impossible, at][0]
         given |= {"far_row": record.row[at], "soc": soc[at], "low_soc": low, "high_soc": high}
-        raise notice("soc.beyond-ocv", record.name, **given).error()
+        return scored, [notice("soc.beyond-ocv", record.name, **given)]
     points = cell.charge_points + cell.discharge_points
     if any(point.source == record.name for point in points):
         # The correction of the OCV reaches a little beyond the last rest of a pulse test.

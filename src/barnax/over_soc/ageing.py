@@ -17,7 +17,7 @@ before, stretched over the upper 70 %, sees half. A record from full to a rest n
 OCV is steep, does tell the capacity.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -115,9 +115,12 @@ def measure_ageing(
     What the records do not determine says so, for others may help to; all of it is left out where
     no capacity fits them.
     """
-    records = [prepared.as_told for prepared in prepared_records]
-    starts_sd = [*map(_start_sd, records)]
-    records = [_moved(prepared, prepared.start.soc, prepared.capacity_ah) for prepared in records]
+    told_records = [prepared.as_told for prepared in prepared_records]
+    starts_sd = [*map(_start_sd, told_records)]
+    starts = [(prepared.start.soc, prepared.capacity_ah) for prepared in told_records]
+    records = _all_moved(told_records, starts)
+    if records is None:
+        return {}
     plain = replace(
         settings, folds=0, max_boxes=0, resistances_follow="none", half_hysteresis=False
     )
@@ -132,22 +135,21 @@ def measure_ageing(
     priors = [np.array([*known, *[shape_v / np.sqrt(steps)] * steps]) for shape_v in SHAPES_V]
     priors = [np.full_like(priors[0], HELD_SD)] if is_own else priors
 
-    def moved_to(now: Nuisance) -> list[PreparedRecord]:
-        share, ocv_v = float(np.exp(now[count])), now[count + 1 :]
-        return [
-            _moved(prepared, start, share * prepared.capacity_ah, ocv_v)
-            for prepared, start in zip(records, (told + now[:count]).tolist(), strict=True)
-        ]
+    def moved_to(now: Nuisance) -> list[PreparedRecord] | None:
+        share, starts = float(np.exp(now[count])), (told + now[:count]).tolist()
+        capacities_ah = [share * prepared.capacity_ah for prepared in records]
+        return _all_moved(records, zip(starts, capacities_ah, strict=True), now[count + 1 :])
 
     with one_blas_thread():
         shares = (1.0,) if is_own else SHARES
         guesses = [
             np.where(np.arange(len(priors[0])) == count, np.log(share), 0.0) for share in shares
         ]
-        now = _best_guess(guesses, moved_to, plain, ranges)
-        if now is None:
+        best_guess = _best_guess(guesses, moved_to, plain, ranges)
+        if best_guess is None:
             return {}
-        objective = reduced_objective(moved_to(now), plain, ranges)
+        now, moved = best_guess
+        objective = reduced_objective(moved, plain, ranges)
         best = find_best(objective)
         weights, under, found, is_settled = _weights_at(objective, soc), [], None, False
         for _ in range(ROUNDS):
@@ -163,11 +165,11 @@ def measure_ageing(
                 break
             lows, highs = np.log(np.array([*ranges.values()])).T
             scales = np.clip(np.array(best.log_scales) + found.moved_scales, lows, highs)
-            try:
-                held = held_at(objective.ranges, scales.tolist())
-                objective = reduced_objective(moved_to(now), plain, held)
-            except InputError:
+            moved = moved_to(now)
+            if moved is None:
                 return {}
+            held = held_at(objective.ranges, scales.tolist())
+            objective = reduced_objective(moved, plain, held)
             best = objective.solve(tuple(scales.tolist()), exact=True)
     assert found is not None, "there is a round"
     is_visited = bool(np.any(objective.visited @ weights[0, : objective.nodes]))
@@ -190,15 +192,14 @@ def _averaged(under: Sequence[Estimated]) -> Estimated:
 
 def _best_guess(
     guesses: Sequence[Nuisance],
-    moved_to: Callable[[Nuisance], list[PreparedRecord]],
+    moved_to: Callable[[Nuisance], list[PreparedRecord] | None],
     settings: TableSettings,
     ranges: Mapping[str, Range],
-) -> Nuisance | None:
-    """The one that fits best, on the samples that all of them score; None where none fits."""
-    moved = []
-    for guess in guesses:
-        with suppress(InputError):
-            moved.append((guess, moved_to(guess)))
+) -> tuple[Nuisance, list[PreparedRecord]] | None:
+    """The one that fits best, on the samples that all of them score, with its records; None where
+    none fits."""
+    tried = ((guess, moved_to(guess)) for guess in guesses)
+    moved = [(guess, records) for guess, records in tried if records is not None]
     if not moved:
         return None
     # A window in SOC ends elsewhere with another capacity.
@@ -220,20 +221,25 @@ def _best_guess(
         objective = reduced_objective(alike, settings, tried)
         return objective.solve(tuple(np.log(TRIED_S).tolist())).objective_v2
 
-    return min(moved, key=lambda guess: cost_v2(guess[1]))[0]
+    return min(moved, key=lambda guess: cost_v2(guess[1]))
 
 
-def _moved(
-    prepared: PreparedRecord, soc: float, capacity_ah: float, ocv_v: Nuisance | None = None
-) -> PreparedRecord:
-    """The record with another start, capacity and OCV."""
-    found = replace(prepared, circuit=CIRCUIT).registered(soc, capacity_ah)
-    found = replace(found, scored=found.scored & (found.soc >= EMPTY_SOC))
-    if np.count_nonzero(found.scored) < FEWEST_SAMPLES:
-        raise InputError(f"{prepared.record.name}: hardly a sample is above {EMPTY_SOC:.0%} SOC")
-    if ocv_v is None:
-        return found
-    return replace(found, source_v=found.source_v + _ocv_columns(found, found.soc) @ ocv_v)
+def _all_moved(
+    records: Sequence[PreparedRecord],
+    starts: Iterable[tuple[float, float]],
+    ocv_v: Nuisance | None = None,
+) -> list[PreparedRecord] | None:
+    """The records with other starts, capacities and OCV; None where one of them cannot be, or has
+    hardly a sample where circuits follow."""
+    moved = []
+    for prepared, start in zip(records, starts, strict=True):
+        found = replace(prepared, circuit=CIRCUIT).registered(*start)
+        scored = None if found is None else found.scored & (found.soc >= EMPTY_SOC)
+        if found is None or scored is None or np.count_nonzero(scored) < FEWEST_SAMPLES:
+            return None
+        added_v = 0.0 if ocv_v is None else _ocv_columns(found, found.soc) @ ocv_v
+        moved.append(replace(found, scored=scored, source_v=found.source_v + added_v))
+    return moved
 
 
 def _ocv_columns(

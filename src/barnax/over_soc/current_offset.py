@@ -14,7 +14,6 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import InputError
 from ..model.descent import polish
 from ..model.prepared import PreparedRecord
 from .level import level_cell, leveled, with_own_ocv
@@ -71,18 +70,20 @@ class _Moved:
     shifts: Float[np.ndarray, "records two"]
     offset_a: float
 
-    def objective(self, ranges) -> TableObjective:
-        """With an OCV of their own. Raises `InputError` where they leave the axis of SOC."""
+    def objective(self, ranges) -> TableObjective | None:
+        """With an OCV of their own; None where they leave the axis of SOC."""
         first = self.told[0]
         level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
 
-        def moved(prepared: PreparedRecord, soc: float, share: float) -> PreparedRecord:
+        records = []
+        for prepared, soc, share in zip(self.told, *self.shifts.T.tolist(), strict=True):
             record = prepared.record
             record = replace(record, current_a=record.current_a - self.offset_a)
             start, own_ah = prepared.start.soc + soc, prepared.capacity_ah * (1 + share)
-            return prepared.registered(start, own_ah, record=record).following(prepared.dependence)
-
-        records = [moved(*pair) for pair in zip(self.told, *self.shifts.T.tolist(), strict=True)]
+            moved = prepared.registered(start, own_ah, record=record)
+            if moved is None:
+                return None
+            records.append(moved.following(prepared.dependence))
         own = with_own_ocv(self.settings)
         return reduced_objective(records, own, ranges, partial(leveled, level=level))
 
@@ -112,19 +113,17 @@ def shared_offset(
     now, least_v2 = told, np.inf
     for tried in (0.0, *TRIED_PER_H):
         other = replace(told, offset_a=tried * capacity_ah)
-        try:
-            objective_v2 = other.objective(ranges).solve(best.log_scales).objective_v2
-        except InputError:
-            continue
+        moved = other.objective(ranges)
+        objective_v2 = moved.solve(best.log_scales).objective_v2 if moved else np.inf
         if objective_v2 < least_v2:
             now, least_v2 = other, objective_v2
     error_a = leaves = np.inf
     log_scales = np.array(best.log_scales)
     for number in range(ROUNDS):
-        try:
-            objective = now.objective(held_at(objective.ranges, log_scales.tolist()))
-        except InputError:
+        moved = now.objective(held_at(objective.ranges, log_scales.tolist()))
+        if moved is None:
             return None
+        objective = moved
         best = objective.solve(tuple(log_scales.tolist()))
         before = np.append(now.shifts.ravel(), now.offset_a)
         found = estimate(objective, best, _of_starts_and_offset, before, [sds])[0]
@@ -178,9 +177,8 @@ def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | N
             objective.ranges.items(), best.log_scales, strict=True
         )
     }
-    try:
-        other = moved.objective(ranges)
-    except InputError:
+    other = moved.objective(ranges)
+    if other is None:
         return None
     other = polish(other, other.solve(best.log_scales))
     moved_shares = []

@@ -105,12 +105,12 @@ def register(
             steps = np.abs(moved - shifts) / estimated.errors.reshape(shifts.shape)
             is_settled, shifts = np.all(steps <= SETTLED), moved
             rows = np.hstack([told, shifts, errors]).tolist()
-            try:
-                found = _all_moved(means, rows, dependence)
-                whole = _all_moved(prepared_records, rows, dependence)
-            except InputError:
+            moved_means = _all_moved(means, rows, dependence)
+            moved_whole = _all_moved(prepared_records, rows, dependence)
+            if moved_means is None or moved_whole is None:
                 return list(prepared_records)
-            found = [prepared.following(dependence) for prepared in found]
+            found = [prepared.following(dependence) for prepared in moved_means]
+            whole = moved_whole
             if is_settled:
                 break
         offset = shared_offset(*as_told, prior, best.rms_v)
@@ -120,19 +120,22 @@ def register(
 def _in_means(prepared: PreparedRecord) -> PreparedRecord:
     """A fast record in means over a second: starts and capacities are of what is slow."""
     means = in_means(prepared.record, MEANS_S)
-    return prepared if means is prepared.record else prepared.again(means)
+    return prepared if means is prepared.record else prepared.in_window(prepared.window, means)
 
 
 def _all_moved(
     prepared_records: Sequence[PreparedRecord],
     rows: Sequence[Sequence[float]],
     follows: Dependence | None,
-) -> list[PreparedRecord]:
-    """The records with their starts and capacities moved, each as its row says."""
-    return [
+) -> list[PreparedRecord] | None:
+    """The records with their starts and capacities moved, each as its row says; None where one of
+    them cannot be."""
+    tried = [
         with_start(prepared, *row, follows=follows)
         for prepared, row in zip(prepared_records, rows, strict=True)
     ]
+    moved = [prepared for prepared in tried if prepared is not None]
+    return moved if len(moved) == len(tried) else None
 
 
 def _with_offset(prepared: PreparedRecord, offset: CurrentOffset) -> PreparedRecord:
@@ -163,12 +166,9 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     plain = replace(settings, folds=0, max_boxes=0)
 
     def moved(shift: Float[np.ndarray, "two"], *errors: float) -> PreparedRecord | None:
-        try:
-            return with_start(
-                prepared, told_soc, told_ah, *shift.tolist(), *(errors or (0.0, 0.0)), by="OCV test"
-            )
-        except InputError:
-            return None
+        return with_start(
+            prepared, told_soc, told_ah, *shift.tolist(), *(errors or (0.0, 0.0)), by="OCV test"
+        )
 
     def fitted(
         record: PreparedRecord, at: LogScales, how: TableSettings
@@ -224,17 +224,22 @@ def counted_alike(
 
     share = float(np.mean(shares))
 
-    def counted(prepared: PreparedRecord) -> PreparedRecord:
+    def counted(prepared: PreparedRecord) -> PreparedRecord | None:
         if prepared.window.capacity_ah is not None or is_loaded(prepared):
             return prepared
         told_soc, told_ah = prepared.start.soc, prepared.capacity_ah
         where = 0.0, share - 1, *told_within(prepared)
         moved = with_start(prepared, told_soc, told_ah, *where, by="OCV test")
+        if moved is None:
+            return None
         # Where it starts is found as before.
-        known = moved.window.registration
-        return prepared.again(capacity_ah=share * told_ah, registration=known)
+        known, own_ah = moved.window.registration, share * told_ah
+        window = replace(prepared.window, capacity_ah=own_ah, registration=known)
+        return prepared.in_window(window)
 
-    return [counted(own) if own is one else own for one, own in pairs]
+    tried = [counted(own) if own is one else own for one, own in pairs]
+    moved = [prepared for prepared in tried if prepared is not None]
+    return moved if len(moved) == len(tried) else list(told)
 
 
 class _Rest(NamedTuple):
@@ -310,11 +315,9 @@ def with_start(
     share_error: float,
     follows: Dependence | None = None,
     **by: Any,
-) -> PreparedRecord:
-    """The record with its start and capacity moved, `by` what, as `Registration` has it.
-
-    Raises `InputError` where more of it than before lies far beyond the OCV points.
-    """
+) -> PreparedRecord | None:
+    """The record with its start and capacity moved, `by` what, as `Registration` has it; None where
+    it cannot be, or more of it than before lies far beyond the OCV points."""
     own, own_ah = soc + soc_shift, capacity_ah * (1 + share)
     reach, reach_ah = REACH * soc_error, capacity_ah * REACH * share_error
     known = Registration(
@@ -330,11 +333,12 @@ def with_start(
         **by,
     )
     moved = prepared.registered(own, own_ah, registration=known)
+    if moved is None:
+        return None
     is_beyond = any(told.code == "soc.without-ocv" for told in moved.warnings)
-    if is_beyond and np.sum(moved.scored) < np.sum(prepared.scored):
-        # Fewer samples would fit better wherever the rest is.
-        raise InputError(f"{moved.record.name}: moved so far, it leaves the OCV points")
-    return moved
+    # Fewer samples would fit better wherever the rest is.
+    leaves = is_beyond and np.sum(moved.scored) < np.sum(prepared.scored)
+    return None if leaves else moved
 
 
 def _of_starts(

@@ -11,12 +11,8 @@ from ..cell import CellModel, CircuitParameters
 from ..display import Brief
 from ..errors import InputError
 from ..metrics import Metrics, measure
-from ..model.prepared import (
-    PreparedRecord,
-    both_directions,
-    prepare_record,
-    require_changing_voltage,
-)
+from ..model.prepared import PreparedRecord, prepare_record, try_record
+from ..model.problem import require_changing_voltage
 from ..model.reference import simulate_circuit
 from ..model.window import Window
 from ..notices import Notice, notice
@@ -98,6 +94,26 @@ def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluat
     return Evaluation(prepared, simulated_v, metrics)
 
 
+def both_directions(
+    prepared: PreparedRecord, cell: CellModel
+) -> tuple[PreparedRecord, PreparedRecord | None]:
+    """The record, and the same coming from the other direction, where that is open.
+
+    Where the other changes nothing there is none, and the record says so.
+    """
+    if prepared.start.direction_source != "assumed":
+        return prepared, None
+    window = replace(prepared.window, initial_direction=-prepared.start.direction)
+    other = try_record(prepared.record, cell, prepared.circuit, window)
+    if isinstance(other, InputError):
+        return prepared, None
+    if np.array_equal(prepared.source_v, other.source_v) and prepared.start.soc == other.start.soc:
+        start = replace(prepared.start, direction_source="without effect")
+        return replace(prepared, start=start), None
+    start = replace(other.start, direction_source="assumed")
+    return prepared, replace(other, window=prepared.window, start=start)
+
+
 def evaluate_from_either(
     prepared: PreparedRecord, cell: CellModel, evaluated: Callable[[PreparedRecord], Evaluation]
 ) -> Evaluation:
@@ -118,23 +134,26 @@ def with_registered(
     nearly linear in it. Where the step leaves the OCV, or gains nothing, the start stays."""
     prepared = own.prepared
 
-    def moved(soc: float) -> Evaluation:
+    def moved(soc: float) -> Evaluation | None:
         settled = replace(prepared, window=prepared.settled_window)
-        return evaluated(settled.registered(prepared.start.soc + soc, prepared.capacity_ah))
+        record = settled.registered(prepared.start.soc + soc, prepared.capacity_ah)
+        return record and evaluated(record)
 
     stays = replace(own, registered=(0.0, own.metrics.rmse_v))
-    try:
-        # Towards the middle, where the OCV goes on.
-        step = PROBE_SOC if prepared.start.soc < 0.5 else -PROBE_SOC
-        probed_v, own_v = _in_both(moved(step), own)
-        slope_v = (probed_v - own_v) / step
-        size = float(slope_v @ slope_v)
-        soc = -float(slope_v @ own_v) / size if size else 0.0
-        soc = min(max(soc, -MAX_MOVED_SOC), MAX_MOVED_SOC)
-        found = moved(soc)
-        before, after = _in_both(own, found)
-    except InputError:
+    # Towards the middle, where the OCV goes on.
+    step = PROBE_SOC if prepared.start.soc < 0.5 else -PROBE_SOC
+    probed = moved(step)
+    if probed is None:
         return stays
+    probed_v, own_v = _in_both(probed, own)
+    slope_v = (probed_v - own_v) / step
+    size = float(slope_v @ slope_v)
+    soc = -float(slope_v @ own_v) / size if size else 0.0
+    soc = min(max(soc, -MAX_MOVED_SOC), MAX_MOVED_SOC)
+    found = moved(soc)
+    if found is None:
+        return stays
+    before, after = _in_both(own, found)
     # The samples that count may be others then.
     is_less = float(after @ after) < float(before @ before)
     is_less &= found.metrics.rmse_v < own.metrics.rmse_v

@@ -14,7 +14,6 @@ from pydantic import Field
 
 from ..cell import CircuitParameters
 from ..display import Brief
-from ..errors import InputError
 from ..execution import (
     CIRCUITS_PER_BLOCK,
     as_input,
@@ -61,12 +60,8 @@ class Descent:
     @in_float64
     def __init__(self, problem: Problem):
         self.problem = problem
-        self.kind: Kind = "compressed"
-        try:
-            self.objective = problem.padded_objective(self.kind)
-        except InputError:
-            self.kind = "scan"
-            self.objective = problem.padded_objective("scan")
+        self.kind: Kind = "compressed" if problem.is_compressible else "scan"
+        self.objective = problem.padded_objective(self.kind)
         template = [np.asarray(self.objective.coordinates.lower)] * CIRCUITS_PER_BLOCK
         self._compiled = compile_for(
             _descend, self.objective, as_input(template), as_input(0.0), as_input(False)

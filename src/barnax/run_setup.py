@@ -3,6 +3,7 @@ chosen on them, and without an OCV test the cell that the records themselves sho
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 

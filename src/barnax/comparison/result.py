@@ -24,7 +24,7 @@ from ..run_setup import first_problem, set_up
 from ..schema import Count, Document, Key, Loss, Parameters, Part, Told, Volts, key_of
 from ..search.evaluate import Evaluation
 from ..search.refine import AtBound
-from ..settings import Settings, TableOptions
+from ..settings import TableOptions
 from .run import PAPER_ROWS, Comparison, Difference, Row, compare
 from .statistics import BandError, errors_by_soc
 
@@ -348,7 +348,7 @@ def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
         watch=watch,
     )
     with watch("Circuits", 0):
-        alone = job.changed(**vars(Settings(seeds=0)), setup=None)
+        alone = Job(seeds=0, bounds=job.bounds, fix=job.fix, tables=job.table_settings)
         setup = set_up(first_problem(inputs, windows, alone), inputs, windows, alone)
         usual = search_and_assess(setup, None, alone, "none", unwatched, advise=False)
     result = make_comparison_result(

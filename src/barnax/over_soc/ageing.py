@@ -18,7 +18,6 @@ OCV is steep, does tell the capacity.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,7 +27,6 @@ from scipy.special import softmax
 
 from ..blas import one_blas_thread
 from ..cell.tables import hats
-from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import FEWEST_SAMPLES, PreparedRecord
 from ..model.search_space import Range

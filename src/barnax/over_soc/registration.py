@@ -23,7 +23,6 @@ from scipy.special import ndtri
 
 from ..blas import one_blas_thread
 from ..cell import Dependence
-from ..errors import InputError
 from ..execution import in_float64
 from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord

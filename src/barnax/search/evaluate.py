@@ -137,7 +137,7 @@ def with_registered(
     def moved(soc: float) -> Evaluation | None:
         settled = replace(prepared, window=prepared.settled_window)
         record = settled.registered(prepared.start.soc + soc, prepared.capacity_ah)
-        return record and evaluated(record)
+        return None if record is None else evaluated(record)
 
     stays = replace(own, registered=(0.0, own.metrics.rmse_v))
     # Towards the middle, where the OCV goes on.

@@ -23,9 +23,17 @@ from barnax.execution import compile_for, in_float64
 from barnax.filters import Drive, ErrorModel, make_model, run_filter
 from barnax.filters.kalman import PARTS
 from barnax.model.prepared import prepare_record
-from barnax.replay import BAND, HOLDS_S, ScenarioPart, SocReplay
+from barnax.replay import SocReplay
 from barnax.result_filter import model_of
-from barnax.scenarios import SCENARIOS, Scenario, case_of, first_with_room
+from barnax.scenarios import (
+    BAND,
+    HOLDS_S,
+    SCENARIOS,
+    Scenario,
+    ScenarioPart,
+    case_of,
+    first_with_room,
+)
 from benchmarks.pages import provenance, publish, save_page
 
 RESULTS = Path(__file__).parent / "results" / "filters.md"

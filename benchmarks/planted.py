@@ -105,7 +105,7 @@ FAULTS = (
           'mean["covariance"] += np.einsum("s,si,sj->ij", shares, off, off)',
           'mean["covariance"] += 0 * np.einsum("s,si,sj->ij", shares, off, off)',
           "tests/over_soc/test_ageing_shapes.py"),
-    fault("spread between a fleet's shapes", "life/shapes.py",
+    fault("spread between a fleet's shapes", "life/rows.py",
           "(by_shape[..., 1] ** 2 + off**2)", "by_shape[..., 1] ** 2",
           "tests/life/test_shapes.py"),
     fault("prior of a law's step", "over_soc/dependence.py",

@@ -14,10 +14,11 @@ from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.plots import plot_soc_replay
-from barnax.replay import Scenario, SocReplay, _converged, replay_soc
+from barnax.replay import Scenario, SocReplay, replay_soc
 from barnax.reporting.replay import soc_lines
 from barnax.reporting.terminal import soc_screen
 from barnax.result_filter import FilterSettings
+from barnax.scenarios import converged
 from helpers.results import make_record, make_result, make_table_result
 
 SCENARIOS = (
@@ -154,14 +155,14 @@ def test_convergence_must_hold_ten_minutes_or_to_the_end():
     time_s = np.arange(0.0, 2000.0, 100.0)
     near = np.ones(20, bool)
     near[[0, 3]] = False
-    assert _converged(time_s, near) == 4
+    assert converged(time_s, near) == 4
     near[8] = False
-    assert _converged(time_s, near) == 9
+    assert converged(time_s, near) == 9
     near[-2] = False
-    assert _converged(time_s, near) == 9
+    assert converged(time_s, near) == 9
     near[14] = False
-    assert _converged(time_s, near) == 19
-    assert _converged(time_s, np.zeros(20, bool)) is None
+    assert converged(time_s, near) == 19
+    assert converged(time_s, np.zeros(20, bool)) is None
 
 
 @pytest.mark.parametrize(

@@ -13,23 +13,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
-from pydantic import Field, PrivateAttr
+from jaxtyping import Float
+from pydantic import PrivateAttr
 
-from .cell.soc_axis import is_above
 from .display import Brief, hook
 from .errors import InputError
 from .execution import compile_for, in_float64
-from .filters import (
-    Drive,
-    Estimate,
-    FilterModel,
-    Innovations,
-    Kind,
-    examine_innovations,
-    run_filter,
-)
-from .filters.model import CAPACITY, OFFSET
+from .filters import Drive, Estimate, FilterModel, Kind, run_filter
 from .inputs import Given, read_validation
 from .model.prepared import prepare_record
 from .model.start import Start
@@ -37,77 +27,25 @@ from .model.window import OCV_MARGIN, Window
 from .over_soc import no_temperature, require_temperature
 from .result_filter import FilterSettings, axis_sd_of, model_of, window_of
 from .results import Result
-from .scenarios import SCENARIOS, Case, Scenario, case_of, first_with_room, in_place
-from .schema import Count, Document, Part, Told
+from .scenarios import (
+    SCENARIOS,
+    Innovations,
+    Scenario,
+    ScenarioPart,
+    case_of,
+    examine_innovations,
+    first_with_room,
+    in_place,
+    score,
+)
+from .schema import Count, Document, Told
 from .settings import AutoHold, AutoSign, Reading
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Within this share of the counter, and for so long, an estimate has converged.
-CONVERGED, HOLDS_S = 0.03, 600.0
-# Two standard deviations of a normal distribution hold 95 %.
-BAND = 1.959964
 # Where the OCV's error is over this SOC, as a standard deviation, the voltage hardly tells the SOC.
 FLAT = 0.05
-# Offset and capacity gather the errors of a whole record: on measured cells they are off by up to
-# three of the filter's deviations. They are told where thrice the deviation is half of what was
-# believed before.
-DOUBT, TOLD = 3.0, 0.5
-
-
-class ScenarioPart(Part):
-    """The estimates of a filter in one scenario; SOC and errors are fractions.
-
-    Errors are those after convergence, None without, but for those of the whole record.
-
-    Attributes:
-        name: The scenario's.
-        start_s: When it starts, after the beginning of the replay.
-        start_soc: The SOC that the filter starts from.
-        offset_a: The current's offset.
-        capacity_ah: The capacity that is believed.
-        converged_s: Time after which the error stays within 3 % for ten minutes at least.
-        whole_rms: Root mean square of the error over the whole record.
-        whole_max: The largest error over it.
-        rms: Root mean square of the error.
-        rms_above_10_soc: The same above 10 % SOC.
-        max: The largest error.
-        max_before: The largest error before convergence, or of all without.
-        band: Mean half width of the 95 % band, over all samples.
-        widest: The largest half width of it after the first ten minutes.
-        in_band: Share of all samples where the 95 % band holds the counter.
-        counter_rms: Root mean square of plain counting over the same samples.
-        counter_max: The largest error of plain counting.
-        estimates: Final values of the estimated parameters, with their standard deviations; of
-            offset and capacity only those that the record tells.
-        diverged_s: Time at which the filter's numbers ceased to be finite.
-    """
-
-    name: str
-    start_s: float = 0.0
-    start_soc: float
-    offset_a: float
-    capacity_ah: float
-    converged_s: float | None = None
-    whole_rms: float | None = None
-    whole_max: float | None = None
-    rms: float | None = None
-    rms_above_10_soc: float | None = None
-    max: float | None = None
-    max_before: float | None = None
-    band: float | None = None
-    widest: float | None = None
-    in_band: float | None = None
-    counter_rms: float | None = None
-    counter_max: float | None = None
-    estimates: dict[str, tuple[float, float]] = Field(default_factory=dict)
-    diverged_s: float | None = None
-
-    @property
-    def is_lost(self) -> bool:
-        """True if the estimate does not stay near the reference."""
-        return self.diverged_s is None and (self.rms is None or self.rms > CONVERGED)
 
 
 class SocReplay(Document):
@@ -275,20 +213,20 @@ def replay_soc(
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(case.given for case in cases))
     program = compile_for(_run_all, *stacked, settings.kind)
     estimate = jax.tree.map(np.asarray, program(*stacked, settings.kind))
+    of_cases = [Estimate(*(array[place] for array in estimate)) for place in range(len(cases))]
+    pairs = [*zip(cases, of_cases, strict=True)]
     late = [
-        jax.tree.map(
-            lambda array, place=place, case=case: in_place(array[place], case.first), estimate
-        )
-        for place, case in enumerate(cases)
+        Estimate(*(in_place(array, case.first) for array in estimate)) for case, estimate in pairs
     ]
     traces = Traces(
         prepared.time_s - prepared.time_s[0],
         prepared.soc,
-        jax.tree.map(lambda *leaves: np.stack(leaves), *late),
+        Estimate(*map(np.stack, zip(*late, strict=True))),
         np.stack([in_place(case.counted, case.first) for case in cases]),
     )
-    parts = tuple(_score(model, case, traces, place) for place, case in enumerate(cases))
-    normalised = np.asarray(traces.estimate.innovation_v[0] / traces.estimate.innovation_sd_v[0])
+    parts = tuple(score(case, capacity_ah, prepared, estimate) for case, estimate in pairs)
+    right, first = of_cases[0], cases[0].first
+    normalised = (right.innovation_v / right.innovation_sd_v)[: len(prepared.soc) - first]
     flat_soc = prepared.soc[model.doubt_at(prepared.soc) > FLAT]
     replay = SocReplay(
         record=measured.name,
@@ -307,9 +245,7 @@ def replay_soc(
         flat_share=len(flat_soc) / len(prepared.soc),
         scenarios=parts,
         untried=tuple(scenario.name for scenario, first in tried.items() if first is None),
-        innovations=None
-        if parts[0].diverged_s is not None
-        else examine_innovations(normalised[cases[0].first :]),
+        innovations=None if parts[0].diverged_s is not None else examine_innovations(normalised),
         warnings=tuple(dict.fromkeys([*warnings, *measured.warnings, *prepared.warnings])),
     )
     replay._traces = traces
@@ -321,73 +257,3 @@ def _run_all(models: FilterModel, starts: Any, drives: Drive, kind: Kind) -> Est
     return jax.vmap(lambda model, start, drive: run_filter(model, start, drive, kind))(
         models, starts, drives
     )
-
-
-def _score(model: FilterModel, case: Case, traces: Traces, place: int) -> ScenarioPart:
-    """The errors of a filter's estimates against the counter."""
-    believed, (state, _), _ = case.given
-    here = slice(case.first, None)
-    time_s, truth = traces.time_s[here] - traces.time_s[case.first], traces.truth[here]
-    soc = np.asarray(traces.estimate.soc[place])[here]
-    band = BAND * np.asarray(traces.estimate.soc_sd[place])[here]
-    part = ScenarioPart(
-        name=case.scenario.name,
-        start_s=float(traces.time_s[case.first]),
-        start_soc=float(state[0]),
-        offset_a=case.scenario.offset_c * float(model.capacity_ah),
-        capacity_ah=float(believed.capacity_ah),
-    )
-    is_number = np.isfinite(soc) & np.isfinite(band)
-    if not np.all(is_number):
-        return part.model_copy(update={"diverged_s": float(time_s[np.argmin(is_number)])})
-    error, counter_error = soc - truth, traces.counted[place][here] - truth
-    found: dict[str, Any] = {
-        "whole_rms": _rms(error),
-        "whole_max": float(np.abs(error).max()),
-        "in_band": float(np.mean(np.abs(error) <= band)),
-        "band": float(np.mean(band)),
-        "widest": float(band[time_s >= min(HOLDS_S, time_s[-1])].max()),
-        "estimates": _told(
-            model, traces.estimate.slow[place, -1], traces.estimate.slow_sd[place, -1]
-        ),
-    }
-    first = _converged(time_s, np.abs(error) <= CONVERGED)
-    if first != 0:
-        found["max_before"] = float(np.abs(error[:first]).max())
-    if first is not None:
-        after, above = error[first:], error[first:][is_above(truth[first:])]
-        found |= {
-            "converged_s": float(time_s[first]),
-            "rms": _rms(after),
-            "rms_above_10_soc": _rms(above) if len(above) else None,
-            "max": float(np.abs(after).max()),
-            "counter_rms": _rms(counter_error[first:]),
-            "counter_max": float(np.abs(counter_error[first:]).max()),
-        }
-    return part.model_copy(update=found)
-
-
-def _told(model: FilterModel, values: Any, deviations: Any) -> dict[str, tuple[float, float]]:
-    """Final values with their deviations; of offset and capacity only what a record tells from the
-    errors of the circuit. All but the offset are logarithms of a factor."""
-    told, rows = {}, zip(model.slow, values, deviations, model.slow_sd.tolist(), strict=True)
-    for name, value, sd, prior_sd in rows:
-        sd *= DOUBT if name in (OFFSET, CAPACITY) else 1.0
-        if name not in (OFFSET, CAPACITY) or sd <= TOLD * prior_sd:
-            told[name] = float(value if name == OFFSET else np.exp(value)), float(sd)
-    return told
-
-
-def _converged(
-    time_s: Float[np.ndarray, "samples"], is_near: Bool[np.ndarray, "samples"]
-) -> int | None:
-    """The first sample from which on it stays near for `HOLDS_S`, or to the end."""
-    leaves = np.append(np.flatnonzero(~is_near), len(time_s))
-    following = leaves[np.searchsorted(leaves, np.arange(len(time_s)))]
-    ends_s = np.append(time_s, np.inf)[following]
-    held = np.flatnonzero(is_near & (ends_s - time_s >= HOLDS_S))
-    return int(held[0]) if len(held) else None
-
-
-def _rms(values: Float[np.ndarray, "some"]) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -1,4 +1,5 @@
-"""Wrong beliefs of a battery manager that starts a filter, and the filter's inputs then."""
+"""What a filter is tried with, and how it does: wrong beliefs of a battery manager that starts it,
+the errors of its estimates then, and tests of its innovations."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,10 +8,26 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from pydantic import Field
+from scipy.special import chdtrc, chdtri
 
-from .filters import Drive, FilterModel
+from .cell.soc_axis import is_above
+from .filters import Drive, Estimate, FilterModel
+from .filters.model import CAPACITY, OFFSET
 from .model.prepared import PreparedRecord
+from .schema import Part
+
+# Within this share of the counter, and for so long, an estimate has converged.
+CONVERGED, HOLDS_S = 0.03, 600.0
+# Two standard deviations of a normal distribution hold 95 %.
+BAND = 1.959964
+# Offset and capacity gather the errors of a whole record: on measured cells they are off by up to
+# three of the filter's deviations. They are told where thrice the deviation is half of what was
+# believed before.
+DOUBT, TOLD = 3.0, 0.5
+# Of the tests of innovations.
+LAGS, CONFIDENCE = 20, 0.95
 
 
 @dataclass(frozen=True)
@@ -109,3 +126,199 @@ def in_place(
     found = np.full(values.shape, np.nan)
     found[first:] = values[: len(values) - first]
     return found
+
+
+class ScenarioPart(Part):
+    """The estimates of a filter in one scenario; SOC and errors are fractions.
+
+    Errors are those after convergence, None without, but for those of the whole record.
+
+    Attributes:
+        name: The scenario's.
+        start_s: When it starts, after the beginning of the replay.
+        start_soc: The SOC that the filter starts from.
+        offset_a: The current's offset.
+        capacity_ah: The capacity that is believed.
+        converged_s: Time after which the error stays within 3 % for ten minutes at least.
+        whole_rms: Root mean square of the error over the whole record.
+        whole_max: The largest error over it.
+        rms: Root mean square of the error.
+        rms_above_10_soc: The same above 10 % SOC.
+        max: The largest error.
+        max_before: The largest error before convergence, or of all without.
+        band: Mean half width of the 95 % band, over all samples.
+        widest: The largest half width of it after the first ten minutes.
+        in_band: Share of all samples where the 95 % band holds the counter.
+        counter_rms: Root mean square of plain counting over the same samples.
+        counter_max: The largest error of plain counting.
+        estimates: Final values of the estimated parameters, with their standard deviations; of
+            offset and capacity only those that the record tells.
+        diverged_s: Time at which the filter's numbers ceased to be finite.
+    """
+
+    name: str
+    start_s: float = 0.0
+    start_soc: float
+    offset_a: float
+    capacity_ah: float
+    converged_s: float | None = None
+    whole_rms: float | None = None
+    whole_max: float | None = None
+    rms: float | None = None
+    rms_above_10_soc: float | None = None
+    max: float | None = None
+    max_before: float | None = None
+    band: float | None = None
+    widest: float | None = None
+    in_band: float | None = None
+    counter_rms: float | None = None
+    counter_max: float | None = None
+    estimates: dict[str, tuple[float, float]] = Field(default_factory=dict)
+    diverged_s: float | None = None
+
+    @property
+    def is_lost(self) -> bool:
+        """True if the estimate does not stay near the reference."""
+        return self.diverged_s is None and (self.rms is None or self.rms > CONVERGED)
+
+
+def score(
+    case: Case, capacity_ah: float, prepared: PreparedRecord, estimate: Estimate
+) -> ScenarioPart:
+    """The errors of a filter's estimates from the start of a case on, against the counter.
+
+    Args:
+        case: The scenario, and the filter's model and start in it.
+        capacity_ah: The capacity that the offset is counted by.
+        prepared: The record.
+        estimate: Samples from the start on, and behind them what does not count.
+    """
+    (believed, (state, _), _), count = case.given, len(prepared.soc) - case.first
+    clock_s, truth = prepared.time_s - prepared.time_s[0], prepared.soc[case.first :]
+    time_s = clock_s[case.first :] - clock_s[case.first]
+    soc, band = estimate.soc[:count], BAND * estimate.soc_sd[:count]
+    part = ScenarioPart(
+        name=case.scenario.name,
+        start_s=float(clock_s[case.first]),
+        start_soc=float(state[0]),
+        offset_a=case.scenario.offset_c * capacity_ah,
+        capacity_ah=float(believed.capacity_ah),
+    )
+    is_number = np.isfinite(soc) & np.isfinite(band)
+    if not np.all(is_number):
+        return part.model_copy(update={"diverged_s": float(time_s[np.argmin(is_number)])})
+    error, off = soc - truth, np.abs(soc - truth)
+    told = _told(believed, estimate.slow[count - 1], estimate.slow_sd[count - 1])
+    figures: dict[str, Any] = {
+        "whole_rms": _rms(error),
+        "whole_max": float(off.max()),
+        "in_band": float(np.mean(off <= band)),
+        "band": float(np.mean(band)),
+        "widest": float(band[time_s >= min(HOLDS_S, time_s[-1])].max()),
+        "estimates": told,
+    }
+    first = converged(time_s, off <= CONVERGED)
+    if first != 0:
+        figures["max_before"] = float(off[:first].max())
+    if first is not None:
+        above = error[first:][is_above(truth[first:])]
+        counted = (case.counted[:count] - truth)[first:]
+        figures |= {
+            "converged_s": float(time_s[first]),
+            "rms": _rms(error[first:]),
+            "rms_above_10_soc": _rms(above) if len(above) else None,
+            "max": float(off[first:].max()),
+            "counter_rms": _rms(counted),
+            "counter_max": float(np.abs(counted).max()),
+        }
+    return part.model_copy(update=figures)
+
+
+def _told(model: FilterModel, values: Any, deviations: Any) -> dict[str, tuple[float, float]]:
+    """Final values with their deviations; of offset and capacity only what a record tells from the
+    errors of the circuit. All but the offset are logarithms of a factor."""
+    told, rows = {}, zip(model.slow, values, deviations, model.slow_sd.tolist(), strict=True)
+    for name, value, sd, prior_sd in rows:
+        sd *= DOUBT if name in (OFFSET, CAPACITY) else 1.0
+        if name not in (OFFSET, CAPACITY) or sd <= TOLD * prior_sd:
+            told[name] = float(value if name == OFFSET else np.exp(value)), float(sd)
+    return told
+
+
+def converged(
+    time_s: Float[np.ndarray, "samples"], is_near: Bool[np.ndarray, "samples"]
+) -> int | None:
+    """The first sample from which on it stays near for `HOLDS_S`, or to the end."""
+    leaves = np.append(np.flatnonzero(~is_near), len(time_s))
+    following = leaves[np.searchsorted(leaves, np.arange(len(time_s)))]
+    ends_s = np.append(time_s, np.inf)[following]
+    held = np.flatnonzero(is_near & (ends_s - time_s >= HOLDS_S))
+    return int(held[0]) if len(held) else None
+
+
+def _rms(values: Float[np.ndarray, "some"]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Innovations over their expected deviation, against white noise of variance one.
+
+    `first_lag` is their autocorrelation from one sample to the next; that of white noise stays
+    within `bound`. `p_value` is that of Ljung and Box's statistic (1978) over `lags` lags: below
+    0.05 they are not white. `mean_square` is the mean normalised innovation squared, whose 95 %
+    interval is `mean_square_bounds` where the filter's deviations are right.
+    """
+
+    samples: int
+    first_lag: float
+    bound: float
+    lags: int
+    p_value: float
+    mean_square: float
+    mean_square_bounds: tuple[float, float]
+
+    @property
+    def are_white(self) -> bool:
+        return self.p_value >= 1 - CONFIDENCE
+
+
+def examine_innovations(normalised: Float[np.ndarray, "samples"]) -> Innovations:
+    """Both tests on innovations divided by their expected deviations.
+
+    Over `LAGS` lags, or as many as half of a shorter record has.
+
+    >>> found = examine_innovations(np.random.default_rng(0).normal(size=1000))
+    >>> found.are_white, found.mean_square_bounds[0] < found.mean_square
+    (True, True)
+    """
+    count = len(normalised)
+    around = normalised - normalised.mean()
+    power = float(around @ around)
+    lags = np.arange(1, min(LAGS, count // 2) + 1)
+    correlation = np.array([around[lag:] @ around[:-lag] for lag in lags]) / (power or 1.0)
+    statistic = count * (count + 2) * float(np.sum(correlation**2 / (count - lags)))
+    low, high = mean_bounds(count)
+    return Innovations(
+        samples=count,
+        first_lag=float(correlation[0]),
+        bound=float(np.sqrt(chdtri(1, 1 - CONFIDENCE) / count)),
+        lags=len(lags),
+        p_value=float(chdtrc(len(lags), statistic)),
+        mean_square=float(np.mean(normalised**2)),
+        mean_square_bounds=(low, high),
+    )
+
+
+def mean_bounds(count: int) -> tuple[float, float]:
+    """The 95 % interval of the mean of so many chi-square values of one degree of freedom.
+
+    Bar-Shalom, Li and Kirubarajan (2001), section 5.4: the test of estimation errors over
+    Monte-Carlo runs, and of innovations over time.
+
+    >>> [round(bound, 2) for bound in mean_bounds(100)]
+    [0.74, 1.3]
+    """
+    above = np.array([(1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2])
+    low, high = chdtri(count, above) / count
+    return float(low), float(high)

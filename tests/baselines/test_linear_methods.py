@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from barnax.baselines import METHODS, Budget, MethodFailure
-from barnax.baselines.regression import circuit_values, even_samples, regression
-from barnax.baselines.separable import state_matrix
+from barnax.baselines.regression import (
+    circuit_values,
+    even_samples,
+    regression,
+    state_matrix,
+)
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.window import Window

@@ -9,16 +9,10 @@ from scipy.stats import multivariate_normal
 
 from barnax.cell import CellModel, CircuitParameters, InterpolatedCurve, SegmentedHysteresis
 from barnax.execution import in_float64
-from barnax.filters import (
-    Drive,
-    ErrorModel,
-    examine_innovations,
-    make_model,
-    mean_bounds,
-    run_filter,
-)
+from barnax.filters import Drive, ErrorModel, make_model, run_filter
 from barnax.filters.kalman import PARTS, _parts
 from barnax.filters.model import GRID
+from barnax.scenarios import examine_innovations, mean_bounds
 from helpers.results import make_cell
 
 CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0), gamma=80.0)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from barnax.errors import InputError
 from barnax.life import life_of
-from barnax.life.ages import ages_of
+from barnax.life.rows import ages_of
 from barnax.reporting.life import life_lines
 
 from .test_ageing import dataset

@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.life.shapes import EVIDENCE, pooled_shares, with_pooled_shapes
+from barnax.life.rows import EVIDENCE, pooled_shares, with_pooled_shapes
 from barnax.over_soc.ageing import CAPACITY, SHAPES_V, SHIFT
 from barnax.over_soc.registration import REACH
 

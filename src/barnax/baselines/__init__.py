@@ -6,9 +6,8 @@ from types import MappingProxyType
 from ..optimizers import OPTIMIZERS
 from .method import Answer, Budget, Method, MethodFailure, Trajectory
 from .online import DUAL_UKF, RLS_EKF
-from .regression import LS, RLS, WRLS
-from .searches import DE, LM, PSO_LM, population_method
-from .separable import N4SID, VARPRO
+from .regression import LS, N4SID, RLS, WRLS
+from .searches import DE, LM, PSO_LM, VARPRO, population_method
 
 __all__ = ["METHODS", "Answer", "Budget", "Method", "MethodFailure", "Trajectory"]
 

@@ -1,4 +1,5 @@
-"""Least squares of the circuit's difference equation: at once (LS) and recursive (RLS)."""
+"""Linear methods: least squares of the circuit's difference equation, at once (LS) and recursive
+(RLS), and subspaces (N4SID)."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -11,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from ..cell import CircuitParameters
 from ..execution import in_float64
+from ..global_optimum.objective import ConstantObjective
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from ..search.evaluate import evaluate
@@ -30,6 +32,10 @@ SLOW_FORGETTING = 0.9999
 VARIANCE = 1e6
 # Samples after which the first guess is forgotten; the answer is averaged from there on.
 MEMORY = round(1 / (1 - FORGETTING))
+# Rows of the past and of the future, for every pair: twice the order is the least that can work.
+HORIZON = 15
+# Time constants this close together, relative to them, are one pole to rounding.
+APART = 1e-6
 
 Coefficients = Float[np.ndarray, "... coefficients"]
 
@@ -300,4 +306,81 @@ WRLS = deterministic(
     "wrls",
     "Recursive least squares, a forgetting factor per coefficient (Verbrugge and Koch, 2006)",
     partial(recursive_least_squares, poles=SLOW_FORGETTING, gains=FORGETTING),
+)
+
+
+def subspace_method(problem: Problem) -> Answer:
+    """The circuit whose poles span the future voltages that the past predicts.
+
+    N4SID (Van Overschee and De Moor, Subspace Identification, 1996, section 4.3) with the weights
+    of MOESP: current and drop (source minus terminal voltage) in block rows of the past and the
+    future, the future drops projected along the future currents onto the past, and the poles from
+    the shift of the leading singular vectors, as many as there are pairs. With the poles the
+    resistances are those of least squares over the record, inside the box. As in Li et
+    al. (2016), whose reference number 19 Li et al. (2023) give for it, the order is that of the
+    circuit; `HORIZON` block rows a pair are ours. Poles that are complex, negative or unstable
+    belong to no circuit: raises `MethodFailure`, also for an uneven clock, for a current that never
+    changes, and for a record too short for the block rows.
+    """
+    pairs = problem.bounds.pairs
+    rows = HORIZON * pairs
+    samples = even_samples(problem.prepared, 2 * rows - 1)
+    if not np.ptp(samples.current_a):
+        raise MethodFailure("the current never changes, and without a change it shows no pole")
+    if (found := np.count_nonzero(samples.is_row)) < 4 * rows:
+        raise MethodFailure(
+            f"it needs {4 * rows} samples with {2 * rows - 1} evenly before each; there are {found}"
+        )
+    poles = np.linalg.eigvals(
+        state_matrix(samples.current_a, samples.drop_v, samples.is_row, rows, pairs)
+    )
+    if np.any(poles.imag != 0) or np.any((poles.real <= 0) | (poles.real >= 1)):
+        shown = ", ".join(f"{pole:.4g}" for pole in poles)
+        raise MethodFailure(
+            f"the poles it finds ({shown}) are not decays, so they are not time constants; noise "
+            "and model error cause this"
+        )
+    tau_s = np.sort(-samples.interval_s / np.log(poles.real))
+    shown = ", ".join(f"{tau:.4g} s" for tau in tau_s)
+    objective = ConstantObjective.of(problem)
+    low, high = np.transpose([(axis.low, axis.high) for axis in objective.axes])
+    inside = np.clip(np.log(tau_s), low, high)
+    if np.any(np.diff(inside) < APART):
+        raise MethodFailure(f"its time constants, {shown}, are one inside the search box")
+    notes = samples.notes
+    if np.any(np.abs(inside - np.log(tau_s)) > APART):
+        notes = (*notes, f"its time constants, {shown}, are moved into the search box")
+    found = objective.circuit(objective.solve(tuple(inside.tolist()), exact=True))
+    return answer_of(problem, found, notes)
+
+
+def state_matrix(
+    current_a: Float[np.ndarray, "samples"],
+    drop_v: Float[np.ndarray, "samples"],
+    is_row: Bool[np.ndarray, "samples"],
+    rows: int,
+    order: int,
+) -> Float[np.ndarray, "order order"]:
+    """The state matrix, up to a change of basis, of a system of one input and one output.
+
+    `is_row` says of every sample whether it and the 2 `rows` - 1 before it can be used.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view
+    use = np.flatnonzero(is_row) - (2 * rows - 1)
+    current, drop = (
+        windows(signal / max(float(np.std(signal)), np.finfo(float).tiny), 2 * rows)[use]
+        for signal in (current_a, drop_v)
+    )
+    past = np.hstack([current[:, :rows], drop[:, :rows]])
+    whole = np.hstack([current[:, rows:], past, drop[:, rows:]])
+    factor = np.asarray(np.linalg.qr(whole, mode="r")).T
+    projected = factor[3 * rows :, rows : 3 * rows]
+    observed = np.linalg.svd(projected)[0][:, :order]
+    return np.linalg.lstsq(observed[:-1], observed[1:])[0]
+
+
+N4SID = deterministic(
+    "n4sid",
+    "Subspace identification, N4SID (Van Overschee and De Moor, 1996; Li et al., 2016)",
+    subspace_method,
 )

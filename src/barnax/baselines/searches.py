@@ -1,4 +1,5 @@
-"""Methods that search the box: population optimizers, Levenberg-Marquardt, SciPy's evolution."""
+"""Methods that search the box: population optimizers, Levenberg-Marquardt, SciPy's evolution,
+variable projection."""
 
 import inspect
 import math
@@ -12,6 +13,7 @@ from jaxtyping import Float
 from scipy.optimize import differential_evolution
 
 from ..execution import compile_for, in_float64, run_blocks
+from ..global_optimum import find_global_optimum
 from ..model.problem import Problem, rmse_by_scan, rmse_of_all
 from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
 from ..search.refine import SEED_TOLERANCE, STEPS, Descent, RefinedSeed
@@ -22,6 +24,7 @@ from .method import (
     Method,
     MethodFailure,
     Progress,
+    deterministic,
     generator_of,
     latin_hypercube,
     random_circuits,
@@ -222,4 +225,25 @@ DE = Method(
     "Differential evolution (Storn and Price, 1997), SciPy's",
     is_deterministic=False,
     run=evolve,
+)
+
+
+def variable_projection(problem: Problem) -> Answer:
+    """The best circuit of a search over ln tau alone (Golub and Pereyra, SIAM J. Numer. Anal. 10
+    (1973) 413).
+
+    At each set of time constants the resistances are the exact optimum of a bounded linear
+    least-squares problem. The outer search is that of the global optimum without its proof: a grid
+    over the ordered time constants, evenly spaced in ln tau, whose local minima are polished; a
+    dynamic hysteresis adds ln gamma to the search. It draws nothing, and simulates nothing but its
+    answer. Raises `InputError` where the box is too wide to compress.
+    """
+    best = find_global_optimum(problem, prove=False)
+    return Answer(best.parameters, best.rmse_v, evaluations=0)
+
+
+VARPRO = deterministic(
+    "varpro",
+    "Variable projection (Golub and Pereyra, 1973), bounded resistances, polished grid in tau",
+    variable_projection,
 )

@@ -12,8 +12,7 @@ from jaxtyping import Float
 from ..errors import InputError, listed
 from ..over_soc.ageing import CAPACITY, R0, SHIFT, R
 from ..over_soc.registration import REACH
-from .ages import ages_of
-from .shapes import with_pooled_shapes
+from .rows import ages_of, with_pooled_shapes
 from .trends import Judged, Series, judge
 
 QUANTITIES = (CAPACITY, R0, R, SHIFT)

@@ -10,7 +10,7 @@ on s0 and d, and hardly one on C. A capacity with too wide an interval is not de
 
 An ageing cell's OCV changes its shape by g, for its electrodes lose lithium and material unequally.
 Charges end at one voltage, so that g is zero where the cell is full; below, it is a random walk.
-Estimates are averages over sizes of it, by how probable these make the record; `life.shapes` knows
+Estimates are averages over sizes of it, by how probable these make the record; `life.rows` knows
 the sizes better, from the other cells of a fleet. Where nothing shows the empty end, a change of
 shape is mistaken for a change of capacity: of a capacity that fell by 6.6 % in PyBaMM, the OCV of
 before, stretched over the upper 70 %, sees half. A record from full to a rest near empty, where the

@@ -25,8 +25,8 @@ from ..model.exponentials import span_through
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, blocks
 from ..model.reference import errors_along
+from ..search.evaluate import one_clock, open_starts
 from ..uncertainty.identifiability import are_one
-from ..uncertainty.joined import one_clock, open_starts
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .node_interval import NodeInterval, TableCurve, curves_of, mean_weights, parts_of, sum_name
 from .objective import Solution, TableObjective

@@ -1,4 +1,4 @@
-"""One circuit simulated on one record, with its errors."""
+"""One circuit simulated on records, with its errors, and the scored samples of several joined."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from ..cell import CellModel, CircuitParameters
 from ..display import Brief
@@ -226,3 +227,36 @@ def validate(
     Raises `InputError` if the window or the range of the OCV does not fit the record.
     """
     return evaluate(prepare_record(record, cell, circuit, window or Window()), parameters)
+
+
+def open_starts(
+    prepared_records: Sequence[PreparedRecord],
+) -> tuple[Float[np.ndarray, "scored starts"], Float[np.ndarray, "starts"]]:
+    """What a standard error of every start that voltages tell makes of the errors, and how far the
+    start is from what they tell, in standard errors."""
+    # Half the digits are enough of an error of an error.
+    by_start_v = [
+        -own.start.soc_sd * own.cell.ocv_slope(own.soc[own.scored])[:, None].astype(np.float32)
+        for own in prepared_records
+    ]
+    columns = np.asarray(block_diag(*by_start_v))
+    is_open = np.any(columns != 0, axis=0)
+    shifts_sd = np.array([own.start_shift_sd for own in prepared_records])
+    return columns[:, is_open], shifts_sd[is_open]
+
+
+def one_clock(prepared_records: Sequence[PreparedRecord]) -> Float[np.ndarray, "scored"]:
+    """Times of all scored samples, no lag within a record being one between records."""
+    gap_s = max(
+        prepared.scored_duration_s + 2 * prepared.median_interval_s for prepared in prepared_records
+    )
+    times, start_s = [], 0.0
+    for prepared in prepared_records:
+        time_s = prepared.time_s[prepared.scored]
+        first_s = time_s[0]
+        # In place: a long record has no room for copies.
+        time_s += start_s
+        time_s -= first_s
+        times.append(time_s)
+        start_s = times[-1][-1] + gap_s
+    return np.concatenate(times)

@@ -25,8 +25,8 @@ from ..errors import InputError
 from ..execution import as_input, compile_for, in_float64
 from ..model.padding import records_in
 from ..model.problem import Objective, Problem, point_blocks, residuals
+from ..search.evaluate import one_clock, open_starts
 from ..search.refine import at_bound
-from .joined import one_clock, open_starts
 from .noise import CONFIDENCE, Noise, fit_noise
 
 # Singular values of the scaled Jacobian under this share of the largest are rounding.

@@ -213,20 +213,25 @@ def replay_soc(
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(case.given for case in cases))
     program = compile_for(_run_all, *stacked, settings.kind)
     estimate = jax.tree.map(np.asarray, program(*stacked, settings.kind))
-    of_cases = [Estimate(*(array[place] for array in estimate)) for place in range(len(cases))]
+    of_cases = [
+        jax.tree.map(lambda array, place=place: array[place], estimate)
+        for place in range(len(cases))
+    ]
     pairs = [*zip(cases, of_cases, strict=True)]
     late = [
-        Estimate(*(in_place(array, case.first) for array in estimate)) for case, estimate in pairs
+        jax.tree.map(lambda array, case=case: in_place(array, case.first), estimate)
+        for case, estimate in pairs
     ]
     traces = Traces(
         prepared.time_s - prepared.time_s[0],
         prepared.soc,
-        Estimate(*map(np.stack, zip(*late, strict=True))),
+        jax.tree.map(lambda *leaves: np.stack(leaves), *late),
         np.stack([in_place(case.counted, case.first) for case in cases]),
     )
     parts = tuple(score(case, capacity_ah, prepared, estimate) for case, estimate in pairs)
     right, first = of_cases[0], cases[0].first
-    normalised = (right.innovation_v / right.innovation_sd_v)[: len(prepared.soc) - first]
+    normalised = np.asarray(right.innovation_v / right.innovation_sd_v)
+    normalised = normalised[: len(prepared.soc) - first]
     flat_soc = prepared.soc[model.doubt_at(prepared.soc) > FLAT]
     replay = SocReplay(
         record=measured.name,

@@ -196,7 +196,7 @@ def score(
     (believed, (state, _), _), count = case.given, len(prepared.soc) - case.first
     clock_s, truth = prepared.time_s - prepared.time_s[0], prepared.soc[case.first :]
     time_s = clock_s[case.first :] - clock_s[case.first]
-    soc, band = estimate.soc[:count], BAND * estimate.soc_sd[:count]
+    soc, band = np.asarray(estimate.soc)[:count], BAND * np.asarray(estimate.soc_sd)[:count]
     part = ScenarioPart(
         name=case.scenario.name,
         start_s=float(clock_s[case.first]),

@@ -11,6 +11,7 @@ import hypothesis
 import jax
 import pytest
 import threadpoolctl
+from xdist.scheduler import LoadScopeScheduling
 
 from barnax.bundled import BUNDLED
 from barnax.cell import CIRCUITS, CellModel, characterize, elements
@@ -24,6 +25,35 @@ from helpers.compiling import QUICK_FLAGS
 from helpers.shared import SET, SHARED
 
 REPOSITORY = Path(__file__).parents[1]
+# Folders whose files share what takes long run in one process. These and the longest files go
+# first, so that no process is left with one of them at the end.
+TOGETHER = ("tests/cli", "tests/experiment")
+FIRST = (
+    *TOGETHER,
+    *("tests/over_soc/test_own_ocv.py", "tests/test_package.py", "tests/checks/test_findings.py"),
+    *("tests/filters/test_kalman.py", "tests/over_soc/test_registration.py", "tests/plan"),
+    *("tests/optimizers", "tests/test_pipeline.py", "tests/select", "tests/life"),
+)
+
+
+class Files(LoadScopeScheduling):
+    """The tests of a file, or of a folder of `TOGETHER`, in one process."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.split("::")[0]
+        return next((folder for folder in TOGETHER if file.startswith(folder)), file)
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config) -> Files:
+    return Files(config)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    def place(item: pytest.Item) -> int:
+        starts = [item.nodeid.startswith(path) for path in FIRST]
+        return starts.index(True) if any(starts) else len(FIRST)
+
+    items.sort(key=place)
 
 
 @pytest.fixture(autouse=True)
@@ -49,6 +79,8 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["XLA_FLAGS"] = QUICK_FLAGS
         # Workers share the cores: threads of their own would only take turns.
         os.environ |= {"NPROC": "1", "OPENBLAS_NUM_THREADS": "1"}
+    # As `pytest_collection_modifyitems` has them, not the files of most tests first.
+    config.option.loadscopereorder = False
     threadpoolctl.threadpool_limits(1, "blas")
     # What takes long on a busy machine is no error.
     hypothesis.settings.register_profile("barnax", deadline=None)

@@ -17,6 +17,9 @@ def _stop(*_: object) -> None:
 
     Files in the making hold the signal back (`undisturbed`).
     """
+    # One end is enough: another signal, or a pending one, is not answered.
+    for number in SIGNALS:
+        signal.signal(number, lambda *_: None)
     kept = "earlier results are as they were"
     if sys.argv[1:2] == ["fleet"]:
         kept = "the finished cells are kept, and the same command continues"

@@ -22,6 +22,7 @@ from .inputs import Inputs, listed, read_inputs, telling, unwatched, windows_by_
 from .job import Job, takes_options
 from .model.prepared import PreparedRecord
 from .model.problem import Problem
+from .model.search_space import ranges_of
 from .model.window import Window
 from .notices import Notice, notice
 from .optimizers import make_optimizer
@@ -30,6 +31,7 @@ from .over_soc import (
     counted_alike,
     group_by_temperature,
     is_loaded,
+    register,
     register_alone,
     require_temperature,
     require_temperatures,
@@ -46,6 +48,7 @@ from .results import Result
 from .run_setup import (
     CONSTANT,
     Setup,
+    asks_for_constant,
     bounded_tables,
     first_problem,
     own_ocv_of,
@@ -187,7 +190,8 @@ def _between_ends(
 
 def _registered(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
     """The records, with what the OCV test tells of the start and capacity of those whose rests it
-    contradicts."""
+    contradicts, and beside a constant circuit that is asked for, several of each other's; beside
+    one that is chosen they tell it once it is."""
     circuit, chosen = job.model or CONSTANT, job.table_settings
     has_no_amplitude = chosen.half_hysteresis and not get_circuit(circuit).has_rate
     if chosen.keep_starts or not chosen.ocv_correction or has_no_amplitude:
@@ -199,7 +203,9 @@ def _registered(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRec
         else replace(one, circuit=circuit).in_window(one.window.as_told)
         for one in records
     ]
-    return counted_alike(told, [register_alone(prepared, tables) for prepared in told])
+    found = counted_alike(told, [register_alone(prepared, tables) for prepared in told])
+    named = {*(ranges_of(job.bounds)[1] or {}), *(job.fix or {})}
+    return register(found, tables) if asks_for_constant(job, named) and found[1:] else found
 
 
 def _as_counted(

@@ -1,7 +1,7 @@
 """What a run searches: the constant circuit on its records, the circuit of the family that is
 chosen on them, and without an OCV test the cell that the records themselves show."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -168,6 +168,14 @@ class Setup:
         return is_table or self.fits is not None or self.over_temperature
 
 
+def asks_for_constant(job: Job, named: Iterable[str]) -> bool:
+    """True where a constant circuit is asked for: a model without tables, or a bounded or held
+    capacitance, which tables do not have."""
+    has_farads = any(name.endswith("[F]") for name in named)
+    is_constant = (job.model is not None and job.over is None) or has_farads
+    return is_constant and job.over != OVER_TEMPERATURE
+
+
 def set_up(
     first: Problem,
     inputs: Inputs,
@@ -193,9 +201,7 @@ def set_up(
         return Setup(first, validation, own.settings, tried=own.tried, fits=own.found)
     if job.over == OVER_TEMPERATURE:
         return Setup(first, validation, tables, over_temperature=True)
-    named = {*first.bounds.ranges, *first.bounds.fixed}
-    has_farads = any(name.endswith("[F]") for name in named)
-    if (job.model is not None and job.over is None) or has_farads:
+    if asks_for_constant(job, {*first.bounds.ranges, *first.bounds.fixed}):
         return Setup(first, validation, tables)
     limits = limits_of(first.cell, tables, job.model, None if job.over is None else True)
 

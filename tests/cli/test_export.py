@@ -10,15 +10,16 @@ import pytest
 
 from barnax.export import EXPORTERS
 from barnax.results import Result
+from helpers.golden import RESULT
 
 from .conftest import contents
 
 
 @pytest.fixture
-def stored(finished, tmp_path):
+def stored(tmp_path):
     folder = tmp_path / "results"
     folder.mkdir()
-    return Path(shutil.copy(finished.folder / "result.json", folder))
+    return Path(shutil.copy(RESULT, folder))
 
 
 @pytest.mark.parametrize("name", EXPORTERS)

@@ -28,14 +28,6 @@ from helpers.known_cell import made
 
 
 @pytest.fixture(scope="module")
-def result():
-    options = {"max_boxes": 0, "folds": 0, "resistances_follow": "none"}
-    return barnax.identify(
-        over="soc", model="so-rc", seeds=0, trust="none", advise=False, **options
-    )
-
-
-@pytest.fixture(scope="module")
 def design(result):
     return barnax.design(result, max_hours=1.5, blocks=BLOCKS)
 

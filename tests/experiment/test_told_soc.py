@@ -42,12 +42,6 @@ def identified(name: str = "identification", low: float = 0.2, **known):
 
 
 @pytest.fixture(scope="module")
-def truth():
-    """The bundled cell with its whole OCV."""
-    return barnax.identify(**QUICK, trust="none", advise=False, resistances_follow="none")
-
-
-@pytest.fixture(scope="module")
 def placed():
     """What the piece tells where its place on the axis of SOC is given."""
     return identified(window=barnax.Window(initial_soc=0.6), capacity=2.0)
@@ -69,15 +63,15 @@ def sized():
     return identified(capacity=2.0)
 
 
-def true_voltage(truth, design, initial_soc):
+def true_voltage(result, design, initial_soc):
     """The voltage of the true cell, until it is emptied."""
     steps = [step for step in design.steps if step.block not in ("to empty", "last rest")]
     current_a = sampled(steps)
     profile = {"Time [s]": np.arange(float(len(current_a))), "Current [A]": current_a}
-    return np.asarray(truth.simulate(profile, initial_soc=initial_soc)["Voltage [V]"])
+    return np.asarray(result.simulate(profile, initial_soc=initial_soc)["Voltage [V]"])
 
 
-def test_a_test_stays_where_the_ocv_is_known(believed, truth):
+def test_a_test_stays_where_the_ocv_is_known(believed, result):
     design = barnax.design(believed, **LIMITS)
     low, high = believed.told_soc
     assert (low, high) == pytest.approx((0.2, 0.65), abs=0.01)
@@ -89,7 +83,7 @@ def test_a_test_stays_where_the_ocv_is_known(believed, truth):
     assert f"discharge {taken_ah:.4g} Ah at 0.4 A (C/5)" in before(design)
     assert before(design) in procedure(design)
     assert before(design) in (ast.get_docstring(ast.parse(pybamm_script(design))) or "")
-    voltage_v = true_voltage(truth, design, high)
+    voltage_v = true_voltage(result, design, high)
     assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
     assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
     screen = screen_of(planned_lines(believed, as_flags))
@@ -117,11 +111,11 @@ def test_beyond_what_the_record_told_the_ocv_is_that_of_the_chemistry(joined, be
 
 
 @pytest.mark.slow
-def test_a_chemistry_takes_it_from_full_to_empty(joined, truth):
+def test_a_chemistry_takes_it_from_full_to_empty(joined, result):
     design = barnax.design(joined, **LIMITS)
     assert design.initial_soc == 1.0
     assert any(step.block == "to empty" for step in design.steps)
-    voltage_v = true_voltage(truth, design, 1.0)
+    voltage_v = true_voltage(result, design, 1.0)
     assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
 
 
@@ -131,26 +125,28 @@ def test_another_chemistry_than_the_record_shows_is_refused(placed):
 
 
 @pytest.mark.slow
-def test_where_nothing_shows_what_is_full_the_voltage_brings_the_cell_to_its_start(unplaced, truth):
+def test_where_nothing_shows_what_is_full_the_voltage_brings_the_cell_to_its_start(
+    unplaced, result
+):
     design = barnax.design(unplaced, **LIMITS)
     # The fullest point is 65 % of the true cell.
-    true_v = float(truth.cell.average_ocv_v(np.array([0.65]))[0])
+    true_v = float(result.cell.average_ocv_v(np.array([0.65]))[0])
     assert design.start_v == pytest.approx(true_v, abs=0.02)
     assert not any(step.block == "to empty" for step in design.steps)
     assert f"to {design.start_v:.3f} V, hold until 0.018" in before(design)
-    voltage_v = true_voltage(truth, design, 0.65)
+    voltage_v = true_voltage(result, design, 0.65)
     assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
     assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
 
 
-@pytest.mark.parametrize("result", [pytest.param("unplaced", marks=pytest.mark.slow), "sized"])
-def test_no_typical_ocv_is_joined_where_nothing_shows_what_is_full(result, request):
+@pytest.mark.parametrize("name", [pytest.param("unplaced", marks=pytest.mark.slow), "sized"])
+def test_no_typical_ocv_is_joined_where_nothing_shows_what_is_full(name, request):
     with pytest.raises(InputError, match=r"`chemistry` nmc: nothing shows .* full"):
-        believed_of(request.getfixturevalue(result), None, "nmc")
+        believed_of(request.getfixturevalue(name), None, "nmc")
 
 
 @pytest.mark.slow
-def test_a_capacity_alone_leaves_the_test_within_the_record(sized, truth):
+def test_a_capacity_alone_leaves_the_test_within_the_record(sized, result):
     """Of the 2 Ah of the true cell, its record began at 60 % and its fullest point is 65 %."""
     believed = believed_of(sized, None)
     design = barnax.design(believed, **LIMITS)
@@ -158,9 +154,9 @@ def test_a_capacity_alone_leaves_the_test_within_the_record(sized, truth):
     low, high = believed.told_soc
     assert f"knows the OCV from {100 * low:.0f} to {100 * high:.0f} %, and the test" in screen
     taken_ah = 2.0 * (design.initial_soc - design.predicted.soc.min())
-    held_ah = 2.0 * truth.cell.soc_from_rest_voltage(design.start_v)
+    held_ah = 2.0 * result.cell.soc_from_rest_voltage(design.start_v)
     assert taken_ah < held_ah - 2.0 * 0.2 + 0.03
-    voltage_v = true_voltage(truth, design, held_ah / 2.0)
+    voltage_v = true_voltage(result, design, held_ah / 2.0)
     assert design.limits.low_v < voltage_v.min()
 
 

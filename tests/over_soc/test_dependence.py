@@ -89,7 +89,8 @@ def warming():
 
 @pytest.fixture(scope="module")
 def followed(warming):
-    return identified(warming)
+    """By what they follow; that it is chosen among all laws is a slow test."""
+    return identified(warming, resistances_follow="temperature")
 
 
 def test_a_beta_of_the_measured_temperature_is_found(followed):
@@ -156,10 +157,14 @@ def test_without_such_a_cell_nothing_is_followed():
 
 
 @pytest.mark.slow
-def test_none_is_asked_for_and_taken(warming, followed):
+def test_the_measured_temperature_is_chosen_and_none_is_asked_for_and_taken(warming, followed):
+    chosen = identified(warming).fit
+    assert chosen.tables.dependence.numbers.keys() == {"beta [1/K]"}
+    beta_per_k = followed.fit.tables.dependence.beta_per_k
+    assert chosen.tables.dependence.beta_per_k == pytest.approx(beta_per_k, rel=1e-3)
     fit = identified(warming, resistances_follow="none").fit
     assert fit.tables.dependence is None
-    held = followed.fit.cross_validation
+    held = chosen.cross_validation
     assert fit.cross_validation.tables.rmse_v > 2 * held.tables.rmse_v
 
 

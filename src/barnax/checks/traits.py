@@ -196,18 +196,18 @@ class Traits:
     else None.
     """
 
-    sweeps: tuple[Sweep, ...]
-    steps: int
-    reach_ah: float
-    half_width_at_steps: float
-    half_width_between: float
-    span_ah: float
-    charged_ah: float
-    discharged_ah: float
-    longest_discharge_ah: float
-    interval_s: float
-    steep_v: float
-    temperature_degc: float | None
+    sweeps: tuple[Sweep, ...] = ()
+    steps: int = 0
+    reach_ah: float = 0.0
+    half_width_at_steps: float = math.inf
+    half_width_between: float = math.inf
+    span_ah: float = 0.0
+    charged_ah: float = 0.0
+    discharged_ah: float = 0.0
+    longest_discharge_ah: float = 0.0
+    interval_s: float = math.inf
+    steep_v: float = 0.0
+    temperature_degc: float | None = None
 
     @property
     def is_slow(self) -> bool:
@@ -275,6 +275,10 @@ class Traits:
             of = "the capacity" if capacity_ah else "what it passes"
             return f"its {steps} lie within {self.reach_ah:.2g} Ah, {share:.2g} % of {of}"
         return ""
+
+
+# Those of what is no record.
+NO_TRAITS = Traits()
 
 
 def traits_of(given: CheckInput) -> Traits:

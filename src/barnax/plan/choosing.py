@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -87,9 +86,8 @@ def plan(
         files_of(found_in(listed(several), listed(sources))) for several in (sources, ocv, validate)
     )
     free = [file for file in given if not _places([file]) & _places([*tests, *others])]
-    for file in given if not free else ():
-        if _places([file]) & _places(others):
-            raise notice("role.given-twice", Path(file).name, same="name").error()
+    if not free and (twice := [file for file in given if _places([file]) & _places(others)]):
+        raise notice("role.given-twice", Path(twice[0]).name, same="name").error()
     windows = windows_by_name(window)
     looked = list(look([*free, *tests, *others], reading or Reading(), watch, windows))
     refused = [file.refusal for file in looked if file.refusal]
@@ -119,10 +117,10 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     for file in files:
         if file.refusal:
             draft.take(file, "not used", file.refusal.removeprefix(f"{file.name}: "))
-    copies = copies_of([file for file in files if file not in draft.taken], given)
+    copies = copies_of(draft.free, given)
     for file, same in copies.items():
         draft.take(file, "not used", same.what)
-    free = [file for file in files if file not in draft.taken and file not in given]
+    free = [file for file in draft.free if file not in given]
     # Of a folder copies are left out; what was given to validate on is meant.
     doubled = [file for file in others if file in copies] or ([] if free else [*copies])
     if others and doubled:
@@ -133,7 +131,7 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         draft.take(file, "OCV test", "given")
     for file, why in ({} if tests else of_other_cells(free, draft.given_ah)).items():
         draft.take(file, "not used", why)
-    free = [file for file in free if file not in draft.taken]
+    free = draft.free
     records = [file for file in free if file.serves("identification")]
     # An OCV test with enough pulses is a record too where there is no other.
     dynamic = [file for file in records if file.kind(None) != "OCV test"] or records
@@ -205,11 +203,10 @@ def _on_records(draft: Draft, groups: Sequence[Sequence[CandidateFile]]) -> Plan
         if draft.is_over:
             draft.tell_temperatures()
         at = named_degc(record.temperature_degc)
-        for file in draft.files:
-            if file not in draft.taken:
-                own = f"measured{named_degc(file.temperature_degc)}, and {record.name}{at}"
-                is_there = is_same_degc(file.temperature_degc, record.temperature_degc)
-                draft.take(file, "not used", why_useless(file, None) if is_there else own)
+        for file in draft.free:
+            own = f"measured{named_degc(file.temperature_degc)}, and {record.name}{at}"
+            is_there = is_same_degc(file.temperature_degc, record.temperature_degc)
+            draft.take(file, "not used", why_useless(file, None) if is_there else own)
         given = {} if draft.given_ah is None else {"capacity": draft.given_ah}
         return Plan("identify", draft.parts(), given, dict.fromkeys(given, "given"))
     return None
@@ -221,9 +218,9 @@ def _without_test(draft: Draft, group: Sequence[CandidateFile]) -> list[Candidat
     runs = [
         file
         for file in group
-        if file not in draft.taken and not file.missing_for(draft.given_ah, is_validated=True)
+        if file in draft.free and not file.missing_for(draft.given_ah, is_validated=True)
     ]
-    runs.sort(key=lambda file: (bool(file.missing_for(draft.given_ah)), -file.reach_ah))
+    runs.sort(key=lambda file: (bool(file.missing_for(draft.given_ah)), -file.traits.reach_ah))
     return [] if not runs or runs[0].missing_for(draft.given_ah) else runs
 
 
@@ -251,33 +248,34 @@ def _runnable(
             continue
         missing = file.missing_for(choice.cell.capacity_ah, is_validated=True)
         if not missing and not is_pulsed:
-            try:
-                draft.starts[file] = started(draft.files, file, file.window, choice)
-            except InputError as problem:
-                own = str(problem).removeprefix(f"{file.name}: ")
+            start = started(draft.files, file, file.window, choice)
+            if isinstance(start, InputError):
+                own = str(start).removeprefix(f"{file.name}: ")
                 missing = another_cell(file, choice.cell.capacity_ah) or own
+            else:
+                draft.starts[file] = start
         if missing:
             draft.take(file, "not used", missing)
         else:
             runs.append(file)
     # An OCV test that is cut short may hold less than a record, but not by so much.
     max_ah = math.inf if choice.capacity_ah else _ANOTHER * choice.cell.capacity_ah
-    others = [file for file in runs if file.span_ah > max_ah]
+    others = [file for file in runs if file.traits.span_ah > max_ah]
     if len(others) < len(runs):
         for file in others:
             draft.take(file, "not used", why_useless(file, choice.cell.capacity_ah))
         runs = [file for file in runs if file not in others]
-    widest_ah = max((file.reach_ah for file in runs), default=0.0)
+    widest_ah = max((file.traits.reach_ah for file in runs), default=0.0)
 
     def rank(file: CandidateFile) -> tuple:
-        is_wide = file.reach_ah >= _AS_WIDE * widest_ah
+        is_wide = file.traits.reach_ah >= _AS_WIDE * widest_ah
         return (
             _LOADS.index(file.kind(None)),
             bool(file.missing_for(choice.cell.capacity_ah)),
             not is_wide,
             file.warnings if is_wide else 0,
             not file.is_settled,
-            -file.reach_ah,
+            -file.traits.reach_ah,
         )
 
     return sorted(runs, key=rank)
@@ -293,7 +291,7 @@ def _choose_validation(
     """Another profile of the same temperature before the same one again, and the widest of them."""
     if is_given or not others:
         return
-    file = min(others, key=lambda file: (file.is_like(record), -file.reach_ah))
+    file = min(others, key=lambda file: (file.is_like(record), -file.traits.reach_ah))
     which = "the same profile again" if file.is_like(record) else "another profile"
     draft.take(file, "validation", f"{which}: {words_of(draft, file)}")
     reason = "equally suitable; add it with `validate` to validate on it too"
@@ -317,15 +315,18 @@ def _take_others(draft: Draft, others: Sequence[CandidateFile], capacity_ah: flo
 def _take_charges(draft: Draft, record: CandidateFile, choice: OcvChoice) -> None:
     """Charges of the same temperature are identified on too, where they reach over enough: on a
     flat OCV they show the resistances and the hysteresis of the other direction."""
-    for file in draft.files:
-        is_charge = file not in draft.taken and file.kind(choice.cell.capacity_ah) == "charge"
+    for file in draft.free:
+        is_charge = file.kind(choice.cell.capacity_ah) == "charge"
         if not is_charge or not is_same_degc(file.temperature_degc, record.temperature_degc):
             continue
-        if file.span_ah >= _MUCH * choice.cell.capacity_ah:
-            with suppress(InputError):
-                draft.starts[file] = own = started(draft.files, file, file.window, choice)
-                why = f"a charge of {file.span_ah:.3g} Ah, for the other direction{own.words}"
-                draft.take(file, "identification", why)
+        span_ah = file.traits.span_ah
+        if span_ah < _MUCH * choice.cell.capacity_ah:
+            continue
+        start = started(draft.files, file, file.window, choice)
+        if not isinstance(start, InputError):
+            draft.starts[file] = start
+            why = f"a charge of {span_ah:.3g} Ah, for the other direction{start.words}"
+            draft.take(file, "identification", why)
 
 
 def _take_other_temperatures(
@@ -351,9 +352,7 @@ def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
     known = (test.temperature_degc for test in choice.tests if test.temperature_degc is not None)
     degc = next(known, None)
     usable = {file for group, test in chosen if test for file in (*group, *test.tests)}
-    for file in draft.files:
-        if file in draft.taken:
-            continue
+    for file in draft.free:
         if not is_same_degc(file.temperature_degc, degc):
             at, of = named_degc(file.temperature_degc), named_degc(degc)
             reason = f"measured{at}, the OCV test{of}"

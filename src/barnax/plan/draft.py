@@ -36,6 +36,11 @@ class Draft:
     tests: dict[CandidateFile, None] = field(default_factory=dict)
     starts: dict[CandidateFile, Started] = field(default_factory=dict)
 
+    @property
+    def free(self) -> list[CandidateFile]:
+        """The files whose role is not settled."""
+        return [file for file in self.files if file not in self.taken]
+
     def window(self, file: CandidateFile) -> Window:
         """The window of a record: from its start on, where that was looked for."""
         return self.starts[file].window if file in self.starts else file.window
@@ -55,7 +60,7 @@ class Draft:
         """Put the temperature that a name tells into the windows of records without a column."""
         for file, (role, reason, window) in self.taken.items():
             is_open = role != "not used" and window.temperature_degc is None
-            if is_open and file.traits and file.record.temperature_degc is None:
+            if is_open and file.is_record and file.record.temperature_degc is None:
                 window = replace(window, temperature_degc=file.temperature_degc)
                 self.taken[file] = role, reason, window
 
@@ -96,19 +101,17 @@ def why_useless(file: CandidateFile, capacity_ah: float | None) -> str:
 
 def another_cell(file: CandidateFile, capacity_ah: float | None) -> str:
     """That a file moves more than the cell holds; empty where it does not."""
-    if not capacity_ah or file.span_ah <= _BEYOND * capacity_ah:
+    span_ah = file.traits.span_ah
+    if not capacity_ah or span_ah <= _BEYOND * capacity_ah:
         return ""
-    return (
-        f"it spans {file.span_ah:.3g} Ah, and the cell of the OCV test holds {capacity_ah:.3g} Ah"
-    )
+    return f"it spans {span_ah:.3g} Ah, and the cell of the OCV test holds {capacity_ah:.3g} Ah"
 
 
 def words_of(draft: Draft, file: CandidateFile) -> str:
     """Why a record serves, as the checks say, and where its start is known from."""
     for name in ("identification", "validation"):
-        role = file.role(name)
-        if role is not None and role.is_usable:
-            return role.reason + draft.starts.get(file, SHOWN).words
+        if file.serves(name):
+            return file.roles[name].reason + draft.starts.get(file, SHOWN).words
     return ""
 
 
@@ -131,7 +134,7 @@ def copies_of(
         if (same := first_of.setdefault(source, file)) is not file:
             copies[file] = notice("role.given-twice", file.name, same="bytes", other=same.name)
     unlike: list[Content] = []
-    records = [file for file in files if file not in copies and file.traits]
+    records = [file for file in files if file not in copies and file.is_record]
     for file in sorted(records, key=lambda one: (one not in given, -one.record.samples)):
         content = Content(file.record)
         alike = next((other for other in unlike if content.is_like(other)), None)
@@ -183,7 +186,7 @@ def _in_other_folders(files: Sequence[CandidateFile]) -> dict[CandidateFile, str
 def _is_repeated(one: CandidateFile, other: CandidateFile) -> bool:
     """True if two OCV tests are of one kind, temperature and direction."""
     same = is_same_degc(one.temperature_degc, other.temperature_degc, is_strict=True)
-    directions = [{sweep.direction for sweep in test.sweeps} for test in (one, other)]
+    directions = [{sweep.direction for sweep in test.traits.sweeps} for test in (one, other)]
     return same and one.kind(None) == other.kind(None) and directions[0] == directions[1]
 
 
@@ -193,7 +196,7 @@ def _records(files: Sequence[CandidateFile]) -> int:
 
 def _passed_ah(file: CandidateFile) -> float:
     """The charge that passes in an OCV test; zero for another file."""
-    sweeps = file.sweeps if file.serves("OCV test") else ()
+    sweeps = file.traits.sweeps if file.serves("OCV test") else ()
     return max((sweep.passed_ah for sweep in sweeps), default=0.0)
 
 
@@ -207,7 +210,7 @@ def _of_other_capacity(
     largest_ah += [tests[test] for test in ranked[-1:]]
     cells: dict[float, list[CandidateFile]] = {ah: [] for ah in largest_ah}
     for file in files if len(cells) > 1 else ():
-        if file.traits:
+        if file.is_record:
             span_ah = tests.get(file, file.traits.span_ah / _SAME_CELL)
             cells[next((ah for ah in largest_ah if span_ah <= ah), largest_ah[-1])].append(file)
 
@@ -229,7 +232,7 @@ def _is_other(smaller: CandidateFile, larger: CandidateFile) -> bool:
     """True if two OCV tests are of different cells; one over less of the voltage may be a part."""
     spans_v = []
     for test in (smaller, larger):
-        volts = [point.voltage_v for sweep in test.sweeps for point in sweep.points]
+        volts = [point.voltage_v for sweep in test.traits.sweeps for point in sweep.points]
         spans_v.append(max(volts) - min(volts))
     is_alike = min(spans_v) >= _SAME_RANGE * max(spans_v) and is_same_degc(
         smaller.temperature_degc, larger.temperature_degc

@@ -14,19 +14,16 @@ import numpy as np
 from jaxtyping import Float
 
 from ..cell import OcvTable, read_ocv_table
-from ..cell.model import SAME_DEGC
-from ..cell.soc_axis import Sweep
-from ..checks import FileCheck, Role, check_file
-from ..checks.traits import Traits
+from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
+from ..checks import Role, check_file
+from ..checks.traits import NO_TRAITS, Kind, Traits
 from ..errors import InputError, printable
 from ..inputs import Watch, file_names, source_of, window_of
 from ..model.window import START, Window
 from ..records import Record, Source, read_record
-from ..records.columns import is_ocv_table
 from ..settings import Reading
 from .document import merged
 
-ROOM_DEGC = 25.0
 # Kinds of tests that have a role.
 SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")
 # What lies in a folder beside measured files, and is no candidate for one.
@@ -46,94 +43,65 @@ _FEWEST, _SHORTEST_S = 50, 600.0
 
 @dataclass(frozen=True, eq=False)
 class CandidateFile:
-    """One file that was looked at; `refusal` says why it cannot be read, empty where it can.
+    """One file that was looked at, with the facts that the checks tell of it.
 
-    `check` is None for a table of OCV and for what cannot be read. `starts_full` says that the file
-    shows a charge to full right before this part of it, `chosen` what its user says of it.
+    `refusal` says why it cannot be read, empty where it can. `traits` are those of a record, and
+    `warnings` the number of those about it. `starts_full` says that the file shows a charge to full
+    right before this part of it, `chosen` what its user says of it.
     """
 
     path: Path
     name: str
     source: Source | None = None
-    check: FileCheck | None = None
     refusal: str = ""
+    traits: Traits = NO_TRAITS
+    roles: Mapping[str, Role] = field(default_factory=dict)
+    warnings: int = 0
     starts_full: bool = False
     chosen: Window = field(default_factory=Window)
 
     @property
-    def traits(self) -> Traits | None:
-        return None if self.check is None or self.refusal else self.check.traits
-
-    @property
-    def sweeps(self) -> tuple[Sweep, ...]:
-        """The sweeps of an OCV test in it."""
-        return self.traits.sweeps if self.traits else ()
-
-    @property
-    def reach_ah(self) -> float:
-        return self.traits.reach_ah if self.traits else 0.0
-
-    @property
-    def span_ah(self) -> float:
-        return self.traits.span_ah if self.traits else 0.0
+    def is_record(self) -> bool:
+        """True for what can be read and is no table of OCV."""
+        return self.traits is not NO_TRAITS
 
     @property
     def temperature_degc(self) -> float | None:
-        measured = None if self.traits is None else self.traits.temperature_degc
-        return measured if self.chosen.temperature_degc is None else self.chosen.temperature_degc
-
-    def role(self, name: str) -> Role | None:
-        """A role that the checks found, usable or not."""
-        roles = self.check.roles if self.check else ()
-        return next((role for role in roles if role.name == name), None)
+        given = self.chosen.temperature_degc
+        return self.traits.temperature_degc if given is None else given
 
     def serves(self, name: str) -> bool:
         """True if it can serve in a role, as the checks say."""
-        role = self.role(name)
-        # A table has one role.
-        return role.is_usable if role else name == "OCV test"
+        return name in self.roles and self.roles[name].is_usable
 
-    def kind(self, capacity_ah: float | None) -> str:
+    def kind(self, capacity_ah: float | None) -> Kind | str:
         """The kind of file, for a cell of that capacity."""
-        if self.refusal:
-            return "unreadable"
-        return "OCV table" if self.traits is None else self.traits.kind(capacity_ah)
+        if self.is_record:
+            return self.traits.kind(capacity_ah)
+        return "unreadable" if self.refusal else "OCV table"
 
     def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
         """The reason why it cannot be simulated; empty where it can."""
-        return "" if self.traits is None else self.traits.missing_for(capacity_ah, is_validated)
-
-    @property
-    def warnings(self) -> int:
-        """The number of warnings about it."""
-        findings = self.check.findings if self.check else ()
-        return sum(finding.counts for finding in findings)
+        return self.traits.missing_for(capacity_ah, is_validated) if self.is_record else ""
 
     @cached_property
     def record(self) -> Record:
         return read_record(self.known_source)
 
     @cached_property
-    def table(self) -> OcvTable | None:
-        """The table of OCV in it, if that is what it is."""
-        is_table = is_ocv_table(self.known_source.table.header, self.known_source.columns)
-        return read_ocv_table(self.known_source) if is_table else None
+    def table(self) -> OcvTable:
+        return read_ocv_table(self.known_source)
 
     @property
     def known_source(self) -> Source:
         assert self.source is not None, "what cannot be read is asked for nothing"
         return self.source
 
-    def called(self, name: str) -> "CandidateFile":
-        """The same under another name."""
-        return replace(self, name=name, source=replace(self.known_source, name=name))
-
     @property
     def window(self) -> Window:
         """The window that the checks suggest, with what was chosen in its place."""
-        role = self.role("validation")
-        suggested = role.window if role else None
-        window = Window(**suggested.options) if suggested else Window()
+        suggested = self.roles["validation"].window if self.is_record else None
+        window = suggested.window if suggested else Window()
         if self.chosen.initial_soc is not None:
             # It is that of the first row, or of the start that is chosen with it.
             window = replace(window, **dict.fromkeys(START))
@@ -144,7 +112,7 @@ class CandidateFile:
     @property
     def is_settled(self) -> bool:
         """True if its profile begins with the cell at rest."""
-        role = self.role("validation")
+        role = self.roles.get("validation")
         return bool(role and role.window and role.window.is_settled)
 
     @cached_property
@@ -157,7 +125,7 @@ class CandidateFile:
 
     def is_like(self, other: "CandidateFile") -> bool:
         """True if both play the same profile, by how the current is distributed."""
-        peak_a = max(np.abs(traits._quantiles_a).max() for traits in (self, other))
+        peak_a = max(np.abs(file._quantiles_a).max() for file in (self, other))
         apart_a = np.abs(self._quantiles_a - other._quantiles_a).mean()
         return bool(apart_a <= _ANOTHER * peak_a)
 
@@ -209,46 +177,51 @@ def look(
     """Every file once, in the order given, with what `windows` say of it. One that cannot be read
     is told as such."""
     names = file_names([source for source in sources if isinstance(source, str | Path)])
-    for source in sources:
-        name = source.name if isinstance(source, Source) else names[Path(source)]
-        path = Path(name if isinstance(source, Source) else source)
+    for given in sources:
+        name = given.name if isinstance(given, Source) else names[Path(given)]
+        file = CandidateFile(Path(name if isinstance(given, Source) else given), name)
         with watch(f"Looking at {name}", 0):
             try:
-                yield _looked_at(path, source_of(source, names, reading), window_of(windows, name))
+                source = source_of(given, names, reading)
+                chosen = window_of(windows, name)
+                file = replace(file, name=source.name, source=source, chosen=chosen)
+                file = _checked(file)
             except InputError as problem:
-                yield CandidateFile(path, name, refusal=str(problem))
+                file = replace(file, refusal=str(problem))
+        yield file
 
 
-def _looked_at(path: Path, source: Source, chosen: Window) -> CandidateFile:
-    """A file that was read, checked."""
-    file = CandidateFile(path, source.name, source, chosen=chosen)
-    try:
-        if file.table:
-            return file
-        check = check_file(source, rest_current_a=chosen.rest_current_a)
-    except InputError as problem:
-        return replace(file, refusal=str(problem))
-    file = replace(file, check=check)
-    error = next((one for one in check.findings if one.severity == "error"), None)
-    if error is None and check.traits is None:
-        error = next(iter(check.findings), None)
-    if error is not None:
-        return replace(file, refusal=str(error.about(source.name)))
-    too_little = "" if check.traits else f"{source.name}: holds too few samples that can be read"
-    return replace(file, refusal=too_little)
+def _checked(file: CandidateFile) -> CandidateFile:
+    """A file that was read, with what the checks tell of it. Raises `InputError` where they cannot
+    look at it."""
+    check = check_file(file.known_source, rest_current_a=file.chosen.rest_current_a)
+    roles = {role.name: role for role in check.roles}
+    warnings = sum(finding.counts for finding in check.findings)
+    if check.traits is None and roles:
+        return replace(file, roles=roles)
+    worst = next(iter(check.findings), None)
+    if worst is not None and (worst.severity == "error" or check.traits is None):
+        return replace(file, refusal=str(worst.about(file.name)))
+    if check.traits is None:
+        return replace(file, refusal=f"{file.name}: holds too few samples that can be read")
+    return replace(file, traits=check.traits, roles=roles, warnings=warnings)
 
 
 def split(file: CandidateFile) -> list[CandidateFile]:
     """The tests of a file, each as a part of it; the file itself where it holds one at most."""
-    parts = list(_joined(file, _tests(file))) if file.traits else []
+    parts = list(_joined(file, _tests(file))) if file.is_record else []
     if sum(_serves(part, file) for part in parts) < 2:
         return [file]
-    return [part.called(f"{file.name}#{number}") for number, part in enumerate(parts, 1)]
+    names = [f"{file.name}#{number}" for number in range(1, len(parts) + 1)]
+    return [
+        replace(part, name=name, source=replace(part.known_source, name=name))
+        for part, name in zip(parts, names, strict=True)
+    ]
 
 
 def _serves(part: CandidateFile, file: CandidateFile) -> bool:
     """True if a part holds a test by itself, by the charge that the whole file spans."""
-    return part.kind(file.traits.span_ah if file.traits else None) in SERVING
+    return part.kind(file.traits.span_ah) in SERVING
 
 
 def _joined(file: CandidateFile, parts: Iterable[CandidateFile]) -> Iterator[CandidateFile]:
@@ -278,7 +251,10 @@ def _tests(file: CandidateFile) -> Iterator[CandidateFile]:
             continue
         part = _part(file, first, last, is_full)
         rows = [
-            point.row for sweep in part.sweeps if sweep.kind == "rests" for point in sweep.points
+            point.row
+            for sweep in part.traits.sweeps
+            if sweep.kind == "rests"
+            for point in sweep.points
         ]
         begin, end = np.flatnonzero(np.isin(record.row, rows))[[0, -1]] if rows else (first, last)
         # A sweep begins where its first rest ends, and may end at a cut-off without a rest.
@@ -294,7 +270,8 @@ def _tests(file: CandidateFile) -> Iterator[CandidateFile]:
 def _part(file: CandidateFile, first: int, last: int, is_full: bool = False) -> CandidateFile:
     time_s = file.record.time_s
     source = replace(file.known_source, span_s=(float(time_s[first]), float(time_s[last])))
-    return replace(_looked_at(file.path, source, file.chosen), starts_full=is_full)
+    part = CandidateFile(file.path, file.name, source, starts_full=is_full, chosen=file.chosen)
+    return _checked(part)
 
 
 def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:
@@ -331,24 +308,20 @@ def by_temperature(
     files: Sequence[CandidateFile],
 ) -> Iterator[tuple[float | None, list[CandidateFile]]]:
     """The files of each temperature: the most first, and of equally many those nearest to room."""
-    groups: list[list[CandidateFile]] = []
-    for file in sorted(files, key=lambda one: (one.temperature_degc or 0.0, one.name)):
-        for group in groups:
-            if is_same_degc(group[0].temperature_degc, file.temperature_degc, is_strict=True):
-                group.append(file)
-                break
-        else:
-            groups.append([file])
+    unknown = [file for file in files if file.temperature_degc is None]
+    by_name = sorted(files, key=lambda file: file.name)
+    known = [(degc, file) for file in by_name if (degc := file.temperature_degc) is not None]
 
     def rank(group: list[CandidateFile]) -> tuple[int, float]:
         degc = group[0].temperature_degc
-        return -len(group), np.inf if degc is None else abs(degc - ROOM_DEGC)
+        return -len(group), np.inf if degc is None else abs(degc - REFERENCE_DEGC)
 
+    # A file of unknown temperature may be of any.
+    groups = [*group_near(known).values()]
+    groups += [[file for file in by_name if file in unknown]] if unknown else []
     for group in sorted(groups, key=rank):
         degc = group[0].temperature_degc
-        # A file of unknown temperature may be of this one.
-        unknown = [file for file in files if degc is not None and file.temperature_degc is None]
-        yield degc, [*group, *unknown]
+        yield degc, [*group, *(unknown if degc is not None else ())]
 
 
 def is_same_degc(one: float | None, other: float | None, is_strict: bool = False) -> bool:

@@ -12,8 +12,8 @@ from ..cell.characterize import cell_of
 from ..cell.ocv_points import find_sweeps
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, DISCHARGE, WORD, Sweep
 from ..errors import InputError
-from ..model.prepared import prepare_record
-from ..model.window import Window
+from ..model.prepared import PreparedRecord, prepare_record
+from ..model.window import Window, first_sample
 from ..records.record import pause_s
 from .looking import CandidateFile, is_same_degc
 
@@ -57,45 +57,40 @@ def ocv_at(
     `given_ah` is the capacity that was given.
     """
     near = [file for file in free if is_same_degc(file.temperature_degc, degc)]
-    max_ah = max((file.traits.longest_discharge_ah for file in near if file.traits), default=None)
-    capacities_ah = dict.fromkeys((given_ah, None, max_ah))
+    records = [file.traits.longest_discharge_ah for file in near if file.is_record]
+    capacities_ah = dict.fromkeys((given_ah, None, max(records, default=None)))
     if tests:
         own = [file for file in tests if is_same_degc(file.temperature_degc, degc)]
-        return _choose_ocv(own or tests, capacities_ah, is_given=True)
+        choice = _first_cell([tuple(own or tests)], capacities_ah)
+        if isinstance(choice, InputError):
+            raise choice
+        return choice
     own = [file for file in near if is_same_degc(file.temperature_degc, degc, is_strict=True)]
     for candidates in (own, near):
         serving = [file for file in candidates if file.serves("OCV test")]
-        choice = _choose_ocv(serving, capacities_ah)
-        if choice is not None:
+        max_ah = max((sweep.passed_ah for sweep in _sweeps(serving)), default=0.0)
+        sets = sorted(_sets(serving), key=lambda tests, max_ah=max_ah: _rank(tests, max_ah))
+        choice = _first_cell(sets, capacities_ah)
+        if isinstance(choice, OcvChoice):
             return choice
     return None
 
 
-def _choose_ocv(
-    candidates: Sequence[CandidateFile],
-    capacities_ah: Iterable[float | None],
-    is_given: bool = False,
-) -> OcvChoice | None:
-    """The best OCV test of some files, None where none of them makes a cell; all where given.
-
-    Tests without holes come before others, both directions before one, tests that close before
-    others, tests of their own before pulse tests, rests before slow sweeps, and many points before
-    few. The first of the capacities counts with which a test makes a cell. Raises `InputError`
-    where given tests make none.
-    """
-    max_ah = max((sweep.passed_ah for sweep in _sweeps(candidates)), default=0.0)
-    sets = sorted(_sets(candidates), key=lambda tests: _rank(tests, max_ah))
+def _first_cell(
+    sets: Sequence[tuple[CandidateFile, ...]], capacities_ah: Iterable[float | None]
+) -> OcvChoice | InputError | None:
+    """The first set of files that makes a cell, by the first of the capacities with which it does;
+    else why the first does not, None without any."""
     reason = None
-    for tests in [tuple(candidates)] if is_given else sets:
+    for tests in sets:
+        tables = [test.table for test in tests if not test.is_record]
         for capacity_ah in capacities_ah:
-            sweeps = [find_sweeps(test.record, capacity_ah) for test in tests if test.check]
-            cell = cell_of(sweeps, [test.table for test in tests if test.table], capacity_ah)
+            sweeps = [find_sweeps(test.record, capacity_ah) for test in tests if test.is_record]
+            cell = cell_of(sweeps, tables, capacity_ah)
             if isinstance(cell, CellModel):
                 return OcvChoice(tests, cell, capacity_ah)
             reason = reason or cell
-    if is_given and reason is not None:
-        raise reason
-    return None
+    return reason
 
 
 def ocv_reason(tests: Sequence[CandidateFile]) -> str:
@@ -114,15 +109,19 @@ def ocv_reason(tests: Sequence[CandidateFile]) -> str:
 def _sets(candidates: Sequence[CandidateFile]) -> Iterator[tuple[CandidateFile, ...]]:
     """Every file by itself, every two of opposite directions, and all parts of one direction."""
     yield from ((file,) for file in candidates)
-    lone = [(file, *_directions([file])) for file in candidates if len(_directions([file])) == 1]
-    outward = [file for file, direction in lone if direction == DISCHARGE]
-    inward = [file for file, direction in lone if direction == CHARGE]
+    outward, inward = (
+        [file for file in candidates if _directions([file]) == {direction}]
+        for direction in (DISCHARGE, CHARGE)
+    )
     yield from ((one, other) for one in outward for other in inward)
     if max(len(outward), len(inward)) > 1:
         yield (*outward, *inward)
 
 
 def _rank(tests: tuple[CandidateFile, ...], max_ah: float) -> tuple:
+    """Tests without holes come before others, both directions before one, tests that close before
+    others, tests of their own before pulse tests, rests before slow sweeps, and many points before
+    few."""
     sweeps = _sweeps(tests)
     return (
         _hole_ah(sweeps, max_ah) > _HOLE * max_ah,
@@ -156,11 +155,11 @@ def _closes(sweeps: Sequence[Sweep]) -> bool:
 
 
 def _sweeps(tests: Sequence[CandidateFile]) -> list[Sweep]:
-    return [sweep for test in tests for sweep in test.sweeps]
+    return [sweep for test in tests for sweep in test.traits.sweeps]
 
 
-def _directions(tests: Sequence[CandidateFile]) -> list[int]:
-    return list(dict.fromkeys(sweep.direction for sweep in _sweeps(tests)))
+def _directions(tests: Sequence[CandidateFile]) -> set[int]:
+    return {sweep.direction for sweep in _sweeps(tests)}
 
 
 class Started(NamedTuple):
@@ -177,70 +176,69 @@ SHOWN = Started(Window())
 
 def started(
     files: Sequence[CandidateFile], file: CandidateFile, window: Window, choice: OcvChoice
-) -> Started:
+) -> Started | InputError:
     """The window, with its start where another of the files ends that the record goes on from if it
-    does not show its own, and how that is known, in words. Raises `InputError` if neither fits."""
-    own = replace(
-        window, capacity_ah=record_capacity_ah(file, window, choice, window.initial_soc == 1.0)
-    )
-    start, unknown = None, None
-    try:
-        start = prepare_record(file.record, choice.cell, "so-rc", own).start
-    except InputError as problem:
-        full = _fuller(file, own, choice)
-        if full is not None:
-            return Started(replace(window, capacity_ah=full.capacity_ah), is_full=True)
-        unknown = problem
-    if start is None or start.soc_source == "fitted":
+    does not show its own, and how that is known, in words; or why neither fits."""
+    is_full = window.initial_soc == 1.0
+    own = replace(window, capacity_ah=record_capacity_ah(file, window, choice, is_full))
+    prepared = _prepared(file, own, choice)
+    if isinstance(prepared, InputError):
+        # A record may take a little more charge out of the full cell than the test did.
+        more = replace(own, capacity_ah=record_capacity_ah(file, own, choice, is_full=True))
+        if (more.capacity_ah or math.inf) <= _LITTLE_MORE * choice.cell.capacity_ah:
+            fuller = _prepared(file, more, choice)
+            if isinstance(fuller, PreparedRecord) and fuller.start.soc >= 1 - _FULL:
+                return Started(replace(window, capacity_ah=more.capacity_ah), is_full=True)
+    if isinstance(prepared, InputError) or prepared.start.soc_source == "fitted":
         before = next((other for other in files if _goes_on(other, file, choice)), None)
         soc = None if before is None else _final_soc(files, before, choice)
         if before is not None and soc is not None and not window.is_chosen:
-            prepare_record(file.record, choice.cell, "so-rc", replace(own, initial_soc=soc))
+            begun = _prepared(file, replace(own, initial_soc=soc), choice)
+            if isinstance(begun, InputError):
+                return begun
             return Started(replace(window, initial_soc=soc), f", where {before.name} ends")
-    if start is None:
-        assert unknown is not None, "why there is no start"
-        raise unknown
+    if isinstance(prepared, InputError):
+        return prepared
     # What the record shows is read from it where it is run, as without a plan.
+    start = prepared.start
     shown = f", at full: {start.voltage_v:.4f} V" if start.soc_source == "full voltage" else ""
     is_full = window.initial_soc is None and start.soc >= 1 - _FULL
     return Started(window, shown, is_full)
 
 
-def _fuller(file: CandidateFile, window: Window, choice: OcvChoice) -> Window | None:
-    """The window with the charge that a record takes out of the full cell where that is a little
-    more than the test did; None where it is more than that, or it does not start full."""
-    own = replace(window, capacity_ah=record_capacity_ah(file, window, choice, is_full=True))
-    if (own.capacity_ah or math.inf) > _LITTLE_MORE * choice.cell.capacity_ah:
-        return None
+def _prepared(
+    file: CandidateFile, window: Window, choice: OcvChoice
+) -> PreparedRecord | InputError:
+    """A record made ready to be simulated, or why it cannot be."""
     try:
-        start = prepare_record(file.record, choice.cell, "so-rc", own).start
-    except InputError:
-        return None
-    return own if start.soc >= 1 - _FULL else None
+        return prepare_record(file.record, choice.cell, "so-rc", window)
+    except InputError as problem:
+        return problem
 
 
 def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> bool:
     """True if a file's clock, or its counters, continue where those of another end."""
-    if before.traits is None or file.traits is None or before is file:
+    if not before.is_record or not file.is_record or before is file:
         return False
     first, second = before.record, file.record
-    if 0 <= pause_s(first, second) <= _SAME_LOG * float(np.median(second.interval_s)):
+    apart_s = pause_s(first, second)
+    if 0 <= apart_s <= _SAME_LOG * float(np.median(second.interval_s)):
         return True
     if first.charge_ah is None or second.charge_ah is None or not second.charge_ah[0]:
         return False
     apart_ah = abs(float(second.charge_ah[0] - first.charge_ah[-1]))
-    is_soon = 0 <= pause_s(first, second) <= _PAUSE_S
-    return is_soon and apart_ah <= _SAME_COUNT * choice.cell.capacity_ah
+    return 0 <= apart_s <= _PAUSE_S and apart_ah <= _SAME_COUNT * choice.cell.capacity_ah
 
 
 def _final_soc(
     files: Sequence[CandidateFile], file: CandidateFile, choice: OcvChoice
 ) -> float | None:
     """The state of charge at the end of a file, where it or the one before it shows that."""
-    try:
-        window = started(files, file, file.window, choice).window
-        prepared = prepare_record(file.record, choice.cell, "so-rc", window)
-    except InputError:
+    start = started(files, file, file.window, choice)
+    if isinstance(start, InputError):
+        return None
+    prepared = _prepared(file, start.window, choice)
+    if isinstance(prepared, InputError):
         return None
     return float(f"{prepared.soc[-1]:.{DIGITS}g}")
 
@@ -252,11 +250,6 @@ def record_capacity_ah(
     that is more than the OCV test tells."""
     if window.capacity_ah is not None or not is_full:
         return window.capacity_ah
-    discharged_ah = file.record.discharged_ah
-    first = 0
-    if window.start_after_step is not None and file.record.step is not None:
-        first = int(np.flatnonzero(file.record.step == window.start_after_step)[-1])
-    elif window.start_time_s is not None:
-        first = int(np.searchsorted(file.record.time_s, window.start_time_s))
-    taken_ah = float(discharged_ah[first:].max() - discharged_ah[first])
+    discharged_ah = file.record.discharged_ah[first_sample(file.record, window, 0.0) :]
+    taken_ah = float(discharged_ah.max() - discharged_ah[0])
     return float(f"{taken_ah:.{DIGITS}g}") if taken_ah > choice.cell.capacity_ah else None

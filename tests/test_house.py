@@ -60,7 +60,7 @@ READING = {
     "plan/document.py",
 }
 # Files within a file in memory.
-READING |= {"records/readers/room.py"}
+READING |= {"records/readers/content.py"}
 # The words of all that is told.
 READING |= {"notices.py"}
 # Where files are put in place whole.

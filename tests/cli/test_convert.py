@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from barnax.cli.files import bdf_files
 from barnax.records import read_record
-from barnax.records.bdf import bdf_files
 from helpers.dialects import WRITERS, maccor_text, pulse_table
 from helpers.known_cell import made
 from helpers.records import CURRENT, TIME, VOLTAGE, logged

@@ -12,7 +12,7 @@ from barnax.errors import InputError, as_keys
 from barnax.fleet import read_manifest
 from barnax.fleet.engine import in_shard, parse_shard
 from barnax.fleet.rows import identify_rows
-from barnax.records.readers import room
+from barnax.records.readers import content as bytes_of
 from barnax.reporting.fleet import problem_lines
 
 ROWS = [
@@ -137,7 +137,7 @@ def test_shards_share_the_cells_out(folder):
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_a_manifest_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch, suffix):
-    monkeypatch.setattr(room, "LARGEST_FILE", 1_000_000)
+    monkeypatch.setattr(bytes_of, "LARGEST_FILE", 1_000_000)
     path = tmp_path / f"m.{suffix}"
     if suffix == "csv":
         path.write_bytes(gzip.compress(b"id,records\na," + b"a" * 2_000_000))
@@ -154,7 +154,7 @@ def test_a_manifest_that_is_packed_twice_or_has_too_many_rows_is_refused(tmp_pat
         path.write_bytes(packed)
         with pytest.raises(InputError, match=r"m\.csv: cannot be read"):
             read_manifest(path)
-    monkeypatch.setattr(room, "LARGEST_FILE", 100_000)
+    monkeypatch.setattr(bytes_of, "LARGEST_FILE", 100_000)
     path.write_bytes(text)
     with pytest.raises(InputError, match="need more than the limit"):
         read_manifest(path)

@@ -15,7 +15,7 @@ import pytest
 
 from barnax.errors import InputError
 from barnax.records import read_record
-from barnax.records.readers import room
+from barnax.records.readers import content as bytes_of
 from helpers.records import parquet, pulse_frame, refusal, sheet, zipped
 
 # In place of 2 GB, so that a bomb of a test is no bomb.
@@ -82,7 +82,7 @@ TRIED = {
 
 @pytest.mark.parametrize("kind", BOMBS)
 def test_what_unpacks_to_too_much_is_refused_before_it_is_kept(tmp_path, monkeypatch, kind):
-    monkeypatch.setattr(room, "LARGEST_FILE", LIMIT)
+    monkeypatch.setattr(bytes_of, "LARGEST_FILE", LIMIT)
     path = tmp_path / "cell.csv"
     path.write_bytes(BOMBS[kind]())
     tracemalloc.start()
@@ -107,7 +107,7 @@ def test_what_unpacks_to_too_much_is_refused_before_it_is_kept(tmp_path, monkeyp
 )
 def test_what_takes_too_much_in_a_library_is_refused_before_it_does(tmp_path, monkeypatch, kind):
     # The library itself needs some.
-    monkeypatch.setattr(room, "LARGEST_FILE", 10 * LIMIT)
+    monkeypatch.setattr(bytes_of, "LARGEST_FILE", 10 * LIMIT)
     said = refusal(tmp_path, TRIED[kind]())
     assert "bytes need more than the limit of 0.2 GB of memory, or are dam" in said
 

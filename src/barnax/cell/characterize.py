@@ -22,8 +22,7 @@ from .curves import (
     fit_curve,
 )
 from .model import REFERENCE_DEGC, CellModel, fit_error
-from .ocv_points import OcvSweeps, find_sweeps
-from .ocv_table import EITHER, OcvTable
+from .ocv_points import EITHER, OcvSweeps, OcvTable, find_sweeps
 from .soc_axis import (
     CHARGE,
     DISCHARGE,

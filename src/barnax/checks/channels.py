@@ -27,9 +27,9 @@ def in_one_sign(samples: Samples) -> Samples:
     usual = float(np.sign(votes.sum())) or 1.0
     first, last = _most_contrary(votes * usual)
     inside = votes[first : last + 1]
-    outside = np.concatenate([votes[:first], votes[last + 1 :]])
-    is_within = first > 0 and last < len(votes) - 1
-    fewest = _FEWEST_WITHIN if is_within else _FEWEST
+    outside = np.delete(votes, np.s_[first : last + 1])
+    ends_within = first > 0, last < len(votes) - 1
+    fewest = _FEWEST_WITHIN if all(ends_within) else _FEWEST
     is_turned = inside.mean() * usual < 0 and all(
         len(part) >= fewest and np.abs(part.mean()) >= 2 * _AGREEING - 1
         for part in (inside, outside)
@@ -37,19 +37,19 @@ def in_one_sign(samples: Samples) -> Samples:
     if not is_turned:
         return samples
     kinds = [CHARGE if part.mean() > 0 else DISCHARGE for part in (outside, inside)]
-    rows = [int(at[first]) + 1 if first else 0, len(samples)]
-    if last < len(votes) - 1:
-        rows[1] = int(at[last + 1]) + 1
-    turned = slice(*rows)
+    begin = int(at[first]) + 1 if ends_within[0] else 0
+    end = int(at[last + 1]) + 1 if ends_within[1] else len(samples)
     told = {"inner": kinds[1], "inner_steps": len(inside)}
     told |= {"outer": kinds[0], "outer_steps": len(outside)}
     current_a = samples.current_a.copy()
-    current_a[turned] *= -1
-    row = rows[0] if first else rows[1]
-    if is_within:
-        samples = samples.telling(row, "sign.turned-part", **told, back_row=samples.row[rows[1]])
+    current_a[begin:end] *= -1
+    if all(ends_within):
+        back = samples.row[end]
+        samples = samples.telling(begin, "sign.turned-part", **told, back_row=back)
     else:
-        samples = samples.telling(row, "sign.turns", where="begins" if first else "ends", **told)
+        where = "begins" if ends_within[0] else "ends"
+        row = begin if ends_within[0] else end
+        samples = samples.telling(row, "sign.turns", where=where, **told)
     return samples.having(current=current_a)
 
 
@@ -74,27 +74,22 @@ Channel = Float[np.ndarray, "samples"]
 
 def find_voltage_spikes(given: CheckInput) -> Iterator[Notice]:
     """Voltages that leave their neighbors, and no current says why."""
-    yield from _spike(given, "voltage-spikes.unexplained", voltage_spikes(given), "voltage")
+    yield from _told(given, "voltage-spikes.unexplained", voltage_spikes(given), "voltage")
 
 
 def find_current_spikes(given: CheckInput) -> Iterator[Notice]:
     """Currents that leave their neighbors, and the voltage does not answer."""
     if given.resistance_ohm:
         ohmic_v = given.record.current_a * given.resistance_ohm
-        spiked = _spikes(ohmic_v, _least_v(given), given.record.voltage_v, after=1)
-        yield from _spike(given, "current-spikes.unanswered", spiked, "current")
+        spiked = _spikes(given, ohmic_v, given.record.voltage_v, after=1)
+        yield from _told(given, "current-spikes.unanswered", spiked, "current")
 
 
 def voltage_spikes(given: CheckInput) -> Bool[np.ndarray, "samples"]:
     """True where the voltage spikes."""
-    current_a = given.record.current_a
-    source_v = given.record.voltage_v + current_a * given.resistance_ohm
     # A current explains what the voltage does at that moment and later.
-    return _spikes(source_v, _least_v(given), current_a * given.response_ohm, after=0)
-
-
-def _least_v(given: CheckInput) -> float:
-    return max(_HEIGHT_V, _HEIGHT_NOISE * given.samples.noise_v)
+    answer_v = given.record.current_a * given.response_ohm
+    return _spikes(given, given.source_v, answer_v, after=0)
 
 
 def _channel(given: CheckInput, name: str) -> tuple[Channel, str]:
@@ -102,7 +97,7 @@ def _channel(given: CheckInput, name: str) -> tuple[Channel, str]:
     return (given.samples.voltage_v, "v") if name == "voltage" else (given.samples.current_a, "a")
 
 
-def _spike(
+def _told(
     given: CheckInput, code: str, spiked: Bool[np.ndarray, "samples"], channel: str
 ) -> Iterator[Notice]:
     if spiked.any():
@@ -113,10 +108,11 @@ def _spike(
 
 
 def _spikes(
-    values: Channel, least: float, other: Channel, after: int
+    given: CheckInput, values: Channel, other: Channel, after: int
 ) -> Bool[np.ndarray, "samples"]:
-    """True where `values` leave steady neighbors by `least` and come back while `other` stays, up
-    to `after` samples later."""
+    """True where `values` in V leave steady neighbors and come back while `other` stays, up to
+    `after` samples later."""
+    least = max(_HEIGHT_V, _HEIGHT_NOISE * given.samples.noise_v)
     spiked = np.zeros(len(values), bool)
     for width in _WIDTHS:
         size = 2 * _BESIDE + width
@@ -146,8 +142,10 @@ def _spikes(
 _EXPECTED_V, _EXPECTED_STEPS = 0.01, 10.0
 _FEWEST_SAMPLES = 4
 # Codes for a channel that stands still, and for one that stops at the end of its range.
-_VOLTAGE = "stuck-voltage.still", "stuck-voltage.limit"
-_CURRENT = "stuck-current.still", "stuck-current.limit"
+_STUCK = {
+    "voltage": ("stuck-voltage.still", "stuck-voltage.limit"),
+    "current": ("stuck-current.still", "stuck-current.limit"),
+}
 # A voltage that jumps so, both ways, under a current that does not move.
 _JUMP_V, _JUMP_NOISE, _FEWEST_JUMPS = 5e-3, 8.0, 2
 
@@ -165,16 +163,14 @@ def find_stuck_voltage(given: CheckInput) -> Iterator[Notice]:
     first, last = first[inner] + 1, last[inner] - 1
     if not len(first):
         return
-    least_v = max(_EXPECTED_V, _EXPECTED_STEPS * given.resolution_v)
-    likely = np.flatnonzero(_range(current_a, first, last) * given.resistance_ohm > least_v)
+    least_a = max(_EXPECTED_V, _EXPECTED_STEPS * given.resolution_v) / given.resistance_ohm
     swing_a = np.zeros(len(first))
-    for run in likely.tolist():
+    for run in np.flatnonzero(_range(current_a, first, last) > least_a).tolist():
         swing_a[run] = _swing(current_a[first[run] : last[run] + 1])
-    is_stuck = swing_a * given.resistance_ohm > least_v
-    if not is_stuck.any():
-        return
-    expected_v = float(np.max(swing_a[is_stuck])) * given.resistance_ohm
-    yield _stuck(given, _VOLTAGE, "voltage", first[is_stuck], last[is_stuck], expected_v)
+    is_stuck = swing_a > least_a
+    if is_stuck.any():
+        expected_v = float(np.max(swing_a)) * given.resistance_ohm
+        yield _stuck(given, "voltage", first[is_stuck], last[is_stuck], expected_v)
 
 
 def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
@@ -192,21 +188,15 @@ def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
     least_v = max(_JUMP_V, _JUMP_NOISE * given.samples.noise_v, 3 * given.resolution_v)
     up, down = _count(step_v > least_v, first, last), _count(step_v < -least_v, first, last)
     is_stuck = np.minimum(up, down) >= _FEWEST_JUMPS
-    if not is_stuck.any():
-        return
-    jump_v = float(np.abs(step_v[first[is_stuck][0] : last[is_stuck][0]]).max())
-    yield _stuck(given, _CURRENT, "current", first[is_stuck], last[is_stuck], jump_v)
+    if is_stuck.any():
+        first, last = first[is_stuck], last[is_stuck]
+        jump_v = float(np.abs(step_v[first[0] : last[0]]).max())
+        yield _stuck(given, "current", first, last, jump_v)
 
 
-def _stuck(
-    given: CheckInput,
-    codes: tuple[str, str],
-    channel: str,
-    first: Places,
-    last: Places,
-    moved_v: float,
-) -> Notice:
+def _stuck(given: CheckInput, channel: str, first: Places, last: Places, moved_v: float) -> Notice:
     """The first run, and how many more there are."""
+    codes = _STUCK[channel]
     values, unit = _channel(given, channel)
     value = values[first]
     is_limit = bool(np.all((value == values.max()) | (value == values.min()))) and value[0] != 0

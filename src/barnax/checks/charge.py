@@ -1,7 +1,7 @@
 """Ampere-hours: by integration, by counters, against the capacity, and in rests with a current."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -60,35 +60,28 @@ def _against_net(given: CheckInput) -> Iterator[Notice]:
 
 
 def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Iterator[Notice]:
-    integrated = given.charged_ah, given.discharged_ah
-    total_ah = sum(gains_ah)
+    in_ah, out_ah = given.charged_ah, given.discharged_ah
+    total_ah, (gained_ah, spent_ah) = sum(gains_ah), gains_ah
     # The names of the counters are the tester's; the sign of the current is settled elsewhere.
-    apart_ah = max(abs(a - b) for a, b in zip(integrated, gains_ah, strict=True))
-    if apart_ah <= _QUANTA * given.samples.counters.quantum_ah:
+    apart_ah = max(abs(in_ah - gained_ah), abs(out_ah - spent_ah))
+    apart, swapped_ah = apart_ah / total_ah, max(abs(in_ah - spent_ah), abs(out_ah - gained_ah))
+    if apart_ah <= _QUANTA * given.samples.counters.quantum_ah or apart <= _COUNTERS_NOTED:
         return
-    apart = apart_ah / total_ah
-    swapped = max(abs(a - b) for a, b in zip(integrated, gains_ah[::-1], strict=True)) / total_ah
-    told = {
-        "integrated_in_ah": integrated[0],
-        "integrated_out_ah": integrated[1],
-        "counted_in_ah": gains_ah[0],
-        "counted_out_ah": gains_ah[1],
-    }
-    if swapped < min(apart, _COUNTERS_DIFFER) and apart > _COUNTERS_DIFFER:
-        yield given.at(0, "counters.exchanged", **told)
-        return
-    ratio = sum(integrated) / total_ah
-    if apart > _COUNTERS_DIFFER:
-        other, held = _by_the_other_hold(given)
-        if abs(ratio - 1) > _SCALED and _is_scaled(given, ratio):
-            yield given.at(0, "counters.scaled", **told, ratio=ratio, inverse=1 / ratio)
-        elif abs(held / total_ah - 1) < abs(ratio - 1) / 3:
-            by_other = {"hold": other, "held_ah": held}
-            yield given.at(0, "counters.by-other-hold", **told, apart_share=apart, **by_other)
-        else:
-            yield given.at(0, "counters.apart", **told, apart_share=apart)
-    elif apart > _COUNTERS_NOTED:
+    told = {"integrated_in_ah": in_ah, "integrated_out_ah": out_ah}
+    told |= {"counted_in_ah": gained_ah, "counted_out_ah": spent_ah}
+    ratio = (in_ah + out_ah) / total_ah
+    other, held_ah = _by_the_other_hold(given)
+    if apart <= _COUNTERS_DIFFER:
         yield given.at(0, "counters.somewhat-apart", **told, apart_share=apart)
+    elif swapped_ah / total_ah < _COUNTERS_DIFFER:
+        yield given.at(0, "counters.exchanged", **told)
+    elif abs(ratio - 1) > _SCALED and _is_scaled(given, ratio):
+        yield given.at(0, "counters.scaled", **told, ratio=ratio, inverse=1 / ratio)
+    elif abs(held_ah / total_ah - 1) < abs(ratio - 1) / 3:
+        by_other = {"hold": other, "held_ah": held_ah}
+        yield given.at(0, "counters.by-other-hold", **told, apart_share=apart, **by_other)
+    else:
+        yield given.at(0, "counters.apart", **told, apart_share=apart)
 
 
 def _is_scaled(given: CheckInput, ratio: float) -> bool:
@@ -97,10 +90,10 @@ def _is_scaled(given: CheckInput, ratio: float) -> bool:
     assert counted_ah is not None, "both counters are there"
     passed_ah = np.cumsum(np.abs(counted_ah))
     edges = np.searchsorted(passed_ah, passed_ah[-1] * np.arange(_PARTS) / _PARTS)
-    parts = [
+    moved_ah, counted_ah = (
         np.add.reduceat(np.abs(charge_ah), edges) for charge_ah in (given.moved_ah, counted_ah)
-    ]
-    return bool(np.all(np.abs(parts[0] / parts[1] / ratio - 1) < _SCALED))
+    )
+    return bool(np.all(np.abs(moved_ah / counted_ah / ratio - 1) < _SCALED))
 
 
 def find_capacity(given: CheckInput) -> Iterator[Notice]:
@@ -130,17 +123,12 @@ def find_closure(given: CheckInput) -> Iterator[Notice]:
         return
     later = max(out.points[0].row, into.points[0].row)
     at = int(np.searchsorted(given.record.row, later)) if len(given.samples.table.sheets) < 2 else 0
-    yield given.at(
-        at,
-        "closure.open",
-        out_ah=out.passed_ah,
-        out_from_v=out.points[0].voltage_v,
-        out_to_v=out.points[-1].voltage_v,
-        in_ah=into.passed_ah,
-        in_from_v=into.points[0].voltage_v,
-        in_to_v=into.points[-1].voltage_v,
-        error_share=error,
-    )
+    told: dict[str, float] = {}
+    for way, sweep in (("out", out), ("in", into)):
+        ends_v = sweep.points[0].voltage_v, sweep.points[-1].voltage_v
+        told |= {f"{way}_ah": sweep.passed_ah}
+        told |= {f"{way}_from_v": ends_v[0], f"{way}_to_v": ends_v[1]}
+    yield given.at(at, "closure.open", **told, error_share=error)
 
 
 def _by_the_other_hold(given: CheckInput) -> tuple[str, float]:
@@ -168,8 +156,7 @@ _SETTLED_V, _SPREAD = 0.01, 0.3
 _DRIFT, _NOTED_DRIFT = 0.01, 5e-3
 
 
-@dataclass(frozen=True)
-class _Rest:
+class _Rest(NamedTuple):
     """First and last sample of a rest, the median of its current, and its length."""
 
     first: int
@@ -213,7 +200,7 @@ def _rests(given: CheckInput) -> list[_Rest]:
         chosen &= length_s >= _LONG_S
     places = np.flatnonzero(chosen)
     places = np.sort(places[np.argsort(-length_s[places], kind="stable")[:_ENOUGH]])
-    found = []
+    rests = []
     for a, b in zip(first[places].tolist(), last[places].tolist(), strict=True):
         half = slice((a + b) // 2, b + 1)
         current_a, voltage_v = record.current_a[half], record.voltage_v[half]
@@ -222,8 +209,8 @@ def _rests(given: CheckInput) -> list[_Rest]:
         is_steady = drift_a <= _SPREAD * abs(middle_a) + 2 * given.resolution_a
         is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * given.samples.noise_v
         if is_steady and is_settled and not _is_counted(given, a, b):
-            found.append(_Rest(a, b, middle_a, float(record.time_s[b] - record.time_s[a])))
-    return found
+            rests.append(_Rest(a, b, middle_a, float(record.time_s[b] - record.time_s[a])))
+    return rests
 
 
 def _middle(values: Float[np.ndarray, "few"]) -> float:
@@ -247,36 +234,34 @@ def _is_counted(given: CheckInput, first: int, last: int) -> bool:
 
 def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Notice]:
     """An offset, if most of the rests have it and hardly any is without."""
+    record, turnover_ah = given.record, _turnover_ah(given)
     values_a = np.array([rest.current_a for rest in rests])
     lengths_s = np.array([rest.length_s for rest in rests])
-    order = np.argsort(values_a)
-    middle = int(np.searchsorted(np.cumsum(lengths_s[order]), lengths_s.sum() / 2))
+    order, all_s = np.argsort(values_a), lengths_s.sum()
+    middle = int(np.searchsorted(np.cumsum(lengths_s[order]), all_s / 2))
     offset_a = float(values_a[order[middle]])
     near_a = _SPREAD * abs(offset_a) + 2 * given.resolution_a
     is_alike = np.abs(values_a - offset_a) <= near_a
     # Zero counts in the shortest rests too: a small current beside it is a load.
-    record = given.record
     is_zero = np.abs(record.current_a) <= near_a
     zero_s = record.interval_s[is_zero[1:] & is_zero[:-1]].sum()
-    alike_s = lengths_s[is_alike].sum()
-    if alike_s < _MOST * lengths_s.sum() or zero_s > _FEW * lengths_s.sum():
+    if lengths_s[is_alike].sum() < _MOST * all_s or zero_s > _FEW * all_s:
         return
     if abs(offset_a) <= max(_OFFSET_QUANTA * given.resolution_a, _doubt_a(given, rests)):
         return
-    turnover_ah = _turnover_ah(given)
     # Short and above what counts as rest, they are as likely the small loads of a drive cycle.
-    if abs(offset_a) >= turnover_ah / 100 and lengths_s.max() < _LONG_S:
+    is_large = abs(offset_a) >= turnover_ah / 100
+    if is_large and lengths_s.max() < _LONG_S:
         return
     drift_ah = abs(offset_a) * float(record.time_s[-1] - record.time_s[0]) / 3600
+    share, is_much = drift_ah / turnover_ah, drift_ah > _DRIFT * turnover_ah
     first = rests[int(np.argmax(is_alike))].first
     value_a = -offset_a if record.sign.value == "charge-positive" else offset_a
     told = {"offset_a": value_a, "drift_ah": drift_ah, "rests": len(rests)}
-    is_much, share = drift_ah > _DRIFT * turnover_ah, drift_ah / turnover_ah
     if is_much and given.ocv.sweeps:
         told |= {"soc_share": share, "ocv_v": share * given.samples.bulk_time[1]}
-    if abs(offset_a) >= turnover_ah / 100 or is_much:
-        is_hidden = abs(offset_a) >= turnover_ah / 100 and given.given_rest_a is None
-        rest_a = 1.5 * abs(offset_a) if is_hidden else None
+    if is_large or is_much:
+        rest_a = 1.5 * abs(offset_a) if is_large and given.given_rest_a is None else None
         yield given.at(first, "rests.offset", **told, rest_a=rest_a)
     elif drift_ah > _NOTED_DRIFT * turnover_ah:
         yield given.at(first, "rests.slight-offset", **told)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..notices import Notice, notice
-from ..records.lag import LASTING, LATE_SURE, Known, late_of
+from ..records.lag import LASTING, LATE_SURE, late_of
 from ..records.record import equal_runs
 from ..records.silence import gaps_in
 from .traits import FINE_S, CheckInput
@@ -54,21 +54,20 @@ def find_gaps(given: CheckInput) -> Iterator[Notice]:
     if not 0 < len(gaps) <= max(1, _MANY * len(interval_s)):
         return
     jump_v = np.abs(np.diff(given.source_v)[gaps])
-    # The charge is in doubt by as much as the current moves beside the gap, and not between rests
-    # of one voltage.
-    beside = np.clip(gaps[:, None] + np.arange(-2, 4), 0, record.samples - 1)
-    doubt_a = np.ptp(record.current_a[beside], axis=1)
     is_between_rests = given.is_rested[gaps] & given.is_rested[gaps + 1]
-    doubt_a[is_between_rests & (jump_v <= _HIDDEN_V)] = 0
     # Between rests of two voltages a load was left out.
     is_lost = is_between_rests & (jump_v > _HIDDEN_V)
-    charge_ah = record.charge_ah
-    is_counted = charge_ah is not None
-    if charge_ah is not None:
+    counted_ah, doubt_ah = record.charge_ah, 0.0
+    if counted_ah is not None:
         # The tester counted on, unless its counter stood still or began anew.
-        is_lost &= np.abs(np.diff(charge_ah)[gaps]) <= _HELD_SHARE * given.scale_ah
-        doubt_a[:] = 0
-    doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
+        is_lost &= np.abs(np.diff(counted_ah)[gaps]) <= _HELD_SHARE * given.scale_ah
+    else:
+        # The charge is in doubt by as much as the current moves beside the gap, and not between
+        # rests of one voltage.
+        beside = np.clip(gaps[:, None] + np.arange(-2, 4), 0, record.samples - 1)
+        doubt_a = np.ptp(record.current_a[beside], axis=1)
+        doubt_a[is_between_rests & ~is_lost] = 0
+        doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
     moved_ah = given.charged_ah + given.discharged_ah
     worst = gaps[int(np.argmax(interval_s[gaps]))]
     told = {"longest_s": interval_s[worst], "longest_row": record.row[worst + 1]}
@@ -77,13 +76,13 @@ def find_gaps(given: CheckInput) -> Iterator[Notice]:
     held_ah = float(np.abs(given.moved_ah[gaps]).sum())
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
         lost = "doubted"
-        if is_counted:
+        if counted_ah is not None:
             lost = "standing" if is_lost.any() else "counted"
         elif is_lost.any() or not _HIDDEN_SHARE * given.scale_ah <= doubt_ah <= moved_ah:
             lost = "unknown"
         moved = {"moved_v": jump_v.max(), "charge": lost, "doubt_ah": doubt_ah}
         yield given.at(first, "gaps.jump", **told, **moved)
-    elif not is_counted and held_ah > _HELD_SHARE * given.scale_ah:
+    elif counted_ah is None and held_ah > _HELD_SHARE * given.scale_ah:
         yield given.at(first, "gaps.steady", **told, held_ah=held_ah)
     else:
         yield given.at(first, "gaps.idle", **told)
@@ -158,49 +157,37 @@ def find_smoothed_current(given: CheckInput) -> Iterator[Notice]:
     least_ohm = max(_BACK_SHARE * first_ohm, LATE_SURE * np.sqrt(covariance[1, 1]))
     if first_ohm > 0 and -second_ohm > least_ohm and given.lag is None:
         told = {"first_ohm": first_ohm, "back_ohm": -second_ohm}
-        yield notice("smoothed-current.back", **told, interval_s=np.median(given.record.interval_s))
+        yield notice("smoothed-current.back", **told, interval_s=given.usual_s)
 
 
 def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
-    """A voltage that shows part of a step of the current only in the next samples."""
-    if given.is_lag_given:
-        return
-    lag, usual_s = given.lag, float(np.median(given.record.interval_s))
+    """A voltage that shows part of a step of the current only in the next samples, or its answer
+    over several, as one that was filtered does."""
+    lag, known = given.lag, given.answers_ohm
     if lag is not None:
-        told = {"lag_s": lag.seconds, "interval_s": usual_s, "apart_s": abs(lag.seconds)}
-        told |= {"cause": "either" if abs(lag.samples) < 1 and usual_s >= _ALIKE_S else None}
+        told = {"lag_s": lag.seconds, "interval_s": given.usual_s, "apart_s": abs(lag.seconds)}
+        is_either = abs(lag.samples) < 1 and given.usual_s >= _ALIKE_S
+        told |= {"cause": "either" if is_either else None}
         if lag.samples > 0:
             yield notice("late-voltage.lags", **told, missing_share=min(lag.samples, 1.0))
         else:
             yield notice("late-voltage.leads", **told)
+    if lag is not None or known is None or given.is_lag_given:
         return
-    late = late_of(given.answers_ohm)
-    if late is None:
-        yield from _smoothed_voltage(given.answers_ohm, usual_s)
-        return
-    first_ohm, second_ohm, third_ohm = late
-    late_ohm = second_ohm - LASTING * third_ohm
-    yield notice(
-        "late-voltage.step",
-        first_ohm=first_ohm,
-        second_ohm=second_ohm,
-        third_ohm=third_ohm,
-        interval_s=usual_s,
-        missing_share=late_ohm / (first_ohm + late_ohm),
-    )
-
-
-def _smoothed_voltage(known: Known | None, interval_s: float) -> Iterator[Notice]:
-    """A voltage that answers a step over several samples, as one that was filtered does."""
-    if known is None:
-        return
+    late = late_of(known)
     (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = known
+    told = {"first_ohm": first_ohm, "second_ohm": second_ohm, "third_ohm": third_ohm}
+    told |= {"interval_s": given.usual_s}
+    if late is not None:
+        late_ohm = second_ohm - LASTING * third_ohm
+        share = late_ohm / (first_ohm + late_ohm)
+        yield notice("late-voltage.step", **told, missing_share=share)
+        return
     least_ohm = max(_SLOW_SHARE * first_ohm, LATE_SURE * np.sqrt(np.max(np.diag(covariance))))
     # A steep OCV adds the same to every answer.
     is_slow, is_rising = second_ohm - last_ohm > least_ohm, last_ohm - first_ohm > least_ohm
     if first_ohm > 0 and (is_slow or is_rising):
-        told = {"first_ohm": first_ohm, "second_ohm": second_ohm, "third_ohm": third_ohm}
-        yield notice("late-voltage.smoothed", **told, interval_s=interval_s)
+        yield notice("late-voltage.smoothed", **told)
 
 
 def find_fast_load(given: CheckInput) -> Iterator[Notice]:
@@ -211,12 +198,11 @@ def find_fast_load(given: CheckInput) -> Iterator[Notice]:
     slow = None if evidence is None else evidence.slow
     if slow is None or not (slow.changes_between and (is_given or hold.value != "forward")):
         return
-    rows = slow.kind
     # Whoever says "forward" knows that the load switches in time with the log.
-    is_told = rows == "instants" and not (is_given and hold.value == "forward")
+    is_told = slow.kind == "instants" and not (is_given and hold.value == "forward")
     if is_told or hold.strength == "assumed":
         is_open = None if is_given else "open"
-        yield notice(_FAST_LOAD[rows], interval_s=given.samples.interval_s, hold=is_open)
+        yield notice(_FAST_LOAD[slow.kind], interval_s=given.samples.interval_s, hold=is_open)
 
 
 def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:

@@ -1,12 +1,13 @@
 """Files in and out: `barnax check` and `convert` of measured ones, and `export` of a result."""
 
+import io
 import json
 import os
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -18,6 +19,11 @@ from ..settings import Reading
 from .options import HOW_READ, Given, group, known_names, options_of
 from .output import require_free_file, tell_unfinished, write_file
 from .session import Session, shown
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from ..records import Record
 
 SCHEMA_VERSION = 1
 # The exit status of a command that has something to tell.
@@ -135,7 +141,6 @@ def convert(what: Converted) -> None:
     with session.watch("Loading"):
         from ..inputs import how_read, lags_of, require_records
         from ..records import read_source
-        from ..records.bdf import bdf_files
         from ..records.source import joined
 
     stem = file.name.split(".")[0] if file.name != "-" else "record"
@@ -245,3 +250,61 @@ def _verification(check: "barnax.export.Verification") -> str:
     if remainder_v < check.largest_v / 2:
         text += f"; {reason} {remainder_v:.3g} V"
     return text + "."
+
+
+def bdf_table(record: "Record") -> "pl.DataFrame":
+    """The record's samples as a table of the Battery Data Format, charge positive, under its
+    preferred labels (battery-data-alliance/battery-data-format).
+
+    The format has no word for when a sample's current flowed. Where it flowed before the sample
+    and no counters prove it, the net capacity is the integral that does.
+
+    >>> from barnax.bundled import bundled_file
+    >>> from barnax.records import read_record
+    >>> bdf_table(read_record(bundled_file("identification"))).columns
+    ['Test Time / s', 'Current / A', 'Voltage / V']
+    """
+    import polars as pl
+
+    net_ah = record.discharged_ah if _is_unproved(record) else record.charge_ah
+    columns = {
+        "Test Time / s": record.time_s,
+        # Adding zero makes the -0.0 of a rest a plain zero.
+        "Current / A": 0.0 - record.current_a,
+        "Voltage / V": record.voltage_v,
+        "Surface Temperature / degC": record.temperature_degc,
+        "Step Index / 1": record.step,
+        "Cycle Count / 1": record.cycle,
+        "Net Capacity / Ah": None if net_ah is None else 0.0 - net_ah,
+    }
+    known = {name: values for name, values in columns.items() if values is not None}
+    return pl.DataFrame({name: values.copy() for name, values in known.items()})
+
+
+def _is_unproved(record: "Record") -> bool:
+    return record.hold.value != "forward" and record.hold.strength != "strong"
+
+
+def _provenance(record: "Record") -> dict[str, Any]:
+    """The file that the record is of, and what was decided and changed on the way."""
+    return {
+        "written by": f"barnax {barnax.__version__}",
+        "source": record.name,
+        "source sha256": record.sha256,
+        "current sign in the source": record.sign.value,
+        "reason": record.sign.reason,
+        "current flows": f"{record.hold.value} from a sample ({record.hold.strength})",
+        "net capacity": "integrated" if _is_unproved(record) else "the tester's",
+        "warnings": [str(found) for found in (*record.notes, *record.warnings)],
+    }
+
+
+def bdf_files(record: "Record", name: str) -> dict[str, bytes]:
+    """The files by name: Parquet that holds its provenance, or CSV with a JSON file beside it."""
+    table = bdf_table(record)
+    origin = json.dumps(_provenance(record), indent=1, ensure_ascii=False)
+    if not name.lower().endswith(".csv"):
+        parquet = io.BytesIO()
+        table.write_parquet(parquet, metadata={"provenance": origin})
+        return {name: parquet.getvalue()}
+    return {name: table.write_csv().encode(), f"{name[:-4]}.json": f"{origin}\n".encode()}

@@ -19,7 +19,7 @@ import polars as pl
 
 from ..errors import InputError, listed, reason_of
 from ..files import SUFFIX, changed_ns, located, replacing, write_whole
-from ..records.readers.room import dies
+from ..records.readers.content import dies
 from ..records.table import LARGEST_FILE
 from .manifest import FleetCell
 

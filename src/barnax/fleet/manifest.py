@@ -24,7 +24,7 @@ from ..errors import LONGEST_NAME, InputError, cut, listed, toml_reason
 from ..files import is_address, located
 from ..records.readers import unzipped
 from ..records.readers.binary import PARQUET
-from ..records.readers.room import require_room
+from ..records.readers.content import require_room
 from ..settings import WINDOW_OPTIONS, CellSettings, Reading
 
 if TYPE_CHECKING:

@@ -1,19 +1,12 @@
 """Measured data in, checked records out."""
 
-from .logger import Decision, Hold
-from .read import read_record, record_from_frame
-from .record import Record
-from .source import Source, find_file, folders_around, read_source, source_from_frame
-
-__all__ = [
-    "Decision",
-    "Hold",
-    "Record",
-    "Source",
-    "find_file",
-    "folders_around",
-    "read_record",
-    "read_source",
-    "record_from_frame",
-    "source_from_frame",
-]
+from .logger import Decision as Decision
+from .logger import Hold as Hold
+from .read import read_record as read_record
+from .read import record_from_frame as record_from_frame
+from .record import Record as Record
+from .source import Source as Source
+from .source import find_file as find_file
+from .source import folders_around as folders_around
+from .source import read_source as read_source
+from .source import source_from_frame as source_from_frame

@@ -15,8 +15,8 @@ from ...errors import InputError
 from ..columns import NOTHING
 from ..table import Reader, Table
 from .binary import ARBIN_RES, BIOLOGIC_MPR, NEWARE, PARQUET, ZIP
+from .content import unpack, unpacked
 from .matlab import MATLAB
-from .room import unpack, unpacked
 from .text import TEXT
 from .workbook import WORKBOOK
 

@@ -23,7 +23,7 @@ from jaxtyping import Int
 from ...errors import InputError, reason_of
 from ...notices import notice
 from ..table import Reader, Table
-from .room import (
+from .content import (
     NUMBER_BYTES,
     refusing,
     require_room,

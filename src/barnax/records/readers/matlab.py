@@ -20,7 +20,7 @@ from ...notices import Notice, notice
 from ..cell_values import DAY_S
 from ..columns import is_ocv_table, names_record
 from ..table import Reader, Table
-from .room import refusing, require_trial
+from .content import refusing, require_trial
 
 Struct = dict[str, Any]
 

@@ -22,8 +22,15 @@ from ..cell_values import numbers
 from ..columns import Column, columns_of, is_ocv_table, names_record, other_table, with_units
 from ..quantities import CELL_RANGE_V, NEEDED
 from ..table import Reader, Table
-from .encoding import PREAMBLE_BYTES, as_utf8, head_lines, is_text, require_lines
-from .room import NUMBER_BYTES, require_room
+from .content import (
+    NUMBER_BYTES,
+    PREAMBLE_BYTES,
+    as_utf8,
+    head_lines,
+    is_text,
+    require_lines,
+    require_room,
+)
 
 Schema = Mapping[str, type[pl.DataType]]
 

@@ -21,7 +21,7 @@ from ..columns import columns_of, is_ocv_table, names_record, with_units
 from ..quantities import NEEDED
 from ..table import Reader, Table
 from .binary import quieted
-from .room import require_trial
+from .content import require_trial
 
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 # Sheets of one channel: "Channel_1-001", "Channel_1-001_2"; "Detail_14_1_3"; "record", "record_2".

@@ -139,16 +139,15 @@ def compare_temperatures(
         (tests, "cell.temperature-of-test"),
         (identified, "cell.temperature-of-circuit"),
     ):
-        known = [(name, degc) for name, degc in others if degc is not None]
+        known = [(degc, name) for name, degc in reversed(others) if degc is not None]
         for name, degc in records:
             if degc is None or not known:
                 continue
-            apart = {abs(own_degc - degc): (other, own_degc) for other, own_degc in known}
-            if min(apart) > _DEGREES:
-                other, own_degc = apart[min(apart)]
-                told = {"temperature_degc": degc, "other": other, "other_degc": own_degc}
+            other_degc, other = min(known, key=lambda pair, degc=degc: abs(pair[0] - degc))
+            if abs(other_degc - degc) > _DEGREES:
+                told = {"temperature_degc": degc, "other": other, "other_degc": other_degc}
                 own = in_fahrenheit(degc)
-                if degc > _WARM_DEGC and abs(own - own_degc) <= _DEGREES:
+                if degc > _WARM_DEGC and abs(own - other_degc) <= _DEGREES:
                     code, told = "cell.fahrenheit", told | {"own_degc": own}
                 found.append(notice(code, name, **told))
     return found

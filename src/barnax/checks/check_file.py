@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -62,6 +62,21 @@ class Facts:
     current_sign: str
     current_hold: str
 
+    @classmethod
+    def of(cls, given: CheckInput) -> Self:
+        """The facts of a record."""
+        record = given.record
+        return cls(
+            samples=record.samples,
+            time_s=(float(record.time_s[0]), float(record.time_s[-1])),
+            median_interval_s=given.usual_s,
+            voltage_v=(float(record.voltage_v.min()), float(record.voltage_v.max())),
+            charged_ah=given.charged_ah,
+            discharged_ah=given.discharged_ah,
+            current_sign=record.sign.value,
+            current_hold=record.hold.value,
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """The facts as plain values, with units in the keys."""
         return {key_of(name).replace("_", " "): value for name, value in vars(self).items()}
@@ -102,21 +117,6 @@ class FileCheck(Brief):
             "facts": self.facts.to_dict() if self.facts else None,
             "roles": {role.name: role.to_dict() for role in self.roles},
         }
-
-
-def _facts(given: CheckInput) -> Facts:
-    """The facts of a record."""
-    record = given.record
-    return Facts(
-        samples=record.samples,
-        time_s=(float(record.time_s[0]), float(record.time_s[-1])),
-        median_interval_s=float(np.median(record.interval_s)),
-        voltage_v=(float(record.voltage_v.min()), float(record.voltage_v.max())),
-        charged_ah=given.charged_ah,
-        discharged_ah=given.discharged_ah,
-        current_sign=record.sign.value,
-        current_hold=record.hold.value,
-    )
 
 
 def check_file(
@@ -175,7 +175,7 @@ def check_file(
             for check in CHECKS.values():
                 findings += check(given)
             traits = traits_of(given)
-            facts, roles = _facts(given), find_roles(given, traits)
+            facts, roles = Facts.of(given), find_roles(given, traits)
     if source.name.lower().endswith(_TESTERS_OWN):
         findings = [
             replace(finding, values={**finding.values, "edit": "exported"}) for finding in findings

@@ -163,11 +163,10 @@ def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
     seen = f"{steps}, sampled every {traits.interval_s:.3g} s under load"
     moves = f"{seen}; it spans {given.record.span_ah:.3g} Ah; {window.reason}"
     roles = []
-    for name in ("identification", "validation"):
-        is_validated = name == "validation"
+    for name, is_validated in (("identification", False), ("validation", True)):
         missing = traits.missing_for(given.capacity_ah, is_validated)
-        lack = traits.steps_lack(given.capacity_ah, is_validated)
-        loose = traits.half_width(is_validated) if missing and missing == lack else None
+        is_lack = missing and missing == traits.steps_lack(given.capacity_ah, is_validated)
+        loose = traits.half_width(is_validated) if is_lack else None
         unusable = Role(name, False, missing, half_width=loose)
         roles.append(unusable if missing else Role(name, True, moves, window))
     return roles

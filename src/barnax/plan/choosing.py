@@ -158,9 +158,8 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
         _leave_others(draft, choice, [])
         names = " and ".join(test.name for test in choice.tests)
         unfit = f"no record can be identified on with {names}, for the reasons beside each"
-        return Plan(
-            "identify", draft.parts(), missing=unfit if dynamic else NO_RECORD + MAKE_RECORD
-        )
+        missing = unfit if dynamic else NO_RECORD + MAKE_RECORD
+        return Plan("identify", draft.parts(), missing=missing)
     record = runs[0]
     is_own = is_pulsed and choice.tests == (record,)
     why = f"{ocv_reason([record])}; " if is_own else ""
@@ -247,24 +246,19 @@ def _runnable(
         if file in draft.taken or (not is_pulsed and file in choice.tests):
             continue
         missing = file.missing_for(choice.cell.capacity_ah, is_validated=True)
-        if not missing and not is_pulsed:
-            start = started(draft.files, file, file.window, choice)
-            if isinstance(start, InputError):
-                own = str(start).removeprefix(f"{file.name}: ")
-                missing = another_cell(file, choice.cell.capacity_ah) or own
-            else:
-                draft.starts[file] = start
+        if not missing and not is_pulsed and (missing := _no_start(draft, file, choice)):
+            missing = another_cell(file, choice.cell.capacity_ah) or missing
         if missing:
             draft.take(file, "not used", missing)
         else:
             runs.append(file)
     # An OCV test that is cut short may hold less than a record, but not by so much.
     max_ah = math.inf if choice.capacity_ah else _ANOTHER * choice.cell.capacity_ah
-    others = [file for file in runs if file.traits.span_ah > max_ah]
-    if len(others) < len(runs):
-        for file in others:
+    within = [file for file in runs if file.traits.span_ah <= max_ah]
+    for file in runs if within else ():
+        if file not in within:
             draft.take(file, "not used", why_useless(file, choice.cell.capacity_ah))
-        runs = [file for file in runs if file not in others]
+    runs = within or runs
     widest_ah = max((file.traits.reach_ah for file in runs), default=0.0)
 
     def rank(file: CandidateFile) -> tuple:
@@ -279,6 +273,15 @@ def _runnable(
         )
 
     return sorted(runs, key=rank)
+
+
+def _no_start(draft: Draft, file: CandidateFile, choice: OcvChoice) -> str:
+    """The reason why a record has no start on the OCV; empty where it has one, for the draft."""
+    start = started(draft.files, file, file.window, choice)
+    if isinstance(start, InputError):
+        return str(start).removeprefix(f"{file.name}: ")
+    draft.starts[file] = start
+    return ""
 
 
 def _holds_drive(files: Sequence[CandidateFile]) -> bool:
@@ -315,18 +318,14 @@ def _take_others(draft: Draft, others: Sequence[CandidateFile], capacity_ah: flo
 def _take_charges(draft: Draft, record: CandidateFile, choice: OcvChoice) -> None:
     """Charges of the same temperature are identified on too, where they reach over enough: on a
     flat OCV they show the resistances and the hysteresis of the other direction."""
+    cell = choice.cell
     for file in draft.free:
-        is_charge = file.kind(choice.cell.capacity_ah) == "charge"
-        if not is_charge or not is_same_degc(file.temperature_degc, record.temperature_degc):
-            continue
-        span_ah = file.traits.span_ah
-        if span_ah < _MUCH * choice.cell.capacity_ah:
-            continue
-        start = started(draft.files, file, file.window, choice)
-        if not isinstance(start, InputError):
-            draft.starts[file] = start
-            why = f"a charge of {span_ah:.3g} Ah, for the other direction{start.words}"
-            draft.take(file, "identification", why)
+        span_ah, degc = file.traits.span_ah, file.temperature_degc
+        is_charge = file.kind(cell.capacity_ah) == "charge" and span_ah >= _MUCH * cell.capacity_ah
+        is_there = is_same_degc(degc, record.temperature_degc)
+        if is_charge and is_there and not _no_start(draft, file, choice):
+            of = f"a charge of {span_ah:.3g} Ah, for the other direction"
+            draft.take(file, "identification", of + draft.starts[file].words)
 
 
 def _take_other_temperatures(
@@ -352,46 +351,37 @@ def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
     known = (test.temperature_degc for test in choice.tests if test.temperature_degc is not None)
     degc = next(known, None)
     usable = {file for group, test in chosen if test for file in (*group, *test.tests)}
+    names = " and ".join(test.name for test in choice.tests)
     for file in draft.free:
+        at, reason = named_degc(file.temperature_degc), why_useless(file, draft.capacity_ah)
         if not is_same_degc(file.temperature_degc, degc):
-            at, of = named_degc(file.temperature_degc), named_degc(degc)
-            reason = f"measured{at}, the OCV test{of}"
+            reason = f"measured{at}, the OCV test{named_degc(degc)}"
             if file in usable:
                 reason = f"measured{at}: for tables over temperature (`over=soc,temperature`)"
-            draft.take(file, "not used", reason)
         elif file.serves("OCV test"):
-            names = " and ".join(test.name for test in choice.tests)
-            verb = "is" if len(choice.tests) == 1 else "are"
-            reason = f"also an OCV test ({ocv_reason([file])}), but {names} {verb} better"
-            draft.take(file, "not used", reason)
-        else:
-            draft.take(file, "not used", why_useless(file, draft.capacity_ah))
+            better = f"{names} {'is' if len(choice.tests) == 1 else 'are'} better"
+            reason = f"also an OCV test ({ocv_reason([file])}), but {better}"
+        draft.take(file, "not used", reason)
 
 
 def _options(
     draft: Draft, runs: Sequence[CandidateFile], choice: OcvChoice
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
-    options: dict[str, Any] = {}
-    reasons: dict[str, str] = {}
     record, own_ah = runs[0], None
-    for file in runs:
+    for file in runs if draft.given_ah is None else ():
         own = draft.window(file)
         is_full = own.initial_soc == 1.0 or draft.starts.get(file, SHOWN).is_full
         taken_ah = record_capacity_ah(file, own, choice, is_full)
         is_used = draft.taken[file][0] == "identification"
         if taken_ah is not None and is_used and taken_ah > (own_ah or 0.0):
             record, own_ah = file, taken_ah
-    if draft.given_ah is not None:
-        options["capacity"] = draft.given_ah
-        reasons["capacity"] = "given"
-    elif draft.window(record).capacity_ah is None and own_ah is not None:
-        options["capacity"] = own_ah
-        reasons["capacity"] = (
-            f"the Ah that {record.name} takes out of the full cell; the OCV test has "
-            f"{choice.cell.capacity_ah:.4g} Ah"
-        )
-    elif choice.capacity_ah is not None:
-        options["capacity"] = float(f"{choice.capacity_ah:.{DIGITS}g}")
-        reasons["capacity"] = "the Ah of the longest discharge, because the OCV test has none"
-    return options, reasons
+    capacity_ah, reason = draft.given_ah, "given"
+    if capacity_ah is None and draft.window(record).capacity_ah is None and own_ah is not None:
+        test = f"the OCV test has {choice.cell.capacity_ah:.4g} Ah"
+        capacity_ah = own_ah
+        reason = f"the Ah that {record.name} takes out of the full cell; {test}"
+    elif capacity_ah is None and choice.capacity_ah is not None:
+        capacity_ah = float(f"{choice.capacity_ah:.{DIGITS}g}")
+        reason = "the Ah of the longest discharge, because the OCV test has none"
+    return ({}, {}) if capacity_ah is None else ({"capacity": capacity_ah}, {"capacity": reason})

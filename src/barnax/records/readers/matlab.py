@@ -59,13 +59,13 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     structs = dict(_structs(tree))
     if chosen := _chosen(structs, given):
         return _table(chosen)
-    columns = dict(map(_columns, structs.items()))
+    columns = {path: _columns(struct) for path, struct in structs.items()}
     records = {path: own for path, own in columns.items() if names_record([*own], given)}
     records = records or {path: own for path, own in columns.items() if is_ocv_table([*own], given)}
     for path in structs:
-        cycles = [k for k in records if k.startswith(f"{path}.cycle(") and k.endswith(").data")]
-        if cycles and len(cycles) == len(records) and all(map(_start_s, _begun(structs, cycles))):
-            return _joined(structs, {k: records[k] for k in cycles}, f"{path}.cycle")
+        is_cycle = re.compile(rf"{re.escape(path)}\.cycle\(.*\)\.data").fullmatch
+        if records and all(map(is_cycle, records)) and (table := _joined(structs, records, path)):
+            return table
     scripts = [path for path in records if _SCRIPTS.fullmatch(path)]
     if len(records) == 1 or (scripts and len(scripts) == len(records)):
         first, *others = sorted(records)
@@ -151,12 +151,11 @@ def _is_column(value: Any) -> bool:
     return is_array and value.size > 1 and value.size == max(value.shape)
 
 
-def _columns(found: tuple[str, Struct]) -> tuple[str, dict[str, np.ndarray]]:
+def _columns(struct: Struct) -> dict[str, np.ndarray]:
     """A structure's columns of numbers, of the length that most of them have."""
-    path, struct = found
     columns = {name: np.ravel(value) for name, value in struct.items() if _is_column(value)}
     usual = Counter(map(len, columns.values())).most_common(1)
-    return path, {name: value for name, value in columns.items() if len(value) == usual[0][0]}
+    return {name: value for name, value in columns.items() if len(value) == usual[0][0]}
 
 
 def _chosen(structs: Mapping[str, Struct], given: Mapping[str, str]) -> dict[str, np.ndarray]:
@@ -168,7 +167,7 @@ def _chosen(structs: Mapping[str, Struct], given: Mapping[str, str]) -> dict[str
             value: Any = structs.get(path, {}).get(field)
             if path and _is_column(value):
                 chosen[name] = np.ravel(value)
-                beside = beside or _columns((path, structs[path]))[1]
+                beside = beside or _columns(structs[path])
                 break
     taken = {name.rpartition(".")[2] for name in chosen}
     length = len(next(iter(chosen.values()), ()))
@@ -178,15 +177,12 @@ def _chosen(structs: Mapping[str, Struct], given: Mapping[str, str]) -> dict[str
     return chosen | {name: value for name, value in others.items() if len(value) == length}
 
 
-def _table(
-    columns: Mapping[str, np.ndarray], notes: tuple[Notice, ...] = (), **words: Sequence[str]
-) -> Table:
-    numbers = {name: np.asarray(value, float) for name, value in columns.items()}
-    return Table.of(pl.DataFrame({**numbers, **words}), notes=notes)
+def _table(columns: Mapping[str, np.ndarray], notes: tuple[Notice, ...] = ()) -> Table:
+    return Table.of(_frame(columns), notes=notes)
 
 
-def _begun(structs: Mapping[str, Struct], cycles: Sequence[str]) -> list[Struct]:
-    return [structs[path.removesuffix(".data")] for path in cycles]
+def _frame(columns: Mapping[str, np.ndarray]) -> pl.DataFrame:
+    return pl.DataFrame({name: np.asarray(value, float) for name, value in columns.items()})
 
 
 def _start_s(cycle: Struct) -> float:
@@ -203,23 +199,24 @@ def _start_s(cycle: Struct) -> float:
 
 def _joined(
     structs: Mapping[str, Struct], records: Mapping[str, dict[str, np.ndarray]], path: str
-) -> Table:
-    """NASA's cycles behind each other, each from when it began."""
-    cycles = _begun(structs, [*records])
-    starts_s = [_start_s(cycle) for cycle in cycles]
-    order = np.argsort(starts_s, kind="stable").tolist()
-    own = [[*records.values()][k] for k in order]
-    clocks = [
-        columns["Time"] + starts_s[k] - min(starts_s) for k, columns in zip(order, own, strict=True)
-    ]
-    shared = [name for name in own[0] if name != "Time" and all(name in columns for columns in own)]
-    counts = [len(clock_s) for clock_s in clocks]
-    numbers = [int(re.findall(r"\((\d+)\)", [*records][k])[-1]) for k in order]
-    words = [str(cycles[k].get("type", "")) for k in order]
-    columns = {"Time": np.concatenate(clocks), "cycle": np.repeat(numbers, counts)}
-    columns |= {name: np.concatenate([columns[name] for columns in own]) for name in shared}
-    joined = notice("columns.joined-cycles", cycles=len(own), path=path)
-    return _table(columns, (joined,), state=np.repeat(words, counts).tolist())
+) -> Table | None:
+    """NASA's cycles behind each other, each from when it began; None where one does not tell."""
+    cycles = {name: structs[name.removesuffix(".data")] for name in records}
+    starts_s = {name: _start_s(cycle) for name, cycle in cycles.items()}
+    if not all(starts_s.values()):
+        return None
+    shared = [name for name in next(iter(records.values())) if name != "Time"]
+    frames = []
+    for name in sorted(records, key=lambda name: starts_s[name]):
+        begun_s = starts_s[name] - min(starts_s.values())
+        number = float(re.findall(r"\((\d+)\)", name)[-1])
+        word = str(cycles[name].get("type", ""))
+        added = {"cycle": pl.lit(number), "state": pl.lit(word)}
+        frames.append(_frame(records[name]).with_columns(pl.col("Time") + begun_s, **added))
+    shared = [name for name in shared if all(name in frame.columns for frame in frames)]
+    whole = pl.concat([frame.select("Time", "cycle", *shared, "state") for frame in frames])
+    note = notice("columns.joined-cycles", cycles=len(records), path=f"{path}.cycle")
+    return Table.of(whole, notes=(note,))
 
 
 def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -> str:

@@ -77,8 +77,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     below = "".join(lines[lead + blank : lead + blank + 1])
     header, has_units = with_units(layout.header, _cells(below, layout.delimiter), given)
     _refuse_split_numbers(lines[lead:], layout, columns_of(header, given), file)
-    if has_units:
-        lead += blank + 1
+    lead += blank + 1 if has_units else 0
     delimiter, above = layout.delimiter, lead
     if delimiter == _BLANK:
         content = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[_offset(content, lead) :])
@@ -231,7 +230,7 @@ def _refuse_split_numbers(
 
     The cells are more than the names, and fit them where some of them are joined.
     """
-    header, place = layout.header, layout.above + 2
+    header = layout.header
     rows = [_cells(line.rstrip(", "), ",") for line in lines[:_SPLIT_LINES] if line.strip(", ")]
     width = max(map(len, rows), default=0)
     rows = [row for row in rows if len(row) == width]
@@ -253,12 +252,11 @@ def _refuse_split_numbers(
             for row in rows
         ]
         if _fits(named, _series(joined)):
-            at = chosen[-1]
+            whole, decimals = rows[0][chosen[-1]], rows[0][chosen[-1] + 1]
             raise InputError(
-                f"{file}: row {place}: the rows have more cells than the {len(header)} names: "
-                "commas separate cells and also decimals, as in "
-                f"'{rows[0][at]},{rows[0][at + 1]}'; export it with semicolons, or with decimal "
-                "points."
+                f"{file}: row {layout.above + 2}: the rows have more cells than the {len(header)} "
+                f"names: commas separate cells and also decimals, as in '{whole},{decimals}'; "
+                "export it with semicolons, or with decimal points."
             )
 
 
@@ -332,12 +330,9 @@ def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], lines: str) -> T
     """The table without some lines, and a note of them."""
     kept = pl.Series(~is_left_out)
     note = notice("columns.lines-between", rows=is_left_out.sum(), lines=lines)
-    return replace(
-        table,
-        columns=tuple(column.filter(kept) for column in table.columns),
-        row=table.row[~is_left_out],
-        notes=(*table.notes, note),
-    )
+    columns = tuple(column.filter(kept) for column in table.columns)
+    notes = (*table.notes, note)
+    return replace(table, columns=columns, row=table.row[~is_left_out], notes=notes)
 
 
 def _records_of_layers(table: Table, given: Mapping[str, str]) -> Table:

@@ -152,29 +152,27 @@ def _joined(
 
     Workbooks do not promise the order of their sheets; the clock does.
     """
-    header, first = names.header, names.body + 1
-    filled = {name: body for name, body in bodies.items() if body.height}
-    order = list(filled)
-    found = columns_of(header, given)
-    clock = found.get("time") or found.get("date")
-    if len(order) > 1 and clock is not None:
-        starts = {
-            name: float(numbers(filled[name].to_series(clock.index).head(1), clock)[0])
-            for name in order
-        }
-        order.sort(key=lambda name: starts[name])
+    header = names.header
+    filled = [(name, body) for name, body in bodies.items() if body.height]
+    columns = columns_of(header, given)
+    clock = columns.get("time") or columns.get("date")
+    if len(filled) > 1 and clock is not None:
+
+        def start(sheet: tuple[str, pl.DataFrame]) -> float:
+            return float(numbers(sheet[1].to_series(clock.index).head(1), clock)[0])
+
+        filled.sort(key=start)
     plural = "true" if len(ignored) > 1 else None
     notes = [notice("columns.sheets", sheets=listed(ignored), plural=plural)] if ignored else []
     if names.above:
         notes.append(notice("columns.rows-above", names_row=names.above + 1))
-    rows = (np.arange(filled[name].height) + first for name in order)
+    rows = (np.arange(body.height) + names.body + 1 for _, body in filled)
+    parts = ([body.to_series(k) for _, body in filled] for k in range(len(header)))
     return Table(
         header=header,
-        columns=tuple(
-            _stacked([filled[name].to_series(k) for name in order]) for k in range(len(header))
-        ),
+        columns=tuple(map(_stacked, parts)),
         row=np.concatenate([np.arange(0), *rows]),
-        sheets=tuple((name, filled[name].height) for name in order),
+        sheets=tuple((name, body.height) for name, body in filled),
         notes=tuple(notes),
     )
 

@@ -15,7 +15,7 @@ from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.plots import plot_soc_replay
 from barnax.replay import Scenario, SocReplay, replay_soc
-from barnax.reporting.replay import soc_lines
+from barnax.reporting.records import soc_lines
 from barnax.reporting.terminal import soc_screen
 from barnax.result_filter import FilterSettings
 from barnax.scenarios import converged

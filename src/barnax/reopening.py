@@ -71,12 +71,7 @@ class Places:
 
     def find(self, name: str, sha256: str) -> Path:
         """The file of that name and content. Raises `InputError` where there is none."""
-        try:
-            return find_file(name, sha256, self.folders)
-        except InputError:
-            if not sha256 or not self._planned:
-                raise
-        return find_file(name, sha256, (*self.folders, *self._planned))
+        return find_file(name, sha256, (*self.folders, *(self._planned if sha256 else ())))
 
     @cached_property
     def _planned(self) -> tuple[Path, ...]:

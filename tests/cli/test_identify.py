@@ -15,7 +15,7 @@ from barnax.cli import identify as command
 from barnax.cli.output import write_folder
 from barnax.cli.session import as_flags
 from barnax.plan.document import Part, Plan
-from barnax.reporting.next_step import Next
+from barnax.reporting.first_screen import Next
 from barnax.results import Result
 from helpers import golden
 
@@ -216,7 +216,7 @@ def test_the_next_step_is_an_option_beside_the_plan_of_the_run(
 ):
     monkeypatch.chdir(tmp_path)
     step = Next("compute intervals of the parameters", {"trust": "basic"})
-    monkeypatch.setattr("barnax.reporting.next_step.next_step", lambda _: step)
+    monkeypatch.setattr("barnax.reporting.first_screen.next_step", lambda _: step)
     plan = Plan("identify", (Part(Path(file), file, "identification"),))
     result = Result.from_json(golden.RESULT)
     advice, shown = command._next(result, Path("out"), plan, Path("d"))

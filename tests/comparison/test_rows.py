@@ -12,7 +12,6 @@ from barnax.bundled import BUNDLED
 from barnax.comparison import ComparisonResult, compare, make_comparison_result
 from barnax.comparison.statistics import errors_by_soc
 from barnax.model.window import Window
-from barnax.plots import plot_compared_convergence
 from barnax.records import read_record
 from barnax.search.evaluate import validate
 from barnax.search.refine import SAME_RMSE
@@ -167,7 +166,7 @@ def test_a_comparison_repeats_to_the_same_bytes(bundled_record, bundled_cell):
 
 
 @pytest.mark.slow
-def test_seeds_that_stop_after_different_generations_are_stored_and_drawn(
+def test_seeds_that_stop_after_different_generations_are_stored(
     bundled_record, bundled_cell, monkeypatch
 ):
     """Differential evolution ends where its whole population has come to one error, at last."""
@@ -188,6 +187,4 @@ def test_seeds_that_stop_after_different_generations_are_stored_and_drawn(
     result = make_comparison_result(compared)
     histories = [seed.history_v for seed in result.rows[0].seeds]
     assert len({len(each) for each in histories}) > 1
-    drawn = plot_compared_convergence(result).axes[0].get_lines()[0]
-    assert len(drawn.get_xdata()) == max(map(len, histories))
-    assert drawn.get_ydata()[-1] == pytest.approx(1e3 * np.median([each[-1] for each in histories]))
+    assert [each[-1] for each in histories] == [seed.rmse_v for seed in result.rows[0].seeds]

@@ -21,7 +21,7 @@ from barnax.reporting.design import (
     reached_half,
 )
 from barnax.reporting.design_forms import design_files
-from barnax.reporting.next_step import next_step
+from barnax.reporting.first_screen import next_step
 from barnax.reporting.words import joined
 from helpers.designs import BLOCKS, screen_of
 from helpers.known_cell import made

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from barnax import bundled_file, characterize, plots, read_record
 from barnax.plots import encode
 from barnax.results import Result
-from helpers.comparisons import make_comparison, make_failure, make_row
 from helpers.golden import RESULT
 from helpers.results import (
     make_evaluation,
@@ -27,7 +26,6 @@ def make_all_figures() -> dict[str, Figure]:
     cell = characterize(tests)
     scored = np.arange(600) >= 100
     evaluation = make_evaluation(make_record(600), scored)
-    comparison = make_comparison([make_row("ibmo so-rc", 20.0), make_row("ibmo esc", 18.0)])
     found = make_search([[0.03, 0.02, 0.011], [0.04, 0.012, 0.012]])
     return {
         "voltage": plots.plot_voltage(evaluation),
@@ -36,13 +34,12 @@ def make_all_figures() -> dict[str, Figure]:
         "convergence": plots.plot_convergence(found, make_refinement(found, 0.01)),
         "voltages": plots.plot_voltage({"a": evaluation, "b": evaluation}),
         "errors": plots.plot_error({"a": evaluation, "b": evaluation}),
-        "convergences": plots.plot_compared_convergence(comparison),
     }
 
 
 NAMES = (
     *("voltage", "error", "ocv", "convergence"),
-    *("voltages", "errors", "convergences"),
+    *("voltages", "errors"),
 )
 
 
@@ -91,17 +88,9 @@ def test_the_style_of_the_session_does_not_show():
     assert svg == plain_svg
 
 
-@pytest.mark.parametrize(
-    ("plot", "what"),
-    [
-        (plots.plot_ocv, "result"),
-        (plots.plot_convergence, "result"),
-        (plots.plot_compared_convergence, "comparison"),
-    ],
-)
-def test_what_is_stored_is_drawn_from_its_file_too(plot, what, tmp_path):
-    compared = make_comparison([make_row("lm so-rc", 20.0), make_failure("ls so-rc", "No.")])
-    stored = Result.from_json(RESULT) if what == "result" else compared
+@pytest.mark.parametrize("plot", [plots.plot_ocv, plots.plot_convergence])
+def test_what_is_stored_is_drawn_from_its_file_too(plot, tmp_path):
+    stored = Result.from_json(RESULT)
     path = tmp_path / "stored.json"
     path.write_text(stored.to_json())
     drawn = [

@@ -1,16 +1,10 @@
-"""Convergence draws every seed's and row's history, of seeds, of rows and of losses alone."""
-
-import io
+"""Convergence draws the history of every seed, of a search or of losses alone."""
 
 import numpy as np
 import pytest
 
-from barnax.plots import (
-    plot_compared_convergence,
-    plot_convergence,
-)
-from helpers.comparisons import make_comparison, make_row
-from helpers.results import labels, line, make_refinement, make_search, result_of
+from barnax.plots import plot_convergence
+from helpers.results import make_refinement, make_search, result_of
 
 HISTORIES_V = [[0.03, 0.02, 0.011], [0.04, 0.012, 0.012], [0.05, 0.05, 0.02]]
 
@@ -27,28 +21,6 @@ def test_the_excess_over_the_refined_answer_is_in_percent():
     figure = plot_convergence(found, make_refinement(found, 0.01))
     assert len(figure.axes) == 2
     np.testing.assert_allclose(figure.axes[1].get_lines()[0].get_ydata(), [200.0, 100.0, 10.0])
-
-
-def test_convergence_is_each_row_s_median_with_a_band_of_its_seeds():
-    row = make_row("ibmo so-rc", 20.0)
-    axes = plot_compared_convergence(make_comparison([row])).axes[0]
-    median = line(axes, "ibmo so-rc")
-    np.testing.assert_allclose(median.get_xdata(), [30, 165, 300])
-    np.testing.assert_allclose(median.get_ydata(), [40.0, 30.0, 20.2])
-    (band,) = axes.collections
-    heights = band.get_paths()[0].vertices[:, 1]
-    np.testing.assert_allclose([heights.min(), heights.max()], [20.04, 40.0])
-
-
-def test_the_excess_over_a_known_optimum_has_a_panel():
-    rows = [make_row("ibmo so-rc", 20.0), make_row("ibmo esc", 20.0)]
-    figure = plot_compared_convergence(make_comparison(rows, optima_mv={"so-rc": 20.0}))
-    figure.savefig(io.BytesIO())
-    assert labels(figure.axes[1]) == ["ibmo so-rc"]
-    np.testing.assert_allclose(
-        line(figure.axes[1], "ibmo so-rc").get_ydata(), [100.0, 50.0, 1.0], rtol=1e-6
-    )
-    assert len(plot_compared_convergence(make_comparison(rows)).axes) == 1
 
 
 @pytest.mark.slow

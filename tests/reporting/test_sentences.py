@@ -11,7 +11,7 @@ import pytest
 from barnax.cell import CircuitParameters
 from barnax.notices import notice
 from barnax.over_soc import SocErrors
-from barnax.reporting.next_step import next_step
+from barnax.reporting.first_screen import next_step
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
 from barnax.search.refine import Optimum

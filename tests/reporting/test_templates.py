@@ -70,7 +70,8 @@ def attributes(name: str) -> Iterator[tuple[str, int, bool]]:
 @pytest.mark.parametrize("name", NAMES)
 def test_every_attribute_and_macro_that_a_template_reads_exists(name):
     for attribute, line, is_of_view in attributes(name):
-        assert attribute in (dir(View) if is_of_view else members()), f"{name}.txt:{line}"
+        known = {*dir(View), *View.__dataclass_fields__} if is_of_view else members()
+        assert attribute in known, f"{name}.txt:{line}"
     for call in parsed(name).find_all(nodes.Call):
         macro = macros(name).get(getattr(call.node, "name", ""))
         if macro is not None:
@@ -98,3 +99,15 @@ def test_every_macro_is_used():
 def test_names_that_differ_in_case_are_different(name):
     for node in parsed(name).find_all(nodes.Filter):
         assert node.name != "unique" or node.args, f"{name}.txt:{node.lineno}"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_line_begins_with_what_may_be_nothing_and_a_space(name):
+    """It would go on with the line above."""
+    templates = _templates()
+    assert templates.loader is not None
+    inline = r"\{%-? if [^%]*%\}(?:(?!\{%).)*\{%-? endif -?%\} "
+    value = r"\{\{(?:(?!\}\}| else ).)* if (?:(?!\}\}| else ).)*\}\} "
+    source = templates.loader.get_source(templates, f"{name}.txt")[0]
+    for number, line in enumerate(source.split("\n"), 1):
+        assert not re.match(f"{inline}|{value}", line), f"{name}.txt:{number}"

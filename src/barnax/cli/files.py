@@ -94,14 +94,16 @@ def check(what: Checked) -> None:
             continue
         checks.append(check)
         listed.append(check.to_dict())
-        session.show_document(reporting.checks.check_document(check))
+        session.show_document(reporting.records.check_document(check))
         if what.quiet:
             findings = [finding for finding in check.findings if finding.counts]
-            session.warn(reporting.checks.finding_line(check.file, finding) for finding in findings)
+            session.warn(
+                reporting.records.finding_line(check.file, finding) for finding in findings
+            )
     if what.as_json:
         document = {"schema_version": SCHEMA_VERSION, "files": listed}
         typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
-    session.show([reporting.checks.count_sentence(checks, len(unreadable))])
+    session.show([reporting.records.count_sentence(checks, len(unreadable))])
     if unreadable:
         raise InputError("\n".join(unreadable))
     if not all(check.is_clean for check in checks):

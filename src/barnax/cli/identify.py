@@ -224,7 +224,7 @@ def _next(
     """
     from ..records.source import STDIN
 
-    step = reporting.next_step.next_step(result)
+    step = reporting.first_screen.next_step(result)
     advice = as_flags(step.advice)
     if step.exports and folder is not None:
         return advice, shlex.join(["barnax", "export", str(folder), "--to", step.exports])
@@ -274,7 +274,7 @@ def pack(on: OfPack, output: Output) -> None:
     given = options_of_job({name: value for name, value in on.job.items() if name != "over"})
     of_cells = {"cells": on.cells, "own_time_constants": on.own_time_constants}
     identified = barnax.identify_pack(on.record, **of_cells, **given, watch=run.watch)
-    run.show_document(reporting.pack.pack_document(identified))
+    run.show_document(reporting.fleet.pack_document(identified))
 
     def draw() -> dict[str, bytes]:
         from ..fleet.dataset import rows_bytes
@@ -285,7 +285,7 @@ def pack(on: OfPack, output: Output) -> None:
             "figures/cells.png": barnax.plots.encode(identified.figure()),
         }
 
-    beside = {"cells.csv": reporting.pack.cells_csv(identified)}
+    beside = {"cells.csv": reporting.fleet.cells_csv(identified)}
     run.deliver("result.json", identified.result.to_json(), draw, beside)
     run.show_written(["cells.csv", "cells.parquet", "result.json", "figures"])
     run.warn(identified.result.warnings)

@@ -213,7 +213,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
 
 
 def _soc_figures(replay: "barnax.SocReplay", report: bool, paper: bool) -> dict[str, bytes]:
-    document_of = partial(reporting.replay.replay_document, replay)
+    document_of = partial(reporting.records.replay_document, replay)
     drawn = reporting.illustrations.replay_illustration
     return drawn_files(lambda: [drawn(replay)], document_of, report, paper)
 
@@ -286,7 +286,7 @@ def _document(
     if "scenarios" in keys:
         missing = "soc.json has no estimates over time; barnax soc --report draws them"
         stored = barnax.SocReplay.from_json(path)
-        return reporting.replay.replay_document(stored), missing
+        return reporting.records.replay_document(stored), missing
     if "rows" in keys:
         stored = barnax.ComparisonResult.from_json(path)
         missing = "comparison.json has no records; barnax compare draws them"

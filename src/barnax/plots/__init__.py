@@ -16,16 +16,14 @@ from PIL.PngImagePlugin import PngImageFile
 from .cell import plot_ocv, plot_pulse_resistances, plot_pulses
 from .cells import plot_cell_life, plot_fleet_life, plot_pack
 from .error import plot_error, plot_soc_replay
-from .search import plot_compared_convergence, plot_convergence
-from .soc_tables import plot_over_temperature, plot_tables
+from .search import plot_convergence
+from .soc_tables import plot_over_temperature, plot_summary, plot_tables
 from .style import column_width, figure_style
-from .summary import plot_summary
 from .voltage import plot_design, plot_voltage
 
 __all__ = [
     "column_width",
     "plot_cell_life",
-    "plot_compared_convergence",
     "plot_convergence",
     "plot_design",
     "plot_error",

@@ -1,4 +1,4 @@
-"""Searches: the fall of every seed's best error, or loss, and the answers of seeds side by side."""
+"""Searches: the fall of every seed's best error, or loss."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,8 +14,6 @@ from . import style
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from ..comparison import ComparisonResult
-    from ..comparison.result import RowPart
     from ..results import Result
     from ..search.refine import Refinement
     from ..search.seeds import Search
@@ -165,83 +163,3 @@ def _draw_seeds(axes: Axes, population: Any, evaluations: Any, values: Histories
     if len(values) > 1:
         look |= {"color": style.BLACK, "linewidth": 2.0, "label": "median"}
         axes.plot(np.median(spent, axis=0), finite(np.median(values, axis=0)), **look)
-
-
-BAND: Final = (10, 90)
-MARKERS_PER_LINE: Final = 6
-COMPARED_IN: Final = 4.8
-
-
-@style.figure_style()
-def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Figure:
-    """Best RMSE of each row over the evaluations of one seed: its median, and a band of seeds.
-
-    The band holds the seeds from the tenth to the ninetieth percentile. Rows without a history,
-    such as least squares, are a mark at what they spent. Where the global optimum of a model is
-    known, a second panel shows the excess over it, in percent; excesses under 1e-6 % are drawn
-    there. Generations count as equally expensive, and those before a seed's first finite error
-    as infinite.
-
-    Args:
-        comparison: A comparison, or the path of a `comparison.json`.
-    """
-    result, rows, looks = _seeded_rows(comparison)
-    optima_v = {name: model.optimum_rmse_v for name, model in result.models.items()}
-    figure = style.make_figure(height_in=COMPARED_IN)
-    rmse, *excess = _beside(figure, 1 + any(optima_v.get(row.model) for row in rows))
-    for row in rows:
-        spent, errors_v = _convergence(row, result.budget.population)
-        _draw_convergence(rmse, row.name, looks[row.name], spent, 1e3 * errors_v)
-        optimum_v = optima_v.get(row.model)
-        if optimum_v:
-            percent = excess_percent(errors_v, optimum_v)
-            _draw_convergence(excess[0], row.name, looks[row.name], spent, percent)
-    for axes, label in zip(figure.axes, ("Best RMSE [mV]", "Optimality gap [%]"), strict=False):
-        axes.set(xscale="log", yscale="log", xlabel=SPENT, ylabel=label)
-        style.label_plainly(axes.yaxis)
-    return style.finish(figure, *figure.axes)
-
-
-def _seeded_rows(
-    comparison: "ComparisonResult | str | Path",
-) -> "tuple[ComparisonResult, list[RowPart], dict[str, style.RowLook]]":
-    """A comparison, its rows that have seeds, and their looks."""
-    from ..comparison import ComparisonResult
-
-    result = style.opened(comparison, ComparisonResult)
-    rows = [row for row in result.rows if row.seeds]
-    return result, rows, style.row_looks([row.name for row in rows])
-
-
-def _convergence(row: "RowPart", population: int) -> tuple[np.ndarray, np.ndarray]:
-    """The evaluations that a seed had spent, and the best RMSE of every seed by then.
-
-    One column, of the median RMSE at the median cost, for a row without a history.
-    """
-    histories = [seed.history_v for seed in row.seeds if seed.history_v]
-    spent = [seed.evaluations for seed in row.seeds]
-    if len(histories) < len(row.seeds):
-        rmse_v = np.median([seed.rmse_v for seed in row.seeds])
-        return np.array([max(float(np.median(spent)), 1.0)]), np.array([[rmse_v]])
-    errors_v = padded(histories)
-    return np.linspace(population, max(spent), errors_v.shape[1]), errors_v
-
-
-def _draw_convergence(
-    axes: Axes, name: str, look: style.RowLook, spent: np.ndarray, values: np.ndarray
-) -> None:
-    mark = {"label": name, "color": look.color, "marker": look.marker, "markersize": 4.0}
-    if len(spent) == 1:
-        axes.plot(spent, values[0], linestyle="none", **mark)
-        return
-    # Interpolating between infinite errors gives NaN, which is not drawn.
-    with np.errstate(invalid="ignore"):
-        low, median, high = np.percentile(values, [BAND[0], 50, BAND[1]], axis=0)
-    if len(values) > 1:
-        band = {"color": look.color, "alpha": 0.16, "linewidth": 0.0}
-        axes.fill_between(spent, finite(low), finite(high), **band)
-    # Markers are spaced evenly along a logarithmic axis.
-    marked = np.searchsorted(spent, np.geomspace(spent[0], spent[-1], MARKERS_PER_LINE))
-    every = np.unique(np.minimum(marked, len(spent) - 1)).tolist()
-    line = {"linestyle": look.line, "linewidth": 1.3, "markerfacecolor": "white"}
-    axes.plot(spent, finite(median), **mark, **line, markevery=every)

@@ -1,4 +1,3 @@
-from . import checks as checks
 from . import comparison as comparison
 from . import design as design
 from . import design_forms as design_forms
@@ -8,12 +7,10 @@ from . import fleet as fleet
 from . import identification as identification
 from . import illustrations as illustrations
 from . import life as life
-from . import next_step as next_step
-from . import pack as pack
 from . import parameters as parameters
 from . import pulses as pulses
+from . import records as records
 from . import render as render
-from . import replay as replay
 from . import result_tables as result_tables
 from . import soc_tables as soc_tables
 from . import terminal as terminal

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from ..search.refine import SAME_RMSE
 from .document import (
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from ..comparison import ComparisonResult
     from ..comparison.result import RecordErrorsPart, RowPart
     from ..comparison.run import Difference
+    from ..results import Result
 
 # With more pairs than this, only those with the leader or of one method are shown.
 ALL_PAIRS = 15
@@ -75,14 +76,17 @@ def comparison_document(
     if records:
         blocks["parameters"] = (parameters_table(result), *refined_tables(result))
         blocks["search"] = (search_table(result, seconds),)
-        blocks["convergence"] = pictures.of("convergence")
     for on, role in zip(records, roles, strict=True):
         differences = [differences_table(result, on)] if on.differences else []
         drawn = pictures.of(f"{role}-voltages", f"{role}-errors")
         blocks[role] = (errors_table(on), bands_table(on), *differences, *drawn)
     blocks["more figures"] = pictures.others()
     boxes = {name: (model.bounds, model.fixed) for name, model in result.models.items()}
-    facts |= {"result": result, "view": View(result), "boxes_of": search_boxes(boxes)}
+    facts |= {
+        "result": result,
+        "view": View(cast("Result", result)),
+        "boxes_of": search_boxes(boxes),
+    }
     return document("compared", blocks, roles=roles, facts=facts)
 
 

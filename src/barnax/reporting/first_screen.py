@@ -1,21 +1,31 @@
-"""The first screen: the answer, its errors, and how far to believe it."""
+"""The first screen: the answer, its errors, how far to believe it, and the next step."""
 
 import math
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
 
 from rich.console import RenderableType
 from rich.text import Text
 
+from ..cell.circuits import Circuit, get_circuit
+from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
+from ..cell.elements import alike
+from ..cell.model import SAME_DEGC
+from ..cell.soc_axis import ABOVE_SOC
+from ..checks.roles import are_unfit
+from ..plan.choosing import MAKE_RECORD
+from ..settings import OVER_TEMPERATURE
 from .document import Bullets
 from .pulses import middle_heads, middle_pulses
 from .soc_tables import headline
 from .terminal import Whole, bare_table, headed_line, indented
 from .view import View
-from .wording import document
-from .words import aligned_millivolt, degrees, duration
+from .wording import document, wording
+from .words import aligned_millivolt, degrees, duration, joined, percent, symbol
 
 if TYPE_CHECKING:
+    from ..cell import CellModel
     from ..over_soc import OverTemperature
     from ..result_parts import InputPart, MetricsPart
     from ..results import Result
@@ -106,7 +116,7 @@ def is_apart(above_v: float | None, all_v: float) -> bool:
 
 def _errors_over_temperature(view: View, over: "OverTemperature") -> Whole:
     """The answer's errors record by record, beside those of one constant circuit for all."""
-    metrics, constant = view.result.metrics, view.constant.metrics
+    metrics, constant = view.result.metrics, view.result.constant.metrics
     several, others = metrics.jointly, metrics.validation
     rows: list[tuple[str, MetricsPart]] = []
     rows += zip(_numbered("identification", len(several)), several, strict=True)
@@ -123,9 +133,8 @@ def _errors_over_temperature(view: View, over: "OverTemperature") -> Whole:
     if any(value is not None for value in left):
         columns["left out"] = left
     cells = (map(aligned_millivolt, row) for row in zip(*columns.values(), strict=True))
-    return bare_table(
-        [view.model, *columns], ([role, *row] for (role, _), row in zip(rows, cells, strict=True))
-    )
+    shown = ([role, *row] for (role, _), row in zip(rows, cells, strict=True))
+    return bare_table([view.result.model, *columns], shown)
 
 
 def _left_out_v(over: "OverTemperature", record: "InputPart | None") -> float | None:
@@ -152,3 +161,158 @@ def _parameters_table(view: View) -> Whole:
 def _short(name: str, longest: int) -> str:
     half = longest // 2
     return name if len(name) <= longest else f"{name[: half - 2]}...{name[1 - half :]}"
+
+
+# What was not used is predicted badly where its error exceeds this multiple of the fit's, and this
+# size; and as well as can be where it is under that: no table left open matters then.
+LOST, LOST_V, FOUND_V = 2.0, 0.01, 0.002
+# A table needs a test where less than `FEW` of its nodes have a relative error under `WIDE`.
+WIDE, FEW = 0.5, 1 / 3
+
+
+@dataclass(frozen=True)
+class Next:
+    """The next step: options to run again with, an export of this result to a format,
+    or a test designed from it."""
+
+    advice: str
+    options: Mapping[str, str] = field(default_factory=dict)
+    exports: str = ""
+    designs: bool = False
+
+
+def next_step(result: "Result") -> Next:
+    """The most useful next step.
+
+    First what is plainly amiss: an OCV that misses its points, a circuit that cannot be the cell's,
+    records that are not suitable, an OCV test that disagrees with them, records at other
+    temperatures that are left over.
+    Then the error on what was not used decides (`Unseen`):
+
+    - over `LOST` times the error on what was fitted, and over `LOST_V`: more data;
+    - known of no other record: validate on one;
+    - over `FOUND_V`, and a resistance is left open at most nodes: a test that tells it;
+    - else the circuit serves: export it to a format that holds its hysteresis.
+
+    For a constant circuit there is more to try in place of the last two.
+    """
+    view = View(result)
+    missed_v = _missed_by_the_polynomial_v(result.cell)
+    if missed_v > MISS_TOLERANCE_V:
+        return Next(wording("next.interpolate", missed_v), {"ocv_fit": "interpolated"})
+    constant = result.constant
+    upper = [bound.name for bound in constant.at_bound if bound.side == "upper"]
+    at_bound = [symbol(name) for name in upper if name.endswith("[Ohm]")]
+    if result.tables is None and (len(at_bound) > 1 or constant.metrics.identification.r2 < 0):
+        return Next(wording("next.no_circuit", at_bound))
+    names = {part.name for part in view.identified}
+    disagrees = any(warning.code == "ocv-test.disagrees" for warning in result.warnings)
+    if are_unfit(names, result.warnings, by_steps=disagrees):
+        return Next(wording("next.unfit", MAKE_RECORD, sorted(names)))
+    if disagrees:
+        return Next("see what the records tell without the OCV test, which disagrees with them")
+    others = _other_temperatures(result)
+    if others and result.tables is not None:
+        return Next(wording("next.other_temperatures", others), {"over": OVER_TEMPERATURE})
+    unseen = Unseen.of(view)
+    if unseen and unseen.error_v >= max(LOST * unseen.fitted_v, LOST_V):
+        return Next(wording("next.more_data", view, unseen))
+    held_out = result.fit.cross_validation
+    if not (view.validation_errors or (held_out and held_out.by_record)):
+        return Next("validate on another record of the cell, with `validate`")
+    wide = _wide(view)
+    if wide and unseen and unseen.error_v > FOUND_V:
+        return Next(f"measure what is missing: {wide}", designs=True)
+    circuit = get_circuit(result.model)
+    if result.tables is not None:
+        what, target = _export(circuit)
+        return Next(wording("next.export", what, result.fits), exports=target)
+    if not result.tried and alike(circuit.elements) < len(circuit.elements):
+        return Next("try tables over SOC of this circuit too", {"over": "soc"})
+    if not result.tried:
+        return Next("try tables over SOC too, without `model`")
+    if result.constant.assessment is None:
+        return Next("compute intervals of the parameters", {"trust": "basic"})
+    validated = joined([part.name for part in view.validation])
+    return Next(f"compare circuits and methods with barnax compare; validated on {validated}")
+
+
+class Unseen(NamedTuple):
+    """What was not used: the worst record to validate on, else what was left out of the fit.
+
+    `error_v` is its error, `fitted_v` that on what was fitted: both above 10 % SOC, for no circuit
+    follows a discharge to its end, or both of all samples, with the start of the record moved to
+    where that is less or where the other is not known. `where` says which.
+    """
+
+    error_v: float
+    fitted_v: float
+    name: str
+    where: str
+
+    @classmethod
+    def of(cls, view: View) -> "Unseen | None":
+        """None where there is neither."""
+
+        def least(name: str, above_v: float | None, all_v: float, how: str = "") -> Unseen:
+            whole = cls(all_v, view.errors.rmse_v, name, how)
+            fitted_above_v = view.errors.rmse_above_10_soc_v
+            if above_v is None or fitted_above_v is None:
+                return whole
+            return min(
+                cls(above_v, fitted_above_v, name, f"above {percent(ABOVE_SOC)} SOC "), whole
+            )
+
+        others = []
+        for part in view.validation_errors:
+            moved_v = part.registered_v or part.rmse_v
+            how = "with its start moved, " if moved_v < part.rmse_v else ""
+            others.append(least(part.record, part.rmse_above_10_soc_v, moved_v, how))
+        held_out = view.result.fit.cross_validation
+        if held_out is not None and not others:
+            name = "records left out" if held_out.by_record else "blocks left out"
+            others.append(least(name, held_out.whole.above_v, held_out.whole.rmse_v))
+        return max(others, default=None)
+
+
+def _export(circuit: Circuit) -> tuple[str, str]:
+    """A format that holds a circuit's hysteresis, in words and as `export` calls it."""
+    if circuit.turning is not None:
+        return "as a filter in C", "c-filter"
+    return ("as CSV", "csv") if circuit.has_hysteresis else ("to PyBaMM", "pybamm")
+
+
+def _wide(view: View) -> str:
+    """A table that the data leave open nearly everywhere; empty where there is none."""
+    if view.result.over in (None, OVER_TEMPERATURE):
+        return ""
+    for name in view.result.fit.tables.tables:
+        nodes = view.result.fit.of_table(name)
+        if not name.startswith("R") or not nodes:
+            continue
+        narrow = sum(n.low is not None and n.standard_error <= WIDE * n.value for n in nodes)
+        if narrow < FEW * len(nodes):
+            where = f"{narrow} of {len(nodes)} nodes"
+            return f"the standard error of {symbol(name)} is under {percent(WIDE)} at {where}"
+    return ""
+
+
+def _other_temperatures(result: "Result") -> list[float]:
+    """The temperatures of records in the folder that could be identified on too, and are not."""
+    used = {file.temperature_degc for file in result.plan if file.role == "identification"}
+    if len(used) != 1 or None in used:
+        return []
+    all_degc = [degc for degc in used if degc is not None]
+    for file in result.plan:
+        degc = file.temperature_degc
+        is_left = file.role == "not used" and file.kind in ("drive cycle", "pulse test")
+        if is_left and degc is not None and all(abs(degc - one) > SAME_DEGC for one in all_degc):
+            all_degc.append(degc)
+    return sorted(all_degc[1:])
+
+
+def _missed_by_the_polynomial_v(cell: "CellModel") -> float:
+    """The largest distance of polynomial OCV curves from their points."""
+    branches = {"charge": cell.charge, "discharge": cell.discharge}
+    curves = [name for name, curve in branches.items() if isinstance(curve, PolynomialCurve)]
+    return max((cell.errors[name].max_v for name in curves if name in cell.errors), default=0.0)

@@ -1,20 +1,34 @@
-"""A fleet in words: its progress, its last lines, and the report of how its cells are spread."""
+"""Many cells in words: a fleet's progress, last lines and report, and the cells of a pack."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
 from ..errors import as_keys
-from .document import Block, Document, Picture, Pictures, Table, make_table
-from .wording import document, wording
-from .words import counted, duration, figures, millivolt
+from ..files import csv_text
+from ..pack import FEWEST
+from .document import (
+    Block,
+    Document,
+    Paragraph,
+    Picture,
+    Pictures,
+    Section,
+    Table,
+    make_table,
+    rows_table,
+)
+from .view import View
+from .wording import document, sentences, wording
+from .words import NOTHING, counted, duration, figures, fixed, gathered, millivolt
 
 if TYPE_CHECKING:
     from ..fleet import FleetCell, Progress
     from ..fleet.summary import Cause, Summary
+    from ..pack import Pack
     from ..search.evaluate import Evaluation
 
 # The longest list shown; the dataset has all.
@@ -162,3 +176,52 @@ def closing_lines(
     if state.finished >= 0.1 * elapsed_s:
         rate += f", {state.finished / elapsed_s:.1f} a second"
     return [", ".join(filter(None, (done, skipped, rate))) + ".", rest, where]
+
+
+# With more cells than this, the screen shows only those that stand out.
+MOST_SHOWN = 24
+SCALES = {
+    "R0 [Ohm]": ("R0 [mOhm]", 1e3),
+    "total R [Ohm]": ("total R [mOhm]", 1e3),
+    "SOC shift": ("SOC shift [%]", 100.0),
+    "capacity ratio": ("capacity [%]", 100.0),
+}
+
+
+def pack_document(pack: "Pack") -> Document:
+    """The pack as the screen shows it."""
+    odd = gathered((outlier.cell, outlier) for outlier in pack.odd)
+    told = [*sentences("pack.cells", pack, odd, FEWEST)]
+    told += [f"Resistances: {text}" for text in sentences("tables.law", pack.result.fits)]
+    told += sentences("pack.left_out", pack.left_out)
+    told += [f"Assumed: {guess}" for guess in View(pack.result).guesses]
+    return Document("Pack", "", (Section("Pack", (*map(Paragraph, told), _cells_table(pack))),))
+
+
+def _cells_table(pack: "Pack") -> Table:
+    rows = pack.rows()
+    caption = (
+        "The cells, with 95 % intervals; SOC shift and capacity are relative to the mean cell."
+    )
+    if len(rows) > MOST_SHOWN:
+        rows = [row for row in rows if row["odd"] or row["weakest"]]
+        caption = f"Those that stand out of {len(pack.fit.cells)} cells; cells.csv has all."
+    heads = ["cell", *(head for head, _ in SCALES.values()), "RMSE [mV]", "stands out"]
+
+    def line(row: Mapping[str, Any]) -> Iterator[str]:
+        yield row["cell"]
+        for name, (_, scale) in SCALES.items():
+            known = (row[name], row[f"{name} low"], row[f"{name} high"])
+            value, low, high = (fixed(None if own is None else scale * own, 2) for own in known)
+            yield NOTHING if row[name] is None else f"{value} ({low} to {high})"
+        yield figures(1e3 * row["RMSE [V]"])
+        out = (row["odd"].replace(" [Ohm]", ""), "weakest" if row["weakest"] else "")
+        yield "; ".join(filter(None, out))
+
+    return rows_table(caption, heads, map(line, rows), ["cell", "stands out"])
+
+
+def cells_csv(pack: "Pack") -> str:
+    """A row for each cell."""
+    rows = pack.rows()
+    return csv_text(list(rows[0]), (list(row.values()) for row in rows))

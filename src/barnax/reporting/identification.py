@@ -9,7 +9,7 @@ from ..files import write_whole
 from ..results import Result
 from .document import Block, Document, Picture, Pictures
 from .illustrations import identification_illustrations, record_roles
-from .pulses import pulses_section
+from .pulses import pulses_blocks
 from .render import to_fragment, to_html, to_markdown
 from .result_tables import (
     assessment_tables,
@@ -37,8 +37,8 @@ def identification_document(
     """
     view, pictures = View(result), Pictures(illustrations)
     roles = record_roles(len(view.identified), len(view.validation))
-    constant = parameters_table(result)
-    values = (constant,) if view.tables is None else answer_tables(view.fits)
+    has_tables = result.tables is not None
+    values = answer_tables(result.fits) if has_tables else (parameters_table(result),)
 
     def of_records(*kinds: str) -> tuple[Picture, ...]:
         return pictures.of(*(f"{role}-{kind}" for role in roles for kind in kinds))
@@ -49,16 +49,13 @@ def identification_document(
     }
     if not summary_only:
         validated = [part.name for part in view.validation]
-        assessment = view.constant.assessment
-        whose = "" if view.tables is None else f" of constant {view.constant.model}"
-        pulses = pulses_section(result, of_records("pulses", "resistances"))
+        assessment = result.constant.assessment
         blocks |= {
             "circuits": circuit_blocks(view.candidates, result.tried, validated),
-            "tables": (*other_temperatures(view.fits), *pictures.starting("tables")),
-            "ocv nodes": ocv_tables(view.fits),
-            "constant": (constant,),
-            "pulses": tuple(block for section in pulses for block in section.blocks),
-            "assessment": assessment_tables(assessment, whose) if assessment else (),
+            "tables": (*other_temperatures(result.fits), *pictures.starting("tables")),
+            "ocv nodes": ocv_tables(result.fits),
+            "pulses": pulses_blocks(result, of_records("pulses", "resistances")),
+            "assessment": assessment_tables(assessment) if assessment else (),
             "files": (
                 files_table(result),
                 *((plan_table(result.plan),) if result.plan else ()),
@@ -68,7 +65,8 @@ def identification_document(
             "versions": (versions_table(result),),
         }
         blocks["more figures"] = pictures.others()
-    boxes = search_boxes({view.constant.model: (view.constant.bounds, view.constant.fixed)})
+    constant = result.constant
+    boxes = search_boxes({constant.model: (constant.bounds, constant.fixed)})
     return document("report", blocks, view=view, search_boxes=boxes, summary_only=summary_only)
 
 

@@ -115,8 +115,8 @@ def comparison_illustrations(
 ) -> Drawn:
     """Every figure of a comparison; those over time only with the comparison itself.
 
-    A stored comparison holds no records, so from `result` alone come the figures of the cell and
-    of the seeds. Where `live`, the voltages of a record have an interactive form.
+    A stored comparison holds no records, so from `result` alone comes the figure of the cell.
+    Where `live`, the voltages of a record have an interactive form.
     """
     drawn = [illustrate("ocv", result.cell.is_of_records, plots.plot_ocv, result.cell)]
     if comparison is not None and comparison.answered:
@@ -124,8 +124,6 @@ def comparison_illustrations(
         for index, role in enumerate(roles):
             rows = {row.name: row.evaluations[index] for row in comparison.answered}
             drawn += _of_record(role, rows, live and len(roles))
-    if any(row.seeds for row in result.rows):
-        drawn.append(illustrate("convergence", "", plots.plot_compared_convergence, result))
     return drawn
 
 

@@ -11,7 +11,7 @@ from ..errors import escaped
 from ..files import csv_text
 from ..plots.cell import rate_label
 from ..pulses import STANDARD_S, Pulse, levels
-from .document import Bullets, Picture, Section, Table, make_table
+from .document import Block, Bullets, Picture, Table, make_table
 from .wording import sentences
 from .words import NOTHING, aligned, fixed
 
@@ -24,15 +24,15 @@ MIDDLE_SOC = 0.5
 NEAR_SOC = 0.4
 
 
-def pulses_section(result: "Result", pictures: Iterable[Picture]) -> list[Section]:
-    """The pulses of a test; no section without any."""
+def pulses_blocks(result: "Result", pictures: Iterable[Picture]) -> tuple[Block, ...]:
+    """The pulses of a test; nothing without any."""
     if not result.pulses:
-        return []
+        return ()
     rates = _levels(result)
     rests_s = [round(pulse.rest_s, -1) for pulse in result.pulses]
     told = Bullets(sentences("pulses.section", result.pulses, rates, rests_s))
     tables = [_level_table(result, label, level) for label, level in rates]
-    return [Section("Pulses", (told, *tables, *pictures))]
+    return (told, *tables, *pictures)
 
 
 def _levels(result: "Result") -> list[tuple[str, tuple[Pulse, ...]]]:

@@ -234,7 +234,7 @@ def parameters_table(result: "Result") -> Table:
     )
 
 
-def assessment_tables(assessment: "Assessment", whose: str) -> tuple[Table, ...]:
+def assessment_tables(assessment: "Assessment") -> tuple[Table, ...]:
     """The intervals by profile likelihood, where those were computed, and the errors by band."""
     by = assessment.diagnostics
     kinds: dict[BandQuantity, tuple[Band, ...]] = {"SOC": by.by_soc, "current": by.by_current}
@@ -248,7 +248,7 @@ def assessment_tables(assessment: "Assessment", whose: str) -> tuple[Table, ...]
         "mean": lambda row: millivolt(row[1].mean_v),
         "share of the squared error": lambda row: percent(row[1].share),
     }
-    caption = f"Errors{whose} by {joined(list(kinds))}; the mean is measured minus simulated."
+    caption = f"Errors by {joined(list(kinds))}; the mean is measured minus simulated."
     bands: list[tuple[BandQuantity, Band]]
     bands = [(kind, band) for kind, of_kind in kinds.items() for band in of_kind]
     table = make_table(caption, bands, cells, ["by", "band"])

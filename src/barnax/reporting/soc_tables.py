@@ -169,7 +169,7 @@ def headline(view: "View") -> tuple[list[str], list[Row]]:
     """
     if view.over_temperature is not None:
         return _by_temperature(view)
-    fit, records = view.fit, len(view.identified)
+    fit, records = view.result.fit, len(view.identified)
     are_several = any(mean.record_low is not None for mean in fit.means)
     kind = "another record" if are_several else "this record" if records == 1 else "these records"
     at_soc = MIDDLE_SOC
@@ -193,7 +193,7 @@ def headline(view: "View") -> tuple[list[str], list[Row]]:
             value = with_unit(name, fact.value) + (" /SOC" if name == RATE else "")
             interval = _interval_of(fact, value, view) if fact.is_assessed else ""
             rows.append((symbol(name), value, interval, "", "", "", ""))
-    return ([*heads, "", "", ""] if view.tables is not None else []), rows
+    return ([*heads, "", "", ""] if view.result.tables is not None else []), rows
 
 
 def shown_means(fit: "TableFit") -> Iterator["NodeInterval"]:
@@ -211,10 +211,10 @@ def shown_means(fit: "TableFit") -> Iterator["NodeInterval"]:
 
 def _by_temperature(view: "View") -> tuple[list[str], list[Row]]:
     """Means and errors of each temperature, then what is the same at all of them."""
-    fits, over = view.fits.fits, view.over_temperature
+    fits, over = view.result.fits.fits, view.over_temperature
     assert over is not None, "asked of several temperatures"
     names = [mean.name for mean in fits[0].means if len(parts_of(mean.name)) == 1]
-    heads = [over_soc_words(view.fit), *map(symbol, names), "RMSE", "unseen", "left out"]
+    heads = [over_soc_words(view.result.fit), *map(symbol, names), "RMSE", "unseen", "left out"]
     rows: list[tuple[str, ...]] = []
     for fit, left in zip(fits, over.left_out, strict=True):
         held = fit.cross_validation
@@ -231,14 +231,14 @@ def _by_temperature(view: "View") -> tuple[list[str], list[Row]]:
 def _taus(parts: list[str], view: "View") -> Row:
     """The symbols, values and intervals of the time constants of some resistances."""
     named = [names_beside(part).tau for part in parts]
-    taus = [fact for name in named for fact in _constants(view.fit) if fact.name == name]
+    taus = [fact for name in named for fact in _constants(view.result.fit) if fact.name == name]
     if not taus:
         return ("", "", "")
     symbols, fact = ", ".join(symbol(tau.name) for tau in taus), taus[0]
     if len(taus) > 1:
         return symbols, f"{joined([figures(tau.value) for tau in taus])} s", ""
     longest_s = max(part.duration_s or 0.0 for part in view.identified)
-    upper = {bound.name for bound in view.fit.at_bound if bound.side == "upper"}
+    upper = {bound.name for bound in view.result.fit.at_bound if bound.side == "upper"}
     if fact.name in upper and fact.value >= longest_s * (1 - 1e-3):
         return symbols, f"> {duration(longest_s)}", "longer than the record"
     value = with_unit(fact.name, fact.value)
@@ -246,16 +246,16 @@ def _taus(parts: list[str], view: "View") -> Row:
 
 
 def _interval_of(own: "NodeInterval", value: str, view: "View") -> str:
-    held = set(view.constant.fixed)
-    if view.tables is not None:
-        ranges = view.table_settings.ranges
+    held = set(view.result.constant.fixed)
+    if view.result.tables is not None:
+        ranges = view.result.tables.settings.ranges
         held = {name for name, ends in ranges.items() if ends[0] == ends[1]}
     if own.name in held:
         return "held"
-    for bound in view.fit.at_bound:
+    for bound in view.result.fit.at_bound:
         if bound.name == own.name and own.low is None and own.high is None:
             return f"at its {bound.side} bound"
-    return _beside(value, own) if view.fit.intervals else ""
+    return _beside(value, own) if view.result.fit.intervals else ""
 
 
 def _beside(value: str, own: "NodeInterval") -> str:

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from ..errors import printable
 from .document import Bullets, Document, Paragraph, Table
-from .replay import facts_of, replay_table, soc_lines
+from .records import facts_of, replay_table, soc_lines
 
 if TYPE_CHECKING:
     from ..plan import Plan

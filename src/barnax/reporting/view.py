@@ -1,12 +1,11 @@
 """A result as named facts, computed once: what screens, reports and tables read."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import median
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple
 
-from ..cell import CellModel
 from ..cell.model import NEAR_DEGC
 from ..cell.parameters import HALF_HYSTERESIS, OHMIC
 from ..cell.soc_axis import ABOVE_SOC
@@ -15,13 +14,12 @@ from .wording import sentences
 from .words import degrees, extent, gathered
 
 if TYPE_CHECKING:
-    from ..comparison import ComparisonResult
     from ..model.window import Window
     from ..notices import Notice
-    from ..over_soc import OverTemperature, SocErrors, TableFit, TableFits, TableSettings
+    from ..over_soc import OverTemperature, SocErrors
     from ..over_soc.current_offset import OffsetEffect
     from ..records import Decision
-    from ..result_parts import Candidate, ConstantPart, InputPart, MetricsPart
+    from ..result_parts import Candidate, InputPart, MetricsPart
     from ..results import Result
 
 # Sources of a start's SOC that another line has, or that need no line.
@@ -61,35 +59,19 @@ class AdjustedByTest(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Facts of a result; of a comparison, those of its files and cell.
+    """Facts of a result; of a comparison, which has no `fits`, those of its files and cell.
 
     Voltages are in V, currents in A, resistances in Ohm, shares are fractions.
     """
 
-    stored: "Result | ComparisonResult"
-
-    @cached_property
-    def result(self) -> "Result":
-        return cast("Result", self.stored)
+    result: "Result"
 
     # The files, the cell, and what was decided about them.
 
     @property
-    def inputs(self) -> "Sequence[InputPart]":
-        return self.stored.inputs
-
-    @property
-    def cell(self) -> CellModel:
-        return self.stored.cell_model
-
-    @property
-    def warnings(self) -> "Sequence[Notice]":
-        return self.stored.warnings
-
-    @property
     def unfit(self) -> "list[Notice]":
         """The records that are not suitable to be identified on."""
-        unfit = [notice for notice in self.warnings if notice.code == "role.unfit"]
+        unfit = [notice for notice in self.result.warnings if notice.code == "role.unfit"]
         return [notice for notice in unfit if notice.values["role"] == "identification"]
 
     @cached_property
@@ -101,17 +83,17 @@ class View:
         return self._of_role("validation")
 
     def _of_role(self, role: str) -> "tuple[InputPart, ...]":
-        return tuple(part for part in self.inputs if part.role == role)
+        return tuple(part for part in self.result.inputs if part.role == role)
 
     @cached_property
     def simulated(self) -> "list[InputPart]":
         """The files with a start."""
-        return [part for part in self.inputs if part.start is not None]
+        return [part for part in self.result.inputs if part.start is not None]
 
     @cached_property
     def planned(self) -> set[str]:
         """The files whose SOC at the start is the plan's own."""
-        return {file.name for file in getattr(self.stored, "plan", ()) if file.plans_soc}
+        return {file.name for file in getattr(self.result, "plan", ()) if file.plans_soc}
 
     @property
     def is_pulse_test(self) -> bool:
@@ -121,11 +103,11 @@ class View:
 
     @property
     def signs(self) -> "Mapping[Decision, list[str]]":
-        return gathered((part.sign, part.name) for part in self.inputs if part.sign)
+        return gathered((part.sign, part.name) for part in self.result.inputs if part.sign)
 
     @property
     def holds(self) -> "Mapping[Decision, list[str]]":
-        return gathered((part.hold, part.name) for part in self.inputs if part.hold)
+        return gathered((part.hold, part.name) for part in self.result.inputs if part.hold)
 
     @property
     def windows(self) -> "Mapping[Window, list[str]]":
@@ -135,7 +117,7 @@ class View:
             for part in self.simulated
             if part.window
         ]
-        if self.cell.has_spanned_capacity:
+        if self.result.cell.has_spanned_capacity:
             # It was not given, though the windows have it.
             windows = [(replace(window, capacity_ah=None), name) for window, name in windows]
         return gathered(windows)
@@ -143,15 +125,16 @@ class View:
     @property
     def has_direction(self) -> bool:
         """True where the direction before a start matters."""
-        return not self.cell.is_of_records or bool(self.cell.hysteresis.points)
+        return not self.result.cell.is_of_records or bool(self.result.cell.hysteresis.points)
 
     @property
     def sweep_drop_v(self) -> float | None:
         """What slow sweeps lost under load."""
-        if self.cell.sweep_ohm is None:
+        cell = self.result.cell
+        if cell.sweep_ohm is None:
             return None
-        points = self.cell.charge_points + self.cell.discharge_points
-        return self.cell.sweep_ohm * median(filter(None, (abs(p.current_a) for p in points)))
+        points = cell.charge_points + cell.discharge_points
+        return cell.sweep_ohm * median(filter(None, (abs(p.current_a) for p in points)))
 
     @property
     def axis_record(self) -> "InputPart":
@@ -167,16 +150,16 @@ class View:
     @property
     def soc_whole(self) -> str:
         """What 0 and 100 % SOC are the ends of."""
-        is_whole = not self.cell.is_of_records and self.cell.soc_range == (0.0, 1.0)
+        is_whole = not self.result.cell.is_of_records and self.result.cell.soc_range == (0.0, 1.0)
         return "the OCV test" if is_whole else "the charge it is counted over"
 
     @property
     def carried(self) -> "list[tuple[InputPart, Notice | None]]":
         """Records whose start comes from another place, with the warning of a long way there."""
-        moved = {one.subject: one for one in self.warnings if one.code == "start.moves-more"}
+        moved = {one.subject: one for one in self.result.warnings if one.code == "start.moves-more"}
         return [
             (part, moved.get(part.name))
-            for part in self.inputs
+            for part in self.result.inputs
             if part.start is not None and part.start.soc_source not in SAID_ELSEWHERE
         ]
 
@@ -188,8 +171,8 @@ class View:
         names = [part.name for part in guessed] if guessed != self.simulated else []
         value = guessed[0].hold.value
         other = "backward" if value == "forward" else "forward"
-        ohm = self.fit.tables.tables[OHMIC] if self.tables else [self.constant.parameters.r0]
-        change_ohm = (self.tables or self.constant).hold_shift_ohm
+        ohm = self.result.fit.tables.tables[OHMIC]
+        change_ohm = (self.result.tables or self.result.constant).hold_shift_ohm
         return GuessedHold(value, other, names, median(ohm), change_ohm)
 
     # The answer.
@@ -197,7 +180,7 @@ class View:
     @property
     def answer(self) -> str:
         """The circuit in a sentence."""
-        return circuit_name(self.model, self.over)
+        return circuit_name(self.result.model, self.result.over)
 
     @property
     def measured_degc(self) -> list[str]:
@@ -213,12 +196,9 @@ class View:
     @property
     def low_soc(self) -> LowSoc | None:
         """None without errors by SOC."""
-        if self.tables is not None:
-            bands = self.tables.by_soc
-        elif self.constant.assessment is not None:
-            bands = self.constant.assessment.diagnostics.by_soc
-        else:
-            return None
+        tables, assessment = self.result.tables, self.result.constant.assessment
+        bands = assessment.diagnostics.by_soc if assessment else ()
+        bands = bands if tables is None else tables.by_soc
         low = [band for band in bands if band.high is not None and band.high <= ABOVE_SOC + 1e-9]
         if not low:
             return None
@@ -228,50 +208,16 @@ class View:
     @property
     def notable_bands(self) -> tuple[str, ...]:
         """The bands with most of the constant circuit's squared error, in sentences."""
-        assessment = self.constant.assessment
+        assessment = self.result.constant.assessment
         return sentences("circuit.notable", assessment.diagnostics) if assessment else ()
 
     @property
-    def model(self) -> str:
-        return self.result.model
-
-    @property
-    def constant(self) -> "ConstantPart":
-        return self.result.constant
-
-    @property
-    def tables(self):
-        return self.result.tables
-
-    @property
-    def over(self) -> str | None:
-        return self.result.over
-
-    @cached_property
-    def fits(self) -> "TableFits":
-        return self.result.fits
-
-    @cached_property
-    def fit(self) -> "TableFit":
-        return self.fits.reference
-
-    @property
     def over_temperature(self) -> "OverTemperature | None":
-        return self.fits.over_temperature
-
-    @property
-    def table_settings(self) -> "TableSettings":
-        """Of a result with tables."""
-        assert self.result.tables is not None, "asked of tables"
-        return self.result.tables.settings
+        return self.result.fits.over_temperature
 
     @property
     def errors(self) -> "MetricsPart":
         return self.result.metrics.identification
-
-    @property
-    def constant_errors(self) -> "MetricsPart":
-        return self.constant.metrics.identification
 
     @property
     def validation_errors(self) -> "tuple[MetricsPart, ...]":
@@ -280,21 +226,22 @@ class View:
     @property
     def laws(self) -> tuple[str, ...]:
         """What resistances follow beside SOC, in sentences."""
-        return sentences("tables.law", self.fits)
+        return sentences("tables.law", self.result.fits)
 
     @property
     def has_fitted_hysteresis(self) -> bool:
-        return HALF_HYSTERESIS in self.fit.tables.tables
+        return HALF_HYSTERESIS in self.result.fit.tables.tables
 
     @property
     def slowest_s(self) -> float:
         """The largest time constant that was searched."""
-        return max(high for _, high in self.fit.tau_ranges_s)
+        return max(high for _, high in self.result.fit.tau_ranges_s)
 
     @property
     def ocv_degc(self) -> list[float]:
         """The temperatures of OCV tests, from cold to warm."""
-        return sorted(cell.temperature_degc or 0.0 for cell in (self.cell, *self.cell.elsewhere))
+        cell = self.result.cell
+        return sorted(test.temperature_degc or 0.0 for test in (cell, *cell.elsewhere))
 
     @property
     def degc_without_ocv(self) -> list[float]:
@@ -308,7 +255,7 @@ class View:
     @property
     def left_out_records(self) -> "list[tuple[str, SocErrors]]":
         """Each record with its errors as predicted by the others."""
-        held = self.fit.cross_validation
+        held = self.result.fit.cross_validation
         names = [part.name for part in self.identified]
         return [*zip(names, held.by_record if held else (), strict=False)]
 
@@ -321,13 +268,13 @@ class View:
     def shown_offset(self) -> "Notice | None":
         """The warning of a current offset that the record's rests show."""
         names = {part.name for part in self.identified}
-        offsets = (one for one in self.warnings if one.code == "rests.offset")
+        offsets = (one for one in self.result.warnings if one.code == "rests.offset")
         return next((one for one in offsets if one.subject in names), None)
 
     @property
     def offset(self) -> "OffsetEffect | None":
         """The effect of the offset that rests show, else of a common one."""
-        effect, seen = self.fit.of_offset, self.shown_offset
+        effect, seen = self.result.fit.of_offset, self.shown_offset
         if not effect or seen is None:
             return effect
         offset_a = float(seen.values["offset_a"])

@@ -31,6 +31,11 @@ MARKS = "=#-!@"
 # What sentences say of the numerics, by name.
 CONSTANTS = {"ABOVE_SOC": ABOVE_SOC, "MAX_MOVED_SOC": MAX_MOVED_SOC}
 CONSTANTS |= {name: getattr(dependence, name) for name in ("BETA", "KAPPA", "ONSET", "CHARGE")}
+# What is worth a sentence: low SOC with most of the squared error, a band with a notable share of
+# it, and a start that was moved, or an SOC beyond the ends, by more than what nobody asks about.
+CONSTANTS |= {"MOST": 0.5, "NOTABLE": 0.2, "MOVED_SOC": 5e-5, "BEYOND_SOC": 0.005}
+# Errors within this share of each other are called the same, and circuits nearly as good.
+CONSTANTS |= {"SAME": 0.01}
 
 
 class Lines(str):

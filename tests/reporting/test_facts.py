@@ -1,0 +1,91 @@
+"""A number of a result is the same in every digit, whoever prints it."""
+
+import csv
+import io
+
+import pytest
+from rich.console import Console, Group
+
+import barnax
+from barnax.export import get_exporter
+from barnax.reporting.first_screen import first_screen
+from barnax.reporting.identification import identification_document
+from barnax.reporting.parameters import tables_csv
+from barnax.reporting.render import to_markdown
+from barnax.reporting.words import figures, symbol, with_unit
+from barnax.results import Result
+from helpers.golden import RESULT
+from helpers.results import make_table_result
+
+STORED = Result.from_json(RESULT)
+
+
+def stored_with(tables: Result) -> Result:
+    """The stored result with the tables of one made by hand."""
+    return STORED.model_copy(update={"tables": tables.tables, "model": tables.model})
+
+
+RESULTS = {
+    "constant": STORED,
+    "tables": stored_with(make_table_result()),
+    "tables with a rate": stored_with(make_table_result("esc")),
+}
+
+
+@pytest.fixture(params=RESULTS)
+def result(request):
+    return RESULTS[request.param]
+
+
+def exported(result: Result) -> dict[str, str]:
+    content = get_exporter("csv").write(result).content.decode()
+    return {row["name"]: row["value"] for row in csv.DictReader(content.splitlines())}
+
+
+def test_the_frame_and_the_csv_hold_every_fact(result):
+    frame = result.to_frame()
+    if result.tables is None:
+        rows = {row["parameter"]: row for row in frame.to_dicts()}
+        estimates = result.constant.estimates.items()
+        for name, own in estimates:
+            assert (rows[name]["value"], rows[name]["low"]) == (own.value, own.low)
+        return
+    rows = list(csv.DictReader(tables_csv(result).decode().splitlines()))
+    by_soc = {row["SOC"]: row for row in frame.to_dicts()}
+    for fact, row in zip(result.fit.facts, rows, strict=True):
+        told = ["" if end is None else repr(end) for end in (fact.value, fact.low, fact.high)]
+        assert [row["table"], row["value"], row["low"], row["high"]] == [fact.label, *told]
+        here = frame.row(0, named=True) if fact.soc is None else by_soc[fact.soc]
+        assert here[fact.label] == fact.value
+
+
+def test_exports_hold_the_means_or_the_constants_with_their_ends(result):
+    values = exported(result)
+    for fact in result.fit.facts:
+        name = symbol(fact.label) if result.tables else symbol(fact.name)
+        if fact.is_mean and " + " not in name:
+            assert values[name] == repr(fact.value)
+            assert values.get(f"{name} low", "None") == repr(fact.low)
+            assert values.get(f"{name} high", "None") == repr(fact.high)
+
+
+def test_the_screen_the_report_and_results_side_by_side_say_the_same(result):
+    console = Console(file=io.StringIO(), width=200, color_system=None)
+    console.print(Group(*first_screen(result)))
+    screen = console.file.getvalue().split("\n")
+    report = to_markdown(identification_document(result)).split("\n")
+    beside = repr(barnax.show(result, result)).split("\n")
+    for fact in result.fit.facts:
+        if not fact.is_mean:
+            continue
+        name, value = symbol(fact.name), with_unit(fact.name, fact.value)
+        (line,) = (line for line in screen if line.split()[:1] == [name])
+        assert f"{name}  {value}" in " ".join(line.split(" " * 3)) or value in line
+        if result.tables is None:
+            (row,) = (row for row in report if row.startswith(f"| {name} [mOhm]") and "|  " in row)
+            printed = float(row.split("|")[2])
+            assert f"{figures(printed)} mOhm" == value
+        else:
+            assert any(row.startswith(f"| {name} ") and f"| {value}" in row for row in report)
+        named = name if result.tables is None else f"mean {name}"
+        assert any(line.split("  ")[0].strip() == named and value in line for line in beside)

@@ -165,3 +165,44 @@ def test_amperes_under_another_unit_are_named_by_a_counter_in_a_unit_of_its_own(
     except InputError as refused:
         said = [str(refused)]
     assert any(f"current=Current [{unit}]:A" in words for words in said)
+
+
+SWEEP = pl.DataFrame(
+    {
+        TIME: np.arange(1000) * 72.0,
+        CURRENT: np.where(np.arange(1000) < 5, 0.0, -0.1),
+        VOLTAGE: 4.15 - 1.2 * np.arange(1000) / 1000 - 0.01 * (np.arange(1000) >= 5),
+    }
+)
+
+
+@pytest.mark.parametrize(
+    ("table", "factor", "words"),
+    [
+        # A drive of five minutes at 60 Hz, one that steps 200 times a second, and one whose charge
+        # moves no voltage for hours.
+        (FRAME, 1 / 60, "may be in minutes: samples lie 0.016667 s apart"),
+        (FRAME, 1e-3, "the load steps 127 times a second"),
+        (FRAME, 3600.0, "so high that all charge could pass in"),
+        # A sweep of 20 hours with one step of the current.
+        (SWEEP, 1 / 3600, "so low that all charge could pass in"),
+    ],
+)
+def test_a_name_with_another_unit_than_its_values_is_told_without_counters(table, factor, words):
+    table = table.with_columns(pl.col(TIME) * factor)
+    try:
+        said = " ".join(told(record_from_frame(table)))
+    except InputError as refused:
+        said = str(refused)
+    assert words in said
+
+
+def test_units_that_nothing_decides_are_noted_where_they_make_an_unusual_record():
+    """Amperes under milliamperes are a coin cell's; a sweep of 55 days is one at C/1300."""
+    small = told(record_from_frame(FRAME.rename({CURRENT: "Current [mA]"})))
+    assert any("is read in mA: up to 2 mA through 49.5 ohm" in each for each in small)
+    time_s = np.arange(8000) * 600.0
+    table = pl.DataFrame({TIME: time_s, CURRENT: 0 * time_s - 1e-3, VOLTAGE: 4.1 - time_s / 5e6})
+    slow = told(record_from_frame(table))
+    assert any("is read in s: the record lasts 55.5 days, at C/1333" in each for each in slow)
+    assert not any(" is read in " in each for each in told(record_from_frame(SWEEP)))

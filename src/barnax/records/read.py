@@ -24,13 +24,18 @@ from .logger import Decision, Hold
 from .quantities import NEEDED
 from .record import Record
 from .samples import Samples, samples_of
-from .scale import UNITS_ASKED, examine_scale
+from .scale import (
+    UNITS_ASKED,
+    examine_scale,
+    examine_series,
+    examine_voltage_range,
+    examine_voltage_unit,
+)
 from .sign import decide_sign, examine_direction
 from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
 from .table import Lines, examine_cells, found_at, take_lines
 from .twins import examine_twins
-from .units import examine_series, examine_voltage_range, examine_voltage_unit
 
 Values = TypeVar("Values", np.ndarray, np.ndarray | None)
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.

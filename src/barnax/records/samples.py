@@ -16,7 +16,7 @@ from .table import Lines
 # A current step changes by more than this share of the largest current; a current that stands
 # still by less than that share.
 STEP_SHARE, STEADY_SHARE = 0.1, 0.01
-_FEWEST_STEPS, _AGREEING = 3, 0.5
+_AGREEING = 0.5
 # A log is slow from this interval on. A current differs from a neighbor by this share of the
 # largest.
 SLOW_S, ALONE_SHARE = 2.5, 0.05
@@ -200,7 +200,7 @@ class Samples(Lines):
         """
         steps = self.steps[self.answer_v[self.steps] != 0]
         step_a, step_v = self.step_a[steps], self.answer_v[steps]
-        resistance_ohm = step_resistance_ohm(step_a, step_v)
+        resistance_ohm = step_resistance_ohm(step_a, step_v, fewest=1)
         rising = np.sign(np.sum(step_a * step_v))
         source_v = few(self.voltage_v) - rising * resistance_ohm * few(self.current_a)
         low_v, high_v = np.quantile(source_v, [0.02, 0.98])
@@ -256,13 +256,13 @@ def record_resistance_ohm(record: Record) -> float:
 
 
 def step_resistance_ohm(
-    step_a: Float[np.ndarray, "steps"], step_v: Float[np.ndarray, "steps"]
+    step_a: Float[np.ndarray, "steps"], step_v: Float[np.ndarray, "steps"], fewest: int = 3
 ) -> float:
     """The median |dV/dI| of the larger half of the current steps; zero where they do not agree.
 
     They agree where most of dI dV has one sign: small steps among relaxations are outweighed.
     """
-    if len(step_a) < _FEWEST_STEPS:
+    if len(step_a) < fewest:
         return 0.0
     product = step_a * step_v
     if abs(product.sum()) < _AGREEING * np.abs(product).sum() or not product.any():

@@ -1,76 +1,35 @@
-"""One judgement of scale: whether time, current and the tester's charge are in the units named.
+"""One judgement of scale: of time, current, charge and voltage in the units that are named.
 
-A witness is a number that other units multiply, and what it must be for a cell and a tester. A
-reading in another unit is judged by the witnesses that it brings to agree, less those that it puts
-off. A unit that the user gives is not in doubt.
+A reading in another unit is judged by the witnesses that it brings to agree, less those that it
+puts off; of a voltage one look tells. A unit that the user gives is not in doubt.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from .cell_values import FINEST_S, epoch_unit, is_clock, is_usual, numbers
+from ..notices import Severity
+from .cell_values import DAY_S, is_clock
 from .column_rules import bare_units
-from .columns import NOTHING, Column, columns_of
-from .counters import gain_ah
-from .quantities import QUANTITIES, Unit
-from .samples import Samples, few
+from .columns import NOTHING
+from .quantities import CELL_RANGE_V, QUANTITIES
+from .samples import Samples
 from .table import found_at
+from .witnesses import (
+    CERTAIN,
+    CHARGE,
+    COUNTERS,
+    LEAST_A,
+    Reading,
+    Witness,
+    usual_interval_s,
+    witnesses_of,
+)
 
-CHARGE = "charge"
-_COUNTERS = ("charging capacity", "discharging capacity", "net capacity")
-# Weights of readings from which one is told: as a doubt, and as certain.
-_DOUBTFUL, _CERTAIN = 1.0, 1.5
-
-
-@dataclass(frozen=True)
-class Witness:
-    """A number, how often each quantity's factor multiplies it, and what it must be.
-
-    `says` is what it tells against the units that it was computed in. Beside a reading in a part of
-    the unit, what has no unit may be in such a part too: `follows` is what that multiplies it by.
-    """
-
-    value: float
-    powers: Mapping[str, int]
-    holds: Callable[[float], bool]
-    says: str
-    weight: float = 1.0
-    follows: float = 1.0
-
-    def agrees(self, quantity: str, factor: float, other: float = 1.0) -> bool:
-        return bool(self.holds(other * self.value * factor ** self.powers.get(quantity, 0)))
-
-    def is_brought(self, quantity: str, factor: float) -> bool:
-        others = (1.0,) if factor < 1 or quantity != "current" else (1.0, self.follows)
-        return any(self.agrees(quantity, factor, other) for other in others)
-
-    def is_put_off(self, quantity: str, factor: float) -> bool:
-        values = (self.agrees(quantity, factor, other) for other in (1.0, self.follows))
-        return self.holds(self.value) and not any(values)
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A quantity in another unit: by how much its values change, and the unit's name in words.
-
-    Without a `unit` they were converted twice.
-    """
-
-    quantity: str
-    unit: Unit | None
-    factor: float
-    words: str
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """A reading, its weight, and what tells it."""
-
-    reading: Reading
-    weight: float
-    reasons: tuple[str, ...]
+# The weight from which a reading is told as a doubt.
+_DOUBTFUL = 1.0
 
 
 def examine_scale(
@@ -82,43 +41,63 @@ def examine_scale(
     they leave several, the user is asked. `capacity_ah` is a witness too, and `given` are the
     user's own names of columns.
     """
-    if samples.peak_a < _LEAST_A:
+    if samples.peak_a < LEAST_A:
         samples = samples.telling(0, "current-unit.zero", column=samples.header("current"))
     asked = None
     # One unit is the odd one out, and behind it may be another.
     for _ in range(2):
-        best = _best(samples, list(_witnesses(samples, capacity_ah, given)))
+        best = _best(samples, list(witnesses_of(samples, capacity_ah, given)))
         if not best:
             break
         samples = _settled(samples, best)
         if samples.findings[-1].code.endswith((".doubtful", ".open")):
-            asked = best[0].reading.quantity
+            asked = best[0].quantity
             break
-    witnesses = _witnesses(samples, capacity_ah, given)
+    witnesses = witnesses_of(samples, capacity_ah, given)
     left = [one for one in witnesses if asked not in one.powers and not one.holds(one.value)]
     if left and samples.columns["time"].is_unit_assumed:
         # No other unit explains it, and none is named.
         reason = "; ".join(dict.fromkeys(one.says for one in left))
         samples = samples.noting(bare_units(samples.columns, reason))
+    return _with_unusual(samples)
+
+
+# Of the measured records not one in a hundred lasts so long, or is at so many hours for the charge
+# that it moves; a resistance is larger in coin cells alone.
+_RARELY_S, _RARELY_H, _RARELY_OHM = 50 * DAY_S, 300.0, 5.0
+
+
+def _with_unusual(samples: Samples) -> Samples:
+    """The samples, with notes of units in no doubt that make an unusual record all the same."""
+    said = {finding.code.partition(".")[0] for finding in samples.findings}
+    time, current = samples.columns["time"], samples.columns["current"]
+    span_ah, ohm, length_s = samples.span_ah, samples.resistance_ohm, samples.length_s
+    slow_h = span_ah / max(samples.peak_a, LEAST_A)
+    is_slow = slow_h > _RARELY_H or length_s > _RARELY_S
+    if is_slow and not time.is_unit_given and "time-unit" not in said:
+        told = {"unit": time.unit.symbol, "days": length_s / DAY_S, "hours": slow_h}
+        samples = samples.telling(0, "time-unit.unusual", column=time.header, **told)
+    is_small = current.unit.factor < 1 and ohm > _RARELY_OHM and not samples.counters.written
+    if is_small and not current.is_unit_given and "current-unit" not in said:
+        told = {"unit": current.unit.symbol, "peak_a": samples.peak_a, "ohm": ohm}
+        told |= {"column": current.header, "span_ah": span_ah}
+        samples = samples.telling(0, "current-unit.unusual", **told)
     return samples
 
 
-def _best(samples: Samples, witnesses: list[Witness]) -> list[Verdict]:
+def _best(samples: Samples, witnesses: Sequence[Witness]) -> list[Reading]:
     """The readings of the largest weight; none where the units as they are agree best."""
-    against = [witness for witness in witnesses if not witness.holds(witness.value)]
-    verdicts = []
-    for reading in _readings(samples) if against else ():
-        how = reading.quantity, reading.factor
-        brought = [witness for witness in against if witness.is_brought(*how)]
-        put_off = [witness for witness in witnesses if witness.is_put_off(*how)]
-        weight = sum(w.weight for w in brought) - sum(w.weight for w in put_off)
-        if weight >= _DOUBTFUL:
-            verdicts.append(Verdict(reading, weight, tuple(w.says for w in brought)))
-    most = max((verdict.weight for verdict in verdicts), default=0.0)
-    best = [verdict for verdict in verdicts if verdict.weight == most]
+    readings = []
+    for reading in _readings(samples):
+        votes = [(witness.vote(reading), witness.says) for witness in witnesses]
+        weight = sum(vote for vote, _ in votes)
+        reasons = dict.fromkeys(says for vote, says in votes if vote > 0)
+        readings.append(replace(reading, weight=weight, reasons=tuple(reasons)))
+    most = max((reading.weight for reading in readings), default=0.0)
+    best = [reading for reading in readings if reading.weight == most >= _DOUBTFUL]
     # Of two units of the current as good, the usual one.
-    currents = [verdict for verdict in best if verdict.reading.quantity == "current"]
-    return [verdict for verdict in best if verdict not in currents[1:]]
+    currents = [reading for reading in best if reading.quantity == "current"]
+    return [reading for reading in best if reading not in currents[1:]]
 
 
 def _readings(samples: Samples) -> Iterator[Reading]:
@@ -130,19 +109,23 @@ def _readings(samples: Samples) -> Iterator[Reading]:
     if is_number and not (time.is_unit_given or samples.table.has_known_units):
         for unit in dict.fromkeys(_UNITS["time"].values()):
             if unit != time.unit:
-                yield Reading("time", unit, unit.factor / time.unit.factor, _WORDS[unit.symbol])
+                factor = unit.factor / time.unit.factor
+                yield Reading("time", ("time",), unit, factor, _WORDS[unit.symbol])
         if time.unit.factor == 1 and not time.is_unit_assumed:
-            yield Reading("time", None, 1 / 60, "minutes, converted to seconds twice")
-            yield Reading("time", None, 1 / 3600, "hours, converted to seconds twice")
+            twice = "converted to seconds twice"
+            yield Reading("time", ("time",), None, 1 / 60, f"minutes, {twice}")
+            yield Reading("time", ("time",), None, 1 / 3600, f"hours, {twice}")
     # By factors, for a current may be given as the charge of every interval.
     units = {unit.factor: unit for unit in _UNITS["current"].values()}
     for factor, unit in () if current.is_unit_given else units.items():
         if factor != current.unit.factor and current.unit.factor in units:
             words = f"{_WORDS[unit.symbol]}, not {_WORDS[units[current.unit.factor].symbol]}"
-            yield Reading("current", unit, factor / current.unit.factor, words)
-    counters = [samples.columns[name] for name in _COUNTERS if name in samples.columns]
+            factor /= current.unit.factor
+            yield Reading("current", ("current",), unit, factor, words)
+    names = tuple(name for name in COUNTERS if name in samples.columns)
+    counters = [samples.columns[name] for name in names]
     if counters and not any(column.is_unit_given or column.unit.factor != 1 for column in counters):
-        yield Reading(CHARGE, _UNITS["net capacity"]["mah"], 1e-3, "milliampere-hours")
+        yield Reading(CHARGE, names, _UNITS["net capacity"]["mah"], 1e-3, "milliampere-hours")
 
 
 _UNITS = {quantity.name: quantity.units for quantity in QUANTITIES}
@@ -168,225 +151,149 @@ _CODES = (
 UNITS_ASKED = (*_CODES[:-1], "voltage-unit.milli")
 
 
-def _settled(samples: Samples, best: list[Verdict]) -> Samples:
+def _settled(samples: Samples, best: list[Reading]) -> Samples:
     """The samples in the unit that is told, and the notice of it."""
-    reading, kind, weight = best[0].reading, best[0].reading.quantity, best[0].weight
-    column = _column(samples, kind)
+    reading, kind = best[0], best[0].quantity
+    column = samples.columns[reading.names[0]]
     code = {code.partition(".")[2]: code for code in _CODES if code.startswith(kind)}
     is_free = column.is_unit_assumed and kind != "current"
     symbol = reading.unit.symbol if reading.unit else ""
     told = {
         "column": column.header,
-        "quantity": _quantities(samples, kind)[0],
+        "quantity": reading.names[0],
         "unit": symbol,
         "reading": reading.words,
-        "reason": "; ".join(dict.fromkeys(best[0].reasons)),
+        "reason": "; ".join(reading.reasons),
         "rename": column.quantity.name_in(symbol),
-        "option": _option(samples, reading),
+        "option": reading.option(samples),
     }
     if not reading.unit:
         told |= {"rename": "divided", "divisor": 1 / reading.factor}
     at = int(np.argmax(np.abs(samples.current_a))) if kind == "current" else 0
-    if len(best) > 1 or (weight < _CERTAIN and is_free and kind == "time"):
-        told["choices"] = " or ".join(_choices(samples, best))
+    if len(best) > 1 or (reading.weight < CERTAIN and is_free and kind == "time"):
+        as_it_is = Reading(kind, reading.names, column.unit, 1.0)
+        told["choices"] = " or ".join(_choices(samples, (as_it_is, *best)))
         found = found_at(samples, at, code["open"], **told)
         return samples.noting(found.rated("error" if is_free else "warning"))
     # Where nothing but the counters is in another unit, the current tells which.
-    if weight < _CERTAIN and kind != CHARGE:
+    if reading.weight < CERTAIN and kind != CHARGE:
         return samples.telling(at, code["doubtful"], **told)
-    changed = _quantities(samples, kind)
-    scaled = {own: samples.values[own] * reading.factor for own in changed}
-    mended = samples.having(**scaled)
+    mended = samples.having(**{n: samples.values[n] * reading.factor for n in reading.names})
     if kind != CHARGE and not is_free:
         return mended.telling(at, code["wrong"], **told)
-    columns = dict(samples.columns)
-    for own in changed:
-        columns[own] = replace(columns[own], unit=reading.unit, is_unit_assumed=False)  # pyrefly: ignore
-    return replace(mended, columns=columns).telling(at, code["taken"], **told)
+    columns = {name: samples.columns[name] for name in reading.names}
+    taken = {
+        n: replace(own, unit=reading.unit, is_unit_assumed=False) for n, own in columns.items()
+    }
+    mended = replace(mended, columns={**samples.columns, **taken})
+    return mended.telling(at, code["taken"], **told)
 
 
-def _quantities(samples: Samples, kind: str) -> list[str]:
-    names = _COUNTERS if kind == CHARGE else (kind,)
-    return [name for name in names if name in samples.columns]
-
-
-def _column(samples: Samples, kind: str) -> Column:
-    return samples.columns[_quantities(samples, kind)[0]]
-
-
-def _option(samples: Samples, reading: Reading) -> str:
-    """The columns of a quantity with the unit of a reading, as `columns` takes them."""
-    unit = f":{reading.unit.symbol}" if reading.unit else ""
-    names = _quantities(samples, reading.quantity)
-    return ",".join(f"{name}={samples.columns[name].header}{unit}" for name in names)
-
-
-def _choices(samples: Samples, best: list[Verdict]) -> Iterator[str]:
+def _choices(samples: Samples, readings: Sequence[Reading]) -> Iterator[str]:
     """What the user may give, and how far samples are apart in each unit of the time."""
-    first = _column(samples, best[0].reading.quantity)
-    as_it_is = Reading(best[0].reading.quantity, first.unit, 1.0, "")
-    for reading in (as_it_is, *(verdict.reading for verdict in best)):
+    for reading in readings:
         if reading.unit is not None:
-            apart = f" (samples {_interval_s(samples) * reading.factor:.3g} s apart)"
+            apart = f" (samples {usual_interval_s(samples) * reading.factor:.3g} s apart)"
             apart = apart if reading.quantity == "time" else ""
-            yield f"`columns='{_option(samples, reading)}'`{apart}"
+            yield f"`columns='{reading.option(samples)}'`{apart}"
 
 
-# No record lasts longer, and of one without a unit no samples lie further apart.
-_LONGEST_S, _FAR_S = 1e8, 500.0
-# The bulk time that would be too short for any cell, of a steep end of the curve and of others, and
-# too long for a record that is sampled so slowly.
-_STEEP_S, _SHORT_S, _BULK_S, _SLOW_S = 0.5, 40.0, 1e4, 50.0
-# The voltage must have moved for that to mean anything, and through more than the steep end.
-_TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
-# Between these intervals, numbers that no tester is set to are as good.
-_FINE_S, _COARSE_S = 0.2, 90.0
-# The share of an interval by which few digits may change it.
-_ROUNDED = 0.6
-# Charge against the given capacity, in favor of a factor of a thousand either way.
-_TOO_MUCH, _TOO_LITTLE = 20.0, 0.01
-# The largest cells made hold a little over 1000 Ah; 500 A is the load of a large one, and a 2 Ah
-# cell at 1C reads 2000 in milliamperes. A slow sweep of a small cell gives itself away by its
-# ampere-hours instead: 2 Ah read as 2000.
-_LOADED_A, _SWING_AH = 500.0, 1500.0
-# Far below what any tester resolves; squares of much less are lost.
-_LEAST_A = 1e-12
-# No cell has less than a tenth of a milliohm; those that come near carry hundreds of amperes. Coin
-# cells come near to the largest, which alone tells nothing.
-_LEAST_OHM, _HEAVY_A, _MAX_OHM, _HALF = 1e-4, 50.0, 20.0, 0.5
-_RATIO = 0.15
+# Past 10 V it is no cell but a module, past 1000 V a cell in millivolts, and past 10,000 V no pack
+# at all; 100 V is no reading of a single cell.
+_MODULE_V, _MILLIVOLT_V, _IMPOSSIBLE_V = 10.0, 1000.0, 100.0
+# Volts that were divided by a thousand once too often.
+_KILOVOLT_V = 0.01
+_NEARLY_ALL = 0.95
+# Every reading of a cell in use lies within.
+_LEAST_V, _FULL_V = 1.5, 5.0
+# The voltage by which cells in series are counted.
+_NOMINAL_V = 3.6
 
 
-def _witnesses(
-    samples: Samples, capacity_ah: float | None, given: Mapping[str, str]
-) -> Iterator[Witness]:
-    """What the record shows of its own scale."""
-    yield from _of_time(samples)
-    yield from _other_clocks(samples, given)
-    yield from _of_current(samples)
-    yield from _of_charge(samples, capacity_ah)
+def examine_voltage_unit(samples: Samples) -> Samples:
+    """The samples with a voltage in volts of one cell, told what was wrong with it."""
+    middle_v = samples.middle_v
+
+    def mended(code: str, factor: float, **values: Any) -> Samples:
+        given = {"column": samples.header("voltage"), "middle_v": middle_v, **values}
+        return samples.telling(0, code, **given).having(voltage=samples.voltage_v * factor)
+
+    current_a, voltage_v = samples.current_a, samples.voltage_v
+    low_v, high_v = CELL_RANGE_V
+    # With its sign turned, nearly all of it must be a cell's voltage.
+    is_swapped = np.mean((-voltage_v >= low_v) & (-voltage_v <= high_v)) > _NEARLY_ALL
+    is_cells = _LEAST_V < current_a.min() < current_a.max() < _FULL_V
+    is_none = middle_v < _LEAST_V or np.mean(voltage_v < 0) > 1 - _NEARLY_ALL
+    if is_cells and is_none and not is_swapped:
+        held = {"low_v": current_a.min(), "high_v": current_a.max()}
+        samples = mended("voltage-unit.exchanged", 1.0, current=samples.header("current"), **held)
+        return samples.having(current=voltage_v, voltage=current_a)
+    if middle_v < 0:
+        code = "voltage-unit.swapped" if is_swapped else "voltage-unit.negative"
+        samples = mended(code, -1.0 if is_swapped else 1.0)
+        middle_v = abs(middle_v)
+    is_given = samples.columns["voltage"].is_unit_given
+    if middle_v > _MILLIVOLT_V and not is_given:
+        # Beside a current in milliamperes, that is how the tester was set.
+        is_one = middle_v < 1e3 * _MODULE_V
+        is_milli = samples.columns["current"].unit.symbol == "mA" and is_one
+        rename = samples.columns["voltage"].quantity.name_in("mV")
+        given = {"quantity": "voltage", "unit": "mV", "rename": rename}
+        if is_milli:
+            current = samples.header("current")
+            samples = mended("voltage-unit.converted", 1e-3, **given, current=current)
+        else:
+            several = None if is_one else "true"
+            samples = mended("voltage-unit.milli", 1e-3, **given, several=several)
+    elif middle_v > _MODULE_V:
+        cells = max(2, round(middle_v / _NOMINAL_V))
+        samples = mended("voltage-unit.pack", 1 / cells, series=cells)
+    elif 0 < middle_v < _KILOVOLT_V and 1e3 * middle_v < CELL_RANGE_V[0]:
+        samples = mended("voltage-unit.open", 1.0)
+    elif 0 < middle_v < _KILOVOLT_V and not is_given:
+        samples = mended("voltage-unit.kilo", 1e3)
+    elif voltage_v.min() == voltage_v.max():
+        samples = mended("voltage-unit.constant", 1.0)
+    return samples
 
 
-def _interval_s(samples: Samples) -> float:
-    """The usual interval; between two, where few digits round it to either."""
-    usual_s = samples.interval_s
-    is_near = np.abs(samples.intervals_s - usual_s) < _ROUNDED * usual_s
-    return float(np.mean(samples.intervals_s[is_near])) if is_near.any() else usual_s
+# A cell of LTO is full below the first, one of LFP rests above the second but near empty, and no
+# cell goes above the third; most are full at the fourth.
+_LTO_V, _LFP_V, _HIGHEST_V, _CHARGED_V = 2.95, 3.0, 4.65, 4.2
+_ENDS = (1e-3, 0.5, 0.999)
 
 
-def _of_time(samples: Samples) -> Iterator[Witness]:
-    """The length, the sampling and its digits, and the resistance times the charge a volt moves."""
-    once = {"time": 1}
-    interval_s, length_s = _interval_s(samples), samples.length_s
-    yield Witness(length_s, once, lambda s: s <= _LONGEST_S, f"it lasts {length_s:.3g} s")
-    if interval_s > 0:
-        # Beside a unit that the name states, the sampling tells little.
-        weight = 1.0 if samples.columns["time"].is_unit_assumed else _HALF
-        apart = f"samples lie {interval_s:.5g} s apart"
-        yield Witness(interval_s, once, lambda s: FINEST_S <= s <= _FAR_S, apart, weight)
-        if is_usual(interval_s) or not _FINE_S <= interval_s < _COARSE_S:
-            is_far = not FINEST_S <= interval_s <= _FAR_S
-            digits = apart if is_far else f"{apart}, which is no usual interval"
-            yield Witness(interval_s, once, is_usual, digits, weight)
-    if (unit := epoch_unit(samples.time_s)) and unit.factor > 1:
-        dates = f"its values are {unit.symbol}"
-        yield Witness(1.0, once, lambda days: abs(days / unit.factor - 1) < _RATIO, dates)
-    bulk_s, travel_v = samples.bulk_time
-    if not bulk_s or travel_v < _TRAVEL_V:
-        return
-    is_steep = samples.middle_v < _STEEP_BELOW_V or travel_v < 2 * _TRAVEL_V
-    least_s = _STEEP_S if is_steep else _SHORT_S
-    # A load in a gap was not logged: its charge is missing, and the unit may be right.
-    least_s = least_s if samples.hidden_v < travel_v / 2 else 0.0
-    words = f"the resistance would be so low that all charge could pass in {bulk_s:.3g} s"
-
-    def is_cells(own_s: float) -> bool:
-        is_fine = interval_s * own_s / bulk_s < _SLOW_S
-        return least_s <= own_s and (is_fine or own_s <= _BULK_S)
-
-    # Nothing but another unit is so slow.
-    yield Witness(bulk_s, once, is_cells, words, _CERTAIN if bulk_s > _BULK_S else 1.0)
+def examine_series(samples: Samples, series: int) -> Samples:
+    """The samples, warned of where no known lithium-ion cell has the voltage of one of those in
+    series."""
+    low_v, middle_v, high_v = np.quantile(samples.voltage_v, _ENDS)
+    if high_v <= _LTO_V or (middle_v >= _LFP_V and high_v <= _HIGHEST_V):
+        return samples
+    fewest = int(np.ceil(series * high_v / _CHARGED_V))
+    most = max(fewest, int(series * middle_v / _NOMINAL_V))
+    told = {"series": series, "fewest": fewest, "most": most, "full_v": _CHARGED_V}
+    ends = {"low_v": low_v, "high_v": high_v, "column": samples.header("voltage")}
+    return samples.telling(0, "series.unlikely", **told, **ends)
 
 
-def _of_current(samples: Samples) -> Iterator[Witness]:
-    """The load, and the resistance at its steps."""
-    peak_a, ohm = samples.peak_a, samples.resistance_ohm
-    magnitude_a = np.abs(few(samples.current_a))
-    loaded_a = float(np.median(magnitude_a[magnitude_a >= 0.05 * peak_a], axis=None))
-    load = f"the current under load is {loaded_a:.6g} A"
-    yield Witness(loaded_a, {"current": 1}, lambda a: a <= _LOADED_A, load)
-    if samples.columns["current"].is_unit_assumed and samples.columns["time"].is_unit_assumed:
-        # Minutes and milliamperes together are the charge of a larger cell.
-        yield Witness(loaded_a, {}, lambda a: a <= _HEAVY_A, load, 0.0)
-    if not ohm:
-        return
-    is_large, over = ohm > _MAX_OHM, {"current": -1}
-    shown = f"{ohm:.3g} ohm" if is_large else f"{1e6 * ohm:.3g} microohm"
-    words = f"the cell's resistance would be {shown}"
-    weight = _HALF if is_large else 1.0
-
-    def is_cells(own_ohm: float) -> bool:
-        is_heavy = peak_a * ohm / own_ohm > _HEAVY_A
-        return own_ohm <= _MAX_OHM and (own_ohm >= _LEAST_OHM or not is_heavy)
-
-    yield Witness(ohm, over, is_cells, words, weight)
-
-
-def _of_charge(samples: Samples, capacity_ah: float | None) -> Iterator[Witness]:
-    """The charge that is moved, and its ratio to what the tester counted and to the capacity."""
-    moved = {"time": 1, "current": 1}
-    span_ah, travel_v = samples.span_ah, samples.bulk_time[1]
-    moves = f"the record moves {span_ah:.4g} Ah"
-    yield Witness(span_ah, moved, lambda ah: ah <= _SWING_AH, f"{moves} one way")
-    if capacity_ah:
-        least_ah = _TOO_LITTLE * capacity_ah if travel_v >= _TRAVEL_V else 0.0
-        words = f"{moves} of a cell of {capacity_ah:.4g} Ah, and its voltage by {travel_v:.2g} V"
-        yield Witness(span_ah, moved, lambda ah: least_ah < ah <= _TOO_MUCH * capacity_ah, words)
-    counted_ah = sum(map(gain_ah, samples.counters.both))
-    # A counter printed to 0.1 mAh that moved a few times proves nothing.
-    if counted_ah > 1e-3:
-        ratio = float(np.sum(np.abs(samples.ended_ah))) / counted_ah
-    else:
-        ratio = samples.counters.net_ratio(samples.ended_ah, samples.is_loaded) or 0.0
-    if ratio:
-        times = f"{ratio:.4g} times" if ratio > 1 else f"1/{1 / ratio:.4g} of"
-        words = f"the current integrates to {times} the tester's Ah"
-        powers, is_free = {**moved, CHARGE: -1}, _column(samples, CHARGE).is_unit_assumed
-        follows = 1e3 if is_free else 1.0
-        yield Witness(ratio, powers, lambda r: abs(r - 1) < _RATIO, words, follows=follows)
-
-
-# The number of intervals that are compared with another clock, and how long those of dates are that
-# seconds resolve; most must agree so well.
-_PAIRS, _DATED_S, _ALIKE, _AGREEING = 50, 100.0, 0.01, 0.5
-
-
-def _other_clocks(samples: Samples, given: Mapping[str, str]) -> Iterator[Witness]:
-    """The dates and the clock of the steps beside the time.
-
-    By the median of many intervals, for a test may have paused, and steps begin anew.
-    """
-    table, time = samples.table, samples.columns["time"]
-    lines = np.arange(0, len(samples), 1 + len(samples) // (2 * _PAIRS))
-    for name, column in columns_of(table.header, given).items():
-        if name not in ("date", "step time") or column.index == time.index:
-            continue
-        if name == "step time":
-            if column.is_unit_assumed and not is_clock(table.columns[column.index]):
-                continue
-            lines = np.arange(len(samples))
-        other_s = numbers(table.columns[column.index].gather(samples.at[lines]), column)
-        lag, least_s, later_s = 1, 0.0, np.diff(other_s)
-        if name == "date" and np.any(later_s > 0):
-            least_s = _DATED_S
-            lag += int(least_s / np.median(later_s[later_s > 0]))
-        later_s = other_s[lag:] - other_s[:-lag]
-        apart_s = samples.time_s[lines][lag:] - samples.time_s[lines][:-lag]
-        moved = (apart_s > 0) & (later_s > least_s)
-        if moved.sum() < 2:
-            continue
-        ratios = apart_s[moved] / later_s[moved]
-        usual = float(np.median(ratios))
-        if np.mean(np.abs(ratios / usual - 1) < _ALIKE) > _AGREEING:
-            words = f"intervals by '{column.header}' are {1 / usual:.4g} times as long"
-            yield Witness(usual, {"time": 1}, lambda ratio: abs(ratio - 1) < _ALIKE, words, 2.0)
+def examine_voltage_range(samples: Samples) -> Samples:
+    """The samples whose voltage one cell can have, told what the others are."""
+    name, (low_v, high_v) = samples.header("voltage"), CELL_RANGE_V
+    voltage_v = samples.voltage_v
+    outside = (voltage_v < low_v) | (voltage_v > high_v)
+    if not outside.any():
+        return samples
+    impossible = np.abs(voltage_v) > _IMPOSSIBLE_V
+    first = int(np.argmax(impossible if impossible.any() else outside))
+    beside = np.abs(np.diff(voltage_v, prepend=voltage_v[:1]))
+    if voltage_v.min() >= 0 and voltage_v.max() <= high_v and beside[outside].max() < low_v / 2:
+        # A cell that loses its contact jumps there.
+        at, least_v = int(np.argmin(voltage_v)), voltage_v.min()
+        return samples.telling(at, "voltage-unit.half-cell", column=name, least_v=least_v)
+    severity: Severity = "error" if impossible.any() else "warning"
+    given = {"voltage_v": voltage_v[first], "column": name, "samples": outside.sum()}
+    limits = {"low_v": low_v, "high_v": high_v}
+    code = "voltage-unit.no-cell" if outside.mean() > 0.5 else "voltage-unit.outside"
+    samples = samples.noting(found_at(samples, first, code, **given, **limits).rated(severity))
+    # If nearly all is outside, the rest shows nothing either.
+    return samples if outside.mean() > 0.5 else samples.keep(~outside)

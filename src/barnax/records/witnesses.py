@@ -1,0 +1,244 @@
+"""What a record shows of its scale: numbers that other units multiply, and what they must be."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .cell_values import FINEST_S, epoch_unit, is_clock, is_usual, numbers
+from .columns import columns_of
+from .counters import gain_ah
+from .quantities import Unit
+from .samples import Samples, few
+
+CHARGE = "charge"
+COUNTERS = ("charging capacity", "discharging capacity", "net capacity")
+# The weight from which a reading is certain.
+CERTAIN = 1.5
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Columns in another unit: by how much their values change, the unit in words, what tells.
+
+    Without a `unit` they were converted twice. `weight` is that of the witnesses that it brings to
+    agree, less those that it puts off.
+    """
+
+    quantity: str
+    names: tuple[str, ...]
+    unit: Unit | None
+    factor: float
+    words: str = ""
+    weight: float = 0.0
+    reasons: tuple[str, ...] = ()
+
+    def option(self, samples: Samples) -> str:
+        """The columns with the unit, as `columns` takes them."""
+        unit = f":{self.unit.symbol}" if self.unit else ""
+        return ",".join(f"{name}={samples.header(name)}{unit}" for name in self.names)
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A number, how often each quantity's factor multiplies it, and what it must be.
+
+    `says` is what it tells against the units that it was computed in. Beside a current in another
+    unit, what has no unit may be in a part of its own: `follows` is what that multiplies it by.
+    """
+
+    value: float
+    powers: Mapping[str, int]
+    holds: Callable[[float], bool]
+    says: str
+    weight: float = 1.0
+    follows: float = 1.0
+
+    def vote(self, reading: Reading) -> float:
+        """What it gives a reading: its weight where only that agrees, less where only that does
+        not."""
+        value = self.value * reading.factor ** self.powers.get(reading.quantity, 0)
+        is_agreed, is_agreed_too = self.holds(value), self.holds(self.follows * value)
+        if self.holds(self.value):
+            return 0.0 if is_agreed or is_agreed_too else -self.weight
+        is_agreed_too &= reading.quantity == "current" and reading.factor >= 1
+        return self.weight if is_agreed or is_agreed_too else 0.0
+
+
+# No record lasts longer, and of one without a unit no samples lie further apart.
+_LONGEST_S, _FAR_S = 1e8, 500.0
+# The bulk time that would be too short for any cell, of a steep end of the curve and of others, and
+# too long for a record that is sampled so slowly.
+_STEEP_S, _SHORT_S, _BULK_S, _SLOW_S = 0.5, 40.0, 1e4, 50.0
+# The voltage must have moved for that to mean anything, and through more than the steep end.
+_TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
+# Between these intervals, numbers that no tester is set to are as good.
+_FINE_S, _COARSE_S = 0.2, 90.0
+# No tester is set so fast as to anything else, and no load steps so often.
+_FAST_S, _STEPS_HZ = 0.05, 15.0
+# The share of an interval by which few digits may change it.
+_ROUNDED = 0.6
+# Charge against the given capacity, in favor of a factor of a thousand either way.
+_TOO_MUCH, _TOO_LITTLE = 20.0, 0.01
+# The largest cells made hold a little over 1000 Ah; 500 A is the load of a large one, and a 2 Ah
+# cell at 1C reads 2000 in milliamperes. A slow sweep of a small cell gives itself away by its
+# ampere-hours instead: 2 Ah read as 2000.
+_LOADED_A, _SWING_AH = 500.0, 1500.0
+# Far below what any tester resolves; squares of much less are lost.
+LEAST_A = 1e-12
+# No cell has less than a tenth of a milliohm; those that come near carry hundreds of amperes. Coin
+# cells come near to the largest, which alone tells nothing.
+_LEAST_OHM, _HEAVY_A, _MAX_OHM, _HALF = 1e-4, 50.0, 20.0, 0.5
+_RATIO = 0.15
+
+
+def witnesses_of(
+    samples: Samples, capacity_ah: float | None, given: Mapping[str, str]
+) -> Iterator[Witness]:
+    """What the record shows of its own scale."""
+    yield from _of_time(samples)
+    yield from _other_clocks(samples, given)
+    yield from _of_current(samples)
+    yield from _of_charge(samples, capacity_ah)
+
+
+def usual_interval_s(samples: Samples) -> float:
+    """The usual interval; between two, where few digits round it to either."""
+    usual_s = samples.interval_s
+    is_near = np.abs(samples.intervals_s - usual_s) < _ROUNDED * usual_s
+    return float(np.mean(samples.intervals_s[is_near])) if is_near.any() else usual_s
+
+
+def _of_time(samples: Samples) -> Iterator[Witness]:
+    """The length, the sampling, how often the load steps, and the resistance times the charge a
+    volt moves."""
+    once = {"time": 1}
+    interval_s, length_s = usual_interval_s(samples), samples.length_s
+    yield Witness(length_s, once, lambda s: s <= _LONGEST_S, f"it lasts {length_s:.3g} s")
+    if interval_s > 0:
+        # Beside a unit that the name states, a slow sampling tells little.
+        is_odd = FINEST_S < interval_s < _FAST_S and not is_usual(interval_s)
+        is_sure = samples.columns["time"].is_unit_assumed or is_odd
+        weight = 1.0 if is_sure else _HALF
+        apart = f"samples lie {interval_s:.5g} s apart"
+        yield Witness(interval_s, once, lambda s: FINEST_S <= s <= _FAR_S, apart, weight)
+        if is_usual(interval_s) or not _FINE_S <= interval_s < _COARSE_S:
+            is_far = not FINEST_S <= interval_s <= _FAR_S
+            digits = apart if is_far else f"{apart}, which is no usual interval"
+            yield Witness(interval_s, once, is_usual, digits, weight)
+    if length_s > 0:
+        steps_hz = len(samples.steps) / length_s
+        often = f"the load steps {steps_hz:.3g} times a second"
+        yield Witness(steps_hz, {"time": -1}, lambda hz: hz <= _STEPS_HZ, often)
+    if (unit := epoch_unit(samples.time_s)) and unit.factor > 1:
+        dates = f"its values are {unit.symbol}"
+        yield Witness(1.0, once, lambda days: abs(days / unit.factor - 1) < _RATIO, dates)
+    bulk_s, travel_v = samples.bulk_time
+    if bulk_s:
+        yield _of_bulk(bulk_s, travel_v, travel_v - samples.hidden_v, interval_s, samples.middle_v)
+
+
+def _of_bulk(
+    bulk_s: float, travel_v: float, shown_v: float, interval_s: float, middle_v: float
+) -> Witness:
+    """The resistance times the charge that a volt moves, of which less is missing than all.
+
+    Of a load in a gap the charge is missing, and only the rest of the travel is of what was logged.
+    """
+    is_steep = middle_v < _STEEP_BELOW_V or shown_v < 2 * _TRAVEL_V
+    least_s = (_STEEP_S if is_steep else _SHORT_S) * shown_v / travel_v
+    least_s = least_s if shown_v >= _TRAVEL_V else 0.0
+    size = "high" if bulk_s > _BULK_S else "low"
+    words = f"the resistance would be so {size} that all charge could pass in {bulk_s:.3g} s"
+
+    def is_cells(own_s: float) -> bool:
+        is_fine = interval_s * own_s / bulk_s < _SLOW_S
+        return least_s <= own_s and (is_fine or own_s <= _BULK_S)
+
+    # Nothing but another unit is so slow, or so fast.
+    is_certain = bulk_s < least_s / 8 or (bulk_s > _BULK_S and travel_v >= _TRAVEL_V)
+    return Witness(bulk_s, {"time": 1}, is_cells, words, CERTAIN if is_certain else 1.0)
+
+
+def _of_current(samples: Samples) -> Iterator[Witness]:
+    """The load, and the resistance at its steps."""
+    peak_a, ohm = samples.peak_a, samples.resistance_ohm
+    magnitude_a = np.abs(few(samples.current_a))
+    loaded_a = float(np.median(magnitude_a[magnitude_a >= 0.05 * peak_a], axis=None))
+    load = f"the current under load is {loaded_a:.6g} A"
+    yield Witness(loaded_a, {"current": 1}, lambda a: a <= _LOADED_A, load)
+    if samples.columns["current"].is_unit_assumed and samples.columns["time"].is_unit_assumed:
+        # Minutes and milliamperes together are the charge of a larger cell.
+        yield Witness(loaded_a, {}, lambda a: a <= _HEAVY_A, load, 0.0)
+    if not ohm:
+        return
+    is_large, over = ohm > _MAX_OHM, {"current": -1}
+    shown = f"{ohm:.3g} ohm" if is_large else f"{1e6 * ohm:.3g} microohm"
+    words = f"the cell's resistance would be {shown}"
+    weight = _HALF if is_large else 1.0
+
+    def is_cells(own_ohm: float) -> bool:
+        is_heavy = peak_a * ohm / own_ohm > _HEAVY_A
+        return own_ohm <= _MAX_OHM and (own_ohm >= _LEAST_OHM or not is_heavy)
+
+    yield Witness(ohm, over, is_cells, words, weight)
+
+
+def _of_charge(samples: Samples, capacity_ah: float | None) -> Iterator[Witness]:
+    """The charge that is moved, and its ratio to what the tester counted and to the capacity."""
+    moved = {"time": 1, "current": 1}
+    span_ah, travel_v = samples.span_ah, samples.bulk_time[1]
+    moves = f"the record moves {span_ah:.4g} Ah"
+    yield Witness(span_ah, moved, lambda ah: ah <= _SWING_AH, f"{moves} one way")
+    if capacity_ah:
+        least_ah = _TOO_LITTLE * capacity_ah if travel_v >= _TRAVEL_V else 0.0
+        words = f"{moves} of a cell of {capacity_ah:.4g} Ah, and its voltage by {travel_v:.2g} V"
+        yield Witness(span_ah, moved, lambda ah: least_ah < ah <= _TOO_MUCH * capacity_ah, words)
+    counted_ah = sum(map(gain_ah, samples.counters.both))
+    # A counter printed to 0.1 mAh that moved a few times proves nothing.
+    if counted_ah > 1e-3:
+        ratio = float(np.sum(np.abs(samples.ended_ah))) / counted_ah
+    else:
+        ratio = samples.counters.net_ratio(samples.ended_ah, samples.is_loaded) or 0.0
+    if ratio:
+        times = f"{ratio:.4g} times" if ratio > 1 else f"1/{1 / ratio:.4g} of"
+        words = f"the current integrates to {times} the tester's Ah"
+        counter = next(samples.columns[name] for name in COUNTERS if name in samples.columns)
+        powers, follows = {**moved, CHARGE: -1}, 1e3 if counter.is_unit_assumed else 1.0
+        yield Witness(ratio, powers, lambda r: abs(r - 1) < _RATIO, words, follows=follows)
+
+
+# The number of intervals that are compared with another clock, and how long those of dates are that
+# seconds resolve; most must agree so well.
+_PAIRS, _DATED_S, _ALIKE, _AGREEING = 50, 100.0, 0.01, 0.5
+
+
+def _other_clocks(samples: Samples, given: Mapping[str, str]) -> Iterator[Witness]:
+    """The dates and the clock of the steps beside the time.
+
+    By the median of many intervals, for a test may have paused, and steps begin anew.
+    """
+    table, time = samples.table, samples.columns["time"]
+    lines = np.arange(0, len(samples), 1 + len(samples) // (2 * _PAIRS))
+    for name, column in columns_of(table.header, given).items():
+        if name not in ("date", "step time") or column.index == time.index:
+            continue
+        if name == "step time":
+            if column.is_unit_assumed and not is_clock(table.columns[column.index]):
+                continue
+            lines = np.arange(len(samples))
+        other_s = numbers(table.columns[column.index].gather(samples.at[lines]), column)
+        lag, least_s, later_s = 1, 0.0, np.diff(other_s)
+        if name == "date" and np.any(later_s > 0):
+            least_s = _DATED_S
+            lag += int(least_s / np.median(later_s[later_s > 0]))
+        later_s = other_s[lag:] - other_s[:-lag]
+        apart_s = samples.time_s[lines][lag:] - samples.time_s[lines][:-lag]
+        moved = (apart_s > 0) & (later_s > least_s)
+        if moved.sum() < 2:
+            continue
+        ratios = apart_s[moved] / later_s[moved]
+        usual = float(np.median(ratios))
+        if np.mean(np.abs(ratios / usual - 1) < _ALIKE) > _AGREEING:
+            words = f"intervals by '{column.header}' are {1 / usual:.4g} times as long"
+            yield Witness(usual, {"time": 1}, lambda ratio: abs(ratio - 1) < _ALIKE, words, 2.0)

@@ -179,11 +179,11 @@ def _settled(samples: Samples, best: list[Reading]) -> Samples:
     if reading.weight < CERTAIN and kind != CHARGE:
         return samples.telling(at, code["doubtful"], **told)
     mended = samples.having(**{n: samples.values[n] * reading.factor for n in reading.names})
-    if kind != CHARGE and not is_free:
+    if reading.unit is None or (kind != CHARGE and not is_free):
         return mended.telling(at, code["wrong"], **told)
-    columns = {name: samples.columns[name] for name in reading.names}
     taken = {
-        n: replace(own, unit=reading.unit, is_unit_assumed=False) for n, own in columns.items()
+        name: replace(samples.columns[name], unit=reading.unit, is_unit_assumed=False)
+        for name in reading.names
     }
     mended = replace(mended, columns={**samples.columns, **taken})
     return mended.telling(at, code["taken"], **told)

@@ -111,8 +111,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
 
     None where nothing is held out, or where all samples lie in one fold.
     """
-    errors = _errors_of_kept if objective.is_kept else _errors_of_blocks
-    tables = constant = errors(objective, best)
+    tables = constant = _held_out_errors(objective, best)
     if tables is None:
         return None
     if objective.tables > 1 + objective.pairs or objective.nodes > 1:
@@ -120,7 +119,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
         flat = [part.coarser() for part in objective.parts]
         whole = objective.reduced.coarser()
         flat = replace(objective, reduced=whole, settings=plain, parts=flat)
-        constant = errors(flat, find_best(flat))
+        constant = _held_out_errors(flat, find_best(flat))
     records, block_s, by_record = objective.prepared_records, None, ()
     if objective.is_kept:
         by_record = _left_out_whole(objective, best)
@@ -156,12 +155,10 @@ def held_out(
     """
     records, folds = objective.prepared_records, objective.folds
     groups = _Groups.of(objective, best)
-    labels = np.arange(len(objective.parts)) // 2 % folds
-    if not groups.are_apart(labels):
+    if not groups.are_apart(groups.fold):
         return None
     solutions = [
-        objective.with_unknowns(best, x)
-        for x in groups.without(labels, has_ocv_of_all=OCV in objective.names)
+        objective.with_unknowns(best, x) for x in groups.without(groups.fold, has_ocv_of_all=True)
     ]
     tables = [objective.tables_at(solution) for solution in solutions]
     blocks, count = numbered or numbered_blocks(records, objective.settings)
@@ -178,16 +175,14 @@ def held_out(
     return HeldOut(squares_v2.T, counts.T)
 
 
-def _errors_of_blocks(objective: TableObjective, best: Solution) -> SocErrors | None:
-    errors = held_out(objective, best)
-    return None if errors is None else errors.errors
-
-
-def _errors_of_kept(objective: TableObjective, best: Solution) -> SocErrors | None:
+def _held_out_errors(objective: TableObjective, best: Solution) -> SocErrors | None:
     groups = _Groups.of(objective, best)
-    if not groups.are_apart(groups.record):
+    labels = groups.record if objective.is_kept else groups.fold
+    if not groups.are_apart(labels):
         return None
-    squares_v2, counts = groups.sums(groups.left_out_whole())
+    # An OCV of kept records is told by the others, for there are several.
+    others = [*groups.without(labels, has_ocv_of_all=not objective.is_kept)]
+    squares_v2, counts = groups.sums(others[label] for label in labels.tolist())
     return SocErrors.of_squares(squares_v2.sum(axis=0), counts.sum(axis=0))
 
 
@@ -236,6 +231,11 @@ class _Groups:
         """The record of every group."""
         return np.arange(len(self.scored)) // (2 * self.objective.folds)
 
+    @property
+    def fold(self) -> Int[np.ndarray, "groups"]:
+        """The fold of every group."""
+        return np.arange(len(self.scored)) // 2 % self.objective.folds
+
     def are_apart(self, labels: Int[np.ndarray, "groups"]) -> bool:
         """True where something can be held out: samples are in groups of several labels."""
         return bool(self.objective.settings.folds) and len(np.unique(labels[self.scored > 0])) > 1
@@ -260,10 +260,12 @@ class _Groups:
     def without(
         self, labels: Int[np.ndarray, "groups"], has_ocv_of_all: bool = False
     ) -> Iterator[Float[np.ndarray, "unknowns"]]:
-        """Of every label, the unknowns that fit the groups of all others best."""
-        for label in range(int(labels[-1]) + 1):
+        """Of every label, the unknowns that fit the groups of all others best, an OCV of the
+        records' own all of them if asked."""
+        for label in range(int(labels.max()) + 1):
             x = self.fitted_to(labels != label)
-            yield self._with_ocv_of_all(x) if has_ocv_of_all else x
+            is_of_all = has_ocv_of_all and OCV in self.objective.names
+            yield self._with_ocv_of_all(x) if is_of_all else x
 
     def _with_ocv_of_all(self, x: Float[np.ndarray, "unknowns"]) -> Float[np.ndarray, "unknowns"]:
         """The unknowns with the OCV that fits all samples best beside these resistances."""

@@ -9,14 +9,13 @@ one need not reach where the charge goes without the offset.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
 from ..model.descent import polish
 from ..model.prepared import PreparedRecord
-from .level import level_cell, leveled, with_own_ocv
+from .level import leveled, with_own_ocv
 from .nuisances import estimate, of_starts
 from .objective import Solution, TableObjective
 from .problem import held_at, reduced_objective
@@ -72,9 +71,6 @@ class _Moved:
 
     def objective(self, ranges) -> TableObjective | None:
         """With an OCV of their own; None where they leave the axis of SOC."""
-        first = self.told[0]
-        level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
-
         records = []
         for prepared, soc, share in zip(self.told, *self.shifts.T.tolist(), strict=True):
             record = prepared.record
@@ -84,8 +80,9 @@ class _Moved:
             if moved is None:
                 return None
             records.append(moved.following(prepared.dependence))
-        own = with_own_ocv(self.settings)
-        return reduced_objective(records, own, ranges, partial(leveled, level=level))
+        return reduced_objective(
+            leveled(records, self.told[0]), with_own_ocv(self.settings), ranges
+        )
 
 
 def shared_offset(

@@ -1,6 +1,6 @@
 """Tables identified from prepared records, and all that is said of them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -191,7 +191,8 @@ def fit_of(
         means = tuple(
             own for own in intervals if own.soc is None and parts_of(own.name)[0] in tables.tables
         )
-        intervals = tuple(_at_stored_nodes(tables, intervals[: len(intervals) - len(means)]))
+        intervals = _at_stored_nodes(tables, intervals[: len(intervals) - len(means)])
+        intervals = tuple(_counted_from_zero(objective, intervals))
         held_out = cross_validate(objective, best)
     searched_axes = zip(objective.axes, best.log_scales, strict=True)
     at_bound = near_ends(
@@ -234,6 +235,19 @@ def _at_stored_nodes(
             between = (soc for soc in tables.nodes if low < soc < high)
             yield from (before.between(own, soc) for soc in between)
         yield own
+
+
+def _counted_from_zero(
+    objective: TableObjective, intervals: Iterable[NodeInterval]
+) -> Iterator[NodeInterval]:
+    """The intervals, of a fitted OCV not from that of the cell on."""
+    level_v = {}
+    if OCV in objective.names:
+        nodes = objective.nodes_of[objective.names.index(OCV)]
+        known_v = objective.prepared_records[0].cell.average_ocv_v(nodes)
+        level_v = dict(zip(nodes.tolist(), known_v.tolist(), strict=True))
+    for one in intervals:
+        yield one.moved(level_v[one.soc]) if one.name == OCV else one
 
 
 def level_beyond(

@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float
 
 from ..blas import one_blas_thread
 from ..cell import get_circuit
-from ..cell.parameters import OCV
 from ..cell.soc_axis import is_above
 from ..errors import InputError
 from ..execution import in_float64
@@ -26,7 +25,7 @@ from ..model.prepared import PreparedRecord, prepare_record
 from ..model.reduced import Reduced, reduce_records, together
 from .cross_validation import record_errors
 from .fit import TableFit, fit_of
-from .level import OCV_NODES, level_cell, leveled, with_own_ocv
+from .level import OCV_NODES, leveled, with_own_ocv
 from .node_interval import NodeInterval, mean_weights
 from .objective import Solution, TableObjective
 from .problem import box_of, find_best
@@ -181,7 +180,7 @@ def keep_all(
     told = prepare_record(prepared.record, cell, grid.circuit, prepared.window)
     if cell.is_of_records:
         grid = replace(grid, ocv="own")
-        told = leveled(told, level_cell(prepared.capacity_ah, float(np.median(prepared.voltage_v))))
+        (told,) = leveled([told], prepared)
     count = len(names) or 1
     layout = replace(grid.layout, sides=count)
     nodes, ocv_nodes = np.array(layout.nodes), np.array(layout.ocv_nodes)
@@ -242,22 +241,12 @@ def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> Tab
     objective = objective_of(kept, settings or TableSettings())
     with one_blas_thread():
         best = find_best(objective)
-    fit = fit_of(
+    return fit_of(
         objective,
         Proof(0.0, 0, best),
         intervals=_without_noise(objective, best),
         errors=record_errors(objective, best),
     )
-    if first.grid.ocv != "own":
-        return fit
-    known_v = dict(zip(first.grid.layout.ocv_nodes, first.cell.ocv_v.tolist(), strict=True))
-    intervals = tuple(
-        interval.moved(known_v[interval.soc])
-        if interval.name == OCV and interval.soc is not None
-        else interval
-        for interval in fit.intervals
-    )
-    return replace(fit, intervals=intervals)
 
 
 def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjective:

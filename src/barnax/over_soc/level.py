@@ -1,6 +1,7 @@
 """A cell whose OCV says nothing: what a table then finds is the OCV of the records alone; and the
 cell with that OCV."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -63,10 +64,18 @@ def level_cell(capacity_ah: float, voltage_v: float) -> CellModel:
     )
 
 
-def leveled(prepared: PreparedRecord, level: CellModel) -> PreparedRecord:
-    """The record with such a cell, and the hysteresis that it has."""
-    known_v, level_v = (cell.average_ocv_v(prepared.soc) for cell in (prepared.cell, level))
-    return replace(prepared, cell=level, source_v=prepared.source_v - known_v + level_v)
+def leveled(
+    prepared_records: Sequence[PreparedRecord], like: PreparedRecord | None = None
+) -> list[PreparedRecord]:
+    """The records with such a cell of the first one, or of another, and the hysteresis that they
+    have."""
+    first = like or prepared_records[0]
+    level, found = level_cell(first.capacity_ah, float(np.median(first.voltage_v))), []
+    for prepared in prepared_records:
+        known_v, level_v = (cell.average_ocv_v(prepared.soc) for cell in (prepared.cell, level))
+        source_v = prepared.source_v - known_v + level_v
+        found.append(replace(prepared, cell=level, source_v=source_v))
+    return found
 
 
 def cell_of(

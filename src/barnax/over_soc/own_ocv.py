@@ -27,7 +27,7 @@ from .certificate import certify
 from .current_offset import offset_effect
 from .fit import OcvCompared, TableFit, fit_of
 from .intervals import NodeInterval
-from .level import cell_of, level_cell, leveled, with_own_ocv
+from .level import cell_of, leveled, with_own_ocv
 from .node_interval import parts_of
 from .objective import Solution, TableObjective
 from .own_starts import OwnRecords, Starts, windows_of
@@ -71,14 +71,14 @@ class OwnOcv(Brief):
 def prove_own(own: OwnRecords, objective: TableObjective, best: Solution, starts: Starts) -> OwnOcv:
     """The best tables with their OCV, proved, and all that is known of them."""
     records = objective.prepared_records
-    circuit, level = records[0].circuit, records[0].cell
+    circuit = records[0].circuit
     with one_blas_thread():
         proof = certify(objective, best)
         # Several records whose rates differ would tell it.
         effect = offset_effect(objective, proof.best) if len(records) == 1 else None
     cell = cell_of(objective, proof.best, own.capacity_ah, own.capacity_origin)
     fit = fit_of(objective, proof, _with_cell(objective, cell))
-    fit = _with_ocv(replace(fit, of_offset=effect), level)
+    fit = replace(fit, of_offset=effect)
     intervals, means = (
         tuple(_with_open_pairs(fit, given, circuit)) for given in (fit.intervals, fit.means)
     )
@@ -100,8 +100,7 @@ def fit_own_temperatures(own: OwnRecords, circuit: str) -> OwnOcv:
     groups = group_by_temperature(prepared)
     found = fit_temperatures(groups, settings, at_home)
     cell = over_temperatures(dict(zip(groups, cells, strict=True)))
-    fits = tuple(_with_ocv(fit, prepared[0].cell) for fit in found.fits)
-    given = windows_of(prepared), replace(found, fits=fits), settings, circuit
+    given = windows_of(prepared), found, settings, circuit
     return OwnOcv(cell, *given, starts.warnings, starts.directions)
 
 
@@ -125,17 +124,6 @@ def _with_cell(objective: TableObjective, cell: CellModel) -> list[PreparedRecor
     ]
 
 
-def _with_ocv(fit: TableFit, level: CellModel) -> TableFit:
-    """A fit whose OCV is counted from zero."""
-    intervals = tuple(
-        interval.moved(float(level.average_ocv_v(np.array(interval.soc))))
-        if interval.name == OCV
-        else interval
-        for interval in fit.intervals
-    )
-    return replace(fit, intervals=intervals)
-
-
 COMPARED_SOC = np.linspace(0.1, 0.9, 81)
 
 
@@ -146,15 +134,11 @@ def compare_with_own(
     """How far an OCV of the records' own is from their cell's, at the time constants of tables that
     were fitted to them; None where they visit too little."""
     first = prepared_records[0]
-    level = level_cell(first.capacity_ah, float(np.median(first.voltage_v)))
     found = fit.tables.constants
     ranges = {name: (found[name], found[name]) for name in box_of(prepared_records, settings)}
-
-    def without_ocv(prepared: PreparedRecord) -> PreparedRecord:
-        return leveled(prepared, level).following(fit.tables.dependence)
-
     settings = with_own_ocv(replace(settings, folds=0))
-    objective = reduced_objective(prepared_records, settings, ranges, without_ocv)
+    records = [one.following(fit.tables.dependence) for one in leveled(prepared_records)]
+    objective = reduced_objective(records, settings, ranges)
     with one_blas_thread():
         log_scales = tuple(math.log(low) for low, _ in ranges.values())
         best = objective.solve(log_scales, exact=True)

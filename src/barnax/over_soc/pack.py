@@ -22,7 +22,7 @@ from ..model.descent import polish
 from ..model.prepared import PreparedRecord
 from ..model.reduced import together
 from .intervals import LIGHT, UNSEEN, linearized, noises_behind, unsmoothed, with_penalty
-from .level import level_cell, leveled, with_own_ocv
+from .level import leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
 from .settings import TableSettings
@@ -115,8 +115,7 @@ def fit_pack(
         own_time_constants: Let every cell have its own, from descents that start at the pack's.
     """
     # On the nodes of a correction of the mean cell's, that of one that is shifted would be coarse.
-    level = level_cell(prepared.capacity_ah, float(np.median(prepared.voltage_v)))
-    prepared = leveled(prepared, level).following(tables.dependence)
+    prepared = leveled([prepared])[0].following(tables.dependence)
     settings = replace(with_own_ocv(settings), nodes=tables.nodes, folds=0)
     known = tables.constants
     sides_v = np.column_stack([np.zeros(len(prepared.soc)), beside_v])

@@ -2,7 +2,7 @@
 searched, and reduced factors."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -35,11 +35,10 @@ def reduced_objective(
     prepared_records: Sequence[PreparedRecord],
     settings: TableSettings,
     ranges: Mapping[str, Range] | None = None,
-    seen: Callable[[PreparedRecord], PreparedRecord] = lambda prepared: prepared,
     beside_v: Float[np.ndarray, "simulated sides"] | None = None,
 ) -> TableObjective:
-    """The objective over all records, as they are `seen`, in the ranges given or their own. With
-    `beside_v`, as `reduce_records` has it, its factor has a side for each voltage of one record."""
+    """The objective over all records, in the ranges given or their own. With `beside_v`, as
+    `reduce_records` has it, its factor has a side for each voltage of one record."""
     ranges = ranges or box_of(prepared_records, settings)
     layout = layout_of(
         settings.nodes,
@@ -53,12 +52,13 @@ def reduced_objective(
 
     if beside_v is not None:
         layout = replace(layout, sides=beside_v.shape[1])
-    own = [seen(prepared) for prepared in prepared_records]
-    parts = reduce_records(own, layout, *blocks_of(own, settings), beside_v)
+    parts = reduce_records(
+        prepared_records, layout, *blocks_of(prepared_records, settings), beside_v
+    )
     with one_blas_thread():
         # What is shortened is no triangle any more, of which a side is taken.
         whole = together(parts) if beside_v is None else parts[0]
-    return TableObjective(own, settings, ranges, whole, parts)
+    return TableObjective(list(prepared_records), settings, ranges, whole, parts)
 
 
 def coarsened(

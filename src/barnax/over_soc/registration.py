@@ -77,7 +77,7 @@ def register(
     """
     plain = replace(settings, folds=0, max_boxes=0)
     means = [_in_means(own).following(own.dependence) for own in prepared_records]
-    found, whole = list(means), list(prepared_records)
+    found, rows = list(means), list[list[float]]()
     told = np.array([[prepared.start.soc, prepared.capacity_ah] for prepared in prepared_records])
     prior = np.array([told_within(prepared) for prepared in prepared_records])
     shifts = errors = np.zeros_like(told)
@@ -105,14 +105,15 @@ def register(
             is_settled, shifts = np.all(steps <= SETTLED), moved
             rows = np.hstack([told, shifts, errors]).tolist()
             moved_means = _all_moved(means, rows, dependence)
-            moved_whole = _all_moved(prepared_records, rows, dependence)
-            if moved_means is None or moved_whole is None:
+            if moved_means is None:
                 return list(prepared_records)
             found = [prepared.following(dependence) for prepared in moved_means]
-            whole = moved_whole
             if is_settled:
                 break
         offset = shared_offset(*as_told, prior, best.rms_v)
+    whole = _all_moved(prepared_records, rows, dependence)
+    if whole is None:
+        return list(prepared_records)
     return whole if offset is None else [_with_offset(prepared, offset) for prepared in whole]
 
 

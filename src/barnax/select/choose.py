@@ -128,8 +128,8 @@ class Bench:
         laws = self._laws_to_try(chosen.point)
         while True:
             step = (
-                self._best_of(chosen, self._fitted(self._rungs(chosen.point)))
-                or self._best_of(chosen, self._fitted(self._finest_nodes(chosen)))
+                self._best_of(chosen, self._richer(chosen.point))
+                or self._best_of(chosen, self._finest_nodes(chosen))
                 or self._best_of(chosen, self._laws(chosen, laws))
             )
             if step is None:
@@ -164,19 +164,14 @@ class Bench:
                 fitted = self.fit(replace(fitted.point, law=proposed[0]))
         return fitted
 
-    def _fitted(self, rungs: Iterable[tuple[Ladder, Point]]) -> Iterator[tuple[Ladder, Fitted]]:
-        for ladder, point in rungs:
-            yield ladder, self.fit(point)
-
-    def _rungs(self, point: Point) -> Iterator[tuple[Ladder, Point]]:
+    def _richer(self, point: Point) -> Iterator[tuple[Ladder, Fitted]]:
         """The richer circuits that the records can tell."""
         for ladder, richer in self.limits.rungs(point):
-            if ladder == "nodes" and not self._spans_enough:
-                continue
-            yield ladder, richer
+            if ladder != "nodes" or self._spans_enough:
+                yield ladder, self.fit(richer)
 
-    def _finest_nodes(self, chosen: Fitted) -> Iterator[tuple[Ladder, Point]]:
-        """The nodes behind those that gain something and too little."""
+    def _finest_nodes(self, chosen: Fitted) -> Iterator[tuple[Ladder, Fitted]]:
+        """Those with the nodes behind those that gain something and too little."""
         finer = self.limits.nodes[self.limits.nodes.index(chosen.point.nodes) + 1 :]
         if len(finer) < 2 or not self._spans_enough:
             return
@@ -184,7 +179,7 @@ class Bench:
         assert chosen.loss is not None
         assert next_loss is not None
         if self.policy.gain(chosen.loss, next_loss).value > 0:
-            yield "nodes", replace(chosen.point, nodes=finer[1])
+            yield "nodes", self.fit(replace(chosen.point, nodes=finer[1]))
 
     @cached_property
     def _spans_enough(self) -> bool:
@@ -249,12 +244,9 @@ class Bench:
             if proposed is None or (law and proposed[0].numbers.keys() == law.numbers.keys()):
                 continue
             point = replace(chosen.point, law=proposed[0])
-            records, settings = (
-                self.records_of(point),
-                self.limits.settings_of(point, self.settings),
-            )
+            settings = self.limits.settings_of(point, self.settings)
             held = held_at(chosen.objective.ranges, proposed[1])
-            objective = reduced_objective(records, settings, held)
+            objective = reduced_objective(self.records_of(point), settings, held)
             best = objective.solve(proposed[1], exact=True)
             yield "law", Fitted(point, objective, best, self._loss(objective, best))
 

@@ -191,8 +191,8 @@ def fit_of(
         means = tuple(
             own for own in intervals if own.soc is None and parts_of(own.name)[0] in tables.tables
         )
-        intervals = _at_stored_nodes(tables, intervals[: len(intervals) - len(means)])
-        intervals = tuple(_counted_from_zero(objective, intervals))
+        at_nodes = _at_stored_nodes(tables, intervals[: len(intervals) - len(means)])
+        intervals = tuple(_counted_from_zero(objective, at_nodes))
         held_out = cross_validate(objective, best)
     searched_axes = zip(objective.axes, best.log_scales, strict=True)
     at_bound = near_ends(

@@ -25,23 +25,31 @@ from helpers.compiling import QUICK_FLAGS
 from helpers.shared import SET, SHARED
 
 REPOSITORY = Path(__file__).parents[1]
-# Folders whose files share what takes long run in one process. These and the longest files go
-# first, so that no process is left with one of them at the end.
-TOGETHER = ("tests/cli", "tests/experiment")
+# Files that share what takes long run in one process: runs of the command, a result, the syntax
+# trees of the source. These and the longest files go first, so that no process is left with one of
+# them at the end.
+TOGETHER = {
+    "tests/cli": "commands",
+    "tests/experiment": "designs",
+    "tests/test_house.py": "source",
+    "tests/test_notices.py": "source",
+    "tests/test_package.py": "source",
+    "tests/reporting/test_templates.py": "source",
+}
 FIRST = (
     *TOGETHER,
-    *("tests/over_soc/test_own_ocv.py", "tests/test_package.py", "tests/checks/test_findings.py"),
-    *("tests/filters/test_kalman.py", "tests/over_soc/test_registration.py", "tests/plan"),
-    *("tests/optimizers", "tests/test_pipeline.py", "tests/select", "tests/life"),
+    *("tests/over_soc/test_own_ocv.py", "tests/checks/test_findings.py", "tests/plan"),
+    *("tests/filters/test_kalman.py", "tests/over_soc/test_registration.py", "tests/select"),
+    *("tests/optimizers", "tests/test_pipeline.py", "tests/life", "tests/test_answer.py"),
 )
 
 
 class Files(LoadScopeScheduling):
-    """The tests of a file, or of a folder of `TOGETHER`, in one process."""
+    """The tests of a file, or of several of `TOGETHER`, in one process."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.split("::")[0]
-        return next((folder for folder in TOGETHER if file.startswith(folder)), file)
+        return next((name for path, name in TOGETHER.items() if file.startswith(path)), file)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config) -> Files:

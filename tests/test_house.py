@@ -1,9 +1,11 @@
 """The house: what may import what, who prints and who touches files, how large a file is."""
 
 import ast
+import importlib.metadata
 import re
 import subprocess
 import sys
+import tomllib
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -14,6 +16,7 @@ import barnax
 from barnax.display import HOOKS, hook
 
 PACKAGE = Path(barnax.__file__).parent
+PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
 # A module imports only from those left of its own, for types or when it is called too: the order in
 # which a record becomes a report.
 LAYERS = (
@@ -172,6 +175,23 @@ def test_every_module_has_a_layer():
 def test_a_module_imports_only_from_its_left():
     pairs = {(unit_of(path), name) for path in outside() for name in units_imported(path)}
     assert not {(unit, name) for unit, name in pairs if RANK[name] >= RANK[unit]}
+
+
+def distribution(name: str) -> str:
+    """The name of a requirement, in its normal form."""
+    return re.split(r"[\s<>=!~;\[]", name)[0].replace("_", "-").lower()
+
+
+def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():
+    providers = importlib.metadata.packages_distributions()
+    imported = {name.split(".")[0] for path in MODULES for name in imports_of(path)}
+    # What the extras bring is loaded only where it is needed.
+    optional = {"access_parser", "dask", "distributed", "galvani", "h5py", "upath"}
+    foreign = imported - sys.stdlib_module_names - optional - {"barnax"}
+    needed = {distribution(providers[name][0]) for name in foreign}
+    declared = {distribution(each) for each in PROJECT["project"]["dependencies"]}
+    # What pages of pydantic and of jinja2 import of their own, which they bring along.
+    assert needed - {"pydantic-core", "markupsafe"} == declared
 
 
 def test_no_modules_import_each_other_in_a_circle():

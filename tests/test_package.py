@@ -1,6 +1,5 @@
 """The package as a user meets it: a light import, true metadata, a README that runs."""
 
-import ast
 import doctest
 import importlib
 import importlib.metadata
@@ -9,7 +8,6 @@ import json
 import re
 import subprocess
 import sys
-import tomllib
 import zipfile
 from pathlib import Path
 
@@ -20,7 +18,6 @@ from barnax.bundled import BUNDLED_NAMES, HPPC_NAMES, LFP_NAMES
 
 REPOSITORY = Path(__file__).parents[1]
 SOURCE = REPOSITORY / "src"
-PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 HEAVY = {"jax", "jaxlib", "matplotlib", "polars", "scipy", "equinox", "optimistix"}
 
 
@@ -36,11 +33,6 @@ def loaded_by(code: str) -> set[str]:
     """The top-level modules that are loaded after some code ran."""
     report = "import json, sys; print(json.dumps([name.split('.')[0] for name in sys.modules]))"
     return set(json.loads(python("-c", f"{code}\n{report}").splitlines()[-1]))
-
-
-def distribution(name: str) -> str:
-    """The name of a requirement, in its normal form."""
-    return re.split(r"[\s<>=!~;\[]", name)[0].replace("_", "-").lower()
 
 
 def test_importing_barnax_loads_nothing_heavy():
@@ -140,24 +132,6 @@ def test_an_unknown_name_is_an_attribute_error():
 def test_importing_everything_changes_no_jax_setting_and_starts_no_device(everything):
     assert everything["changed"] == []
     assert everything["has devices"] is False
-
-
-def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():
-    providers = importlib.metadata.packages_distributions()
-    imported = set()
-    for path in SOURCE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                imported |= {alias.name.split(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and not node.level:
-                imported.add((node.module or "").split(".")[0])
-    # What the extras bring is loaded only where it is needed.
-    optional = {"access_parser", "dask", "distributed", "galvani", "h5py", "upath"}
-    foreign = imported - sys.stdlib_module_names - optional - {"barnax"}
-    needed = {distribution(providers[name][0]) for name in foreign}
-    declared = {distribution(requirement) for requirement in PROJECT["dependencies"]}
-    # What pages of pydantic and of jinja2 import of their own, which they bring along.
-    assert needed - {"pydantic-core", "markupsafe"} == declared
 
 
 def build(folder, *targets):

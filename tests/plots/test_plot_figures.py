@@ -77,13 +77,13 @@ def test_drawing_leaves_pyplot_and_the_global_style_as_they_were(settings, figur
 def test_the_style_of_the_session_does_not_show():
     file, plain = io.BytesIO(), io.BytesIO()
     evaluation = make_evaluation(make_record(300))
-    plots.plot_voltage(evaluation).savefig(plain, format="raw")
+    plots.plot_voltage(evaluation).savefig(plain, format="raw", dpi=40)
     plain_svg = encode(plots.plot_voltage(evaluation), "svg")
     axes = {"axes.facecolor": "black", "xtick.labelsize": 30.0, "axes.grid": False}
     with matplotlib.rc_context(axes | {"svg.fonttype": "none", "svg.hashsalt": "other"}):
         figure = plots.plot_voltage(evaluation)
         svg = encode(plots.plot_voltage(evaluation), "svg")
-    figure.savefig(file, format="raw")
+    figure.savefig(file, format="raw", dpi=40)
     assert file.getvalue() == plain.getvalue()
     assert svg == plain_svg
 

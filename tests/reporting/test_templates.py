@@ -4,16 +4,14 @@ import ast
 import re
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 
 import pytest
 from jinja2 import nodes
 
-import barnax
 from barnax.reporting.view import View
 from barnax.reporting.wording import _templates
+from test_house import MODULES, PACKAGE, nodes_of
 
-PACKAGE = Path(barnax.__file__).parent
 NAMES = sorted(file.stem for file in (PACKAGE / "reporting/templates/words").glob("*.txt"))
 OF_LOOPS = {"index0", "first", "last", "revindex"}
 
@@ -39,17 +37,15 @@ def macros(name: str) -> dict[str, nodes.Macro]:
 def members() -> set[str]:
     """The members of the package's classes, and the keys of facts that reporting makes."""
     names = {*OF_LOOPS, *dir(str), *dir(dict), *dir(list)}
-    for file in PACKAGE.rglob("*.py"):
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        for member in (
-            own for one in tree.body if isinstance(one, ast.ClassDef) for own in one.body
-        ):
+    for file in MODULES:
+        walked = nodes_of(file)
+        for member in (own for one in walked if isinstance(one, ast.ClassDef) for own in one.body):
             if isinstance(member, ast.FunctionDef):
                 names.add(member.name)
             elif isinstance(member, ast.AnnAssign) and isinstance(member.target, ast.Name):
                 names.add(member.target.id)
         if file.parent.name == "reporting":
-            constants = (node for node in ast.walk(tree) if isinstance(node, ast.Constant))
+            constants = (node for node in walked if isinstance(node, ast.Constant))
             names |= {node.value for node in constants if isinstance(node.value, str)}
     return names
 
@@ -80,7 +76,7 @@ def test_every_attribute_and_macro_that_a_template_reads_exists(name):
 
 
 def test_every_macro_is_used():
-    source = "".join(file.read_text(encoding="utf-8") for file in PACKAGE.rglob("*.py"))
+    source = "".join(file.read_text(encoding="utf-8") for file in MODULES)
     calls = {
         (name, getattr(call.node, "name", ""))
         for name in NAMES

@@ -89,7 +89,7 @@ def examine_columns(
     if counted := one_row_a(table, found):
         wrong.insert(0, notice("columns.no-record", table=f"a table of one row a {counted}"))
     is_like = any(q.name in found or likely_names(q, table.header) for q in REQUIRED)
-    is_nameless = _is_nameless(table, is_like)
+    is_nameless = _is_nameless(table, is_like or is_ocv_table(table.header, given))
     if not is_like and not is_nameless:
         raise [*wrong, _no_record(table, given)][0].about(file).error(".")
     findings = [*table.notes, *wrong]
@@ -141,8 +141,8 @@ def examine_columns(
 
 
 def _is_nameless(table: Table, is_like: bool) -> bool:
-    """True if half of the first row are numbers, or where no name is like one of a record, one of
-    it is, or nothing stands there above numbers."""
+    """True if half of the first row are numbers, or where no name is like one of a table that is
+    known, one of it is, or nothing stands there above numbers."""
     share = np.mean([False, *map(_is_number, filter(None, table.header))])
     cells = zip(table.header, table.columns, strict=True)
     is_bare = any(not name and column.dtype.is_numeric() for name, column in cells)

@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 
 from barnax import identification
-from barnax.cell import CircuitParameters
-from barnax.model.sampling import resampling
+from barnax.bundled import BUNDLED
+from barnax.cell import CircuitParameters, characterize
+from barnax.cell.parameters import RATE
+from barnax.model.prepared import prepare_record
+from barnax.model.reference import simulate_circuit
+from barnax.model.sampling import resampling, source_shift_ohm
+from barnax.model.window import Window
 from barnax.over_soc import NodeInterval, TableFits, TableSettings
+from barnax.records import read_record, record_from_frame
 from helpers.problems import drive_a
 from helpers.reference import filtered_response
 
@@ -48,11 +54,16 @@ def made(hold):
     tables = CircuitParameters.over_soc(NODES, TAU_S, r0, tuple(pairs))
     record = SimpleNamespace(hold=SimpleNamespace(value=hold, strength="assumed"))
     cell = SimpleNamespace(average_ocv_v=lambda soc: 3 + SLOPE_V * soc)
+    held_a = drive_a(400)
+    passed = np.concatenate([[0.0], np.cumsum(held_a[:-1])]) * INTERVAL_S / 3600 / CAPACITY_AH
     prepared = SimpleNamespace(
         record=record,
         median_interval_s=INTERVAL_S,
         cell=cell,
-        soc=np.array([0.9, 0.2, 0.3]),
+        time_s=INTERVAL_S * np.arange(len(held_a)),
+        held_a=held_a,
+        soc=0.9 - passed,
+        hysteresis_amplitude_v=None,
         capacity_ah=CAPACITY_AH,
     )
     means = [
@@ -88,6 +99,37 @@ def test_the_other_sampling_moves_r0_and_the_pairs_as_a_regression_does(hold, ot
     assert change.shares == pytest.approx(shares, rel=1e-9)
 
 
+@pytest.mark.parametrize(("hold", "other"), [("forward", "backward"), ("backward", "forward")])
+@pytest.mark.parametrize("circuit", ["esc", "iso-rc"])
+def test_what_an_interval_moves_of_ocv_and_hysteresis_is_taken_for_r0(circuit, hold, other):
+    """Against the voltages of both samplings, one less the other, regressed on the current."""
+    cell = characterize([read_record(path) for path in BUNDLED.ocv], ocv_fit="interpolated")
+    time_s, current_a = INTERVAL_S * np.arange(1000), drive_a(1000) - 1.0
+    own = {}
+    for way in (hold, other):
+        table = {
+            "Time [s]": time_s,
+            "Current [A]": current_a,
+            "Voltage [V]": 3.7 - 0.01 * current_a,
+        }
+        record = record_from_frame(table, current_hold=way, current_sign="discharge-positive")
+        own[way] = prepare_record(record, cell, circuit, Window(initial_soc=0.9))
+    gamma = {RATE: 60.0} if circuit == "esc" else {}
+    truth = {"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.02, "C1 [F]": 2e3, "R2 [Ohm]": 0.03, "C2 [F]": 2e4}
+    parameters = CircuitParameters.from_dict(truth | gamma)
+    bare = {name: [1e-9] for name in parameters.resistances}
+    voltage_v = {
+        way: simulate_circuit(prepared, parameters.with_tables(bare))
+        for way, prepared in own.items()
+    }
+    # A slow difference is charge that was counted from another first sample.
+    moved_v, step_a = np.diff(voltage_v[other] - voltage_v[hold]), np.diff(current_a)
+    direct_ohm = -(moved_v @ step_a) / (step_a @ step_a)
+    shift_ohm = source_shift_ohm(hold, other, own[hold], parameters)
+    assert abs(direct_ohm) > 1e-4
+    assert shift_ohm == pytest.approx(-direct_ohm, rel=0.1)
+
+
 def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monkeypatch):
     fits, prepared, change = made("forward")
     constant = CircuitParameters.from_dict(
@@ -107,7 +149,8 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     # A shift of more than a twentieth is a warning besides.
     far = abs(change.r0_ohm) > 0.05 * R0
     assert [told[1:] for told in warnings] == far * [(R0, R0 + change.r0_ohm)]
-    assert [circuit.r0 for circuit in others] == pytest.approx([0.07, 0.041])
+    # Refits go up to 15 % beyond the closed form.
+    assert [circuit.r0 for circuit in others] == pytest.approx([0.07, 0.041, 0.03965])
     shares = change.shares
     fit, widened = fits.fits[0], tables.fits[0]
     before_all, after_all = fit.intervals + fit.means, widened.intervals + widened.means
@@ -115,6 +158,6 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
         moved = [0.0, shares.get(before.name, 0.0) * before.value]
         if before.name == "R0 [Ohm]":
             # Beside the mean: what comes late, and the tables' own shift.
-            moved = [0.0, 0.07 - R0, change.r0_ohm]
+            moved = [0.0, 0.07 - R0, 1.15 * change.r0_ohm]
         assert after.low == pytest.approx(max(before.low + min(moved), 0.0), rel=1e-12)
         assert after.high == pytest.approx(before.high + max(moved), rel=1e-12)

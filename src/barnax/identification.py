@@ -21,7 +21,7 @@ from .global_optimum import (
 )
 from .inputs import Watch
 from .model.problem import Problem
-from .model.sampling import means_shifts_ohm, resampling
+from .model.sampling import SHORT, means_shifts_ohm, resampling
 from .notices import Notice, notice
 from .over_soc import (
     TableFits,
@@ -274,7 +274,7 @@ def _assessed(
     if is_assessed:
         shifts_ohm = [late_ohm - r0_ohm for late_ohm in _late_ohm(setup.problem)]
         if other is not None:
-            shifts_ohm.append(other.r0_ohm)
+            shifts_ohm.append(other.most_ohm)
             if abs(other.r0_ohm) > FAR * r0_ohm:
                 warnings.append(hold_warning(setup.problem, r0_ohm, r0_ohm + other.r0_ohm))
         tables = tables.spanning(shifts_ohm, None if other is None else other.shares)
@@ -292,7 +292,10 @@ def _others(
     """The constant circuits that are equally possible: with what comes late in R0, and with the
     other sampling."""
     late = [circuit.with_tables({R0: [ohm]}) for ohm in _late_ohm(problem)]
-    return [*late, other] if other else late
+    if other is None:
+        return late
+    most_ohm = max(other.r0 + SHORT * (other.r0 - circuit.r0), 0.0)
+    return [*late, other, other.with_tables({R0: [most_ohm]})]
 
 
 def _late_ohm(problem: Problem) -> list[float]:

@@ -16,9 +16,12 @@ from ..cell.elements import rungs_of
 from ..records import Hold
 from ..records.record import EARLIER_SHARE
 from .prepared import PreparedRecord
+from .reference import simulate_circuit
 
 # A pair that leaves less of itself after a sample is not seen under a current that flowed before.
 GONE = 0.02
+# Circuits fitted with the other sampling have moved R0 by up to so much more than the closed form.
+SHORT = 0.15
 
 
 def other_sampling(sampling: str) -> Hold:
@@ -37,6 +40,11 @@ class Resampling:
 
     r0_ohm: float
     shares: Mapping[str, float]
+
+    @property
+    def most_ohm(self) -> float:
+        """By how much R0 would be more at most: the closed form is of the first order."""
+        return (1 + SHORT) * self.r0_ohm
 
 
 def assumed_in(records: Sequence[PreparedRecord]) -> PreparedRecord | None:
@@ -61,7 +69,7 @@ def resampling(
     sampling, interval_s = prepared.record.hold.value, prepared.median_interval_s
     other = other_sampling(sampling)
     moved_ohm = shift_ohm(sampling, other, circuit, ohm, interval_s)
-    moved_ohm += ocv_shift_ohm(sampling, other, prepared)
+    moved_ohm += source_shift_ohm(sampling, other, prepared, circuit)
     return Resampling(moved_ohm, resistance_shares(sampling, other, circuit, interval_s))
 
 
@@ -107,14 +115,24 @@ def shift_ohm(
     return moved_ohm
 
 
-def ocv_shift_ohm(sampling: str, other: str, prepared: PreparedRecord) -> float:
-    """By how much R0 would be another for the charge that an interval moves of the OCV, by the mean
-    slope of that: what a sample's current takes out before it shows in it."""
+def source_shift_ohm(
+    sampling: str, other: str, prepared: PreparedRecord, circuit: CircuitParameters
+) -> float:
+    """By how much R0 would be another for what an interval's charge moves of the OCV and of a
+    hysteresis that follows it: a sample's current takes this out before it shows in the sample. It
+    is the regression of that voltage's steps on the current that flows meanwhile."""
     before = {"forward": 0.0, "centered": 1 - EARLIER_SHARE, "backward": 1.0}
-    ends_soc = np.array([prepared.soc.min(), prepared.soc.max()])
-    slope_v = np.ptp(prepared.cell.average_ocv_v(ends_soc)) / max(np.ptp(ends_soc), 1e-6)
-    moved_soc = prepared.median_interval_s / 3600 / prepared.capacity_ah
-    return float(slope_v * moved_soc * (before[sampling] - before[other]))
+    if prepared.hysteresis_amplitude_v is None:
+        # A hysteresis that switches with the current does so whatever flowed before.
+        source_v = prepared.cell.average_ocv_v(prepared.soc)
+    else:
+        still = {name: 1e-9 * np.asarray(circuit.tables[name]) for name in circuit.resistances}
+        source_v = simulate_circuit(prepared, circuit.with_tables(still))
+    is_usual = np.diff(prepared.time_s) < 1.5 * prepared.median_interval_s
+    steps_v, flowing_a = np.diff(source_v)[is_usual], prepared.held_a[:-1][is_usual]
+    flowing_a = flowing_a - flowing_a.mean()
+    ohm = -(steps_v @ flowing_a) / max(flowing_a @ flowing_a, np.finfo(float).tiny)
+    return float(ohm * (before[sampling] - before[other]))
 
 
 def resistance_shares(

@@ -172,8 +172,8 @@ def page(outcomes: Sequence[Outcome], cells: int, minutes: float) -> str:
             "# Simulated cells of known truth",
             "",
             f"{cells} cells, each identified from its dynamic record and its OCV test with seeds "
-            f"0, in {minutes:.0f} min. R0 of a table is its mean over the visited SOC above 10 %. An "
-            "open interval counts as one that holds R0.",
+            f"0, in {minutes:.0f} min. R0 of a table is its mean over the visited SOC above 10 %. "
+            "An open interval counts as one that holds R0.",
             "",
             as_markdown(provenance("python -m benchmarks.simulated_cells", 25)),
             "",

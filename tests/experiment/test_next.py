@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 import barnax
+from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cli.app import app
 from barnax.cli.design import Cell, next_after
@@ -15,7 +16,7 @@ from barnax.cli.session import as_flags
 from barnax.experiment import Step
 from barnax.experiment.belief import believed_of
 from barnax.experiment.information import before_of
-from barnax.experiment.protocol import window_of
+from barnax.experiment.protocol import sampled, window_of
 from barnax.reporting.design import (
     design_screen,
     reached_half,
@@ -25,6 +26,7 @@ from barnax.reporting.first_screen import next_step
 from barnax.reporting.words import joined
 from helpers.designs import BLOCKS, screen_of
 from helpers.known_cell import made
+from helpers.reference import make_record
 
 
 @pytest.fixture(scope="module")
@@ -197,3 +199,48 @@ def test_an_answer_of_one_value_at_every_soc_is_believed_with_its_own_values():
 def test_another_capacity_leaves_the_largest_currents_of_the_records():
     believed = replace(believed_of(None, 1.0, "nmc"), rates_c=(4.0, 2.0))
     assert believed_of(believed, 2.0, "nmc").rates_c == (2.0, 1.0)
+
+
+def logged(design, shown_a, voltage_v=None, begins_s=0.0):
+    """A record of a test, a sample a second."""
+    time_s = begins_s + np.arange(float(len(shown_a)))
+    return make_record(
+        time_s, shown_a, np.full(len(shown_a), 3.6) if voltage_v is None else voltage_v
+    )
+
+
+def test_a_test_s_own_record_shows_how_its_current_was_sampled(design):
+    current_a = sampled(design.steps)
+    assert design.sampling_of(logged(design, current_a)) == "forward"
+    before_a = np.append(current_a[0], current_a[:-1])
+    assert design.sampling_of(logged(design, before_a)) == "backward"
+    # Half of both, another test, and a clock that does not start with the test.
+    assert design.sampling_of(logged(design, (current_a + before_a) / 2)) is None
+    assert design.sampling_of(logged(design, current_a[::-1])) is None
+    assert design.sampling_of(logged(design, current_a, begins_s=100.0)) is None
+
+
+@pytest.mark.slow
+def test_intervals_of_a_test_s_own_record_are_those_that_were_promised(design, result):
+    current_a = sampled(design.steps)
+    profile = {"Time [s]": np.arange(float(len(current_a))), "Current [A]": current_a}
+    simulated = result.simulate(profile, initial_soc=design.initial_soc)
+    noise_v = 1e-3 * np.random.default_rng(3).standard_normal(len(current_a))
+    record = logged(design, current_a, np.asarray(simulated["Voltage [V]"]) + noise_v)
+    frame = {
+        "Time [s]": record.time_s, "Current [A]": record.current_a, "Voltage [V]": record.voltage_v
+    }  # fmt: skip
+    identified = barnax.identify(
+        frame, ocv=[*BUNDLED.ocv], over="soc", model="so-rc", seeds=0, trust="none",
+        max_boxes=0, folds=0, resistances_follow="none",
+        window=barnax.Window(initial_soc=design.initial_soc),
+        current_hold=design.sampling_of(record),
+    )  # fmt: skip
+    nodes = {one.soc: one for one in identified.fit.intervals if one.name == "R0 [Ohm]"}
+    printed, promised = np.transpose(
+        [
+            ((nodes[one.soc].high - nodes[one.soc].low) / 2 / nodes[one.soc].value, one.alone)
+            for one in design.of_table("R0")
+        ]
+    )
+    assert np.median(printed) < 1.5 * np.median(promised)

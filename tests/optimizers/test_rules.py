@@ -24,13 +24,13 @@ from barnax.optimizers import (
     Swarm,
     WhaleSearch,
 )
-from barnax.optimizers.candidates import best_of, better_leader
 from barnax.optimizers.leaders import (
     learn_from_neighbors,
     random_subset,
     replace_leaders,
     three_best,
 )
+from barnax.optimizers.population import best_of, better_leader
 from barnax.optimizers.pso import badness
 
 BOX = Box(jnp.array([-4.0, 0.0, 10.0]), jnp.array([4.0, 1.0, 90.0]))

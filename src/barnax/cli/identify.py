@@ -15,7 +15,7 @@ import barnax
 from .. import reporting
 from ..errors import InputError
 from ..files import is_factor_file, write_whole
-from ..settings import TableOptions
+from ..settings import Reading, TableOptions
 from .options import (
     OF_FILES,
     OF_RECORDS,
@@ -160,6 +160,8 @@ def _run(
         # No daemon: a process that ends while one loads C++ aborts.
         threading.Thread(target=__import__, args=(module,)).start()
     job = barnax.Job(records, **options.given, watch=run.watch)
+    if promise is not None:
+        job = _sampled_by(promise, job, records)
     chosen = barnax.plan.plan_of(job) if command == "identify" else None
     plan = chosen or (barnax.plan.plan_given(job, command) if records else None)
     if plan is not None:
@@ -193,6 +195,20 @@ def _run(
     run.show_written(names, following=f"barnax show {shlex.quote(str(run.folder))}")
     run.tell(result.notes)
     run.warn(result.warnings)
+
+
+def _sampled_by(promise: "barnax.Design", job: "barnax.Job", records: list[Path]) -> "barnax.Job":
+    """The job with the sampling of the current that a record of a designed test alone shows."""
+    from ..inputs import how_read, source_of
+    from ..records import read_record
+
+    is_file = len(records) == 1 and records[0].is_file() and records[0].suffix != ".toml"
+    if "current_hold" in job.chosen or not is_file:
+        return job
+    reading = job.part(Reading)
+    source = source_of(records[0], {}, reading)
+    sampling = promise.sampling_of(read_record(source, **how_read(reading, source.name)))
+    return job if sampling is None else job.changed(current_hold=sampling)
 
 
 def result_files(

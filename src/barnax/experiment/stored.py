@@ -12,6 +12,7 @@ from pydantic import Field
 from ..cell.dependence import BETA, CHARGE, KAPPA, ONSET, Dependence
 from ..display import hook
 from ..over_soc.node_interval import NodeInterval
+from ..records import Hold, Record
 from ..schema import ARRAY, Document, Part
 from .information import DRIVE, HALF_95, Error, Width
 from .protocol import INTERVAL_S, Limits, Step, bends
@@ -19,6 +20,9 @@ from .protocol import INTERVAL_S, Limits, Step, bends
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# A sample within so much of the end of a step is at it; so many of these, and all of them to this
+# share, show how a current is sampled.
+ON_TIME_S, FEWEST_MET, CLEARLY = 0.05, 10, 0.1
 # Where tables are wanted.
 WANTED_SOC = (0.1, 0.9)
 
@@ -210,6 +214,24 @@ class Design(Document):
         """False where the earlier records tell what is wanted, and no hours were asked for: then
         there is no test."""
         return bool(self.steps)
+
+    def sampling_of(self, record: Record) -> Hold | None:
+        """The side of its samples on which the current of the test's own record flowed.
+
+        A sample at the end of a step shows the next one where its current flows after it. None
+        where too few samples are there, or the record does not begin with the test or is another's.
+        """
+        time_s, steps_a = record.time_s, np.array([step.current_a for step in self.steps])
+        ends_s = np.cumsum([step.duration_s for step in self.steps])
+        at = np.minimum(np.searchsorted(time_s, ends_s - ON_TIME_S), len(time_s) - 1)[:-1]
+        is_met = (np.abs(time_s[at] - ends_s[:-1]) < ON_TIME_S) & (np.diff(steps_a) != 0)
+        if abs(time_s[0]) > np.median(np.diff(time_s)) or is_met.sum() < FEWEST_MET:
+            return None
+        shares = (record.current_a[at] - steps_a[:-1])[is_met] / np.diff(steps_a)[is_met]
+        for value, sampling in enumerate(("backward", "forward")):
+            if np.mean(np.abs(shares - value) < CLEARLY) > 1 - CLEARLY:
+                return sampling
+        return None
 
     def of_table(self, name: str, widths: Sequence[Width] | None = None) -> tuple[Width, ...]:
         """The widths of a table, such as "R0", where it is wanted."""

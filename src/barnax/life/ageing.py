@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -31,6 +30,8 @@ MOST_OCVS = 8
 # Errors in common that add less than this share of the largest are left out.
 LEAST_ERROR = 0.02
 OCV = "aged beside OCV"
+# The cells of which a quantity is known, and their model.
+Fleet = tuple[tuple[str, ...], Judged]
 TO_EMPTY = "aged capacity to empty"
 
 
@@ -81,7 +82,7 @@ class Life:
     cells: tuple[str, ...]
     trends: tuple[Trend, ...]
     faults: tuple[Fault, ...]
-    judged: dict[str, tuple[tuple[str, ...], Judged]]
+    judged: dict[str, Fleet]
     reference_degc: float | None
     cycles: dict[str, float]
     cycles_known: bool
@@ -103,10 +104,8 @@ class Life:
         names, judged = self.judged[trend.quantity]
         known = trend.age[np.isfinite(trend.measured[:, 0])]
         age = np.linspace(known.min(), known.max(), count)
-        return age, _smooth(judged, names.index(trend.cell), self._scaled(age), trend.quantity)
-
-    def _scaled(self, age: np.ndarray) -> np.ndarray:
-        return (age - self.first_age) / self.span
+        at = (age - self.first_age) / self.span
+        return age, _smooth(judged, names.index(trend.cell), at, trend.quantity)
 
 
 def life_of(
@@ -152,24 +151,26 @@ def life_of(
     twice = good.filter(pl.struct(names, "_age").is_duplicated())
     cells = tuple(good[names].unique().sort())
     good = with_pooled_shapes(good, names, "_age", QUANTITIES)
-    own = {name: good.filter(pl.col(names) == name) for name in cells}
     first, last = float(good["_age"].min()), float(good["_age"].max())  # pyrefly: ignore
     span = last - first or 1.0
+    degc = good["temperature [degC]"].drop_nulls().to_numpy()
+    has_degc = len(degc) == len(good) and np.ptp(degc) > LEAST_K
+    reference_degc = float(np.median(degc)) if has_degc else None
+    warmer = (good["temperature [degC]"] - reference_degc) / 10 if has_degc else pl.lit(0.0)
+    good = good.with_columns(_at=(pl.col("_age") - first) / span, _warmer=warmer)
+    own = {name: good.filter(pl.col(names) == name) for name in cells}
     spans = [float(np.ptp(rows["_age"].to_numpy())) for rows in own.values()]
     nominal_ah = {name: float(rows["capacity [A.h]"][0]) for name, rows in own.items()}
     if unit == "A.h":
         years = 1 / (CYCLES_A_YEAR * 2 * float(np.median([*nominal_ah.values()])))
-    degc = good["temperature [degC]"].drop_nulls().to_numpy()
-    has_degc = len(degc) == len(good) and np.ptp(degc) > LEAST_K
-    reference_degc = float(np.median(degc)) if has_degc else None
+    expected = false_alarms * years * sum(spans) / len(QUANTITIES)
     trends, faults, judged = [], [], {}
     for quantity in QUANTITIES:
-        found = _judged(own, quantity, first, span, reference_degc,
-                        false_alarms * years * sum(spans) / len(QUANTITIES), key)  # fmt: skip
-        if found is not None:
-            judged[quantity] = found
-            faults += _faults(quantity, *found, first, span)
-        trends += _trends(own, quantity, found, first, span)
+        fleet = _judged(own, quantity, expected, np.random.default_rng(key))
+        if fleet is not None:
+            judged[quantity] = fleet
+            faults += _faults(quantity, *fleet, first, span)
+        trends += _trends(own, quantity, fleet)
     told = good.filter(pl.col(f"aged {CAPACITY}").is_not_null())
     without_empty = len(told)
     if TO_EMPTY in told.columns:
@@ -201,25 +202,20 @@ def _column(rows: pl.DataFrame, chosen: str | None, usual: Iterable[str], option
 
 
 def _judged(
-    own: dict[str, pl.DataFrame], quantity: str, first: float, span: float,
-    reference_degc: float | None, expected: float, key: int,
-) -> tuple[tuple[str, ...], Judged] | None:  # fmt: skip
+    own: dict[str, pl.DataFrame], quantity: str, expected: float, rng: np.random.Generator
+) -> Fleet | None:
     """The cells of which a quantity is known, and their model; None where there are none."""
-    known = {
-        name: rows.filter(pl.col(f"aged {quantity}").is_not_null()) for name, rows in own.items()
-    }
+    is_known = pl.col(f"aged {quantity}").is_not_null()
+    known = {name: rows.filter(is_known) for name, rows in own.items()}
     known = {name: rows for name, rows in known.items() if len(rows)}
     if not known:
         return None
-    series = _series(known, quantity, first, span, reference_degc)
+    series = _series(known, quantity)
     is_enough = np.count_nonzero(series.known.sum(axis=1) > 2) >= FEWEST
-    return tuple(known), judge(series, expected if is_enough else 0.0, np.random.default_rng(key))
+    return tuple(known), judge(series, expected if is_enough else 0.0, rng)
 
 
-def _series(
-    known: dict[str, pl.DataFrame], quantity: str, first: float, span: float,
-    reference_degc: float | None,
-) -> Series:  # fmt: skip
+def _series(known: dict[str, pl.DataFrame], quantity: str) -> Series:
     """The estimates of a quantity. Where it is told beside an OCV, that is a little wrong, and so
     are all estimates beside it."""
     shape = len(known), max(map(len, known.values()))
@@ -238,19 +234,19 @@ def _series(
     for place, rows in enumerate(known.values()):
         here = place, slice(len(rows))
         measured = _measured(rows, quantity)
-        numbers = _as_fitted(measured, quantity)
+        numbers = measured if quantity == SHIFT else np.log(measured)
         by_ocv = np.array(rows[f"aged {quantity} by OCV"].to_list())
         if quantity != SHIFT:
             by_ocv = by_ocv / measured[:, :1]
-        series.age[here], series.known[here] = (rows["_age"].to_numpy() - first) / span, True
+        series.age[here], series.known[here] = rows["_at"].to_numpy(), True
         series.value[here] = numbers[:, 0]
         variance = ((numbers[:, 2] - numbers[:, 1]) / (2 * REACH)) ** 2
         series.variance[here] = np.maximum(variance - np.sum(by_ocv**2, axis=1), 0.0)
         beside = rows[OCV].to_numpy()[:, None] == np.array(ocvs)
         apart = (beside[:, :, None] * by_ocv[:, None, :]).reshape(len(rows), -1)
         (series.of_fleet if is_few else series.of_cell)[here] = apart if is_few else by_ocv
-        if reference_degc is not None and quantity in (R0, R):
-            series.covariate[here] = (rows["temperature [degC]"].to_numpy() - reference_degc) / 10
+        if quantity in (R0, R):
+            series.covariate[here] = rows["_warmer"].to_numpy()
     return replace(series, of_fleet=_condensed(series.of_fleet))
 
 
@@ -274,19 +270,17 @@ def _faults(
         )  # fmt: skip
 
 
-def _trends(
-    own: dict[str, pl.DataFrame], quantity: str, found: Any, first: float, span: float
-) -> Iterator[Trend]:
+def _trends(own: dict[str, pl.DataFrame], quantity: str, fleet: Fleet | None) -> Iterator[Trend]:
     for name, rows in own.items():
         age, measured = rows["_age"].to_numpy(), _measured(rows, quantity)
         smooth = np.full_like(measured, np.nan)
         known = age[np.isfinite(measured[:, 0])]
-        if len(known):
-            inside = (age >= known.min()) & (age <= known.max())
-            place = found[0].index(name)
-            smooth[inside] = _smooth(found[1], place, (age[inside] - first) / span, quantity)
+        if len(known) and fleet is not None:
+            (names, judged), inside = fleet, (age >= known.min()) & (age <= known.max())
+            place = names.index(name)
+            smooth[inside] = _smooth(judged, place, rows["_at"].to_numpy()[inside], quantity)
             if quantity != SHIFT:
-                to_reference = np.exp(-found[1].fit.covariate_part(place))
+                to_reference = np.exp(-judged.fit.covariate_part(place))
                 measured[np.isfinite(measured[:, 0])] *= to_reference[:, None]
         yield Trend(name, quantity, age, measured, smooth)
 
@@ -302,7 +296,3 @@ def _measured(rows: pl.DataFrame, quantity: str) -> np.ndarray:
     return np.stack(
         [rows[column].cast(pl.Float64).fill_null(np.nan).to_numpy() for column in columns], 1
     )
-
-
-def _as_fitted(numbers: np.ndarray, quantity: str) -> np.ndarray:
-    return numbers if quantity == SHIFT else np.log(numbers)

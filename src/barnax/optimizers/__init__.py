@@ -14,10 +14,6 @@ from .barnacle import bmo as bmo
 from .barnacle import ibmo as ibmo
 from .barnacle import ibmo_centered as ibmo_centered
 from .barnacle import ibmo_printed as ibmo_printed
-from .candidates import Box as Box
-from .candidates import Swarm as Swarm
-from .candidates import keep_best as keep_best
-from .candidates import sort_by_loss as sort_by_loss
 from .greedy import AdaptiveGenetic as AdaptiveGenetic
 from .greedy import Ecosystem as Ecosystem
 from .greedy import SunflowerSearch as SunflowerSearch
@@ -27,6 +23,10 @@ from .leaders import SailfishSearch as SailfishSearch
 from .leaders import SeagullSearch as SeagullSearch
 from .leaders import WhaleSearch as WhaleSearch
 from .population import AbstractPopulationMinimiser as AbstractPopulationMinimiser
+from .population import Box as Box
+from .population import Swarm as Swarm
+from .population import keep_best as keep_best
+from .population import sort_by_loss as sort_by_loss
 from .pso import CoevolvingSwarm as CoevolvingSwarm
 from .pso import MixedSwarm as MixedSwarm
 from .pso import ParticleSwarm as ParticleSwarm

@@ -8,9 +8,18 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Key, UInt32
 
-from .candidates import Box, Swarm, better_of_each, keep_best, ranks, sort_by_loss
 from .draws import TentBranch, levy_step, normal, tent_map
-from .population import AbstractPopulationMinimiser, Generation, Proposal
+from .population import (
+    AbstractPopulationMinimiser,
+    Box,
+    Generation,
+    Proposal,
+    Swarm,
+    better_of_each,
+    keep_best,
+    ranks,
+    sort_by_loss,
+)
 
 MatingFactor = Literal["normal", "uniform", "one"]
 

@@ -6,9 +6,17 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from .candidates import Box, Swarm, better_of_each, keep_best, sort_by_loss
 from .draws import normal
-from .population import AbstractUniformStart, Generation, Proposal
+from .population import (
+    AbstractUniformStart,
+    Box,
+    Generation,
+    Proposal,
+    Swarm,
+    better_of_each,
+    keep_best,
+    sort_by_loss,
+)
 from .pso import badness
 
 

@@ -9,8 +9,11 @@ import jax.random as jr
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Key, Scalar
 
-from .candidates import (
+from .population import (
+    AbstractUniformStart,
     Box,
+    Generation,
+    Proposal,
     Swarm,
     best_first,
     best_of,
@@ -20,7 +23,6 @@ from .candidates import (
     replaced,
     sort_by_loss,
 )
-from .population import AbstractUniformStart, Generation, Proposal
 
 
 class AbstractLedSearch(AbstractUniformStart):

@@ -21,18 +21,138 @@ import numpy as np
 import optimistix as optx
 from jax import lax
 from jax.core import Tracer
-from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree, Scalar, Shaped
 
-from .candidates import Box, Swarm
 from .draws import written_out
 
 # Random numbers are drawn for several generations at once, up to so many in all: large loops over
 # numbers run faster than small ones, until they leave the processor's cache.
 DRAWN_AT_ONCE = 8192
+# Up to so many numbers, counting for each how many come before it is several times faster than
+# sorting: the comparisons run side by side, on every device.
+COUNTED = 256
 
 Generation = Int[Array, ""]
 # New positions to evaluate, and the new memory.
 Proposal = tuple[Float[Array, "offspring dims"], PyTree]
+
+
+class Box(eqx.Module):
+    """Lower and upper bound of every dimension."""
+
+    lower: Float[Array, "dims"]
+    upper: Float[Array, "dims"]
+
+    @property
+    def width(self) -> Float[Array, "dims"]:
+        return self.upper - self.lower
+
+    def clip(self, positions: Float[Array, "*candidates dims"]) -> Float[Array, "*candidates dims"]:
+        return jnp.clip(positions, self.lower, self.upper)
+
+    def scale(
+        self, fractions: Float[Array, "*candidates dims"]
+    ) -> Float[Array, "*candidates dims"]:
+        """Fractions of the box, in [0, 1], as positions."""
+        return self.lower + fractions * self.width
+
+
+class Swarm(eqx.Module):
+    """Candidates and their losses; `memory` is what one algorithm carries beside them."""
+
+    positions: Float[Array, "candidates dims"]
+    losses: Float[Array, "candidates"]
+    memory: PyTree = None
+
+
+def ranks(values: Shaped[Array, "items"]) -> Int[Array, "items"]:
+    """The place of every item in ascending order, from 0; equal items keep their order."""
+    if len(values) > COUNTED:
+        return jnp.argsort(jnp.argsort(values, stable=True))
+    place = jnp.arange(len(values), dtype=jnp.int32)
+    comes_before = jnp.where(
+        place[:, None] < place[None, :],
+        values[:, None] <= values[None, :],
+        values[:, None] < values[None, :],
+    )
+    return jnp.sum(comes_before, axis=0, dtype=jnp.int32)
+
+
+def items_at_ranks(ranks: Int[Array, "items"], count: int) -> Int[Array, "count"]:
+    """The items that hold the ranks 0 to `count - 1`: the inverse of the permutation `ranks`."""
+    if len(ranks) > COUNTED:
+        return jnp.argsort(ranks)[:count]
+    item = jnp.arange(len(ranks), dtype=jnp.int32)
+    holds_rank = ranks[:, None] == item[None, :count]
+    return jnp.sum(jnp.where(holds_rank, item[:, None], 0), axis=0, dtype=jnp.int32)
+
+
+def best_first(losses: Float[Array, "candidates"], count: int) -> Int[Array, "count"]:
+    """The `count` candidates of smallest loss, in order; equal losses keep theirs."""
+    return items_at_ranks(ranks(losses), count)
+
+
+def sort_by_loss(swarm: Swarm) -> Swarm:
+    """The swarm with its best candidate first; equal losses keep their order."""
+    order = best_first(swarm.losses, len(swarm.losses))
+    return Swarm(swarm.positions[order], swarm.losses[order], swarm.memory)
+
+
+def keep_best(swarm: Swarm, offspring: Swarm, population: int) -> Swarm:
+    """The best of sorted parents and their offspring together, sorted; a parent wins a tie."""
+    positions = jnp.concatenate([swarm.positions, offspring.positions])
+    losses = jnp.concatenate([swarm.losses, offspring.losses])
+    if len(losses) > COUNTED:
+        kept = best_first(losses, population)
+    else:
+        parents, children = swarm.losses, offspring.losses
+        is_beaten = children[:, None] < parents[None, :]
+        is_behind = parents[:, None] <= children[None, :]
+        parent_ranks = jnp.arange(len(parents), dtype=jnp.int32) + _count(is_beaten)
+        kept = items_at_ranks(
+            jnp.concatenate([parent_ranks, ranks(children) + _count(is_behind)]), population
+        )
+    return Swarm(positions[kept], losses[kept], offspring.memory)
+
+
+def replaced(is_replaced: Bool[Array, "candidates"], new: Swarm, old: Swarm) -> Swarm:
+    """The old candidates, but for those that are replaced by the new ones at their places."""
+    return Swarm(
+        jnp.where(is_replaced[:, None], new.positions, old.positions),
+        jnp.where(is_replaced, new.losses, old.losses),
+    )
+
+
+def better_of_each(swarm: Swarm, offspring: Swarm) -> Swarm:
+    """Every candidate, or its own offspring where that is strictly better."""
+    return replaced(offspring.losses < swarm.losses, offspring, swarm)
+
+
+def _count(claims: Shaped[Array, "others items"]) -> Int[Array, "items"]:
+    return jnp.sum(claims, axis=0, dtype=jnp.int32)
+
+
+class Leader(eqx.Module):
+    """A position and its loss, kept though the swarm moves on."""
+
+    position: Float[Array, "dims"]
+    loss: Scalar
+
+
+def best_of(swarm: Swarm) -> Leader:
+    """The swarm's best candidate; of equal ones the first."""
+    best = jnp.argmin(swarm.losses)
+    return Leader(swarm.positions[best], swarm.losses[best])
+
+
+def better_leader(leader: Leader, swarm: Swarm) -> Leader:
+    """The leader, unless the swarm holds a strictly better candidate."""
+    challenger = best_of(swarm)
+    is_better = challenger.loss < leader.loss
+    return Leader(
+        jnp.where(is_better, challenger.position, leader.position),
+        jnp.where(is_better, challenger.loss, leader.loss),
+    )
 
 
 class PopulationState(eqx.Module):

@@ -7,8 +7,17 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, Key, Scalar
 
-from .candidates import Box, Leader, Swarm, best_of, better_leader, better_of_each
-from .population import AbstractUniformStart, Generation, Proposal
+from .population import (
+    AbstractUniformStart,
+    Box,
+    Generation,
+    Leader,
+    Proposal,
+    Swarm,
+    best_of,
+    better_leader,
+    better_of_each,
+)
 
 
 class Flight(eqx.Module):

@@ -42,7 +42,10 @@ def examine_clock(samples: Samples) -> Samples:
     for find in (_single_strays, _stray_runs):
         strays = find(samples.time_s)
         if 0 < strays.sum() <= max(_SLIPS, _FEW * len(strays)):
-            samples = _without_strays(samples, strays)
+            first = int(np.argmax(strays))
+            told = {"time_s": samples.time_s[first], "rows": strays.sum()}
+            told |= {"beside_s": samples.time_s[first - 1 if first else 1]}
+            samples = samples.telling(first, "clock.stray", **told).keep(~strays)
     time = samples.time_s
     falls = np.flatnonzero(np.diff(time) < 0)
     if not len(falls):
@@ -212,13 +215,6 @@ def _join_steps(samples: Samples) -> Samples:
     at, joined = int(np.argmax(falls)) + 1, time + np.concatenate([np.zeros(1), before])
     given = {"column": samples.header("time"), "times": falls.sum()}
     return samples.telling(at, "clock.steps", **given).having(time=joined)
-
-
-def _without_strays(samples: Samples, strays: Bool[np.ndarray, "samples"]) -> Samples:
-    first = int(np.argmax(strays))
-    beside = samples.time_s[first - 1 if first else 1]
-    given = {"time_s": samples.time_s[first], "beside_s": beside, "rows": strays.sum()}
-    return samples.telling(first, "clock.stray", **given).keep(~strays)
 
 
 def _single_strays(time: Clock) -> Bool[np.ndarray, "samples"]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 from jaxtyping import Float
 
 from ..errors import InputError, listed
@@ -25,13 +26,12 @@ from .columns import (
     normal,
     other_table,
 )
-from .quantities import CELL_RANGE_V, NEEDED, OCV_QUANTITIES, QUANTITIES, Quantity
+from .quantities import CELL_RANGE_V, NEEDED, OCV_QUANTITIES, QUANTITIES, QUANTITY_OF, Quantity
 from .table import Table, impedance_rows, one_row_a
 
 Columns = Mapping[str, Column]
 
 REQUIRED = tuple(quantity for quantity in QUANTITIES if quantity.is_required)
-QUANTITY_OF = {quantity.name: quantity for quantity in QUANTITIES}
 # What a record may have, and is not taken from it.
 SOC = next(quantity for quantity in OCV_QUANTITIES if quantity.name == "SOC")
 # What `columns` may name.
@@ -143,7 +143,8 @@ def examine_columns(
 def _is_nameless(table: Table, is_like: bool) -> bool:
     """True if half of the first row are numbers, or where no name is like one of a table that is
     known, one of it is, or nothing stands there above numbers."""
-    share = np.mean([False, *map(_is_number, filter(None, table.header))])
+    names = pl.Series("names", [name.strip() for name in table.header if name] or [""])
+    share = names.cast(pl.Float64, strict=False).is_not_null().to_numpy().mean()
     cells = zip(table.header, table.columns, strict=True)
     is_bare = any(not name and column.dtype.is_numeric() for name, column in cells)
     return bool(share >= 0.5 or (not is_like and (share > 0 or is_bare)))
@@ -331,14 +332,6 @@ def _quoted(names: Sequence[str]) -> str:
 
 def _headers(found: Columns) -> set[str]:
     return {column.header for column in found.values()}
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _repeated_names(table: Table, found: Columns) -> Iterator[Notice]:

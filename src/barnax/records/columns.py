@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from .dialects import DIALECTS, OTHER_TABLES, PLAIN, Dialect
-from .quantities import OCV_QUANTITIES, QUANTITIES, Quantity, Unit
+from .quantities import OCV_QUANTITIES, QUANTITIES, QUANTITY_OF, Quantity, Unit
 
 # A unit stands behind a slash, # or comma, in brackets, or after a blank (machine names); Arbin
 # numbers its auxiliary channels behind the bracket.
@@ -175,7 +175,7 @@ def names_cell_voltage(name: str) -> bool:
     [True, True, False, False]
     """
     plain = re.sub(r"\d+", "", normal(name))
-    (voltage,) = (quantity for quantity in QUANTITIES if quantity.name == "voltage")
+    voltage = QUANTITY_OF["voltage"]
     units = [text.strip() for text in re.findall(r"[/\[(]([^/\[\]()]*)", plain)]
     if any(units):
         return any(unit_of(voltage, unit) for unit in units)
@@ -211,9 +211,8 @@ def columns_of(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> dic
 
 def find_given(header: Sequence[str], given: Mapping[str, str]) -> dict[str, Column]:
     """The columns that the user names, by quantity, of those that the header has."""
-    asked = [quantity for quantity in QUANTITIES if quantity.name in given]
-    named = ((own.name, named_column(header, own, given[own.name])) for own in asked)
-    return {name: column for name, column in named if column is not None}
+    named = {name: named_column(header, QUANTITY_OF[name], own) for name, own in given.items()}
+    return {name: column for name, column in named.items() if column is not None}
 
 
 def names_record(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> bool:

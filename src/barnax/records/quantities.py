@@ -15,6 +15,7 @@ class Unit:
     symbol: str
     factor: float = 1.0
     offset: float = 0.0
+    words: str = ""
 
 
 @dataclass(frozen=True)
@@ -65,20 +66,22 @@ def _units(spellings: Mapping[Unit, str]) -> dict[str, Unit]:
 
 _SECONDS = _units(
     {
-        Unit("s"): "s|sec|secs|second|seconds|sekunden|秒|초",
-        Unit("ms", 1e-3): "ms|msec|millisecond|milliseconds",
-        Unit("us", 1e-6): "us|usec|microsecond|microseconds",
-        Unit("ns", 1e-9): "ns|nsec|nanosecond|nanoseconds",
-        Unit("min", 60.0): "min|mins|minute|minutes|minuten|分|分钟|분",
-        Unit("h", 3600.0): "h|hr|hrs|hour|hours|stunden|std|小时|時間|시간",
-        Unit("d", 86400.0): "d|day|days",
+        Unit("s", words="seconds"): "s|sec|secs|second|seconds|sekunden|秒|초",
+        Unit("ms", 1e-3, words="milliseconds"): "ms|msec|millisecond|milliseconds",
+        Unit("us", 1e-6, words="microseconds"): "us|usec|microsecond|microseconds",
+        Unit("ns", 1e-9, words="nanoseconds"): "ns|nsec|nanosecond|nanoseconds",
+        Unit("min", 60.0, words="minutes"): "min|mins|minute|minutes|minuten|分|分钟|분",
+        Unit("h", 3600.0, words="hours"): "h|hr|hrs|hour|hours|stunden|std|小时|時間|시간",
+        Unit("d", 86400.0, words="days"): "d|day|days",
     }
 )
 _AMPERES = _units(
     {
-        Unit("A"): "a|amp|amps|ampere|amperes|安",
-        Unit("mA", 1e-3): "ma|毫安|milliamp|milliamps|milliampere|milliamperes",
-        Unit("uA", 1e-6): "ua|microamp|microamps|microampere|microamperes",
+        Unit("A", words="amperes"): "a|amp|amps|ampere|amperes|安",
+        Unit(
+            "mA", 1e-3, words="milliamperes"
+        ): "ma|毫安|milliamp|milliamps|milliampere|milliamperes",
+        Unit("uA", 1e-6, words="microamperes"): "ua|microamp|microamps|microampere|microamperes",
     }
 )
 _VOLTS = _units(
@@ -87,7 +90,9 @@ _VOLTS = _units(
 _AMPERE_HOURS = _units(
     {
         Unit("Ah"): "ah|a.h|a·h|a h|ahr|a-hr|amp-hr|ampere hour|amp hour|amp hours|安时",
-        Unit("mAh", 1e-3): "mah|ma.h|ma·h|ma h|mahr|mamp-hr|milliampere hour|milliamp hour|毫安时",
+        Unit(
+            "mAh", 1e-3, words="milliampere-hours"
+        ): "mah|ma.h|ma·h|ma h|mahr|mamp-hr|milliampere hour|milliamp hour|毫安时",
     }
 )
 _DEGREES = _units(
@@ -180,6 +185,8 @@ QUANTITIES: tuple[Quantity, ...] = (
         ("Net Capacity / Ah", "Capacity(Ah)"),
     ),
 )
+
+QUANTITY_OF = {quantity.name: quantity for quantity in QUANTITIES}
 
 # What a table of OCV over SOC holds instead: SOC, and one voltage or one for each direction.
 OCV_QUANTITIES: tuple[Quantity, ...] = (

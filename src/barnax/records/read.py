@@ -28,6 +28,7 @@ from .scale import (
     UNITS_ASKED,
     examine_scale,
     examine_series,
+    examine_twins,
     examine_voltage_range,
     examine_voltage_unit,
 )
@@ -35,7 +36,6 @@ from .sign import decide_sign, examine_direction
 from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
 from .table import Lines, examine_cells, found_at, take_lines
-from .twins import examine_twins
 
 Values = TypeVar("Values", np.ndarray, np.ndarray | None)
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.

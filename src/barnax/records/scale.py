@@ -1,22 +1,28 @@
-"""One judgement of scale: of time, current, charge and voltage in the units that are named.
+"""Whether the values of columns are what their names say: in that unit, and of that quantity.
+
+There is one judgement of scale, of time, current, charge and voltage in the units that are named.
 
 A reading in another unit is judged by the witnesses that it brings to agree, less those that it
-puts off; of a voltage one look tells. A unit that the user gives is not in doubt.
+puts off; of a voltage one look tells. A unit that the user gives is not in doubt. Columns that
+hold one quantity twice may disagree: two voltages, or currents by a factor.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from ..notices import Severity
+from ..notices import Notice, Severity, notice
 from .cell_values import DAY_S, is_clock
-from .column_rules import bare_units
-from .columns import NOTHING
-from .quantities import CELL_RANGE_V, QUANTITIES
+from .column_rules import bare_units, in_volts
+from .columns import NOTHING, Column, find_columns, likely_column, normal
+from .quantities import CELL_RANGE_V, QUANTITIES, QUANTITY_OF
 from .samples import Samples
-from .table import found_at
+from .source import Source
+from .table import Table, found_at, take_lines
 from .witnesses import (
     CERTAIN,
     CHARGE,
@@ -107,40 +113,25 @@ def _readings(samples: Samples) -> Iterator[Reading]:
     is_number = not is_clock(samples.table.columns[time.index])
     is_number &= time.unit in time.quantity.units.values()
     if is_number and not (time.is_unit_given or samples.table.has_known_units):
-        for unit in dict.fromkeys(_UNITS["time"].values()):
+        for unit in dict.fromkeys(QUANTITY_OF["time"].units.values()):
             if unit != time.unit:
                 factor = unit.factor / time.unit.factor
-                yield Reading("time", ("time",), unit, factor, _WORDS[unit.symbol])
+                yield Reading("time", ("time",), unit, factor, unit.words)
         if time.unit.factor == 1 and not time.is_unit_assumed:
             twice = "converted to seconds twice"
             yield Reading("time", ("time",), None, 1 / 60, f"minutes, {twice}")
             yield Reading("time", ("time",), None, 1 / 3600, f"hours, {twice}")
     # By factors, for a current may be given as the charge of every interval.
-    units = {unit.factor: unit for unit in _UNITS["current"].values()}
-    for factor, unit in () if current.is_unit_given else units.items():
-        if factor != current.unit.factor and current.unit.factor in units:
-            words = f"{_WORDS[unit.symbol]}, not {_WORDS[units[current.unit.factor].symbol]}"
-            factor /= current.unit.factor
-            yield Reading("current", ("current",), unit, factor, words)
+    units = {unit.factor: unit for unit in QUANTITY_OF["current"].units.values()}
+    named = units.pop(current.unit.factor)
+    for unit in () if current.is_unit_given else units.values():
+        words = f"{unit.words}, not {named.words}"
+        yield Reading("current", ("current",), unit, unit.factor / named.factor, words)
     names = tuple(name for name in COUNTERS if name in samples.columns)
     counters = [samples.columns[name] for name in names]
     if counters and not any(column.is_unit_given or column.unit.factor != 1 for column in counters):
-        yield Reading(CHARGE, names, _UNITS["net capacity"]["mah"], 1e-3, "milliampere-hours")
-
-
-_UNITS = {quantity.name: quantity.units for quantity in QUANTITIES}
-_WORDS = {
-    "s": "seconds",
-    "ms": "milliseconds",
-    "us": "microseconds",
-    "ns": "nanoseconds",
-    "min": "minutes",
-    "h": "hours",
-    "d": "days",
-    "A": "amperes",
-    "mA": "milliamperes",
-    "uA": "microamperes",
-}
+        unit = QUANTITY_OF["net capacity"].units["mah"]
+        yield Reading(CHARGE, names, unit, unit.factor, unit.words)
 
 
 _CODES = (
@@ -238,13 +229,12 @@ def examine_voltage_unit(samples: Samples) -> Samples:
         is_one = middle_v < 1e3 * _MODULE_V
         is_milli = samples.columns["current"].unit.symbol == "mA" and is_one
         rename = samples.columns["voltage"].quantity.name_in("mV")
-        given = {"quantity": "voltage", "unit": "mV", "rename": rename}
+        told = {"quantity": "voltage", "unit": "mV", "rename": rename}
         if is_milli:
-            current = samples.header("current")
-            samples = mended("voltage-unit.converted", 1e-3, **given, current=current)
+            told |= {"current": samples.header("current")}
+            samples = mended("voltage-unit.converted", 1e-3, **told)
         else:
-            several = None if is_one else "true"
-            samples = mended("voltage-unit.milli", 1e-3, **given, several=several)
+            samples = mended("voltage-unit.milli", 1e-3, several=None if is_one else "true", **told)
     elif middle_v > _MODULE_V:
         cells = max(2, round(middle_v / _NOMINAL_V))
         samples = mended("voltage-unit.pack", 1 / cells, series=cells)
@@ -297,3 +287,106 @@ def examine_voltage_range(samples: Samples) -> Samples:
     samples = samples.noting(found_at(samples, first, code, **given, **limits).rated(severity))
     # If nearly all is outside, the rest shows nothing either.
     return samples if outside.mean() > 0.5 else samples.keep(~outside)
+
+
+Channel = Float[np.ndarray, "samples"]
+
+# Makes whose names have no rule for which of two voltage columns comes first.
+_ANYBODYS = ("plain", "Battery Data Format", "PyBaMM")
+_TINY = 1e-30
+# A set point, or a statistic of measured values, is no second measurement.
+_NOT_MEASURED = re.compile(r"\b(set|max|min|limit|target|end|start|cut|mean|avg|average)")
+# Two voltages differ by a lead where the current explains so much of their difference, which it
+# moves by so many volts; currents differ where they are proportional to within a percent, but not
+# equal to within one.
+_BY_LEADS, _SWING_V = 0.8, 3e-3
+_PROPORTIONAL, _EQUAL = 0.999, 0.01
+# Two voltages of one cell agree to so much; what is further apart and looks unlike is another's.
+_SAME_V, _OTHER_V, _ALIKE = 5e-3, 0.2, 0.9
+_MAX_NAMES = 200
+
+
+def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
+    """Other columns of voltage and current that differ as only a wrong one does.
+
+    What the user has named is the right one, and a pack has voltages of other cells.
+    """
+    table, rows = source.table, samples.row
+    if len(table.sheets) > 1:
+        return
+    yield from _electrode(source, samples)
+    for name, own, judge in (
+        ("voltage", samples.voltage_v, _voltages),
+        ("current", samples.current_a, _currents),
+    ):
+        if name in source.columns or (name == "voltage" and source.series > 1):
+            continue
+        for column in _others(table, name, samples.columns[name]):
+            lines = take_lines(table, {name: column})
+            at = np.minimum(np.searchsorted(lines.row, rows), len(lines.row) - 1)
+            if np.any(lines.row[at] != rows):
+                continue
+            values = lines.values[name][at]
+            if np.isfinite(values).all() and np.ptp(values) > 0:
+                yield from judge(samples, own, values, column.header)
+
+
+def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:
+    """A note where the voltage is that of a working electrode, and the cell's is another."""
+    column = samples.header("voltage")
+    names = {re.sub("[<>]", "", normal(name)): name for name in source.table.header}
+    other = names.get("ewe-ece/v") or names.get("ece/v")
+    if other is None or "voltage" in source.columns or column != names.get("ewe/v"):
+        return
+    other_v = in_volts(source.table, other)[samples.at]
+    apart_v = np.abs(other_v if other == names.get("ece/v") else samples.voltage_v - other_v)
+    if np.any(apart_v > _SAME_V):
+        yield notice("twin-columns.electrode", column=column, apart_v=np.nanmax(apart_v))
+
+
+def _others(table: Table, name: str, own: Column) -> Iterator[Column]:
+    """Further columns that can hold the quantity, by their names."""
+    for index, header in enumerate(table.header[:_MAX_NAMES]):
+        found = find_columns([header], QUANTITIES)
+        column = found.get(name) or (None if found else likely_column(QUANTITY_OF[name], [header]))
+        is_other = index != own.index and header != own.header
+        if column is not None and is_other and not _NOT_MEASURED.search(normal(header)):
+            yield replace(column, index=index)
+
+
+def _voltages(samples: Samples, own: Channel, other: Channel, name: str) -> Iterator[Notice]:
+    """A voltage that differs by the current times a resistance, or otherwise."""
+    if not CELL_RANGE_V[0] < np.median(other) < CELL_RANGE_V[1]:
+        return
+    apart_v = other - own
+    at = int(np.argmax(np.abs(apart_v)))
+    current_a = samples.current_a - samples.current_a.mean()
+    slope = float(current_a @ apart_v / max(current_a @ current_a, _TINY))
+    swing_v = abs(slope) * float(np.ptp(current_a))
+    left_v = apart_v - apart_v.mean() - slope * current_a
+    both = {"own": samples.header("voltage"), "other": name, "quantity": "voltage"}
+    if swing_v > _SWING_V and left_v.var() < (1 - _BY_LEADS) * apart_v.var():
+        drop = {"leads_ohm": abs(slope), "apart_v": swing_v}
+        yield found_at(samples, at, "twin-columns.leads", **both, **drop)
+        return
+    usual_v = float(np.median(np.abs(apart_v)))
+    if usual_v <= _SAME_V:
+        return
+    if samples.dialect.name in _ANYBODYS and "voltage" in find_columns([name], QUANTITIES):
+        yield found_at(samples, at, "twin-columns.undecided", **both, apart_v=usual_v)
+    elif usual_v < _OTHER_V and _likeness(own - own.mean(), other - other.mean()) > _ALIKE:
+        yield found_at(samples, at, "twin-columns.voltage", **both, apart_v=usual_v)
+
+
+def _likeness(own: Channel, other: Channel) -> float:
+    """The cosine between two channels; zero where one is."""
+    return float(own @ other) / max(float(np.sqrt((own @ own) * (other @ other))), _TINY)
+
+
+def _currents(samples: Samples, own: Channel, other: Channel, name: str) -> Iterator[Notice]:
+    """A current that is another by a factor."""
+    ratio = float(own @ other) / max(float(own @ own), _TINY)
+    if abs(_likeness(own, other)) > _PROPORTIONAL and abs(ratio - 1) > _EQUAL:
+        both = {"own": samples.header("current"), "other": name, "quantity": "current"}
+        at = int(np.argmax(np.abs(own)))
+        yield found_at(samples, at, "twin-columns.current", **both, ratio=ratio)

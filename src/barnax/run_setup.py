@@ -187,7 +187,6 @@ def set_up(
     # A table has no capacitance to bound or hold.
     tables = bounded_tables(job, but="[F]" if job.over is None else None)
     inputs, own = replace(inputs, cell=first.cell), inputs.fitted_ocv
-    records = {prepared.record.name: prepared.record for prepared in first.prepared_records}
 
     def validation(circuit: str) -> list[PreparedRecord]:
         return [
@@ -206,11 +205,10 @@ def set_up(
     limits = limits_of(first.cell, tables, job.model, None if job.over is None else True)
 
     def prepare(circuit: str) -> Sequence[PreparedRecord]:
-        own_windows = {name: windows[name] for name in records}
         if not get_circuit(circuit).has_hysteresis:
             return [
-                prepare_record(record, first.cell, circuit, own_windows[name])
-                for name, record in records.items()
+                prepare_record(one.record, first.cell, circuit, windows[one.record.name])
+                for one in first.prepared_records
             ]
         if first.circuit == circuit:
             return first.prepared_records

@@ -260,10 +260,8 @@ class PreparedRecord(Brief):
         if self.dependence is not None and self.resistance_factor is not None:
             ohmic_a = self.resistance_factor * self.dependence.by_direction(ohmic_a)
             through_pairs_a = self.resistance_factor * self.dependence.through_pairs(self.held_a)
-        weight, intervals = (
-            self.scored.astype(float),
-            Intervals.measure(self.time_s, shortest_tau_s),
-        )
+        weight = self.scored.astype(float)
+        intervals = Intervals.measure(self.time_s, shortest_tau_s)
         if samples is not None:
             intervals = intervals.in_one_form(samples)
             weight = np.append(weight[:samples], np.zeros(max(0, samples - len(weight))))

@@ -342,25 +342,16 @@ def _told(
 ) -> Iterator[tuple[str, Aged]]:
     """The quantities with intervals."""
     count, nominal_ah = len(records), records[0].capacity_ah
-    places = {"start SOC": 0, CAPACITY: count, SHIFT: count + 1} | (
-        {R0: -2, R: -1} if is_visited else {}
-    )
+    places = {"start SOC": 0, CAPACITY: count, SHIFT: count + 1}
+    places |= {R0: -2, R: -1} if is_visited else {}
+    log_evidence = tuple(own.log_evidence for own in under)
     for name, place in places.items():
         at_zero = told[0] if name == "start SOC" else 0.0
         value, error, *by_ocv = _numbers(found, name, place, at_zero, nominal_ah)
-        yield (
-            name,
-            Aged(
-                value,
-                value - REACH * error,
-                value + REACH * error,
-                tuple(by_ocv),
-                tuple(_numbers(own, name, place, at_zero, nominal_ah) for own in under),
-                tuple(own.log_evidence for own in under),
-                bool(is_determined(name, value, error)),
-                is_settled,
-            ),
-        )
+        by_shape = tuple(_numbers(own, name, place, at_zero, nominal_ah) for own in under)
+        told_so = by_shape, log_evidence, bool(is_determined(name, value, error)), is_settled
+        ends = value - REACH * error, value + REACH * error
+        yield name, Aged(value, *ends, tuple(by_ocv), *told_so)
 
 
 def _numbers(

@@ -121,12 +121,11 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
         flat = replace(objective, reduced=whole, settings=plain, parts=flat)
         constant = _held_out_errors(flat, find_best(flat))
     records, block_s, by_record = objective.prepared_records, None, ()
-    if objective.is_kept:
-        by_record = _left_out_whole(objective, best)
-    else:
+    if not objective.is_kept:
         block_s = block_length_s(records[0], objective.settings)
-        if are_left_out_whole(records):
-            by_record = _left_out_whole(_as_given(objective, best), best)
+    if objective.is_kept or are_left_out_whole(records):
+        groups = _Groups.of(_as_given(objective, best), best)
+        by_record = _by_record(groups.held_out(groups.record))
     folds = objective.settings.folds
     return CrossValidation(folds, block_s, tables, constant or tables, by_record)
 
@@ -134,7 +133,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
 def _as_given(objective: TableObjective, best: Solution) -> TableObjective:
     """The same at the time constants of all, with starts and capacities as they were given."""
     records, settings = objective.prepared_records, objective.settings
-    if not any(prepared.window.registration for prepared in records):
+    if objective.is_kept or not any(prepared.window.registration for prepared in records):
         return objective
     held = held_at(objective.ranges, best.log_scales)
     given = reduced_objective([prepared.as_told for prepared in records], settings, held)
@@ -181,20 +180,13 @@ def _held_out_errors(objective: TableObjective, best: Solution) -> SocErrors | N
     if not groups.are_apart(labels):
         return None
     # An OCV of kept records is told by the others, for there are several.
-    others = [*groups.without(labels, has_ocv_of_all=not objective.is_kept)]
-    squares_v2, counts = groups.sums(others[label] for label in labels.tolist())
+    squares_v2, counts = groups.held_out(labels, has_ocv_of_all=not objective.is_kept)
     return SocErrors.of_squares(squares_v2.sum(axis=0), counts.sum(axis=0))
 
 
 def record_errors(objective: TableObjective, best: Solution) -> tuple[SocErrors, ...]:
     """The errors on each record."""
     return _by_record(_Groups.of(objective, best).sums([best.unknowns] * len(objective.parts)))
-
-
-def _left_out_whole(objective: TableObjective, best: Solution) -> tuple[SocErrors, ...]:
-    """The errors on each record by the tables of the others."""
-    groups = _Groups.of(objective, best)
-    return _by_record(groups.sums(groups.left_out_whole()))
 
 
 def _by_record(sums: "Sums") -> tuple[SocErrors, ...]:
@@ -279,10 +271,10 @@ class _Groups:
         x[ocv] = least_in_box(*own)[0]
         return x
 
-    def left_out_whole(self) -> list[Float[np.ndarray, "unknowns"]]:
-        """Of every group, the unknowns that fit all records but its own best."""
-        others = [*self.without(self.record)]
-        return [others[record] for record in self.record.tolist()]
+    def held_out(self, labels: Int[np.ndarray, "groups"], has_ocv_of_all: bool = False) -> "Sums":
+        """The `sums` by the unknowns that fit the groups of all other labels best."""
+        others = [*self.without(labels, has_ocv_of_all)]
+        return self.sums(others[label] for label in labels.tolist())
 
     def sums(self, unknowns: Iterable[Float[np.ndarray, "unknowns"]]) -> Sums:
         """The squared errors of every record below and above 10 % SOC, by the unknowns of every

@@ -109,11 +109,8 @@ def propose(
 def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> list[Dependence]:
     """Dependences of moderate strength, to be tried."""
     if what == "current":
-        return [
-            Dependence(
-                onset_a=max(float(np.max(np.abs(prepared.current_a))) for prepared in records)
-            )
-        ]
+        largest_a = max(float(np.max(np.abs(prepared.current_a))) for prepared in records)
+        return [Dependence(onset_a=largest_a)]
     if what == "direction":
         is_told = _least_share(records) >= LEAST_SHARE
         if is_asked and not is_told:
@@ -126,33 +123,26 @@ def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> lis
     if what == "heating":
         found = []
         for tau_s in HEATING_TAUS_S:
-            heat_a2 = np.concatenate(
-                [
-                    heat_of(prepared.record.time_s, prepared.record.interval_current_a, tau_s)[
-                        prepared.span
-                    ]
-                    for prepared in records
-                ]
-            )
+            heats_a2 = [
+                heat_of(own.record.time_s, own.record.interval_current_a, tau_s)[own.span]
+                for own in records
+            ]
+            heat_a2 = np.concatenate(heats_a2)
             kappa_per_a2 = TRIED_EXPONENT / max(float(np.max(heat_a2)), 1e-12)
-            mean_a2 = float(np.mean(heat_a2))
-            found.append(
-                Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=tau_s, reference_a2=mean_a2)
-            )
+            of_heat = {"heating_tau_s": tau_s, "reference_a2": float(np.mean(heat_a2))}
+            found.append(Dependence(kappa_per_a2=kappa_per_a2, **of_heat))
         return found
-    if is_asked:
-        for prepared in records:
-            if prepared.measured_degc is None:
-                raise InputError(
-                    f"{prepared.record.name}: has no column of temperatures that resistances could "
-                    "follow; name it 'Temperature [degC]', or use `resistances_follow` 'heating'"
-                )
+    for prepared in records if is_asked else ():
+        if prepared.measured_degc is None:
+            raise InputError(
+                f"{prepared.record.name}: has no column of temperatures that resistances could "
+                "follow; name it 'Temperature [degC]', or use `resistances_follow` 'heating'"
+            )
     if not is_asked and _spread_k(records) < LEAST_SPREAD_K:
         return []
     # That of the tables too, where they are of several temperatures.
-    middle_degc = float(
-        np.mean([degc for prepared in records if (degc := prepared.temperature_degc) is not None])
-    )
+    degc = [own.temperature_degc for own in records if own.temperature_degc is not None]
+    middle_degc = float(np.mean(degc))
     return [Dependence(beta_per_k=arrhenius_beta(middle_degc), reference_degc=middle_degc)]
 
 

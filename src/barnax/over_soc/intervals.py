@@ -353,20 +353,10 @@ def _dependence_slopes(
     prepared: PreparedRecord, tables: CircuitParameters
 ) -> list[Float[np.ndarray, "simulated"]]:
     """The derivatives of the error by the logarithm of every number that resistances follow."""
-    if tables.dependence is None:
-        return []
-    found = []
-    for name, value in tables.dependence.numbers.items():
-        above, below = (
-            errors_along(
-                prepared,
-                replace(
-                    tables,
-                    dependence=tables.dependence.with_numbers({name: value * math.exp(step)}),
-                ),
-            )
-            for step in (STEP, -STEP)
-        )
+    law, found = tables.dependence, []
+    for name, value in law.numbers.items() if law else ():
+        laws = [law.with_numbers({name: value * math.exp(step)}) for step in (STEP, -STEP)]
+        above, below = (errors_along(prepared, replace(tables, dependence=one)) for one in laws)
         found.append((above - below) / (2 * STEP))
     return found
 

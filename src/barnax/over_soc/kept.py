@@ -39,6 +39,9 @@ NEGLIGIBLE_V = 1e-9
 CONSTANT = (0.5,)
 
 OcvSource = Literal["OCV test", "own"]
+# What a fit asks of a record, as `PreparedRecord` has it.
+INTERVALS = ("median_interval_s", "dense_interval_s")
+FACTS = ("capacity_ah", "step_ohm", *INTERVALS, "scored_duration_s")
 
 
 @dataclass(frozen=True)
@@ -181,8 +184,9 @@ def keep_all(
     if cell.is_of_records:
         grid = replace(grid, ocv="own")
         (told,) = leveled([told], prepared)
-    count = len(names) or 1
-    layout = replace(grid.layout, sides=count)
+    record = prepared.record.name
+    named = [f"{record} {name}" for name in names] or [record]
+    layout = replace(grid.layout, sides=len(named))
     nodes, ocv_nodes = np.array(layout.nodes), np.array(layout.ocv_nodes)
 
     def below_or_above(here: slice):
@@ -192,25 +196,14 @@ def keep_all(
     slopes_v = np.empty(0)
     if layout.has_correction:
         slopes_v = told.cell.least_ocv_slopes(ocv_nodes)
-    alone = Kept(
-        name=prepared.record.name,
-        grid=grid,
-        capacity_ah=told.capacity_ah,
-        step_ohm=told.step_ohm,
-        median_interval_s=told.median_interval_s,
-        dense_interval_s=told.dense_interval_s,
-        scored_duration_s=told.scored_duration_s,
-        visited=told.nearest(nodes),
-        visited_ocv=told.nearest(ocv_nodes),
-        cell=KeptOcv(told.cell.average_ocv_v(ocv_nodes), slopes_v),
-        parts=(_shortened(wholes[0].side(0)), _shortened(wholes[1].side(0))),
-    )
-    if not names:
-        return [alone]
+    facts = {name: getattr(told, name) for name in FACTS}
+    facts |= {"visited": told.nearest(nodes), "visited_ocv": told.nearest(ocv_nodes)}
+    ocv = KeptOcv(told.cell.average_ocv_v(ocv_nodes), slopes_v)
+    below, above = wholes
     return [
-        replace(alone, name=f"{alone.name} {name}", parts=(
-            _shortened(wholes[0].side(side)), _shortened(wholes[1].side(side))))
-        for side, name in enumerate(names)
+        Kept(name=name, grid=grid, cell=ocv, **facts,
+             parts=(_shortened(below.side(side)), _shortened(above.side(side))))
+        for side, name in enumerate(named)
     ]  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 and from which direction."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -14,6 +13,7 @@ from ..cell.model import group_near
 from ..cell.soc_axis import GIVEN
 from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record, soc_along
+from ..model.rest import cell_at_rest
 from ..model.start import find_start, require_whole_log
 from ..model.temperature import temperature_of
 from ..model.window import OCV_MARGIN, Window, first_sample, scored_samples
@@ -284,11 +284,15 @@ class OwnRecords:
         begun = replace(window, soc_source="rest elsewhere")
         told[record.name] = replace(begun, initial_soc=start.soc)
         if get_circuit(circuit).has_rate and start.direction_source == "assumed":
-            window = replace(window, initial_direction=-start.direction)
-            begun = replace(begun, initial_direction=-start.direction)
-            with suppress(InputError):
+            opposite = -start.direction
+            is_rested = start.soc_source == "rested voltage"
+            at_rest = record.segments(rest_a), cell, given[1], opposite
+            # The voltage may lie beyond the OCV of the other direction.
+            if not is_rested or cell_at_rest(*at_rest) is not None:
+                window = replace(window, initial_direction=opposite)
                 other, *_ = find_start(record, cell, window, *given)
-                turned[record.name] = replace(begun, initial_soc=other.soc)
+                begun = replace(begun, initial_direction=opposite, initial_soc=other.soc)
+                turned[record.name] = begun
         return against
 
     def _registered(

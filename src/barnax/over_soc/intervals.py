@@ -354,7 +354,9 @@ def _dependence_slopes(
 ) -> list[Float[np.ndarray, "simulated"]]:
     """The derivatives of the error by the logarithm of every number that resistances follow."""
     law, found = tables.dependence, []
-    for name, value in law.numbers.items() if law else ():
+    if law is None:
+        return found
+    for name, value in law.numbers.items():
         laws = [law.with_numbers({name: value * math.exp(step)}) for step in (STEP, -STEP)]
         above, below = (errors_along(prepared, replace(tables, dependence=one)) for one in laws)
         found.append((above - below) / (2 * STEP))

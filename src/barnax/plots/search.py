@@ -48,17 +48,6 @@ def finite(values: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def excess_percent(errors: np.ndarray, lowest: float) -> np.ndarray:
-    """Errors above the lowest in percent, at least what shows on a logarithmic axis."""
-    return np.maximum(100 * (errors / lowest - 1), LEAST_EXCESS_PERCENT)
-
-
-def _beside(figure: Figure, count: int) -> list[Axes]:
-    """Panels beside each other, no label nearer to the panel left of it."""
-    figure.set_layout_engine("constrained", wspace=0.08 if count > 1 else None)
-    return list(figure.subplots(1, count, squeeze=False)[0])
-
-
 @style.figure_style()
 def plot_convergence(
     searches: "Search | Result | str | Path | Mapping[str, ArrayLike]",
@@ -142,13 +131,17 @@ def _plot_errors(
     lowest_mv = min(aims_mv.values(), default=0.0)
     history_mv = 1e3 * padded([seed.history_v for seed in seeds])
     spent = population, [seed.evaluations for seed in seeds]
-    rmse, *excess = _beside(figure, 2 if lowest_mv > 0 else 1)
+    count = 2 if lowest_mv > 0 else 1
+    # No label is nearer to the panel left of it.
+    figure.set_layout_engine("constrained", wspace=0.08 if count > 1 else None)
+    rmse, *excess = figure.subplots(1, count, squeeze=False)[0]
     _draw_seeds(rmse, *spent, history_mv)
     rmse.set(ylabel="Best RMSE [mV]", yscale="log")
     if lowest_mv > 0:
         for name, aim_mv in aims_mv.items():
             rmse.axhline(aim_mv, **AIMS[name], label=f"{name}, {aim_mv:.4g} mV")
-        _draw_seeds(excess[0], *spent, excess_percent(history_mv, lowest_mv))
+        percent = np.maximum(100 * (history_mv / lowest_mv - 1), LEAST_EXCESS_PERCENT)
+        _draw_seeds(excess[0], *spent, percent)
         excess[0].set(ylabel="Above the lowest known RMSE [%]", yscale="log")
     return [rmse, *excess]
 

@@ -64,12 +64,11 @@ def comparison_document(
     pictures, facts = Pictures(illustrations), verdict_facts(result)
     records = facts["records"]
     roles = record_roles(1, len(records) - 1) if records else []
-    conditions = [f"{role}-condition" for role in roles]
     validated = [part.name for part in result.inputs if part.role == "validation"]
     sources = {row.method: row.source for row in result.rows}
     blocks: dict[str, tuple[Block, ...]] = {
         "circuits": circuit_blocks(result.candidates, (), validated),
-        "files": (files_table(result), *pictures.of(*conditions, "ocv", "hysteresis")),
+        "files": (files_table(result), *pictures.of("ocv")),
         "methods": (pairs_table("The methods.", "method", "source", sources),),
         "versions": (versions_table(result),),
     }

@@ -9,29 +9,13 @@ import numpy as np
 
 from ..experiment.protocol import hours_of, sampled
 from ..files import csv_text
-from .wording import wording
+from .wording import rendered, wording
 
 if TYPE_CHECKING:
     from ..experiment import Design, Step
 
 # The one step that may reach the lowest voltage, which ends it.
 EMPTYING = "to empty"
-SCRIPT = '''"""The designed test.
-
-Before: {before}
-
-Here a step that reaches its voltage ends, and the next one begins. On a cycler that \
-stops the test, except
-in the step '{emptying}', if there is one.
-"""
-
-import pybamm
-
-steps = [
-{steps}
-]
-experiment = pybamm.Experiment([tuple(steps)], period="1 second")
-'''
 # A step below this current is a rest.
 REST_A = 1e-9
 # Pieces with more different steps are run from a profile.
@@ -119,7 +103,7 @@ def pybamm_steps(design: "Design") -> list[str]:
 def pybamm_script(design: "Design") -> str:
     """The same as a module with the experiment."""
     steps = "\n".join(f'    "{step}",' for step in pybamm_steps(design))
-    return SCRIPT.format(before=before(design), emptying=EMPTYING, steps=steps)
+    return rendered("experiment", before=before(design), emptying=EMPTYING, steps=steps)
 
 
 def procedure(design: "Design") -> str:

@@ -90,11 +90,11 @@ def figure_of(result: "Result", name: str) -> "Figure":
     Raises `InputError` where there is none of that name.
     """
     drawn = {each.name: each for each in identification_illustrations(result)}
-    found = [title for title in drawn if title == name or title.rpartition("-")[2] == name]
-    found += [title for title in drawn if title.startswith(name)]
-    if not found:
+    titles = [title for title in drawn if title == name or title.rpartition("-")[2] == name]
+    titles += [title for title in drawn if title.startswith(name)]
+    if not titles:
         raise InputError(f"there is no figure {name!r}; there are {', '.join(drawn)}")
-    return drawn[found[0]].figure
+    return drawn[titles[0]].figure
 
 
 def stored_illustrations(result: "Result") -> Drawn:

@@ -16,7 +16,7 @@ from ..results import Result
 from ..uncertainty import Estimate
 from .document import Document, Table, rows_table
 from .render import to_fragment
-from .wording import document
+from .wording import document, wording
 from .words import (
     NOT_DETERMINED,
     NOTHING,
@@ -74,7 +74,7 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
     import polars as pl
 
     if result.tables is None:
-        rows = [(own.name, own.value, own.low, own.high) for own in _constants(result)]
+        rows = [(fact.name, fact.value, fact.low, fact.high) for fact in _constants(result)]
         number = dict.fromkeys(("value", "low", "high"), pl.Float64)
         return pl.DataFrame(rows, {"parameter": pl.String, **number}, orient="row")
     nodes = [
@@ -94,15 +94,15 @@ def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
     for fact in _facts(fit):
         what, bracket, unit = fact.label.partition(" [")
         ends = {"": fact.value, " low": fact.low, " high": fact.high}
-        told = {f"{what}{end}{bracket}{unit}": value for end, value in ends.items()}
+        columns = {f"{what}{end}{bracket}{unit}": value for end, value in ends.items()}
         if fact.soc is None:
-            everywhere |= told
+            everywhere |= columns
             continue
         row = {"SOC": fact.soc, "is visited": bool(fact.is_visited)}
         if fact.name == OCV and fit.is_over_soc:
             tables = fit.tables
             row |= {name: float(tables.at(name, np.array(fact.soc))) for name in tables.tables}
-        rows.setdefault(fact.soc, row).update(told)
+        rows.setdefault(fact.soc, row).update(columns)
     return [row | everywhere for _, row in sorted(rows.items())]
 
 
@@ -119,7 +119,7 @@ def _compared(fit: "TableFit") -> Iterator[Fact]:
     facts = [*_facts(fit)]
     yield from (fact for fact in facts if fact.is_mean)
     for name in fit.tables.tables if fit.is_over_soc else ():
-        nodes = [fact for fact in facts if fact.label == name and fact.is_assessed]
+        nodes = fit.of_table(name)
         if name == OCV_CORRECTION or all((node.low, node.high) == (None, None) for node in nodes):
             # A correction belongs to one result's OCV; another result has another.
             continue
@@ -210,39 +210,37 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     >>> barnax.show(result, result, names=("fresh", "aged")).differing
     {'aged': ()}
     """
-    found = [result if isinstance(result, Result) else Result.load(result) for result in results]
-    if len(found) < 2:
-        raise InputError(f"{len(found)} result given; give two or more to show side by side")
-    names = names or _names(found)
-    if len({*names}) != len(found):
-        raise InputError(f"the names {', '.join(names)} are not {len(found)} different ones")
-    have_tables = all(result.over for result in found)
+    loaded = [result if isinstance(result, Result) else Result.load(result) for result in results]
+    if len(loaded) < 2:
+        raise InputError(f"{len(loaded)} result given; give two or more to show side by side")
+    names = names or _names(loaded)
+    if len({*names}) != len(loaded):
+        raise InputError(f"the names {', '.join(names)} are not {len(loaded)} different ones")
+    have_tables = all(result.over for result in loaded)
     quantities = {
         name: {
-            (own.label, own.soc): own
-            for own in (_compared(result.fit) if have_tables else _constants(result))
+            (fact.label, fact.soc): fact
+            for fact in (_compared(result.fit) if have_tables else _constants(result))
         }
-        for name, result in zip(names, found, strict=True)
+        for name, result in zip(names, loaded, strict=True)
     }
     (_, first), *others = quantities.items()
     changes = {
         name: gathered(
-            (compare(own[key], first[key]), quantity)
-            for key, quantity in first.items()
-            if key in own
+            (compare(facts[key], fact), fact) for key, fact in first.items() if key in facts
         )
-        for name, own in others
+        for name, facts in others
     }
     beyond, wide = (
-        {name: own.get(change, []) for name, own in changes.items()}
+        {name: alike.get(change, []) for name, alike in changes.items()}
         for change in ("beyond", "too wide to tell")
     )
     differing, too_wide = (
-        {name: tuple(map(_title, own)) for name, own in several.items()}
+        {name: tuple(map(_title, facts)) for name, facts in several.items()}
         for several in (beyond, wide)
     )
     blocks = {
-        "results": (_results_table(names, found, have_tables),),
+        "results": (_results_table(names, loaded, have_tables),),
         "parameters": (_parameters_table(quantities),),
     }
     report = document(
@@ -250,8 +248,8 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         blocks,
         names=names,
         beyond=differing,
-        wide={name: _by_symbol(own) for name, own in wide.items()},
-        models={result.model for result in found},
+        wide={name: _by_symbol(facts) for name, facts in wide.items()},
+        models={result.model for result in loaded},
         have_tables=have_tables,
     )
     return SideBySide(report, differing, too_wide)
@@ -260,7 +258,8 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
 def _by_symbol(quantities: Iterable[Fact]) -> Mapping[str, list[str]]:
     """All states of charge of each parameter, in percent; one that has none is empty."""
     return gathered(
-        (symbol(own.label), "" if own.soc is None else f"{100 * own.soc:g}") for own in quantities
+        (symbol(fact.label), "" if fact.soc is None else f"{100 * fact.soc:g}")
+        for fact in quantities
     )
 
 
@@ -273,14 +272,14 @@ def _names(results: list[Result]) -> tuple[str, ...]:
 
 def _results_table(names: tuple[str, ...], results: list[Result], have_tables: bool) -> Table:
     """The circuit, temperature, capacity and errors of each result."""
-    own = results if have_tables else [result.without_tables() for result in results]
+    shown = results if have_tables else [result.without_tables() for result in results]
 
     def temperature(result: Result) -> str:
         degc = result.fits.reference_degc
         if degc is not None:
             return f"tables at {degrees(degc)}"
-        known = dict.fromkeys(degrees(at) for _, at in result.measured_at if at is not None)
-        return joined(list(known)) or NOTHING
+        measured = (degrees(at) for _, at in result.measured_at if at is not None)
+        return joined(list(dict.fromkeys(measured))) or NOTHING
 
     rows = (
         [
@@ -291,7 +290,7 @@ def _results_table(names: tuple[str, ...], results: list[Result], have_tables: b
             millivolt(result.metrics.identification.rmse_v),
             joined([millivolt(part.rmse_v) for part in result.metrics.validation]) or NOTHING,
         ]
-        for name, result in zip(names, own, strict=True)
+        for name, result in zip(names, shown, strict=True)
     )
     text = ["result", "circuit", "temperature", "validation"]
     return rows_table("", [*text[:3], "capacity [Ah]", "RMSE", *text[3:]], rows, text)
@@ -301,27 +300,22 @@ def _parameters_table(quantities: Mapping[str, Mapping[Key, Fact]]) -> Table:
     """Each parameter of each result with its interval, and the change from the first."""
     (_, first), *others = quantities.items()
 
-    def change(key: Key, own: Mapping[Key, Fact]) -> str:
-        if key not in first or key not in own or not first[key].value:
+    def change(key: Key, facts: Mapping[Key, Fact]) -> str:
+        if key not in first or key not in facts or not first[key].value:
             return NOTHING
-        ratio = own[key].value / first[key].value
+        ratio = facts[key].value / first[key].value
         if math.isnan(ratio):
             return NOTHING
-        return f"{100 * (ratio - 1):+.3g} %, {compare(first[key], own[key])}"
+        return f"{100 * (ratio - 1):+.3g} %, {compare(first[key], facts[key])}"
 
     heads = ["parameter", "SOC", *quantities]
     for index, (name, _) in enumerate(others):
         heads.insert(4 + 2 * index, f"change to {name}" if len(others) > 1 else "change")
     rows = []
-    for key in dict.fromkeys(key for own in quantities.values() for key in own):
+    for key in dict.fromkeys(key for facts in quantities.values() for key in facts):
         row = [symbol(key[0]), NOTHING if key[1] is None else percent(key[1])]
-        for own in quantities.values():
-            row += [_words(own[key]) if key in own else NOTHING]
-            row += [] if own is first else [change(key, own)]
+        for facts in quantities.values():
+            row += [_words(facts[key]) if key in facts else NOTHING]
+            row += [] if facts is first else [change(key, facts)]
         rows.append(row)
-    caption = (
-        "Values with their 95 % intervals. Beyond: the intervals do not overlap. Within: they do, "
-        "and the results do not tell a difference. Too wide to tell: they do, and one spans more "
-        "than a factor of two."
-    )
-    return rows_table(caption, heads, rows, heads)
+    return rows_table(wording("tables.beside"), heads, rows, heads)

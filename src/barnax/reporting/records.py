@@ -54,9 +54,7 @@ def facts_of(replay: "SocReplay") -> tuple[str, str]:
 def replay_table(replay: "SocReplay") -> Table:
     """The filter's errors in every scenario, beside those of plain counting."""
     return rows_table(
-        "Errors of the filter's SOC in percent, after it has come within 3 %, the mean half width "
-        "of its 95 % band, and how often that holds; on the right the RMS error of plain counting "
-        "over the same samples.",
+        wording("replay.errors"),
         HEADS,
         map(_scenario_row, replay.scenarios),
         HEADS[:1],

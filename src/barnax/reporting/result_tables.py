@@ -189,8 +189,7 @@ def choice_table(tried: Sequence[Tried]) -> Table:
         "": lambda rung: rung.outcome,
     }
     return make_table(
-        "How the circuit was chosen: errors on held-out blocks, in brackets those above 10 % SOC, "
-        "and the gain in the logarithm of the mean square.",
+        wording("circuit.chosen"),
         tried,
         cells,
         ["circuit", "nodes", "adds", "held out [mV]", "gain (standard error)", ""],
@@ -225,9 +224,7 @@ def parameters_table(result: "Result") -> Table:
         "held": lambda estimate: wording("circuit.held", estimate.held) if estimate.held else "",
     }
     return make_table(
-        f"The parameters with {percent(uncertainty.confidence)} intervals that account for "
-        "residual autocorrelation. SE: relative standard error; white-noise SE: the same if every "
-        "sample were independent; inflation: the ratio of the two.",
+        wording("circuit.parameters", uncertainty.confidence),
         uncertainty.estimates,
         of_estimate,
         ["parameter", "held"],

@@ -12,7 +12,7 @@ from ..cell.soc_axis import ABOVE_SOC
 from ..over_soc.fits import MIDDLE_SOC
 from ..over_soc.node_interval import Fact, parts_of
 from .document import Cells, Document, Table, make_table, rows_table
-from .wording import document
+from .wording import document, wording
 from .words import (
     NOTHING,
     aligned_millivolt,
@@ -64,8 +64,7 @@ def other_temperatures(fits: "TableFits") -> tuple[Table, ...]:
         "predicted from": lambda row: "both sides" if row[0].is_between else "one side",
     }
     errors = make_table(
-        "RMSE in mV, in brackets that above 10 % SOC: with the tables of that temperature, on "
-        "blocks held out of the fit, and as predicted by the tables of the other temperatures.",
+        wording("tables.at_each_temperature"),
         zip(over.left_out, (fit.cross_validation for fit in fits), strict=True),
         cells,
         cells,
@@ -90,18 +89,8 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
     for soc, facts in nodes.items():
         cells = ((figures(1e3 * fact.value) + _edge(fact), _thousandfold(fact)) for fact in facts)
         rows.append([f"{100 * (soc or 0.0):g}", *chain.from_iterable(cells)])
-    mark = " 95 %: what another record of the cell would show." if are_several else ""
-    if any(map(_edge, chain.from_iterable(nodes.values()))):
-        mark += (
-            f" {EDGE}: the value is at one end of its interval: smoothing over SOC moved it. The "
-            "interval is that of a fit with a hundredth of the smoothing, extended to the value."
-        )
-    return rows_table(
-        f"The tables{where} at the nodes near samples; linear between nodes, beyond by smoothing."
-        f"{mark}",
-        heads,
-        rows,
-    )
+    edge = EDGE if any(map(_edge, chain.from_iterable(nodes.values()))) else ""
+    return rows_table(wording("tables.nodes", where, are_several, edge), heads, rows)
 
 
 def means_table(fit: "TableFit", where: str = "") -> Table:

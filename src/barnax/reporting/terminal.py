@@ -127,12 +127,10 @@ class Whole:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         # A line between columns is as wide as a space.
         pad, lines = self.layout["padding"][1], int(self.layout["box"] is not None)
-        fitted = self._parts(options.max_width, pad, lines)
-        if lines and len(fitted) > 1:
-            closer = self._parts(options.max_width, 0, lines)
-            if len(closer) < len(fitted):
-                pad, fitted = 0, closer
-        for places in fitted:
+        parts = self._parts(options.max_width, pad, lines)
+        if lines and len(closer := self._parts(options.max_width, 0, lines)) < len(parts):
+            pad, parts = 0, closer
+        for places in parts:
             yield self._part(places, options.max_width, pad, lines)
 
     def _column(self, place: int) -> list[Words]:
@@ -150,13 +148,11 @@ class Whole:
 
     def _parts(self, width: int, pad: int, lines: int) -> list[list[int]]:
         """The columns that stand beside each other, each time after the first."""
+        count = len(self.are_numbers)
+        firsts = [place for place in range(1, count) if place not in self.joined]
         parts: list[list[int]] = [[0]]
-        for place in range(1, len(self.are_numbers)):
-            if place in self.joined:
-                continue
-            group = [place]
-            while group[-1] + 1 in self.joined:
-                group.append(group[-1] + 1)
+        for first, following in pairwise([*firsts, count]):
+            group = [*range(first, following)]
             wanted = [*parts[-1], *group]
             taken = sum(map(self._least, wanted)) + _between(wanted, pad, lines)
             if len(parts[-1]) > 1 and taken > width:

@@ -54,7 +54,7 @@ def document(
     """
     title, summary = "", ""
     sections: list[tuple[str, list[Block]]] = []
-    for mark, group in groupby(_items(_template(template).render(**facts)), itemgetter(0)):
+    for mark, group in groupby(_items(rendered(template, **facts)), itemgetter(0)):
         texts = [text for _, text in group]
         if mark == "=":
             title = texts[0]
@@ -71,6 +71,11 @@ def document(
             sections[-1][1].append(Bullets(tuple(texts), are_warnings=mark == "!"))
     filled = (Section(name, tuple(parts)) for name, parts in sections if parts)
     return Document(title, summary, tuple(filled))
+
+
+def rendered(template: str, **facts: Any) -> str:
+    """The text of a template as it stands."""
+    return _template(template).render(**facts)
 
 
 def sentences(name: str, *facts: Any) -> tuple[str, ...]:

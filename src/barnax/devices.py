@@ -1,7 +1,9 @@
-"""Where JAX computes for the command line and a fleet's processes."""
+"""Where JAX computes for the command line and a fleet's processes, and what it keeps compiled."""
 
 import os
 import sys
+
+import platformdirs
 
 VARIABLES = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
 
@@ -20,3 +22,15 @@ def prefer_cpu() -> None:
     """
     if not told() and "jax" not in sys.modules:
         os.environ["JAX_PLATFORMS"] = "cpu"
+
+
+def keep_compiled() -> None:
+    """Have JAX keep compiled programs from run to run in the user's cache folder, before it loads.
+
+    `JAX_COMPILATION_CACHE_DIR` names another folder, `JAX_ENABLE_COMPILATION_CACHE=false` switches
+    it off.
+    """
+    folder = platformdirs.user_cache_path("barnax") / "jax"
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
+    # Some fifty small ones are made too, and compiling them takes longer than reading them.
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")

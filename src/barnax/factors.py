@@ -35,6 +35,8 @@ _TYPES = dict(zip(_MEMBERS, ("|u1", "<i4", "<f8", "|u1"), strict=True))
 
 # What no cell and no log has: with such numbers a fit would give nonsense, or overflow.
 MOST_AH, MOST_OHM, MOST_S, MOST_V = 1e6, 1e6, 1e10, 1e4
+# What a file that is none of ours makes of reading it.
+_BROKEN = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 _Seconds = Field(ge=0, le=MOST_S, allow_inf_nan=False)
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Volts = Annotated[float, Field(ge=-MOST_V, le=MOST_V, allow_inf_nan=False)]
@@ -90,7 +92,7 @@ def factors_to_bytes(kept: Sequence[Kept]) -> bytes:
             order, factor = _trapezoid(part.factor)
             parts.append(_Part(scored=part.scored, rows=len(part.factor), columns=len(order)))
             columns.append(order)
-            rows += [row[place:] for place, row in enumerate(factor)]
+            rows.append(factor[np.triu_indices(len(factor), m=len(order))])
         heads.append(_head_of(record, (parts[0], parts[1])).model_dump())
     header = json.dumps({"version": VERSION, "records": heads}).encode()
     members = {
@@ -152,35 +154,17 @@ def read_factors(path: str | Path) -> list[Kept]:
                 # A device has no size, and no end.
                 is_long = os.fstat(file.fileno()).st_size > LARGEST_FILE
                 content = b"" if is_long else file.read(LARGEST_FILE + 1)
-        if is_long or len(content) > LARGEST_FILE:
-            raise InputError(f"{path}: is longer than {LARGEST_FILE:,} bytes, and not read")
-        members = _members(content)
-        if len(members["header"]) > LONGEST_HEADER:
-            raise ValueError(f"its header is longer than {LONGEST_HEADER:,} bytes")
-        header = json.loads(members["header"].tobytes())
-        version = header.pop("version", None)
-        if version != VERSION:
-            raise InputError(
-                f"{path}: is of version {printable(str(version)[:20])} of factor files, and this "
-                f"barnax reads version {VERSION}; keep the factors anew, from the records"
-            )
-        if _digest(members) != members["sha256"].tobytes():
-            raise ValueError("its checksum does not match")
-        records = header.get("records")
-        if not isinstance(records, list) or not 0 < len(records) <= MOST_RECORDS:
-            raise ValueError(f"it has no list of 1 to {MOST_RECORDS:,} records")
-        heads = [_Head.model_validate_json(json.dumps(record)) for record in records]
-        try:
-            return list(_records(heads, members["columns"], members["rows"]))
-        except InputError as problem:
-            raise InputError(f"{path}: {problem}") from problem
     except OSError as problem:
         raise InputError(f"{path}: cannot be read ({problem.strerror})") from problem
-    except (
-        ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError
-    ) as problem:  # fmt: skip
-        if isinstance(problem, InputError):
-            raise
+    if is_long or len(content) > LARGEST_FILE:
+        raise InputError(f"{path}: is longer than {LARGEST_FILE:,} bytes, and not read")
+    try:
+        return _parsed(content)
+    except InputError as problem:
+        raise InputError(f"{path}: {problem}") from problem
+    except zipfile.BadZipFile as problem:
+        raise InputError(f"{path}: is no factor file; give one that a fleet kept") from problem
+    except _BROKEN as problem:
         reason = str(problem).splitlines()[0] if str(problem) else type(problem).__name__
         if isinstance(problem, ValidationError):
             first = problem.errors()[0]
@@ -190,8 +174,25 @@ def read_factors(path: str | Path) -> list[Kept]:
             f"{path}: is no whole factor file ({printable(reason[:200])}); keep the factors anew, "
             "from the records"
         ) from problem
-    except zipfile.BadZipFile as problem:
-        raise InputError(f"{path}: is no factor file; give one that a fleet kept") from problem
+
+
+def _parsed(content: bytes) -> list[Kept]:
+    members = _members(content)
+    if len(members["header"]) > LONGEST_HEADER:
+        raise ValueError(f"its header is longer than {LONGEST_HEADER:,} bytes")
+    header = json.loads(members["header"].tobytes())
+    if (version := header.pop("version", None)) != VERSION:
+        raise InputError(
+            f"is of version {printable(str(version)[:20])} of factor files, and this barnax reads "
+            f"version {VERSION}; keep the factors anew, from the records"
+        )
+    if _digest(members) != members["sha256"].tobytes():
+        raise ValueError("its checksum does not match")
+    records = header.get("records")
+    if not isinstance(records, list) or not 0 < len(records) <= MOST_RECORDS:
+        raise ValueError(f"it has no list of 1 to {MOST_RECORDS:,} records")
+    heads = [_Head.model_validate_json(json.dumps(record)) for record in records]
+    return list(_records(heads, members["columns"], members["rows"]))
 
 
 def _members(content: bytes) -> dict[str, np.ndarray]:
@@ -225,7 +226,9 @@ def _records(
         raise ValueError("its sizes or numbers do not fit")
     if any(part.rows > max(part.columns, 1) for part in parts):
         raise ValueError("a factor has more rows than columns")
-    first_column = first_row = numbers = 0
+    by_columns = iter(np.split(columns, np.cumsum([part.columns for part in parts])))
+    by_rows = iter(np.split(rows, np.cumsum([part.size for part in parts])))
+    numbers = 0
     layouts: dict[Grid, Layout] = {}
     for head in heads:
         require_nodes(head.nodes)
@@ -245,21 +248,17 @@ def _records(
             raise ValueError("its nodes do not fit")
         own = []
         for part in head.parts:
-            order = columns[first_column : first_column + part.columns]
-            values = rows[first_row : first_row + part.size]
+            order, values = next(by_columns), next(by_rows)
             if len(np.unique(order)) != len(order) or np.any((order < 0) | (order >= layout.width)):
                 raise ValueError("its columns do not fit")
             numbers += part.rows * layout.width
             if numbers > MOST_NUMBERS:
                 raise ValueError(f"its factors have more than {MOST_NUMBERS:,} numbers")
+            used = np.zeros((part.rows, part.columns))
+            used[np.triu_indices(min(used.shape), m=part.columns)] = values
             factor = np.zeros((part.rows, layout.width))
-            place = 0
-            for row in range(min(part.rows, part.columns)):
-                long = part.columns - row
-                factor[row, order[row:]] = values[place : place + long]
-                place += long
+            factor[:, order] = used
             own.append(Reduced(layout, part.scored, factor))
-            first_column, first_row = first_column + part.columns, first_row + part.size
         yield Kept(
             **head.model_dump(include={
                 "name", "capacity_ah", "step_ohm", "median_interval_s", "dense_interval_s",

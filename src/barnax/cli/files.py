@@ -3,7 +3,6 @@
 import io
 import json
 import os
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import field, replace
 from pathlib import Path
@@ -75,15 +74,14 @@ def check(what: Checked) -> None:
     checks, unreadable = [], []
     listed: list[dict[str, Any]] = []
 
-    def files(unreadable: list[str]) -> Iterator[Path]:
-        for given in what.files:
-            try:
-                yield from files_of([given])
-            except InputError as problem:
-                unreadable.append(str(problem))
-
-    require_records(lags_of(how), {name_of(path) for path in (*what.files, *files([]))})
-    for file in files(unreadable):
+    files: list[Path] = []
+    for given in what.files:
+        try:
+            files += files_of([given])
+        except InputError as problem:
+            unreadable.append(str(problem))
+    require_records(lags_of(how), {name_of(path) for path in (*what.files, *files)})
+    for file in files:
         try:
             with session.watch(f"Looking at {file.name}"):
                 source = read_source(file, columns=how.columns, series=how.series)

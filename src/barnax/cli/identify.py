@@ -2,7 +2,6 @@
 
 import shlex
 import threading
-from contextlib import suppress
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -183,9 +182,8 @@ def _run(
     draw = partial(result_files, result, options.report, options.paper, options.live)
     beside: dict[str, str] = {}
     # A name that no plan can hold costs the plan.
-    with suppress(InputError):
-        if plan is not None:
-            beside[PLAN] = barnax.plan_to_toml(barnax.plan.found_anywhere(plan, result.inputs))
+    if plan is not None and plan.unwritable is None:
+        beside[PLAN] = barnax.plan_to_toml(barnax.plan.found_anywhere(plan, result.inputs))
     run.deliver("result.json", result.to_json(), draw, beside)
     if unseen is not None:
         raise unseen

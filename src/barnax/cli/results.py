@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..settings import Reading, Window
 from .options import HOW_READ, OF_RECORDS, Given, group, options_of, windows_by_record
 from .output import RESULTS, Output, add_file, drawn_files, page_of, require_free_file, write_file
-from .session import Session, shown, use_compilation_cache
+from .session import Session, prepare_jax, shown
 
 if TYPE_CHECKING:
     from ..records import Source
@@ -281,7 +281,7 @@ def _document(
         missing = "the worst fits are drawn by barnax fleet, with its manifest"
         drawn = reporting.fleet.fleet_illustrations(rows, {})
         return reporting.fleet.fleet_document(summarize(rows), drawn), missing
-    use_compilation_cache()
+    prepare_jax()
     keys = _keys(path)
     if "scenarios" in keys:
         missing = "soc.json has no estimates over time; barnax soc --report draws them"

@@ -1,7 +1,6 @@
 """One run of a command: its console, its progress, its timings, its compiled code."""
 
 import json
-import os
 import re
 import shlex
 import time
@@ -9,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 
-import platformdirs
 from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.progress import (
@@ -78,7 +76,7 @@ class Session:
     def load_jax(self) -> None:
         """A stage in which JAX is loaded, and what identifies with it."""
         with self.watch("Loading JAX"):
-            use_compilation_cache()
+            prepare_jax()
             import_module("barnax.pipeline")
 
     @contextmanager
@@ -153,21 +151,10 @@ class Session:
         return (json.dumps(seconds, indent=1) + "\n").encode()
 
 
-def use_compilation_cache() -> None:
-    """Keep compiled searches between runs, in the user's cache folder.
-
-    `JAX_COMPILATION_CACHE_DIR` names another folder, `JAX_ENABLE_COMPILATION_CACHE=false`
-    switches it off.
-    """
-    import jax
-
+def prepare_jax() -> None:
+    """Set up where JAX computes and what it keeps, before it is loaded."""
+    devices.keep_compiled()
     require_platform()
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        folder = platformdirs.user_cache_path("barnax") / "jax"
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-    if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
-        # Some fifty small ones are made too, and compiling them takes longer than reading them.
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def require_platform() -> None:

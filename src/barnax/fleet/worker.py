@@ -13,9 +13,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-import platformdirs
-
-from ..devices import prefer_cpu
+from ..devices import keep_compiled, prefer_cpu
 from ..files import located
 from .manifest import FleetCell
 
@@ -57,9 +55,7 @@ def prepare_process() -> None:
         own = os.environ.get("XLA_FLAGS", "").replace(XLA_FLAGS, "")
         os.environ["XLA_FLAGS"] = f"{own.strip()} {XLA_FLAGS}".strip()
         os.environ.update(XLA_THREADS)
-        cache = platformdirs.user_cache_path("barnax") / "jax"
-        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
-        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+        keep_compiled()
 
 
 def start_worker(driver: int) -> None:

@@ -3,19 +3,18 @@
 import functools
 import json
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
 import tomlkit
 from pydantic import TypeAdapter
-from tomlkit.items import Table
 
 from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
 from ..inputs import file_names, window_of, windows_by_name
-from ..job import PLANNED, Job
+from ..job import OPTIONS, PLANNED, Job
 from ..model.window import START, merged
 from ..notices import Notice
 from ..records import Source
@@ -88,6 +87,14 @@ class Plan(Brief):
         return tuple(part for part in self.parts if part.role == role)
 
     @property
+    def unwritable(self) -> str | None:
+        """The first file whose name TOML cannot hold."""
+        paths = (str(part.path) for part in self.parts)
+        return next(
+            (path for path in paths if path.encode(errors="replace").decode() != path), None
+        )
+
+    @property
     def lines(self) -> list[str]:
         """Every file in a line, with what it is and why it serves or not."""
         return [f"{part.name}: {part.role} ({part.kind}): {part.reason}" for part in self.parts]
@@ -153,12 +160,10 @@ _HEAD = (
 )
 
 
-# What a key of a plan takes, in words, by its type or name; all others take a text.
-_TEXT = ("text in quotes", str)
-_NUMBER = "a whole number"
+# What a key of a plan takes, by its type or name; all others take a text.
 _WORDS: dict[Any, str] = {
-    int: _NUMBER,
-    Literal[-1, 1]: _NUMBER,
+    int: "a whole number",
+    Literal[-1, 1]: "a whole number",
     float: "a number",
     bool: "true or false",
     tuple[int, ...]: "whole numbers, as [7, 8]",
@@ -169,18 +174,6 @@ _WORDS: dict[Any, str] = {
     "columns": "text in quotes, or texts by name",
     "voltage_lag": "a number, texts like FILE=0.3, or numbers by name of record",
 }
-
-
-def _kinds(owner: Any, names: Iterable[str]) -> dict[str, tuple[str, Any]]:
-    """What fields of a class take, by name, in words and as a type; of a choice any of its type."""
-    hints, kinds = get_type_hints(owner), {}
-    for name in names:
-        hint, choices = hints[name], choices_in(hints[name])
-        words = (_WORDS[one] for one in (name, hint, *get_args(hint)) if one in _WORDS)
-        kinds[name] = next(words, _TEXT[0]), type(choices[0]) if choices else hint
-    return kinds
-
-
 # Options of a record, in the order of a `Window`, by the fields that they are.
 _FIELD_OF = {
     option: field.name
@@ -188,16 +181,18 @@ _FIELD_OF = {
     for option, (name, *_) in WINDOW_OPTIONS.items()
     if name == field.name
 }
-_OF_RECORD = dict(zip(_FIELD_OF, _kinds(Window, _FIELD_OF.values()).values(), strict=True))
 # What was found of a file: results tell it again.
-_FINDINGS = _kinds(Part, ("kind", "reason", "sha256", "temperature_degc", "plans_soc"))
-# Options of the run, by the names of `barnax.identify`; one capacity for all records is one too.
-_OF_RUN = {**_OF_RECORD, **_kinds(Job, PLANNED)}
-# What a file's table may hold.
-_SPAN = _kinds(Part, ["span_s"])["span_s"]
+_FINDINGS = ("kind", "reason", "sha256", "temperature_degc", "plans_soc")
+# The types of options of a record, of the run by the names of `barnax.identify` (one capacity for
+# all records is one too), and of what a file's table may hold.
+_PART = get_type_hints(Part)
+_OF_RECORD = {option: get_type_hints(Window)[name] for option, name in _FIELD_OF.items()}
+_OF_RUN = {**_OF_RECORD, **{name: OPTIONS[name] for name in PLANNED}}
 _OF_FILE = {
-    **dict.fromkeys(("file", "name", "role"), _TEXT), "span": _SPAN, **_OF_RECORD, **_FINDINGS
-}  # fmt: skip
+    **{"file": str, "name": str, "role": str, "span": _PART["span_s"]},
+    **_OF_RECORD,
+    **{name: _PART[name] for name in _FINDINGS},
+}
 
 
 def plan_to_toml(plan: Plan) -> str:
@@ -208,14 +203,11 @@ def plan_to_toml(plan: Plan) -> str:
 
     Raises `InputError` for a file whose name TOML cannot hold.
     """
-    for path in (str(part.path) for part in plan.parts):
-        try:
-            path.encode()
-        except UnicodeEncodeError as problem:
-            raise InputError(
-                f"{printable(path)}: this name is not UTF-8, as a plan is; rename the file, or run "
-                "the folder as it is"
-            ) from problem
+    if plan.unwritable is not None:
+        raise InputError(
+            f"{printable(plan.unwritable)}: this name is not UTF-8, as a plan is; rename the file, "
+            "or run the folder as it is"
+        )
     document = tomlkit.document()
     for line in (*_HEAD, *filter(None, (plan.missing,))):
         document.add(tomlkit.comment(printable(line)))
@@ -227,10 +219,7 @@ def plan_to_toml(plan: Plan) -> str:
     reasons = {name: reason for name, reason in plan.reasons.items() if reason != GIVEN}
     if reasons:
         document.add("reasons", tomlkit.item(reasons))
-    tables = tomlkit.aot()
-    for part in plan.parts:
-        tables.append(_table(part, _known(plan.window)))
-    document.add("files", tables)
+    document.add("files", tomlkit.item([_table(part, _known(plan.window)) for part in plan.parts]))
     # Comments are printable already: what is left stands in quotes.
     return "".join(
         letter if letter == "\n" or letter.isprintable() else f"\\U{ord(letter):08x}"
@@ -238,25 +227,19 @@ def plan_to_toml(plan: Plan) -> str:
     )
 
 
-def _table(part: Part, common: Mapping[str, Any]) -> Table:
-    table = tomlkit.table()
-    table.add("file", str(part.path))
-    table.add("role", part.role)
+def _table(part: Part, common: Mapping[str, Any]) -> dict[str, Any]:
+    table: dict[str, Any] = {"file": str(part.path), "role": part.role}
     if part.span_s is not None:
-        table.add("name", part.name)
-        table.add("span", list(part.span_s))
+        table |= {"name": part.name, "span": list(part.span_s)}
     own = _known(part.window)
     starts = [option for option, name in _FIELD_OF.items() if name in START]
     if all(own.get(option) == common.get(option) for option in starts):
         own = {option: value for option, value in own.items() if value != common.get(option)}
-    for option, value in own.items():
-        table.add(option, value)
-    for name in _FINDINGS:
-        value = getattr(part, name)
-        # 0 degC is told.
-        if value is not None and value is not False and value != "":
-            table.add(name, value)
-    return table
+    findings = {name: getattr(part, name) for name in _FINDINGS}
+    # 0 degC is told.
+    return (
+        table | own | {n: v for n, v in findings.items() if v not in (None, "") and v is not False}
+    )
 
 
 def _known(window: Window) -> dict[str, Any]:
@@ -310,7 +293,7 @@ def plan_from_toml(path: str | Path) -> Plan:
         raise InputError(f"{shown}: no file has the role {role}; give one file that role")
     reasons = {
         **dict.fromkeys(options, GIVEN),
-        **_read(shown, reasons, dict.fromkeys(options, _TEXT)),
+        **_read(shown, reasons, dict.fromkeys(options, str)),
     }
     parts, taken = _named(parts, path.parent)
     return Plan(command, parts, options, reasons, window=window, warnings=(*warnings, *taken))
@@ -352,20 +335,22 @@ def _named(parts: tuple[Part, ...], place: Path) -> tuple[tuple[Part, ...], tupl
     return tuple(found), tuple(warnings)
 
 
-def _read(
-    shown: str, table: Mapping[str, Any], known: Mapping[str, tuple[str, Any]]
-) -> dict[str, Any]:
-    """The table's values as what their keys take, strictly: an array for several."""
-    unknown = sorted(table.keys() - known.keys())
+def _read(shown: str, table: Mapping[str, Any], hints: Mapping[str, Any]) -> dict[str, Any]:
+    """The table's values as the types of their keys, strictly; of a choice any of its type."""
+    unknown = sorted(table.keys() - hints.keys())
     if unknown:
         raise InputError(
-            f"{shown}: {unknown[0]!r} is not a key of a plan here; there are {', '.join(known)}"
+            f"{shown}: {unknown[0]!r} is not a key of a plan here; there are {', '.join(hints)}"
         )
     values = {}
     for key, value in table.items():
-        words, kind = known[key]
+        hint, choices = hints[key], choices_in(hints[key])
+        kind = TypeAdapter(type(choices[0]) if choices else hint)
         try:
-            values[key] = TypeAdapter(kind).validate_json(json.dumps(value), strict=True)
+            # TOML has arrays for tuples, as JSON has.
+            values[key] = kind.validate_json(json.dumps(value), strict=True)
         except (ValueError, TypeError) as problem:
+            named = (_WORDS[one] for one in (key, hint, *get_args(hint)) if one in _WORDS)
+            words = next(named, "text in quotes")
             raise InputError(f"{shown}: {key} is {value!r}; it takes {words}") from problem
     return values

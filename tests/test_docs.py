@@ -10,7 +10,7 @@ import pytest
 from typer.main import get_command
 
 import barnax
-from barnax.cli import app
+from barnax.cli.app import app
 from barnax.optimizers import OPTIMIZERS
 
 FOLDER = Path(__file__).parents[1] / "docs"

@@ -161,7 +161,7 @@ def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_
     names = set(zipfile.ZipFile(wheel).namelist())
     shipped = [*BUNDLED_NAMES, *HPPC_NAMES, *LFP_NAMES]
     assert {f"barnax/data/virtual_cell/{name}.parquet" for name in shipped} <= names
-    assert {"barnax/py.typed", "barnax/cli/options.py"} <= names
+    assert {"barnax/py.typed", "barnax/cli/app.py"} <= names
     templates = ("report.html", "report.css", "report.md", "report.js")
     templates += ("uPlot.iife.min.js", "uPlot.min.css", "uPlot.LICENSE")
     assert {f"barnax/reporting/templates/{name}" for name in templates} <= names

@@ -43,7 +43,7 @@ def main() -> None:
     from .devices import prefer_cpu
 
     prefer_cpu()
-    from .cli import app
+    from .cli.app import app
     from .cli.session import as_flags
     from .errors import InputError
 

@@ -7,7 +7,7 @@ import pytest
 from typer.main import get_command
 
 import barnax
-from barnax.cli import app
+from barnax.cli.app import app
 from barnax.cli.options import windows_of
 from barnax.cli.session import as_flags
 from barnax.errors import InputError

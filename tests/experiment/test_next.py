@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
-from barnax.cli import app
+from barnax.cli.app import app
 from barnax.cli.design import Cell, next_after
 from barnax.cli.session import as_flags
 from barnax.experiment import Step

@@ -110,3 +110,9 @@ def test_a_date_that_stands_for_none_is_no_age():
     dates = ["1970-01-01", *frame["date"][1:]]
     with pytest.raises(InputError, match="1970-01-01 in row 1 and 2022-01-01 in row 5"):
         life_of(frame.with_columns(pl.Series("date", dates)))
+
+
+def test_rows_of_one_age_have_no_trend():
+    frame = dataset(cells=3)
+    with pytest.raises(InputError, match="all rows are of one age"):
+        life_of(frame.with_columns(pl.lit(3.0).alias("age")), age="age")

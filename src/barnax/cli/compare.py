@@ -11,7 +11,7 @@ import barnax
 
 from .. import reporting
 from ..errors import InputError
-from .options import OF_FILES, OF_RECORDS, OF_SEARCH, Given, group, options_of, options_of_job
+from .options import OF_FILES, OF_RECORDS, OF_SEARCH, Given, group, options_of
 from .output import DEFAULT_FOLDER, Output, drawn_files
 from .session import Session, as_flags, shown
 
@@ -62,8 +62,9 @@ def compare(options: Comparing) -> None:
     for model, method in rows:
         _require_choice("models", model, CIRCUITS)
         _require_choice("methods", method, barnax.METHODS)
-    given = options_of_job({**options.job, **options.scope})
-    job = ComparisonJob([record] if record else [], **given, rows=rows, watch=run.watch)
+    job = ComparisonJob(
+        [record] if record else [], **options.job, **options.scope, rows=rows, watch=run.watch
+    )
     plan = barnax.plan.plan_of(job)
     if plan is not None:
         if plan.command == "hppc":

@@ -25,7 +25,6 @@ from .options import (
     Given,
     group,
     options_of,
-    options_of_job,
     options_of_settings,
 )
 from .output import Output, page_of, tell_unfinished
@@ -83,7 +82,7 @@ class FleetOptions:
     group: str = "id"
     addresses: list[str] | None = None
     files: Given = options_of(*OF_FILES)
-    of_records: Given = options_of(*OF_RECORDS)
+    of_records: Given = options_of(*OF_RECORDS, are_texts=True)
     search: Given = options_of(
         *("model", "method", "seeds", "key"),
         among=OF_JOB | options_of_settings(Settings(seeds=0), SEARCH),
@@ -107,10 +106,9 @@ class FleetOptions:
     @property
     def settings(self) -> dict[str, Any]:
         """Settings that hold for every cell."""
-        chosen = options_of_job({**self.search, **self.fix, **self.tables})
         kept = {name: getattr(self, name) for name in ("keep_results", "keep_factors", "ageing")}
         kept = {name: value for name, value in kept.items() if value}
-        return {"seeds": 0, "trust": self.trust, **chosen, **kept}
+        return {"seeds": 0, "trust": self.trust, **self.search, **self.fix, **self.tables, **kept}
 
     @property
     def defaults(self) -> dict[str, Any]:

@@ -23,7 +23,6 @@ from .options import (
     Given,
     group,
     options_of,
-    options_of_job,
 )
 from .output import DEFAULT_FOLDER, Output, drawn_files, free_name
 from .session import Session, as_flags, flag_of
@@ -47,11 +46,6 @@ class Identification:
     paper: bool = False
     tables: Given = options_of(*OF_TABLES)
     output: Output
-
-    @property
-    def given(self) -> Given:
-        """The chosen options, by the names of `barnax.identify`."""
-        return options_of_job({**self.job, **self.tables})
 
 
 @group
@@ -104,7 +98,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
     from ..over_soc.kept import fit_kept
     from ..run_setup import bounded_tables
 
-    job = barnax.Job(**options.given, watch=session.watch)
+    job = barnax.Job(**options.job, **options.tables, watch=session.watch)
     known = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch"}
     shown = {name: getattr(options, name) for name in ("report", "live", "paper", "design")}
     shown |= {"json": options.output.as_json}
@@ -132,7 +126,7 @@ def _print_plan(options: Identification, records: list[Path]) -> None:
     if not records:
         raise InputError("`plan` is for files or a folder; give them")
     with session.watch("Loading"):
-        job = barnax.Job(records, **options.given, watch=session.watch)
+        job = barnax.Job(records, **options.job, **options.tables, watch=session.watch)
     plan = barnax.plan.plan_of(job) or barnax.plan.plan_given(job, "identify")
     plan = barnax.plan.with_choices(plan, job)
     typer.echo(barnax.plan_to_toml(plan), nl=False)
@@ -158,7 +152,7 @@ def _run(
         module = "matplotlib.backends.backend_agg"
         # No daemon: a process that ends while one loads C++ aborts.
         threading.Thread(target=__import__, args=(module,)).start()
-    job = barnax.Job(records, **options.given, watch=run.watch)
+    job = barnax.Job(records, **options.job, **options.tables, watch=run.watch)
     if promise is not None:
         job = _sampled_by(promise, job, records)
     chosen = barnax.plan.plan_of(job) if command == "identify" else None
@@ -285,7 +279,7 @@ def pack(on: OfPack, output: Output) -> None:
         raise InputError("`validate` does nothing for a pack, whose record is the only one")
     run = output.begun("barnax-pack", [on.record, *on.job.get("ocv", ())])
     run.load_jax()
-    given = options_of_job({name: value for name, value in on.job.items() if name != "over"})
+    given = {name: value for name, value in on.job.items() if name != "over"}
     of_cells = {"cells": on.cells, "own_time_constants": on.own_time_constants}
     identified = barnax.identify_pack(on.record, **of_cells, **given, watch=run.watch)
     run.show_document(reporting.fleet.pack_document(identified))

@@ -231,9 +231,13 @@ OF_TABLES = (
 )
 
 
-def options_of(*names: str, among: Mapping[str, inspect.Parameter] = OF_JOB) -> Any:
-    """Options of a job in a group, which gets those that were given, by name."""
-    return field(metadata={DECLARED: {name: among[name] for name in names}})
+def options_of(
+    *names: str, among: Mapping[str, inspect.Parameter] = OF_JOB, are_texts: bool = False
+) -> Any:
+    """Options of a job in a group, which gets those that were given, by name and with the values of
+    `barnax.identify`, or as texts."""
+    declared = {name: among[name] for name in names}
+    return field(metadata={DECLARED: declared, "are_texts": are_texts})
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
@@ -260,7 +264,8 @@ def _made(kind: Any, given: Given, typed: Collection[str]) -> Any:
     for member in fields(kind):
         name, declared = member.name, member.metadata.get(DECLARED)
         if declared is not None:
-            values[name] = {option: given[option] for option in declared if option in typed}
+            texts = {option: given[option] for option in declared if option in typed}
+            values[name] = texts if member.metadata["are_texts"] else options_of_job(texts)
         elif is_dataclass(hints[name]):
             values[name] = _made(hints[name], given, typed)
         else:

@@ -104,14 +104,8 @@ class Delivery(Session):
         if self.folder is not None:
             heads = self.written | _folders(self.written)
             first, *others = (name for name in names if name in heads)
-            parts = [
-                f"{self.folder}/{first}",
-                *others,
-                remark,
-                f"{self.elapsed_s:.1f} s",
-                following,
-            ]
-            line = printable("  ".join(filter(None, parts)))
+            words = (*others, remark, f"{self.elapsed_s:.1f} s", following)
+            line = printable("  ".join(filter(None, (f"{self.folder}/{first}", *words))))
             self.show(["", Text(f"  {line}", no_wrap=True)])
 
 
@@ -358,8 +352,8 @@ def add_file(path: Path, content: bytes) -> None:
     with locked(path.resolve().parent.parent):
         write_file(path, content)
         if listed := _listing(path.parent):
-            with suppress(InputError):
-                write_file(path.parent / LIST, _listed({**listed, path.name: _hash(content)}))
+            with suppress(OSError):
+                write_whole(path.parent / LIST, _listed({**listed, path.name: _hash(content)}))
 
 
 def tell_unfinished(session: Session, folder: Path) -> None:

@@ -37,7 +37,7 @@ class OnRecord:
 
     result: Path
     record: Path
-    of_records: Given = options_of(*OF_RECORDS)
+    of_records: Given = options_of(*OF_RECORDS, are_texts=True)
     read: Given = options_of(*HOW_READ)
     whole_record: bool = False
 

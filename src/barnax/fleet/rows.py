@@ -168,7 +168,7 @@ def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
         row |= {"circuit": result.model, "pack": name}
         row |= {"samples": samples, **own, **fitted.tables.constants}
         row |= {"answer": "tables over SOC", "certified": False, "at bound": ""}
-        rows.append(row | {"warnings": [], "warning codes": []})
+        rows.append(row | _told([]))
     return rows
 
 
@@ -206,8 +206,7 @@ def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:
         "certified": False,
         "proved gap": None,
         "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in fit.at_bound),
-        "warnings": [str(warning) for warning in fit.warnings],
-        "warning codes": [warning.code for warning in fit.warnings],
+        **_told(fit.warnings),
     }
     held = fit.cross_validation
     return row | {"held-out RMSE [V]": held and held.tables.rmse_v}
@@ -331,17 +330,20 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
         for tenth in range(10)
     }
     is_certified, gap = _proof_of(result)
-    counting = [warning for warning in warnings if warning.counts]
     hashes = [part.sha256 for part in result.inputs]
     return row | {
         "answer": constant.source if result.tables is None else result.answer,
         "certified": is_certified,
         "proved gap": gap,
         "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in constant.at_bound),
-        "warnings": [str(warning) for warning in counting],
-        "warning codes": [warning.code for warning in counting],
+        **_told([warning for warning in warnings if warning.counts]),
         "inputs sha256": hashlib.sha256(" ".join(hashes).encode()).hexdigest(),
     }
+
+
+def _told(warnings: Sequence[Notice]) -> dict[str, list[str]]:
+    codes = [warning.code for warning in warnings]
+    return {"warnings": [str(warning) for warning in warnings], "warning codes": codes}
 
 
 def _proof_of(result: Result) -> tuple[bool, float | None]:

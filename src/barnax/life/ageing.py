@@ -152,7 +152,9 @@ def life_of(
     cells = tuple(good[names].unique().sort())
     good = with_pooled_shapes(good, names, "_age", QUANTITIES)
     first, last = float(good["_age"].min()), float(good["_age"].max())  # pyrefly: ignore
-    span = last - first or 1.0
+    span = last - first
+    if not span:
+        raise InputError(f"`age` {ages}: all rows are of one age; give ages that differ")
     degc = good["temperature [degC]"].drop_nulls().to_numpy()
     has_degc = len(degc) == len(good) and np.ptp(degc) > LEAST_K
     reference_degc = float(np.median(degc)) if has_degc else None

@@ -261,14 +261,7 @@ def _refine(rows: Sequence[Row]) -> list[Row]:
             continue
         descent = Descent(here[0].problem)
         ends = descent([row.median.parameters for row in here], FINAL_TOLERANCE)
-        for _ in range(FINAL_ROUNDS):
-            moving = [index for index, end in enumerate(ends) if not end.has_converged]
-            if not moving:
-                break
-            starts = [ends[index].parameters for index in moving]
-            again = descent(starts, FINAL_TOLERANCE, holds_bounds=True)
-            for index, end in zip(moving, again, strict=True):
-                ends[index] = end
+        ends, _ = descent.led_on(ends, FINAL_TOLERANCE, FINAL_ROUNDS)
         for row, end in zip(here, ends, strict=True):
             done[row.name] = replace(row, refined=end)
     return [done[row.name] for row in rows]

@@ -1,6 +1,6 @@
 """`barnax.design`: the next test of a cell, and what it is predicted to tell."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +16,7 @@ from .information import (
     OVERSHOT,
     Believed,
     Columns,
+    Name,
     Width,
     columns_along,
     information_of,
@@ -51,10 +52,10 @@ from .stored import (
     Design,
     Predicted,
     Reference,
+    inside,
     is_enough,
     is_within,
     short,
-    wanted_of,
 )
 
 # Of further resistances what is wanted of R2.
@@ -172,7 +173,7 @@ def design(
         for name, (columns, _) in along.items()
     )
     if want == "hppc":
-        medians = _medians(believed, references[0].widths, wanted_soc)
+        medians = _medians(_halves(references[0].widths), _names(believed), wanted_soc)
         wished, wanted = wishes_of(believed, medians, wanted_soc)
     choice = Choice(
         believed, limits, tuple(blocks), wished, criterion, high_soc, low_soc,
@@ -184,15 +185,13 @@ def design(
         return left(columns_along(believed, sampled(steps), high_soc)[0])
 
     def reaches(steps: Sequence[Step]) -> bool:
-        widths = left_by(steps)
+        halves = inside(_halves(left_by(steps)), wanted_soc)
         return all(
-            is_enough(name, width.after, half)
-            for name, half in wanted.items()
-            for width in wanted_of(name, widths, wanted_soc)
+            is_enough(name, one, half) for name, half in wanted.items() for one in halves[name]
         )
 
     before = widths_of(believed, drive=drive)
-    already = _already(believed, before, wanted, wanted_soc)
+    already = _already(believed, _halves(before), wanted, wanted_soc)
     plan, is_reached, longer, needed = None, True, None, None
     if is_asked or len(already) < len(wanted):
         with one_blas_thread():
@@ -225,7 +224,7 @@ def design(
         untold=believed.untold,
         error=believed.error,
         already=already,
-        printed=_printed(believed, wanted, wanted_soc),
+        printed=_medians(believed.printed.items(), wanted, wanted_soc),
         beyond=believed.beyond,
         follows=believed.follows,
         key=key,
@@ -303,25 +302,14 @@ def wishes_of(
         for place, (name, soc) in enumerate(believed.names)
         if is_within(soc, wanted_soc) and short(name) in wanted
     }
-    inside = {DRIVE, *(short(believed.names[place][0]) for place in wished)}
-    if lacking := [name for name in wanted if name not in inside]:
+    places = {DRIVE, *(short(believed.names[place][0]) for place in wished)}
+    if lacking := [name for name in wanted if name not in places]:
         low, high = (100 * soc for soc in wanted_soc)
         raise InputError(
             f"`want` {', '.join(lacking)}: no node lies from {low:.0f} to {high:.0f} % SOC, where "
             "the test is; identify again with more `nodes`"
         )
     return wished, wanted
-
-
-def _medians(
-    believed: Believed, widths: Sequence[Width], wanted_soc: tuple[float, float]
-) -> dict[str, float]:
-    """The median width of every table where it is wanted, and the error on a drive cycle."""
-    return {
-        name: float(np.median([width.after for width in own]))
-        for name in _names(believed)
-        if (own := wanted_of(name, widths, wanted_soc))
-    }
 
 
 def _emptying(believed: Believed, limits: Limits, low_soc: float) -> tuple[Step, ...]:
@@ -335,35 +323,32 @@ def _emptying(believed: Believed, limits: Limits, low_soc: float) -> tuple[Step,
     return (move("to empty", low_soc * capacity_ah, rate_a), rest) if rate_a > 0 else (rest,)
 
 
+def _halves(widths: Iterable[Width]) -> Iterator[tuple[Name, float]]:
+    return (((width.name, width.soc), width.after) for width in widths)
+
+
 def _already(
     believed: Believed,
-    before: Sequence[Width],
+    before: Iterable[tuple[Name, float]],
     wanted: Mapping[str, float],
     wanted_soc: tuple[float, float],
 ) -> tuple[str, ...]:
     """What the earlier records tell as well as is wanted wherever it is wanted, as a design counts
     them and by the standard errors of their own fit."""
-    found = []
-    for name, half in wanted.items():
-        own = wanted_of(name, before, wanted_soc)
-        places = [soc for table, soc in believed.names if short(table) == name]
-        count = 1 if name == DRIVE else sum(is_within(soc, wanted_soc) for soc in places)
-        halves = [max(one.after, believed.known.get((one.name, one.soc), 0.0)) for one in own]
-        if len(own) == count and all(is_enough(name, one, half) for one in halves):
-            found.append(name)
-    return tuple(found)
+    known = ((name, max(half, believed.known.get(name, 0.0))) for name, half in before)
+    halves = inside(known, wanted_soc)
+    nodes = inside(((name, 0.0) for name in (*believed.names, (DRIVE, None))), wanted_soc)
+    return tuple(
+        name
+        for name, half in wanted.items()
+        if len(halves[name]) == len(nodes[name])
+        and all(is_enough(name, one, half) for one in halves[name])
+    )
 
 
-def _printed(
-    believed: Believed, wanted: Mapping[str, float], wanted_soc: tuple[float, float]
+def _medians(
+    halves: Iterable[tuple[Name, float]], names: Iterable[str], wanted_soc: tuple[float, float]
 ) -> dict[str, float]:
-    """The medians of the half intervals that the result prints."""
-    found = {
-        name: [
-            half
-            for (table, soc), half in believed.printed.items()
-            if short(table) == name and is_within(soc, wanted_soc)
-        ]
-        for name in wanted
-    }
-    return {name: float(np.median(halves)) for name, halves in found.items() if halves}
+    """The median of every table where it is wanted, and of the error on a drive cycle."""
+    by_name = inside(halves, wanted_soc)
+    return {name: float(np.median(by_name[name])) for name in names if by_name[name]}

@@ -1,9 +1,9 @@
 """A test as steps of constant current: its pieces, how it goes, and the limits that it keeps."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby
 
 import jax
 import numpy as np
@@ -343,13 +343,7 @@ def _multisine(key: Array, length_s: int) -> Block:
 
 def _joined(name: str, lengths: Sequence[float], levels: Float[np.ndarray, "steps"]) -> Block:
     """A block of these steps; neighbors of one rounded level are one step."""
-    joined = list(_runs(lengths, np.round(levels / LEVEL) * LEVEL + 0.0))
-    return Block(name, tuple(length for length, _ in joined), tuple(level for _, level in joined))
-
-
-def _runs(
-    lengths: Sequence[float], levels: Float[np.ndarray, "steps"]
-) -> Iterator[tuple[float, float]]:
-    firsts = np.flatnonzero(np.append(True, np.diff(levels) != 0))
-    for first, after in pairwise([*firsts.tolist(), len(levels)]):
-        yield float(sum(lengths[first:after])), round(float(levels[first]), 6)
+    rounded = np.round(np.round(levels / LEVEL) * LEVEL + 0.0, 6).tolist()
+    runs = groupby(zip(lengths, rounded, strict=True), lambda step: step[1])
+    joined = [(float(sum(length for length, _ in run)), level) for level, run in runs]
+    return Block(name, *zip(*joined, strict=True))

@@ -1,6 +1,7 @@
 """A designed test as it is stored: its steps, and what they are predicted to tell."""
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -14,7 +15,7 @@ from ..display import hook
 from ..over_soc.node_interval import NodeInterval
 from ..records import Hold, Record
 from ..schema import ARRAY, Document, Part
-from .information import DRIVE, HALF_95, Error, Width
+from .information import DRIVE, HALF_95, Error, Name, Width
 from .protocol import INTERVAL_S, Limits, Step, bends
 
 if TYPE_CHECKING:
@@ -40,15 +41,15 @@ def is_within(soc: float | None, wanted_soc: tuple[float, float]) -> bool:
     return soc is not None and wanted_soc[0] <= soc <= wanted_soc[1]
 
 
-def wanted_of(
-    name: str, widths: Sequence[Width], wanted_soc: tuple[float, float]
-) -> tuple[Width, ...]:
-    """The widths of a table where it is wanted."""
-    return tuple(
-        width
-        for width in widths
-        if short(width.name) == name and (name == DRIVE or is_within(width.soc, wanted_soc))
-    )
+def inside(
+    halves: Iterable[tuple[Name, float]], wanted_soc: tuple[float, float]
+) -> dict[str, list[float]]:
+    """Halves of intervals where they are wanted, and the error on a drive cycle, by table."""
+    by_name = defaultdict[str, list[float]](list)
+    for (name, soc), half in halves:
+        if short(name) == DRIVE or is_within(soc, wanted_soc):
+            by_name[short(name)].append(half)
+    return by_name
 
 
 def is_enough(name: str, half: float, wanted: float) -> bool:
@@ -235,7 +236,12 @@ class Design(Document):
 
     def of_table(self, name: str, widths: Sequence[Width] | None = None) -> tuple[Width, ...]:
         """The widths of a table, such as "R0", where it is wanted."""
-        return wanted_of(name, self.widths if widths is None else widths, self.wanted_soc)
+        return tuple(
+            width
+            for width in (self.widths if widths is None else widths)
+            if short(width.name) == name
+            and (name == DRIVE or is_within(width.soc, self.wanted_soc))
+        )
 
     @property
     def pieces(self) -> list[tuple[str, list[Step]]]:

@@ -100,6 +100,24 @@ class Descent:
             )
         ]
 
+    def led_on(
+        self, ends: Sequence[RefinedSeed], tolerance: float, rounds: int
+    ) -> tuple[list[RefinedSeed], int]:
+        """What has not converged led on, with what is at a bound held there; and the evaluations.
+
+        Along a bound the sine is flat, and a descent wanders there without an end of its own.
+        """
+        ends, spent = list(ends), 0
+        for _ in range(rounds):
+            moving = [place for place, end in enumerate(ends) if not end.has_converged]
+            if not moving:
+                break
+            starts = [ends[place].parameters for place in moving]
+            for place, end in zip(moving, self(starts, tolerance, holds_bounds=True), strict=True):
+                ends[place] = end
+                spent += end.evaluations
+        return ends, spent
+
 
 class _Undifferentiated(optx.AbstractAdjoint):
     """Iterations that nothing differentiates: made a program in half the time."""
@@ -271,24 +289,16 @@ def refine(
     """
     descent = descent or Descent(search.problem)
     answers = [answer.parameters for answer in search.seeds]
-    refined = descent(answers, SEED_TOLERANCE, progress=progress)
-    spent = sum(seed.evaluations for seed in refined)
-    # Along a bound the sine is flat, and a descent wanders there without an end of its own.
-    moving = [seed for seed in range(len(refined)) if not refined[seed].has_converged]
-    if moving:
-        starts = [refined[seed].parameters for seed in moving]
-        for seed, end in zip(
-            moving, descent(starts, SEED_TOLERANCE, holds_bounds=True), strict=True
-        ):
-            refined[seed] = replace(end, moved=largest_change(answers[seed], end.parameters))
-            spent += end.evaluations
+    first = descent(answers, SEED_TOLERANCE, progress=progress)
+    ends, again = descent.led_on(first, SEED_TOLERANCE, 1)
+    refined = [
+        replace(end, moved=largest_change(answer, end.parameters))
+        for answer, end in zip(answers, ends, strict=True)
+    ]
     leader = min(range(len(refined)), key=lambda seed: refined[seed].rmse_v)
-    best = refined[leader]
-    for _ in range(FINAL_ROUNDS):
-        (best,) = descent([best.parameters], FINAL_TOLERANCE, holds_bounds=True)
-        spent += best.evaluations
-        if best.has_converged:
-            break
+    start = replace(refined[leader], has_converged=False)
+    (best,), last = descent.led_on([start], FINAL_TOLERANCE, FINAL_ROUNDS)
+    spent = sum(seed.evaluations for seed in first) + again + last
     ended = [best if seed == leader else refined[seed] for seed in range(len(refined))]
     optima = distinct_optima(ended)
     bounded = at_bound(descent.objective.coordinates, best.parameters)

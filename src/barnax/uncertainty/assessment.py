@@ -73,6 +73,7 @@ def diagnostics(problem: Problem, covariance: Covariance) -> Diagnostics:
     interval_s = linearization.interval_s
     time_s = noise.correlation_time_s(interval_s)
     rest_c = max(prepared.rest_current_a / prepared.capacity_ah for prepared in prepared_records)
+    soc = np.concatenate([own.soc[own.scored] for own in prepared_records])
     rate = np.concatenate([own.current_a[own.scored] / own.capacity_ah for own in prepared_records])
     return Diagnostics(
         lags_s=tuple(noise.lags_s.tolist()),
@@ -80,15 +81,9 @@ def diagnostics(problem: Problem, covariance: Covariance) -> Diagnostics:
         correlation_time_s=time_s,
         effective_samples=linearization.samples * interval_s / max(time_s, interval_s),
         samples=linearization.samples,
-        by_soc=soc_bands(_scored(prepared_records, "soc"), linearization.error_v),
+        by_soc=soc_bands(soc, linearization.error_v),
         by_current=_current_bands(rate, linearization.error_v, rest_c),
         by_temperature=_temperature_bands(prepared_records, linearization.error_v),
-    )
-
-
-def _scored(prepared_records: Sequence[PreparedRecord], name: str) -> Float[np.ndarray, "scored"]:
-    return np.concatenate(
-        [getattr(prepared, name)[prepared.scored] for prepared in prepared_records]
     )
 
 

@@ -85,11 +85,6 @@ class Noise:
         error = math.sqrt(max(variance, 0.0))
         return error, float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) * error
 
-    @property
-    def sd_v(self) -> float:
-        """Standard deviation of the noise, with what the fit has followed."""
-        return math.sqrt(float(self.variance_v2.sum()))
-
     def correlation_time_s(self, interval_s: float) -> float:
         """The integrated autocorrelation time: over it, the noise is worth one sample."""
         total = float(self.variance_v2.sum())

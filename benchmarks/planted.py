@@ -122,7 +122,7 @@ FAULTS = (
           "by_scales = slopes[:, :1] - slopes", "by_scales = slopes - slopes[:, :1]", DENSE),
     # Sampling of the current.
     fault("R0 by the other sampling", "identification.py",
-          "shifts_ohm.append(other.r0_ohm)", "shifts_ohm.append(0.0)",
+          "shifts_ohm.append(other.most_ohm)", "shifts_ohm.append(0.0)",
           "tests/test_other_sampling.py"),
     fault("pairs by the other sampling", "model/sampling.py",
           "= own / others - 1", "= others / own - 1",
@@ -147,7 +147,7 @@ FAULTS = (
           "tests/model/test_start.py"),
     # Fit and filters.
     fault("weight of a bend", "over_soc/objective.py",
-          "bent = math.sqrt(self.settings.roughness) *", "bent = self.settings.roughness *",
+          "bent = math.sqrt(settings.roughness) *", "bent = settings.roughness *",
           DENSE),
     fault("spread of a Gaussian sum", "filters/kalman.py",
           "(variance + (mean - middle) ** 2)", "variance", "tests/filters/test_kalman.py"),

@@ -198,11 +198,15 @@ def test_a_name_with_another_unit_than_its_values_is_told_without_counters(table
 
 
 def test_units_that_nothing_decides_are_noted_where_they_make_an_unusual_record():
-    """Amperes under milliamperes are a coin cell's; a sweep of 55 days is one at C/1300."""
+    """Amperes under milliamperes are a coin cell's; a sweep of 55 days is a slow one."""
     small = told(record_from_frame(FRAME.rename({CURRENT: "Current [mA]"})))
     assert any("is read in mA: up to 2 mA through 49.5 ohm" in each for each in small)
     time_s = np.arange(8000) * 600.0
     table = pl.DataFrame({TIME: time_s, CURRENT: 0 * time_s - 1e-3, VOLTAGE: 4.1 - time_s / 5e6})
     slow = told(record_from_frame(table))
-    assert any("is read in s: the record lasts 55.5 days, at C/1333" in each for each in slow)
+    assert any(
+        "is read in s: the record lasts 1333 h, at 0.00075 C or less" in each for each in slow
+    )
+    fast = told(record_from_frame(SWEEP[5:].with_columns(pl.col(TIME) / 40)))
+    assert any("is read in s: the record lasts 0.497 h, at 2 C or less" in each for each in fast)
     assert not any(" is read in " in each for each in told(record_from_frame(SWEEP)))

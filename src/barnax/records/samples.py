@@ -193,21 +193,26 @@ class Samples(Lines):
         return voltage_noise_v(some(self.step_v)[is_quiet])
 
     @cached_property
+    def answered_ohm(self) -> float:
+        """The resistance at the steps that the voltage answers, be it one; zero where they do not
+        tell it. Its sign is that of the voltage's answer."""
+        steps = self.steps[self.answer_v[self.steps] != 0]
+        step_a, step_v = self.step_a[steps], self.answer_v[steps]
+        rising = np.sign(np.sum(step_a * step_v))
+        return rising * step_resistance_ohm(step_a, step_v, fewest=1)
+
+    @cached_property
     def bulk_time(self) -> tuple[float, float]:
         """R dQ/dV over the record, in s, and the travel of its voltage without R I, in V.
 
         The time is zero where the current's steps do not tell R.
         """
-        steps = self.steps[self.answer_v[self.steps] != 0]
-        step_a, step_v = self.step_a[steps], self.answer_v[steps]
-        resistance_ohm = step_resistance_ohm(step_a, step_v, fewest=1)
-        rising = np.sign(np.sum(step_a * step_v))
-        source_v = few(self.voltage_v) - rising * resistance_ohm * few(self.current_a)
+        source_v = few(self.voltage_v) - self.answered_ohm * few(self.current_a)
         low_v, high_v = np.quantile(source_v, [0.02, 0.98])
         travel_v = float(high_v - low_v)
-        if not resistance_ohm or travel_v <= 0:
+        if travel_v <= 0:
             return 0.0, travel_v
-        return resistance_ohm * 3600 * self.span_ah / travel_v, travel_v
+        return abs(self.answered_ohm) * 3600 * self.span_ah / travel_v, travel_v
 
 
 def few(values: Float[np.ndarray, "all"]) -> Float[np.ndarray, "some"]:

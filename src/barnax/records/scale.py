@@ -68,22 +68,23 @@ def examine_scale(
     return _with_unusual(samples)
 
 
-# Of the measured records not one in a hundred lasts so long, or is at so many hours for the charge
-# that it moves; a resistance is larger in coin cells alone.
-_RARELY_S, _RARELY_H, _RARELY_OHM = 50 * DAY_S, 300.0, 5.0
+# Not one in a hundred measured records lasts so long, or so short beside so large a swing of the
+# voltage, or is at so low a rate; no other than of coin cells has so large a resistance.
+_LONG_S, _SHORT_S, _SWUNG_V, _RATE, _COIN_OHM = 50 * DAY_S, 2500.0, 0.6, 1 / 300, 1.0
 
 
 def _with_unusual(samples: Samples) -> Samples:
     """The samples, with notes of units in no doubt that make an unusual record all the same."""
     said = {finding.code.partition(".")[0] for finding in samples.findings}
     time, current = samples.columns["time"], samples.columns["current"]
-    span_ah, ohm, length_s = samples.span_ah, samples.resistance_ohm, samples.length_s
-    slow_h = span_ah / max(samples.peak_a, LEAST_A)
-    is_slow = slow_h > _RARELY_H or length_s > _RARELY_S
-    if is_slow and not time.is_unit_given and "time-unit" not in said:
-        told = {"unit": time.unit.symbol, "days": length_s / DAY_S, "hours": slow_h}
-        samples = samples.telling(0, "time-unit.unusual", column=time.header, **told)
-    is_small = current.unit.factor < 1 and ohm > _RARELY_OHM and not samples.counters.written
+    span_ah, ohm, length_s = samples.span_ah, abs(samples.answered_ohm), samples.length_s
+    is_slow = length_s > _LONG_S or samples.peak_a < _RATE * span_ah
+    is_fast = length_s < _SHORT_S and samples.bulk_time[1] > _SWUNG_V
+    if (is_slow or is_fast) and not time.is_unit_given and "time-unit" not in said:
+        told = {"unit": time.unit.symbol, "length_h": length_s / 3600}
+        told |= {"column": time.header, "rate": samples.peak_a / max(span_ah, LEAST_A)}
+        samples = samples.telling(0, "time-unit.unusual", **told)
+    is_small = current.unit.factor < 1 and ohm > _COIN_OHM and not samples.counters.written
     if is_small and not current.is_unit_given and "current-unit" not in said:
         told = {"unit": current.unit.symbol, "peak_a": samples.peak_a, "ohm": ohm}
         told |= {"column": current.header, "span_ah": span_ah}

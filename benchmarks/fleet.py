@@ -119,7 +119,7 @@ def measure_alone(manifest: str, count: str, kind: str = "one circuit") -> dict:
 
     `kind` is "one circuit" or "default".
     """
-    from barnax.fleet.worker import prepare_process
+    from barnax.fleet.engine import prepare_process
 
     prepare_process()
     import jax
@@ -177,7 +177,7 @@ def measure_loop(manifest: str, count: str) -> dict:
 
 def measure_stages(count: str) -> dict:
     """The least CPU ms of every stage of the bundled cell, of some repeats."""
-    from barnax.fleet.worker import prepare_process
+    from barnax.fleet.engine import prepare_process
 
     prepare_process()
     from importlib import import_module

@@ -220,7 +220,7 @@ def page(folder: Path) -> str:
     """All of it."""
     import barnax
     from barnax.fleet.dataset import dataset_path, read_rows, write_rows
-    from barnax.fleet.worker import prepare_process
+    from barnax.fleet.engine import prepare_process
 
     prepare_process()
     fresh = barnax.identify(

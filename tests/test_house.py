@@ -74,7 +74,7 @@ READING |= {WRITING, DATASET, "fleet/manifest.py"}
 # What imports by name.
 BY_NAME = {"import_module", "resolve_name", "__import__"}
 # The worker hands these flags to XLA.
-FLAGS_OF_OTHERS = {"fleet/worker.py"}
+FLAGS_OF_OTHERS = {"fleet/engine.py"}
 # These say where names live and where the command starts; they are no layer.
 DOORS = {"__init__", "__main__"}
 SHORTEST, LONGEST = 20, 400

@@ -10,7 +10,7 @@ import pytest
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError, as_keys
 from barnax.fleet import read_manifest
-from barnax.fleet.engine import in_shard, parse_shard
+from barnax.fleet.dataset import in_shard, parse_shard
 from barnax.fleet.rows import identify_rows
 from barnax.records.readers import content as bytes_of
 from barnax.reporting.fleet import problem_lines

@@ -131,8 +131,8 @@ def fleet(given: FleetOptions) -> None:
     apply to cells whose row does not set them.
     """
     session = Session(is_quiet=given.quiet)
+    from ..fleet.engine import identify_fleet, prepare_process
     from ..fleet.manifest import read_manifest
-    from ..fleet.worker import prepare_process
 
     where = given.manifest or given.fleet
     if where is None or (given.manifest and given.fleet):
@@ -164,8 +164,7 @@ def fleet(given: FleetOptions) -> None:
         if lines:
             raise InputError(f"{manifest}: {counted(len(lines), 'problem')} to correct")
         return
-    from ..fleet.dataset import dataset_path, parts_folder
-    from ..fleet.engine import identify_fleet, parse_shard
+    from ..fleet.dataset import dataset_path, parse_shard, parts_folder
 
     require_platform()
     page = out / "report.html"

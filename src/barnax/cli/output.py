@@ -166,7 +166,7 @@ def require_free(folder: Path, is_forced: bool) -> None:
             names = sorted(os.listdir(place))
             own, _ = _own_and_others(place)
             if names and own.isdisjoint(RESULTS):
-                known = sorted({*names, *RESULTS} & _listing(place).keys() & {*RESULTS})
+                known = sorted(_listing(place).keys() & {*RESULTS})
                 what = f"{known[0]!r} was changed since" if known else f"holds {names[0]!r}, which"
                 words = "barnax wrote it" if known else "barnax did not write"
                 raise InputError(f"{folder}: {what} {words}; {another}")

@@ -129,17 +129,20 @@ class Session:
 
     def tell(self, notes: Iterable[object]) -> None:
         """Print what was done with the inputs to stderr, unless the command is quiet."""
-        for note in () if self._is_quiet else sentences_of(notes):
-            self._notes.print("[dim]note:[/dim]", shown(as_flags(note)), soft_wrap=True)
+        if not self._is_quiet:
+            self._list("[dim]note:[/dim]", notes)
 
     def warn(self, warnings: Iterable[object]) -> None:
         """Print warnings to stderr, even where the command is quiet, and what was assumed of a
         file; other notes are the report's."""
-        shown_ones = (
-            told for told in warnings if not isinstance(told, Notice) or told.counts or told.is_told
+        self._list(
+            "[yellow]warning:[/yellow]",
+            (one for one in warnings if not isinstance(one, Notice) or one.counts or one.is_told),
         )
-        for warning in sentences_of(shown_ones):
-            self._notes.print("[yellow]warning:[/yellow]", shown(as_flags(warning)), soft_wrap=True)
+
+    def _list(self, kind: str, notices: Iterable[object]) -> None:
+        for sentence in sentences_of(notices):
+            self._notes.print(kind, shown(as_flags(sentence)), soft_wrap=True)
 
     @property
     def elapsed_s(self) -> float:

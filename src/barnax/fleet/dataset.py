@@ -5,6 +5,7 @@ final file takes in the parts the same way; what both hold counts once. Where fa
 rows are cells of any grouping: no raw data are read again.
 """
 
+import hashlib
 import io
 import os
 import re
@@ -335,3 +336,22 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
     if not cells:
         raise InputError(f"{out}: has no rows with factors; identify it with `keep_factors`")
     return [*cells.values()]
+
+
+def in_shard(cell: FleetCell, shard: Shard | None) -> bool:
+    """True if a cell belongs to the k-th of N shards, by its id alone."""
+    if shard is None:
+        return True
+    number, count = shard
+    return int(hashlib.sha256(cell.id.encode()).hexdigest()[:12], 16) % count == number - 1
+
+
+def parse_shard(text: str) -> Shard:
+    """The shard and the number of shards, from "3/10". Raises `InputError` for anything else."""
+    try:
+        number, count = map(int, text.split("/"))
+    except ValueError:
+        number = count = 0
+    if not 1 <= number <= count:
+        raise InputError(f"`shard` {text!r}: write part/parts, counting from 1, such as 3/10")
+    return number, count

@@ -2,12 +2,18 @@
 
 Workers send rows back, and this process alone writes them. Where a pool breaks, the cells that it
 had are identified once more, each alone: one whose worker dies then too has that in its row.
+Nothing here loads JAX before a worker has set how it is to run.
 """
 
-import hashlib
+import functools
+import gc
 import itertools
 import multiprocessing
 import os
+import signal
+import sys
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -23,14 +29,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any
 
+from ..devices import keep_compiled, prefer_cpu
 from ..errors import InputError
 from ..files import is_factor_file, located, undisturbed
 from ..records import read_record
 from ..records.logger import Logger, loggers_of
 from ..settings import Reading
-from .dataset import Shard, compact, finished, write_part, writing
+from .dataset import Shard, compact, finished, in_shard, write_part, writing
 from .manifest import FleetCell, Options, cell_of, distinct
-from .worker import Rows, prepare_process, run_cell, start_worker
 
 # Rows of a part: few enough to lose where this process is killed.
 MAX_IN_PART = 50
@@ -53,6 +59,16 @@ QUIET_DASK = {
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "10s",
 }
+# glibc gives freed memory back to the system at once above these sizes, and takes it again for the
+# next cell: with Dask's own setting that took two fifths of all CPU time.
+MALLOC_OPTIONS = {-1: 1 << 29, -3: 1 << 29}  # M_TRIM_THRESHOLD, M_MMAP_THRESHOLD
+# One program at a time, on one thread: cores are shared among processes. The bits are the same.
+XLA_FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+# How many threads XLA keeps for itself; with one a core, they wake each other all the time.
+XLA_THREADS = {"NPROC": "1"}
+WATCH_S = 0.5
+# The row of a cell, of a pack a row for each of its cells too.
+Rows = list[dict[str, Any]]
 # A cell with its fingerprint.
 Marked = tuple[str, FleetCell]
 
@@ -163,6 +179,48 @@ def identify_fleet(
                     write_part(folder, rows)
         compact(root, shard)
     return replace(state, total=state.finished + state.skipped)
+
+
+def run_cell(print_: str, cell: FleetCell, settings: Mapping[str, Any], out: str) -> Rows:
+    """The rows of a cell with its fingerprint; its files are kept below the folder `out`."""
+    prepare_process()
+    from .rows import identify_rows
+
+    found = identify_rows(cell, settings, located(out))
+    return [row | {"fingerprint": print_} for row in found]
+
+
+@functools.cache
+def prepare_process() -> None:
+    """Set a process up for many cells, before JAX is loaded where it is not yet."""
+    # As in `barnax` itself: modules and traced programs are many objects and no garbage.
+    gc.set_threshold(50_000, 20, 20)
+    if sys.platform == "linux":
+        import ctypes
+
+        mallopt: Any = getattr(ctypes.CDLL(None), "mallopt", None)
+        for option, size in MALLOC_OPTIONS.items() if mallopt else ():
+            mallopt(option, size)
+    prefer_cpu()
+    if "jax" not in sys.modules:
+        # Once: a process inherits them, and another text is another key in the cache.
+        own = os.environ.get("XLA_FLAGS", "").replace(XLA_FLAGS, "")
+        os.environ["XLA_FLAGS"] = f"{own.strip()} {XLA_FLAGS}".strip()
+        os.environ.update(XLA_THREADS)
+        keep_compiled()
+
+
+def start_worker(driver: int) -> None:
+    """Begin a process of a pool: it ends with its driver, and leaves Ctrl-C to that."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == driver:
+            time.sleep(WATCH_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    prepare_process()
 
 
 def _run(
@@ -336,22 +394,3 @@ def loggers_of_fleet(
                 (source,) = sources_of(cell.records[:1], reading, {})
                 records.append(read_record(source, **how_read(reading, source.name)))
     return loggers_of(records)
-
-
-def in_shard(cell: FleetCell, shard: tuple[int, int] | None) -> bool:
-    """True if a cell belongs to the k-th of N shards, by its id alone."""
-    if shard is None:
-        return True
-    number, count = shard
-    return int(hashlib.sha256(cell.id.encode()).hexdigest()[:12], 16) % count == number - 1
-
-
-def parse_shard(text: str) -> tuple[int, int]:
-    """The shard and the number of shards, from "3/10". Raises `InputError` for anything else."""
-    try:
-        number, count = map(int, text.split("/"))
-    except ValueError:
-        number = count = 0
-    if not 1 <= number <= count:
-        raise InputError(f"`shard` {text!r}: write part/parts, counting from 1, such as 3/10")
-    return number, count

@@ -153,10 +153,9 @@ def prepare_pulse_tests(job: Asked) -> Asked:
     with job.watch("Finding pulses", 0):
         tests = _read(listed(job.records), job)
         chosen = windows_by_name(job.window)
-        cell = None
+        by_degc, cell = group_near((_degc(test, chosen), test) for test in tests), None
         if not listed(job.ocv):
             given_ah = chosen.get("", Window()).capacity_ah
-            by_degc = group_near((_degc(test, chosen), test) for test in tests)
             own = {degc: alike[0] for degc, alike in by_degc.items()}
             cell = characterize_over_temperature(
                 {degc: [first.record] for degc, first in own.items()},
@@ -174,10 +173,9 @@ def prepare_pulse_tests(job: Asked) -> Asked:
             test.record.name: _own_window(test, cell, window_of(chosen, test.record.name))
             for test in tests
         }
-        is_one = len(group_near((_degc(test, chosen), test) for test in tests)) == 1
     return job.changed(
         records=[test.source for test in tests],
-        over=job.over or ("soc" if is_one else OVER_TEMPERATURE),
+        over=job.over or ("soc" if len(by_degc) == 1 else OVER_TEMPERATURE),
         window={"": window_of(chosen, ""), **chosen, **windows},
     )
 

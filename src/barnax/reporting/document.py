@@ -257,24 +257,22 @@ class Document:
 
 
 class Pictures:
-    """The pictures of a report by their figures' names, each to be put where it belongs."""
+    """The pictures of a report by their figures' names, each to be put where it belongs, once."""
 
     def __init__(self, pictures: Iterable[Picture]):
-        self._pictures = {picture.name: picture for picture in pictures}
-        self._placed: set[str] = set()
+        self._left = {picture.name: picture for picture in pictures}
 
     def of(self, *names: str) -> tuple[Picture, ...]:
         """Those of the named pictures that there are, in this order."""
-        self._placed.update(names)
-        return tuple(self._pictures[name] for name in names if name in self._pictures)
+        return tuple(self._left.pop(name) for name in names if name in self._left)
 
     def starting(self, beginning: str) -> tuple[Picture, ...]:
         """The pictures whose names begin so, in the order given."""
-        return self.of(*(name for name in self._pictures if name.startswith(beginning)))
+        return self.of(*[name for name in self._left if name.startswith(beginning)])
 
     def others(self) -> tuple[Picture, ...]:
         """Those that no section has asked for."""
-        return self.of(*(name for name in self._pictures if name not in self._placed))
+        return tuple(self._left.values())
 
 
 def _renamed(value: Any, named: Callable[[str], str]) -> Any:

@@ -72,16 +72,8 @@ def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) ->
 
 
 def fleet_sentence(summary: "Summary") -> str:
-    """The fleet in one sentence."""
-    return wording("fleet.summary", summary)
-
-
-def failed_sentence(summary: "Summary") -> str:
-    """The cells that failed and the reason; empty where none did."""
-    if not summary.failures:
-        return ""
-    first, *others = summary.failures
-    return f" {wording('fleet.failed', first, others)}"
+    """The fleet in one sentence, and in a second the cells that failed and the reason."""
+    return wording("fleet.closing", summary)
 
 
 def _distributions(summary: "Summary") -> Table:

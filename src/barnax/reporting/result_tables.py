@@ -1,7 +1,7 @@
 """The tables of a result: its files, errors, circuits, parameters and searches."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -86,20 +86,16 @@ def versions_table(stored: "Result | ComparisonResult") -> Table:
 
 def search_boxes(
     boxes: Mapping[str, tuple[Mapping[str, tuple[float, float]], Mapping[str, float]]],
-) -> Mapping[str, list[str]]:
-    """The models that have a search box, by its bounds and what is held, in words."""
-    return gathered((_box(*limits), model) for model, limits in boxes.items())
-
-
-def _box(bounds: Mapping[str, tuple[float, float]], fixed: Mapping[str, float]) -> str:
-    """Ranges and held values, names with the same range together."""
-    ranges = gathered((limits, name) for name, limits in bounds.items())
-    free = [
-        f"{joined(names)} from {significant(low, 4)} to {significant(high, 4)}"
-        for (low, high), names in ranges.items()
+) -> list[tuple[Any, ...]]:
+    """Every search box: the names of each range, the values that are held, and its models."""
+    alike = gathered(
+        ((tuple(bounds.items()), tuple(held.items())), model)
+        for model, (bounds, held) in boxes.items()
+    )
+    return [
+        (gathered((ends, name) for name, ends in bounds), held, models)
+        for (bounds, held), models in alike.items()
     ]
-    held = [f"{name} held at {significant(value, 4)}" for name, value in fixed.items()]
-    return "; ".join([*free, *held])
 
 
 def metrics_table(rows: "Sequence[tuple[MetricsPart, str]]") -> Table:

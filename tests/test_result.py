@@ -23,7 +23,7 @@ OPTIONS = {
     "advise": False,
     "method": "bmo",
     "coordinates": "log",
-    "window": Window(score_to_s=900.0),
+    "window": Window(score_to_s=1500.0),
     "fix": {"tau1 [s]": 10.0},
     "bounds": {"R0 [Ohm]": (0.01, 0.1)},
     "seeds": 2,
@@ -118,8 +118,8 @@ def test_to_dict_holds_plain_values_equal_to_the_file(result, document):
 @pytest.mark.slow
 def test_an_export_starts_where_the_simulation_does(bundled_cell):
     # From 5,000 s on the cell comes from a discharge, whatever was before the record.
-    window = Window(start_time_s=5000.0, score_to_s=5900.0, initial_soc=0.7)
-    windows = {"identification.parquet": window, "": Window(score_to_s=900.0)}
+    window = Window(start_time_s=5000.0, score_to_s=6500.0, initial_soc=0.7)
+    windows = {"identification.parquet": window, "": Window(score_to_s=1500.0)}
     stored = barnax.identify(
         window=windows, setup="li2023", seeds=1, population=8, iterations=1, trust="none"
     )

@@ -332,7 +332,9 @@ def test_records_of_different_rates_tell_an_offset_of_their_current(offset_a):
         assert each.values["offset_a"] == pytest.approx(offset_a, abs=each.values["error_a"])
 
 
-@pytest.mark.parametrize("offset_a", [pytest.param(0.0, marks=pytest.mark.slow), 0.02])
+# What tells an offset has tests of its own, in `test_current_offset`.
+@pytest.mark.slow
+@pytest.mark.parametrize("offset_a", [0.0, 0.02])
 def test_short_records_of_different_rates_tell_an_offset_of_their_current(monkeypatch, offset_a):
     monkeypatch.setattr(known_cell, "SAMPLES", 1500)
     fast, slow = made(0, 0.98, 1.2)[0], made(1, 0.98, 2.4, scale=0.5)[0]

@@ -83,7 +83,7 @@ def pytest_configure(config: pytest.Config) -> None:
             folder = tempfile.mkdtemp(prefix="barnax-tests-")
             config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
             os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
-        os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+        os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
         os.environ["XLA_FLAGS"] = QUICK_FLAGS
         # Workers share the cores: threads of their own would only take turns.
         os.environ |= {"NPROC": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -97,7 +97,7 @@ def pytest_configure(config: pytest.Config) -> None:
     gc.set_threshold(50_000, 20, 20)
     # JAX has read its settings already where it was imported before.
     jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
 
 
 @pytest.fixture(scope="session")

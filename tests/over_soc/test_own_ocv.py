@@ -496,7 +496,7 @@ def test_the_frame_of_one_value_has_the_nodes_of_the_ocv(narrow):
 
 
 @pytest.mark.slow
-def test_one_node_beside_an_ocv_test_is_a_table_of_one_row():
+def test_one_node_beside_an_ocv_test_is_the_constant_circuit():
     record, _ = made(1, hours=0.6, noise_v=1e-3)
     soc = np.linspace(0, 1, 101)
     points = tuple(
@@ -512,14 +512,11 @@ def test_one_node_beside_an_ocv_test_is_a_table_of_one_row():
         folds=0,
         **FAST,
     )
-    assert result.over == "soc"
-    (row,) = result.to_frame().iter_rows(named=True)
-    assert row["SOC"] == 0.5
-    assert row["R0 [Ohm]"] == pytest.approx(R0_OHM, rel=0.02)
-    rows = csv.DictReader(fit_csv(result.fit).decode().splitlines())
-    assert {line["SOC"] for line in rows if line["table"] == "R0 [Ohm]"} == {"0.5"}
-    (told,) = [warning for warning in result.warnings if "upper-bound" in warning.code]
-    assert told.subject == "tables over SOC"
+    assert (result.over, result.tables) == (None, None)
+    assert result.parameters["R0 [Ohm]"] == pytest.approx(R0_OHM, rel=0.02)
+    assert len(result.fit.tables.nodes) == 1
+    (told,) = [warning for warning in result.warnings if warning.code == "answer.at-bound"]
+    assert (told.values["name"], told.values["side"]) == ("tau2 [s]", "upper")
 
 
 @pytest.mark.slow

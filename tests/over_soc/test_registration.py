@@ -54,7 +54,7 @@ def registered(records):
 
 
 @pytest.mark.slow
-def test_a_charge_beside_a_drive_leaves_blocks_out_and_not_the_drive(records, registered):
+def test_a_charge_beside_a_drive_leaves_blocks_out_and_not_the_drive(records):
     time_s = 4.0 * np.arange(3000)
     current_a = np.where(time_s > 60, -0.55, 0.0)
     soc = 0.05 + np.append(0.0, np.cumsum(-current_a[:-1] * 4.0)) / 7200
@@ -76,7 +76,7 @@ def test_a_charge_beside_a_drive_leaves_blocks_out_and_not_the_drive(records, re
     assert held.by_record == ()
     # Blocks near full leave out what the OCV does between its closest nodes.
     assert held.tables.rmse_v < 5e-3
-    assert len(registered.fit.cross_validation.by_record) == 3
+    assert len(identified(records).fit.cross_validation.by_record) == 3
 
 
 def test_starts_and_capacities_are_found_up_to_the_axis(registered):

@@ -249,7 +249,7 @@ class OwnRecords:
                 if record not in known:
                     warnings += self._by_rest(record, cell, circuit, told, turned)
         is_registered = len(self.records) > 1 and not self.settings.keep_starts
-        if turned or (is_registered and self._has_open_directions(circuit, told)):
+        if turned or self._has_open_directions(circuit, told):
             # A start would move to make up for a direction that is wrong.
             _, fitted = self._fitted(circuit, told, turned)
             directions = {**fitted.directions}

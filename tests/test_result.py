@@ -66,7 +66,7 @@ def test_the_parameters_and_every_metric_are_of_the_one_answer(document, result)
     ] == (pytest.approx(10.0))
     own = document["metrics"]["identification"]
     assert own["rmse [V]"] == pytest.approx(answer.global_optimum.rmse_v, rel=1e-9)
-    assert own["samples"] == 901
+    assert own["samples"] == 1501
     again = barnax.evaluate(
         result.evaluations.identification[0].prepared, result.constant.parameters
     )

@@ -179,10 +179,10 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
 
     def unreadable(path):
         read.append(path)
-        raise InputError("too large")
+        return ""
 
     with monkeypatch.context() as context:
-        context.setattr(source, "_read_content", unreadable)
+        context.setattr(source, "_sha256_of", unreadable)
         parts = "".join(
             f'{table}sha256 = "{digest}"\nname = "{name}"\nspan = [0.0, 9.0]\n'
             for name in ("one", "two")

@@ -14,6 +14,7 @@ from ..display import Brief
 from ..errors import InputError
 from ..notices import Notice, notice
 from ..settings import HysteresisFit, OcvFit
+from .tables import hats
 
 POLYNOMIAL_DEGREE = 7
 # Of two rested points each may be 1.5 mV off.
@@ -85,7 +86,7 @@ class PolynomialCurve(AbstractCurve):
                 f"a polynomial of degree {POLYNOMIAL_DEGREE} needs at least {needed} OCV points; "
                 f"there are {len(soc)}. Use `ocv_fit='interpolated'`."
             )
-        points = _points(soc, voltage_v)
+        points = tuple(zip(soc.tolist(), voltage_v.tolist(), strict=True))
         # Fitted on [-1, 1], where the powers are far from parallel; stored in powers of SOC.
         fitted = Polynomial.fit(soc, voltage_v, POLYNOMIAL_DEGREE).convert()
         coefficients = np.pad(fitted.coef, (0, needed - len(fitted.coef)))
@@ -106,7 +107,7 @@ class InterpolatedCurve(AbstractCurve):
 
     @classmethod
     def fit(cls, soc: Float[np.ndarray, "points"], voltage_v: Float[np.ndarray, "points"]) -> Self:
-        return cls(_points(soc, voltage_v))
+        return cls(tuple(zip(soc.tolist(), voltage_v.tolist(), strict=True)))
 
     @cached_property
     def _pchip(self) -> PchipInterpolator:
@@ -168,12 +169,6 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
     return found
 
 
-def _points(
-    soc: Float[np.ndarray, "points"], voltage_v: Float[np.ndarray, "points"]
-) -> tuple[tuple[float, float], ...]:
-    return tuple((float(s), float(v)) for s, v in zip(soc, voltage_v, strict=True))
-
-
 Values = Float[np.ndarray, "points"]
 
 KNOTS = np.array([0.0, 0.1, 0.35, 0.75, 0.95, 1.0])
@@ -221,8 +216,8 @@ class SegmentedHysteresis(Brief):
         ends_v = _continuous_ends(soc, hysteresis_v)
         if kind == "independent":
             ends_v = _independent_ends(soc, hysteresis_v, ends_v)
-        points = tuple((float(s), float(w)) for s, w in zip(soc, hysteresis_v, strict=True))
-        return cls(kind, tuple((float(left), float(right)) for left, right in ends_v), points)
+        points = tuple(zip(soc.tolist(), hysteresis_v.tolist(), strict=True))
+        return cls(kind, tuple(map(tuple, ends_v.tolist())), points)
 
     @classmethod
     def zero(cls) -> Self:
@@ -261,13 +256,9 @@ def _locate(soc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _continuous_ends(soc: Values, hysteresis_v: Values) -> Float[np.ndarray, "5 2"]:
-    segment, fraction = _locate(np.asarray(soc))
-    hats = np.zeros((len(soc), 5))
-    rows = np.arange(len(soc))
-    np.add.at(hats, (rows, NODE_AT_KNOT[segment]), 1 - fraction)
-    np.add.at(hats, (rows, NODE_AT_KNOT[segment + 1]), fraction)
+    shares = hats(soc, KNOTS) @ np.eye(5)[NODE_AT_KNOT]
     ties = TIE * np.diff(np.eye(5), axis=0)
-    matrix = np.concatenate([hats, ties])
+    matrix = np.concatenate([shares, ties])
     target = np.concatenate([hysteresis_v, np.zeros(len(ties))])
     nodes_v = np.linalg.lstsq(matrix, target)[0]
     at_knots_v = nodes_v[NODE_AT_KNOT]

@@ -80,7 +80,7 @@ class CellModel(Brief):
     def __post_init__(self) -> None:
         if not 0 < self.capacity_ah < np.inf:
             raise InputError(f"the capacity {self.capacity_ah:g} Ah must be positive and finite")
-        if not self.charge_points + self.discharge_points:
+        if not self.points:
             raise InputError("a cell needs OCV points")
 
     def at(self, temperature_degc: float | None) -> "CellModel":
@@ -113,7 +113,7 @@ class CellModel(Brief):
     def ocv_around_v(self, soc: float) -> tuple[float, float]:
         """The average OCV in V at the measured points below and above a SOC, between which it is
         interpolated; at an end point beyond it."""
-        known = np.unique([point.soc for point in self.charge_points + self.discharge_points])
+        known = np.unique([point.soc for point in self.points])
         above = int(np.clip(np.searchsorted(known, soc), 0, len(known) - 1))
         below = above - 1 if known[above] > soc and above else above
         low_v, high_v = self.average_ocv_v(known[[below, above]]).tolist()
@@ -136,15 +136,20 @@ class CellModel(Brief):
         return np.maximum(self.charge(soc) - self.discharge(soc), 0.0)
 
     @property
+    def points(self) -> tuple[OcvPoint, ...]:
+        """The measured points of both branches."""
+        return self.charge_points + self.discharge_points
+
+    @property
     def soc_range(self) -> tuple[float, float]:
         """Lowest and highest SOC of the measured points."""
-        soc = [point.soc for point in self.charge_points + self.discharge_points]
+        soc = [point.soc for point in self.points]
         return min(soc), max(soc)
 
     @property
     def is_of_records(self) -> bool:
         """True where its OCV was identified with the circuit, on records that are no OCV test."""
-        return all(not point.row for point in self.charge_points + self.discharge_points)
+        return all(not point.row for point in self.points)
 
     @property
     def has_spanned_capacity(self) -> bool:
@@ -154,8 +159,7 @@ class CellModel(Brief):
     @property
     def has_sweep_drop(self) -> bool:
         """True where points were measured under load, and that is still in them."""
-        points = self.charge_points + self.discharge_points
-        return self.sweep_ohm is None and any(point.current_a for point in points)
+        return self.sweep_ohm is None and any(point.current_a for point in self.points)
 
     @property
     def has_flat_ocv(self) -> bool:
@@ -219,10 +223,9 @@ def _between(cold: CellModel, warm: CellModel, share: float) -> CellModel:
 
     def mixed(first: Curve, second: Curve) -> Curve:
         if isinstance(first, PolynomialCurve) and isinstance(second, PolynomialCurve):
-            pairs = zip(first.coefficients, second.coefficients, strict=True)
-            return replace(
-                first, coefficients=tuple((1 - share) * one + share * other for one, other in pairs)
-            )
+            ends = np.array(first.coefficients), np.array(second.coefficients)
+            mixed_v = (1 - share) * ends[0] + share * ends[1]
+            return replace(first, coefficients=tuple(mixed_v.tolist()))
         ends = min(first.soc[0], second.soc[0]), max(first.soc[-1], second.soc[-1])
         soc = np.unique([*first.soc, *second.soc, *np.linspace(*ends, MIXED_POINTS)])
         # Points closer than rounding would give a step, not a curve.

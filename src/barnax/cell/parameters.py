@@ -1,5 +1,6 @@
 """The numbers of a circuit, and what they are called."""
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -131,10 +132,8 @@ class CircuitParameters(Brief):
         """
         names = names_of(elements or (RC.name,) * len(r))
         if not len(r) == len(c) == len(names):
-            raise ValueError(
-                f"a circuit has one R and one C for each of its {len(names)} elements; "
-                f"{len(r)} R and {len(c)} C were given"
-            )
+            needed = f"a circuit has one R and one C for each of its {len(names)} elements"
+            raise ValueError(f"{needed}; {len(r)} R and {len(c)} C were given")
         numbers = {OHMIC: float(r0)}
         for own, ohm, farad in zip(names, map(float, r), map(float, c), strict=True):
             numbers |= {own.resistance: ohm, own.stored: farad if own.capacitance else ohm * farad}
@@ -171,16 +170,14 @@ class CircuitParameters(Brief):
         """A circuit whose resistances, in ohm, are tables over SOC, one value per node."""
         names = names_of(elements or (RC.name,) * len(tau_s))
         if not len(r_ohm) == len(tau_s) == len(names):
-            raise InputError(
-                f"a circuit has a table of R and a time constant for each of its {len(names)} "
-                f"elements; {len(r_ohm)} tables of R and {len(tau_s)} time constants were given"
-            )
-        rows = dict(zip((own.resistance for own in names), r_ohm, strict=True))
-        given = {OCV_CORRECTION: ocv_correction_v, HALF_HYSTERESIS: half_hysteresis_v}
-        rows |= {name: row for name, row in given.items() if row is not None}
+            needed = f"a table of R and a time constant for each of its {len(names)} elements"
+            given = f"{len(r_ohm)} tables of R and {len(tau_s)} time constants were given"
+            raise InputError(f"a circuit has {needed}; {given}")
+        rows = {OHMIC: r0_ohm} | dict(zip((own.resistance for own in names), r_ohm, strict=True))
+        rows |= {OCV_CORRECTION: ocv_correction_v, HALF_HYSTERESIS: half_hysteresis_v}
         scales = dict(zip((own.tau for own in names), map(float, tau_s), strict=True))
         return cls(
-            {name: tuple(map(float, row)) for name, row in ({OHMIC: r0_ohm} | rows).items()},
+            {name: tuple(map(float, row)) for name, row in rows.items() if row is not None},
             scales | ({} if gamma is None else {RATE: float(gamma)}),
             tuple(map(float, nodes)),
             tuple(map(bool, visited)),
@@ -297,11 +294,7 @@ class CircuitParameters(Brief):
         """The same circuit with its pairs from fast to slow."""
         pairs = self.names[: alike(self.elements)]
         by_tau = sorted(pairs, key=lambda own: self.named_tau_s[own.tau])
-        source = {
-            name: of
-            for own, other in zip(pairs, by_tau, strict=True)
-            for name, of in zip(own, other, strict=True)
-        }
+        source = dict(zip(itertools.chain(*pairs), itertools.chain(*by_tau), strict=True))
         tables, scales = (
             {name: values[source.get(name) or name] for name in values}
             for values in (self.tables, self.scales)

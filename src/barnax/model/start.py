@@ -16,7 +16,7 @@ from ..records import Record
 from ..records.record import MINIMUM_REST_S, Segments, is_long, pause_s
 from ..records.samples import record_resistance_ohm
 from ..settings import SocSource
-from .rest import RestedCell, cell_at_rest, fitted_soc, mean_at_rest
+from .rest import fitted_soc, mean_at_rest
 from .window import Window, relaxing_rest
 
 # A discharge ends empty after so long, at up to C/1.8, for many tests make it at C/2. The voltage
@@ -29,6 +29,8 @@ _SMALL_HOURS = 20.0
 _APART_V, _APART_SOC, _COUNTED_APART_V = 0.15, 0.02, 0.05
 # What is called full differs by less from one charge to the next.
 _BEYOND_AN_END = 0.005
+# The OCV's slope at a rest is a difference over so much SOC.
+_STEP_SOC = 0.01
 # So near full or empty, the last current was the one that leads there.
 NEAR_AN_END = 0.02
 # A given SOC is in doubt where the rested voltage is so far from its OCV, and tells another SOC.
@@ -235,19 +237,29 @@ class _Beginning:
         """The last samples of rests that are long enough, and come after a load."""
         for first, last, rest_s in self.segments.rests:
             if first and is_long(rest_s):
-                direction = -1 if self.record.current_a[first - 1] > 0 else 1
-                rest = cell_at_rest(self.segments, self.cell, last, direction)
+                rest = self._at_rest(last, -1 if self.record.current_a[first - 1] > 0 else 1)
                 if rest is not None:
-                    yield KnownSoc(rest.soc, "rest elsewhere", last, rest.soc_sd)
+                    yield rest
 
-    def rested(self, at: int, direction: int) -> RestedCell:
+    def rested(self, at: int, direction: int) -> KnownSoc:
         """What the rest around a sample tells. Raises `InputError` where that is beyond the OCV."""
-        rest = cell_at_rest(self.segments, self.cell, at, direction)
+        rest = self._at_rest(at, direction)
         if rest is None:
-            voltage_v, _ = mean_at_rest(self.segments, at)
-            beyond = self.cell.beyond_ocv(voltage_v, direction)
+            beyond = self.cell.beyond_ocv(mean_at_rest(self.segments, at)[0], direction)
             raise InputError(f"{self.record.name}: row {self.record.row[at]}: {beyond}")
         return rest
+
+    def _at_rest(self, at: int, direction: int) -> KnownSoc | None:
+        """What the rest around a sample tells of a cell that came from a direction; None where that
+        is beyond the OCV."""
+        voltage_v, sd_v = mean_at_rest(self.segments, at)
+        soc = self.cell.soc_at_rest(voltage_v, direction)
+        if soc is None:
+            return None
+        branch = self.cell.charge if direction > 0 else self.cell.discharge
+        around = np.clip([soc - _STEP_SOC / 2, soc + _STEP_SOC / 2], *self.cell.soc_range)
+        slope = float(np.ptp(branch(around)) / np.ptp(around))
+        return KnownSoc(soc, "rest elsewhere", at, min(sd_v / max(slope, 1e-9), 1.0))
 
     def direction_before(self, at: int) -> tuple[Literal[-1, 1], DirectionSource]:
         """The last current before a sample; where there is none, the given one or a guess."""

@@ -1,5 +1,6 @@
 """The part of a record that is simulated, and the samples at which errors count."""
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -56,9 +57,7 @@ def first_sample(record: Record, window: Window, rest_a: float) -> int:
             )
         return int(after[0])
     if window.start_after_step is not None:
-        inside = np.flatnonzero(_steps(record, "start_after_step") == window.start_after_step)
-        if not len(inside):
-            raise InputError(_no_such_step(record, window.start_after_step))
+        inside = np.flatnonzero(_steps(record, "start_after_step", [window.start_after_step]))
         return int(inside[-1])
     return relaxing_rest(record, rest_a)[0]
 
@@ -92,11 +91,7 @@ def scored_samples(
     """True where errors count, over the whole record. Raises `InputError` if nowhere."""
     scored = np.arange(record.samples) >= first
     if window.score_steps is not None:
-        steps = _steps(record, "score_steps")
-        for step in window.score_steps:
-            if not np.any(steps == step):
-                raise InputError(_no_such_step(record, step))
-        scored &= np.isin(steps, window.score_steps)
+        scored &= _steps(record, "score_steps", window.score_steps)
     if window.score_from_s is not None:
         scored &= record.time_s >= window.score_from_s
     if window.score_to_s is not None:
@@ -140,19 +135,18 @@ def within_ocv(
     at = far[0]
     given = {"far_row": record.row[at], "capacity_ah": capacity_ah}
     given |= {"ocv": "records" if cell.is_of_records else "test"}
-    end, end_soc = ("empty", low) if soc[at] < low else ("full", high)
+    end, end_soc, way = ("empty", low, 1) if soc[at] < low else ("full", high, -1)
     end_v = float(cell.average_ocv_v(np.array([end_soc]))[0])
     source_v = record.voltage_v[at] + record_resistance_ohm(record) * record.current_a[at]
-    if (source_v - end_v) * (1 if end == "empty" else -1) > _INSIDE_V:
+    if (source_v - end_v) * way > _INSIDE_V:
         given |= {"end": end, "voltage_v": record.voltage_v[at], "end_v": end_v}
-        return scored, [notice("soc.against-voltage", record.name, **given)]
+        raise notice("soc.against-voltage", record.name, **given).error()
     impossible = far[np.abs(soc[far] - 0.5) > 0.5 + OCV_MARGIN]
     if len(impossible) or not np.any(scored & ~outside):
         at = [*impossible, at][0]
         given |= {"far_row": record.row[at], "soc": soc[at], "low_soc": low, "high_soc": high}
-        return scored, [notice("soc.beyond-ocv", record.name, **given)]
-    points = cell.charge_points + cell.discharge_points
-    if any(point.source == record.name for point in points):
+        raise notice("soc.beyond-ocv", record.name, **given).error()
+    if any(point.source == record.name for point in cell.points):
         # The correction of the OCV reaches a little beyond the last rest of a pulse test.
         outside = scored & (beyond > OCV_MARGIN)
         counts |= {"far": "own", "instead": "own"}
@@ -162,15 +156,16 @@ def within_ocv(
     return scored & ~outside, [told]
 
 
-def _steps(record: Record, option: str) -> np.ndarray:
+def _steps(record: Record, option: str, numbers: Sequence[int]) -> Bool[np.ndarray, "samples"]:
+    """The samples of some steps. Raises `InputError` where the record has not all of them."""
     if record.step is None:
         raise InputError(
             f"{record.name}: `{option}` needs a step column, and the file has none; use "
             "`start_time`, `score_from` and `score_to` instead"
         )
-    return record.step
-
-
-def _no_such_step(record: Record, step: int) -> str:
-    present = ", ".join(str(number) for number in np.unique(_steps(record, "start_after_step")))
-    return f"{record.name}: there is no step {step}; the file has steps {present}"
+    present = np.unique(record.step)
+    for step in numbers:
+        if step not in present:
+            steps = ", ".join(map(str, present))
+            raise InputError(f"{record.name}: there is no step {step}; the file has steps {steps}")
+    return np.isin(record.step, numbers)

@@ -98,15 +98,13 @@ class Content:
     def _agrees(self, runs: list[Run], shift_s: float, near: Near, share: float) -> bool:
         """True if these samples are those of the runs, or lie on the lines between them, or they on
         lines between these: a copy may be thinned or interpolated."""
-        own = [self._around(run, shift_s) for run in runs]
-        return _lie_on(runs, own, near, share) or _lie_on(own, runs, near, share)
-
-    def _around(self, run: Run, shift_s: float) -> Run:
-        """These samples about those of a run, on its clock."""
-        first, last = np.searchsorted(self.run[0], run[0, [0, -1]] - shift_s)
-        around = self.run[:, max(first - 2, 0) : last + 2].copy()
-        around[0] += shift_s
-        return around
+        around = []
+        for run in runs:
+            # Those about the run's, on its clock.
+            first, last = np.searchsorted(self.run[0], run[0, [0, -1]] - shift_s)
+            around.append(self.run[:, max(first - 2, 0) : last + 2].copy())
+            around[-1][0] += shift_s
+        return _lie_on(runs, around, near, share) or _lie_on(around, runs, near, share)
 
 
 def read_fingerprint(text: str) -> tuple[tuple[float, float], list[Run]]:

@@ -17,7 +17,7 @@ from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
 from .column_rules import bare_units, describe_units, examine_columns, read_columns
 from .columns import NOTHING, Column
 from .counters import skipped_ah
-from .dialects import CHARGE, DISCHARGE, Sign
+from .dialects import CHARGE, Sign
 from .hold import decide_hold, evidence_of
 from .lag import aligned
 from .logger import Decision, Hold
@@ -191,8 +191,10 @@ def read_record(
     >>> record.sign.value, float(record.current_a.max())
     ('charge-positive', 0.001)
     """
-    _check_option("current_sign", current_sign, ("auto", CHARGE, DISCHARGE))
-    _check_option("current_hold", current_hold, ("auto", *get_args(Hold)))
+    chosen = {"current_sign": (current_sign, Sign), "current_hold": (current_hold, Hold)}
+    for option, (value, kind) in chosen.items():
+        if value not in (allowed := ("auto", *get_args(kind))):
+            raise InputError(f"`{option}` is {value!r}; it must be one of {', '.join(allowed)}.")
     if not isinstance(source, Source):
         source = read_source(source, columns=columns, series=series)
     elif columns or series != 1:
@@ -298,8 +300,3 @@ def _own(values: Values) -> Values:
     if isinstance(values, np.ndarray):
         values.flags.writeable = False
     return values
-
-
-def _check_option(option: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise InputError(f"`{option}` is {value!r}; it must be one of {', '.join(allowed)}.")

@@ -5,7 +5,6 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any
@@ -193,22 +192,27 @@ def find_planned(
     it is another one now, or where only its name says that it is the one: it lies elsewhere, and
     its digest is not known."""
     named = [path for path in dict.fromkeys((place / file, file)) if os.path.isfile(path)]
-    around = [folder / name for folder in folders_around(place)]
-    around = [path for path in around if os.path.isfile(path)]
-    digests = list[str]()
-    for path in (named or around) if sha256 else ():
-        # What cannot be read is refused where it is needed.
-        with suppress(InputError):
-            digests.append(hashlib.sha256(_read_content(path)).hexdigest())
-            if digests[-1] == sha256:
-                return path, ()
+    around = [path for folder in folders_around(place) if os.path.isfile(path := folder / name)]
+    digests = {path: _sha256_of(path) for path in named or around} if sha256 else {}
+    for path, digest in digests.items():
+        if digest == sha256:
+            return path, ()
     if named:
         changed = notice("plan.file-changed", printable(str(file)))
-        return named[0], (changed,) if digests else ()
+        return named[0], (changed,) if any(digests.values()) else ()
     if around and not sha256:
         taken = printable(str(around[0].absolute()))
         return around[0], (notice("plan.file-elsewhere", printable(str(file)), path=taken),)
     return file, ()
+
+
+def _sha256_of(path: Path) -> str:
+    """The digest of a file; empty where it cannot be read, which is refused where it is needed."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""
 
 
 def source_from_frame(
@@ -254,16 +258,14 @@ def _series(column: Any) -> pl.Series:
 def _clean(source: Source) -> Source:
     """The source with names that a message can quote, and columns of numbers as numbers."""
     table = source.table
-    header = (" ".join(name.split()) if not name.isprintable() else name for name in table.header)
-    return replace(
-        source,
-        table=replace(
-            table,
-            header=tuple(printable(cut(name, LONGEST_NAME)) for name in header),
-            columns=settled(table.columns),
-            sheets=tuple((printable(cut(name, LONGEST_NAME)), n) for name, n in table.sheets),
-        ),
+    names = (" ".join(name.split()) if not name.isprintable() else name for name in table.header)
+    table = replace(
+        table,
+        header=tuple(printable(cut(name, LONGEST_NAME)) for name in names),
+        columns=settled(table.columns),
+        sheets=tuple((printable(cut(name, LONGEST_NAME)), rows) for name, rows in table.sheets),
     )
+    return replace(source, table=table)
 
 
 def _read_content(path: Path) -> bytes:

@@ -8,14 +8,13 @@ import gzip
 import io
 import re
 import zipfile
-import zlib
 from collections.abc import Mapping
 
 from ...errors import InputError
 from ..columns import NOTHING
 from ..table import Reader, Table
 from .binary import ARBIN_RES, BIOLOGIC_MPR, NEWARE, PARQUET, ZIP
-from .content import unpack, unpacked
+from .content import refusing, unpack, unpacked
 from .matlab import MATLAB
 from .text import TEXT
 from .workbook import WORKBOOK
@@ -30,17 +29,13 @@ _MARKUP = re.compile(
 
 def unzipped(content: bytes, file: str) -> bytes:
     """The content, decompressed where it is gzipped, or a zip archive of one file."""
-    if not content.startswith((ZIP, b"\x1f\x8b")):
+    if content.startswith(ZIP):
+        return _only_file(content, file)
+    if not content.startswith(b"\x1f\x8b"):
         return content
-    try:
-        if content.startswith(ZIP):
-            return _only_file(content, file)
-        with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
-            return unpack(packed, content, file)
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(
-            f"{file}: the gzipped file is damaged or cut short; copy it again."
-        ) from error
+    damaged = f"{file}: the gzipped file is damaged or cut short; copy it again."
+    with refusing(damaged), gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+        return unpack(packed, content, file)
 
 
 def _only_file(content: bytes, file: str) -> bytes:

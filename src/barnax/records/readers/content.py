@@ -96,7 +96,10 @@ def refusing(damaged: str, missing: str = "") -> Iterator[None]:
         yield
     except InputError:
         raise
-    except Exception as error:
+    except BaseException as error:
+        # On a damaged file a library's Rust code raises what is no Exception.
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
         words = missing if missing and isinstance(error, ImportError) else damaged
         raise InputError(words) from error
 

@@ -21,7 +21,7 @@ from ..columns import columns_of, is_ocv_table, names_record, with_units
 from ..quantities import NEEDED
 from ..table import Reader, Table
 from .binary import quieted
-from .content import require_trial
+from .content import refusing, require_trial
 
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 # Sheets of one channel: "Channel_1-001", "Channel_1-001_2"; "Detail_14_1_3"; "record", "record_2".
@@ -61,22 +61,13 @@ def _recognizes(content: bytes) -> bool:
 
 def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     require_trial(_READS, content, file)
-    try:
-        with quieted("fastexcel"):
-            workbook = fastexcel.read_excel(content)
-            sheets = {name: _names(workbook, name, given) for name in workbook.sheet_names}
-            headers = {name: sheet.header for name, sheet in sheets.items()}
-            chosen = _chosen_sheets(headers, file, given)
-            bodies = {name: _body(workbook, name, sheets[name]) for name in chosen}
-    except InputError:
-        raise
-    except BaseException as error:
-        # On a damaged workbook the library's Rust code raises what is no Exception.
-        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
-            raise
-        raise InputError(
-            f"{file}: the workbook is damaged or cut short; copy or export it again."
-        ) from error
+    damaged = f"{file}: the workbook is damaged or cut short; copy or export it again."
+    with refusing(damaged), quieted("fastexcel"):
+        workbook = fastexcel.read_excel(content)
+        sheets = {name: _names(workbook, name, given) for name in workbook.sheet_names}
+        headers = {name: sheet.header for name, sheet in sheets.items()}
+        chosen = _chosen_sheets(headers, file, given)
+        bodies = {name: _body(workbook, name, sheets[name]) for name in chosen}
     names = sheets[chosen[0]]
     for name in chosen:
         if sheets[name] != names:

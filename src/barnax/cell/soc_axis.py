@@ -182,7 +182,12 @@ def decide_capacity(
     measured = f"the {WORD[main.direction]} of {main.source} passed {main.passed_ah:.4g} Ah"
     passed = {"direction": WORD[main.direction], "passed_ah": main.passed_ah}
     spans = spans_both_ends(sweeps)
-    warnings = _closure_warnings(sweeps)
+    warnings: tuple[Notice, ...] = ()
+    if len(sweeps) == 2 and not _agree(sweeps, CLOSURE):
+        names = ", ".join(dict.fromkeys(sweep.source for sweep in sweeps.values()))
+        out_ah, in_ah = sweeps[DISCHARGE].passed_ah, sweeps[CHARGE].passed_ah
+        charges = {"out_ah": out_ah, "in_ah": in_ah, "error_share": in_ah / out_ah - 1}
+        warnings += (notice("ocv-test.open", names, **charges),)
     if ocv_given_ah is not None and spans:
         warnings += (notice("ocv-test.capacity-unused", main.source, **passed),)
         ocv_given_ah = None
@@ -280,14 +285,3 @@ def spans_both_ends(sweeps: Mapping[int, Sweep]) -> bool:
     return _main(sweeps).kind == "slow" or (
         _agree(sweeps, CLOSURE) and all(sweep.stops_at_cutoff for sweep in sweeps.values())
     )
-
-
-def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[Notice, ...]:
-    if len(sweeps) < 2:
-        return ()
-    out_ah, in_ah = sweeps[DISCHARGE].passed_ah, sweeps[CHARGE].passed_ah
-    error = in_ah / out_ah - 1
-    if abs(error) <= CLOSURE:
-        return ()
-    names = ", ".join(dict.fromkeys(sweep.source for sweep in sweeps.values()))
-    return (notice("ocv-test.open", names, out_ah=out_ah, in_ah=in_ah, error_share=error),)

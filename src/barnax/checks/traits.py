@@ -250,16 +250,12 @@ class Traits:
         if self.is_slow:
             return "a slow sweep does not show what follows a step of current"
         if self.steep_v:
-            return (
-                f"the cell is at the steep end of its OCV: {self.span_ah:.3g} Ah move its voltage "
-                f"by {self.steep_v:.2g} V"
-            )
+            moved = f"{self.span_ah:.3g} Ah move its voltage by {self.steep_v:.2g} V"
+            return f"the cell is at the steep end of its OCV: {moved}"
         if capacity_ah is not None and self.span_ah < LEAST_SHARE * capacity_ah:
             share = 100 * self.span_ah / capacity_ah
-            return (
-                f"it spans {self.span_ah:.3g} Ah, {share:.2g} % of the capacity of "
-                f"{capacity_ah:.4g} Ah"
-            )
+            of = f"{share:.2g} % of the capacity of {capacity_ah:.4g} Ah"
+            return f"it spans {self.span_ah:.3g} Ah, {of}"
         return self.steps_lack(capacity_ah, is_validated)
 
     def steps_lack(self, capacity_ah: float | None, is_validated: bool) -> str:
@@ -269,10 +265,8 @@ class Traits:
         if half_width > MAX_HALF_WIDTH:
             within = f"tell R0 within {100 * half_width:.0f} %"
             told = within if half_width < math.inf else "do not tell R0"
-            return (
-                f"{steps} sampled finely enough {told}; "
-                f"{100 * MAX_HALF_WIDTH:.0f} % is wanted where no OCV test tells it"
-            )
+            wanted = f"{100 * MAX_HALF_WIDTH:.0f} % is wanted where no OCV test tells it"
+            return f"{steps} sampled finely enough {told}; {wanted}"
         # Without a capacity a dither gives itself away by how often it turns.
         whole_ah = capacity_ah or self.charged_ah + self.discharged_ah
         if self.reach_ah < LEAST_SHARE * whole_ah:

@@ -209,7 +209,7 @@ def _checked(file: CandidateFile) -> CandidateFile:
 
 def split(file: CandidateFile) -> list[CandidateFile]:
     """The tests of a file, each as a part of it; the file itself where it holds one at most."""
-    parts = list(_joined(file, _tests(file))) if file.is_record else []
+    parts = _joined(file, _tests(file)) if file.is_record else []
     if sum(_serves(part, file) for part in parts) < 2:
         return [file]
     names = [f"{file.name}#{number}" for number in range(1, len(parts) + 1)]
@@ -224,23 +224,19 @@ def _serves(part: CandidateFile, file: CandidateFile) -> bool:
     return part.kind(file.traits.span_ah) in SERVING
 
 
-def _joined(file: CandidateFile, parts: Iterable[CandidateFile]) -> Iterator[CandidateFile]:
+def _joined(file: CandidateFile, parts: Iterable[CandidateFile]) -> list[CandidateFile]:
     """The parts, drive cycles joined that no charge to full lies between: as one they know where
     each of them starts."""
-    before: CandidateFile | None = None
+    joined: list[CandidateFile] = []
     for part in parts:
-        kinds = {piece.kind(None) for piece in (before, part) if piece is not None}
-        if before is None:
-            before = part
-        elif kinds == {"drive cycle"} and not part.starts_full:
-            spans = [piece.known_source.span_s or (0.0, 0.0) for piece in (before, part)]
-            first, last = np.searchsorted(file.record.time_s, [spans[0][0], spans[1][1]]).tolist()
-            before = _part(file, first, last, before.starts_full)
-        else:
-            yield before
-            before = part
-    if before is not None:
-        yield before
+        are_drives = joined and joined[-1].kind(None) == part.kind(None) == "drive cycle"
+        if not are_drives or part.starts_full:
+            joined.append(part)
+            continue
+        spans = [piece.known_source.span_s or (0.0, 0.0) for piece in (joined[-1], part)]
+        first, last = np.searchsorted(file.record.time_s, [spans[0][0], spans[1][1]]).tolist()
+        joined[-1] = _part(file, first, last, joined[-1].starts_full)
+    return joined
 
 
 def _tests(file: CandidateFile) -> Iterator[CandidateFile]:

@@ -107,9 +107,9 @@ def find_pulses(
     may_count = [load.duration_s <= LONGEST_S for load in loads]
     pairs = list(_out_of_rest(loads, may_count))
     if len(pairs) < FEWEST_LEVELS:
-        for place, (_, first, last, *_) in enumerate(loads):
+        for number, (_, first, last, *_) in enumerate(loads):
             passed_ah = abs(discharged_ah[last] - discharged_ah[first])
-            may_count[place] |= bool(passed_ah <= MOST_SHARE * record.span_ah)
+            may_count[number] |= bool(passed_ah <= MOST_SHARE * record.span_ah)
         pairs = list(_out_of_rest(loads, may_count))
     return tuple(_pulse(record, soc, load, rest, noise_v) for rest, load in pairs)
 
@@ -256,10 +256,10 @@ def levels(pulses: Sequence[Pulse]) -> list[tuple[Pulse, ...]]:
     >>> levels([])
     []
     """
-    found: list[list[Pulse]] = []
+    rates: list[list[Pulse]] = []
     for pulse in sorted(pulses, key=lambda pulse: (pulse.current_a < 0, abs(pulse.current_a))):
-        reached_a = found[-1][-1].current_a if found else 0.0
+        reached_a = rates[-1][-1].current_a if rates else 0.0
         if abs(pulse.current_a - reached_a) > SAME_RATE * abs(pulse.current_a):
-            found.append([])
-        found[-1].append(pulse)
-    return [tuple(sorted(level, key=lambda pulse: -pulse.soc)) for level in found]
+            rates.append([])
+        rates[-1].append(pulse)
+    return [tuple(sorted(level, key=lambda pulse: -pulse.soc)) for level in rates]

@@ -74,11 +74,11 @@ def characterize(
     for option, (value, unit) in {**given, "rest_current": (rest_current_a, "A")}.items():
         if value is not None and not value > 0:
             raise InputError(f"`{option}` must be positive, in {unit}; {value} was given")
-    found = [
+    of_records = [
         find_sweeps(test, capacity_ah, rest_current_a) for test in tests if isinstance(test, Record)
     ]
     cell = cell_of(
-        found,
+        of_records,
         [test for test in tests if isinstance(test, OcvTable)],
         capacity_ah,
         ocv_capacity_ah=ocv_capacity_ah,

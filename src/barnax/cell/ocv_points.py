@@ -80,8 +80,8 @@ def find_sweeps(
 
 
 def _no_test(record: Record, reason: str) -> OcvSweeps:
-    told = {"record": record.name, "reason": reason, "fewest": MINIMUM_POINTS}
-    return OcvSweeps(missing=notice("ocv-test.none", **told))
+    values = {"record": record.name, "reason": reason, "fewest": MINIMUM_POINTS}
+    return OcvSweeps(missing=notice("ocv-test.none", **values))
 
 
 def _is_test(rested: list[Sweep], slow: list[Sweep]) -> bool:
@@ -141,8 +141,10 @@ def find_rest_sweeps(segments: Segments) -> list[Sweep] | str:
         if ways[last + 1] == 0:
             end_ah = along_ah[edges[last + 1] : edges[last + 2] + 1].max()
         ends_ah = -direction * float(start_ah), -direction * float(end_ah)
-        own = points[first : last + 1]
-        read = [_point(record, at, record.voltage_v[at], rest_s) for _, at, rest_s in own]
+        read = [
+            _point(record, at, record.voltage_v[at], rest_s)
+            for _, at, rest_s in points[first : last + 1]
+        ]
         charges_ah = tuple(discharged_ah[lasts[first : last + 1]].tolist())
         sweeps.append(Sweep("rests", direction, record.name, *ends_ah, charges_ah, tuple(read)))
     return sweeps or _why_no_sweep([rest.duration_s for rest in rests], most)
@@ -252,8 +254,8 @@ def _thin(record: Record, axis_ah: Charge, first: int, last: int, begin: int, en
     Fewer than `POINTS` where neighbors of them would be the same sample.
     """
     direction = CHARGE if axis_ah[end] < axis_ah[begin] else DISCHARGE
-    own = np.stack([axis_ah, record.voltage_v, record.current_a])[:, first : last + 1]
-    charge_ah, half_ah = own[0], HALF_WINDOW * abs(axis_ah[end] - axis_ah[begin])
+    readings = np.stack([axis_ah, record.voltage_v, record.current_a])[:, first : last + 1]
+    charge_ah, half_ah = readings[0], HALF_WINDOW * abs(axis_ah[end] - axis_ah[begin])
     points: dict[int, tuple[float, OcvPoint]] = {}
     for target_ah in np.linspace(charge_ah[0], charge_ah[-1], POINTS):
         nearest = int(np.argmin(np.abs(charge_ah - target_ah)))
@@ -261,7 +263,7 @@ def _thin(record: Record, axis_ah: Charge, first: int, last: int, begin: int, en
         # The end points are the cut-offs; an average there would pull the curve inward.
         if target_ah in (charge_ah[0], charge_ah[-1]) or not is_near.any():
             is_near = np.arange(len(charge_ah)) == nearest
-        mean_ah, mean_v, mean_a = (values[is_near].mean() for values in own)
+        mean_ah, mean_v, mean_a = (values[is_near].mean() for values in readings)
         point = _point(record, first + nearest, mean_v, current_a=mean_a)
         points.setdefault(nearest, (float(mean_ah), point))
     charges_ah, read = zip(*points.values(), strict=True)

@@ -109,12 +109,12 @@ def by_direction(sweeps: Sequence[Sweep]) -> dict[int, Sweep] | InputError:
         word = WORD[direction]
         if len(same) > 1 and any(sweep.kind == "slow" for sweep in same):
             where = ", ".join(
-                f"{own.source} rows {own.points[0].row} to {own.points[-1].row}" for own in same
+                f"{one.source} rows {one.points[0].row} to {one.points[-1].row}" for one in same
             )
             return InputError(
                 f"there are {len(same)} {word} sweeps ({where}); give only one of them"
             )
-        for part in sorted(same, key=lambda own: own.direction * own.points[0].voltage_v):
+        for part in sorted(same, key=lambda one: one.direction * one.points[0].voltage_v):
             whole = joined.setdefault(direction, part)
             if whole is part:
                 continue

@@ -64,7 +64,7 @@ class SuggestedWindow:
     @property
     def options(self) -> dict[str, Any]:
         """Arguments of `barnax.Window`."""
-        values = {own.name: getattr(self.window, own.name) for own in fields(Window)}
+        values = {option.name: getattr(self.window, option.name) for option in fields(Window)}
         return {name: value for name, value in values.items() if value is not None}
 
     @property
@@ -186,22 +186,23 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
         return whole
     # Steps that are met inside the profile only belong to it.
     outside = np.concatenate([step[:first], step[last + 1 :]])
-    own = tuple(np.setdiff1d(step[first : last + 1], outside).tolist())
+    profile_steps = tuple(np.setdiff1d(step[first : last + 1], outside).tolist())
     at, rest_s = given.segments.rest_before(first)
     is_settled = is_long(rest_s)
     rest = f"after {_duration(rest_s)} of rest" + ("" if is_settled else ", too short to settle")
     if not rest_s:
         rest = "without a rest before it"
-    profile = f"the profile is step{'s' if len(own) > 1 else ''} {', '.join(map(str, own))}, {rest}"
+    several, named = "s" if len(profile_steps) > 1 else "", ", ".join(map(str, profile_steps))
+    profile = f"the profile is step{several} {named}, {rest}"
     full = _full_step(given, step, first)
     if full is not None:
         reason = f"{profile}; the cell is full at the end of step {full}"
-        window = Window(start_after_step=full, initial_soc=1.0, score_steps=own)
+        window = Window(start_after_step=full, initial_soc=1.0, score_steps=profile_steps)
         return SuggestedWindow(reason, window, is_settled=is_settled)
     if is_settled:
         reason = f"{profile} at {record.voltage_v[at]:.4f} V"
         start_s = _clock_before(given, at)
-        return SuggestedWindow(reason, Window(start_time_s=start_s, score_steps=own))
+        return SuggestedWindow(reason, Window(start_time_s=start_s, score_steps=profile_steps))
     # Ampere-hours carry the charge from the record's own beginning.
     reason = f"{profile}; {whole.reason}"
     interval_s = record.interval_s
@@ -209,7 +210,7 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     if np.quantile(interval_s, _WHOLE) <= _ALIKE * loaded_s:
         # What comes before the profile is simulated anyhow, and tells as much.
         return replace(whole, reason=f"{reason}; its sampling is uniform")
-    window = replace(whole.window, score_steps=own)
+    window = replace(whole.window, score_steps=profile_steps)
     return replace(whole, reason=reason, window=window, is_settled=is_settled)
 
 
@@ -261,13 +262,13 @@ def _profile_numbers(
 
 def _full_step(given: CheckInput, step: Int[np.ndarray, "samples"], before: int) -> int | None:
     """The number of the last step before a sample that ends with the cell full."""
-    found = None
+    number = None
     for last in given.segments.full_charges(given.scale_ah):
         # The last block of a step is what `start_after_step` takes.
         end = int(np.flatnonzero(step == step[last])[-1])
         if end < before and np.all(step[last:end] == step[last]):
-            found = int(step[last])
-    return found
+            number = int(step[last])
+    return number
 
 
 def _duration(seconds: float) -> str:

@@ -93,7 +93,7 @@ def find_start(
         voltage_v, sd_v = mean_at_rest(begun.segments, first)
     is_short = record.time_s[first] - record.time_s[0] < MINIMUM_REST_S
     known: KnownSoc | None = None
-    told: list[Notice] = []
+    notices: list[Notice] = []
     if window.initial_soc is None and (unrested or is_short):
         # Of a record's opening rest nobody knows how long it was; counters tell more, and of one
         # that still relaxes whatever does.
@@ -114,15 +114,15 @@ def find_start(
             other_end = {"full end": soc < 0, "empty end": soc > 1}
             if window.capacity_ah is None and other_end.get(soc_source):
                 soc, capacity_ah = float(soc > 1), room * capacity_ah
-                told = [notice("start.moves-more", record.name, **moved, moved_ah=capacity_ah)]
+                notices = [notice("start.moves-more", record.name, **moved, moved_ah=capacity_ah)]
             else:
-                told = [notice("start.beyond-an-end", record.name, **moved)]
+                notices = [notice("start.beyond-an-end", record.name, **moved)]
     elif not unrested:
         rest = begun.rested(first, direction)
         soc, soc_source, soc_sd = rest.soc, "rested voltage", rest.soc_sd
     elif fitted := None if cell.is_of_records else fitted_soc(record, cell, capacity_ah, first):
         (soc, soc_sd), soc_source = fitted, "fitted"
-        told = [notice("start.fitted", record.name, start_row=row, soc=soc, soc_sd=soc_sd)]
+        notices = [notice("start.fitted", record.name, start_row=row, soc=soc, soc_sd=soc_sd)]
     else:
         raise unrested.error()
     if source == "assumed" and min(soc, 1 - soc) < NEAR_AN_END:
@@ -132,13 +132,13 @@ def find_start(
     start = Start(soc, soc_source, direction, source, row, voltage_v, soc_sd=soc_sd)
     begun = replace(begun, capacity_ah=capacity_ah)
     if unrested is None:
-        told += begun.beyond_ocv(start, sd_v)
-    rests = (own.known_at for own in begun.known_at_rests()) if unrested else [first]
+        notices += begun.beyond_ocv(start, sd_v)
+    rests = (rest.known_at for rest in begun.known_at_rests()) if unrested else [first]
     for at in sorted(rests, key=lambda at: abs(at - first))[:1]:
-        told += begun.denied_by_rest(at)
+        notices += begun.denied_by_rest(at)
     if is_relaxing:
-        told.append(begun.relaxing(soc_source == "rested voltage"))
-    return start, capacity_ah, told
+        notices.append(begun.relaxing(soc_source == "rested voltage"))
+    return start, capacity_ah, notices
 
 
 @dataclass(frozen=True)
@@ -185,10 +185,10 @@ class _Beginning:
         witnesses = [] if only_counters else [self._ends(), self._full_voltage()]
         witnesses += [] if is_flat else [self._counted()]
         witnesses += [] if is_flat or only_counters else [self.known_at_rests()]
-        for known in witnesses:
-            likely = [own for own in map(self._carried, known) if self._is_likely(own)]
+        for witness in witnesses:
+            likely = [soc for soc in map(self._carried, witness) if self._is_likely(soc)]
             if likely:
-                return min(likely, key=lambda own: abs(own.known_at - self.first))
+                return min(likely, key=lambda soc: abs(soc.known_at - self.first))
         return None
 
     def _carried(self, known: KnownSoc) -> KnownSoc:
@@ -308,9 +308,9 @@ class _Beginning:
         """True where a rested voltage lies off both branches at a SOC, by voltage and by SOC."""
         doubtful_v, doubtful_soc = DOUBTFUL_V + 3 * sd_v, DOUBTFUL_SOC + 3 * soc_sd
         ends = [self.cell.soc_at_rest(voltage_v, way) for way in (-1, 1)]
-        told_soc = [soc for soc in ends if soc is not None]
+        branch_socs = [soc for soc in ends if soc is not None]
         # Where one tells none, the voltage is far from where that branch ends.
-        if len(told_soc) < 2 or _is_within(soc, told_soc, doubtful_soc):
+        if len(branch_socs) < 2 or _is_within(soc, branch_socs, doubtful_soc):
             return False
         branches = self.cell.discharge, self.cell.charge
         expected_v = [float(branch(np.array([soc]))[0]) for branch in branches]
@@ -346,8 +346,8 @@ class _Beginning:
             yield notice("start.other-soc", record.name, **where, **socs, **given)
 
 
-def _is_within(value: float, known: Sequence[float], margin: float) -> bool:
-    return min(known) - margin <= value <= max(known) + margin
+def _is_within(value: float, ends: Sequence[float], margin: float) -> bool:
+    return min(ends) - margin <= value <= max(ends) + margin
 
 
 def require_whole_log(record: Record, records: Sequence[Record], unknown: InputError) -> None:

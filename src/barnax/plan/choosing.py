@@ -370,9 +370,9 @@ def _options(
     """Arguments of `identify` that the files decide, and why."""
     record, own_ah = runs[0], None
     for file in runs if draft.given_ah is None else ():
-        own = draft.window(file)
-        is_full = own.initial_soc == 1.0 or draft.starts.get(file, SHOWN).is_full
-        taken_ah = record_capacity_ah(file, own, choice, is_full)
+        window = draft.window(file)
+        is_full = window.initial_soc == 1.0 or draft.starts.get(file, SHOWN).is_full
+        taken_ah = record_capacity_ah(file, window, choice, is_full)
         is_used = draft.taken[file][0] == "identification"
         if taken_ah is not None and is_used and taken_ah > (own_ah or 0.0):
             record, own_ah = file, taken_ah

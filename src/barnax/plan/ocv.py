@@ -60,13 +60,13 @@ def ocv_at(
     records = [file.traits.longest_discharge_ah for file in near if file.is_record]
     capacities_ah = dict.fromkeys((given_ah, None, max(records, default=None)))
     if tests:
-        own = [file for file in tests if is_same_degc(file.temperature_degc, degc)]
-        choice = _first_cell([tuple(own or tests)], capacities_ah)
+        alike = [file for file in tests if is_same_degc(file.temperature_degc, degc)]
+        choice = _first_cell([tuple(alike or tests)], capacities_ah)
         if isinstance(choice, InputError):
             raise choice
         return choice
-    own = [file for file in near if is_same_degc(file.temperature_degc, degc, is_strict=True)]
-    for candidates in (own, near):
+    alike = [file for file in near if is_same_degc(file.temperature_degc, degc, is_strict=True)]
+    for candidates in (alike, near):
         serving = [file for file in candidates if file.serves("OCV test")]
         max_ah = max((sweep.passed_ah for sweep in _sweeps(serving)), default=0.0)
         sets = sorted(_sets(serving), key=lambda tests, max_ah=max_ah: _rank(tests, max_ah))
@@ -180,11 +180,11 @@ def started(
     """The window, with its start where another of the files ends that the record goes on from if it
     does not show its own, and how that is known, in words; or why neither fits."""
     is_full = window.initial_soc == 1.0
-    own = replace(window, capacity_ah=record_capacity_ah(file, window, choice, is_full))
-    prepared = _prepared(file, own, choice)
+    counted = replace(window, capacity_ah=record_capacity_ah(file, window, choice, is_full))
+    prepared = _prepared(file, counted, choice)
     if isinstance(prepared, InputError):
         # A record may take a little more charge out of the full cell than the test did.
-        more = replace(own, capacity_ah=record_capacity_ah(file, own, choice, is_full=True))
+        more = replace(counted, capacity_ah=record_capacity_ah(file, counted, choice, is_full=True))
         if (more.capacity_ah or math.inf) <= _LITTLE_MORE * choice.cell.capacity_ah:
             fuller = _prepared(file, more, choice)
             if isinstance(fuller, PreparedRecord) and fuller.start.soc >= 1 - _FULL:
@@ -193,7 +193,7 @@ def started(
         before = next((other for other in files if _goes_on(other, file, choice)), None)
         soc = None if before is None else _final_soc(files, before, choice)
         if before is not None and soc is not None and not window.is_chosen:
-            begun = _prepared(file, replace(own, initial_soc=soc), choice)
+            begun = _prepared(file, replace(counted, initial_soc=soc), choice)
             if isinstance(begun, InputError):
                 return begun
             return Started(replace(window, initial_soc=soc), f", where {before.name} ends")

@@ -19,8 +19,25 @@ from ..records.record import Segments
 LEAST_NOISE_V = 1e-4
 # From the median step of white noise to its standard deviation.
 _TO_SD = 1.4826 / np.sqrt(2)
+# The OCV's slope is a difference over so much SOC.
+_STEP_SOC = 0.01
 # A mean that moves by more standard errors, once in ten thousands of white noise, drifts.
 _DRIFTING = 4.0
+
+
+def cell_at_rest(
+    segments: Segments, cell: CellModel, at: int, direction: int
+) -> tuple[float, float] | None:
+    """The SOC that the rest around the sample `at` tells of a cell that came from a direction, and
+    its standard error by the noise; None where that is beyond the OCV."""
+    voltage_v, sd_v = mean_at_rest(segments, at)
+    soc = cell.soc_at_rest(voltage_v, direction)
+    if soc is None:
+        return None
+    branch = cell.charge if direction > 0 else cell.discharge
+    around = np.clip([soc - _STEP_SOC / 2, soc + _STEP_SOC / 2], *cell.soc_range)
+    slope = float(np.ptp(branch(around)) / np.ptp(around))
+    return soc, min(sd_v / max(slope, 1e-9), 1.0)
 
 
 def mean_at_rest(segments: Segments, at: int) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from ..records import Record
 from ..records.record import MINIMUM_REST_S, Segments, is_long, pause_s
 from ..records.samples import record_resistance_ohm
 from ..settings import SocSource
-from .rest import fitted_soc, mean_at_rest
+from .rest import cell_at_rest, fitted_soc, mean_at_rest
 from .window import Window, relaxing_rest
 
 # A discharge ends empty after so long, at up to C/1.8, for many tests make it at C/2. The voltage
@@ -29,8 +29,6 @@ _SMALL_HOURS = 20.0
 _APART_V, _APART_SOC, _COUNTED_APART_V = 0.15, 0.02, 0.05
 # What is called full differs by less from one charge to the next.
 _BEYOND_AN_END = 0.005
-# The OCV's slope at a rest is a difference over so much SOC.
-_STEP_SOC = 0.01
 # So near full or empty, the last current was the one that leads there.
 NEAR_AN_END = 0.02
 # A given SOC is in doubt where the rested voltage is so far from its OCV, and tells another SOC.
@@ -118,8 +116,7 @@ def find_start(
             else:
                 notices = [notice("start.beyond-an-end", record.name, **moved)]
     elif not unrested:
-        rest = begun.rested(first, direction)
-        soc, soc_source, soc_sd = rest.soc, "rested voltage", rest.soc_sd
+        (soc, soc_sd), soc_source = begun.rested(first, direction), "rested voltage"
     elif fitted := None if cell.is_of_records else fitted_soc(record, cell, capacity_ah, first):
         (soc, soc_sd), soc_source = fitted, "fitted"
         notices = [notice("start.fitted", record.name, start_row=row, soc=soc, soc_sd=soc_sd)]
@@ -128,7 +125,7 @@ def find_start(
     if source == "assumed" and min(soc, 1 - soc) < NEAR_AN_END:
         direction, source = (1 if soc > 0.5 else -1), "full or empty"
         if soc_source == "rested voltage":
-            soc = begun.rested(first, direction).soc
+            soc = begun.rested(first, direction)[0]
     start = Start(soc, soc_source, direction, source, row, voltage_v, soc_sd=soc_sd)
     begun = replace(begun, capacity_ah=capacity_ah)
     if unrested is None:
@@ -237,29 +234,19 @@ class _Beginning:
         """The last samples of rests that are long enough, and come after a load."""
         for first, last, rest_s in self.segments.rests:
             if first and is_long(rest_s):
-                rest = self._at_rest(last, -1 if self.record.current_a[first - 1] > 0 else 1)
+                direction = -1 if self.record.current_a[first - 1] > 0 else 1
+                rest = cell_at_rest(self.segments, self.cell, last, direction)
                 if rest is not None:
-                    yield rest
+                    yield KnownSoc(rest[0], "rest elsewhere", last, rest[1])
 
-    def rested(self, at: int, direction: int) -> KnownSoc:
-        """What the rest around a sample tells. Raises `InputError` where that is beyond the OCV."""
-        rest = self._at_rest(at, direction)
+    def rested(self, at: int, direction: int) -> tuple[float, float]:
+        """The SOC that the rest around a sample tells, and its standard error. Raises `InputError`
+        where that is beyond the OCV."""
+        rest = cell_at_rest(self.segments, self.cell, at, direction)
         if rest is None:
             beyond = self.cell.beyond_ocv(mean_at_rest(self.segments, at)[0], direction)
             raise InputError(f"{self.record.name}: row {self.record.row[at]}: {beyond}")
         return rest
-
-    def _at_rest(self, at: int, direction: int) -> KnownSoc | None:
-        """What the rest around a sample tells of a cell that came from a direction; None where that
-        is beyond the OCV."""
-        voltage_v, sd_v = mean_at_rest(self.segments, at)
-        soc = self.cell.soc_at_rest(voltage_v, direction)
-        if soc is None:
-            return None
-        branch = self.cell.charge if direction > 0 else self.cell.discharge
-        around = np.clip([soc - _STEP_SOC / 2, soc + _STEP_SOC / 2], *self.cell.soc_range)
-        slope = float(np.ptp(branch(around)) / np.ptp(around))
-        return KnownSoc(soc, "rest elsewhere", at, min(sd_v / max(slope, 1e-9), 1.0))
 
     def direction_before(self, at: int) -> tuple[Literal[-1, 1], DirectionSource]:
         """The last current before a sample; where there is none, the given one or a guess."""
@@ -337,9 +324,9 @@ class _Beginning:
         given_soc = window.initial_soc - counted - self.counted_soc
         voltage_v, sd_v = mean_at_rest(self.segments, at)
         if self.denies(voltage_v, sd_v, given_soc, _COUNTED_SD * abs(counted)):
-            rest = self.rested(at, self.direction_before(at)[0])
+            rested_soc, rested_sd = self.rested(at, self.direction_before(at)[0])
             where = {"voltage_v": voltage_v, "start_row": record.row[at]}
-            socs = {"rested_soc": rest.soc, "rested_sd": rest.soc_sd}
+            socs = {"rested_soc": rested_soc, "rested_sd": rested_sd}
             before = self.discharged_ah[first] / self.capacity_ah
             before = before if window.soc_source == "given earlier" else 0.0
             given = {"given_soc": window.initial_soc + before, "counted_soc": given_soc}

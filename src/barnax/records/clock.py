@@ -321,21 +321,17 @@ def examine_repeats(samples: Samples) -> Samples:
     is_other = is_repeat & ~is_alike & ~is_exact
     is_any = is_near | is_other
     in_a_row = (is_other[1:] & is_any[:-1]) | (is_any[1:] & is_other[:-1])
-    others = int(is_other.sum())
+    others, at = int(is_other.sum()), int(np.argmax(is_other)) + 1
+    given = {**_two_values(samples, at), "rows": others}
     if in_a_row.sum() > max(_SLIPS, _FEW * len(samples)) or np.mean(is_other) > _COARSE:
-        at = int(np.argmax(is_other)) + 1
         mean = len(samples) / len(np.unique(samples.time_s))
-        given = {**_two_values(samples, at), "rows": others, "rows_a_stamp": mean}
-        told = samples.telling(at, "repeats.coarse-clock", **given)
+        told = samples.telling(at, "repeats.coarse-clock", **given, rows_a_stamp=mean)
         return told.having(time=_spread(samples.time_s))
     for is_merged, alike in ((is_exact, "exact"), (is_near, "near")):
         if is_merged.any():
-            at = int(np.argmax(is_merged)) + 1
-            given = {"rows": is_merged.sum(), "alike": alike}
-            samples = samples.telling(at, "repeats.merged", **given)
+            first, rows = int(np.argmax(is_merged)) + 1, is_merged.sum()
+            samples = samples.telling(first, "repeats.merged", rows=rows, alike=alike)
     if others:
-        at = int(np.argmax(is_other)) + 1
-        given = {**_two_values(samples, at), "rows": others}
         samples = samples.telling(at, "repeats.merged-others", **given)
     return _with_close(merge_repeats(samples))
 

@@ -248,8 +248,8 @@ def _is_time_of_day(table: Table, found: Columns) -> bool:
     if time.quantity.name != "time" or len(table.row) < 2:
         return False
     # A few cells rule out most columns of dates, which take long to read.
-    some = table.columns[date.index].gather(_some_places(table))
-    if np.any(numbers(some, date) % DAY_S != 0):
+    lines = np.linspace(0, len(table.row) - 1, _DATES).astype(int)
+    if np.any(numbers(table.columns[date.index].gather(lines), date) % DAY_S != 0):
         return False
     days_s, clock_s = (numbers(table.columns[column.index], column) for column in (date, time))
     # A day is not known where its cell is blank.
@@ -260,11 +260,6 @@ def _is_time_of_day(table: Table, found: Columns) -> bool:
         return bool(is_new.any() and not np.any(falls & ~is_new))
     began_s = days_s - days_s[0] - clock_s
     return not began_s.max() < began_s.min() + DAY_S
-
-
-def _some_places(table: Table) -> np.ndarray:
-    """Lines all over the table, in order."""
-    return np.unique(np.linspace(0, len(table.row) - 1, _DATES).astype(int))
 
 
 def _no_record(table: Table, given: Mapping[str, str]) -> Notice:

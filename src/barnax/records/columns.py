@@ -239,14 +239,11 @@ def with_units(
         return tuple(header), False
     return tuple(
         name
-        if (k in own and not own[k].is_unit_assumed) or not _is_unit(units[k])
+        if (k in own and not own[k].is_unit_assumed)
+        or not any(unit_of(quantity, units[k]) for quantity in QUANTITIES)
         else f"{name} [{units[k]}]"
         for k, name in enumerate(header)
     ), True
-
-
-def _is_unit(text: str) -> bool:
-    return any(unit_of(quantity, text) for quantity in QUANTITIES)
 
 
 def other_table(header: Sequence[str]) -> str | None:

@@ -19,7 +19,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..errors import counted
-from .columns import Column
 from .counters import inner
 from .lag import lagged
 from .logger import SOMETIMES, Decision, Hold, Logger, SamplingEvidence, SlowRows
@@ -92,18 +91,15 @@ def sampled_as(record: Record, others: Sequence[Record]) -> Record:
 def evidence_of(samples: Samples, name: str) -> SamplingEvidence:
     """What the samples of a record show of its logger."""
     proof, column = _from_counters(samples), samples.columns["current"]
-    if _is_mean(column) and (proof is None or proof.strength != "strong"):
+    # "<I>/mA", or the charge of each interval.
+    is_mean = column.header.startswith("<") or column.quantity.name == "charge of the interval"
+    if is_mean and (proof is None or proof.strength != "strong"):
         words = f"'{column.header}' is the mean current since the row before"
         proof = Decision("backward", "weak", words)
     if proof is None and samples.dialect.logs_at_end:
         words = f"{samples.dialect.name} testers log a sample at its interval's end"
         proof = Decision("backward", "weak", words)
     return SamplingEvidence(tuple(samples.table.header), name, proof, slow_rows(samples))
-
-
-def _is_mean(column: Column) -> bool:
-    """True if a column of currents holds means over intervals: "<I>/mA", or the charge of each."""
-    return column.header.startswith("<") or column.quantity.name == "charge of the interval"
 
 
 def _from_counters(samples: Samples) -> Decision | None:

@@ -6,6 +6,7 @@ hide another.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
@@ -73,9 +74,7 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
         return Examined(None, None, lines.findings)
     samples = mended = _one_cell(source, samples_of(lines))
 
-    def judge_scale(given: Samples) -> Samples:
-        return examine_scale(given, capacity_ah, source.columns)
-
+    judge_scale = partial(examine_scale, capacity_ah=capacity_ah, given=source.columns)
     if short := _too_short(mended):
         # If bad cells took the samples, that has been said already.
         is_said = any(finding.severity == "error" for finding in mended.findings)

@@ -28,8 +28,8 @@ _STEADY, _APART, _BETWEEN, _FEWEST_BETWEEN = 0.015, 0.1, (0.1, 0.9), 5
 _FAR_LONGER, _HEAVIER = 30, 3
 # A rest does not move the voltage this far between two samples.
 _LOAD_V = 0.02
-# The median of this many values is as good as that of all.
-_ENOUGH = 50_000
+# The median of this many values is as good as that of all; of more, some are then left out.
+_ENOUGH, MORE = 50_000, 250_000
 
 
 class Samples(Lines):
@@ -189,8 +189,8 @@ class Samples(Lines):
     @cached_property
     def noise_v(self) -> float:
         """The noise of a voltage step while the current stands still."""
-        is_quiet = np.abs(some(self.step_a)) < STEADY_SHARE * self.peak_a
-        return voltage_noise_v(some(self.step_v)[is_quiet])
+        is_quiet = np.abs(few(self.step_a, MORE)) < STEADY_SHARE * self.peak_a
+        return voltage_noise_v(few(self.step_v, MORE)[is_quiet])
 
     @cached_property
     def answered_ohm(self) -> float:
@@ -215,9 +215,9 @@ class Samples(Lines):
         return abs(self.answered_ohm) * 3600 * self.span_ah / travel_v, travel_v
 
 
-def few(values: Float[np.ndarray, "all"]) -> Float[np.ndarray, "some"]:
+def few(values: np.ndarray, most: int = _ENOUGH) -> np.ndarray:
     """An even share of many values, whose median and quantiles are as good as those of all."""
-    return values[:: 1 + len(values) // _ENOUGH]
+    return values[:: 1 + len(values) // most]
 
 
 def samples_of(lines: Lines) -> Samples:
@@ -233,11 +233,6 @@ def samples_of(lines: Lines) -> Samples:
         interval_h = np.diff(time_s, prepend=time_s[:1]) / 3600
         values["current"] = values["current"] / np.where(interval_h > 0, interval_h, np.inf)
     return Samples(lines.table, lines.columns, values, lines.at, zero_date_s, lines.findings)
-
-
-def some(values: np.ndarray) -> np.ndarray:
-    """A larger share of many values, of which some are then left out."""
-    return values[:: 1 + len(values) // (5 * _ENOUGH)]
 
 
 def voltage_noise_v(step_v: Float[np.ndarray, "quiet"]) -> float:

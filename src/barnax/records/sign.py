@@ -16,7 +16,7 @@ from ..notices import Notice, notice
 from .dialects import CHARGE, DISCHARGE, Sign
 from .logger import Decision
 from .record import equal_runs, runs
-from .samples import Samples, some, voltage_noise_v
+from .samples import MORE, Samples, few, voltage_noise_v
 from .table import found_at
 
 SIGNS: Mapping[int, Sign] = {1: CHARGE, -1: DISCHARGE}
@@ -159,7 +159,7 @@ def step_votes(samples: Samples) -> tuple[Int[np.ndarray, "steps"], Float[np.nda
 def _at_current_steps(samples: Samples) -> Evidence | None:
     """A cell's resistance lifts its voltage when the charging current steps up, or a few rows
     later where the voltage is late."""
-    noise_v = voltage_noise_v(some(samples.answer_v)[~some(samples.is_step)])
+    noise_v = voltage_noise_v(few(samples.answer_v, MORE)[~few(samples.is_step, MORE)])
     at = samples.steps
     step_v = samples.answer_v[at]
     product = samples.step_a[at] * step_v
@@ -228,7 +228,7 @@ def _under_sustained_current(samples: Samples) -> Evidence | None:
     is_loaded = magnitude > 0.05 * samples.peak_a
     is_steady = np.abs(samples.step_a) < 0.05 * magnitude[1:]
     is_steady &= is_loaded[1:] & is_loaded[:-1]
-    noise_v = voltage_noise_v(some(samples.step_v))
+    noise_v = voltage_noise_v(few(samples.step_v, MORE))
     first, last_interval = runs(is_steady)
     last = last_interval + 1
     # Eight intervals keep single relaxations out; what moves less than the noise is no trend.

@@ -58,7 +58,7 @@ def test_noise_is_told_from_what_a_circuit_leaves_out(prepared, believed):
     rng = np.random.default_rng(3)
     count = len(prepared.soc)
     seconds = by_second(prepared)
-    columns, _ = columns_along(believed.usual, seconds.current_a, seconds.soc)
+    columns, _ = columns_along(believed, seconds.current_a, seconds.soc)
     left_out = columns[:, len(believed.names) :]
     found = {}
     for size in (0.0, 0.4, 0.8):

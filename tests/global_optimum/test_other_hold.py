@@ -140,7 +140,10 @@ def test_tables_move_under_the_other_hold_by_the_closed_form_of_their_own_pairs(
     assert changes[1].r0_ohm == pytest.approx(r0[0] - r0[1] - own, rel=0.15)
     for name, share in changes[0].shares.items():
         pair = [each.mean_ohm(name) for each in (forward, backward)]
-        assert pair[0] * (1 + share) == pytest.approx(pair[1], rel=0.02)
+        # The wrong hold leaves four times the noise, which bends a table within its intervals.
+        (mean,) = [each for each in forward.fits[0].means if each.name == name]
+        assert mean.low * (1 + share) < pair[1] < mean.high * (1 + share)
+        assert pair[0] * (1 + share) == pytest.approx(pair[1], rel=0.04)
         reaching = forward.spanning([], {name: share}).fits[0]
         for node in reaching.of_table(name):
             assert node.low is None or node.low <= node.value * (1 + share) <= (node.high or 0.0)

@@ -20,7 +20,7 @@ from ..records.record import Segments, degc_in_name, reach
 from ..records.samples import Samples
 from ..records.table import found_at
 
-_FEWEST_READINGS, _MAX_STEPS = 20, 0.9
+_FEWEST_READINGS, _MAX_STEPS, _FEWEST_ANSWERS = 20, 0.9, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,6 +287,8 @@ def traits_of(given: CheckInput) -> Traits:
     discharged_ah = record.discharged_ah
     loaded_s = record.interval_s[~given.is_rested[1:]]
     bulk_s, travel_v = given.samples.bulk_time
+    # Of fewer steps that the voltage answers, as a charge has at its ends, none tells a steep end.
+    answered = np.count_nonzero(given.samples.answer_v[given.samples.steps])
     # The deepest point below the highest one before it: charge taken out without going back up.
     out_ah = discharged_ah - np.minimum.accumulate(discharged_ah)
     measured = np.empty(0) if record.temperature_degc is None else record.temperature_degc
@@ -303,7 +305,7 @@ def traits_of(given: CheckInput) -> Traits:
         discharged_ah=given.discharged_ah,
         longest_discharge_ah=float(out_ah.max()),
         interval_s=float(np.median(loaded_s)) if len(loaded_s) else np.inf,
-        steep_v=travel_v if 0 < bulk_s < STEEP_S else 0.0,
+        steep_v=travel_v if answered >= _FEWEST_ANSWERS and 0 < bulk_s < STEEP_S else 0.0,
         temperature_degc=float(np.median(known_degc))
         if len(known_degc)
         else degc_in_name(record.name),

@@ -56,6 +56,10 @@ def test_tables_are_level_beyond_the_nodes_next_to_samples(result):
             at_ends = tables.at(name, np.array(ends))
             assert np.ptp(at_ends) == 0.0
             assert tables.at(name, np.array([soc]))[0] != at_ends[0]
+    for own in result.fit.intervals:
+        if own.name in tables.resistances and own.low is not None and own.high is not None:
+            assert own.low <= tables.at(own.name, np.array([own.soc]))[0] <= own.high
+            assert own.value == pytest.approx(tables.at(own.name, np.array([own.soc]))[0], rel=1e-9)
 
 
 def test_a_proved_constant_circuit_stands_beside_the_tables(result):

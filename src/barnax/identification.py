@@ -30,7 +30,7 @@ from .over_soc import (
     group_by_temperature,
 )
 from .over_soc.certificate import certify
-from .over_soc.fit import fit_of, level_beyond
+from .over_soc.fit import fit_of, with_level_ends
 from .over_soc.fits import R0
 from .pulses import pulses_of
 from .records.lag import late_answers_ohm
@@ -217,10 +217,7 @@ def _fitted(setup: Setup) -> TableFits:
     groups = [records]
     if fits.over_temperature is not None:
         groups = [group for _, group in sorted(group_by_temperature(records).items())]
-    level = tuple(
-        replace(fit, tables=level_beyond(fit.tables, group))
-        for fit, group in zip(fits, groups, strict=True)
-    )
+    level = tuple(with_level_ends(fit, group) for fit, group in zip(fits, groups, strict=True))
     return replace(fits, fits=level)
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..display import Brief
 from ..errors import InputError
@@ -269,11 +269,15 @@ class CircuitParameters(Brief):
 
     def level_beyond(self, low_soc: float, high_soc: float) -> Self:
         """The same with tables that are level beyond the nodes next to these states of charge."""
-        first = np.searchsorted(self.nodes, low_soc, side="right") - 1
-        last = np.searchsorted(self.nodes, high_soc)
-        nodes = np.clip(np.arange(len(self.nodes)), max(first, 0), last)
+        nodes = self.nodes_beside(low_soc, high_soc)
         tables = {name: tuple(table[node] for node in nodes) for name, table in self.tables.items()}
         return replace(self, tables=tables)
+
+    def nodes_beside(self, low_soc: float, high_soc: float) -> Int[np.ndarray, "nodes"]:
+        """The index of every node, beyond those next to two states of charge that of the last."""
+        first = np.searchsorted(self.nodes, low_soc, side="right") - 1
+        last = np.searchsorted(self.nodes, high_soc)
+        return np.clip(np.arange(len(self.nodes)), max(first, 0), last)
 
     def with_tables(self, changed: Mapping[str, Rows]) -> Self:
         """The same with other values in some tables, or with more of them."""

@@ -255,8 +255,26 @@ def level_beyond(
 ) -> CircuitParameters:
     """The tables, level beyond the nodes next to which records have scored samples: there, the
     penalty alone would take them straight on."""
+    return tables.level_beyond(*_visited_soc(prepared_records))
+
+
+def with_level_ends(fit: TableFit, prepared_records: Sequence[PreparedRecord]) -> TableFit:
+    """The fit with such tables, whose intervals there are those of the last node too."""
+    nodes = np.array(fit.tables.nodes)
+    beside = nodes[fit.tables.nodes_beside(*_visited_soc(prepared_records))]
+    last = dict(zip(nodes.tolist(), beside.tolist(), strict=True))
+    at_nodes = {(one.name, one.soc): one for one in fit.intervals}
+    intervals = tuple(
+        replace(at_nodes.get((one.name, last.get(one.soc, one.soc)), one), soc=one.soc)
+        for one in fit.intervals
+    )
+    tables = level_beyond(fit.tables, prepared_records)
+    return replace(fit, tables=tables, intervals=intervals)
+
+
+def _visited_soc(prepared_records: Sequence[PreparedRecord]) -> tuple[float, float]:
     soc = np.concatenate([prepared.soc[prepared.scored] for prepared in prepared_records])
-    return tables.level_beyond(float(soc.min()), float(soc.max()))
+    return float(soc.min()), float(soc.max())
 
 
 def errors_on(prepared: PreparedRecord, tables: CircuitParameters) -> SocErrors:

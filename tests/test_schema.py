@@ -11,7 +11,7 @@ from typing import Any
 import pydantic
 import pytest
 from benchmarks.schema import notices_page
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from barnax.cli.session import as_flags
@@ -189,6 +189,7 @@ def leaves_of(part: Any, place: str = "") -> Iterator[str]:
 
 
 @settings(max_examples=60)
+@example("constant/search/seeds/0/history/0", {})
 @given(
     st.sampled_from(sorted(set(leaves_of(DOCUMENT)))),
     st.sampled_from(["x", -1, 1e300, None, [], {}, True]),

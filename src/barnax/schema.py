@@ -59,13 +59,20 @@ def key_of(name: str) -> str:
     return KEYS.get(name) or _UNIT.sub(lambda unit: f" [{UNITS[unit[1]]}]", name)
 
 
+def _array(given: Any) -> np.ndarray:
+    try:
+        return np.array(given, dtype=float)  # None becomes NaN
+    except TypeError as error:
+        raise ValueError(f"no array of numbers: {error}") from error
+
+
 class _Array:
     """An array of numbers, stored as nested lists, null for what is not finite."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
         del source, handler
         return core_schema.no_info_plain_validator_function(
-            lambda given: np.array(given, dtype=float),  # None becomes NaN
+            _array,
             serialization=core_schema.plain_serializer_function_ser_schema(_listed),
         )
 

@@ -371,7 +371,7 @@ def page(folder: Path, tiny: int) -> str:
         f"{default_hours:,.0f}, so {default_hours * 3600 / NIGHT_S:,.0f} cores |",
         f"| read | {NIGHT_CELLS * size / 1e12:.1f} TB, {NIGHT_CELLS * size / NIGHT_S / 1e6:,.0f} "
         "MB/s |",
-        f"| batches of 50 | {NIGHT_CELLS // 50:,}, {NIGHT_CELLS / 50 / NIGHT_S:.1f} a second |",
+        f"| tasks | {NIGHT_CELLS:,}, {NIGHT_CELLS / NIGHT_S:.0f} a second |",
         f"| part files | {NIGHT_CELLS // 50:,} until they are put together |",
         f"| dataset | {NIGHT_CELLS * row_bytes / 1e9:.0f} GB |",
         f"| one driver asking what is done | {NIGHT_CELLS * skipped_ms / 6e4:.1f} min |",

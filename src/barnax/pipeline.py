@@ -13,6 +13,7 @@ import numpy as np
 
 from .bundled import BUNDLED
 from .cell import CellModel, get_circuit
+from .cell.parameters import RATE
 from .checks.against_cell import compare_resistances
 from .checks.roles import are_unfit
 from .checks.traits import MAX_HALF_WIDTH
@@ -197,6 +198,12 @@ def _registered(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRec
     if chosen.keep_starts or not chosen.ocv_correction or has_no_amplitude:
         return list(records)
     tables = bounded_tables(job, but="[F]")
+    if not get_circuit(circuit).has_rate:
+        # A flat OCV is told by a circuit with a hysteresis, whose rate may be bounded.
+        bounds, fixed = dict(tables.bounds), dict(tables.fixed)
+        for given in (bounds, fixed):
+            given.pop(RATE, None)
+        tables = replace(tables, bounds=bounds, fixed=fixed)
     told = [
         one
         if one.circuit == circuit and one.window.registration is None

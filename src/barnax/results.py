@@ -66,7 +66,7 @@ class Result(Document):
     barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
     """
 
-    schema_version: Literal[7]
+    schema_version: Literal[8]
     model: CircuitName
     metrics: MetricsBlock
     candidates: tuple[Candidate, ...] = ()
@@ -382,7 +382,7 @@ class Result(Document):
         return self._first.rest_current_a or self.cell_model.capacity_ah / 100
 
     def figure(self, name: str) -> "Figure":
-        """A figure by its name, such as "voltage", "error", "convergence", "ocv" or "landscape".
+        """A figure by its name, such as "voltage", "error", "convergence" or "ocv".
 
         Raises `InputError` for a name that this result has no figure of.
         """

@@ -320,8 +320,10 @@ def subspace_method(problem: Problem) -> Answer:
     al. (2016), whose reference number 19 Li et al. (2023) give for it, the order is that of the
     circuit; `HORIZON` block rows a pair are ours. Poles that are complex, negative or unstable
     belong to no circuit: raises `MethodFailure`, also for an uneven clock, for a current that never
-    changes, and for a record too short for the block rows.
+    changes, for a record too short for the block rows, and for a box too wide to compress.
     """
+    if not problem.is_compressible:
+        raise MethodFailure("the box of time constants is too wide for it; narrow the bounds")
     pairs = problem.bounds.pairs
     rows = HORIZON * pairs
     samples = even_samples(problem.prepared, 2 * rows - 1)

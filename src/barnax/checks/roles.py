@@ -263,7 +263,7 @@ def _profile_numbers(
 def _full_step(given: CheckInput, step: Int[np.ndarray, "samples"], before: int) -> int | None:
     """The number of the last step before a sample that ends with the cell full."""
     number = None
-    for last in given.segments.full_charges(given.scale_ah):
+    for last in given.segments.full_charges(math.inf):
         # The last block of a step is what `start_after_step` takes.
         end = int(np.flatnonzero(step == step[last])[-1])
         if end < before and np.all(step[last:end] == step[last]):

@@ -1,7 +1,7 @@
 """`barnax design`: the next test of a cell."""
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,6 +16,8 @@ from .session import as_flags, flag_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+
+    from ..reopening import Places
 
 
 @group
@@ -137,42 +139,67 @@ def _blocks(text: str, key: int) -> "list[barnax.Block]":
 
 def next_after(
     test: "barnax.Design", stored: "barnax.Result | None", cell: Cell, folder: Path
-) -> "Iterator[RenderableType]":
-    """The step after the test: to identify its record, with what counted and its windows."""
+) -> "list[RenderableType]":
+    """The step after the test: to identify its record, with what counted and its options."""
     from ..reopening import Places, file_of
+    from ..reporting.terminal import next_lines
+    from ..reporting.words import joined
 
-    soc, options = f"{test.initial_soc:g}", list[str]()
-    is_joint = stored is not None and cell.result is not None and test.earlier
-    # Where nothing shows what is full, its rest tells where it starts on the others' OCV.
-    if not (is_joint and test.start_v):
-        options += ["--initial-soc", f"RECORD={soc}" if is_joint else soc]
-    files: dict[str, list[str]] = {}
-    for part in stored.of_role("identification") if stored and is_joint else ():
-        files[file_of(part.name)] = []
-        options += _window_options(file_of(part.name), part.window, cell.capacity is not None)
-    if stored and is_joint and not stored.tried:
-        options += ["--model", stored.model]
-        options += ["--over", stored.over] if stored.over in choices_in(Over) else []
-    for part in stored.of_role("ocv") if stored else ():
-        files[file_of(part.name)] = ["--ocv"]
-    folders = Places.of(cell.result, cell.data or ()).folders if cell.result else ()
-    words = ["barnax", "identify", "RECORD"]
-    for name, before in files.items():
-        there = (place / name for place in folders if (place / name).is_file())
-        words += [*before, str(next(there, name))]
-    capacity_ah = cell.capacity if files else test.capacity_ah
-    options += [] if capacity_ah is None else ["--capacity", f"{capacity_ah:g}"]
-    command = shlex.join([*words, *options, "--design", str(folder)])
-    return reporting.terminal.next_lines("run the test and identify its record", command)
+    soc, missing = f"{test.initial_soc:g}", []
+    words = ["barnax", "identify"]
+    if stored is not None and cell.result is not None and test.earlier:
+        replaced = [] if cell.capacity is None else ["capacity"]
+        files, missing = _files_of(stored, Places.of(cell.result, cell.data or ()), replaced)
+        words += ["RECORD", *files]
+        # Where nothing shows what is full, its rest tells where it starts on the others' OCV.
+        words += [] if test.start_v else ["--initial-soc", f"RECORD={soc}"]
+    else:
+        words += ["RECORD", "--initial-soc", soc]
+        tests = [] if stored is None else stored.of_role("ocv")
+        names = dict.fromkeys(file_of(part.name) for part in tests)
+        words += [word for name in names for word in ("--ocv", name)]
+        words += [] if tests else ["--capacity", f"{test.capacity_ah:g}"]
+    if cell.capacity is not None:
+        words += ["--capacity", f"{cell.capacity:g}"]
+    command = shlex.join([*words, "--design", str(folder)])
+    advice = "run the test and identify its record"
+    if missing:
+        names = joined(list(dict.fromkeys(missing)))
+        advice += f"; write the path of {names}: no file of that name and content was found"
+    return [*next_lines(advice, command)]
 
 
-def _window_options(file: str, window: "barnax.Window | None", has_capacity: bool) -> Iterator[str]:
-    """A stored record's window as options, without its capacity where another is given."""
-    for option, (name, *_) in WINDOW_OPTIONS.items():
-        value = getattr(window.as_told, name) if window else None
-        if value is not None and not (option == "capacity" and has_capacity):
-            text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
-            yield from (flag_of(option), f"{file}={text}")
+def _files_of(
+    stored: "barnax.Result", places: "Places", replaced: Collection[str]
+) -> tuple[list[str], list[str]]:
+    """The stored records and OCV tests where they lie, with the circuit that was asked for and the
+    options of the records but those `replaced`; and the names of the files that were not found."""
+    from ..reopening import file_of
+
+    words: list[str] = []
+    missing: list[str] = []
+    for role, before in (("identification", ()), ("ocv", ("--ocv",))):
+        for name, sha256 in {file_of(p.name): p.sha256 for p in stored.of_role(role)}.items():
+            try:
+                words += [*before, str(places.find(name, sha256))]
+            except InputError:
+                words += [*before, name]
+                missing.append(name)
+    if not stored.tried:
+        words += ["--model", stored.model]
+        words += ["--over", stored.over] if stored.over in choices_in(Over) else []
+    common = stored.common_window
+    windows = {
+        file_of(p.name): p.window.as_told for p in stored.of_role("identification") if p.window
+    }
+    for asked, (name, *_) in WINDOW_OPTIONS.items():
+        shared = getattr(common, name)
+        values = {f"{file}=": getattr(window, name) for file, window in windows.items()}
+        for of, value in ({"": shared} if shared is not None else values).items():
+            if value is not None and asked not in replaced:
+                text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+                words += [flag_of(asked), f"{of}{text}"]
+    return words, missing
 
 
 def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] | None:

@@ -191,11 +191,12 @@ def _run(
 
 def _sampled_by(promise: "barnax.Design", job: "barnax.Job", records: list[Path]) -> "barnax.Job":
     """The job with the sampling of the current that a record of a designed test alone shows."""
-    from ..inputs import how_read, source_of
+    from ..inputs import how_read, listed, source_of
     from ..records import read_record
 
     is_file = len(records) == 1 and records[0].is_file() and records[0].suffix != ".toml"
-    if "current_hold" in job.chosen or not is_file:
+    # It would hold for the files of a validation too.
+    if "current_hold" in job.chosen or listed(job.validate) or not is_file:
         return job
     reading = job.part(Reading)
     source = source_of(records[0], {}, reading)

@@ -324,7 +324,7 @@ def _opened(
         try:
             yield reopen, workers
         except BaseException:
-            # Their batches would go on for minutes; what is written is whole.
+            # Their cells would go on for minutes; what is written is whole.
             for process in set(multiprocessing.active_children()) - others:
                 process.terminate()
             raise

@@ -308,25 +308,6 @@ def prepare_record(
     """A record made ready, with the cell as it is at the record's temperature. Raises `InputError`
     where window, SOC or OCV range do not fit it; nothing is asked of a current that is not
     measured, for nothing is identified with it."""
-    return _required(try_record(record, cell, circuit, window, is_measured=is_measured))
-
-
-def _required(made: PreparedRecord | InputError) -> PreparedRecord:
-    if isinstance(made, InputError):
-        raise made
-    return made
-
-
-def try_record(
-    record: Record,
-    cell: CellModel,
-    circuit: str,
-    window: Window | None = None,
-    *,
-    is_measured: bool = True,
-) -> PreparedRecord | InputError:
-    """The same, or why the cell cannot be where the record takes it. Raises `InputError` where the
-    start is not known, or the window asks for what the record does not have."""
     window = window or Window()
     cell = cell.at(temperature_of(record, window))
     capacity_ah = window.capacity_ah or cell.capacity_ah
@@ -337,12 +318,12 @@ def try_record(
     scored = scored_samples(record, window, first, soc)
     scored, found = within_ocv(record, cell, capacity_ah, soc, scored)
     if any(one.severity == "error" for one in found):
-        return found[0].error()
+        raise found[0].error()
     warnings += found
     if np.any(scored & (record.voltage_v <= 0)):
-        return _not_positive(record, scored)
+        raise _not_positive(record, scored)
     if is_measured and not np.any(record.current_a[scored]):
-        return InputError(
+        raise InputError(
             f"{record.name}: the current of every scored sample is zero, so nothing can be "
             "identified; give a record under load, or widen the window"
         )
@@ -350,7 +331,7 @@ def try_record(
     span = slice(first, int(np.flatnonzero(scored)[-1]) + 1)
     is_short = np.count_nonzero(scored) < FEWEST_SAMPLES or span.stop - first < FEWEST_SAMPLES
     if is_measured and is_short:
-        return InputError(
+        raise InputError(
             f"{record.name}: fewer than {FEWEST_SAMPLES} samples are left to score; widen the "
             "window"
         )
@@ -377,6 +358,23 @@ def try_record(
         capacity_ah=capacity_ah,
         warnings=tuple(warnings),
     )
+
+
+def _required(made: PreparedRecord | InputError) -> PreparedRecord:
+    if isinstance(made, InputError):
+        raise made
+    return made
+
+
+def try_record(
+    record: Record, cell: CellModel, circuit: str, window: Window | None = None
+) -> PreparedRecord | InputError:
+    """The same, or why the cell cannot be where the record takes it, its start is not known, or the
+    window asks for what the record does not have."""
+    try:
+        return prepare_record(record, cell, circuit, window)
+    except InputError as problem:
+        return problem
 
 
 def soc_along(

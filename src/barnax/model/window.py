@@ -140,12 +140,12 @@ def within_ocv(
     source_v = record.voltage_v[at] + record_resistance_ohm(record) * record.current_a[at]
     if (source_v - end_v) * way > _INSIDE_V:
         given |= {"end": end, "voltage_v": record.voltage_v[at], "end_v": end_v}
-        raise notice("soc.against-voltage", record.name, **given).error()
+        return scored, [notice("soc.against-voltage", record.name, **given)]
     impossible = far[np.abs(soc[far] - 0.5) > 0.5 + OCV_MARGIN]
     if len(impossible) or not np.any(scored & ~outside):
         at = [*impossible, at][0]
         given |= {"far_row": record.row[at], "soc": soc[at], "low_soc": low, "high_soc": high}
-        raise notice("soc.beyond-ocv", record.name, **given).error()
+        return scored, [notice("soc.beyond-ocv", record.name, **given)]
     if any(point.source == record.name for point in cell.points):
         # The correction of the OCV reaches a little beyond the last rest of a pulse test.
         outside = scored & (beyond > OCV_MARGIN)

@@ -21,6 +21,7 @@ from ..errors import InputError, printable
 from ..inputs import Watch, file_names, source_of, window_of
 from ..model.window import START, Window
 from ..records import Record, Source, read_record
+from ..records.record import TAPERED
 from ..settings import Reading
 from .document import merged
 
@@ -34,7 +35,7 @@ _TEMPORARY = (".", "~$")
 _QUANTILES = np.linspace(0.05, 0.95, 19)
 _ANOTHER = 0.05
 # A charge without a rest of so long that passes this share of what the record spans ends a test.
-_PAUSE_S, _BULK = 300.0, 0.3
+_PAUSE_S, _BULK, _NEAR_FULL_V = 300.0, 0.3, 0.02
 # A slow one is a test itself.
 _SLOW_S = 9 * 3600.0
 # What is shorter is no test.
@@ -275,7 +276,6 @@ def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:
     discharged_ah = record.discharged_ah
     span_ah = record.span_ah
     rest_a = record.rest_current_a(span_ah)
-    full = {*record.segments(rest_a).full_charges(span_ah)}
     charging = np.flatnonzero(record.current_a < -rest_a)
     discharging = np.flatnonzero(record.current_a > rest_a)
     begin, is_full = 0, False
@@ -289,7 +289,9 @@ def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:
             continue
         is_slow = record.time_s[last] - record.time_s[first] > _SLOW_S
         yield begin, (last if is_slow else max(first - 1, begin)), is_full
-        is_full = last in full
+        current_a = record.current_a[run]
+        is_near = record.voltage_v[last] > record.voltage_v.max() - _NEAR_FULL_V
+        is_full = bool(is_near and current_a[-1] > TAPERED * current_a.min())
         begin = min(last + 1, record.samples - 1)
     yield begin, record.samples - 1, is_full
 

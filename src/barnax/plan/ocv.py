@@ -58,7 +58,7 @@ def ocv_at(
     """
     near = [file for file in free if is_same_degc(file.temperature_degc, degc)]
     records = [file.traits.longest_discharge_ah for file in near if file.is_record]
-    capacities_ah = dict.fromkeys((given_ah, None, max(records, default=None)))
+    capacities_ah = dict.fromkeys((given_ah, None, max(records, default=0.0) or None))
     if tests:
         alike = [file for file in tests if is_same_degc(file.temperature_degc, degc)]
         choice = _first_cell([tuple(alike or tests)], capacities_ah)
@@ -179,6 +179,10 @@ def started(
 ) -> Started | InputError:
     """The window, with its start where another of the files ends that the record goes on from if it
     does not show its own, and how that is known, in words; or why neither fits."""
+    try:
+        first_sample(file.record, window, 0.0)
+    except InputError as problem:
+        return problem
     is_full = window.initial_soc == 1.0
     counted = replace(window, capacity_ah=record_capacity_ah(file, window, choice, is_full))
     prepared = _prepared(file, counted, choice)

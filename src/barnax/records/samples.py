@@ -198,6 +198,10 @@ class Samples(Lines):
         tell it. Its sign is that of the voltage's answer."""
         steps = self.steps[self.answer_v[self.steps] != 0]
         step_a, step_v = self.step_a[steps], self.answer_v[steps]
+        if len(steps) < 3:
+            # No lag is known of so few: what the next row shows is of the step too.
+            after = np.minimum(steps + 2, len(self.voltage_v) - 1)
+            step_v = self.voltage_v[after] - self.voltage_v[steps]
         rising = np.sign(np.sum(step_a * step_v))
         return rising * step_resistance_ohm(step_a, step_v, fewest=1)
 

@@ -80,7 +80,9 @@ def _with_unusual(samples: Samples) -> Samples:
     span_ah, ohm, length_s = samples.span_ah, abs(samples.answered_ohm), samples.length_s
     is_slow = length_s > _LONG_S or samples.peak_a < _RATE * span_ah
     is_fast = length_s < _SHORT_S and samples.bulk_time[1] > _SWUNG_V
-    if (is_slow or is_fast) and not time.is_unit_given and "time-unit" not in said:
+    is_named = is_clock(samples.table.columns[time.index]) or samples.table.has_known_units
+    is_named |= time.quantity.name == "date" or time.is_unit_given
+    if (is_slow or is_fast) and not is_named and "time-unit" not in said:
         told = {"unit": time.unit.symbol, "length_h": length_s / 3600}
         told |= {"column": time.header, "rate": samples.peak_a / max(span_ah, LEAST_A)}
         samples = samples.telling(0, "time-unit.unusual", **told)

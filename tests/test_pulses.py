@@ -100,3 +100,17 @@ def test_the_samples_of_a_pulse_begin_with_the_rest_before_it():
     assert record.current_a[span][0] == 0
     assert (record.current_a[span][1:-1] == 2.0).all()
     assert len(record.time_s[span]) == pytest.approx(102, abs=1)
+
+
+def test_a_pulse_logged_as_means_has_no_resistance_at_once():
+    fine = record_of([(600, 0), (60, 2.0), (60, 0)])
+    columns = (fine.time_s, fine.current_a, fine.voltage_v)
+    means = [column.reshape(-1, 50).mean(axis=1) for column in columns]
+    (pulse,) = pulses_of(make_record(*means, hold="centered"))
+    assert pulse.delay_s == pytest.approx(2.5)
+    assert pulse.resistance_ohm[0] is None
+    # The voltage's curve bends little within 5 s.
+    known = [(s, r) for s, r in zip(STANDARD_S, pulse.resistance_ohm, strict=True) if r is not None]
+    assert known
+    for time_s, ohm in known:
+        assert ohm == pytest.approx(closed_form(ONE_RC, time_s), rel=0.02)

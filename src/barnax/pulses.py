@@ -157,6 +157,9 @@ def _pulse(
 ) -> Pulse:
     span = slice(load.first, load.last + 1)
     since_s = record.time_s[span] - load.begin_s
+    if record.hold.value == "centered":
+        # A mean's load begins in the middle of the interval before it.
+        since_s = since_s + record.interval_s[load.first - 1] / 2
     change_a = record.current_a[span] - record.current_a[rest.last]
     drop_v = record.voltage_v[rest.last] - record.voltage_v[span]
     # One near the highest, for a limit may let most of a pulse go.

@@ -21,6 +21,8 @@ _MOSTLY = 0.5
 # late as any does, up to a share of that.
 _SET_BACK = (3600.0, "clock.hour-back"), (_DAY_S / 2, "clock.twelve-hours")
 _LATE, _LATEST_SHARE = 3, 0.1
+# Stamps that come back by so much of a fall within a few rows are out of line: no clock was set.
+_BACK_AT_ONCE = 0.9
 # The hour of spring is skipped on a Sunday in one of these months, before five o'clock. Elsewhere,
 # an hour passes neither by so little of the usual interval, nor with a voltage that goes on as it
 # does over most intervals.
@@ -89,6 +91,10 @@ def _set_back(samples: Samples) -> Samples:
     is_dated |= is_clock(samples.table.columns[samples.columns["time"].index])
     if not falls.any() or (not is_dated and np.abs(time[1:][falls]).min() <= late_s):
         return samples
+    for fall in np.flatnonzero(falls):
+        leap_s = samples.intervals_s[fall + 1 : fall + 2 + _SLIPS].max(initial=0)
+        if leap_s > max(late_s, -_BACK_AT_ONCE * samples.intervals_s[fall]):
+            return samples
     for period_s, code in _SET_BACK:
         late_s = max(_LATE * samples.interval_s, min(latest_s, _LATEST_SHARE * period_s))
         if np.all((back_s <= period_s) & (period_s <= back_s + late_s)):

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from barnax.notices import CODES, kinds, notice
+from barnax.notices import CODES, Notice, kinds
 from test_house import MODULES, nodes_of, place, texts_in
 
 # Words of choices that any code may use.
@@ -62,7 +62,11 @@ def test_a_code_has_a_meaning_and_words_for_all_its_choices(kind):
 
 def test_a_notice_without_what_its_words_need_is_refused():
     with pytest.raises(KeyError, match="held_ah"):
-        notice("gaps.steady", "us06.csv", gaps=1, longest_s=120.0, longest_row=3, part="one")
+        Notice(
+            "gaps.steady",
+            {"gaps": 1, "longest_s": 120.0, "longest_row": 3, "part": "one"},
+            "us06.csv",
+        )
 
 
 # What looks for something in a text.

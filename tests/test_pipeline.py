@@ -13,7 +13,7 @@ from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.model.problem import Problem
 from barnax.model.window import Window
-from barnax.notices import notice
+from barnax.notices import Notice
 from barnax.results import Result
 from helpers import known_cell
 from helpers.reference import filtered_response, make_record
@@ -119,7 +119,7 @@ def test_a_failed_assessment_costs_only_itself(few, monkeypatch, failure):
     assert result.parameters == few.parameters
     assert result.constant.assessment is None
     reason = str(failure) or "LinAlgError"
-    assert notice("answer.no-intervals", reason=reason) in result.warnings
+    assert Notice("answer.no-intervals", {"reason": reason}) in result.warnings
     assert Result.model_validate_json(result.to_json()).to_json() == result.to_json()
 
 
@@ -144,7 +144,7 @@ def test_an_initial_soc_against_the_rested_voltage_is_said(few):
 def test_a_parameter_at_its_bound_is_a_warning_of_the_result():
     result = barnax.identify(window=SHORT, bounds={"R0 [Ohm]": (0.06, 0.2)}, **SMALL)
     assert ("R0 [Ohm]", "lower") in {(each.name, each.side) for each in result.constant.at_bound}
-    assert notice("answer.at-bound", name="R0 [Ohm]", side="lower") in result.warnings
+    assert Notice("answer.at-bound", {"name": "R0 [Ohm]", "side": "lower"}) in result.warnings
 
 
 def test_every_input_is_checked_and_every_warning_names_its_file(tmp_path):

@@ -22,7 +22,7 @@ from .global_optimum import (
 from .inputs import Watch
 from .model.problem import Problem
 from .model.sampling import SHORT, means_shifts_ohm, resampling
-from .notices import Notice, notice
+from .notices import Notice
 from .over_soc import (
     TableFits,
     compare_with_own,
@@ -324,5 +324,5 @@ def _attempt(
     try:
         return function(*given, **more)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError) as problem:
-        warnings.append(notice(code, reason=str(problem) or type(problem).__name__))
+        warnings.append(Notice(code, {"reason": str(problem) or type(problem).__name__}))
         return None

@@ -18,7 +18,7 @@ from .checks.sampling import OF_R0
 from .errors import InputError, printable
 from .model.temperature import group_tests, temperature_of
 from .model.window import Window, first_sample, scored_samples
-from .notices import Notice, notice, raise_first_error
+from .notices import Notice, raise_first_error
 from .records import Record, Source, read_record, read_source, source_from_frame
 from .records.fingerprint import Content
 from .records.hold import sampled
@@ -82,7 +82,7 @@ def read_inputs(
             raise InputError("give a record to identify on; `ocv` and `validate` need one")
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
     elif not tests and cell is None and without_test is None:
-        raise notice("ocv-test.missing-to-compare", _name_of(given[0])).error()
+        raise Notice("ocv-test.missing-to-compare", subject=_name_of(given[0])).error()
     names = file_names(
         [source for source in (*given, *tests, *others) if isinstance(source, str | Path)]
     )
@@ -309,10 +309,12 @@ def input_warnings(
     for use in found.roles:
         if use.name == role and not use.is_usable:
             loose = {} if use.half_width is None else {"half_width": use.half_width}
-            told.insert(0, notice("role.unfit", found.file, role=role, reason=use.reason, **loose))
+            told.insert(
+                0, Notice("role.unfit", {"role": role, "reason": use.reason, **loose}, found.file)
+            )
         elif use.name == role and use.window and not window_of(window, found.file).is_chosen:
             given = {"reason": use.window.reason, "advice": use.window.advice}
-            told += [notice("role.window", found.file, **given)] if given["advice"] else []
+            told += [Notice("role.window", given, found.file)] if given["advice"] else []
     return told
 
 
@@ -396,5 +398,5 @@ def _require_different(records: Sequence[Record]) -> None:
                 same = "bytes" if is_same_file else "samples"
                 same = "name" if first.name == record.name else same
                 given = {"same": same, "other": first.name}
-                raise notice("role.given-twice", record.name, **given).error()
+                raise Notice("role.given-twice", given, record.name).error()
         seen.append((record, content))

@@ -101,25 +101,35 @@ class Notice:
 
     Attributes:
         code: What was found: one of `barnax.notices.kinds()`.
+        values: Numbers and names, units in the keys; what is None is no value of it.
         subject: The file, record or parameter that it is about.
-        values: Numbers and names, units in the keys.
-        severity: "error", "warning" or "note".
         row: The source row of the first place it was seen, counted as `Record.row` counts.
+        rating: Its severity where that is not the usual one of its code.
         sheet: That row's sheet, where there are several.
 
-    >>> told = notice("repeats.close", "us06.csv", 12, samples=3, interval_s=0.002)
-    >>> told.code, told.values["interval_s"], told.severity
+    >>> close = Notice("repeats.close", {"samples": 3, "interval_s": 0.002}, "us06.csv", row=12)
+    >>> close.code, close.values["interval_s"], close.severity
     ('repeats.close', 0.002, 'note')
-    >>> print(told)  # doctest: +ELLIPSIS
+    >>> print(close)  # doctest: +ELLIPSIS
     us06.csv: row 12: 3 samples within 2 ms of the one before, ...
     """
 
     code: str
+    values: Mapping[str, Any] = field(default_factory=dict)
     subject: str = ""
-    values: Mapping[str, Value] = field(default_factory=dict)
-    severity: Severity = "warning"
     row: int | None = None
+    rating: Severity | None = None
     sheet: str | None = None
+
+    def __post_init__(self):
+        plain = {
+            name: getattr(value, "item", lambda value=value: value)()
+            for name, value in self.values.items()
+            if value is not None
+        }
+        if missing := self.kind.missing(plain):
+            raise KeyError(f"a notice {self.code!r} needs {', '.join(sorted(missing))}")
+        object.__setattr__(self, "values", plain)
 
     def __hash__(self) -> int:
         return hash((self.code, self.subject, self.row, *self.values.values()))
@@ -137,6 +147,10 @@ class Notice:
     @property
     def kind(self) -> Kind:
         return kinds()[self.code]
+
+    @property
+    def severity(self) -> Severity:
+        return self.rating or self.kind.severity
 
     @property
     def what(self) -> str:
@@ -169,7 +183,7 @@ class Notice:
 
     def rated(self, severity: Severity) -> Self:
         """The notice, more or less severe than usual."""
-        return replace(self, severity=severity)
+        return replace(self, rating=severity)
 
     def error(self, end: str = "") -> InputError:
         """The refusal that says it."""
@@ -178,22 +192,11 @@ class Notice:
         return refusal
 
 
-def notice(code: str, subject: str = "", row: int | None = None, /, **values: Any) -> Notice:
-    """The notice of a code, in its usual severity; what is None is no value of it."""
-    plain = {
-        name: getattr(value, "item", lambda value=value: value)() for name, value in values.items()
-    }
-    given = {name: value for name, value in plain.items() if value is not None}
-    if missing := kinds()[code].missing(given):
-        raise KeyError(f"a notice {code!r} needs {', '.join(sorted(missing))}")
-    return Notice(code, subject, given, kinds()[code].severity, row)
-
-
 def sentences_of(notices: Iterable[Any]) -> list[str]:
     """The sentences of notices; one, with all their names, for several files of which they say the
     same.
 
-    >>> sentences_of([notice("role.same-record", name, other="c") for name in ("a", "b")])[0][:7]
+    >>> sentences_of([Notice("role.same-record", {"other": "c"}, name) for name in "ab"])[0][:7]
     'a, b: t'
     """
     alike: dict[Any, list[Any]] = {}

@@ -16,7 +16,7 @@ from .errors import InputError
 from .inputs import how_read, listed, source_of
 from .job import Job, takes_options
 from .metrics import robust_deviations
-from .notices import notice
+from .notices import Notice
 from .over_soc.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, Value, fit_pack
 from .pipeline import identify
 from .records.lag import Scan
@@ -189,7 +189,7 @@ def _with_lags(fit: PackFit, read: PackRecord, scan: Scan) -> PackFit:
 def _telling_scan(result: Result, read: PackRecord, scan: Scan) -> Result:
     """The result with the warning that the cells were measured one after another."""
     ends = {"least_s": float(scan.lag_s.min()), "most_s": float(scan.lag_s.max())}
-    told = notice("late-voltage.scanned", read.record.name, **ends)
+    told = Notice("late-voltage.scanned", ends, read.record.name)
     return result.model_copy(update={"warnings": (*result.warnings, told)})
 
 

@@ -25,7 +25,7 @@ from .model.prepared import PreparedRecord
 from .model.problem import Problem
 from .model.search_space import ranges_of
 from .model.window import Window
-from .notices import Notice, notice
+from .notices import Notice
 from .optimizers import make_optimizer
 from .over_soc import (
     TableSettings,
@@ -185,7 +185,7 @@ def _between_ends(
         if np.ptp(np.clip(soc, *ends)) > least_soc:
             counted[place] = prepared.in_window(replace(window, score_soc=ends))
             at = {"low_soc": ends[0], "high_soc": ends[1]}
-            notices.append(notice("charge.between-ends", prepared.record.name, **at))
+            notices.append(Notice("charge.between-ends", at, prepared.record.name))
     return counted, notices
 
 
@@ -297,7 +297,9 @@ def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = Non
     for evaluation in result.without_tables().evaluations.identification:
         if evaluation.metrics.r2 < 0:
             name = evaluation.prepared.record.name
-            warnings.append(notice("answer.worse-than-constant", name, r2=evaluation.metrics.r2))
+            warnings.append(
+                Notice("answer.worse-than-constant", {"r2": evaluation.metrics.r2}, name)
+            )
     records = [(one.prepared.record, one.prepared.temperature_degc) for one in identified]
     warnings += compare_resistances(records)
     for evaluation in identified:
@@ -307,7 +309,7 @@ def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = Non
         warnings += rest_warnings(evaluation.prepared)
     if result.tables is None:
         warnings += [
-            notice("answer.at-bound", name=hit.name, side=hit.side)
+            Notice("answer.at-bound", {"name": hit.name, "side": hit.side})
             for hit in result.constant.at_bound
         ]
     else:

@@ -18,7 +18,7 @@ from .errors import InputError
 from .inputs import Given, read_validation, source_of, telling
 from .model.prepared import PreparedRecord, prepare_record
 from .model.window import Window
-from .notices import notice
+from .notices import Notice
 from .over_soc import no_temperature, rest_warnings
 from .plan import plan_from_toml
 from .records import Record, find_file, folders_around, read_record
@@ -209,7 +209,7 @@ def validated(
     content = Content(measured)
     for own in stored.of_role("identification"):
         if own.sha256 == measured.sha256 or (own.fingerprint and content.holds(own.fingerprint)):
-            warnings.append(notice("role.same-record", measured.name, other=own.name))
+            warnings.append(Notice("role.same-record", {"other": own.name}, measured.name))
     with telling(warnings):
         prepared = prepare_record(measured, cell, stored.model, window)
     by_circuit = stored.fits.evaluate

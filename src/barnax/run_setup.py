@@ -23,7 +23,7 @@ from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Problem, make_problem, require_enough
 from .model.search_space import Range, ranges_of
 from .model.window import Window
-from .notices import Notice, notice
+from .notices import Notice
 from .over_soc import (
     OwnOcv,
     OwnRecords,
@@ -282,7 +282,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     }
     for what, is_asked in asked.items():
         if is_asked:
-            raise notice("ocv-test.missing", asked=what).error()
+            raise Notice("ocv-test.missing", {"asked": what}).error()
     windows = {record.name: window_of(job.window, record.name).as_told for record in records}
     is_over = job.over == OVER_TEMPERATURE
     tables = bounded_tables(job)
@@ -325,11 +325,11 @@ def _left_out(choice: Choice) -> Iterator[Notice]:
     left_out = {own.ladder: own for own in choice.tried if own.outcome == "not asked for"}
     if "hysteresis" in left_out:
         given = choice.chosen.point.circuit, left_out["hysteresis"].circuit
-        yield notice("tables.hysteresis-left-out", circuit=given[0], instead=given[1])
+        yield Notice("tables.hysteresis-left-out", {"circuit": given[0], "instead": given[1]})
     if "law" in left_out:
-        yield notice("tables.direction-left-out")
+        yield Notice("tables.direction-left-out")
     for own in choice.tried:
         if own.ladder == "hysteresis" and own.outcome == "not determined":
             turned_soc = 3 / Policy.fastest_rate
-            yield notice("tables.turns-at-once", turned_soc=turned_soc, instead=own.circuit)
+            yield Notice("tables.turns-at-once", {"turned_soc": turned_soc, "instead": own.circuit})
             return

@@ -29,7 +29,7 @@ from pydantic_core import PydanticOmit, core_schema
 
 from .display import brief
 from .errors import InputError, cut, printable
-from .notices import Notice, Severity, notice
+from .notices import Notice, Severity
 
 LARGEST_FILE = 200_000_000
 LONGEST_REASON = 500
@@ -203,12 +203,14 @@ class Document(Part):
         if current is None or type(version) is not int or version == current:
             return
         writer = versions.get("barnax") if isinstance(versions, dict) else None
-        raise notice(
+        raise Notice(
             "file.schema-version",
+            {
+                "version": version,
+                "current": current,
+                "writer": printable(writer[:20]) if isinstance(writer, str) else None,
+            },
             file,
-            version=version,
-            current=current,
-            writer=printable(writer[:20]) if isinstance(writer, str) else None,
         ).error()
 
     # What such a file is called in messages, and what to give instead of a file that is none.
@@ -246,16 +248,15 @@ def _notice_of(stored: Any, read: Callable[[Any], StoredNotice]) -> Notice:
         return stored
     part = read(stored)
     values = {_LABEL.sub(_named, key): value for key, value in part.values.items()}
-    given = {name: value for name, value in values.items() if value is not None}
-    where = part.severity, part.row, part.sheet
-    found = Notice(part.code, part.subject, given, *where)
+    where = part.subject, part.row, part.severity, part.sheet
     try:
-        str(found)
+        known = Notice(part.code, values, *where)
+        str(known)
     except (KeyError, TypeError, ValueError):
         # Of another version of barnax, or of nobody's: its words are taken as they are.
         text = "; ".join(filter(None, (part.what, part.remedy)))
-        return Notice("stored.text", part.subject, {"text": text}, *where)
-    return found
+        return Notice("stored.text", {"text": text}, *where)
+    return known
 
 
 def _named(label: re.Match[str]) -> str:

@@ -16,7 +16,7 @@ from .errors import InputError
 from .model.prepared import prepare_record
 from .model.reference import simulate_circuit
 from .model.window import OCV_MARGIN, SAME_FULL, Window
-from .notices import Notice, notice
+from .notices import Notice
 from .records import Decision, Record, source_from_frame
 from .records.columns import columns_of
 from .records.table import take_lines
@@ -124,7 +124,9 @@ def _doubts(
         worst = far[np.argmax(np.abs(profile.current_a[far]))]
         at = {"current_a": profile.current_a[worst], "time_s": profile.time_s[worst]}
         more = len(far) - 1 or None
-        yield notice("simulation.far-current", **at, sample=worst, largest_a=max_a, more=more)
+        yield Notice(
+            "simulation.far-current", {**at, "sample": worst, "largest_a": max_a, "more": more}
+        )
     ranges = [part.soc_range for part in parts if part.soc_range is not None]
     if ranges:
         low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
@@ -135,16 +137,16 @@ def _doubts(
             of = (
                 {"what": "circuit"} if result.tables is None else {"what": "tables", "held": "true"}
             )
-            yield notice("simulation.outside-soc", **at, **of)
+            yield Notice("simulation.outside-soc", {**at, **of})
     degc = profile.temperature_degc
     dependence = _at(result, given_degc).circuit_parameters.dependence
     is_followed = dependence is not None and BETA in dependence.numbers
     if degc is not None and not is_followed and np.nanmax(degc) - np.nanmin(degc) > SAME_DEGC:
-        yield notice("simulation.temperature", NAME)
+        yield Notice("simulation.temperature", subject=NAME)
     if degc is not None and is_followed and given_degc is not None:
         told = {"column_degc": float(np.nanmedian(degc)), "given_degc": given_degc}
         if abs(told["column_degc"] - given_degc) > SAME_DEGC:
-            yield notice("simulation.temperatures", NAME, **told)
+            yield Notice("simulation.temperatures", told, NAME)
 
 
 def simulate_current(

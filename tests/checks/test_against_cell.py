@@ -12,7 +12,7 @@ from barnax.checks.against_cell import (
     compare_with_cell,
     follow,
 )
-from barnax.notices import notice
+from barnax.notices import Notice
 from barnax.records import read_record
 
 
@@ -85,7 +85,7 @@ def test_a_record_of_more_charge_than_a_test_is_told_both_and_that_the_test_may_
     (text,) = said(bundled_record, cell)
     assert "another cell: its charge goes beyond full and empty, whatever its unit" in text
     sweep = {"direction": "discharge", "first_v": 4.2, "last_v": 3.7, "passed_ah": 1.0}
-    assumed = notice("ocv-test.capacity-assumed", "ocv.csv", **sweep, ends="full")
+    assumed = Notice("ocv-test.capacity-assumed", {**sweep, "ends": "full"}, "ocv.csv")
     (text,) = said(bundled_record, replace(cell, warnings=(assumed,)))
     assert text.startswith("error: it spans 1.88")
     assert "and the OCV test 1 Ah" in text

@@ -16,7 +16,7 @@ from barnax.comparison.result import (
 )
 from barnax.comparison.run import Difference
 from barnax.comparison.statistics import BandError, Resampled, SeedPairs
-from barnax.notices import notice
+from barnax.notices import Notice
 from barnax.records import Decision
 from barnax.result_parts import InputPart, MetricsPart
 
@@ -187,7 +187,7 @@ def make_comparison(
             InputPart(role=role, name=name, sha256="0123456789abcdef" * 4, sign=decision, hold=hold)
             for role, name in files.items()
         ),
-        "warnings": (notice("stored.text", text="the file is odd"),),
+        "warnings": (Notice("stored.text", {"text": "the file is odd"}),),
         "versions": {"barnax": "0.1.0"},
     }
     return ComparisonResult(**values | changes)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.notices import notice
+from barnax.notices import Notice
 from barnax.over_soc import SocErrors
 from barnax.reporting.first_screen import next_step
 from barnax.reporting.view import View
@@ -158,12 +158,12 @@ def test_the_next_step_follows_from_what_was_held_out():
     fit = replace(result.fit, cross_validation=held)
     found = result.model_copy(update={"tables": replace(result.tables, fits=(fit,))})
     assert next_step(found).advice.startswith("validate on another record")
-    told = notice("ocv-test.disagrees", median_v=0.08, largest_v=-0.7, soc=0.35)
+    told = Notice("ocv-test.disagrees", {"median_v": 0.08, "largest_v": -0.7, "soc": 0.35})
     ocv = "see what the records tell without the OCV test"
     assert next_step(found.model_copy(update={"warnings": (told,)})).advice.startswith(ocv)
     # Loose steps tell no OCV. Other reasons may come of the capacity of a wrong test.
     name = found.of_role("identification")[0].name
-    unfit = notice("role.unfit", name, role="identification", reason="why")
+    unfit = Notice("role.unfit", {"role": "identification", "reason": "why"}, name)
     short = replace(unfit, values={**unfit.values, "half_width": 0.5})
     record = "measure a drive cycle"
     for warnings, advised in (((short, told), record), ((unfit, told), ocv), ((unfit,), record)):

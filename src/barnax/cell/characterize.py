@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records import Record
 from .curves import (
     Curve,
@@ -125,7 +125,7 @@ def cell_of(
     elif capacity_ah is not None:
         capacity = Capacity(capacity_ah, GIVEN, capacity_ah)
     else:
-        return notice("ocv-table.no-capacity", tables[0].name).error()
+        return Notice("ocv-table.no-capacity", subject=tables[0].name).error()
     warnings += _test_warnings(sweeps, points)
     if len(points) == 2:
         (charge_low, *_, charge_high), (low, *_, high) = (
@@ -144,7 +144,7 @@ def cell_of(
     gaps_v = [gap_v for _, gap_v in fitted["hysteresis"].points]
     if gaps_v and (mean_v := float(np.mean(gaps_v))) < _LEAST_GAP_V:
         both = _sources([*points[CHARGE], *points[DISCHARGE]])
-        warnings.append(notice("ocv-test.exchanged", both, below_v=-mean_v))
+        warnings.append(Notice("ocv-test.exchanged", {"below_v": -mean_v}, both))
     return CellModel(
         capacity_ah=capacity.value_ah,
         capacity_origin=capacity.origin,
@@ -256,10 +256,10 @@ def _test_warnings(
     source = _sources([point for branch in points.values() for point in branch])
     if len(points) == 1:
         # A table of one voltage has no direction.
-        yield notice("ocv-test.no-hysteresis", source, direction=WORD.get(*points))
+        yield Notice("ocv-test.no-hysteresis", {"direction": WORD.get(*points)}, source)
     elif len({sweep.kind for sweep in sweeps.values()}) == 2:
-        yield notice("ocv-test.mixed", source)
+        yield Notice("ocv-test.mixed", subject=source)
     slow = [sweep for sweep in sweeps.values() if sweep.kind == "slow"]
     fastest = min(slow, key=lambda sweep: sweep.hours, default=None)
     if fastest and fastest.hours < SLOW_HOURS:
-        yield notice("ocv-test.fast", fastest.source, hours=fastest.hours)
+        yield Notice("ocv-test.fast", {"hours": fastest.hours}, fastest.source)

@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 
 from ..display import Brief
 from ..errors import InputError
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..settings import HysteresisFit, OcvFit
 from .tables import hats
 
@@ -150,7 +150,7 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
     if fall_v[worst] > FALL_TOLERANCE_V:
         top = int(np.argmax(voltage_v[:worst]))
         at = {"from_soc": grid[top], "to_soc": grid[worst]}
-        found.append(notice("ocv-curve.falls", fall_v=fall_v[worst], **at, **own))
+        found.append(Notice("ocv-curve.falls", {"fall_v": fall_v[worst], **at, **own}))
     left_v, right_v = curve.voltage_v[:-1], curve.voltage_v[1:]
     margin_v = np.abs(right_v - left_v) + OVERSHOOT_TOLERANCE_V
     between_v = voltage_v[:-1].reshape(len(left_v), CHECKS_PER_GAP)
@@ -160,12 +160,12 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
     gap = int(np.argmax(beyond_v - margin_v))
     if beyond_v[gap] > margin_v[gap]:
         at = {"from_soc": curve.soc[gap], "to_soc": curve.soc[gap + 1]}
-        found.append(notice("ocv-curve.overshoots", beyond_v=beyond_v[gap], **at, **own))
+        found.append(Notice("ocv-curve.overshoots", {"beyond_v": beyond_v[gap], **at, **own}))
     errors_v = np.abs(curve.errors_v)
     missed = int(np.argmax(errors_v))
     if errors_v[missed] > MISS_TOLERANCE_V:
         at = {"missed_v": errors_v[missed], "soc": curve.soc[missed]}
-        found.append(notice("ocv-curve.misses", **at, **own))
+        found.append(Notice("ocv-curve.misses", {**at, **own}))
     return found
 
 

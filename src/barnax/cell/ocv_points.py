@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from ..display import Brief
 from ..errors import InputError, counted
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records import Hold, Source, read_record, read_source
 from ..records.columns import find_columns, is_ocv_table
 from ..records.dialects import Sign
@@ -81,7 +81,7 @@ def find_sweeps(
 
 def _no_test(record: Record, reason: str) -> OcvSweeps:
     values = {"record": record.name, "reason": reason, "fewest": MINIMUM_POINTS}
-    return OcvSweeps(missing=notice("ocv-test.none", **values))
+    return OcvSweeps(missing=Notice("ocv-test.none", values))
 
 
 def _is_test(rested: list[Sweep], slow: list[Sweep]) -> bool:
@@ -99,15 +99,17 @@ def _is_test(rested: list[Sweep], slow: list[Sweep]) -> bool:
 
 
 def _ignored(used: Sweep, ignored: Sweep) -> Notice:
-    return notice(
+    return Notice(
         "ocv-test.other-ignored",
-        source=ignored.source,
-        direction=WORD[ignored.direction],
-        ignored=ignored.kind,
-        first_row=ignored.points[0].row,
-        last_row=ignored.points[-1].row,
-        passed_ah=ignored.passed_ah,
-        used=used.kind,
+        {
+            "source": ignored.source,
+            "direction": WORD[ignored.direction],
+            "ignored": ignored.kind,
+            "first_row": ignored.points[0].row,
+            "last_row": ignored.points[-1].row,
+            "passed_ah": ignored.passed_ah,
+            "used": used.kind,
+        },
     )
 
 
@@ -329,14 +331,14 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
     voltages = {name: lines.values[name] for name in columns if name != "SOC"}
     lines = lines.having(**{name: source.of_one_cell(column) for name, column in voltages.items()})
     warnings = [
-        notice("ocv-table.volts", source.name, column=column.header)
+        Notice("ocv-table.volts", {"column": column.header}, source.name)
         for column in columns.values()
         if column.is_unit_assumed
     ]
     scale = 1.0
     if np.nanmax(lines.values["SOC"], initial=0.0) > _PERCENT_FROM:
         scale = 0.01
-        warnings.append(notice("ocv-table.percent", source.name, column=columns["SOC"].header))
+        warnings.append(Notice("ocv-table.percent", {"column": columns["SOC"].header}, source.name))
     branches = {
         _DIRECTIONS[name]: _branch(source.name, lines, name, scale)
         for name in columns

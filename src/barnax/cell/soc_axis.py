@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..errors import InputError
-from ..notices import Notice, notice
+from ..notices import Notice
 
 CHARGE = 1
 DISCHARGE = -1
@@ -187,21 +187,21 @@ def decide_capacity(
         names = ", ".join(dict.fromkeys(sweep.source for sweep in sweeps.values()))
         out_ah, in_ah = sweeps[DISCHARGE].passed_ah, sweeps[CHARGE].passed_ah
         charges = {"out_ah": out_ah, "in_ah": in_ah, "error_share": in_ah / out_ah - 1}
-        warnings += (notice("ocv-test.open", names, **charges),)
+        warnings += (Notice("ocv-test.open", charges, names),)
     if ocv_given_ah is not None and spans:
-        warnings += (notice("ocv-test.capacity-unused", main.source, **passed),)
+        warnings += (Notice("ocv-test.capacity-unused", passed, main.source),)
         ocv_given_ah = None
     axis_ah = ocv_given_ah or given_ah
     if axis_ah is None:
         if len(sweeps) == 2 and not _agree(sweeps, AGREEMENT) and main.kind != "slow":
             charges = {"out_ah": sweeps[DISCHARGE].passed_ah, "in_ah": sweeps[CHARGE].passed_ah}
-            return notice("ocv-test.capacity-unknown", main.source, **charges).error()
+            return Notice("ocv-test.capacity-unknown", charges, main.source).error()
         origin = f"measured: {measured}"
         if not spans:
             origin = f"assumed: {measured}, taken as full to empty"
             ends = {"first_v": main.points[0].voltage_v, "last_v": main.points[-1].voltage_v}
             ends |= {"ends": "full" if main.direction == DISCHARGE else "empty"}
-            warnings += (notice("ocv-test.capacity-assumed", main.source, **passed, **ends),)
+            warnings += (Notice("ocv-test.capacity-assumed", {**passed, **ends}, main.source),)
         return Capacity(main.passed_ah, origin, main.passed_ah, warnings)
     most = max(sweeps.values(), key=lambda sweep: sweep.passed_ah)
     if not _is_possible(sweeps, axis_ah, most.passed_ah, spans):
@@ -211,7 +211,7 @@ def decide_capacity(
             "capacity, its unit (Ah) and the unit of the current, or leave `capacity` out"
         )
     if abs(main.passed_ah / axis_ah - 1) > CAPACITY_WARNING:
-        told = notice("ocv-test.other-capacity", main.source, capacity_ah=axis_ah, **passed)
+        told = Notice("ocv-test.other-capacity", {"capacity_ah": axis_ah, **passed}, main.source)
         warnings += (told,)
     return Capacity(given_ah or axis_ah, GIVEN, axis_ah, warnings)
 
@@ -257,7 +257,7 @@ def place_on_soc(
         if not is_whole:
             charges = {"passed_ah": sweep.passed_ah, "capacity_ah": capacity.axis_ah}
             by = {"direction": WORD[direction], "by": "own" if agrees else "capacity"}
-            warnings.append(notice("ocv-test.scaled", sweep.source, **charges, **by))
+            warnings.append(Notice("ocv-test.scaled", {**charges, **by}, sweep.source))
     return placed, warnings
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ..cell import CellModel
 from ..cell.soc_axis import BEYOND_SOC
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records import Record
 from ..records.record import LEAST_REACH, reach_of_steps
 from ..records.samples import record_resistance_ohm
@@ -110,20 +110,20 @@ def compare_with_cell(
     if best_v < min(_VANISHES * own_v, allowed_v):
         told |= {"best_v": best_v, "factor": factor}
         if factor in _UNITS:
-            return [notice("cell.charge-unit", mistake=_UNITS[factor], **told)]
+            return [Notice("cell.charge-unit", {"mistake": _UNITS[factor], **told})]
         ranges = (word for ratio, word in _RANGES.items() if abs(factor / ratio - 1) < _NEAR)
         told["current"] = next(ranges, None) if record.charge_ah is None else None
         capacities = {"capacity_ah": capacity_ah / factor, "given_ah": capacity_ah}
-        return [notice("cell.capacity", **capacities, **told)]
+        return [Notice("cell.capacity", {**capacities, **told})]
     if own_v > _ELSEWHERE_V:
         is_assumed = any(told.code == "ocv-test.capacity-assumed" for told in cell.warnings)
         span_ah = float(np.ptp(record.discharged_ah))
         if not is_near and is_assumed and span_ah > cell.capacity_ah:
             spans = {"span_ah": span_ah, "capacity_ah": cell.capacity_ah}
-            return [notice("cell.more-charge", **spans)]
+            return [Notice("cell.more-charge", spans)]
         # Charge that fits nowhere ends in an error sooner or later.
         told["ocv"] = "records" if cell.is_of_records else None
-        return [notice("cell.other", **told).rated("warning" if is_near else "error")]
+        return [Notice("cell.other", told).rated("warning" if is_near else "error")]
     return []
 
 
@@ -149,7 +149,7 @@ def compare_temperatures(
                 own = in_fahrenheit(degc)
                 if degc > _WARM_DEGC and abs(own - other_degc) <= _DEGREES:
                     code, told = "cell.fahrenheit", told | {"own_degc": own}
-                found.append(notice(code, name, **told))
+                found.append(Notice(code, told, name))
     return found
 
 
@@ -183,5 +183,5 @@ def compare_resistances(records: Sequence[tuple[Record, float | None]]) -> list[
         usual_ohm, other = sorted(alike)[(len(alike) - 1) // 2]
         if not 1 / _ALIKE <= own_ohm / usual_ohm <= _ALIKE:
             told = {"own_ohm": own_ohm, "other": other, "other_ohm": usual_ohm}
-            found.append(notice("answer.other-resistance", record.name, **told))
+            found.append(Notice("answer.other-resistance", told, record.name))
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from ..cell import OcvTable, read_ocv_table
 from ..display import Brief
 from ..errors import InputError
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records import Hold
 from ..records.columns import is_ocv_table
 from ..records.dialects import Sign
@@ -186,13 +186,13 @@ def check_file(
 
 def _check_table(table: OcvTable) -> FileCheck:
     """The check of a table of OCV over SOC."""
-    findings = [replace(warning, subject="", severity="note") for warning in table.warnings]
+    findings = [replace(warning, subject="", rating="note") for warning in table.warnings]
     for points in table.branches.values():
         fall = find_fall(points)
         if fall:
             before, after = fall
             told = {"from_v": before.voltage_v, "from_soc": before.soc}
             told |= {"to_v": after.voltage_v, "to_soc": after.soc}
-            findings.append(notice("monotone.falls", "", after.row, **told))
+            findings.append(Notice("monotone.falls", told, row=after.row))
     findings.sort(key=lambda finding: _ORDER[finding.severity])
     return FileCheck(table.name, tuple(findings), None, roles_of_table(table))

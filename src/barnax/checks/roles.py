@@ -12,7 +12,7 @@ from jaxtyping import Int
 from ..cell import OcvPoint, OcvTable
 from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, by_direction, decide_capacity
 from ..errors import InputError, counted
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records.record import CHARGE_S, SETTLED_V, is_long
 from ..settings import Window
 from .traits import CheckInput, Kind, Traits
@@ -45,7 +45,7 @@ def require_load(kinds: Mapping[str, Kind]) -> None:
     current that a circuit follows from: a charge beside a drive shows the other direction."""
     for file, kind in kinds.items():
         if kind == "slow sweep" or (kind == "charge" and set(kinds.values()) == {"charge"}):
-            raise notice("role.no-load", file, what=kind).error()
+            raise Notice("role.no-load", {"what": kind}, file).error()
 
 
 @dataclass(frozen=True)

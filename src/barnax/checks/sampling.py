@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records.lag import LASTING, LATE_SURE, late_of
 from ..records.record import equal_runs
 from ..records.silence import gaps_in
@@ -157,7 +157,7 @@ def find_smoothed_current(given: CheckInput) -> Iterator[Notice]:
     least_ohm = max(_BACK_SHARE * first_ohm, LATE_SURE * np.sqrt(covariance[1, 1]))
     if first_ohm > 0 and -second_ohm > least_ohm and given.lag is None:
         told = {"first_ohm": first_ohm, "back_ohm": -second_ohm}
-        yield notice("smoothed-current.back", **told, interval_s=given.usual_s)
+        yield Notice("smoothed-current.back", {**told, "interval_s": given.usual_s})
 
 
 def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
@@ -169,9 +169,9 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
         is_either = abs(lag.samples) < 1 and given.usual_s >= _ALIKE_S
         told |= {"cause": "either" if is_either else None}
         if lag.samples > 0:
-            yield notice("late-voltage.lags", **told, missing_share=min(lag.samples, 1.0))
+            yield Notice("late-voltage.lags", {**told, "missing_share": min(lag.samples, 1.0)})
         else:
-            yield notice("late-voltage.leads", **told)
+            yield Notice("late-voltage.leads", told)
     if lag is not None or known is None or given.is_lag_given:
         return
     late = late_of(known)
@@ -181,13 +181,13 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     if late is not None:
         late_ohm = second_ohm - LASTING * third_ohm
         share = late_ohm / (first_ohm + late_ohm)
-        yield notice("late-voltage.step", **told, missing_share=share)
+        yield Notice("late-voltage.step", {**told, "missing_share": share})
         return
     least_ohm = max(_SLOW_SHARE * first_ohm, LATE_SURE * np.sqrt(np.max(np.diag(covariance))))
     # A steep OCV adds the same to every answer.
     is_slow, is_rising = second_ohm - last_ohm > least_ohm, last_ohm - first_ohm > least_ohm
     if first_ohm > 0 and (is_slow or is_rising):
-        yield notice("late-voltage.smoothed", **told)
+        yield Notice("late-voltage.smoothed", told)
 
 
 def find_fast_load(given: CheckInput) -> Iterator[Notice]:
@@ -202,7 +202,9 @@ def find_fast_load(given: CheckInput) -> Iterator[Notice]:
     is_told = slow.kind == "instants" and not (is_given and hold.value == "forward")
     if is_told or hold.strength == "assumed":
         is_open = None if is_given else "open"
-        yield notice(_FAST_LOAD[slow.kind], interval_s=given.samples.interval_s, hold=is_open)
+        yield Notice(
+            _FAST_LOAD[slow.kind], {"interval_s": given.samples.interval_s, "hold": is_open}
+        )
 
 
 def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
@@ -246,7 +248,7 @@ def find_resolution(given: CheckInput) -> Iterator[Notice]:
     if given.resolution_v < _COARSE_V and share < _COARSE_SHARE:
         return
     steps = {"resolution_v": given.resolution_v, "resolution_a": given.resolution_a}
-    yield notice("resolution.coarse", **steps, load_share=share)
+    yield Notice("resolution.coarse", {**steps, "load_share": share})
 
 
 def in_fahrenheit(value: float) -> float:
@@ -275,7 +277,7 @@ def find_temperature(given: CheckInput) -> Iterator[Notice]:
     if low > _HOT_DEGC and in_fahrenheit(float(high)) < _ROOM_DEGC:
         ends = {"low_degc": low, "high_degc": high}
         within = {"low_f_degc": in_fahrenheit(low), "high_f_degc": in_fahrenheit(high)}
-        yield notice("temperature.fahrenheit", **ends, **within)
+        yield Notice("temperature.fahrenheit", {**ends, **within})
         return
     if high - low > _WIDE_DEGC:
-        yield notice("temperature.varies", low_degc=low, high_degc=high)
+        yield Notice("temperature.varies", {"low_degc": low, "high_degc": high})

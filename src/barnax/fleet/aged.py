@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..model.prepared import PreparedRecord
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..over_soc import TableSettings
 from ..over_soc.ageing import (
     AGED,
@@ -66,11 +66,11 @@ def _doubts(told: Mapping[str, Aged], used: PreparedRecord) -> Iterator[Notice]:
     """That values have not settled, and that a record shows another capacity than that of its
     circuit, by more than is of account."""
     if not all(value.is_settled for value in told.values()):
-        yield notice("ageing.not-settled", used.record.name)
+        yield Notice("ageing.not-settled", subject=used.record.name)
     found = told.get(CAPACITY)
     if found is None or not found.is_determined:
         return
     nearest_ah = min(max(used.capacity_ah, found.low), found.high)
     if abs(nearest_ah / used.capacity_ah - 1) > OTHER_CAPACITY:
         ends = {"low_ah": found.low, "high_ah": found.high, "used_ah": used.capacity_ah}
-        yield notice("ageing.other-capacity", used.record.name, **ends)
+        yield Notice("ageing.other-capacity", ends, used.record.name)

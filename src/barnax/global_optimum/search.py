@@ -19,7 +19,7 @@ from ..model.descent import GridSizes, LogScales, lowest_scales, polish
 from ..model.prepared import PreparedRecord, prepare_record, try_record
 from ..model.problem import Problem, rmse_by_scan
 from ..model.sampling import other_sampling
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records import Decision
 from ..records.lag import late_answers_ohm
 from ..schema import Count, MaybeInfinite, Volts
@@ -283,14 +283,16 @@ def hold_warning(problem: Problem, own_ohm: float, other_ohm: float) -> Notice:
         for prepared in problem.prepared_records
         if prepared.record.hold.strength == "assumed"
     ]
-    return notice(
+    return Notice(
         "hold.undecided",
+        {
+            "counters": None if any(record.charge_ah is None for record in records) else "there",
+            "circuit": problem.circuit,
+            "own_ohm": own_ohm,
+            "other_ohm": other_ohm,
+            "hold": other_sampling(records[0].hold.value),
+        },
         ", ".join(record.name for record in records),
-        counters=None if any(record.charge_ah is None for record in records) else "there",
-        circuit=problem.circuit,
-        own_ohm=own_ohm,
-        other_ohm=other_ohm,
-        hold=other_sampling(records[0].hold.value),
     )
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ..cell import CellModel
 from ..cell.soc_axis import BEYOND_SOC
 from ..errors import InputError
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records import Record
 from ..records.record import MINIMUM_REST_S, Segments, is_long, pause_s
 from ..records.samples import record_resistance_ohm
@@ -112,14 +112,18 @@ def find_start(
             other_end = {"full end": soc < 0, "empty end": soc > 1}
             if window.capacity_ah is None and other_end.get(soc_source):
                 soc, capacity_ah = float(soc > 1), room * capacity_ah
-                notices = [notice("start.moves-more", record.name, **moved, moved_ah=capacity_ah)]
+                notices = [
+                    Notice("start.moves-more", {**moved, "moved_ah": capacity_ah}, record.name)
+                ]
             else:
-                notices = [notice("start.beyond-an-end", record.name, **moved)]
+                notices = [Notice("start.beyond-an-end", moved, record.name)]
     elif not unrested:
         (soc, soc_sd), soc_source = begun.rested(first, direction), "rested voltage"
     elif fitted := None if cell.is_of_records else fitted_soc(record, cell, capacity_ah, first):
         (soc, soc_sd), soc_source = fitted, "fitted"
-        notices = [notice("start.fitted", record.name, start_row=row, soc=soc, soc_sd=soc_sd)]
+        notices = [
+            Notice("start.fitted", {"start_row": row, "soc": soc, "soc_sd": soc_sd}, record.name)
+        ]
     else:
         raise unrested.error()
     if source == "assumed" and min(soc, 1 - soc) < NEAR_AN_END:
@@ -266,13 +270,13 @@ class _Beginning:
         about = {"start_row": int(record.row[first])}
         if not is_rested[first]:
             current_a = record.current_a[first]
-            return notice("start.under-load", record.name, **about, current_a=current_a)
+            return Notice("start.under-load", {**about, "current_a": current_a}, record.name)
         before = self.segments.loaded[self.segments.loaded < first]
         rest_s = record.time_s[first] - record.time_s[before[-1]] if len(before) else 0.0
         # One sample without current, at the beginning of a record, is no rest.
         if (len(before) or (first == 0 and not is_rested[1])) and not is_long(rest_s):
             rests_s = {"rest_s": rest_s, "needed_s": MINIMUM_REST_S}
-            return notice("start.short-rest", record.name, **about, **rests_s)
+            return Notice("start.short-rest", {**about, **rests_s}, record.name)
         return None
 
     def relaxing(self, tells_soc: bool) -> Notice:
@@ -282,7 +286,9 @@ class _Beginning:
         is_doubtful = tells_soc and rest_s < MINIMUM_REST_S
         code = "start.relaxing-briefly" if is_doubtful else "start.relaxing"
         ends_v = {"first_v": record.voltage_v[0], "last_v": record.voltage_v[first]}
-        return notice(code, record.name, **ends_v, start_row=record.row[first], rest_s=rest_s)
+        return Notice(
+            code, {**ends_v, "start_row": record.row[first], "rest_s": rest_s}, record.name
+        )
 
     @property
     def counted_soc(self) -> float:
@@ -311,7 +317,7 @@ class _Beginning:
         if beyond_v > BEYOND_OCV_V + 3 * sd_v and not self.cell.is_of_records:
             where = {"voltage_v": start.voltage_v, "start_row": start.row}
             ends = {"beyond_v": beyond_v, "low_v": low_v, "high_v": high_v}
-            yield notice("start.beyond-ocv", self.record.name, **where, **ends)
+            yield Notice("start.beyond-ocv", {**where, **ends}, self.record.name)
 
     def denied_by_rest(self, at: int) -> Iterator[Notice]:
         """A warning where the rest around a sample contradicts the SOC that was given."""
@@ -330,7 +336,7 @@ class _Beginning:
             before = self.discharged_ah[first] / self.capacity_ah
             before = before if window.soc_source == "given earlier" else 0.0
             given = {"given_soc": window.initial_soc + before, "counted_soc": given_soc}
-            yield notice("start.other-soc", record.name, **where, **socs, **given)
+            yield Notice("start.other-soc", {**where, **socs, **given}, record.name)
 
 
 def _is_within(value: float, ends: Sequence[float], margin: float) -> bool:
@@ -355,4 +361,4 @@ def require_whole_log(record: Record, records: Sequence[Record], unknown: InputE
     if len(log) > 1:
         others = ", ".join(other.name for other in log if other is not record)
         told = {"others": others, "files": ", ".join(other.name for other in log)}
-        raise notice("start.goes-on", record.name, **told).error() from unknown
+        raise Notice("start.goes-on", told, record.name).error() from unknown

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from ..cell import CellModel
 from ..errors import InputError
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records import Record
 from ..records.record import SETTLED_V
 from ..records.samples import record_resistance_ohm
@@ -130,7 +130,7 @@ def within_ocv(
         if not outside.any():
             return scored, []
         counts |= {"outside": outside.sum(), "farthest_soc": beyond[outside].max()}
-        found = notice("soc.outside-ocv", record.name, **counts)
+        found = Notice("soc.outside-ocv", counts, record.name)
         return scored, [found.rated("note") if counts["farthest_soc"] < SAME_FULL else found]
     at = far[0]
     given = {"far_row": record.row[at], "capacity_ah": capacity_ah}
@@ -140,19 +140,19 @@ def within_ocv(
     source_v = record.voltage_v[at] + record_resistance_ohm(record) * record.current_a[at]
     if (source_v - end_v) * way > _INSIDE_V:
         given |= {"end": end, "voltage_v": record.voltage_v[at], "end_v": end_v}
-        return scored, [notice("soc.against-voltage", record.name, **given)]
+        return scored, [Notice("soc.against-voltage", given, record.name)]
     impossible = far[np.abs(soc[far] - 0.5) > 0.5 + OCV_MARGIN]
     if len(impossible) or not np.any(scored & ~outside):
         at = [*impossible, at][0]
         given |= {"far_row": record.row[at], "soc": soc[at], "low_soc": low, "high_soc": high}
-        return scored, [notice("soc.beyond-ocv", record.name, **given)]
+        return scored, [Notice("soc.beyond-ocv", given, record.name)]
     if any(point.source == record.name for point in cell.points):
         # The correction of the OCV reaches a little beyond the last rest of a pulse test.
         outside = scored & (beyond > OCV_MARGIN)
         counts |= {"far": "own", "instead": "own"}
     elif cell.is_of_records:
         counts |= {"instead": "records"}
-    told = notice("soc.without-ocv", record.name, left_out=outside.sum(), **counts)
+    told = Notice("soc.without-ocv", {"left_out": outside.sum(), **counts}, record.name)
     return scored & ~outside, [told]
 
 

@@ -16,7 +16,7 @@ from ..execution import in_float64
 from ..global_optimum.proof import Proof
 from ..model.prepared import PreparedRecord
 from ..model.reference import error_blocks
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..schema import Told
 from ..search.refine import AtBound, near_ends
 from .certificate import certify
@@ -310,38 +310,42 @@ def _warnings(objective: TableObjective, fit: TableFit) -> tuple[Notice, ...]:
     unvisited = 1 - float(np.mean(visited))
     if unvisited > MOSTLY:
         ends = {"low_soc": float(min(seen_soc)), "high_soc": float(max(seen_soc))}
-        found.append(notice("tables.mostly-unvisited", share=unvisited, whose=whose, **ends))
+        found.append(
+            Notice("tables.mostly-unvisited", {"share": unvisited, "whose": whose, **ends})
+        )
     if fit.is_over_soc:
         bare = nodes[objective.visited & (resistances_ohm.sum(axis=0) < LEAST_OHM)]
-        found += [notice("tables.no-resistance", soc=soc) for soc in bare.tolist()]
+        found += [Notice("tables.no-resistance", {"soc": soc}) for soc in bare.tolist()]
     if not np.any(resistances_ohm[0][objective.visited] >= LEAST_OHM):
-        found.append(notice("tables.no-r0"))
+        found.append(Notice("tables.no-r0"))
     floor_ohm = objective.least_r0_ohm
     held = nodes[objective.visited & (resistances_ohm[0] <= floor_ohm)]
     if floor_ohm and len(held):
         percent = ", ".join(f"{100 * soc:g}" for soc in held)
         where = None if fit.is_over_soc else "everywhere"
         told = dict.fromkeys(("where", "whose", "instead"), where)
-        found.append(notice("tables.r0-at-floor", floor_ohm=floor_ohm, percent=percent, **told))
+        found.append(
+            Notice("tables.r0-at-floor", {"floor_ohm": floor_ohm, "percent": percent, **told})
+        )
     is_fitted = HALF_HYSTERESIS in tables.tables
     if not is_fitted and tables.gamma is None:
         return tuple(found)
     moved, ranges = least_travel_soc(objective.prepared_records), objective.settings.ranges
     if moved < BOTH_WAYS_SOC and is_fitted and OCV not in objective.names:
-        found.append(notice("tables.one-direction", moved_soc=moved))
+        found.append(Notice("tables.one-direction", {"moved_soc": moved}))
     elif moved < BOTH_WAYS_SOC and tables.gamma is not None and RATE not in ranges:
-        found.append(notice("tables.gamma-held", moved_soc=moved, gamma=HELD_GAMMA))
+        found.append(Notice("tables.gamma-held", {"moved_soc": moved, "gamma": HELD_GAMMA}))
     return tuple(found)
 
 
 def _bound_warning(bound: AtBound, value: float, settings: TableSettings) -> Notice:
     """The notice of a constant that a bound sets."""
     if not bound.name.startswith("tau"):
-        return notice("tables.at-bound", name=bound.name, value=value)
+        return Notice("tables.at-bound", {"name": bound.name, "value": value})
     if bound.side == "lower":
-        return notice("tables.tau-at-lower-bound", name=bound.name, value_s=value)
+        return Notice("tables.tau-at-lower-bound", {"name": bound.name, "value_s": value})
     # A capacity only names the axis of an OCV of the records' own.
     is_own = settings.ocv_nodes is not None
     correction = "true" if settings.ocv_correction and not is_own else None
     told = {"value_s": value, "correction": correction, "check": "own" if is_own else None}
-    return notice("tables.tau-at-upper-bound", name=bound.name, **told)
+    return Notice("tables.tau-at-upper-bound", {"name": bound.name, **told})

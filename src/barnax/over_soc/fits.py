@@ -15,7 +15,7 @@ from ..cell.parameters import OCV_CORRECTION
 from ..errors import InputError
 from ..model.prepared import PreparedRecord
 from ..model.window import SAME_FULL
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..search.evaluate import Evaluation, Evaluations, evaluate
 from ..settings import is_temperature
 from ..uncertainty import Band
@@ -212,7 +212,7 @@ def require_temperature(prepared: PreparedRecord) -> float:
     """A record's temperature in degC. Raises `InputError` where it is not known, or no cell's."""
     degc, name = prepared.temperature_degc, prepared.record.name
     if degc is None:
-        raise notice("temperature.unknown", name).error()
+        raise Notice("temperature.unknown", subject=name).error()
     if not is_temperature(degc):
         raise InputError(
             f"{name}: no cell is measured at {degc:.4g} degC; give it with `temperature`, or "
@@ -240,11 +240,11 @@ def table_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice
         fitted_ocv = fit.own_ocv
         if fitted_ocv is not None and fitted_ocv.median_v > usual_v:
             where = {"largest_v": fitted_ocv.largest_v, "soc": fitted_ocv.largest_soc}
-            yield notice("ocv-test.disagrees", median_v=fitted_ocv.median_v, **where)
+            yield Notice("ocv-test.disagrees", {"median_v": fitted_ocv.median_v, **where})
         corrections = [node for node in fit.of_table(OCV_CORRECTION) if node.low is None]
         moved = max(corrections, key=lambda node: abs(node.value), default=None)
         if moved is not None and abs(moved.value) > OVERRULED_V:
-            yield notice("ocv-test.overruled", moved_v=moved.value, soc=moved.soc)
+            yield Notice("ocv-test.overruled", {"moved_v": moved.value, "soc": moved.soc})
     yield from _offset_warnings([evaluation.prepared for evaluation in identified])
     yield from _reversal_warnings(fits)
     if fits.reference.is_over_soc:
@@ -267,8 +267,8 @@ def no_temperature(prepared: PreparedRecord, fits: TableFits) -> Iterator[Notice
     """That a record has no temperature that the resistances could follow."""
     law = fits.of(prepared).dependence
     if law is not None and BETA in law.numbers and prepared.known_degc is None:
-        yield notice(
-            "tables.no-temperature", prepared.record.name, reference_degc=law.reference_degc
+        yield Notice(
+            "tables.no-temperature", {"reference_degc": law.reference_degc}, prepared.record.name
         )
 
 
@@ -283,7 +283,9 @@ def _offset_warnings(records: Sequence[PreparedRecord]) -> Iterator[Notice]:
     names = ", ".join(record.record.name for record in records)
     hours = level.told_capacity_ah / abs(offset_a)
     error_a = 2 * level.offset_error_a
-    yield notice("answer.current-offset", names, offset_a=offset_a, error_a=error_a, hours=hours)
+    yield Notice(
+        "answer.current-offset", {"offset_a": offset_a, "error_a": error_a, "hours": hours}, names
+    )
 
 
 def _reversal_warnings(fits: TableFits) -> Iterator[Notice]:
@@ -298,14 +300,16 @@ def _reversal_warnings(fits: TableFits) -> Iterator[Notice]:
     for name, reversals in by_name.items():
         reversal = reversals[len(reversals) // 2]
         values = ", ".join(f"{1e3 * value:.3g}" for value in reversal.values_ohm)
-        yield notice(
+        yield Notice(
             "tables.not-monotone",
-            name=name.partition(" ")[0],
-            nodes=len(reversals),
-            all_nodes=len(fits.fits[0].tables.nodes),
-            values_mohm=values,
-            temperatures_degc=degc,
-            soc=reversal.soc,
+            {
+                "name": name.partition(" ")[0],
+                "nodes": len(reversals),
+                "all_nodes": len(fits.fits[0].tables.nodes),
+                "values_mohm": values,
+                "temperatures_degc": degc,
+                "soc": reversal.soc,
+            },
         )
 
 
@@ -324,7 +328,9 @@ def _outside_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Not
         if outside:
             ends = {"low_percent": 100 * low, "high_percent": 100 * high}
             name = evaluation.prepared.record.name
-            yield notice("soc.outside-tables", name, outside=outside, samples=len(soc), **ends)
+            yield Notice(
+                "soc.outside-tables", {"outside": outside, "samples": len(soc), **ends}, name
+            )
 
 
 def _is_alike(fits: TableFits, evaluation: Evaluation, other: Evaluation) -> bool:

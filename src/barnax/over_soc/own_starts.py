@@ -17,7 +17,7 @@ from ..model.rest import cell_at_rest
 from ..model.start import find_start, require_whole_log
 from ..model.temperature import temperature_of
 from ..model.window import OCV_MARGIN, Window, first_sample, scored_samples
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records import Record
 from ..records.record import in_means
 from .level import cell_of, level_cell, with_own_ocv
@@ -225,7 +225,7 @@ class OwnRecords:
         known: list[tuple[float, Record]] = []
         for record in self.records:
             if (degc := temperature_of(record, self.windows[record.name])) is None:
-                raise notice("temperature.unknown", record.name).error()
+                raise Notice("temperature.unknown", subject=record.name).error()
             known.append((degc, record))
         found = Starts({})
         for alike in group_near(known).values():

@@ -26,7 +26,7 @@ from ..cell import Dependence
 from ..execution import in_float64
 from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records.record import in_means, runs
 from ..settings import Registration
 from ..uncertainty.noise import CONFIDENCE
@@ -263,7 +263,7 @@ def rest_warnings(prepared: PreparedRecord) -> list[Notice]:
         "own_ah": prepared.capacity_ah * (1 + rest.share),
     }
     row = int(prepared.record.row[prepared.first + rest.sample])
-    return [notice("soc.rest-off-ocv", prepared.record.name, row, **told)]
+    return [Notice("soc.rest-off-ocv", told, prepared.record.name, row)]
 
 
 def _far_rest(prepared: PreparedRecord) -> _Rest | None:

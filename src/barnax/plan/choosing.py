@@ -8,7 +8,7 @@ from typing import Any
 from ..errors import InputError
 from ..inputs import Given, Watch, listed, unwatched, windows_by_name
 from ..model.window import Window
-from ..notices import notice
+from ..notices import Notice
 from ..settings import OVER_TEMPERATURE, Reading
 from .document import Plan
 from .draft import (
@@ -87,7 +87,7 @@ def plan(
     )
     free = [file for file in given if not _places([file]) & _places([*tests, *others])]
     if not free and (twice := [file for file in given if _places([file]) & _places(others)]):
-        raise notice("role.given-twice", Path(twice[0]).name, same="name").error()
+        raise Notice("role.given-twice", {"same": "name"}, Path(twice[0]).name).error()
     windows = windows_by_name(window)
     looked = list(look([*free, *tests, *others], reading or Reading(), watch, windows))
     refused = [file.refusal for file in looked if file.refusal]

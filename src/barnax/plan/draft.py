@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..checks.traits import LEAST_SHARE
 from ..model.window import Window
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records.fingerprint import Content
 from .document import ROLES, SIMULATED, Part, Use
 from .looking import CandidateFile, is_same_degc
@@ -132,7 +132,9 @@ def copies_of(
         # A record that came from no file is only like itself.
         source = (file.source.sha256, file.source.span_s) if file.source else (id(file),)
         if (same := first_of.setdefault(source, file)) is not file:
-            copies[file] = notice("role.given-twice", file.name, same="bytes", other=same.name)
+            copies[file] = Notice(
+                "role.given-twice", {"same": "bytes", "other": same.name}, file.name
+            )
     unlike: list[Content] = []
     records = [file for file in files if file not in copies and file.is_record]
     for file in sorted(records, key=lambda one: (one not in given, -one.record.samples)):
@@ -142,7 +144,9 @@ def copies_of(
             unlike.append(content)
         else:
             other = alike.record.name
-            copies[file] = notice("role.given-twice", file.name, same="samples", other=other)
+            copies[file] = Notice(
+                "role.given-twice", {"same": "samples", "other": other}, file.name
+            )
     return copies
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Bool, Float
 
-from ..notices import notice
+from ..notices import Notice
 from .cell_values import is_clock, is_local_date
 from .samples import Samples
 from .table import found_at
@@ -162,9 +162,11 @@ def _by_counter(samples: Samples) -> Samples:
             continue
         if np.sum(np.diff(samples.time_s[order]) < 0) <= _FEW * falls:
             name = samples.table.header[index]
-            return samples.keep(order).noting(notice("clock.sorted", places=falls, column=name))
+            return samples.keep(order).noting(
+                Notice("clock.sorted", {"places": falls, "column": name})
+            )
     if falls > _SLIPS and falls >= (1 - _FEW) * len(samples.intervals_s):
-        return samples.keep(np.arange(len(samples))[::-1]).noting(notice("clock.turned"))
+        return samples.keep(np.arange(len(samples))[::-1]).noting(Notice("clock.turned"))
     return samples
 
 

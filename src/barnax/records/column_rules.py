@@ -10,7 +10,7 @@ import polars as pl
 from jaxtyping import Float
 
 from ..errors import InputError, listed
-from ..notices import Notice, notice
+from ..notices import Notice
 from .cell_values import CLOCKS, DAY_S, epoch_unit, is_clock, numbers
 from .columns import (
     NOTHING,
@@ -83,11 +83,11 @@ def examine_columns(
     what = other_table(table.header)
     is_mostly = 2 * impedance_rows(table).sum() > len(table.row)
     if what and (is_mostly or not names_record(table.header, given)):
-        raise notice("columns.no-record", file, table=what).error(".")
+        raise Notice("columns.no-record", {"table": what}, file).error(".")
     found = columns_of(table.header, given)
     wrong = list(_not_there(table, found, given))
     if counted := one_row_a(table, found):
-        wrong.insert(0, notice("columns.no-record", table=f"a table of one row a {counted}"))
+        wrong.insert(0, Notice("columns.no-record", {"table": f"a table of one row a {counted}"}))
     is_like = any(q.name in found or likely_names(q, table.header) for q in REQUIRED)
     is_nameless = _is_nameless(table, is_like or is_ocv_table(table.header, given))
     if not is_like and not is_nameless:
@@ -98,10 +98,10 @@ def examine_columns(
     is_time_of_day = _is_time_of_day(table, found)
     if is_time_of_day:
         day, time = found["date"].header, found["time"].header
-        findings.append(notice("columns.time-of-day", day=day, time=time))
+        findings.append(Notice("columns.time-of-day", {"day": day, "time": time}))
     if "current" not in found and "charge of the interval" in found:
         found["current"] = found["charge of the interval"]
-        findings.append(notice("columns.interval-charge", column=found["current"].header))
+        findings.append(Notice("columns.interval-charge", {"column": found["current"].header}))
     for unused in ("step time", "date", "charge of the interval"):
         if unused != "date" or not is_time_of_day:
             found.pop(unused, None)
@@ -109,7 +109,7 @@ def examine_columns(
     taken = _headers(found)
     for column in find_columns(table.header, (SOC,)).values():
         if column.header not in taken:
-            findings.append(notice("columns.soc-unused", column=column.header))
+            findings.append(Notice("columns.soc-unused", {"column": column.header}))
     missing = []
     for quantity in REQUIRED:
         if quantity.name in found:
@@ -136,7 +136,7 @@ def examine_columns(
             code = "columns.no-names"
         names = {"quantities": ", ".join(quantity.name for quantity, _, _ in missing)}
         there = {**names, "columns": _quoted(list(table.header)), "count": len(missing)}
-        findings.append(notice(code, "", table.names_row, **there, **values))
+        findings.append(Notice(code, {**there, **values}, row=table.names_row))
     return found, findings
 
 
@@ -199,10 +199,10 @@ def _not_there(table: Table, found: Columns, given: Mapping[str, str]) -> Iterat
             severity, row = "error" if is_missing else "warning", table.names_row
             if own and named_column(table.header, QUANTITY_OF[name], own):
                 known = {"unit": unit, "column": own, "known": _symbols(QUANTITY_OF[name])}
-                yield notice("columns.unknown-unit", "", row, **known, **given_so).rated(severity)
+                yield Notice("columns.unknown-unit", {**known, **given_so}, row=row).rated(severity)
             else:
                 names = {"wanted": wanted, "columns": _quoted(list(table.header))}
-                yield notice("columns.not-there", "", row, **names, **given_so).rated(severity)
+                yield Notice("columns.not-there", {**names, **given_so}, row=row).rated(severity)
 
 
 def _dated(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
@@ -220,7 +220,7 @@ def _dated(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
             dates = QUANTITY_OF["date"]
             found[name] = replace(column, quantity=dates, unit=unit, is_unit_assumed=False)
             if name == "time":
-                yield notice("columns.dates", column=column.header, dates=unit.symbol)
+                yield Notice("columns.dates", {"column": column.header, "dates": unit.symbol})
 
 
 def _other_clock(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
@@ -233,7 +233,7 @@ def _other_clock(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
         stands = np.diff(numbers(table.columns[dates.index], dates)) == 0
         clock = "step time" if np.mean(stands) > _COARSE_DATES else "date"
     found["time"] = found[clock]
-    yield notice("columns.other-clock", clock=clock, column=found[clock].header)
+    yield Notice("columns.other-clock", {"clock": clock, "column": found[clock].header})
 
 
 def _is_time_of_day(table: Table, found: Columns) -> bool:
@@ -265,14 +265,14 @@ def _is_time_of_day(table: Table, found: Columns) -> bool:
 def _no_record(table: Table, given: Mapping[str, str]) -> Notice:
     names = listed(name for name in table.header if name) or "none"
     if is_ocv_table(table.header, given):
-        return notice("columns.none", columns=names, advice="ocv")
+        return Notice("columns.none", {"columns": names, "advice": "ocv"})
     if any(normal(name).startswith(("dod", "depth of discharge")) for name in table.header):
-        return notice("columns.none", columns=names, advice="dod")
+        return Notice("columns.none", {"columns": names, "advice": "dod"})
     accepted = "; ".join(
         f"for the {quantity.name} {_examples(quantity)} (units {_symbols(quantity)})"
         for quantity in REQUIRED
     )
-    return notice("columns.none", columns=names, advice="names", accepted=accepted)
+    return Notice("columns.none", {"columns": names, "advice": "names", "accepted": accepted})
 
 
 def _missing(
@@ -333,12 +333,14 @@ def _repeated_names(table: Table, found: Columns) -> Iterator[Notice]:
     row = table.names_row
     for name, times in Counter(table.header).items():
         if not name:
-            yield notice("columns.nameless", "", row, columns=times)
+            yield Notice("columns.nameless", {"columns": times}, row=row)
         elif times > 1 and name in _headers(found):
             others = "several" if times > 2 else None
-            yield notice("columns.first-taken", "", row, columns=times, name=name, others=others)
+            yield Notice(
+                "columns.first-taken", {"columns": times, "name": name, "others": others}, row=row
+            )
         elif times > 1:
-            yield notice("columns.repeated", "", row, columns=times, name=name)
+            yield Notice("columns.repeated", {"columns": times, "name": name}, row=row)
 
 
 def describe_units(found: Columns) -> Iterator[Notice]:
@@ -348,14 +350,14 @@ def describe_units(found: Columns) -> Iterator[Notice]:
         units = [f"{column.unit.symbol} for '{column.header.strip()}'" for column in bare]
         needed = [column for column in bare if column.quantity.is_required] or bare
         names = ", ".join(f"'{column.quantity.examples[0]}'" for column in needed)
-        yield notice("columns.units-assumed", units=", ".join(units), names=names)
+        yield Notice("columns.units-assumed", {"units": ", ".join(units), "names": names})
     converted = [
         f"'{column.header}' from {column.unit.symbol} to {column.quantity.base_unit.symbol}"
         for column in found.values()
         if not column.is_unit_assumed and column.unit != column.quantity.base_unit
     ]
     if converted:
-        yield notice("columns.converted", columns=", ".join(converted))
+        yield Notice("columns.converted", {"columns": ", ".join(converted)})
 
 
 def bare_units(found: Columns, reason: str) -> Notice:
@@ -364,4 +366,4 @@ def bare_units(found: Columns, reason: str) -> Notice:
     bare = [found[name] for name in judged if name in found and found[name].is_unit_assumed]
     units = ", ".join(f"{column.unit.symbol} for '{column.header}'" for column in bare)
     option = ",".join(f"{column.quantity.name}={column.header}:UNIT" for column in bare)
-    return notice("columns.units-open", units=units, reason=reason, option=option)
+    return Notice("columns.units-open", {"units": units, "reason": reason, "option": option})

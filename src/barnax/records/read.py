@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeVar, get_args
 import numpy as np
 
 from ..errors import InputError
-from ..notices import Notice, notice, raise_first_error
+from ..notices import Notice, raise_first_error
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
 from .column_rules import bare_units, describe_units, examine_columns, read_columns
 from .columns import NOTHING, Column
@@ -136,7 +136,7 @@ def _one_cell(source: Source, samples: Samples) -> Samples:
     voltage_v = source.of_one_cell(samples.voltage_v)
     if voltage_v is samples.voltage_v:
         return samples
-    told = notice("series.divided", column=samples.header("voltage"), series=source.series)
+    told = Notice("series.divided", {"column": samples.header("voltage"), "series": source.series})
     return examine_series(samples.having(voltage=voltage_v).noting(told), source.series)
 
 
@@ -144,12 +144,12 @@ def _too_short(samples: Samples) -> Notice | None:
     """An error where too few samples are left, or too little time."""
     count = len(samples)
     if count == 0:
-        return notice("length.empty")
+        return Notice("length.empty")
     if count < _FEWEST_SAMPLES:
-        return notice("length.short", samples=count, needed=_FEWEST_SAMPLES)
+        return Notice("length.short", {"samples": count, "needed": _FEWEST_SAMPLES})
     length_s = np.ptp(samples.time_s)
     if samples.time_s[-1] - samples.time_s[0] < _SHORTEST_S > length_s:
-        return notice("length.no-time", length_s=length_s, column=samples.header("time"))
+        return Notice("length.no-time", {"length_s": length_s, "column": samples.header("time")})
     return None
 
 

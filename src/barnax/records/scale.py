@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..notices import Notice, Severity, notice
+from ..notices import Notice, Severity
 from .cell_values import DAY_S, is_clock
 from .column_rules import bare_units, in_volts
 from .columns import NOTHING, Column, find_columns, likely_column, normal
@@ -344,7 +344,7 @@ def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:
     other_v = in_volts(source.table, other)[samples.at]
     apart_v = np.abs(other_v if other == names.get("ece/v") else samples.voltage_v - other_v)
     if np.any(apart_v > _SAME_V):
-        yield notice("twin-columns.electrode", column=column, apart_v=np.nanmax(apart_v))
+        yield Notice("twin-columns.electrode", {"column": column, "apart_v": np.nanmax(apart_v)})
 
 
 def _others(table: Table, name: str, own: Column) -> Iterator[Column]:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..errors import counted
-from ..notices import Notice, notice
+from ..notices import Notice
 from .dialects import CHARGE, DISCHARGE, Sign
 from .logger import Decision
 from .record import equal_runs, runs
@@ -56,9 +56,9 @@ def decide_sign(
         return Decision(given, "given", f"given by the user, and {found.reason}"), []
     told = {"given": given, "found": found.value, "reason": found.reason}
     if found.strength == "strong":
-        raise notice("sign.against-data", file, **told).error(".")
+        raise Notice("sign.against-data", told, file).error(".")
     decision = Decision(given, "given", f"given by the user, although {found.reason}")
-    return decision, [notice("sign.against-weak", **told)]
+    return decision, [Notice("sign.against-weak", told)]
 
 
 def _from_data(samples: Samples) -> Decision | None:
@@ -138,7 +138,7 @@ def examine_direction(samples: Samples) -> Samples:
         told = np.maximum.accumulate(np.where(np.abs(words) == 1, np.arange(len(words)), -1))
         directions = np.where(told >= 0, -words[told], 1)
         direction = np.repeat(directions, ends - begins + 1)
-        told = notice("sign.by-state", column=name, state=samples.header("state"))
+        told = Notice("sign.by-state", {"column": name, "state": samples.header("state")})
         return samples.having(current=np.abs(current_a) * direction).noting(told)
     _, votes = step_votes(samples)
     rising, falling = int(np.sum(votes > 0)), int(np.sum(votes < 0))

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from ..errors import LONGEST_NAME, InputError, cut, printable, reason_of
-from ..notices import Notice, notice
+from ..notices import Notice
 from .cell_values import settled
 from .column_rules import read_columns
 from .columns import NOTHING
@@ -46,7 +46,7 @@ def examine_suffix(file: str, content: bytes) -> tuple[Notice, ...]:
     )
     if suffix in suffixes or (suffix not in known and kind == "text"):
         return ()
-    return (notice("format.suffix", content=kind, suffix=suffix),)
+    return (Notice("format.suffix", {"content": kind, "suffix": suffix}),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ def read_source(
         sha256 = hashing.result()
     found = examine_suffix(name, content)
     texts = dict.fromkeys(cut(printable(str(one.message)), _LONGEST_WARNING) for one in caught)
-    notes = (*table.notes, *(notice("format.library", text=text) for text in texts))
+    notes = (*table.notes, *(Notice("format.library", {"text": text}) for text in texts))
     table = replace(table, notes=notes)
     return _clean(Source(name, table, sha256, found, given, series=series))
 
@@ -178,11 +178,11 @@ def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path:
     """
     places = [folder / name for folder in folders if (folder / name).is_file()]
     if not places:
-        raise notice("file.not-found", name, folders=", ".join(map(str, folders))).error()
+        raise Notice("file.not-found", {"folders": ", ".join(map(str, folders))}, name).error()
     for place in places:
         if not sha256 or sha256 == hashlib.sha256(_read_content(place)).hexdigest():
             return place
-    raise notice("file.changed", str(places[0])).error()
+    raise Notice("file.changed", subject=str(places[0])).error()
 
 
 def find_planned(
@@ -198,11 +198,11 @@ def find_planned(
         if digest == sha256:
             return path, ()
     if named:
-        changed = notice("plan.file-changed", printable(str(file)))
+        changed = Notice("plan.file-changed", subject=printable(str(file)))
         return named[0], (changed,) if any(digests.values()) else ()
     if around and not sha256:
         taken = printable(str(around[0].absolute()))
-        return around[0], (notice("plan.file-elsewhere", printable(str(file)), path=taken),)
+        return around[0], (Notice("plan.file-elsewhere", {"path": taken}, printable(str(file))),)
     return file, ()
 
 
@@ -277,12 +277,12 @@ def _read_content(path: Path) -> bytes:
             # A pipe or a device has no size, and the latter no end.
             content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
     except IsADirectoryError:
-        raise notice("file.folder", shown).error(".") from None
+        raise Notice("file.folder", subject=shown).error(".") from None
     except FileNotFoundError:
-        raise notice("file.missing", shown).error(".") from None
+        raise Notice("file.missing", subject=shown).error(".") from None
     except (OSError, ValueError) as error:
         reason = str(getattr(error, "strerror", None) or error)
-        raise notice("file.unreadable", shown, reason=reason).error(".") from error
+        raise Notice("file.unreadable", {"reason": reason}, shown).error(".") from error
     if max(size, len(content)) > LARGEST_FILE:
-        raise notice("file.too-large", shown, limit_gb=LARGEST_FILE / 1e9).error(".")
+        raise Notice("file.too-large", {"limit_gb": LARGEST_FILE / 1e9}, shown).error(".")
     return content

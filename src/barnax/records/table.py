@@ -11,7 +11,7 @@ import polars as pl
 from jaxtyping import Bool, Int
 
 from ..errors import LONGEST_CELL, cut
-from ..notices import Notice, notice
+from ..notices import Notice
 from .cell_values import DAY_S, dated_numbers, numbers
 from .columns import Column, dialect_of, normal, other_table
 from .counters import inner
@@ -171,7 +171,7 @@ def found_at(
     """A notice of one line, or the first of several, with the row and sheet it stands in."""
     line = int(np.argmax(place)) if isinstance(place, np.ndarray) else place
     row, sheet = source.table.place(int(source.at[line]))
-    return replace(notice(code, **values), row=row, sheet=sheet)
+    return replace(Notice(code, values), row=row, sheet=sheet)
 
 
 def table_sha256(table: Table) -> str:
@@ -238,7 +238,7 @@ def examine_cells(lines: Lines) -> Lines:
         is_small = values.min() > -_LARGEST_WHOLE and values.max() < _LARGEST_WHOLE
         if is_small and np.array_equal(values, values.astype(np.int32)):
             continue
-        told = notice("cells.not-whole", column=lines.header(name))
+        told = Notice("cells.not-whole", {"column": lines.header(name)})
         lines = lines.without(name).noting(told)
     state = lines.values.get("state", np.zeros(0))
     if np.any(is_other := state == OTHER_STATE) and not np.any(np.abs(state) == 1):

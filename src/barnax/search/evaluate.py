@@ -16,7 +16,7 @@ from ..model.prepared import PreparedRecord, prepare_record, try_record
 from ..model.problem import require_changing_voltage
 from ..model.reference import simulate_circuit
 from ..model.window import Window
-from ..notices import Notice, notice
+from ..notices import Notice
 from ..records import Record
 from ..records.samples import STEADY_SHARE, STEP_SHARE
 from ..settings import MAX_MOVED_SOC
@@ -197,7 +197,7 @@ def step_warnings(evaluation: Evaluation) -> Iterator[Notice]:
     if np.median(own_ohm) > 0 and np.quantile(shown_ohm / own_ohm, 0.75) < _LEAST_SHOWN:
         told = {"own_ohm": own_ohm, "shown_ohm": shown_ohm, "after_s": after_s}
         medians = {name: float(np.median(values)) for name, values in told.items()}
-        yield notice("answer.r0-above-steps", prepared.record.name, **medians)
+        yield Notice("answer.r0-above-steps", medians, prepared.record.name)
 
 
 def pooled(evaluations: Sequence[Evaluation]) -> Metrics:

@@ -21,7 +21,7 @@ import polars as pl
 from jaxtyping import Int
 
 from ...errors import InputError, reason_of
-from ...notices import notice
+from ...notices import Notice
 from ..table import Reader, Table
 from .content import (
     NUMBER_BYTES,
@@ -166,7 +166,7 @@ def _read_neware(content: bytes, file: str, _: Mapping[str, str]) -> Table:
             f"from row {lost} on; copy it again from the tester's computer."
         )
     is_damaged = any(record.exc_info for record in told)
-    notes = (notice("columns.damaged-part"),) if is_damaged else ()
+    notes = (Notice("columns.damaged-part"),) if is_damaged else ()
     texts = frame.with_columns(pl.col(pl.Categorical).cast(pl.String))
     return Table.of(texts, notes=notes, has_known_units=True)
 

@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from ...errors import LONGEST_CELL, InputError, cut, printable
-from ...notices import Notice, notice
+from ...notices import Notice
 from ..cell_values import DAY_S
 from ..columns import is_ocv_table, names_record
 from ..table import Reader, Table
@@ -69,7 +69,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     scripts = [path for path in records if _SCRIPTS.fullmatch(path)]
     if len(records) == 1 or (scripts and len(scripts) == len(records)):
         first, *others = sorted(records)
-        unused = notice("columns.other-structs", used=first, unused=", ".join(others))
+        unused = Notice("columns.other-structs", {"used": first, "unused": ", ".join(others)})
         return _table(records[first], (unused,) if others else ())
     raise InputError(_refusal(file, structs, [*records]))
 
@@ -215,7 +215,7 @@ def _joined(
         frames.append(_frame(records[name]).with_columns(pl.col("Time") + begun_s, **added))
     shared = [name for name in shared if all(name in frame.columns for frame in frames)]
     whole = pl.concat([frame.select("Time", "cycle", *shared, "state") for frame in frames])
-    note = notice("columns.joined-cycles", cycles=len(records), path=f"{path}.cycle")
+    note = Notice("columns.joined-cycles", {"cycles": len(records), "path": f"{path}.cycle"})
     return Table.of(whole, notes=(note,))
 
 

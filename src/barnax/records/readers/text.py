@@ -17,7 +17,7 @@ import polars as pl
 from jaxtyping import Bool
 
 from ...errors import InputError, counted
-from ...notices import Notice, notice
+from ...notices import Notice
 from ..cell_values import numbers
 from ..columns import Column, columns_of, is_ocv_table, names_record, other_table, with_units
 from ..quantities import CELL_RANGE_V, NEEDED
@@ -118,7 +118,9 @@ def _within_the_names(table: Table, file: str, given: Mapping[str, str]) -> Tabl
     where, names = f"{file}: row {table.row[wide[0]]}", len(table.header)
     if len(wide) > 0.5 * len(table.row):
         if _fits(named, columns) and not _fits(named, [*columns[1:], beyond]):
-            return replace(table, notes=(*table.notes, notice("columns.more-cells", names=names)))
+            return replace(
+                table, notes=(*table.notes, Notice("columns.more-cells", {"names": names}))
+            )
         raise InputError(
             f"{where}: the rows have more cells than the {names} names in row {table.names_row}, "
             "and it is not clear which cell has no name; add the missing name there."
@@ -329,7 +331,7 @@ def _guessed(content: bytes, names: list[str], delimiter: str) -> Schema:
 def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], lines: str) -> Table:
     """The table without some lines, and a note of them."""
     kept = pl.Series(~is_left_out)
-    note = notice("columns.lines-between", rows=is_left_out.sum(), lines=lines)
+    note = Notice("columns.lines-between", {"rows": is_left_out.sum(), "lines": lines})
     columns = tuple(column.filter(kept) for column in table.columns)
     notes = (*table.notes, note)
     return replace(table, columns=columns, row=table.row[~is_left_out], notes=notes)
@@ -370,10 +372,10 @@ def _without_headings(table: Table, given: Mapping[str, str]) -> Table:
 def _notes(layout: _Layout, breaks: list[tuple[int, int]]) -> tuple[Notice, ...]:
     notes = []
     if layout.above:
-        notes.append(notice("columns.rows-above", names_row=layout.above + 1))
+        notes.append(Notice("columns.rows-above", {"names_row": layout.above + 1}))
     if breaks:
         rows = ", ".join(str(place + dropped) for place, dropped in breaks[:5])
-        notes.append(notice("columns.names-again", rows=rows))
+        notes.append(Notice("columns.names-again", {"rows": rows}))
     return tuple(notes)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 
 from ...errors import InputError, cut, listed
-from ...notices import notice
+from ...notices import Notice
 from ..cell_values import numbers
 from ..columns import columns_of, is_ocv_table, names_record, with_units
 from ..quantities import NEEDED
@@ -154,9 +154,11 @@ def _joined(
 
         filled.sort(key=start)
     plural = "true" if len(ignored) > 1 else None
-    notes = [notice("columns.sheets", sheets=listed(ignored), plural=plural)] if ignored else []
+    notes = (
+        [Notice("columns.sheets", {"sheets": listed(ignored), "plural": plural})] if ignored else []
+    )
     if names.above:
-        notes.append(notice("columns.rows-above", names_row=names.above + 1))
+        notes.append(Notice("columns.rows-above", {"names_row": names.above + 1}))
     rows = (np.arange(body.height) + names.body + 1 for _, body in filled)
     parts = ([body.to_series(k) for _, body in filled] for k in range(len(header)))
     return Table(

@@ -308,10 +308,8 @@ def input_warnings(
     ]
     for use in found.roles:
         if use.name == role and not use.is_usable:
-            loose = {} if use.half_width is None else {"half_width": use.half_width}
-            told.insert(
-                0, Notice("role.unfit", {"role": role, "reason": use.reason, **loose}, found.file)
-            )
+            unfit = {"role": role, "reason": use.reason, "half_width": use.half_width}
+            told.insert(0, Notice("role.unfit", unfit, found.file))
         elif use.name == role and use.window and not window_of(window, found.file).is_chosen:
             given = {"reason": use.window.reason, "advice": use.window.advice}
             told += [Notice("role.window", given, found.file)] if given["advice"] else []

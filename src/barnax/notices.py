@@ -130,6 +130,7 @@ class Notice:
         if missing := self.kind.missing(plain):
             raise KeyError(f"a notice {self.code!r} needs {', '.join(sorted(missing))}")
         object.__setattr__(self, "values", plain)
+        object.__setattr__(self, "rating", self.severity)
 
     def __hash__(self) -> int:
         return hash((self.code, self.subject, self.row, *self.values.values()))

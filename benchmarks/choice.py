@@ -22,11 +22,10 @@ from barnax.cell import characterize
 from barnax.execution import in_float64
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import errors_along
-from barnax.over_soc import TableSettings
 from barnax.over_soc.fit import level_beyond
-from barnax.select import Fitted, Point, limits_of
-from barnax.select.choose import Bench
-from barnax.select.family import NODE_LADDER
+from barnax.over_soc.settings import TableSettings
+from barnax.select.choose import Bench, Fitted
+from barnax.select.family import NODE_LADDER, Point, limits_of
 from benchmarks.pages import as_markdown, provenance, publish
 from benchmarks.real_cells.cases import given_folder
 

@@ -14,7 +14,7 @@ from barnax.cli.session import as_flags
 from barnax.job import Job
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import SocErrors
+from barnax.over_soc.cross_validation import SocErrors
 from barnax.reporting.first_screen import first_screen
 from barnax.results import Result
 from barnax.search.evaluate import evaluate

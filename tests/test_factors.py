@@ -11,8 +11,9 @@ import pytest
 from barnax.errors import InputError
 from barnax.factors import _digest, factors_to_bytes, read_factors
 from barnax.model.prepared import Window, prepare_record
-from barnax.over_soc import TableSettings, fit_tables
+from barnax.over_soc.fit import fit_tables
 from barnax.over_soc.kept import Grid, fit_kept, keep
+from barnax.over_soc.settings import TableSettings
 
 NODES = (0.3, 0.5, 0.7, 0.85, 1.0)
 GRID = Grid(low_s=4.0, high_s=250.0, nodes=NODES)

@@ -8,7 +8,7 @@ import pytest
 import barnax
 from barnax.errors import InputError
 from barnax.job import Job
-from barnax.over_soc import TableSettings
+from barnax.over_soc.settings import TableSettings
 from barnax.settings import Reading, Settings
 
 

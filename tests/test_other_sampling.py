@@ -14,7 +14,9 @@ from barnax.model.prepared import prepare_record
 from barnax.model.reference import simulate_circuit
 from barnax.model.sampling import resampling, source_shift_ohm
 from barnax.model.window import Window
-from barnax.over_soc import NodeInterval, TableFits, TableSettings
+from barnax.over_soc.fits import TableFits
+from barnax.over_soc.node_interval import NodeInterval
+from barnax.over_soc.settings import TableSettings
 from barnax.records import read_record, record_from_frame
 from helpers.problems import drive_a
 from helpers.reference import filtered_response

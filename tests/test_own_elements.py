@@ -8,10 +8,11 @@ from barnax.cell import CircuitParameters, Element, make_circuit
 from barnax.errors import InputError
 from barnax.export import get_exporter
 from barnax.filters.model import ErrorModel, make_model
-from barnax.global_optimum import find_global_optimum
+from barnax.global_optimum.search import find_global_optimum
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings, fit_tables
+from barnax.over_soc.fit import fit_tables
+from barnax.over_soc.settings import TableSettings
 from barnax.pipeline import identify_problem
 from barnax.search.evaluate import evaluate
 from helpers.problems import drive_a

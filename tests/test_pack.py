@@ -11,9 +11,9 @@ from barnax.fleet.manifest import cell_of
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings
 from barnax.over_soc.kept import Grid, fit_kept, keep_all
 from barnax.over_soc.pack import fit_pack
+from barnax.over_soc.settings import TableSettings
 from barnax.pack import identify_pack
 from barnax.records import record_from_frame, source_from_frame
 from barnax.records.pack import read_pack

@@ -12,7 +12,7 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.export.tables import tables_of
-from barnax.global_optimum import find_global_optimum
+from barnax.global_optimum.search import find_global_optimum
 from barnax.identification import best_of
 from barnax.model.window import Window
 from barnax.results import Result

@@ -12,7 +12,7 @@ import barnax
 from barnax.cell import CellModel, characterize
 from barnax.experiment import Step
 from barnax.experiment.protocol import hppc_steps, sampled
-from barnax.over_soc import errors_on
+from barnax.over_soc.fit import errors_on
 from barnax.records import Record
 from barnax.reporting.design_forms import EMPTYING
 

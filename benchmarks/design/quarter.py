@@ -19,7 +19,7 @@ from barnax.experiment.information import (
     widths_of,
 )
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
-from barnax.over_soc import TableFit, errors_on, fit_tables
+from barnax.over_soc.fit import TableFit, errors_on, fit_tables
 from barnax.over_soc.registration import register
 from barnax.records import read_record
 from barnax.reporting.design import reached_half

@@ -13,7 +13,9 @@ from barnax.experiment.belief import believed_of_fit, counting
 from barnax.experiment.protocol import hppc_steps, sampled
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.over_soc import OwnRecords, TableFit, errors_on, fit_tables, prove_own
+from barnax.over_soc.fit import TableFit, errors_on, fit_tables
+from barnax.over_soc.own_ocv import prove_own
+from barnax.over_soc.own_starts import OwnRecords
 from barnax.over_soc.problem import find_best, reduced_objective
 from barnax.records import Decision, Record, read_record
 from barnax.reporting.design import reached_half

@@ -29,9 +29,9 @@ from .experiment import design as design
 from .fleet import FleetCell as FleetCell
 from .fleet import identify_fleet as identify_fleet
 from .fleet import read_manifest as read_manifest
-from .global_optimum import GlobalOptimum as GlobalOptimum
-from .global_optimum import find_global_optimum as find_global_optimum
-from .global_optimum import optimality_gap as optimality_gap
+from .global_optimum.search import GlobalOptimum as GlobalOptimum
+from .global_optimum.search import find_global_optimum as find_global_optimum
+from .global_optimum.search import optimality_gap as optimality_gap
 from .identification import make_result as make_result
 from .job import Job as Job
 from .model.problem import Problem as Problem
@@ -40,9 +40,9 @@ from .model.window import Window as Window
 from .notices import Notice as Notice
 from .optimizers import OPTIMIZERS as OPTIMIZERS
 from .optimizers import make_optimizer as make_optimizer
-from .over_soc import TableFit as TableFit
-from .over_soc import TableSettings as TableSettings
-from .over_soc import fit_tables as fit_tables
+from .over_soc.fit import TableFit as TableFit
+from .over_soc.fit import fit_tables as fit_tables
+from .over_soc.settings import TableSettings as TableSettings
 from .pack import Pack as Pack
 from .pack import identify_pack as identify_pack
 from .pipeline import hppc as hppc

@@ -14,24 +14,16 @@ from .blas import one_blas_thread
 from .cell import CircuitParameters
 from .errors import InputError
 from .execution import threads
-from .global_optimum import (
-    GlobalOptimum,
-    find_global_optimum,
-    hold_warning,
-)
+from .global_optimum.search import GlobalOptimum, find_global_optimum, hold_warning
 from .inputs import Watch
 from .model.problem import Problem
 from .model.sampling import SHORT, means_shifts_ohm, resampling
 from .notices import Notice
-from .over_soc import (
-    TableFits,
-    compare_with_own,
-    fit_temperatures,
-    group_by_temperature,
-)
 from .over_soc.certificate import certify
 from .over_soc.fit import fit_of, with_level_ends
-from .over_soc.fits import R0
+from .over_soc.fits import R0, TableFits
+from .over_soc.own_ocv import compare_with_own
+from .over_soc.temperature import fit_temperatures, group_by_temperature
 from .pulses import pulses_of
 from .records.lag import late_answers_ohm
 from .result_parts import (

@@ -19,7 +19,7 @@ from .inputs import Given, Watch, unwatched
 from .model.search_space import Range
 from .model.window import Window
 from .optimizers import OPTIMIZERS
-from .over_soc import TableSettings
+from .over_soc.settings import TableSettings
 from .settings import (
     ARGS,
     CellSettings,

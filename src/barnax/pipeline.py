@@ -17,7 +17,7 @@ from .cell.parameters import RATE
 from .checks.against_cell import compare_resistances
 from .checks.roles import are_unfit
 from .checks.traits import MAX_HALF_WIDTH
-from .global_optimum import with_better_directions, without_sweep_drop
+from .global_optimum.search import with_better_directions, without_sweep_drop
 from .identification import search_and_assess
 from .inputs import Inputs, listed, read_inputs, telling, unwatched, windows_by_name, windows_of
 from .job import Job, takes_options
@@ -27,19 +27,11 @@ from .model.search_space import ranges_of
 from .model.window import Window
 from .notices import Notice
 from .optimizers import make_optimizer
-from .over_soc import (
-    TableSettings,
-    counted_alike,
-    group_by_temperature,
-    is_loaded,
-    register,
-    register_alone,
-    require_temperature,
-    require_temperatures,
-    rest_warnings,
-    table_warnings,
-)
-from .over_soc.fits import R0
+from .over_soc.fits import R0, require_temperature, table_warnings
+from .over_soc.problem import is_loaded
+from .over_soc.registration import counted_alike, register, register_alone, rest_warnings
+from .over_soc.settings import TableSettings
+from .over_soc.temperature import group_by_temperature, require_temperatures
 from .plan import plan_of, planned
 from .plan.running import prepare_pulse_tests
 from .records import Record

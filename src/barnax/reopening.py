@@ -19,7 +19,8 @@ from .inputs import Given, read_validation, source_of, telling
 from .model.prepared import PreparedRecord, prepare_record
 from .model.window import Window
 from .notices import Notice
-from .over_soc import no_temperature, rest_warnings
+from .over_soc.fits import no_temperature
+from .over_soc.registration import rest_warnings
 from .plan import plan_from_toml
 from .records import Record, find_file, folders_around, read_record
 from .records.fingerprint import Content, read_fingerprint

@@ -24,7 +24,7 @@ from .inputs import Given, read_validation
 from .model.prepared import prepare_record
 from .model.start import Start
 from .model.window import OCV_MARGIN, Window
-from .over_soc import no_temperature, require_temperature
+from .over_soc.fits import no_temperature, require_temperature
 from .result_filter import FilterSettings, axis_sd_of, model_of, window_of
 from .results import Result
 from .scenarios import (

@@ -14,10 +14,13 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 from .cell import CircuitParameters, OcvTable, get_circuit
 from .cell.model import SAME_DEGC
 from .cell.soc_axis import is_above
-from .global_optimum import GlobalOptimum
+from .global_optimum.search import GlobalOptimum
 from .model.start import Start
 from .model.window import Window
-from .over_soc import NodeInterval, SocErrors, TableFit, table_name
+from .over_soc.cross_validation import SocErrors
+from .over_soc.fit import TableFit
+from .over_soc.node_interval import NodeInterval
+from .over_soc.settings import table_name
 from .records import Decision, Record, Source
 from .records.fingerprint import Content, read_fingerprint
 from .schema import Count, Parameters, Part, Volts

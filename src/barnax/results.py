@@ -16,7 +16,9 @@ from .display import hook
 from .errors import InputError
 from .model.start import Start
 from .model.window import Window
-from .over_soc import TableFit, TableFits, table_name
+from .over_soc.fit import TableFit
+from .over_soc.fits import TableFits
+from .over_soc.settings import table_name
 from .pulses import Pulse
 from .result_parts import (
     Candidate,
@@ -29,7 +31,7 @@ from .result_parts import (
 from .schema import Document, Told
 from .search.evaluate import Evaluation, Evaluations
 from .search.refine import AtBound
-from .select import Tried
+from .select.choose import Tried
 
 if TYPE_CHECKING:
     import numpy as np

@@ -11,7 +11,7 @@ from .blas import one_blas_thread
 from .cell import Dependence, get_circuit
 from .cell.parameters import RATE
 from .execution import in_float64
-from .global_optimum import (
+from .global_optimum.search import (
     find_global_optimum,
     with_better_directions,
     with_better_hold,
@@ -24,20 +24,16 @@ from .model.problem import Problem, make_problem, require_enough
 from .model.search_space import Range, ranges_of
 from .model.window import Window
 from .notices import Notice
-from .over_soc import (
-    OwnOcv,
-    OwnRecords,
-    TableFits,
-    TableSettings,
-    fit_own_temperatures,
-    prove_own,
-    register,
-)
-from .over_soc.own_starts import Starts
+from .over_soc.fits import TableFits
+from .over_soc.own_ocv import OwnOcv, fit_own_temperatures, prove_own
+from .over_soc.own_starts import OwnRecords, Starts
 from .over_soc.problem import find_best, reduced_objective
-from .over_soc.registration import ROUNDS, SETTLED, with_start
+from .over_soc.registration import ROUNDS, SETTLED, register, with_start
+from .over_soc.settings import TableSettings
 from .records import Record
-from .select import Choice, Fitted, Policy, Tried, choose, limits_of
+from .select.choose import Choice, Fitted, Tried, choose
+from .select.family import limits_of
+from .select.policy import Policy
 from .settings import OVER_TEMPERATURE
 from .uncertainty.covariance import Covariance, linearize
 

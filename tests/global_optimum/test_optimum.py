@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from barnax.cell import characterize
-from barnax.global_optimum import find_global_optimum, optimality_gap, search
+from barnax.global_optimum import search
 from barnax.global_optimum.objective import ConstantObjective
+from barnax.global_optimum.search import find_global_optimum, optimality_gap
 from barnax.model.descent import lowest_scales
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.window import Window

@@ -9,10 +9,7 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters, characterize
-from barnax.global_optimum import (
-    find_global_optimum,
-    with_better_hold,
-)
+from barnax.global_optimum.search import find_global_optimum, with_better_hold
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.sampling import resampling

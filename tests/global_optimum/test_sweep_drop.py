@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from barnax.cell import characterize
-from barnax.global_optimum import find_global_optimum, without_sweep_drop
+from barnax.global_optimum.search import find_global_optimum, without_sweep_drop
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.records import read_record

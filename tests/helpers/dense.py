@@ -7,7 +7,7 @@ from scipy.stats import t as student
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings
+from barnax.over_soc.settings import TableSettings
 from barnax.uncertainty.noise import fit_noise
 from helpers.known_cell import ocv_v
 from helpers.problems import drive_a

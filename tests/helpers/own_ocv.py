@@ -3,8 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 from barnax.model.window import Window
-from barnax.over_soc import OwnOcv, OwnRecords, TableSettings, prove_own
+from barnax.over_soc.own_ocv import OwnOcv, prove_own
+from barnax.over_soc.own_starts import OwnRecords
 from barnax.over_soc.problem import find_best, reduced_objective
+from barnax.over_soc.settings import TableSettings
 from barnax.records import Record
 
 

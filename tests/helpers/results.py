@@ -20,7 +20,11 @@ from barnax.model.prepared import PreparedRecord
 from barnax.model.start import Start
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
-from barnax.over_soc import NodeInterval, SocErrors, TableFit, TableFits, TableSettings
+from barnax.over_soc.cross_validation import SocErrors
+from barnax.over_soc.fit import TableFit
+from barnax.over_soc.fits import TableFits
+from barnax.over_soc.node_interval import NodeInterval
+from barnax.over_soc.settings import TableSettings
 from barnax.records.record import Record
 from barnax.result_parts import ConstantPart, InputPart, MetricsBlock, MetricsPart
 from barnax.results import Result

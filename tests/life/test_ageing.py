@@ -13,7 +13,7 @@ from barnax.errors import InputError
 from barnax.fleet.aged import ageing_row
 from barnax.life import QUANTITIES, life_of
 from barnax.model.prepared import prepare_record
-from barnax.over_soc import TableSettings, ageing
+from barnax.over_soc import ageing
 from barnax.over_soc.ageing import (
     CAPACITY,
     R0,
@@ -22,6 +22,7 @@ from barnax.over_soc.ageing import (
     measure_ageing,
     shows_both_ends,
 )
+from barnax.over_soc.settings import TableSettings
 from barnax.plots import plot_fleet_life
 from barnax.reporting.life import life_frame, life_json, life_lines
 

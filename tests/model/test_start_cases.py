@@ -15,7 +15,7 @@ import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize, read_ocv_test
 from barnax.cell.ocv_points import find_rest_sweeps
-from barnax.global_optimum import find_global_optimum
+from barnax.global_optimum.search import find_global_optimum
 from barnax.job import Job
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem

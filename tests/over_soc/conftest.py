@@ -6,7 +6,7 @@ import pytest
 
 from barnax.cell import characterize
 from barnax.model.prepared import Window, prepare_record
-from barnax.over_soc import TableSettings
+from barnax.over_soc.settings import TableSettings
 from barnax.records import read_record
 
 # Few nodes and a narrow box, so that a factor is small.

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from barnax.over_soc import TableSettings, errors_on, fit_tables
+from barnax.over_soc.fit import errors_on, fit_tables
+from barnax.over_soc.settings import TableSettings
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
 NO_PROOF = {"max_boxes": 0, "folds": 0}

@@ -6,8 +6,8 @@ import pytest
 from barnax.cell.parameters import OCV
 from barnax.cell.tables import hats
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings
 from barnax.over_soc.node_interval import TableCurve, sag_of
+from barnax.over_soc.settings import TableSettings
 from barnax.settings import NODES
 from helpers.known_cell import R0_OHM, made, ocv_v
 from helpers.own_ocv import fit_with_ocv

@@ -21,9 +21,9 @@ from barnax.cell import (
 from barnax.cell.dependence import arrhenius_beta, between, heat_of
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings
 from barnax.over_soc.intervals import intervals_of
 from barnax.over_soc.problem import reduced_objective
+from barnax.over_soc.settings import TableSettings
 from helpers.known_cell import R0_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.reference import make_record
 

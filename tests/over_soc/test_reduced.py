@@ -14,9 +14,10 @@ from barnax.model import prepared as preparing
 from barnax.model import reduced, reference
 from barnax.model.prepared import Window, prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.over_soc import TableSettings, fit_tables
+from barnax.over_soc.fit import fit_tables
 from barnax.over_soc.intervals import linearized
 from barnax.over_soc.problem import box_of, find_best, polish, reduced_objective
+from barnax.over_soc.settings import TableSettings
 from barnax.records.samples import record_resistance_ohm
 
 from .conftest import BOX, NODES, SMALL

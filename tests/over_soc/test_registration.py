@@ -11,16 +11,10 @@ from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import (
-    TableSettings,
-    counted_alike,
-    errors_on,
-    fit_tables,
-    register_alone,
-    rest_warnings,
-)
 from barnax.over_soc.current_offset import reads_zero_at_rest
-from barnax.over_soc.registration import FAR_V
+from barnax.over_soc.fit import errors_on, fit_tables
+from barnax.over_soc.registration import FAR_V, counted_alike, register_alone, rest_warnings
+from barnax.over_soc.settings import TableSettings
 from barnax.pipeline import _between_ends
 from barnax.records import read_record
 from barnax.reporting.view import View

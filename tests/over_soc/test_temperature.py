@@ -9,7 +9,8 @@ from scipy.optimize import minimize
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
 from barnax.model.reference import simulate_circuit
-from barnax.over_soc import TableSettings, errors_on, fit_tables
+from barnax.over_soc.fit import errors_on, fit_tables
+from barnax.over_soc.settings import TableSettings
 from barnax.over_soc.temperature import (
     fit_temperatures,
     group_by_temperature,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.cell.parameters import OCV
-from barnax.over_soc import OverTemperature, TableFits
+from barnax.over_soc.fits import OverTemperature, TableFits
 from barnax.over_soc.intervals import NodeInterval
 from barnax.plots import (
     plot_over_temperature,

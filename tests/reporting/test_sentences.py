@@ -10,7 +10,7 @@ import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.notices import Notice
-from barnax.over_soc import SocErrors
+from barnax.over_soc.cross_validation import SocErrors
 from barnax.reporting.first_screen import next_step
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording

@@ -11,12 +11,11 @@ from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cell.parameters import ANYWHERE
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import TableSettings
 from barnax.over_soc.cross_validation import HeldOut
 from barnax.over_soc.problem import coarsened, find_best, reduced_objective
-from barnax.select import Limits, choose, limits_of
-from barnax.select.choose import Bench, Fitted
-from barnax.select.family import NODE_LADDER
+from barnax.over_soc.settings import TableSettings
+from barnax.select.choose import Bench, Fitted, choose
+from barnax.select.family import NODE_LADDER, Limits, limits_of
 from helpers.known_cell import ocv_v
 from helpers.reference import make_record
 
@@ -142,7 +141,7 @@ def test_rungs_add_one_thing_and_lead_back():
     limits = limits_of_all()
     for circuit in limits.richer:
         for nodes in limits.nodes:
-            from barnax.select import Point
+            from barnax.select.family import Point
 
             point = Point(circuit, nodes)
             for ladder, richer in limits.rungs(point):

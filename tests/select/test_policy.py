@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barnax.over_soc.cross_validation import HeldOut
-from barnax.select import Gain, Policy
+from barnax.select.policy import Gain, Policy
 
 POLICY = Policy()
 

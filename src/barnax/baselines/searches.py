@@ -13,7 +13,7 @@ from jaxtyping import Float
 from scipy.optimize import differential_evolution
 
 from ..execution import compile_for, in_float64, run_blocks
-from ..global_optimum import find_global_optimum
+from ..global_optimum.search import find_global_optimum
 from ..model.problem import Problem, rmse_by_scan, rmse_of_all
 from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
 from ..search.refine import SEED_TOLERANCE, STEPS, Descent, RefinedSeed

@@ -11,7 +11,7 @@ from pydantic import ConfigDict
 from ..baselines import METHODS, Budget
 from ..cell import CellModel, OcvTable
 from ..errors import InputError
-from ..global_optimum import GlobalOptimum
+from ..global_optimum.search import GlobalOptimum
 from ..identification import search_and_assess
 from ..inputs import listed, read_inputs, unwatched, windows_of
 from ..job import Job, takes_options

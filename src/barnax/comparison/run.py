@@ -14,7 +14,7 @@ from ..cell import CellModel
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
-from ..global_optimum import (
+from ..global_optimum.search import (
     GlobalOptimum,
     optimality_gap,
     with_better_directions,

@@ -19,7 +19,7 @@ from ..cell.soc_axis import CAPACITY_WARNING, GIVEN
 from ..cell.tables import LEAST_OHM
 from ..errors import InputError
 from ..model.prepared import PreparedRecord
-from ..over_soc import TableFit
+from ..over_soc.fit import TableFit
 from ..over_soc.intervals import MAX_SLOTS, UNSEEN
 from ..over_soc.level import with_own_ocv
 from ..over_soc.settings import TableSettings

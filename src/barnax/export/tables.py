@@ -17,7 +17,7 @@ from ..cell.dependence import CHARGE
 from ..cell.elements import get_element, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
 from ..errors import InputError, escaped
-from ..over_soc import TableSettings, circuit_name
+from ..over_soc.settings import TableSettings, circuit_name
 from ..results import Result
 
 # A table read linearly follows its curve this closely.

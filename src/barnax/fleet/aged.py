@@ -11,7 +11,6 @@ import numpy as np
 from ..errors import InputError
 from ..model.prepared import PreparedRecord
 from ..notices import Notice
-from ..over_soc import TableSettings
 from ..over_soc.ageing import (
     AGED,
     CAPACITY,
@@ -21,6 +20,7 @@ from ..over_soc.ageing import (
     measure_ageing,
     shows_both_ends,
 )
+from ..over_soc.settings import TableSettings
 
 # A capacity that is so far off shows in the slower resistances.
 OTHER_CAPACITY = 0.01

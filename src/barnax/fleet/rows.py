@@ -21,8 +21,9 @@ from ..inputs import file_names, how_read, input_warnings, source_of
 from ..job import Job
 from ..model.window import Window
 from ..notices import Notice
-from ..over_soc import TableFit, table_name
+from ..over_soc.fit import TableFit
 from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
+from ..over_soc.settings import table_name
 from ..pack import Pack, identify_pack
 from ..pipeline import identify, identify_problem
 from ..records import Record, Source, read_source

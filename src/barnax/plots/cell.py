@@ -17,7 +17,7 @@ from ..pulses import STANDARD_S, Pulse, levels, pulse_samples
 from . import style
 
 if TYPE_CHECKING:
-    from ..over_soc import NodeInterval
+    from ..over_soc.node_interval import NodeInterval
     from ..results import Result
     from ..search.evaluate import Evaluation
 

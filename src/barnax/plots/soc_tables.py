@@ -20,7 +20,8 @@ from .voltage import Clock, Rows, Samples, draw_rows, shade_unscored
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
-    from ..over_soc import TableFit, TableFits
+    from ..over_soc.fit import TableFit
+    from ..over_soc.fits import TableFits
     from ..over_soc.node_interval import Fact
     from ..search.evaluate import Evaluation
 
@@ -149,8 +150,8 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
         fit: Tables over SOC.
         constant: The constant circuit.
 
+    >>> from barnax import TableFit
     >>> from barnax.cell import CircuitParameters
-    >>> from barnax.over_soc import TableFit
     >>> tables = CircuitParameters.over_soc(
     ...     (0.0, 0.5, 1.0), (60.0,), (0.06, 0.05, 0.05), ((0.02, 0.01, 0.01),)
     ... )

@@ -32,7 +32,7 @@ from .words import (
 if TYPE_CHECKING:
     from ..experiment import Design
     from ..experiment.information import Believed, Width
-    from ..over_soc import TableFit
+    from ..over_soc.fit import TableFit
     from ..results import Result
 
 WAYS = ("discharge", "charge")

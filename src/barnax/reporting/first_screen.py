@@ -26,7 +26,7 @@ from .words import aligned_millivolt, degrees, duration, joined, percent, symbol
 
 if TYPE_CHECKING:
     from ..cell import CellModel
-    from ..over_soc import OverTemperature
+    from ..over_soc.fits import OverTemperature
     from ..result_parts import InputPart, MetricsPart
     from ..results import Result
 

@@ -33,7 +33,7 @@ from .words import (
 if TYPE_CHECKING:
     import polars
 
-    from ..over_soc import TableFit
+    from ..over_soc.fit import TableFit
 
 # A parameter's name, and the SOC that it is at.
 Key = tuple[str, float | None]

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..select import Policy, Tried
+from ..select.choose import Tried
+from ..select.policy import Policy
 from .document import (
     METRICS,
     Block,

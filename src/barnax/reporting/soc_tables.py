@@ -29,8 +29,11 @@ from .words import (
 )
 
 if TYPE_CHECKING:
-    from ..over_soc import CrossValidation, LeftOut, NodeInterval, TableFit, TableFits
+    from ..over_soc.cross_validation import CrossValidation
+    from ..over_soc.fit import TableFit
+    from ..over_soc.fits import LeftOut, TableFits
     from ..over_soc.kept import Kept
+    from ..over_soc.node_interval import NodeInterval
     from .view import View
 
 # A value within this share of its interval from an end is marked.

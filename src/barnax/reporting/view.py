@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, NamedTuple
 from ..cell.model import NEAR_DEGC
 from ..cell.parameters import HALF_HYSTERESIS, OHMIC
 from ..cell.soc_axis import ABOVE_SOC
-from ..over_soc import circuit_name
+from ..over_soc.settings import circuit_name
 from .wording import sentences
 from .words import degrees, extent, gathered
 
 if TYPE_CHECKING:
     from ..model.window import Window
     from ..notices import Notice
-    from ..over_soc import OverTemperature, SocErrors
+    from ..over_soc.cross_validation import SocErrors
     from ..over_soc.current_offset import OffsetEffect
+    from ..over_soc.fits import OverTemperature
     from ..records import Decision
     from ..result_parts import Candidate, InputPart, MetricsPart
     from ..results import Result

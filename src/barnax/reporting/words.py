@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 from ..errors import counted as counted
 
 if TYPE_CHECKING:
-    from ..over_soc import SocErrors
+    from ..over_soc.cross_validation import SocErrors
     from ..uncertainty import Band
 
 NOTHING = "–"
@@ -142,7 +142,7 @@ def minima_reach() -> str:
 
 def above(rmse_v: float, optimum_v: float) -> str:
     """The distance of an RMSE above that of the optimum."""
-    from ..global_optimum import optimality_gap
+    from ..global_optimum.search import optimality_gap
 
     return percent(optimality_gap(rmse_v, optimum_v))
 

@@ -12,11 +12,13 @@ from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cli.app import app
 from barnax.cli.design import Cell, next_after
+from barnax.cli.identify import _sampled_by
 from barnax.cli.session import as_flags
 from barnax.experiment import Step
 from barnax.experiment.belief import believed_of
 from barnax.experiment.information import before_of
 from barnax.experiment.protocol import sampled, window_of
+from barnax.plan.document import Part, Plan
 from barnax.reporting.design import (
     design_screen,
     reached_half,
@@ -218,6 +220,28 @@ def test_a_test_s_own_record_shows_how_its_current_was_sampled(design):
     assert design.sampling_of(logged(design, (current_a + before_a) / 2)) is None
     assert design.sampling_of(logged(design, current_a[::-1])) is None
     assert design.sampling_of(logged(design, current_a, begins_s=100.0)) is None
+
+
+def test_a_plan_is_told_the_sampling_of_its_one_record_where_the_test_s_steps_show_it(
+    design, tmp_path
+):
+    current_a = sampled(design.steps)
+    before_a = np.append(current_a[0], current_a[:-1])
+    for name, shown_a in (("test.csv", before_a), ("other.csv", current_a[::-1])):
+        record = logged(design, shown_a, 3.6 - 0.02 * shown_a)
+        columns = record.time_s, -record.current_a, record.voltage_v
+        rows = np.column_stack(columns)
+        head = "Test Time / s,Current / A,Voltage / V"
+        np.savetxt(tmp_path / name, rows, delimiter=",", header=head, comments="")
+
+    def of(name, **options):
+        own = Part(tmp_path / name, name, "identification")
+        others = [Part(tmp_path / "other.csv", "o", role) for role in ("OCV test", "validation")]
+        plan = _sampled_by(design, Plan("identify", (own, *others), options))
+        return [part.sampling for part in plan.parts]
+
+    assert of("test.csv") == ["backward", None, None]
+    assert of("other.csv") == of("test.csv", current_hold="forward") == [None] * 3
 
 
 @pytest.mark.slow

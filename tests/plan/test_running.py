@@ -10,11 +10,14 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError
-from barnax.plan import plan, plan_from_toml, plan_to_toml
-from barnax.records import source
+from barnax.plan import Plan, plan, plan_from_toml, plan_to_toml
+from barnax.plan.document import Part
+from barnax.plan.running import planned
+from barnax.records import read_record, source
 from barnax.reporting.result_tables import plan_table
 from barnax.results import Result
 from cli.conftest import BUDGET, run_command
+from helpers.records import pulse_frame
 
 SMALL = {"model": "so-rc", "seeds": 0, "trust": "none"}
 WORDS = ("--model", "so-rc", "--trust", "none", "--score-to", "1500", "--seeds", "0")
@@ -104,6 +107,28 @@ def test_a_plan_is_taken_back_edited_or_not(folder, by_hand, tmp_path):
     stored = Result.from_json(tmp_path / "out" / "result.json")
     assert stored.parameters != by_hand.parameters
     path.unlink()
+
+
+def test_the_sampling_that_a_design_shows_is_of_its_own_record_alone(tmp_path):
+    record, ocv = pulse_frame(), pulse_frame().rename({"Voltage / V": "Voltage [V]"})
+    record.write_csv(tmp_path / "test.csv")
+    ocv.write_csv(tmp_path / "ocv.csv")
+    parts = (
+        Part(tmp_path / "test.csv", "test.csv", "identification", sampling="backward"),
+        Part(tmp_path / "ocv.csv", "ocv.csv", "OCV test"),
+    )
+    path = tmp_path / "plan.toml"
+    path.write_text(plan_to_toml(Plan("identify", parts)))
+    job = planned(plan_from_toml(path), barnax.Job())
+    holds = [read_record(source).hold for source in (*job.records, *job.ocv)]
+    assert [hold.value for hold in holds] == ["backward", "forward"]
+    assert "the steps of the designed test show it" in holds[0].reason
+    # What a user gives holds for all, and another word is none.
+    given = [read_record(each, current_hold="centered") for each in job.records]
+    assert [one.hold.value for one in given] == ["centered"]
+    path.write_text(path.read_text().replace('"backward"', '"late"'))
+    with pytest.raises(InputError, match="sampling is 'late'; it takes forward, backward, cent"):
+        plan_from_toml(path)
 
 
 def test_a_plan_written_and_read_is_the_same(folder, tmp_path):

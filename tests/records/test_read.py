@@ -1,6 +1,7 @@
 """What is written in a usual form comes back as it was, discharge positive."""
 
 import hashlib
+import pickle
 
 import numpy as np
 import polars as pl
@@ -228,3 +229,16 @@ def test_currents_of_either_direction_are_to_be_joined():
     }
     with pytest.raises(InputError, match="write their difference, charge positive"):
         record_from_frame({**table, "Voltage [V]": [3.7] * 9})
+
+
+def test_a_pickled_record_is_its_fields_and_cannot_be_written_to(tmp_path):
+    record = read(tmp_path, pulse_frame())
+    alone = pickle.dumps(record)
+    assert record.segments(0.02).rests
+    assert record.span_ah > 0
+    assert pickle.dumps(record) == alone
+    again = pickle.loads(alone)
+    np.testing.assert_array_equal(again.voltage_v, record.voltage_v)
+    assert (again.name, again.warnings, again.hold) == (record.name, record.warnings, record.hold)
+    with pytest.raises(ValueError, match="read-only"):
+        again.voltage_v[0] = 0.0

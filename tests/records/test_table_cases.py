@@ -298,6 +298,21 @@ def test_rows_without_names_are_told_to_need_them_and_read_with_them(tmp_path, f
     require_the_record(read(tmp_path, f"time,voltage,current,event\n{text.split(chr(10), 1)[1]}"))
 
 
+@pytest.mark.parametrize("names", ["Time [s],Current [A],1,2", "0,Current [A],1,Voltage [V]"])
+def test_names_among_numbers_are_names_of_which_one_is_missing(tmp_path, names):
+    rows = FRAME.select(TIME, CURRENT, VOLTAGE).with_columns(pl.lit(1).alias("count"))
+    said = refusal(tmp_path, f"{names}\n{rows.write_csv(include_header=False)}")
+    assert "or give its name with `columns`" in said
+    assert "holds numbers" not in said
+
+
+def test_a_first_row_of_numbers_and_gaps_is_counted_with_its_gaps(tmp_path):
+    rows = FRAME.select(TIME, CURRENT, VOLTAGE).with_columns(pl.lit(1).alias("count"))
+    said = refusal(tmp_path, f"Voltages,,,1\n{rows.write_csv(include_header=False)}")
+    assert "no columns for the time, current" in said
+    assert "holds numbers" not in said
+
+
 @pytest.mark.parametrize("shared", [0, 3])
 def test_signals_in_rows_of_their_own_are_to_be_joined_by_time(tmp_path, shared):
     times_s = np.sort(np.concatenate([TIMES, TIMES + 0.2]))

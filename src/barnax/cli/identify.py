@@ -2,7 +2,7 @@
 
 import shlex
 import threading
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -153,12 +153,12 @@ def _run(
         # No daemon: a process that ends while one loads C++ aborts.
         threading.Thread(target=__import__, args=(module,)).start()
     job = barnax.Job(records, **options.job, **options.tables, watch=run.watch)
-    if promise is not None:
-        job = _sampled_by(promise, job, records)
     chosen = barnax.plan.plan_of(job) if command == "identify" else None
     plan = chosen or (barnax.plan.plan_given(job, command) if records else None)
     if plan is not None:
         plan = barnax.plan.with_choices(plan, job)
+        if promise is not None:
+            plan = _sampled_by(promise, plan)
         if chosen and not plan.missing:
             run.show(reporting.terminal.plan_lines(plan, as_flags))
         job = barnax.Job(plan, watch=run.watch)
@@ -189,19 +189,23 @@ def _run(
     run.warn(result.warnings)
 
 
-def _sampled_by(promise: "barnax.Design", job: "barnax.Job", records: list[Path]) -> "barnax.Job":
-    """The job with the sampling of the current that a record of a designed test alone shows."""
-    from ..inputs import how_read, listed, source_of
-    from ..records import read_record
+def _sampled_by(promise: "barnax.Design", plan: "barnax.Plan") -> "barnax.Plan":
+    """The plan with the sampling of the current that the record of a designed test alone shows."""
+    from ..inputs import how_read
+    from ..records import read_record, read_source
 
-    is_file = len(records) == 1 and records[0].is_file() and records[0].suffix != ".toml"
-    # It would hold for the files of a validation too.
-    if "current_hold" in job.chosen or listed(job.validate) or not is_file:
-        return job
-    reading = job.part(Reading)
-    source = source_of(records[0], {}, reading)
-    sampling = promise.sampling_of(read_record(source, **how_read(reading, source.name)))
-    return job if sampling is None else job.changed(current_hold=sampling)
+    on = plan.of_role("identification")
+    is_file = len(on) == 1 and on[0].span_s is None and on[0].path.is_file()
+    if "current_hold" in plan.options or not is_file:
+        return plan
+    part, reading = on[0], barnax.Job(**plan.options).part(Reading)
+    source = read_source(part.path, columns=reading.columns, series=reading.series)
+    source = replace(source, name=part.name)
+    sampling = promise.sampling_of(read_record(source, **how_read(reading, part.name)))
+    if sampling is None:
+        return plan
+    shown = replace(part, source=source, sampling=sampling)
+    return replace(plan, parts=tuple(shown if each is part else each for each in plan.parts))
 
 
 def result_files(

@@ -17,7 +17,7 @@ from ..inputs import file_names, window_of, windows_by_name
 from ..job import OPTIONS, PLANNED, Job
 from ..model.window import START, merged
 from ..notices import Notice
-from ..records import Source
+from ..records import Hold, Source
 from ..records.source import find_planned
 from ..result_parts import PlannedFile, Use
 from ..settings import WINDOW_OPTIONS, Window, choices_in
@@ -40,6 +40,7 @@ class Part:
     that holds several tests, on its own clock. `window` is that of a simulation, for identification
     and validation; `plans_soc` says that its SOC at the start is the plan's own, and not given.
     `source` is what was read of the file, if it was, and `sha256` the file's digest, if known.
+    `sampling` is the hold of its current that the steps of a designed test show.
     """
 
     path: Path
@@ -53,6 +54,7 @@ class Part:
     plans_soc: bool = False
     source: Source | None = field(default=None, repr=False, compare=False)
     sha256: str = ""
+    sampling: Hold | None = None
 
     @property
     def is_simulated(self) -> bool:
@@ -172,6 +174,7 @@ _WORDS: dict[Any, str] = {
     "bounds": "the name of a file, or pairs of numbers by name",
     "fix": "numbers by name",
     "columns": "text in quotes, or texts by name",
+    "sampling": ", ".join(get_args(Hold)),
     "voltage_lag": "a number, texts like FILE=0.3, or numbers by name of record",
 }
 # Options of a record, in the order of a `Window`, by the fields that they are.
@@ -182,7 +185,7 @@ _FIELD_OF = {
     if name == field.name
 }
 # What was found of a file: results tell it again.
-_FINDINGS = ("kind", "reason", "sha256", "temperature_degc", "plans_soc")
+_FINDINGS = ("kind", "reason", "sha256", "temperature_degc", "plans_soc", "sampling")
 # The types of options of a record, of the run by the names of `barnax.identify` (one capacity for
 # all records is one too), and of what a file's table may hold.
 _PART = get_type_hints(Part)
@@ -344,7 +347,8 @@ def _read(shown: str, table: Mapping[str, Any], hints: Mapping[str, Any]) -> dic
         )
     values = {}
     for key, value in table.items():
-        hint, choices = hints[key], choices_in(hints[key])
+        # A choice among the options is checked with the others.
+        hint, choices = hints[key], () if key in _FINDINGS else choices_in(hints[key])
         kind = TypeAdapter(type(choices[0]) if choices else hint)
         try:
             # TOML has arrays for tuples, as JSON has.

@@ -29,6 +29,7 @@ from ..model.temperature import temperature_of
 from ..model.window import Window
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record, read_source
+from ..records.logger import Decision, Logger, SlowRows
 from ..records.source import STDIN
 from ..result_parts import InputPart
 from ..settings import OVER_TEMPERATURE, Reading
@@ -130,10 +131,15 @@ def _sources(found: Plan, role: Use, reading: Reading) -> list[Any]:
 
 
 def _source(part: Part, reading: Reading) -> Any:
-    if part.source is not None or part.span_s is None:
+    if part.span_s is None and part.sampling is None:
         return part.source or part.path
-    source = read_source(part.path, columns=reading.columns, series=reading.series)
-    return replace(source, name=part.name, span_s=part.span_s)
+    source = part.source or read_source(part.path, columns=reading.columns, series=reading.series)
+    source = replace(source, name=part.name, span_s=part.span_s)
+    if part.sampling is None:
+        return source
+    shown = Decision(part.sampling, "weak", "the steps of the designed test show it")
+    logger = Logger(source.table.header, shown, SlowRows(), slow_records=0)
+    return replace(source, logger=logger)
 
 
 @dataclass(frozen=True, eq=False)

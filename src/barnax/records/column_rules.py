@@ -89,7 +89,8 @@ def examine_columns(
     if counted := one_row_a(table, found):
         wrong.insert(0, Notice("columns.no-record", {"table": f"a table of one row a {counted}"}))
     is_like = any(q.name in found or likely_names(q, table.header) for q in REQUIRED)
-    is_nameless = _is_nameless(table, is_like or is_ocv_table(table.header, given))
+    is_known = is_like or is_ocv_table(table.header, given)
+    is_nameless = not found.keys() & NEEDED and _is_nameless(table, is_known)
     if not is_like and not is_nameless:
         raise [*wrong, _no_record(table, given)][0].about(file).error(".")
     findings = [*table.notes, *wrong]
@@ -141,9 +142,9 @@ def examine_columns(
 
 
 def _is_nameless(table: Table, is_like: bool) -> bool:
-    """True if half of the first row are numbers, or where no name is like one of a table that is
-    known, one of it is, or nothing stands there above numbers."""
-    names = pl.Series("names", [name.strip() for name in table.header if name] or [""])
+    """True if half of the first row's cells are numbers, or where no name is like one of a table
+    that is known, one of it is, or nothing stands there above numbers."""
+    names = pl.Series("names", [name.strip() for name in table.header] or [""])
     share = names.cast(pl.Float64, strict=False).is_not_null().to_numpy().mean()
     cells = zip(table.header, table.columns, strict=True)
     is_bare = any(not name and column.dtype.is_numeric() for name, column in cells)

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -93,6 +93,10 @@ class Record(Brief):
                 own = values.copy()
                 own.flags.writeable = False
                 object.__setattr__(self, name, own)
+
+    def __reduce__(self) -> tuple[type["Record"], tuple[Any, ...]]:
+        """What is pickled: the fields, and nothing that was computed from them."""
+        return Record, tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def samples(self) -> int:

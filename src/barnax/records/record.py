@@ -312,9 +312,8 @@ def in_means(record: Record, interval_s: float) -> Record:
     def mean(values: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "means"]:
         return np.add.reduceat(values, first) / counts
 
-    names = ("temperature_degc", "step", "row", "charge_ah", "cycle", "state")
     begun: dict[str, Any] = {}
-    for name in names:
+    for name in ("temperature_degc", "step", "row", "charge_ah", "cycle", "state"):
         own = getattr(record, name)
         begun[name] = None if own is None else own[first]
     found = replace(
@@ -392,8 +391,7 @@ def _noise_at_rest_a(record: Record, capacity_ah: float) -> float:
     current = record.current_a[: windows * _WINDOW_SAMPLES].reshape(windows, _WINDOW_SAMPLES)
     is_small = (np.abs(current) < capacity_ah / 20).all(axis=1)
     current = current[is_small]
-    steps = np.diff(current, axis=1)
-    noise_a = 1.4826 * np.median(np.abs(steps), axis=1) / np.sqrt(2)
+    noise_a = 1.4826 * np.median(np.abs(np.diff(current, axis=1)), axis=1) / np.sqrt(2)
     # Half against half: the means of white noise hardly differ, those of a swing do.
     half = _WINDOW_SAMPLES // 2
     drift_a = np.abs(current[:, :half].mean(axis=1) - current[:, half:].mean(axis=1))

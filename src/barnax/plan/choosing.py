@@ -11,25 +11,9 @@ from ..model.window import Window
 from ..notices import Notice
 from ..settings import OVER_TEMPERATURE, Reading
 from .document import Plan
-from .draft import (
-    Draft,
-    another_cell,
-    copies_of,
-    named_degc,
-    of_other_cells,
-    why_useless,
-    words_of,
-)
-from .looking import CandidateFile, by_temperature, files_of, found_in, is_same_degc, look, split
-from .ocv import (
-    DIGITS,
-    SHOWN,
-    OcvChoice,
-    ocv_at,
-    ocv_reason,
-    record_capacity_ah,
-    started,
-)
+from .draft import Draft, another_cell, copies_of, named_degc, of_other_cells, why_useless, words_of
+from .looking import CandidateFile, Files, by_temperature, files_of, is_same_degc, look, split
+from .ocv import DIGITS, SHOWN, OcvChoice, ocv_at, ocv_reason, record_capacity_ah, started
 
 # What is identified on, the kinds that show the most of a load first.
 _LOADS = ("drive cycle", "pulse test", "OCV test")
@@ -45,7 +29,7 @@ MAKE_RECORD = (
     "over most of the state of charge"
 )
 # The files of each temperature with their OCV test.
-Chosen = Sequence[tuple[Sequence[CandidateFile], OcvChoice | None]]
+Chosen = Sequence[tuple[Files, OcvChoice | None]]
 
 
 def plan(
@@ -82,18 +66,18 @@ def plan(
     >>> [part.name for part in found.of_role("identification")]
     ['identification.parquet', 'validation.parquet']
     """
+    folders = [Path(source) for source in listed(sources) if isinstance(source, str | Path)]
     given, tests, others = (
-        files_of(found_in(listed(several), listed(sources))) for several in (sources, ocv, validate)
+        files_of(listed(several), folders) for several in (sources, ocv, validate)
     )
     free = [file for file in given if not _places([file]) & _places([*tests, *others])]
     if not free and (twice := [file for file in given if _places([file]) & _places(others)]):
         raise Notice("role.given-twice", {"same": "name"}, Path(twice[0]).name).error()
     windows = windows_by_name(window)
     looked = list(look([*free, *tests, *others], reading or Reading(), watch, windows))
-    refused = [file.refusal for file in looked if file.refusal]
-    if len(refused) == len(looked):
-        raise InputError("\n".join(refused))
     first, last = len(free), len(free) + len(tests)
+    if all(file.refusal for file in looked):
+        raise InputError("\n".join(file.refusal for file in looked))
     # Of a folder some files may be anything; those whose role is given are meant.
     for file in looked[first:]:
         if file.refusal:
@@ -109,12 +93,11 @@ def _places(files: Sequence[Given]) -> set[Path]:
     return {Path(file).resolve() for file in files if isinstance(file, str | Path)}
 
 
-def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[CandidateFile]) -> Plan:
+def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     """The plan of files of which some have their role given."""
-    files = draft.files
     # Given files come first.
     given = (*tests, *others)
-    for file in files:
+    for file in draft.files:
         if file.refusal:
             draft.take(file, "not used", file.refusal.removeprefix(f"{file.name}: "))
     copies = copies_of(draft.free, given)
@@ -167,20 +150,19 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     draft.take_tests(choice)
     if draft.is_over or is_pulsed:
         runs = [record, *(file for file in runs if file not in draft.taken)]
-        _choose_validation(draft, record, runs[1:], is_given=bool(others))
+        if not others and runs[1:]:
+            _choose_validation(draft, record, runs[1:])
         _take_other_temperatures(draft, record, chosen, choice, is_pulsed)
     else:
         _take_others(draft, runs[1:], choice.cell.capacity_ah)
         if choice.cell.has_flat_ocv:
             _take_charges(draft, record, choice)
     _leave_others(draft, choice, chosen)
-    options, reasons = _options(draft, runs, choice)
-    if is_own:
-        return Plan("hppc", draft.parts())
+    options, reasons = ({}, {}) if is_own else _options(draft, runs, choice)
     return Plan("hppc" if is_pulsed else "identify", draft.parts(), options, reasons)
 
 
-def _on_records(draft: Draft, groups: Sequence[Sequence[CandidateFile]]) -> Plan | None:
+def _on_records(draft: Draft, groups: Sequence[Files]) -> Plan | None:
     """A plan without an OCV test, where records of some temperature can do without, or over
     temperature those of several: the OCV is then the records' own."""
     known = [group for group in groups if draft.is_over and group[0].temperature_degc is not None]
@@ -211,32 +193,26 @@ def _on_records(draft: Draft, groups: Sequence[Sequence[CandidateFile]]) -> Plan
     return None
 
 
-def _without_test(draft: Draft, group: Sequence[CandidateFile]) -> list[CandidateFile]:
+def _without_test(draft: Draft, group: Files) -> Files:
     """Records to identify on without an OCV test, then those to validate on, the widest first; none
     where the first cannot be identified on."""
-    runs = [
-        file
-        for file in group
-        if file in draft.free and not file.missing_for(draft.given_ah, is_validated=True)
-    ]
-    runs.sort(key=lambda file: (bool(file.missing_for(draft.given_ah)), -file.traits.reach_ah))
-    return [] if not runs or runs[0].missing_for(draft.given_ah) else runs
+    given_ah, free = draft.given_ah, [file for file in group if file in draft.free]
+    runs = [file for file in free if not file.missing_for(given_ah, is_validated=True)]
+    runs.sort(key=lambda file: (bool(file.missing_for(given_ah)), -file.traits.reach_ah))
+    return [] if not runs or runs[0].missing_for(given_ah) else runs
 
 
-def _without_record(draft: Draft, free: Sequence[CandidateFile]) -> Plan:
+def _without_record(draft: Draft, free: Files) -> Plan:
     """A plan that has nothing to identify on, nor an OCV test."""
+    given_ah = draft.given_ah
     for file in free:
-        draft.take(file, "not used", why_useless(file, draft.given_ah))
-    is_too_large = any(
-        file.missing_for(draft.given_ah) and not file.missing_for(None) for file in free
-    )
+        draft.take(file, "not used", why_useless(file, given_ah))
+    is_too_large = any(one.missing_for(given_ah) and not one.missing_for(None) for one in free)
     remedy = "check `capacity`" if is_too_large else MAKE_RECORD
     return Plan("identify", draft.parts(), missing=NO_RECORD + remedy)
 
 
-def _runnable(
-    draft: Draft, group: Sequence[CandidateFile], choice: OcvChoice, is_pulsed: bool
-) -> list[CandidateFile]:
+def _runnable(draft: Draft, group: Files, choice: OcvChoice, is_pulsed: bool) -> Files:
     """Records that can be simulated with the cell, the best to identify on first.
 
     Those that cannot are left with the reason.
@@ -254,11 +230,11 @@ def _runnable(
             runs.append(file)
     # An OCV test that is cut short may hold less than a record, but not by so much.
     max_ah = math.inf if choice.capacity_ah else _ANOTHER * choice.cell.capacity_ah
-    within = [file for file in runs if file.traits.span_ah <= max_ah]
-    for file in runs if within else ():
-        if file not in within:
-            draft.take(file, "not used", why_useless(file, choice.cell.capacity_ah))
-    runs = within or runs
+    if within := [file for file in runs if file.traits.span_ah <= max_ah]:
+        for file in runs:
+            if file not in within:
+                draft.take(file, "not used", why_useless(file, choice.cell.capacity_ah))
+        runs = within
     widest_ah = max((file.traits.reach_ah for file in runs), default=0.0)
 
     def rank(file: CandidateFile) -> tuple:
@@ -277,23 +253,19 @@ def _runnable(
 
 def _no_start(draft: Draft, file: CandidateFile, choice: OcvChoice) -> str:
     """The reason why a record has no start on the OCV; empty where it has one, for the draft."""
-    start = started(draft.files, file, file.window, choice)
+    start = started(draft.files, file, choice)
     if isinstance(start, InputError):
         return str(start).removeprefix(f"{file.name}: ")
     draft.starts[file] = start
     return ""
 
 
-def _holds_drive(files: Sequence[CandidateFile]) -> bool:
+def _holds_drive(files: Files) -> bool:
     return any(file.kind(None) == "drive cycle" for file in files)
 
 
-def _choose_validation(
-    draft: Draft, record: CandidateFile, others: Sequence[CandidateFile], is_given: bool
-) -> None:
+def _choose_validation(draft: Draft, record: CandidateFile, others: Files) -> None:
     """Another profile of the same temperature before the same one again, and the widest of them."""
-    if is_given or not others:
-        return
     file = min(others, key=lambda file: (file.is_like(record), -file.traits.reach_ah))
     which = "the same profile again" if file.is_like(record) else "another profile"
     draft.take(file, "validation", f"{which}: {words_of(draft, file)}")
@@ -302,7 +274,7 @@ def _choose_validation(
         draft.take(file, "not used", reason)
 
 
-def _take_others(draft: Draft, others: Sequence[CandidateFile], capacity_ah: float) -> None:
+def _take_others(draft: Draft, others: Files, capacity_ah: float) -> None:
     """All further records of the same temperature are identified on too, each left out once; those
     too poor for that are left to validate on."""
     for file in others:
@@ -364,9 +336,7 @@ def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
         draft.take(file, "not used", reason)
 
 
-def _options(
-    draft: Draft, runs: Sequence[CandidateFile], choice: OcvChoice
-) -> tuple[dict[str, Any], dict[str, str]]:
+def _options(draft: Draft, runs: Files, choice: OcvChoice) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
     record, own_ah = runs[0], None
     for file in runs if draft.given_ah is None else ():

@@ -2,7 +2,6 @@
 are copies, or of other cells, by folders and by what tests hold."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, permutations
 from pathlib import Path
@@ -12,7 +11,7 @@ from ..model.window import Window
 from ..notices import Notice
 from ..records.fingerprint import Content
 from .document import ROLES, SIMULATED, Part, Use
-from .looking import CandidateFile, is_same_degc
+from .looking import CandidateFile, Files, is_same_degc
 from .ocv import SHOWN, OcvChoice, Started, ocv_reason
 
 # What moves so many times the charge of a cell is of another.
@@ -28,7 +27,7 @@ class Draft:
     `given_ah` is the capacity that was given, `is_over` whether all temperatures are asked for.
     """
 
-    files: Sequence[CandidateFile]
+    files: Files
     given_ah: float | None = None
     is_over: bool = False
     taken: dict[CandidateFile, tuple[Use, str, Window]] = field(default_factory=dict)
@@ -119,9 +118,7 @@ def named_degc(degc: float | None) -> str:
     return "" if degc is None else f" at {degc:.3g} degC"
 
 
-def copies_of(
-    files: Sequence[CandidateFile], given: Sequence[CandidateFile]
-) -> dict[CandidateFile, Notice]:
+def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
     """The files whose bytes or samples another one has, and what says so.
 
     What was given is kept, and of a record and a part of it the longer one.
@@ -150,20 +147,17 @@ def copies_of(
     return copies
 
 
-def of_other_cells(
-    files: Sequence[CandidateFile], given_ah: float | None
-) -> dict[CandidateFile, str]:
+def of_other_cells(files: Files, given_ah: float | None) -> dict[CandidateFile, str]:
     """The files of other cells than that of the most records, each with the reason.
 
     `given_ah` is the capacity in Ah of the cell that is meant, if it was given.
     """
     elsewhere = _in_other_folders(files)
-    return elsewhere | _of_other_capacity(
-        [file for file in files if file not in elsewhere], given_ah
-    )
+    here = [file for file in files if file not in elsewhere]
+    return elsewhere | _of_other_capacity(here, given_ah)
 
 
-def _in_other_folders(files: Sequence[CandidateFile]) -> dict[CandidateFile, str]:
+def _in_other_folders(files: Files) -> dict[CandidateFile, str]:
     """Folders that each hold a record, and the same OCV test, are of different cells."""
     folders: set[Path] = set()
     for one, other in permutations([file for file in files if _passed_ah(file)], 2):
@@ -171,12 +165,11 @@ def _in_other_folders(files: Sequence[CandidateFile]) -> dict[CandidateFile, str
             apart = [folder for folder in one.path.parents if folder not in other.path.parents]
             folders |= set(apart[-1:])
     # Of folders in each other the inner ones.
-    folders -= {outer for inner in folders for outer in inner.parents}
-    cells = {
-        folder: [file for file in files if folder in file.path.parents]
-        for folder in sorted(folders)
-    }
-    cells = {folder: inside for folder, inside in cells.items() if _records(inside)}
+    cells: dict[Path, Files] = {}
+    for folder in sorted(folders - {outer for inner in folders for outer in inner.parents}):
+        inside = [file for file in files if folder in file.path.parents]
+        if _records(inside):
+            cells[folder] = inside
     kept = max(cells, key=lambda folder: _records(cells[folder]), default=None)
     return {
         file: f"of another cell than {kept.name}, by the OCV test of its folder {folder.name}; "
@@ -194,7 +187,7 @@ def _is_repeated(one: CandidateFile, other: CandidateFile) -> bool:
     return same and one.kind(None) == other.kind(None) and directions[0] == directions[1]
 
 
-def _records(files: Sequence[CandidateFile]) -> int:
+def _records(files: Files) -> int:
     return sum(file.serves("identification") for file in files)
 
 
@@ -204,9 +197,7 @@ def _passed_ah(file: CandidateFile) -> float:
     return max((sweep.passed_ah for sweep in sweeps), default=0.0)
 
 
-def _of_other_capacity(
-    files: Sequence[CandidateFile], given_ah: float | None
-) -> dict[CandidateFile, str]:
+def _of_other_capacity(files: Files, given_ah: float | None) -> dict[CandidateFile, str]:
     """OCV tests of cells that hold another charge, each with the records that fit it."""
     tests = {file: _passed_ah(file) for file in files if _passed_ah(file)}
     ranked = sorted(tests, key=_passed_ah)

@@ -131,13 +131,20 @@ class CandidateFile:
         return bool(apart_a <= _ANOTHER * peak_a)
 
 
-def files_of(sources: Sequence[Any]) -> list[Any]:
-    """The files of what was given, folders replaced by the files in them and in their folders.
+Files = Sequence[CandidateFile]
+
+
+def files_of(sources: Sequence[Any], folders: Sequence[Path] = ()) -> list[Any]:
+    """The files of what was given, folders replaced by the files in them and in their folders, and
+    names that are no files here by those in one of `folders`.
 
     Raises `InputError` for a folder without files.
     """
     files: list[Any] = []
     for source in sources:
+        if isinstance(source, str | Path) and not os.path.exists(source):
+            there = (folder / source for folder in folders if folder.is_dir())
+            source = next((path for path in there if path.exists()), source)
         is_folder = isinstance(source, str | Path) and os.path.isdir(source)
         inside = list(_inside(Path(source))) if is_folder else [source]
         if not inside:
@@ -159,19 +166,6 @@ def _inside(folder: Path) -> Iterator[Path]:
             yield from [] if folder.resolve().is_relative_to(path.resolve()) else _inside(path)
 
 
-def found_in(given: Sequence[Any], sources: Sequence[Any]) -> list[Any]:
-    """The given sources, names that are no files here replaced by those in a given folder."""
-    folders = [Path(source) for source in sources if isinstance(source, str | Path)]
-
-    def found(source: Any) -> Any:
-        if not isinstance(source, str | Path) or os.path.exists(source):
-            return source
-        inside = (folder / source for folder in folders if folder.is_dir())
-        return next((path for path in inside if path.exists()), source)
-
-    return [found(source) for source in given]
-
-
 def look(
     sources: Sequence[Any], reading: Reading, watch: Watch, windows: Mapping[str, Window]
 ) -> Iterator[CandidateFile]:
@@ -185,8 +179,7 @@ def look(
             try:
                 source = source_of(given, names, reading)
                 chosen = window_of(windows, name)
-                file = replace(file, name=source.name, source=source, chosen=chosen)
-                file = _checked(file)
+                file = _checked(replace(file, name=source.name, source=source, chosen=chosen))
             except InputError as problem:
                 file = replace(file, refusal=str(problem))
         yield file
@@ -197,7 +190,6 @@ def _checked(file: CandidateFile) -> CandidateFile:
     look at it."""
     check = check_file(file.known_source, rest_current_a=file.chosen.rest_current_a)
     roles = {role.name: role for role in check.roles}
-    warnings = sum(finding.counts for finding in check.findings)
     if check.traits is None and roles:
         return replace(file, roles=roles)
     worst = next(iter(check.findings), None)
@@ -205,6 +197,7 @@ def _checked(file: CandidateFile) -> CandidateFile:
         return replace(file, refusal=str(worst.about(file.name)))
     if check.traits is None:
         return replace(file, refusal=f"{file.name}: holds too few samples that can be read")
+    warnings = sum(finding.counts for finding in check.findings)
     return replace(file, traits=check.traits, roles=roles, warnings=warnings)
 
 
@@ -247,15 +240,11 @@ def _tests(file: CandidateFile) -> Iterator[CandidateFile]:
         if not _is_long(record, first, last):
             continue
         part = _part(file, first, last, is_full)
-        rows = [
-            point.row
-            for sweep in part.traits.sweeps
-            if sweep.kind == "rests"
-            for point in sweep.points
-        ]
-        begin, end = np.flatnonzero(np.isin(record.row, rows))[[0, -1]] if rows else (first, last)
+        by_rests = [sweep for sweep in part.traits.sweeps if sweep.kind == "rests"]
+        rows = [point.row for sweep in by_rests for point in sweep.points]
+        at = np.flatnonzero(np.isin(record.row, rows)).tolist() or [first, last]
         # A sweep begins where its first rest ends, and may end at a cut-off without a rest.
-        for cut, beside in ((int(end), (int(end), last)), (int(begin), (first, int(begin)))):
+        for cut, beside in ((at[-1], (at[-1], last)), (at[0], (first, at[0]))):
             if _is_long(record, *beside) and _serves(_part(file, *beside), file):
                 yield _part(file, first, cut, is_full)
                 yield _part(file, cut, last)
@@ -302,15 +291,13 @@ def _is_long(record: Record, first: int, last: int) -> bool:
     return bool(is_loaded and last - first >= _FEWEST and length_s >= _SHORTEST_S)
 
 
-def by_temperature(
-    files: Sequence[CandidateFile],
-) -> Iterator[tuple[float | None, list[CandidateFile]]]:
+def by_temperature(files: Files) -> Iterator[tuple[float | None, Files]]:
     """The files of each temperature: the most first, and of equally many those nearest to room."""
     unknown = [file for file in files if file.temperature_degc is None]
     by_name = sorted(files, key=lambda file: file.name)
     known = [(degc, file) for file in by_name if (degc := file.temperature_degc) is not None]
 
-    def rank(group: list[CandidateFile]) -> tuple[int, float]:
+    def rank(group: Files) -> tuple[int, float]:
         degc = group[0].temperature_degc
         return -len(group), np.inf if degc is None else abs(degc - REFERENCE_DEGC)
 

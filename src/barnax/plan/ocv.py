@@ -1,5 +1,6 @@
 """The files of an OCV test, and the start of a record on it: at full, or at another's end."""
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.window import Window, first_sample
 from ..records.record import pause_s
-from .looking import CandidateFile, is_same_degc
+from .looking import CandidateFile, Files, is_same_degc
 
 # A rested cell so near full is full: the last digits of a voltage there tell of the rest before.
 _FULL = 0.005
@@ -47,10 +48,7 @@ class OcvChoice:
 
 
 def ocv_at(
-    degc: float | None,
-    free: Sequence[CandidateFile],
-    tests: Sequence[CandidateFile],
-    given_ah: float | None,
+    degc: float | None, free: Files, tests: Files, given_ah: float | None
 ) -> OcvChoice | None:
     """The OCV test of a temperature: the given one, else the best that there is.
 
@@ -61,7 +59,7 @@ def ocv_at(
     capacities_ah = dict.fromkeys((given_ah, None, max(records, default=0.0) or None))
     if tests:
         alike = [file for file in tests if is_same_degc(file.temperature_degc, degc)]
-        choice = _first_cell([tuple(alike or tests)], capacities_ah)
+        choice = _first_cell([alike or tests], capacities_ah)
         if isinstance(choice, InputError):
             raise choice
         return choice
@@ -77,23 +75,22 @@ def ocv_at(
 
 
 def _first_cell(
-    sets: Sequence[tuple[CandidateFile, ...]], capacities_ah: Iterable[float | None]
+    sets: Sequence[Files], capacities_ah: Iterable[float | None]
 ) -> OcvChoice | InputError | None:
     """The first set of files that makes a cell, by the first of the capacities with which it does;
     else why the first does not, None without any."""
     reason = None
-    for tests in sets:
+    for tests, capacity_ah in itertools.product(sets, capacities_ah):
+        sweeps = [find_sweeps(test.record, capacity_ah) for test in tests if test.is_record]
         tables = [test.table for test in tests if not test.is_record]
-        for capacity_ah in capacities_ah:
-            sweeps = [find_sweeps(test.record, capacity_ah) for test in tests if test.is_record]
-            cell = cell_of(sweeps, tables, capacity_ah)
-            if isinstance(cell, CellModel):
-                return OcvChoice(tests, cell, capacity_ah)
-            reason = reason or cell
+        cell = cell_of(sweeps, tables, capacity_ah)
+        if isinstance(cell, CellModel):
+            return OcvChoice(tuple(tests), cell, capacity_ah)
+        reason = reason or cell
     return reason
 
 
-def ocv_reason(tests: Sequence[CandidateFile]) -> str:
+def ocv_reason(tests: Files) -> str:
     """The sweeps of a set of tests, in words."""
     sweeps = _sweeps(tests)
     if not sweeps:
@@ -106,19 +103,19 @@ def ocv_reason(tests: Sequence[CandidateFile]) -> str:
     return f"{' and '.join(kinds.values())}, {max(sweep.passed_ah for sweep in sweeps):.4g} Ah"
 
 
-def _sets(candidates: Sequence[CandidateFile]) -> Iterator[tuple[CandidateFile, ...]]:
+def _sets(candidates: Files) -> Iterator[Files]:
     """Every file by itself, every two of opposite directions, and all parts of one direction."""
-    yield from ((file,) for file in candidates)
     outward, inward = (
         [file for file in candidates if _directions([file]) == {direction}]
         for direction in (DISCHARGE, CHARGE)
     )
-    yield from ((one, other) for one in outward for other in inward)
+    yield from ([file] for file in candidates)
+    yield from itertools.product(outward, inward)
     if max(len(outward), len(inward)) > 1:
-        yield (*outward, *inward)
+        yield [*outward, *inward]
 
 
-def _rank(tests: tuple[CandidateFile, ...], max_ah: float) -> tuple:
+def _rank(tests: Files, max_ah: float) -> tuple:
     """Tests without holes come before others, both directions before one, tests that close before
     others, tests of their own before pulse tests, rests before slow sweeps, and many points before
     few."""
@@ -154,11 +151,11 @@ def _closes(sweeps: Sequence[Sweep]) -> bool:
     return not passed_ah or min(passed_ah) >= (1 - CAPACITY_WARNING) * max(passed_ah)
 
 
-def _sweeps(tests: Sequence[CandidateFile]) -> list[Sweep]:
+def _sweeps(tests: Files) -> list[Sweep]:
     return [sweep for test in tests for sweep in test.traits.sweeps]
 
 
-def _directions(tests: Sequence[CandidateFile]) -> set[int]:
+def _directions(tests: Files) -> set[int]:
     return {sweep.direction for sweep in _sweeps(tests)}
 
 
@@ -174,30 +171,23 @@ class Started(NamedTuple):
 SHOWN = Started(Window())
 
 
-def started(
-    files: Sequence[CandidateFile], file: CandidateFile, window: Window, choice: OcvChoice
-) -> Started | InputError:
-    """The window, with its start where another of the files ends that the record goes on from if it
-    does not show its own, and how that is known, in words; or why neither fits."""
-    try:
-        first_sample(file.record, window, 0.0)
-    except InputError as problem:
-        return problem
-    is_full = window.initial_soc == 1.0
-    counted = replace(window, capacity_ah=record_capacity_ah(file, window, choice, is_full))
-    prepared = _prepared(file, counted, choice)
+def started(files: Files, file: CandidateFile, choice: OcvChoice) -> Started | InputError:
+    """The window of a record, with its start where another of the files ends that the record goes
+    on from if it does not show its own, and how that is known, in words; or why neither fits."""
+    window = file.window
+    prepared = _prepared(file, window, choice, is_full=window.initial_soc == 1.0)
     if isinstance(prepared, InputError):
         # A record may take a little more charge out of the full cell than the test did.
-        more = replace(counted, capacity_ah=record_capacity_ah(file, counted, choice, is_full=True))
-        if (more.capacity_ah or math.inf) <= _LITTLE_MORE * choice.cell.capacity_ah:
-            fuller = _prepared(file, more, choice)
-            if isinstance(fuller, PreparedRecord) and fuller.start.soc >= 1 - _FULL:
-                return Started(replace(window, capacity_ah=more.capacity_ah), is_full=True)
+        fuller = _prepared(file, window, choice, is_full=True)
+        if isinstance(fuller, PreparedRecord) and fuller.start.soc >= 1 - _FULL:
+            capacity_ah = fuller.window.capacity_ah
+            if (capacity_ah or math.inf) <= _LITTLE_MORE * choice.cell.capacity_ah:
+                return Started(replace(window, capacity_ah=capacity_ah), is_full=True)
     if isinstance(prepared, InputError) or prepared.start.soc_source == "fitted":
         before = next((other for other in files if _goes_on(other, file, choice)), None)
         soc = None if before is None else _final_soc(files, before, choice)
         if before is not None and soc is not None and not window.is_chosen:
-            begun = _prepared(file, replace(counted, initial_soc=soc), choice)
+            begun = _prepared(file, replace(window, initial_soc=soc), choice)
             if isinstance(begun, InputError):
                 return begun
             return Started(replace(window, initial_soc=soc), f", where {before.name} ends")
@@ -211,11 +201,13 @@ def started(
 
 
 def _prepared(
-    file: CandidateFile, window: Window, choice: OcvChoice
+    file: CandidateFile, window: Window, choice: OcvChoice, is_full: bool = False
 ) -> PreparedRecord | InputError:
-    """A record made ready to be simulated, or why it cannot be."""
+    """A record made ready to be simulated, as one that starts full or not; or why it cannot be."""
     try:
-        return prepare_record(file.record, choice.cell, "so-rc", window)
+        capacity_ah = record_capacity_ah(file, window, choice, is_full)
+        counted = replace(window, capacity_ah=capacity_ah)
+        return prepare_record(file.record, choice.cell, "so-rc", counted)
     except InputError as problem:
         return problem
 
@@ -234,17 +226,11 @@ def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> b
     return 0 <= apart_s <= _PAUSE_S and apart_ah <= _SAME_COUNT * choice.cell.capacity_ah
 
 
-def _final_soc(
-    files: Sequence[CandidateFile], file: CandidateFile, choice: OcvChoice
-) -> float | None:
+def _final_soc(files: Files, file: CandidateFile, choice: OcvChoice) -> float | None:
     """The state of charge at the end of a file, where it or the one before it shows that."""
-    start = started(files, file, file.window, choice)
-    if isinstance(start, InputError):
-        return None
-    prepared = _prepared(file, start.window, choice)
-    if isinstance(prepared, InputError):
-        return None
-    return float(f"{prepared.soc[-1]:.{DIGITS}g}")
+    start = started(files, file, choice)
+    prepared = start if isinstance(start, InputError) else _prepared(file, start.window, choice)
+    return None if isinstance(prepared, InputError) else float(f"{prepared.soc[-1]:.{DIGITS}g}")
 
 
 def record_capacity_ah(

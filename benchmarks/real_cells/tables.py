@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from barnax.baselines import METHODS
-from barnax.comparison.result import RecordErrorsPart
 from barnax.comparison.statistics import Resampled, compare_over_time
 from barnax.reporting.words import bound_words
 from barnax.search.evaluate import Evaluation
@@ -100,7 +99,7 @@ def rows_table(ran: Ran) -> Iterator[str]:
         spread = ("-", "-")
         if not METHODS[row.method].is_deterministic:
             spread = _millivolts(errors_v.min(), errors_v.max())
-        bands = RecordErrorsPart.of(row.evaluations[0]).bands
+        bands = row.errors[0].bands
         at_bounds = [bound_words(each.name, each.side) for each in row.at_bound]
         optimality_gap = (
             0.0

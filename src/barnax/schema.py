@@ -40,6 +40,8 @@ KEYS = {
     "history_v": "history",
     "boxes": "cells",
     "max_boxes": "most_cells",
+    "difference_v2": "difference [V^2]",
+    "interval_v2": "interval [V^2]",
     "beta_per_k": "beta [1/K]",
     "kappa_per_a2": "kappa [1/A2]",
     "reference_a2": "reference [A2]",

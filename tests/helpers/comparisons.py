@@ -3,22 +3,20 @@
 from collections.abc import Sequence
 from functools import cache
 
-from barnax import bundled_file, characterize, read_record
+import numpy as np
+
+from barnax import CircuitParameters, bundled_file, characterize, read_record
+from barnax.baselines import Answer, Budget
 from barnax.cell import CellModel
-from barnax.comparison import ComparisonResult
-from barnax.comparison.result import (
-    BudgetPart,
-    ModelPart,
-    RecordErrorsPart,
-    RowPart,
-    SeedAnswerPart,
-    SpreadPart,
-)
-from barnax.comparison.run import Difference
+from barnax.comparison import ComparisonResult, Row
+from barnax.comparison.result import ModelPart
+from barnax.comparison.run import Difference, RecordErrors
 from barnax.comparison.statistics import BandError, Resampled, SeedPairs
+from barnax.global_optimum import GlobalOptimum
 from barnax.notices import Notice
 from barnax.records import Decision
 from barnax.result_parts import InputPart, MetricsPart
+from barnax.search.refine import Optimum, RefinedSeed
 
 DRIVE, CITY = "drive.csv", "city.csv"
 PARAMETERS = {
@@ -45,7 +43,7 @@ def bundled_cell() -> CellModel:
     )
 
 
-def make_errors(record: str, rmse_v: float, low_samples: int = 100) -> RecordErrorsPart:
+def make_errors(record: str, rmse_v: float, low_samples: int = 100) -> RecordErrors:
     """A hundred samples below 10 % SOC with twice the error, nine hundred above 20 %."""
     low = BandError(
         low_soc=0.0,
@@ -59,7 +57,7 @@ def make_errors(record: str, rmse_v: float, low_samples: int = 100) -> RecordErr
     high = BandError(
         low_soc=0.2, high_soc=1.0, samples=900, rmse_v=rmse_v, mean_v=0.001, max_v=0.05
     )
-    return RecordErrorsPart(
+    return RecordErrors(
         metrics=MetricsPart(
             record=record,
             rmse_v=rmse_v,
@@ -74,48 +72,54 @@ def make_errors(record: str, rmse_v: float, low_samples: int = 100) -> RecordErr
     )
 
 
-def make_row(name: str, *rmse_mv: float, seeds: int = 3, **changes: object) -> RowPart:
+def make_row(
+    name: str, *rmse_mv: float, seeds: int = 3, notes: tuple[str, ...] = (), **changes: object
+) -> Row:
     """An answered row, such as `ibmo so-rc`, with its RMSE on every record in mV."""
     method, model = name.split()
     identified_v, *validated_v = (value / 1e3 for value in rmse_mv)
     parameters = PARAMETERS | ({"gamma": 300.0} if model == "esc" else {})
+    circuit = CircuitParameters.from_dict(parameters)
+    # The second of three is the median.
+    ratios = [1.0] if seeds == 1 else [0.99, 1.0, *np.linspace(1.01, 1.02, seeds - 2)]
     answers = tuple(
-        SeedAnswerPart(
-            rmse_v=identified_v * (1 + 0.01 * seed),
-            parameters=parameters,
+        Answer(
+            rmse_v=identified_v * ratio,
+            parameters=circuit,
             evaluations=300,
-            history_v=(2 * identified_v, 1.5 * identified_v, identified_v * (1 + 0.01 * seed)),
+            history_v=identified_v * np.array([2.0, 1.5, ratio]),
+            notes=notes,
         )
-        for seed in range(seeds)
+        for ratio in ratios
     )
+    errors = [make_errors(DRIVE, identified_v)]
+    for place, value in enumerate(validated_v):
+        errors.append(make_errors(CITY if place == 0 else f"city-{place}.csv", value))
     values: dict = {
         "model": model,
         "method": method,
         "source": "made by hand",
         "is_deterministic": seeds == 1,
-        "parameters": parameters,
-        "time_constants": {"tau1 [s]": 10.0, "tau2 [s]": 100.0},
-        "evaluations": 300,
-        "spread": SpreadPart(
-            best_rmse_v=identified_v, worst_rmse_v=1.02 * identified_v, deviation_v=0.001
-        ),
-        "identification": make_errors(DRIVE, identified_v),
-        "validation": tuple(
-            make_errors(CITY if place == 0 else f"city-{place}.csv", value)
-            for place, value in enumerate(validated_v)
-        ),
-        "refined_rmse_v": identified_v,
-        "refined_parameters": parameters,
-        "seeds": answers,
+        "answers": answers,
+        "errors": tuple(errors),
+        "refined": make_refined(identified_v, parameters),
     }
-    return RowPart(**values | changes)
+    return Row(**values | changes)
 
 
-def make_failure(name: str, reason: str) -> RowPart:
+def make_refined(rmse_v: float, parameters: dict[str, float] = PARAMETERS) -> RefinedSeed:
+    return RefinedSeed(rmse_v, CircuitParameters.from_dict(parameters), 0.0, True)
+
+
+def make_optimum(rmse_v: float, **changes: object) -> GlobalOptimum:
+    best = Optimum(rmse_v, CircuitParameters.from_dict(PARAMETERS), seeds=0, is_family=False)
+    values: dict = {"status": "grid-verified", "lower_bound_v": rmse_v, "boxes": None}
+    return GlobalOptimum((best,), (), **values | changes)
+
+
+def make_failure(name: str, reason: str) -> Row:
     method, model = name.split()
-    return RowPart(
-        model=model, method=method, source="made by hand", is_deterministic=True, failure=reason
-    )
+    return Row(model, method, "made by hand", is_deterministic=True, failure=reason)
 
 
 def make_difference(
@@ -152,13 +156,14 @@ def make_difference(
 
 
 def make_comparison(
-    rows: Sequence[RowPart],
+    rows: Sequence[Row],
     differences: Sequence[Difference] = (),
     optima_mv: dict[str, float] | None = None,
     names: dict[str, str] | None = None,
     **changes: object,
 ) -> ComparisonResult:
     """A comparison of these rows; `names` replaces the names of its files."""
+    optima = {model: make_optimum(mv / 1e3) for model, mv in (optima_mv or {}).items()}
     files = {"identification": DRIVE, "validation": CITY, "ocv": "ocv.csv"} | (names or {})
     decision = Decision(value="charge-positive", strength="strong", reason="the steps say so")
     hold = Decision(value="forward", strength="assumed", reason="no counters")
@@ -166,22 +171,12 @@ def make_comparison(
         "rows": tuple(rows),
         "differences": tuple(differences),
         "models": {
-            row.model: ModelPart(
-                bounds=BOX,
-                fixed={},
-                optimum_rmse_v=(optima_mv or {}).get(row.model, 0.0) / 1e3 or None,
-            )
+            row.model: ModelPart(bounds=BOX, fixed={}, optimum=optima.get(row.model))
             for row in rows
         },
-        "budget": BudgetPart(
-            population=30,
-            iterations=9,
-            seeds=3,
-            key=7,
-            evaluations=300,
-            coordinates="rc",
-            objective="scan",
-        ),
+        "budget": Budget(population=30, iterations=9, seeds=3, key=7),
+        "coordinates": "rc",
+        "objective": "scan",
         "cell": bundled_cell(),
         "inputs": tuple(
             InputPart(role=role, name=name, sha256="0123456789abcdef" * 4, sign=decision, hold=hold)

@@ -32,6 +32,8 @@ from helpers.comparisons import (
     make_comparison,
     make_difference,
     make_failure,
+    make_optimum,
+    make_refined,
     make_row,
 )
 from helpers.golden import GOLDEN, require_golden
@@ -112,9 +114,9 @@ def compared(*rows, optima_mv=None) -> ComparisonResult:
 
 
 def with_proof(status: str) -> ComparisonResult:
-    result = compared(make_row("lm so-rc", 20.0), optima_mv={"so-rc": 20.0})
-    sure = {"optimum_status": status, "optimum_proved_gap": 0.001}
-    models = {"so-rc": result.models["so-rc"].model_copy(update=sure)}
+    result = compared(make_row("lm so-rc", 20.0))
+    optimum = make_optimum(0.02, status=status, lower_bound_v=0.02 * (1 - 0.001))
+    models = {"so-rc": result.models["so-rc"].model_copy(update={"optimum": optimum})}
     return result.model_copy(update={"models": models})
 
 
@@ -137,13 +139,13 @@ BOUNDS = {
 
 
 def tables() -> dict[str, Table]:
-    refined = make_row("lm so-rc", 1.0, refined_rmse_v=0.0204)
+    refined = make_row("lm so-rc", 1.0, refined=make_refined(0.0204))
     # A gap of rounding errors is none.
-    best = make_row("pso so-rc", 1.0, refined_rmse_v=0.02 * (1 - 1e-15))
-    unrefined = make_row("ls so-rc", 1.0, refined_parameters=None, refined_rmse_v=None)
+    best = make_row("pso so-rc", 1.0, refined=make_refined(0.02 * (1 - 1e-15)))
+    unrefined = make_row("ls so-rc", 1.0, refined=None)
     models = compared(refined, best, make_row("lm esc", 1.0), unrefined, optima_mv={"so-rc": 20.0})
     first, second = on_records(made({"a so-rc": (22.0, 9.0), "b so-rc": (21.0, 10.0)}))
-    alone = make_row("b so-rc", 20.0, seeds=1, spread=None, evaluations=None)
+    alone = make_row("b so-rc", 20.0, seeds=1)
     differences = made(
         {"a so-rc": (20.0,), "b so-rc": (22.0,), "c so-rc": (22.0,)},
         make_difference("a so-rc", "b so-rc", (-3.0, -1.0), seeds=(3, 0, 0.25)),
@@ -177,7 +179,7 @@ def test_every_case_is_told_as_in_the_golden_file():
         for name, result in cases.items():
             told = sentences(f"comparison.{part}", verdict_facts(result))
             lines += [f"# {name}", *told]
-    lines += ["# the budget", wording("comparison.budget", made(TWO).budget)]
+    lines += ["# the budget", wording("comparison.budget", made(TWO))]
     for identified, validated in CHANGES:
         others = ", ".join(validated) or "nothing"
         conclusion = wording("comparison.conclusion", [identified, *validated])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +12,7 @@ from ..cell import CircuitParameters
 from ..cell.elements import alike
 from ..execution import in_float64
 from ..model.problem import Problem
+from ..schema import ARRAY, Count, Loss, Unstored
 
 
 class MethodFailure(Exception):
@@ -39,10 +41,11 @@ class Answer:
     """
 
     parameters: CircuitParameters
-    rmse_v: float
-    evaluations: int
-    history_v: Float[np.ndarray, "generations"] | None = None
-    trajectory: Trajectory | None = None
+    rmse_v: Loss
+    evaluations: Count
+    history_v: Annotated[Float[np.ndarray, "generations"], ARRAY] | None = None
+    # A `Trajectory`.
+    trajectory: Unstored[Any] = None
     notes: tuple[str, ...] = ()
 
 

@@ -1,9 +1,11 @@
 """Models and methods side by side on one cell: what each row of a comparison is."""
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -28,40 +30,67 @@ from ..model.problem import Kind, Problem, known_to, make_problem
 from ..model.search_space import Range
 from ..model.window import Window
 from ..records import Record
+from ..result_parts import MetricsPart
+from ..schema import Unstored
 from ..search.evaluate import Evaluation, evaluate, evaluate_from_either
 from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, AtBound, Descent, RefinedSeed, at_bound
 from .statistics import (
+    BandError,
     Resampled,
     SeedPairs,
     compare_over_seeds,
     compare_over_time,
+    errors_by_soc,
 )
+
+
+@dataclass(frozen=True)
+class RecordErrors:
+    """Errors of a row's own answer on one record, in all and by SOC."""
+
+    metrics: MetricsPart
+    bands: tuple[BandError, ...]
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> Self:
+        """The errors of an evaluation."""
+        prepared = evaluation.prepared
+        bands = errors_by_soc(evaluation.error_v, prepared.soc, prepared.scored)
+        return cls(MetricsPart.of(evaluation), bands)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Row(Brief):
     """One method on one model. Everything but `refined` is of the method's own answers.
 
-    `answers` holds one answer a seed, a single one where the method draws nothing, and none where
-    it failed; then `failure` says why. `evaluations` are those of the median seed: on the
-    identification record, then on each validation record. `at_bound` names what is at an end of
-    the box. `refined` is what Levenberg-Marquardt makes of the median seed; `optimality_gap` is the
-    median seed's RMSE over the global optimum's, minus one.
+    Attributes:
+        model: Name of the circuit.
+        method: One of `METHODS`.
+        source: Where the method comes from.
+        is_deterministic: True for a method that draws nothing.
+        answers: One a seed, a single one where the method draws nothing, and none where it failed.
+        failure: Why there is no answer.
+        errors: Those of the median seed on the identification record, then on each validation
+            record.
+        at_bound: Its parameters that are at an end of the box.
+        refined: What Levenberg-Marquardt makes of it.
+        optimality_gap: Its RMSE over the global optimum's, minus one.
+        problem: What was identified; None of a stored row.
+        evaluations: What `errors` are of; none likewise.
     """
 
+    model: str
     method: str
-    problem: Problem
+    source: str
+    is_deterministic: bool
     answers: tuple[Answer, ...] = ()
     failure: str | None = None
-    evaluations: tuple[Evaluation, ...] = ()
+    errors: tuple[RecordErrors, ...] = ()
     at_bound: tuple[AtBound, ...] = ()
     refined: RefinedSeed | None = None
     optimality_gap: float | None = None
-
-    @property
-    def model(self) -> str:
-        """Name of the circuit."""
-        return self.problem.circuit
+    problem: Unstored[Any] = None
+    evaluations: Unstored[tuple[Evaluation, ...]] = ()
 
     @property
     def name(self) -> str:
@@ -77,6 +106,18 @@ class Row(Brief):
     def errors_v(self) -> Float[np.ndarray, "seeds"]:
         """RMSE of every seed, in V, in the order of the seeds."""
         return np.array([answer.rmse_v for answer in self.answers])
+
+    @property
+    def spread_v(self) -> tuple[float, float, float] | None:
+        """The best and the worst RMSE of the seeds and their standard deviation, in V; None of a
+        method that draws nothing. A seed that failed altogether is infinitely far away."""
+        if self.is_deterministic:
+            return None
+        errors_v = self.errors_v
+        deviation_v = 0.0 if len(errors_v) == 1 else math.inf
+        if len(errors_v) > 1 and np.isfinite(errors_v).all():
+            deviation_v = float(np.std(errors_v, ddof=1))
+        return float(errors_v.min()), float(errors_v.max()), deviation_v
 
 
 @dataclass(frozen=True)
@@ -229,7 +270,8 @@ def _run(
     watch: Watch,
 ) -> Row:
     """One row, before its refinement."""
-    row = Row(method, problem)
+    source, is_deterministic = METHODS[method].source, METHODS[method].is_deterministic
+    row = Row(problem.circuit, method, source, is_deterministic, problem=problem)
     with watch(row.name) as advance:
         try:
             answers = METHODS[method].run(problem, budget, advance)
@@ -247,6 +289,7 @@ def _run(
     return replace(
         row,
         evaluations=tuple(evaluations),
+        errors=tuple(map(RecordErrors.of, evaluations)),
         # A linear method may leave the box; its note says so.
         at_bound=() if outside_box(parameters, problem) else at_bound(box, parameters),
     )

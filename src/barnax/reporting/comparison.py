@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
+from ..global_optimum import optimality_gap
 from ..search.refine import SAME_RMSE
 from .document import (
     METRICS,
@@ -38,8 +39,7 @@ from .words import (
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..comparison.result import RecordErrorsPart, RowPart
-    from ..comparison.run import Difference
+    from ..comparison.run import Difference, RecordErrors, Row
     from ..results import Result
 
 # With more pairs than this, only those with the leader or of one method are shown.
@@ -95,7 +95,7 @@ class OnRecord:
 
     name: str
     is_validation: bool
-    errors: "dict[str, RecordErrorsPart]"
+    errors: "dict[str, RecordErrors]"
     differences: "list[Difference]"
 
     def rmse_v(self, row: str) -> float:
@@ -127,17 +127,14 @@ class OnRecord:
         return low_v, high_v
 
 
-def answered(result: "ComparisonResult") -> "list[RowPart]":
+def answered(result: "ComparisonResult") -> "list[Row]":
     """The rows that have an answer."""
-    return [row for row in result.rows if row.identification is not None]
+    return [row for row in result.rows if row.failure is None]
 
 
 def on_records(result: "ComparisonResult") -> list[OnRecord]:
     """The findings on the identification record, then on those for validation."""
-    errors = {
-        row.name: [part for part in (row.identification, *row.validation) if part is not None]
-        for row in answered(result)
-    }
+    errors = {row.name: row.errors for row in answered(result)}
     records = []
     for number, first in enumerate(next(iter(errors.values()), [])):
         name, is_validation = first.metrics.record, number > 0
@@ -172,7 +169,7 @@ def verdict_facts(result: "ComparisonResult") -> dict[str, Any]:
         "plain": plain,
         "changes": changes,
         "models": models,
-        "unknown": [name for name, model in models.items() if not model.optimum_rmse_v],
+        "unknown": [name for name, model in models.items() if model.optimum is None],
         "at_bound": gathered(at_bound),
     }
 
@@ -200,27 +197,28 @@ def parameters_table(result: "ComparisonResult") -> Table:
     """Every row's own parameters and time constants (Li et al., 2023, Table 3)."""
     return circuits_table(
         "Parameters and time constants of each row's median seed, not refined.",
-        {row.name: row.parameters or {} for row in answered(result)},
+        {row.name: row.median.parameters.to_dict() for row in answered(result)},
         {},
     )
 
 
 def refined_tables(result: "ComparisonResult") -> list[Table]:
     """Every row's median seed after Levenberg-Marquardt, where any was refined."""
-    rows = {row.name: row for row in answered(result) if row.refined_parameters is not None}
-    if not rows:
+    refined = {row.name: row.refined for row in answered(result) if row.refined is not None}
+    if not refined:
         return []
+    optima = {row.name: result.models[row.model].optimum for row in result.rows}
 
-    def gap(row: "RowPart") -> float | None:
-        refined_v, optimum_v = row.refined_rmse_v, result.models[row.model].optimum_rmse_v
-        return None if refined_v is None or not optimum_v else refined_v / optimum_v - 1
+    def gap(name: str) -> float | None:
+        optimum = optima[name]
+        return None if optimum is None else optimality_gap(refined[name].rmse_v, optimum.rmse_v)
 
     table = circuits_table(
         wording("comparison.refined"),
-        {name: row.refined_parameters or {} for name, row in rows.items()},
+        {name: end.parameters.to_dict() for name, end in refined.items()},
         {
-            "RMSE [mV]": lambda name: millivolts_cell(rows[name].refined_rmse_v),
-            "gap [%]": lambda name: _percents(gap(rows[name])),
+            "RMSE [mV]": lambda name: millivolts_cell(refined[name].rmse_v),
+            "gap [%]": lambda name: _percents(gap(name)),
         },
     )
     return [table]
@@ -242,18 +240,22 @@ def errors_table(on: OnRecord) -> Table:
 def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None = None) -> Table:
     """The errors and cost of every row's search on the identification record."""
     own = on_records(result)[0]
-    time: Cells[RowPart] = {"time [s]": lambda row: fixed((seconds or {}).get(row.name), 2)}
-    cells: Cells[RowPart] = {
+
+    def spread(row: "Row", place: int) -> str:
+        return millivolts_cell(None if row.spread_v is None else row.spread_v[place])
+
+    cells: Cells[Row] = {
         "row": lambda row: row.name,
         "median [mV]": lambda row: millivolts_cell(own.rmse_v(row.name)),
-        "best [mV]": lambda row: millivolts_cell(row.spread.best_rmse_v if row.spread else None),
-        "worst [mV]": lambda row: millivolts_cell(row.spread.worst_rmse_v if row.spread else None),
-        "SD [mV]": lambda row: millivolts_cell(row.spread.deviation_v if row.spread else None),
+        "best [mV]": lambda row: spread(row, 0),
+        "worst [mV]": lambda row: spread(row, 1),
+        "SD [mV]": lambda row: spread(row, 2),
         "gap [%]": lambda row: _percents(row.optimality_gap),
-        "seeds": lambda row: str(len(row.seeds)),
-        "evaluations": lambda row: NOTHING if row.evaluations is None else str(row.evaluations),
-        **(time if seconds else {}),
+        "seeds": lambda row: str(len(row.answers)),
+        "evaluations": lambda row: str(row.median.evaluations),
     }
+    if seconds:
+        cells["time [s]"] = lambda row: fixed(seconds.get(row.name), 2)
     caption = wording("comparison.search", bool(seconds))
     return make_table(caption, answered(result), cells, ["row"])
 

@@ -12,7 +12,7 @@ from barnax.comparison import ComparisonResult, Row
 from barnax.comparison.result import ModelPart
 from barnax.comparison.run import Difference, RecordErrors
 from barnax.comparison.statistics import BandError, Resampled, SeedPairs
-from barnax.global_optimum import GlobalOptimum
+from barnax.global_optimum.search import GlobalOptimum
 from barnax.notices import Notice
 from barnax.records import Decision
 from barnax.result_parts import InputPart, MetricsPart

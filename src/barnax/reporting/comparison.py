@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
-from ..global_optimum import optimality_gap
+from ..global_optimum.search import optimality_gap
 from ..search.refine import SAME_RMSE
 from .document import (
     METRICS,

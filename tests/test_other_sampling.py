@@ -61,6 +61,7 @@ def made(hold):
     prepared = SimpleNamespace(
         record=record,
         median_interval_s=INTERVAL_S,
+        dense_interval_s=INTERVAL_S,
         cell=cell,
         time_s=INTERVAL_S * np.arange(len(held_a)),
         held_a=held_a,
@@ -142,7 +143,7 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     monkeypatch.setattr(identification, "late_answers_ohm", lambda record: (0.06, 0.01, 0.0))
     monkeypatch.setattr(identification, "hold_warning", lambda *given: given)
     monkeypatch.setattr(identification, "bands_by_soc", lambda evaluations: ())
-    problem = SimpleNamespace(prepared_records=[SimpleNamespace(record=None)])
+    problem = SimpleNamespace(prepared_records=[prepared])
     setup = SimpleNamespace(problem=problem, tables=TableSettings(nodes=NODES))
     evaluations = SimpleNamespace(identification=[SimpleNamespace(prepared=prepared)])
     warnings = []
@@ -151,8 +152,8 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     # A shift of more than a twentieth is a warning besides.
     far = abs(change.r0_ohm) > 0.05 * R0
     assert [told[1:] for told in warnings] == far * [(R0, R0 + change.r0_ohm)]
-    # Refits go up to 15 % beyond the closed form.
-    assert [circuit.r0 for circuit in others] == pytest.approx([0.07, 0.041, 0.03965])
+    # Samples of 5 s show every pair. Refits go up to 15 % beyond the closed form.
+    assert [circuit.r0 for circuit in others] == pytest.approx([0.07, 0.05, 0.041, 0.03965])
     shares = change.shares
     fit, widened = fits.fits[0], tables.fits[0]
     before_all, after_all = fit.intervals + fit.means, widened.intervals + widened.means

@@ -17,7 +17,7 @@ from .execution import threads
 from .global_optimum.search import GlobalOptimum, find_global_optimum, hold_warning
 from .inputs import Watch
 from .model.problem import Problem
-from .model.sampling import SHORT, means_shifts_ohm, resampling
+from .model.sampling import SHORT, least_r0_share, means_shifts_ohm, resampling
 from .notices import Notice
 from .over_soc.certificate import certify
 from .over_soc.fit import fit_of, with_level_ends
@@ -255,18 +255,21 @@ def _assessed(
     warnings: list[Notice],
 ) -> TableFits:
     """The tables with their errors by SOC, and with intervals that reach over what else R0 may be:
-    where the sampling of the current `is_open`, with the other one, and with a lag."""
+    where the sampling of the current `is_open`, with the other one, with a lag, and with a pair in
+    it that the samples would not show."""
     records = [evaluation.prepared for evaluation in evaluations.identification]
     circuit, r0_ohm = tables.fits[0].tables, tables.mean_ohm(R0)
     ohm = {names.resistance: tables.mean_ohm(names.resistance) for names in circuit.names}
     other = resampling(records, circuit, ohm) if is_open else None
     if is_assessed:
         shifts_ohm = [late_ohm - r0_ohm for late_ohm in _late_ohm(setup.problem)]
+        shares = {R0: least_r0_share(records) - 1}
         if other is not None:
             shifts_ohm.append(other.most_ohm)
+            shares |= other.shares
             if abs(other.r0_ohm) > FAR * r0_ohm:
                 warnings.append(hold_warning(setup.problem, r0_ohm, r0_ohm + other.r0_ohm))
-        tables = tables.spanning(shifts_ohm, None if other is None else other.shares)
+        tables = tables.spanning(shifts_ohm, shares)
     return replace(
         tables.spanning(means_shifts_ohm(records, circuit, ohm)),
         settings=setup.tables,
@@ -278,13 +281,14 @@ def _assessed(
 def _others(
     problem: Problem, circuit: CircuitParameters, other: CircuitParameters | None
 ) -> list[CircuitParameters]:
-    """The constant circuits that are equally possible: with what comes late in R0, and with the
-    other sampling."""
-    late = [circuit.with_tables({R0: [ohm]}) for ohm in _late_ohm(problem)]
+    """The constant circuits that are equally possible: with what comes late in R0, with a pair
+    in it that the samples would not show, and with the other sampling."""
+    r0_ohm = [*_late_ohm(problem), least_r0_share(problem.prepared_records) * circuit.r0]
+    possible = [circuit.with_tables({R0: [ohm]}) for ohm in r0_ohm]
     if other is None:
-        return late
+        return possible
     most_ohm = max(other.r0 + SHORT * (other.r0 - circuit.r0), 0.0)
-    return [*late, other, other.with_tables({R0: [most_ohm]})]
+    return [*possible, other, other.with_tables({R0: [most_ohm]})]
 
 
 def _late_ohm(problem: Problem) -> list[float]:

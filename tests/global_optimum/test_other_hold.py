@@ -96,6 +96,31 @@ def test_intervals_span_both_holds_where_they_differ_and_a_warning_says_so(pchip
     assert "hold.undecided" not in {each.code for each in known.warnings}
 
 
+@pytest.mark.parametrize("over", [None, "soc"])
+def test_r0_is_at_most_its_value_where_a_pair_may_be_over_within_a_sample(pchip_cell, over):
+    """A pair of 2 s answers in samples of 10 s as R0 does: two cells, one record."""
+    fast, none = (
+        CircuitParameters.constant(r0, (r1, 0.02), (2 / r1, 200 / 0.02))
+        for r0, r1 in ((0.03, 0.02), (0.05, 1e-6))
+    )
+    slow_s = 10.0 * np.arange(700)
+    table, alike = (simulated(pchip_cell, slow_s, "backward", truth) for truth in (fast, none))
+    assert np.max(np.abs((table[VOLTAGE] - alike[VOLTAGE]).to_numpy()[1:])) < 5e-4
+
+    def r0_of(record, hold):
+        given = {"cell": pchip_cell, "model": "so-rc", "seeds": 0, "window": WINDOW, "over": over}
+        result = barnax.identify(record, current_hold=hold, **given)
+        means = [fact for fact in result.fit.facts if fact.is_mean or over is None]
+        return next(fact for fact in means if fact.name == "R0 [Ohm]")
+
+    r0 = r0_of(table, "backward")
+    assert 0.0 < r0.low < 0.03 < 0.045 < r0.value < r0.high
+    # Where it answers before the pair, or the samples show the pair, they tell R0.
+    first = r0_of(simulated(pchip_cell, slow_s, "forward", fast), "forward")
+    shown = r0_of(simulated(pchip_cell, slow_s / 10, "backward", fast), "backward")
+    assert min(one.low / one.value for one in (first, shown)) > 0.9
+
+
 @pytest.mark.slow
 def test_an_interval_of_r0_reaches_up_to_what_comes_a_sample_late(pchip_cell):
     table = simulated(pchip_cell, 1.0 * np.arange(3000), "forward")

@@ -20,6 +20,11 @@ from .reference import simulate_circuit
 
 # A pair that leaves less of itself after a sample is not seen under a current that flowed before.
 GONE = 0.02
+# A pair faster than this is part of R0, however fast the log.
+FASTEST_TAU_S = 2.0
+# Of the voltage step at a current step, R0 is at least this share: what a sampling interval lets
+# pairs add is less, even of a minute.
+LEAST_SHARE = 1 / 3
 # Circuits fitted with the other sampling have moved R0 by up to so much more than the closed form.
 SHORT = 0.15
 
@@ -51,6 +56,21 @@ def assumed_in(records: Sequence[PreparedRecord]) -> PreparedRecord | None:
     """The first record whose sampling is only assumed."""
     assumed = (one for one in records if one.record.hold.strength == "assumed")
     return next(assumed, None)
+
+
+def least_r0_share(records: Sequence[PreparedRecord]) -> float:
+    """The least share of R0 that may be without a pair; 1 where the samples would show it.
+
+    A pair that is over before the next sample answers to a current that flowed before its own as R0
+    does, unless it is so fast that it counts as R0 anyway. Under a current that is known to flow
+    after its sample, R0 answers before any pair.
+    """
+    for prepared in records:
+        hold = prepared.record.hold
+        is_before_pairs = hold.value == "forward" and hold.strength != "assumed"
+        if is_before_pairs or math.exp(-prepared.dense_interval_s / FASTEST_TAU_S) > GONE:
+            return 1.0
+    return LEAST_SHARE
 
 
 def resampling(

@@ -186,16 +186,17 @@ class TableFits:
     def spanning(
         self, shifts_ohm: Sequence[float], shares: Mapping[str, float] | None = None
     ) -> "TableFits":
-        """The same with intervals that reach over what else may be true: R0 so far off, and other
+        """The same with intervals that reach over what else may be true: R0 so far off, and
         resistances by shares of themselves."""
+        shares = shares or {}
 
         def reaching(interval: NodeInterval) -> NodeInterval:
-            if interval.name == R0:
-                return interval.spanning(shifts_ohm)
-            of_parts = [(shares or {}).get(part) for part in parts_of(interval.name)]
+            of_parts = [shares[part] for part in parts_of(interval.name) if part in shares]
             # Of a sum, that of the pair that is moved most.
-            share = max((share for share in of_parts if share is not None), key=abs, default=None)
-            return interval if share is None else interval.spanning([share * interval.value])
+            shifts = [max(of_parts, key=abs) * interval.value] if of_parts else []
+            if interval.name == R0:
+                shifts += shifts_ohm
+            return interval.spanning(shifts) if shifts else interval
 
         fits = tuple(
             replace(

@@ -19,12 +19,10 @@ from ..global_optimum.objective import Box, LinearObjective, Solution
 from ..model.descent import Axis, axes_of
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced
+from ..model.sampling import LEAST_SHARE
 from ..model.search_space import Range
 from .settings import TableSettings
 
-# Of the voltage step at a current step, R0 is at least this share: what a sampling interval lets
-# the fastest pair add is less, even of a minute. Only where nothing else tells R0 is it that low.
-LEAST_SHARE = 1 / 3
 # A hysteresis beside an OCV that is fitted with it is measured from none: one that turns slowly
 # can be any part of the OCV.
 GAP_RIDGE = 1e-6

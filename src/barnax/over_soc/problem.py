@@ -20,10 +20,11 @@ from ..model.descent import Descended, Found, GridSizes, lowest_scales, polish
 from ..model.layout import layout_of
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Groups, Reduced, reduce_records, scored_alone, together
+from ..model.sampling import FASTEST_TAU_S
 from ..model.search_space import RATE_RANGE, Range
 from ..records.record import LEAST_REACH, reach_of_steps
 from .objective import TableObjective
-from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
+from .settings import SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 
 # Records that go less SOC than this without turning tell nothing of the branch of that direction.
 BOTH_WAYS_SOC = 0.1

@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..model.search_space import Range
 from ..settings import NODES, TableOptions
 
-FASTEST_TAU_S, SLOWEST_TAU_S = 2.0, 1000.0
+SLOWEST_TAU_S = 1000.0
 # With an OCV correction a slower pair than this share of the record imitates a wrong capacity.
 SLOWEST_SHARE = 0.1
 # What can be bounded or fixed; which of these a circuit has is known when it is fitted.

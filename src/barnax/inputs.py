@@ -115,7 +115,11 @@ def read_inputs(
         for several in (ocv_records, dynamic, further):
             several[:] = [sampled(record, loggers) for record in several]
         looked_at = [
-            (role, replace(own, logger=loggers.get(own.table.header)), sampled(taken, loggers))
+            (
+                role,
+                replace(own, logger=loggers.get(own.table.header.names)),
+                sampled(taken, loggers),
+            )
             for role, own, taken in looked_at
         ]
         _require_different([*dynamic, *further])

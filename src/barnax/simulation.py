@@ -18,7 +18,6 @@ from .model.reference import simulate_circuit
 from .model.window import OCV_MARGIN, SAME_FULL, Window
 from .notices import Notice
 from .records import Decision, Record, source_from_frame
-from .records.columns import columns_of
 from .records.table import take_lines
 from .results import Result
 
@@ -100,11 +99,11 @@ def _columns(frame: Any) -> Profile:
                 f"row {lengths[short]} (from 0) is incomplete; give as many of each"
             )
     table = source_from_frame(frame, NAME).table
-    found = columns_of(table.header)
+    found = table.header.columns
     missing = [name for name in ("time", "current") if name not in found]
     if missing:
         raise InputError(
-            f"{NAME}: no column of the {missing[0]} among {', '.join(table.header)}; name it "
+            f"{NAME}: no column of the {missing[0]} among {', '.join(table.header.names)}; name it "
             f"'{missing[0].capitalize()} [{'s' if missing[0] == 'time' else 'A'}]'"
         )
     wanted = [name for name in ("time", "current", "temperature") if name in found]

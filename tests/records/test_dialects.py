@@ -14,8 +14,7 @@ import pytest
 from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import read_record, record_from_frame
-from barnax.records.column_rules import read_columns
-from barnax.records.columns import columns_of, dialect_of, names_record
+from barnax.records.columns import Header, read_columns
 from barnax.records.dialects import DIALECTS
 from barnax.records.readers import read_table
 from helpers.dialects import WRITERS, maccor_text, neware_csv, novonix_csv, pulse_table
@@ -44,7 +43,7 @@ def test_a_dialect_gives_the_record_that_was_written_without_a_fault(tmp_path, w
 @pytest.mark.parametrize("dialect", DIALECTS, ids=lambda dialect: dialect.name)
 def test_a_mark_is_first_of_its_own_make(dialect):
     for mark in dialect.marks:
-        assert dialect_of(mark.split(" & ")) is dialect
+        assert Header(tuple(mark.split(" & "))).dialect is dialect
 
 
 # Names as other programs and languages write them: whose they are, and seconds and amperes a unit.
@@ -76,11 +75,11 @@ HEADERS = {
 
 @pytest.mark.parametrize("header", HEADERS)
 def test_names_of_other_programs_and_languages_are_known(header):
-    names = header.split(",")
+    names = Header(tuple(header.split(",")))
     dialect, second, ampere = HEADERS[header]
-    assert names_record(names)
-    assert dialect_of(names).name == dialect
-    found = columns_of(names)
+    assert names.is_record
+    assert names.dialect.name == dialect
+    found = names.columns
     clock = found.get("time") or found["step time"]
     assert (clock.unit.factor, found["current"].unit.factor) == (second, ampere)
 

@@ -14,9 +14,8 @@ from ..display import Brief
 from ..errors import InputError, counted
 from ..notices import Notice
 from ..records import Hold, Source, read_record, read_source
-from ..records.columns import find_columns, is_ocv_table
 from ..records.dialects import Sign
-from ..records.quantities import CELL_RANGE_V, OCV_QUANTITIES
+from ..records.quantities import CELL_RANGE_V
 from ..records.record import MINIMUM_REST_S, SETTLED_V, Record, Rest, Segments, is_long, runs
 from ..records.table import Lines, found_at, take_lines
 from .soc_axis import CHARGE, DISCHARGE, WORD, OcvPoint, Sweep
@@ -319,8 +318,8 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
     """
     if not isinstance(source, Source):
         source = read_source(source)
-    columns = find_columns(source.table.header, OCV_QUANTITIES)
-    if not is_ocv_table(source.table.header, source.columns):
+    columns = dict(source.table.header.ocv_columns)
+    if not source.table.header.is_ocv_table:
         raise InputError(
             f"{source.name}: not an OCV table; name its columns, for example, 'SOC [-]' and "
             "'OCV [V]', or 'SOC [-]', 'discharge OCV [V]' and 'charge OCV [V]'."
@@ -387,7 +386,7 @@ def read_ocv_test(
     """The OCV test in a file: a table of OCV over SOC, else a record."""
     if not isinstance(source, Source):
         source = read_source(source)
-    if is_ocv_table(source.table.header, source.columns):
+    if source.table.header.is_ocv_table:
         return read_ocv_table(source)
     return read_record(
         source, current_sign=current_sign, current_hold=current_hold, voltage_lag=voltage_lag

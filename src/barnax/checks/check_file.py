@@ -12,7 +12,6 @@ from ..display import Brief
 from ..errors import InputError
 from ..notices import Notice
 from ..records import Hold
-from ..records.columns import is_ocv_table
 from ..records.dialects import Sign
 from ..records.read import examine, make_record
 from ..records.sign import decide_sign
@@ -155,7 +154,7 @@ def check_file(
         raise InputError(f"`capacity` must be positive, in Ah; {capacity_ah} was given")
     if not isinstance(source, Source):
         source = read_source(source, columns=columns)
-    if is_ocv_table(source.table.header, source.columns):
+    if source.table.header.is_ocv_table:
         return _check_table(read_ocv_table(source))
     examined = examine(source, capacity_ah)
     findings = [*source.findings, *examined.findings]

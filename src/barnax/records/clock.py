@@ -161,7 +161,7 @@ def _by_counter(samples: Samples) -> Samples:
         if not np.all(np.diff(count[order]) == 1) or np.all(np.diff(order) == 1):
             continue
         if np.sum(np.diff(samples.time_s[order]) < 0) <= _FEW * falls:
-            name = samples.table.header[index]
+            name = samples.table.header.names[index]
             return samples.keep(order).noting(
                 Notice("clock.sorted", {"places": falls, "column": name})
             )

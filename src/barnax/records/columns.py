@@ -8,10 +8,12 @@ A column name is an alias and a unit, in any of the usual spellings: Battery Dat
 import difflib
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 
+from ..errors import InputError
 from .dialects import DIALECTS, OTHER_TABLES, PLAIN, Dialect
 from .quantities import OCV_QUANTITIES, QUANTITIES, QUANTITY_OF, Quantity, Unit
 
@@ -36,6 +38,8 @@ _CLOCKS, _CURRENTS = {"time", "step time", "date"}, {"current", "charge of the i
 # What the voltages of cells are called in short.
 _CELLS = {"v", "u", "vc", "uc", "uz", "cv"}
 NOTHING: Mapping[str, str] = MappingProxyType({})
+# What `columns` may name.
+NAMES = tuple(name for name in QUANTITY_OF if name not in ("date", "charge of the interval"))
 
 
 @dataclass(frozen=True)
@@ -54,25 +58,6 @@ class Column:
     is_unit_given: bool = False
 
 
-def find_columns(header: Sequence[str], quantities: Sequence[Quantity]) -> dict[str, Column]:
-    """The column of each quantity that the header names, by the quantity's name.
-
-    Where several columns could hold one quantity, the more specific alias wins, then the column
-    that states its unit, then the first of two equal names.
-    """
-    found: dict[str, Column] = {}
-    names = {name: index for index, name in reversed(list(enumerate(header)))}
-    normals = {name: _VARIABLE.sub("", re.sub("[<>]", "", normal(name))) for name in names}
-    for quantity in quantities:
-        matches = (_match(index, name, normals[name], quantity) for name, index in names.items())
-        candidates = [match for match in matches if match is not None]
-        if candidates:
-            _, found[quantity.name] = min(
-                candidates, key=lambda match: (match[0], match[1].is_unit_assumed, match[1].index)
-            )
-    return found
-
-
 def normal(name: str) -> str:
     """The name in lower case, with blanks for underscores, and u for micro."""
     # Wide brackets, and units in one letter.
@@ -88,27 +73,6 @@ def unit_of(quantity: Quantity, text: str) -> Unit | None:
     # A lost degree sign is still one of Celsius.
     spelled = re.sub("[?\ufffdº]", "°", spelled)
     return quantity.units.get(spelled) or quantity.units.get(spelled.rstrip("."))
-
-
-def named_column(header: Sequence[str], quantity: Quantity, given: str) -> Column | None:
-    """The column that the user names, as "NAME" or "NAME:unit"; None where the header lacks it.
-
-    Without a unit, the one at the end of the name holds, or the quantity's own.
-    """
-    name, _, spelled = given.rpartition(":")
-    unit = unit_of(quantity, spelled) if name else None
-    names = [(normal(name), index) for index, name in reversed(list(enumerate(header)))]
-    # A unit may have been joined to the name from the row below.
-    places = {name.partition(" [")[0]: index for name, index in names} | dict(names)
-    if unit is None or normal(given) in places:
-        name, unit = given, None
-    if normal(name) not in places:
-        return None
-    index = places[normal(name)]
-    if unit is not None:
-        own = header[index]
-        return Column(index, own, quantity, unit, is_unit_assumed=False, is_unit_given=True)
-    return _with_its_unit(index, header[index], quantity)
 
 
 def _with_its_unit(index: int, name: str, quantity: Quantity) -> Column:
@@ -144,30 +108,6 @@ def _match(index: int, name: str, plain: str, quantity: Quantity) -> tuple[int, 
     return None
 
 
-def likely_names(quantity: Quantity, header: Sequence[str]) -> list[str]:
-    """Names in the header that may mean the quantity although they are not accepted for it.
-
-    They contain an alias, are spelled nearly like one, or mean it in another language.
-    """
-    long = [alias for alias in quantity.aliases if len(alias) > 2 and "=" not in alias]
-    likely = []
-    for name in header[:_COMPARED_NAMES]:
-        plain = normal(name)
-        words = re.split(r"[\[(/]", plain)[0].strip()
-        is_inside = any(word in plain for word in (*long, *quantity.foreign))
-        if is_inside or difflib.get_close_matches(words, long, 1, 0.7):
-            likely.append(name)
-    return likely
-
-
-def likely_column(quantity: Quantity, header: Sequence[str]) -> Column | None:
-    """The only column that may hold the quantity, with the unit at its name's end, if any."""
-    names = likely_names(quantity, header)
-    if len(names) != 1:
-        return None
-    return _with_its_unit(list(header).index(names[0]), names[0], quantity)
-
-
 def names_cell_voltage(name: str) -> bool:
     """True if a column of a pack is named like a voltage's or a cell's, and not something else's.
 
@@ -189,75 +129,196 @@ def names_cell_voltage(name: str) -> bool:
     )
 
 
-def _bare(header: Sequence[str]) -> set[str]:
-    """The names as marks give them, each with its unit and without."""
-    names = {re.sub("[<>]", "", normal(name)).replace(" (", "(") for name in header}
-    return names | {re.split(r" *[(\[/#,]", name)[0] for name in names}
+@dataclass(frozen=True)
+class Header:
+    """The names of a table's columns, and what they say; each is looked up once.
 
-
-def dialect_of(header: Sequence[str]) -> Dialect:
-    """Whose names these are; `PLAIN` where they are nobody's."""
-    names = _bare(header)
-    return next((dialect for dialect in DIALECTS if dialect.is_marked(names)), PLAIN)
-
-
-def columns_of(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> dict[str, Column]:
-    """The column of each quantity of a record that the header names.
-
-    `given` holds the user's own names by quantity, as `columns` takes them, and comes first.
+    `given` are the user's own names by quantity, as `columns` takes them, and come first.
     """
-    return find_columns(header, dialect_of(header).quantities) | find_given(header, given)
+
+    names: tuple[str, ...]
+    given: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def _normal(self) -> tuple[str, ...]:
+        return tuple(map(normal, self.names))
+
+    @cached_property
+    def _bare(self) -> set[str]:
+        """The names as marks give them, each with its unit and without."""
+        names = {re.sub("[<>]", "", name).replace(" (", "(") for name in self._normal}
+        return names | {re.split(r" *[(\[/#,]", name)[0] for name in names}
+
+    @cached_property
+    def dialect(self) -> Dialect:
+        """Whose names these are; `PLAIN` where they are nobody's."""
+        return next((dialect for dialect in DIALECTS if dialect.is_marked(self._bare)), PLAIN)
+
+    @cached_property
+    def columns(self) -> Mapping[str, Column]:
+        """The column of each quantity of a record that is named."""
+        return {**self._named, **self.given_columns}
+
+    @cached_property
+    def _named(self) -> Mapping[str, Column]:
+        return self.find(self.dialect.quantities)
+
+    @cached_property
+    def given_columns(self) -> Mapping[str, Column]:
+        """The columns that the user names, by quantity, of those that there are."""
+        named = {name: self.named(QUANTITY_OF[name], own) for name, own in self.given.items()}
+        return {name: column for name, column in named.items() if column is not None}
+
+    @cached_property
+    def is_record(self) -> bool:
+        """True if there are names of a clock, a current and a voltage."""
+        return len(self.names) > 2 and _are_of_record(self.columns)
+
+    @cached_property
+    def ocv_columns(self) -> Mapping[str, Column]:
+        """The column of each quantity of a table of OCV over SOC that is named."""
+        return self.find(OCV_QUANTITIES)
+
+    @cached_property
+    def is_ocv_table(self) -> bool:
+        """True if there are names of SOC and a voltage, but of no record, nor what the user calls
+        the clock or the current of one."""
+        if "SOC" not in self.ocv_columns or len(self.ocv_columns) < 2:
+            return False
+        return not self.given_columns.keys() & (_CLOCKS | _CURRENTS) and not (
+            len(self.names) > 2 and _are_of_record(self._named)
+        )
+
+    @cached_property
+    def other_table(self) -> str | None:
+        """The kind of a table that is known to be no record; None for any other."""
+        if "freq" in self._bare and any(map(_IMPEDANCE.match, self._bare)):
+            return "an impedance spectrum"
+        kinds = OTHER_TABLES.items()
+        held = (kind for mark, kind in kinds if self._bare.issuperset(mark.split(" & ")))
+        return next(held, None)
+
+    @cached_property
+    def frequencies(self) -> tuple[int, ...]:
+        """The columns of frequency, where others are of impedance."""
+        if not self.other_table:
+            return ()
+        return tuple(index for index, name in enumerate(self._normal) if name.startswith("freq"))
+
+    @cached_property
+    def numbered_voltages(self) -> list[list[str]]:
+        """Sets of columns that are named as the voltages of a pack's cells, and numbered alike."""
+        others = {column.header for name, column in self.columns.items() if name != "voltage"}
+        alike: dict[str, list[str]] = {}
+        for name, plain in zip(self.names, self._normal, strict=True):
+            if name not in others and re.search(r"\d", name) and names_cell_voltage(name):
+                alike.setdefault(re.sub(r"\d+", "#", plain), []).append(name)
+        return list(alike.values())
+
+    def find(self, quantities: Iterable[Quantity]) -> dict[str, Column]:
+        """The column of each quantity that is named, by the quantity's name.
+
+        Where several columns could hold one quantity, the more specific alias wins, then the column
+        that states its unit, then the first of two equal names.
+        """
+        columns: dict[str, Column] = {}
+        plain = [_VARIABLE.sub("", re.sub("[<>]", "", name)) for name in self._normal]
+        for quantity in quantities:
+            candidates = [
+                match
+                for index, names in enumerate(zip(self.names, plain, strict=True))
+                if (match := _match(index, *names, quantity)) is not None
+            ]
+            if candidates:
+                _, columns[quantity.name] = min(
+                    candidates, key=lambda match: (match[0], match[1].is_unit_assumed)
+                )
+        return columns
+
+    def named(self, quantity: Quantity, given: str) -> Column | None:
+        """The column that the user names, as "NAME" or "NAME:unit"; None where there is none.
+
+        Without a unit, the one at the end of the name holds, or the quantity's own.
+        """
+        name, _, spelled = given.rpartition(":")
+        unit = unit_of(quantity, spelled) if name else None
+        names = [(name, index) for index, name in reversed([*enumerate(self._normal)])]
+        # A unit may have been joined to the name from the row below.
+        indices = {name.partition(" [")[0]: index for name, index in names} | dict(names)
+        if unit is None or normal(given) in indices:
+            name, unit = given, None
+        index = indices.get(normal(name))
+        if index is None or unit is None:
+            return None if index is None else _with_its_unit(index, self.names[index], quantity)
+        return Column(index, self.names[index], quantity, unit, False, is_unit_given=True)
+
+    def likely(self, quantity: Quantity) -> list[Column]:
+        """The columns that may be of the quantity although their names are not accepted for it,
+        with the unit at its name's end, if any.
+
+        They contain an alias, are spelled nearly like one, or mean it in another language.
+        """
+        long = [alias for alias in quantity.aliases if len(alias) > 2 and "=" not in alias]
+        likely = []
+        for index, plain in enumerate(self._normal[:_COMPARED_NAMES]):
+            words = re.split(r"[\[(/]", plain)[0].strip()
+            is_inside = any(word in plain for word in (*long, *quantity.foreign))
+            if is_inside or difflib.get_close_matches(words, long, 1, 0.7):
+                likely.append(_with_its_unit(index, self.names[index], quantity))
+        return likely
+
+    def with_units(self, below: Sequence[str]) -> "Header":
+        """The names with the units that stand in the cells below them; itself where none do."""
+        units = [cell.strip("[]()") for cell in below]
+        units += [""] * (len(self.names) - len(units))
+        columns = {column.index: column for column in self.columns.values()}
+        spelled = [
+            (column, unit_of(column.quantity, units[index]))
+            for index, column in columns.items()
+            if units[index] and column.quantity.is_required
+        ]
+        if not spelled or not all(
+            unit and (column.is_unit_assumed or unit == column.unit) for column, unit in spelled
+        ):
+            return self
+        stated = {index for index, column in columns.items() if not column.is_unit_assumed}
+        names = (
+            name
+            if index in stated or not any(unit_of(quantity, unit) for quantity in QUANTITIES)
+            else f"{name} [{unit}]"
+            for index, (name, unit) in enumerate(zip(self.names, units, strict=False))
+        )
+        return Header(tuple(names), self.given)
 
 
-def find_given(header: Sequence[str], given: Mapping[str, str]) -> dict[str, Column]:
-    """The columns that the user names, by quantity, of those that the header has."""
-    named = {name: named_column(header, QUANTITY_OF[name], own) for name, own in given.items()}
-    return {name: column for name, column in named.items() if column is not None}
+def _are_of_record(columns: Mapping[str, Column]) -> bool:
+    """True if the columns are of a clock, a current and a voltage."""
+    names = columns.keys()
+    return "voltage" in names and bool(names & _CURRENTS) and bool(names & _CLOCKS)
 
 
-def names_record(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> bool:
-    """True if the header names a clock, a current and a voltage."""
-    found = columns_of(header, given).keys() if len(header) > 2 else set()
-    return "voltage" in found and bool(found & _CURRENTS) and bool(found & _CLOCKS)
+def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
+    """The user's names by quantity, from a mapping or from text such as "current=I[mA]:mA,...".
 
+    A name may hold commas and equality signs, for only a quantity begins the next. Raises
+    InputError for what is no quantity of a record.
 
-def with_units(
-    header: Sequence[str], below: Sequence[str], given: Mapping[str, str] = NOTHING
-) -> tuple[tuple[str, ...], bool]:
-    """The names with the units that stand in the cells below them, and whether they do."""
-    units = [cell.strip("[]()") for cell in below]
-    units += [""] * (len(header) - len(units))
-    own = {column.index: column for column in columns_of(header, given).values()}
-    spelled = {
-        k: unit_of(own[k].quantity, units[k])
-        for k in own
-        if units[k] and own[k].quantity.is_required
-    }
-    if not spelled or not all(
-        unit and (own[k].is_unit_assumed or unit == own[k].unit) for k, unit in spelled.items()
-    ):
-        return tuple(header), False
-    return tuple(
-        name
-        if (k in own and not own[k].is_unit_assumed)
-        or not any(unit_of(quantity, units[k]) for quantity in QUANTITIES)
-        else f"{name} [{units[k]}]"
-        for k, name in enumerate(header)
-    ), True
-
-
-def other_table(header: Sequence[str]) -> str | None:
-    """The kind of a table that is known to be no record; None for any other."""
-    names = _bare(header)
-    if "freq" in names and any(map(_IMPEDANCE.match, names)):
-        return "an impedance spectrum"
-    held = (what for mark, what in OTHER_TABLES.items() if names.issuperset(mark.split(" & ")))
-    return next(held, None)
-
-
-def is_ocv_table(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> bool:
-    """True if the header names SOC and a voltage, but no record, nor what the user calls the clock
-    or the current of one."""
-    ocv = find_columns(header, OCV_QUANTITIES).keys()
-    named = find_given(header, given).keys() & (_CLOCKS | _CURRENTS)
-    return "SOC" in ocv and len(ocv) > 1 and not named and not names_record(header)
+    >>> read_columns("time=Zeit:min,current=Strom, gemessen:mA")
+    {'time': 'Zeit:min', 'current': 'Strom, gemessen:mA'}
+    """
+    if not given:
+        return {}
+    if isinstance(given, str):
+        known = "|".join(map(re.escape, NAMES))
+        parts = re.split(rf"(?:^|,)\s*({known})\s*=", given)
+        unknown = parts[0].strip() or ("" if len(parts) > 1 else "nothing")
+        given = dict(zip(parts[1::2], map(str.strip, parts[2::2]), strict=True))
+    else:
+        unknown = next((name for name in given if name not in NAMES), "")
+    if unknown or not all(given.values()):
+        words = f"{unknown!r} is no quantity" if unknown else "a quantity has no name"
+        raise InputError(
+            f"`columns`: {words}; write them as 'time=NAME:s,current=NAME:mA,voltage=NAME', with "
+            f"a unit after a colon if the name has none; there are {', '.join(NAMES)}."
+        )
+    return dict(given)

@@ -99,7 +99,7 @@ def evidence_of(samples: Samples, name: str) -> SamplingEvidence:
     if proof is None and samples.dialect.logs_at_end:
         words = f"{samples.dialect.name} testers log a sample at its interval's end"
         proof = Decision("backward", "weak", words)
-    return SamplingEvidence(tuple(samples.table.header), name, proof, slow_rows(samples))
+    return SamplingEvidence(samples.table.header.names, name, proof, slow_rows(samples))
 
 
 def _from_counters(samples: Samples) -> Decision | None:

@@ -10,12 +10,13 @@ import polars as pl
 from jaxtyping import Float
 
 from ..errors import InputError, listed
-from .column_rules import FEWEST_CELLS, cell_voltages, in_volts
+from .columns import Header
 from .lag import Scan, aligned, find_scan
 from .quantities import CELL_RANGE_V
 from .read import read_record
 from .record import Record
 from .source import Source
+from .table import FEWEST_CELLS
 
 # The column of the mean, under a name that no file has.
 MEAN = "mean of the cell voltages"
@@ -71,14 +72,12 @@ def read_pack(source: Source, cells: str | None = None, **reading: Any) -> PackR
         )
     values_v = values_v[:, used]
     mean_v = values_v.mean(axis=1)
-    own = [place for place, name in enumerate(table.header) if name not in columns]
-    alone = replace(
-        table,
-        header=(*(table.header[place] for place in own), MEAN),
-        columns=(*(table.columns[place] for place in own), pl.Series(MEAN, mean_v)),
-    )
-    given = {**source.columns, "voltage": f"{MEAN}:V"}
-    of_mean = replace(source, table=alone, columns=given)
+    all_columns = zip(table.header.names, table.columns, strict=True)
+    others = [(name, cells) for name, cells in all_columns if name not in columns]
+    names_beside, cells_beside = zip(*others, (MEAN, pl.Series(MEAN, mean_v)), strict=True)
+    given = {**table.header.given, "voltage": f"{MEAN}:V"}
+    alone = replace(table, header=Header(names_beside, given), columns=cells_beside)
+    of_mean = replace(source, table=alone)
     lag_s = reading.get("voltage_lag")
     how: dict[str, Any] = {**reading, "voltage_lag": 0.0}
     logged = read_record(of_mean, **how)
@@ -96,7 +95,7 @@ def read_pack(source: Source, cells: str | None = None, **reading: Any) -> PackR
 
 def _voltages(source: Source, pattern: str | None) -> dict[str, Float[np.ndarray, "lines"]]:
     """The columns of cell voltages by name, in V."""
-    header = source.table.header
+    header = source.table.header.names
     if pattern is not None:
         wanted = [part.strip() for part in pattern.split(",")]
         names = [name for name in header if any(fnmatchcase(name, part) for part in wanted)]
@@ -105,8 +104,8 @@ def _voltages(source: Source, pattern: str | None) -> dict[str, Float[np.ndarray
                 f"{source.name}: `cells` {pattern!r} fits {listed(names) or 'no column'}; there "
                 f"are {listed(header)}"
             )
-        return {name: in_volts(source.table, name) for name in names}
-    sets = cell_voltages(source.table, source.columns)
+        return {name: source.table.in_volts(name) for name in names}
+    sets = source.table.cell_voltages
     if len(sets) != 1:
         found = " or ".join(listed(own) for own in sets)
         problem = (

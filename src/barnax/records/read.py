@@ -15,8 +15,8 @@ import numpy as np
 from ..errors import InputError
 from ..notices import Notice, raise_first_error
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
-from .column_rules import bare_units, describe_units, examine_columns, read_columns
-from .columns import NOTHING, Column
+from .column_rules import bare_units, describe_units, examine_columns
+from .columns import NOTHING, Column, Header, read_columns
 from .counters import skipped_ah
 from .dialects import CHARGE, Sign
 from .hold import decide_hold, evidence_of
@@ -66,7 +66,7 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
 
     Raises InputError where no column is like any of a record, or rows are no samples.
     """
-    columns, findings = examine_columns(source.table, source.name, source.columns)
+    columns, findings = examine_columns(source.table, source.name)
     lines = take_lines(source.table, columns)
     _require_common_rows(lines, source.name)
     lines = examine_cells(examine_empty_current(lines.noting(*findings)))
@@ -74,7 +74,7 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
         return Examined(None, None, lines.findings)
     samples = mended = _one_cell(source, samples_of(lines))
 
-    judge_scale = partial(examine_scale, capacity_ah=capacity_ah, given=source.columns)
+    judge_scale = partial(examine_scale, capacity_ah=capacity_ah)
     if short := _too_short(mended):
         # If bad cells took the samples, that has been said already.
         is_said = any(finding.severity == "error" for finding in mended.findings)
@@ -197,8 +197,11 @@ def read_record(
     if not isinstance(source, Source):
         source = read_source(source, columns=columns, series=series)
     elif columns or series != 1:
-        given = read_columns(columns) or source.columns
-        source = replace(source, columns=given, series=max(series, source.series))
+        table = source.table
+        header = Header(table.header.names, read_columns(columns) or table.header.given)
+        source = replace(
+            source, table=replace(table, header=header), series=max(series, source.series)
+        )
     examined = examine(source)
     raise_first_error(examined.findings, source.name)
     samples = examined.samples

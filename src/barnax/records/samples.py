@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .cell_values import DATED_S
-from .columns import dialect_of
 from .counters import Counters
 from .dialects import Dialect
 from .lag import whole_lag
@@ -67,10 +66,10 @@ class Samples(Lines):
             self.values.get("net capacity"),
         )
 
-    @cached_property
+    @property
     def dialect(self) -> Dialect:
         """Whose names the columns have."""
-        return dialect_of(self.table.header)
+        return self.table.header.dialect
 
     @cached_property
     def intervals_s(self) -> Float[np.ndarray, "intervals"]:

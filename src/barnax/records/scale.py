@@ -8,7 +8,7 @@ hold one quantity twice may disagree: two voltages, or currents by a factor.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,12 +17,12 @@ from jaxtyping import Float
 
 from ..notices import Notice, Severity
 from .cell_values import DAY_S, is_clock
-from .column_rules import bare_units, in_volts
-from .columns import NOTHING, Column, find_columns, likely_column, normal
+from .column_rules import bare_units
+from .columns import Column, Header, normal
 from .quantities import CELL_RANGE_V, QUANTITIES, QUANTITY_OF
 from .samples import Samples
 from .source import Source
-from .table import Table, found_at, take_lines
+from .table import found_at, take_lines
 from .witnesses import (
     CERTAIN,
     CHARGE,
@@ -38,28 +38,25 @@ from .witnesses import (
 _DOUBTFUL = 1.0
 
 
-def examine_scale(
-    samples: Samples, capacity_ah: float | None = None, given: Mapping[str, str] = NOTHING
-) -> Samples:
+def examine_scale(samples: Samples, capacity_ah: float | None = None) -> Samples:
     """The samples in s, A and Ah, told which unit is another than was named or assumed.
 
     A time whose name has no unit, and a charge, are taken in the one that the witnesses tell; where
-    they leave several, the user is asked. `capacity_ah` is a witness too, and `given` are the
-    user's own names of columns.
+    they leave several, the user is asked. `capacity_ah` is a witness too.
     """
     if samples.peak_a < LEAST_A:
         samples = samples.telling(0, "current-unit.zero", column=samples.header("current"))
     asked = None
     # One unit is the odd one out, and behind it may be another.
     for _ in range(2):
-        best = _best(samples, list(witnesses_of(samples, capacity_ah, given)))
+        best = _best(samples, list(witnesses_of(samples, capacity_ah)))
         if not best:
             break
         samples = _settled(samples, best)
         if samples.findings[-1].code.endswith((".doubtful", ".open")):
             asked = best[0].quantity
             break
-    witnesses = witnesses_of(samples, capacity_ah, given)
+    witnesses = witnesses_of(samples, capacity_ah)
     left = [one for one in witnesses if asked not in one.powers and not one.holds(one.value)]
     if left and samples.columns["time"].is_unit_assumed:
         # No other unit explains it, and none is named.
@@ -322,9 +319,9 @@ def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
         ("voltage", samples.voltage_v, _voltages),
         ("current", samples.current_a, _currents),
     ):
-        if name in source.columns or (name == "voltage" and source.series > 1):
+        if name in table.header.given or (name == "voltage" and source.series > 1):
             continue
-        for column in _others(table, name, samples.columns[name]):
+        for column in _others(table.header, name, samples.columns[name]):
             lines = take_lines(table, {name: column})
             at = np.minimum(np.searchsorted(lines.row, rows), len(lines.row) - 1)
             if np.any(lines.row[at] != rows):
@@ -337,23 +334,26 @@ def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
 def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:
     """A note where the voltage is that of a working electrode, and the cell's is another."""
     column = samples.header("voltage")
-    names = {re.sub("[<>]", "", normal(name)): name for name in source.table.header}
+    header = source.table.header
+    names = {re.sub("[<>]", "", normal(name)): name for name in header.names}
     other = names.get("ewe-ece/v") or names.get("ece/v")
-    if other is None or "voltage" in source.columns or column != names.get("ewe/v"):
+    if other is None or "voltage" in header.given or column != names.get("ewe/v"):
         return
-    other_v = in_volts(source.table, other)[samples.at]
+    other_v = source.table.in_volts(other)[samples.at]
     apart_v = np.abs(other_v if other == names.get("ece/v") else samples.voltage_v - other_v)
     if np.any(apart_v > _SAME_V):
         yield Notice("twin-columns.electrode", {"column": column, "apart_v": np.nanmax(apart_v)})
 
 
-def _others(table: Table, name: str, own: Column) -> Iterator[Column]:
+def _others(header: Header, quantity: str, own: Column) -> Iterator[Column]:
     """Further columns that can hold the quantity, by their names."""
-    for index, header in enumerate(table.header[:_MAX_NAMES]):
-        found = find_columns([header], QUANTITIES)
-        column = found.get(name) or (None if found else likely_column(QUANTITY_OF[name], [header]))
-        is_other = index != own.index and header != own.header
-        if column is not None and is_other and not _NOT_MEASURED.search(normal(header)):
+    for index, name in enumerate(header.names[:_MAX_NAMES]):
+        if index == own.index or name == own.header or _NOT_MEASURED.search(normal(name)):
+            continue
+        alone = Header((name,))
+        columns = alone.find(QUANTITIES)
+        likely = [] if columns else alone.likely(QUANTITY_OF[quantity])
+        for column in [columns[quantity]] if quantity in columns else likely:
             yield replace(column, index=index)
 
 
@@ -375,7 +375,7 @@ def _voltages(samples: Samples, own: Channel, other: Channel, name: str) -> Iter
     usual_v = float(np.median(np.abs(apart_v)))
     if usual_v <= _SAME_V:
         return
-    if samples.dialect.name in _ANYBODYS and "voltage" in find_columns([name], QUANTITIES):
+    if samples.dialect.name in _ANYBODYS and "voltage" in Header((name,)).find(QUANTITIES):
         yield found_at(samples, at, "twin-columns.undecided", **both, apart_v=usual_v)
     elif usual_v < _OTHER_V and _likeness(own - own.mean(), other - other.mean()) > _ALIKE:
         yield found_at(samples, at, "twin-columns.voltage", **both, apart_v=usual_v)

@@ -5,7 +5,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any
 from warnings import catch_warnings
@@ -16,8 +16,7 @@ import polars as pl
 from ..errors import LONGEST_NAME, InputError, cut, printable, reason_of
 from ..notices import Notice
 from .cell_values import settled
-from .column_rules import read_columns
-from .columns import NOTHING
+from .columns import NOTHING, Header, read_columns
 from .logger import Logger
 from .quantities import CELL_RANGE_V
 from .readers import read_table
@@ -54,7 +53,7 @@ class Source:
     """One file, or one data frame, as it was read: what records, checks and OCV tables are of.
 
     `name` is what messages and results call it; `sha256` is of the file's bytes, or of the
-    frame's names and values. `columns` are the user's own names of columns, by quantity. A source
+    frame's names and values. A source
     with `span_s` is the part of a file between two times of its own clock. Its voltage is that of
     so many cells in `series`. `logger` has what other records of its logger show.
     """
@@ -63,7 +62,6 @@ class Source:
     table: Table
     sha256: str
     findings: tuple[Notice, ...] = ()
-    columns: Mapping[str, str] = field(default_factory=dict)
     span_s: tuple[float, float] | None = None
     series: int = 1
     logger: Logger | None = None
@@ -125,7 +123,7 @@ def read_source(
     texts = dict.fromkeys(cut(printable(str(one.message)), _LONGEST_WARNING) for one in caught)
     notes = (*table.notes, *(Notice("format.library", {"text": text}) for text in texts))
     table = replace(table, notes=notes)
-    return _clean(Source(name, table, sha256, found, given, series=series))
+    return Source(name, _clean(table, given), sha256, found, series=series)
 
 
 def joined(sources: Sequence[Source]) -> Source:
@@ -142,7 +140,7 @@ def joined(sources: Sequence[Source]) -> Source:
     tables = [source.table for source in sources]
     before = np.cumsum([0, *(table.row[-1] if len(table.row) else 1 for table in tables[:-1])])
     name = " + ".join(source.name for source in sources)
-    columns = zip(first.table.header, *(table.columns for table in tables), strict=True)
+    columns = zip(first.table.header.names, *(table.columns for table in tables), strict=True)
     table = replace(
         first.table,
         columns=tuple(_concatenated(name, header, parts) for header, *parts in columns),
@@ -240,11 +238,10 @@ def source_from_frame(
         ) from error
     whole = whole.collect() if isinstance(whole, nw.LazyFrame) else whole
     cells = tuple(_series(column) for column in whole.iter_columns())
-    header = tuple(str(column) for column in whole.columns)
+    header = Header(tuple(str(column) for column in whole.columns))
     made = Table(header, cells, np.arange(2, len(whole) + 2))
-    given = read_columns(columns)
-    sha256 = table_sha256(made)
-    return _clean(Source(printable(name), made, sha256, columns=given, series=series))
+    table = _clean(made, read_columns(columns))
+    return Source(printable(name), table, table_sha256(made), series=series)
 
 
 def _series(column: Any) -> pl.Series:
@@ -255,17 +252,17 @@ def _series(column: Any) -> pl.Series:
     return pl.Series(str(column.name), column.to_list(), dtype=kind, strict=False)
 
 
-def _clean(source: Source) -> Source:
-    """The source with names that a message can quote, and columns of numbers as numbers."""
-    table = source.table
-    names = (" ".join(name.split()) if not name.isprintable() else name for name in table.header)
-    table = replace(
+def _clean(table: Table, given: Mapping[str, str]) -> Table:
+    """The table with names that a message can quote, and columns of numbers as numbers."""
+    names = (
+        " ".join(name.split()) if not name.isprintable() else name for name in table.header.names
+    )
+    return replace(
         table,
-        header=tuple(printable(cut(name, LONGEST_NAME)) for name in names),
         columns=settled(table.columns),
+        header=Header(tuple(printable(cut(name, LONGEST_NAME)) for name in names), given),
         sheets=tuple((printable(cut(name, LONGEST_NAME)), rows) for name, rows in table.sheets),
     )
-    return replace(source, table=table)
 
 
 def _read_content(path: Path) -> bytes:

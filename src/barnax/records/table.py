@@ -8,14 +8,14 @@ from typing import Any, Self
 
 import numpy as np
 import polars as pl
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from ..errors import LONGEST_CELL, cut
 from ..notices import Notice
 from .cell_values import DAY_S, dated_numbers, numbers
-from .columns import Column, dialect_of, normal, other_table
+from .columns import Column, Header
 from .counters import inner
-from .quantities import NEEDED
+from .quantities import CELL_RANGE_V, NEEDED, QUANTITY_OF
 from .record import OTHER_STATE
 
 # Even nanoseconds since 1970 are less; anything larger overflows when it is squared.
@@ -26,6 +26,8 @@ LARGEST_FILE = 2_000_000_000
 # Rows are of steps or cycles where there are so many, and so large a share begins another; samples
 # that are counted follow each other this fast.
 _FEWEST_ROWS, _OF_STEPS, _OF_CYCLES, _SAMPLED_S = 4, 0.9, 0.3, 60.0
+# A voltage without a unit that is so large is in mV; so many cells are a pack.
+_MILLIVOLTS, FEWEST_CELLS = 500.0, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ class Table:
     The lines of a log that was cut come from several `files`.
     """
 
-    header: tuple[str, ...]
+    header: Header
     columns: tuple[pl.Series, ...]
     row: Int[np.ndarray, "lines"]
     sheets: tuple[tuple[str, int], ...] = ()
@@ -50,7 +52,7 @@ class Table:
     def of(cls, frame: pl.DataFrame, **fields: Any) -> Self:
         """The table of a frame, whose names stand in row 1."""
         rows = np.arange(2, frame.height + 2)
-        return cls(tuple(frame.columns), tuple(frame.get_columns()), rows, **fields)
+        return cls(Header(tuple(frame.columns)), tuple(frame.get_columns()), rows, **fields)
 
     @property
     def names_row(self) -> int:
@@ -62,6 +64,76 @@ class Table:
         ends = np.cumsum([lines for _, lines in self.sheets])
         own = self.sheets[int(np.searchsorted(ends, line, "right"))][0] if len(ends) > 1 else None
         return int(self.row[line]), own
+
+    @cached_property
+    def is_impedance(self) -> Bool[np.ndarray, "lines"]:
+        """The lines with a frequency, where the table has columns of impedance."""
+        is_impedance = np.zeros(len(self.row), bool)
+        for index in self.header.frequencies:
+            # Polars takes NaN for the largest number.
+            hertz = self.columns[index].cast(pl.Float64, strict=False).fill_nan(None)
+            is_impedance |= (hertz > 0).fill_null(False).to_numpy()
+        return is_impedance
+
+    @cached_property
+    def one_row_a(self) -> str | None:
+        """What each row is of, "step" or "cycle", by the columns that count them; None for samples.
+
+        What counts the rows of a log with short and equal intervals counts samples.
+        """
+        columns = self.header.columns
+        if len(self.row) < _FEWEST_ROWS or not columns.keys() & {"cycle", "step"}:
+            return None
+        is_new = np.zeros(len(self.row) - 1, bool)
+        for name in ("cycle", "step", "state"):
+            if name not in columns:
+                continue
+            cells = self.columns[columns[name].index]
+            if name != "state" and cells.dtype.is_numeric():
+                rises = cells.cast(pl.Float64).diff().drop_nulls()
+                if (rises % 1 > 0).any() or ((rises == 1).all() and self._is_sampled):
+                    continue
+            is_new |= cells[1:].ne_missing(cells[:-1]).to_numpy()
+            if name == "cycle" and is_new.mean() > _OF_CYCLES:
+                return name
+        return "step" if is_new.mean() > _OF_STEPS else None
+
+    @cached_property
+    def _is_sampled(self) -> bool:
+        """True if the clock shows short and nearly equal intervals."""
+        clock = self.header.columns.get("time") or self.header.columns.get("date")
+        if clock is None:
+            return False
+        interval_s = np.diff(numbers(self.columns[clock.index], clock))
+        usual_s = np.median(interval_s)
+        is_usual = np.abs(interval_s - usual_s) < 0.1 * usual_s
+        return bool(usual_s < _SAMPLED_S and is_usual.mean() > _OF_STEPS)
+
+    @cached_property
+    def cell_voltages(self) -> list[dict[str, Float[np.ndarray, "lines"]]]:
+        """The sets of columns that may be the voltages of a pack's cells, in V by name, with at
+        least two within what a cell has: a sensor that has failed is one of its kind."""
+        sets = [
+            {name: self.in_volts(name) for name in alike} for alike in self.header.numbered_voltages
+        ]
+        return [own for own in sets if sum(map(_is_of_cell, own.values())) >= FEWEST_CELLS]
+
+    def in_volts(self, name: str) -> Float[np.ndarray, "lines"]:
+        """The voltages of a column, in V or mV by their size where its name has no unit."""
+        column = self.header.named(QUANTITY_OF["voltage"], name)
+        if column is None:
+            return np.full(len(self.row), np.nan)
+        values_v = numbers(self.columns[column.index], column)
+        known = values_v[np.isfinite(values_v)]
+        if column.is_unit_assumed and len(known) and np.median(np.abs(known)) > _MILLIVOLTS:
+            values_v = values_v / 1000
+        return values_v
+
+
+def _is_of_cell(values_v: Float[np.ndarray, "lines"]) -> bool:
+    """True if the usual voltage of a column is one that a cell has."""
+    known_v = values_v[np.isfinite(values_v)]
+    return bool(len(known_v) and CELL_RANGE_V[0] < np.median(known_v) < CELL_RANGE_V[1])
 
 
 @dataclass(frozen=True)
@@ -176,7 +248,7 @@ def found_at(
 
 def table_sha256(table: Table) -> str:
     """The SHA-256 of a table that has no file: of its names and values."""
-    digest = hashlib.sha256(repr(table.header).encode("utf-8", "backslashreplace"))
+    digest = hashlib.sha256(repr(table.header.names).encode("utf-8", "backslashreplace"))
     for column in table.columns:
         if column.dtype.is_numeric():
             digest.update(column.cast(pl.Float64).fill_null(np.nan).to_numpy().tobytes())
@@ -198,7 +270,7 @@ def examine_cells(lines: Lines) -> Lines:
         lines = lines.telling(impedance, "cells.impedance", **given)
         is_good &= ~impedance
     is_zero = is_good & (lines.values.get("voltage", 1) == 0)
-    if dialect_of(lines.table.header).writes_zero_volts and is_zero.any():
+    if lines.table.header.dialect.writes_zero_volts and is_zero.any():
         given = {"column": lines.header("voltage"), "rows": is_zero.sum()}
         lines = lines.telling(is_zero, "cells.zero-volts", **given)
         is_good &= ~is_zero
@@ -257,51 +329,7 @@ def _impedance_rows(lines: Lines) -> Bool[np.ndarray, "lines"]:
         is_other[is_other] = (
             words.cast(pl.String).str.contains(_IMPEDANCE).fill_null(False).to_numpy()
         )
-    return is_other | impedance_rows(lines.table)[lines.at]
-
-
-def impedance_rows(table: Table) -> Bool[np.ndarray, "lines"]:
-    """The lines with a frequency, where the table has columns of impedance."""
-    is_spectrum = np.zeros(len(table.row), bool)
-    for name, column in zip(table.header, table.columns, strict=True):
-        if normal(name).startswith("freq") and other_table(table.header):
-            # Polars takes NaN for the largest number.
-            hertz = column.cast(pl.Float64, strict=False).fill_nan(None)
-            is_spectrum |= (hertz > 0).fill_null(False).to_numpy()
-    return is_spectrum
-
-
-def one_row_a(table: Table, columns: Mapping[str, Column]) -> str | None:
-    """What each row is of, "step" or "cycle", by the columns that count them; None for samples.
-
-    What counts the rows of a log with short and equal intervals counts samples.
-    """
-    if len(table.row) < _FEWEST_ROWS or not columns.keys() & {"cycle", "step"}:
-        return None
-    is_new = np.zeros(len(table.row) - 1, bool)
-    for name in ("cycle", "step", "state"):
-        if name not in columns:
-            continue
-        cells = table.columns[columns[name].index]
-        if name != "state" and cells.dtype.is_numeric():
-            rises = cells.cast(pl.Float64).diff().drop_nulls()
-            if (rises % 1 > 0).any() or ((rises == 1).all() and _is_sampled(table, columns)):
-                continue
-        is_new |= cells[1:].ne_missing(cells[:-1]).to_numpy()
-        if name == "cycle" and is_new.mean() > _OF_CYCLES:
-            return name
-    return "step" if is_new.mean() > _OF_STEPS else None
-
-
-def _is_sampled(table: Table, columns: Mapping[str, Column]) -> bool:
-    """True if the clock shows short and nearly equal intervals."""
-    clock = columns.get("time") or columns.get("date")
-    if clock is None:
-        return False
-    interval_s = np.diff(numbers(table.columns[clock.index], clock))
-    usual_s = np.median(interval_s)
-    is_usual = np.abs(interval_s - usual_s) < 0.1 * usual_s
-    return bool(usual_s < _SAMPLED_S and is_usual.mean() > _OF_STEPS)
+    return is_other | lines.table.is_impedance[lines.at]
 
 
 def _is_cut_short(lines: Lines) -> bool:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from .cell_values import FINEST_S, epoch_unit, is_clock, is_usual, numbers
-from .columns import columns_of
 from .counters import gain_ah
 from .quantities import Unit
 from .samples import Samples, few
@@ -92,12 +91,10 @@ _LEAST_OHM, _HEAVY_A, _MAX_OHM, _HALF = 1e-4, 50.0, 20.0, 0.5
 _RATIO = 0.15
 
 
-def witnesses_of(
-    samples: Samples, capacity_ah: float | None, given: Mapping[str, str]
-) -> Iterator[Witness]:
+def witnesses_of(samples: Samples, capacity_ah: float | None) -> Iterator[Witness]:
     """What the record shows of its own scale."""
     yield from _of_time(samples)
-    yield from _other_clocks(samples, given)
+    yield from _other_clocks(samples)
     yield from _of_current(samples)
     yield from _of_charge(samples, capacity_ah)
 
@@ -214,14 +211,14 @@ def _of_charge(samples: Samples, capacity_ah: float | None) -> Iterator[Witness]
 _PAIRS, _DATED_S, _ALIKE, _AGREEING = 50, 100.0, 0.01, 0.5
 
 
-def _other_clocks(samples: Samples, given: Mapping[str, str]) -> Iterator[Witness]:
+def _other_clocks(samples: Samples) -> Iterator[Witness]:
     """The dates and the clock of the steps beside the time.
 
     By the median of many intervals, for a test may have paused, and steps begin anew.
     """
     table, time = samples.table, samples.columns["time"]
     lines = np.arange(0, len(samples), 1 + len(samples) // (2 * _PAIRS))
-    for name, column in columns_of(table.header, given).items():
+    for name, column in table.header.columns.items():
         if name not in ("date", "step time") or column.index == time.index:
             continue
         if name == "step time":

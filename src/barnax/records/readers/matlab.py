@@ -18,7 +18,7 @@ import polars as pl
 from ...errors import LONGEST_CELL, InputError, cut, printable
 from ...notices import Notice
 from ..cell_values import DAY_S
-from ..columns import is_ocv_table, names_record
+from ..columns import Header
 from ..table import Reader, Table
 from .content import refusing, require_trial
 
@@ -60,8 +60,10 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     if chosen := _chosen(structs, given):
         return _table(chosen)
     columns = {path: _columns(struct) for path, struct in structs.items()}
-    records = {path: own for path, own in columns.items() if names_record([*own], given)}
-    records = records or {path: own for path, own in columns.items() if is_ocv_table([*own], given)}
+    headers = {path: Header(tuple(own), given) for path, own in columns.items()}
+    chosen = [path for path, header in headers.items() if header.is_record]
+    chosen = chosen or [path for path, header in headers.items() if header.is_ocv_table]
+    records = {path: columns[path] for path in chosen}
     for path in structs:
         is_cycle = re.compile(rf"{re.escape(path)}\.cycle\(.*\)\.data").fullmatch
         if records and all(map(is_cycle, records)) and (table := _joined(structs, records, path)):

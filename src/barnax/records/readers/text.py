@@ -19,7 +19,7 @@ from jaxtyping import Bool
 from ...errors import InputError, counted
 from ...notices import Notice
 from ..cell_values import numbers
-from ..columns import Column, columns_of, is_ocv_table, names_record, other_table, with_units
+from ..columns import Column, Header
 from ..quantities import CELL_RANGE_V, NEEDED
 from ..table import Reader, Table
 from .content import (
@@ -60,7 +60,7 @@ class _Layout:
     """The names, the number of lines above them, and the delimiter of the cells."""
 
     above: int
-    header: tuple[str, ...]
+    header: Header
     delimiter: str
 
 
@@ -75,9 +75,9 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     # Of blank lines below the names the first that is not may hold the units.
     blank = next((k for k, line in enumerate(lines[lead:]) if line.strip()), 0)
     below = "".join(lines[lead + blank : lead + blank + 1])
-    header, has_units = with_units(layout.header, _cells(below, layout.delimiter), given)
-    _refuse_split_numbers(lines[lead:], layout, columns_of(header, given), file)
-    lead += blank + 1 if has_units else 0
+    header = layout.header.with_units(_cells(below, layout.delimiter))
+    _refuse_split_numbers(lines[lead:], layout, header.columns, file)
+    lead += blank + 1 if header is not layout.header else 0
     delimiter, above = layout.delimiter, lead
     if delimiter == _BLANK:
         content = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[_offset(content, lead) :])
@@ -85,37 +85,38 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         content = re.sub(rb"(\d[-./]\d+)[ \t]+(\d+:\d)", rb"\1T\2", content)
         content, above, delimiter = re.sub(rb"[ \t]+", b"\t", content), 0, "\t"
     rows = content.count(b"\n", _offset(content, above))
-    require_room(NUMBER_BYTES * rows * len(header), content, file)
-    columns = _columns(content, above, (*header, ""), delimiter, file)
+    require_room(NUMBER_BYTES * rows * len(header.names), content, file)
+    header = Header((*header.names, ""), given)
+    columns = _columns(content, above, header.names, delimiter, file)
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for place, dropped in reversed(breaks):
         row[row >= place] += dropped
-    table = Table((*header, ""), tuple(columns), row, notes=_notes(layout, breaks))
-    table = _within_the_names(_records_of_layers(table, given), file, given)
-    return _without_headings(table, given)
+    table = Table(header, tuple(columns), row, notes=_notes(layout, breaks))
+    return _without_headings(_within_the_names(_records_of_layers(table), file))
 
 
-def _within_the_names(table: Table, file: str, given: Mapping[str, str]) -> Table:
+def _within_the_names(table: Table, file: str) -> Table:
     """The table without its last column, which is of cells beyond the names, and has none.
 
     Raises InputError where rows have more cells than there are names: which cell belongs to which
     name cannot be told.
     """
     *columns, beyond = table.columns
-    table = replace(table, header=table.header[:-1], columns=tuple(columns))
+    header = Header(table.header.names[:-1], table.header.given)
+    table = replace(table, header=header, columns=tuple(columns))
     if columns[-1].dtype != pl.String:
         # A remark behind numbers moves none of them.
         beyond = beyond.cast(pl.Float64, strict=False)
     if beyond.null_count() == len(beyond):
         return table
     wide = np.flatnonzero(beyond.is_not_null())
-    named = columns_of(table.header, given)
+    named = header.columns
     if not any(column.dtype.is_numeric() for column in columns) and not named:
         raise InputError(
             f"{file}: no row of names with numbers below, so this is no table of measurements; "
             "export the record as CSV, Parquet or a workbook."
         )
-    where, names = f"{file}: row {table.row[wide[0]]}", len(table.header)
+    where, names = f"{file}: row {table.row[wide[0]]}", len(header.names)
     if len(wide) > 0.5 * len(table.row):
         if _fits(named, columns) and not _fits(named, [*columns[1:], beyond]):
             return replace(
@@ -158,12 +159,10 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
         if is_of_numbers or len(line) > _LONGEST_HEADER or not line.strip():
             continue
         delimiter, header = _names(line, given)
-        if len(header) == 1 or delimiter not in line:
-            delimiter, header = _BLANK, _blank_cells(line, given)
         found = _Layout(above, header, delimiter)
-        if names_record(header, given) or is_ocv_table(header, given) or other_table(header):
+        if header.is_record or header.is_ocv_table or header.other_table:
             return found
-        named = len(columns_of(header, given).keys() & NEEDED)
+        named = len(header.columns.keys() & NEEDED)
         if fallback is None or named > most:
             fallback, most = found, max(named, most)
     first = next((line for line in lines if line.strip()), "")
@@ -172,7 +171,7 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
             f"{file}: the first line is not text, so this is not a table of samples, whatever the "
             "file's suffix; export the record as CSV, Parquet or a workbook."
         )
-    if fallback is None or not fallback.header:
+    if fallback is None or not fallback.header.names:
         raise InputError(
             f"{file}: a cell of the first line has {len(first)} letters, so this is not a table of "
             "samples; export the record as plain CSV."
@@ -180,21 +179,19 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
     return fallback
 
 
-def _names(line: str, given: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
-    """The delimiter of a line and its cells: by the one that names a record, else the commonest."""
+def _names(line: str, given: Mapping[str, str]) -> tuple[str, Header]:
+    """The delimiter of a line and its names: by the one that names a record, else the commonest.
+
+    Without a delimiter, names are apart by several blanks, else by single ones.
+    """
     commonest = sorted(_DELIMITERS, key=line.count, reverse=True)
-    split = [(mark, tuple(_cells(line, mark))) for mark in commonest if mark in line]
-    named = (candidate for candidate in split[1:] if names_record(candidate[1], given))
-    if not split or names_record(split[0][1], given):
-        return split[0] if split else (commonest[0], tuple(_cells(line, commonest[0])))
-    return next(named, split[0])
-
-
-def _blank_cells(line: str, given: Mapping[str, str]) -> tuple[str, ...]:
-    """The names in a line without delimiters: apart by several blanks, else by single ones."""
-    apart = tuple(_cells(line, _BLANK))
-    close = tuple(line.split())
-    return close if names_record(close, given) and not names_record(apart, given) else apart
+    split = [(mark, Header(tuple(_cells(line, mark)), given)) for mark in commonest if mark in line]
+    of_record = (candidate for candidate in split if candidate[1].is_record)
+    best = next(of_record, split[0] if split else None)
+    if best is not None and len(best[1].names) != 1:
+        return best
+    apart, close = (Header(tuple(cells), given) for cells in (_cells(line, _BLANK), line.split()))
+    return _BLANK, close if close.is_record and not apart.is_record else apart
 
 
 def _offset(content: bytes, lines: int, at: int = 0) -> int:
@@ -232,7 +229,7 @@ def _refuse_split_numbers(
 
     The cells are more than the names, and fit them where some of them are joined.
     """
-    header = layout.header
+    header = layout.header.names
     rows = [_cells(line.rstrip(", "), ",") for line in lines[:_SPLIT_LINES] if line.strip(", ")]
     width = max(map(len, rows), default=0)
     rows = [row for row in rows if len(row) == width]
@@ -337,34 +334,36 @@ def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], lines: str) -> T
     return replace(table, columns=columns, row=table.row[~is_left_out], notes=notes)
 
 
-def _records_of_layers(table: Table, given: Mapping[str, str]) -> Table:
+def _records_of_layers(table: Table) -> Table:
     """The table without the rows that have something in front, where the first columns are blank.
 
     Neware's reports write cycles, steps and records below one another, each indented further.
     """
-    blank = next((k for k, name in enumerate(table.header) if name), 0)
-    if not blank or not names_record(table.header, given):
+    names = table.header.names
+    blank = next((k for k, name in enumerate(names) if name), 0)
+    if not blank or not table.header.is_record:
         return table
     front = np.any([column.is_not_null().to_numpy() for column in table.columns[:blank]], axis=0)
-    header, columns = table.header[blank:], table.columns[blank:]
+    header, columns = Header(names[blank:], table.header.given), table.columns[blank:]
     # Where all rows have it, it is a column without a name, as an index of pandas.
     if front.all() or not front.any():
         return replace(table, header=header, columns=columns)
-    if "step" not in columns_of(header, given):
+    if "step" not in header.columns:
         # Every other row begins a step; that of a cycle stands on one line with its first.
-        header, columns = ("Step Count", *header), (pl.Series(np.cumsum(front)), *columns)
+        header = Header(("Step Count", *header.names), header.given)
+        columns = (pl.Series(np.cumsum(front)), *columns)
     records = replace(table, header=header, columns=columns)
     return _kept(records, front, "layers")
 
 
-def _without_headings(table: Table, given: Mapping[str, str]) -> Table:
+def _without_headings(table: Table) -> Table:
     """The table without the lines between its rows that have words in the first cell alone."""
     first, *others = table.columns
     if first.dtype != pl.String or not all(column.null_count() for column in others):
         return table
     are_bare = np.all([column.is_null().to_numpy() for column in others], axis=0)
     are_headings = are_bare & first.str.contains(_WORD).fill_null(False).to_numpy()
-    if not are_headings.any() or not names_record(table.header, given):
+    if not are_headings.any() or not table.header.is_record:
         return table
     return _kept(table, are_headings, "words")
 

@@ -17,7 +17,7 @@ import polars as pl
 from ...errors import InputError, cut, listed
 from ...notices import Notice
 from ..cell_values import numbers
-from ..columns import columns_of, is_ocv_table, names_record, with_units
+from ..columns import Header
 from ..quantities import NEEDED
 from ..table import Reader, Table
 from .binary import quieted
@@ -45,7 +45,7 @@ class _Names:
     """A sheet's names, with the units below them, and how many rows stand above its numbers."""
 
     above: int
-    header: tuple[str, ...]
+    header: Header
     rows: int = 1
     height: int = field(default=0, compare=False)
 
@@ -66,7 +66,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         workbook = fastexcel.read_excel(content)
         sheets = {name: _names(workbook, name, given) for name in workbook.sheet_names}
         headers = {name: sheet.header for name, sheet in sheets.items()}
-        chosen = _chosen_sheets(headers, file, given)
+        chosen = _chosen_sheets(headers, file)
         bodies = {name: _body(workbook, name, sheets[name]) for name in chosen}
     names = sheets[chosen[0]]
     for name in chosen:
@@ -75,20 +75,20 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
                 f"{file}: sheets {listed([chosen[0]])} and {listed([name])} have different columns "
                 "and cannot be joined; give them the same first row."
             )
-    return _joined(bodies, names, [name for name in sheets if name not in chosen], given)
+    return _joined(bodies, names, [name for name in sheets if name not in chosen])
 
 
 def _names(workbook: fastexcel.ExcelReader, name: str, given: Mapping[str, str]) -> _Names:
     """The first row that names a record or an OCV table, else the sheet's first."""
     sheet = workbook.load_sheet(name, header_row=None, n_rows=_ABOVE, dtypes="string")
     rows, height = sheet.to_polars().rows(), sheet.total_height
-    headers = [tuple("" if cell is None else cell for cell in row) for row in rows]
+    headers = [Header(tuple("" if cell is None else cell for cell in row), given) for row in rows]
     for above, header in enumerate(headers):
-        if names_record(header, given) or is_ocv_table(header, given):
-            below = headers[above + 1] if above + 1 < len(headers) else ()
-            names, has_units = with_units(header, below, given)
-            return _Names(above, names, 1 + has_units, height)
-    return _Names(0, headers[0] if headers else (), height=height)
+        if header.is_record or header.is_ocv_table:
+            below = headers[above + 1].names if above + 1 < len(headers) else ()
+            named = header.with_units(below)
+            return _Names(above, named, 1 if named is header else 2, height)
+    return _Names(0, headers[0] if headers else Header((), given), height=height)
 
 
 def _body(workbook: fastexcel.ExcelReader, name: str, names: _Names) -> pl.DataFrame:
@@ -101,14 +101,12 @@ def _body(workbook: fastexcel.ExcelReader, name: str, names: _Names) -> pl.DataF
     ).to_polars()
 
 
-def _chosen_sheets(
-    headers: dict[str, tuple[str, ...]], file: str, given: Mapping[str, str]
-) -> list[str]:
+def _chosen_sheets(headers: dict[str, Header], file: str) -> list[str]:
     """The sheets that hold the record: a channel's, else the only one with the columns.
 
     Failing that, the only one with some of them.
     """
-    whole = [name for name, cells in headers.items() if names_record(cells, given)]
+    whole = [name for name, header in headers.items() if header.is_record]
     ours = {name: match.groups() for name in whole if (match := _CHANNEL.match(name))}
     if len(set(ours.values())) > 1:
         raise InputError(
@@ -117,18 +115,20 @@ def _chosen_sheets(
         )
     if ours:
         return list(ours)
-    whole = whole or [name for name, cells in headers.items() if is_ocv_table(cells, given)]
+    whole = whole or [name for name, header in headers.items() if header.is_ocv_table]
     if len(whole) == 1:
         return whole
     if whole:
         raise InputError(
             f"{file}: several sheets could be the record ({listed(whole)}); keep only one of them."
         )
-    partial = [name for name, cells in headers.items() if columns_of(cells, given).keys() & NEEDED]
+    partial = [name for name, header in headers.items() if header.columns.keys() & NEEDED]
     if len(partial) == 1:
         # The rules on columns say which of them is missing.
         return partial
-    found = "; ".join(f"{name}: {listed(cells) or 'empty'}" for name, cells in headers.items())
+    found = "; ".join(
+        f"{name}: {listed(header.names) or 'empty'}" for name, header in headers.items()
+    )
     raise InputError(
         f"{file}: no sheet has columns for time, current and voltage in its first row. "
         f"Sheets found: {cut(found, 1000)}. Name the columns, for example, 'Test Time / s', "
@@ -136,17 +136,14 @@ def _chosen_sheets(
     )
 
 
-def _joined(
-    bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str], given: Mapping[str, str]
-) -> Table:
+def _joined(bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str]) -> Table:
     """The sheets one after another, in the order of their first lines' clock.
 
     Workbooks do not promise the order of their sheets; the clock does.
     """
     header = names.header
     filled = [(name, body) for name, body in bodies.items() if body.height]
-    columns = columns_of(header, given)
-    clock = columns.get("time") or columns.get("date")
+    clock = header.columns.get("time") or header.columns.get("date")
     if len(filled) > 1 and clock is not None:
 
         def start(sheet: tuple[str, pl.DataFrame]) -> float:
@@ -160,7 +157,7 @@ def _joined(
     if names.above:
         notes.append(Notice("columns.rows-above", {"names_row": names.above + 1}))
     rows = (np.arange(body.height) + names.body + 1 for _, body in filled)
-    parts = ([body.to_series(k) for _, body in filled] for k in range(len(header)))
+    parts = ([body.to_series(k) for _, body in filled] for k in range(len(header.names)))
     return Table(
         header=header,
         columns=tuple(map(_stacked, parts)),

@@ -138,7 +138,7 @@ def _source(part: Part, reading: Reading) -> Any:
     if part.sampling is None:
         return source
     shown = Decision(part.sampling, "weak", "the steps of the designed test show it")
-    logger = Logger(source.table.header, shown, SlowRows(), slow_records=0)
+    logger = Logger(source.table.header.names, shown, SlowRows(), slow_records=0)
     return replace(source, logger=logger)
 
 

@@ -115,12 +115,8 @@ def read_inputs(
         for several in (ocv_records, dynamic, further):
             several[:] = [sampled(record, loggers) for record in several]
         looked_at = [
-            (
-                role,
-                replace(own, logger=loggers.get(own.table.header.names)),
-                sampled(taken, loggers),
-            )
-            for role, own, taken in looked_at
+            (role, source.logged_by(loggers), sampled(taken, loggers))
+            for role, source, taken in looked_at
         ]
         _require_different([*dynamic, *further])
         # A table has no samples of its own.

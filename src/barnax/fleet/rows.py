@@ -282,7 +282,7 @@ def sources_of(
     """Files as they are read, each with what is told of its logger."""
     names = file_names([path for path in paths if not is_address(path)])
     read = [source_of(_given(path, reading), names, reading) for path in paths]
-    return [replace(source, logger=loggers.get(source.table.header.names)) for source in read]
+    return [source.logged_by(loggers) for source in read]
 
 
 def _given(path: str, reading: Reading) -> Any:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, Self
 from warnings import catch_warnings
 
 import numpy as np
@@ -77,6 +77,10 @@ class Source:
         middle_v = np.median(known_v) if len(known_v) else 0.0
         is_one = middle_v <= CELL_RANGE_V[1] and middle_v / self.series < _LEAST_CELL_V
         return voltage_v if is_one or self.series == 1 else voltage_v / self.series
+
+    def logged_by(self, loggers: Mapping[tuple[str, ...], Logger]) -> Self:
+        """The source with its logger, of those known by the names of their columns."""
+        return replace(self, logger=loggers.get(self.table.header.names))
 
     def cut(self, samples: Samples) -> Samples:
         """The samples of the part that is meant."""

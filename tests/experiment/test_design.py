@@ -3,6 +3,7 @@
 import csv
 import re
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import jax
@@ -21,23 +22,24 @@ from barnax.reporting.design_forms import procedure, profile_csv, pybamm_steps, 
 LIMITS: dict[str, Any] = {"max_discharge": 2.0, "max_charge": 1.0}
 
 
-# A few pieces, so that a search is short.
-BLOCKS = [
-    block
-    for block in barnax.candidate_blocks(jax.random.key(0))
-    if block.name in ("short pulses", "binary 4 s", "long pulse")
-]
+@cache
+def few_blocks():
+    """A few of the default ones, so that a search is short."""
+    names = ("short pulses", "binary 4 s", "long pulse")
+    return [block for block in barnax.candidate_blocks(jax.random.key(0)) if block.name in names]
 
 
 @pytest.fixture(scope="module")
 def designed():
-    return barnax.design(capacity=2.0, max_hours=1.8, blocks=BLOCKS, **LIMITS)
+    return barnax.design(capacity=2.0, max_hours=1.8, blocks=few_blocks(), **LIMITS)
 
 
 @pytest.fixture(scope="module")
 def pulsed():
     # Moves and rests alone do not tell R0 so well.
-    return barnax.design(capacity=2.0, max_hours=1.8, want={"R0": 0.01}, blocks=BLOCKS, **LIMITS)
+    return barnax.design(
+        capacity=2.0, max_hours=1.8, want={"R0": 0.01}, blocks=few_blocks(), **LIMITS
+    )
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +185,9 @@ def test_a_design_promises_more_an_hour_than_a_pulse_test(designed, name):
 
 @pytest.mark.slow
 def test_the_same_key_gives_the_same_design(pulsed):
-    again = barnax.design(capacity=2.0, max_hours=1.8, want={"R0": 0.01}, blocks=BLOCKS, **LIMITS)
+    again = barnax.design(
+        capacity=2.0, max_hours=1.8, want={"R0": 0.01}, blocks=few_blocks(), **LIMITS
+    )
     assert again.to_json() == pulsed.to_json()
     other = barnax.candidate_blocks(jax.random.key(1))
     assert other != barnax.candidate_blocks(jax.random.key(0))
@@ -195,7 +199,7 @@ def test_a_wish_that_is_easy_takes_the_least_time_whatever_is_given():
     hours = []
     for max_hours in (1.6, 3.0):
         found = barnax.design(
-            capacity=2.0, max_hours=max_hours, want={"R0": 0.05}, blocks=BLOCKS, **LIMITS
+            capacity=2.0, max_hours=max_hours, want={"R0": 0.05}, blocks=few_blocks(), **LIMITS
         )
         assert found.is_reached
         hours.append(found.hours)

@@ -131,7 +131,7 @@ def rows(result: barnax.Result) -> list[str]:
 
 def main() -> None:
     """Measure, print the page and write it."""
-    result = barnax.identify(setup="li2023", seeds=0, advise=False)
+    result = barnax.identify(setup="li2023", seeds=0)
     origin = provenance("python -m benchmarks.filter_faults", 0)
     columns = [f"{kind}, no gate" for kind in KINDS] + [*KINDS] + [f"C, {p}" for p in PRECISIONS]
     lines = [

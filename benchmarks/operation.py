@@ -142,7 +142,7 @@ def identified(cell: Cell, records: Iterable[barnax.Record]) -> Outcome:
     """One cell from its logs, and the truth on the axis that was found."""
     began = time.perf_counter()
     window = barnax.Window(initial_soc=1.0, capacity_ah=NOMINAL_AH)
-    result = barnax.identify([*records], window=window, seeds=0, trust="none", advise=False)
+    result = barnax.identify([*records], window=window, seeds=0, trust="none")
     seconds = time.perf_counter() - began
     soc, capacity_ah = cell.starts
     # SOC is scaled so that what was told is right on average.

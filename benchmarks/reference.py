@@ -41,7 +41,7 @@ CALCE, LG = "calce-inr18650-20r", "lg-hg2-18650"
 A123, LEAF = "plett-a123-26650", "nissan-leaf-lmo-33ah"
 TOLERANCE = 1e-9
 # Few and short searches, for the global optimum decides; and none at all.
-QUICK, ALONE = {"seeds": 2, "iterations": 20}, {"seeds": 0, "advise": False}
+QUICK, ALONE = {"seeds": 2, "iterations": 20}, {"seeds": 0}
 PROFILE = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
 FULL = Window(initial_soc=1.0)
 CHARGE = Window(initial_soc=0.0, initial_direction=-1, score_steps=(11,), score_soc=(0.03, 0.95))

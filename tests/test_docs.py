@@ -38,9 +38,9 @@ BLOCKS = [
 QUICK = 'model="so-rc", over="soc", max_boxes=0, resistances_follow="none", trust="none"'
 SMALLER = {
     # A filter's noise is that of an assessment.
-    "identify()": f"identify({QUICK}, seeds=0, advise=False)".replace('st="none"', 'st="basic"'),
-    'seeds=2, iterations=5, trust="none"': f"{QUICK}, seeds=0, advise=False",
-    "validate=barnax": f"{QUICK}, seeds=0, advise=False, validate=barnax",
+    "identify()": f"identify({QUICK}, seeds=0)".replace('st="none"', 'st="basic"'),
+    'seeds=2, iterations=5, trust="none"': f"{QUICK}, seeds=0",
+    "validate=barnax": f"{QUICK}, seeds=0, validate=barnax",
     "head(4000)": "head(1500)",
     "seeds=30": "seeds=2",
     "iterations=500": "iterations=5",

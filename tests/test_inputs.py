@@ -88,7 +88,11 @@ def test_a_record_that_is_small_beside_its_capacity_has_not_too_few_steps(
 
 
 def test_what_makes_r0_wrong_says_nothing_against_an_ocv_test():
-    found = tuple(map(Notice, ("late-voltage.smoothed", "late-voltage.step", "gaps.steady")))
+    ohm = {"first_ohm": 0.02, "second_ohm": 0.01, "third_ohm": 0.005}
+    steps = {**ohm, "interval_s": 1.0, "missing_share": 0.5}
+    gap = {"gaps": 1, "longest_s": 60.0, "longest_row": 3, "part": "one", "held_ah": 0.02}
+    given = {"late-voltage.smoothed": steps, "late-voltage.step": steps, "gaps.steady": gap}
+    found = tuple(Notice(code, values) for code, values in given.items())
     checked = FileCheck("ocv.csv", found, None, ())
     of_test, of_record = (
         [each.code for each in input_warnings(checked, role, None)]
@@ -131,7 +135,7 @@ def refusal(record, **options):
 def test_a_fast_record_too_short_for_three_pairs_is_identified_with_two(tmp_path):
     frame = pl.read_parquet(BUNDLED.validation)[:60]
     frame.with_columns(pl.col("Test Time / s") / 10).write_csv(tmp_path / "short.csv")
-    quick = {"seeds": 0, "trust": "none", "advise": False, "folds": 0, "max_boxes": 0}
+    quick = {"seeds": 0, "trust": "none", "folds": 0, "max_boxes": 0}
     found = identify(tmp_path / "short.csv", ocv=BUNDLED.ocv, **quick)
     assert "3rc" not in {each.model for each in found.candidates}
 

@@ -66,6 +66,21 @@ def test_every_cell_has_its_own_resistance_capacity_and_start(cells, pack):
         assert row["R0 [Ohm] low"] < row["R0 [Ohm]"] < row["R0 [Ohm] high"]
 
 
+def test_intervals_hold_what_is_true_where_the_current_flowed_before_each_sample():
+    cells, current_a = alike(3), drive_a(2000)
+    before_a = np.append(0.0, current_a[:-1])
+    ohm = np.array([cell.r0_ohm for cell in cells])
+    # At the end of an interval, its pairs and OCV are what they are at the next sample's start.
+    ends_v = simulated(cells, current_a) + np.outer(current_a - before_a, ohm)
+    options = {"capacity": 5.0, "window": Window(initial_soc=START), "max_boxes": 0}
+    rows = identify_pack(frame(ends_v, before_a), **options).rows()
+    for cell, row in zip(cells, rows, strict=True):
+        assert row["R0 [Ohm]"] == pytest.approx(1.033 * cell.r0_ohm, rel=0.01)
+        assert row["R0 [Ohm] low"] < cell.r0_ohm < row["R0 [Ohm] high"]
+        assert row["R0 [Ohm] low"] > 0.97 * cell.r0_ohm
+        assert row["total R [Ohm] low"] < cell.total_ohm < row["total R [Ohm] high"]
+
+
 @pytest.mark.parametrize("own", [False, True])
 def test_cells_of_one_reduction_are_those_fitted_one_by_one(bundled_cell, voltages, own):
     voltages_v, current_a = voltages[0][:1500, :2], voltages[1][:1500]

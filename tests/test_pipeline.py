@@ -25,7 +25,6 @@ SMALL = {
     "population": 8,
     "iterations": 1,
     "trust": "none",
-    "advise": False,
 }
 OCV = list(BUNDLED.ocv)
 
@@ -244,7 +243,7 @@ def test_a_fast_record_without_an_ocv_test_shows_its_third_pair(monkeypatch):
     monkeypatch.setattr(known_cell, "R_OHM", (0.01, 0.02, 0.03))
     monkeypatch.setattr(known_cell, "TAU_S", (1.5, 12.0, 100.0))
     fast, _ = known_cell.made(hours=0.4, scale=6.0, noise_v=1e-4)
-    found = barnax.identify(fast, seeds=0, trust="none", advise=False, max_boxes=0)
+    found = barnax.identify(fast, seeds=0, trust="none", max_boxes=0)
     assert found.model == "3rc"
     taus_s = [found.fit.tables.constants[f"tau{pair} [s]"] for pair in (1, 2, 3)]
     assert np.allclose(taus_s, (1.5, 12.0, 100.0), rtol=0.1)

@@ -35,7 +35,7 @@ def told_of(replay):
 
 @pytest.fixture(scope="module")
 def result():
-    return identify(window=Window(score_to_s=1500.5), model="so-rc", seeds=0, advise=False)
+    return identify(window=Window(score_to_s=1500.5), model="so-rc", seeds=0)
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,6 @@ from barnax.results import Result
 OPTIONS = {
     "model": "so-rc",
     "ocv_fit": "polynomial",
-    "advise": False,
     "method": "bmo",
     "coordinates": "log",
     "window": Window(score_to_s=1500.0),

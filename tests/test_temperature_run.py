@@ -41,7 +41,6 @@ def result() -> Result:
         max_boxes=0,
         folds=0,
         trust="none",
-        advise=False,
         resistances_follow="none",
         seeds=0,
     )

@@ -47,7 +47,7 @@ FAR = 0.05
 
 
 def search_and_assess(
-    setup: Setup, optimizer: Any, settings: Settings, trust: str, watch: Watch, advise: bool
+    setup: Setup, optimizer: Any, settings: Settings, trust: str, watch: Watch
 ) -> Result:
     """The search, and what does not wait for it beside it, as a result with the warnings of its
     assessment. No failure of either is swallowed."""
@@ -79,7 +79,7 @@ def search_and_assess(
         validated = setup.validation(problem.circuit)
         constant = Evaluations.of(by_circuit, problem.prepared_records, validated, problem.cell)
         of_tables = None if tables is None else _evaluated(setup, tables)
-    other = _resampled(problem, parameters) if advise else None
+    other = _resampled(problem, parameters)
     assessment = None
     with watch("Assessing", 0):
         if trust != "none":

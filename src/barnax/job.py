@@ -63,7 +63,6 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
             or a TOML file of them.
         fix: Parameters that keep a value, by the same names.
         cell: A known cell, which needs no `ocv`.
-        advise: Also try the other hold of the current where that is assumed.
         watch: Called with the title of every stage and its number of steps; returns a context
             manager that gives a function to call with the steps done.
         settings: Several of these options; those given by their names replace its own.
@@ -82,7 +81,6 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     bounds: Mapping[str, Range] | str | Path | None = None
     fix: Mapping[str, float] | None = None
     cell: CellModel | None = None
-    advise: bool = True
     watch: Watch = unwatched
     settings: Settings | None = None
     reading: Reading | None = None

@@ -16,7 +16,10 @@ from .errors import InputError
 from .inputs import how_read, listed, source_of
 from .job import Job, takes_options
 from .metrics import robust_deviations
+from .model.prepared import PreparedRecord
+from .model.sampling import resampling
 from .notices import Notice
+from .over_soc.fits import TableFits
 from .over_soc.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, Value, fit_pack
 from .pipeline import identify
 from .records.lag import Scan
@@ -141,7 +144,6 @@ def identify_pack(job: PackJob) -> Pack:
     chosen: dict[str, Any] = {
         "seeds": 0,
         "trust": "none",
-        "advise": False,
         "model": "so-rc",
         **job.chosen,
     }
@@ -150,7 +152,8 @@ def identify_pack(job: PackJob) -> Pack:
         chosen["voltage_lag"] = read.record.voltage_lag_s
     of_cells = ("cells", "own_time_constants")
     result = identify(**{name: value for name, value in chosen.items() if name not in of_cells})
-    if result.tables is None:
+    tables = result.tables
+    if tables is None:
         raise InputError(f"{read.record.name}: has no tables over SOC, so no cells are told")
     prepared = result.evaluations.identification[0].prepared
     if prepared.hysteresis_amplitude_v is not None:
@@ -162,13 +165,33 @@ def identify_pack(job: PackJob) -> Pack:
         result.circuit_parameters,
         beside_v,
         read.cells,
-        result.tables.settings,
+        tables.settings,
         job.own_time_constants,
     )
     if read.scan is not None:
         fit, result = _with_lags(fit, read, read.scan), _telling_scan(result, read, read.scan)
+    fit = _spanning(fit, prepared, tables)
     weakest = min(fit.cells, key=lambda cell: cell.values[LOADED].value).name
     return Pack(result, fit, tuple(odd_ones(fit)), weakest, read.left_out, beside_v)
+
+
+def _spanning(fit: PackFit, prepared: PreparedRecord, tables: TableFits) -> PackFit:
+    """The fit with intervals that reach over what its resistances are with the other sampling of
+    the current, where that is open: as far for every cell as for the mean one."""
+    circuit = tables.fits[0].tables
+    ohm = {names.resistance: tables.mean_ohm(names.resistance) for names in circuit.names}
+    other = resampling([prepared], circuit, ohm)
+    if other is None:
+        return fit
+    total_ohm = other.most_ohm + sum(share * ohm[name] for name, share in other.shares.items())
+    shifts = {R0: other.most_ohm, TOTAL: total_ohm, LOADED: -prepared.capacity_ah * total_ohm}
+
+    def reaching(values: Mapping[str, Value]) -> dict[str, Value]:
+        return {name: value.spanning(shifts.get(name, 0.0)) for name, value in values.items()}
+
+    return replace(
+        fit, cells=tuple(replace(cell, values=reaching(cell.values)) for cell in fit.cells)
+    )
 
 
 def _with_lags(fit: PackFit, read: PackRecord, scan: Scan) -> PackFit:

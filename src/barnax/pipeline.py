@@ -72,7 +72,7 @@ def identify(job: Job) -> Result:
     Raises `InputError` if an input cannot be used, naming file, row, value and remedy.
 
     >>> import barnax
-    >>> result = barnax.identify(model="so-rc", seeds=0, trust="none", advise=False)
+    >>> result = barnax.identify(model="so-rc", seeds=0, trust="none")
     >>> result
     Result(model='so-rc', rmse_v=0.023172...
     """
@@ -102,7 +102,7 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
             require_temperatures(group_by_temperature(first.prepared_records))
             for prepared in setup.validation(first.circuit):
                 require_temperature(prepared)
-    result = search_and_assess(setup, optimizer, job, job.trust, job.watch, job.advise)
+    result = search_and_assess(setup, optimizer, job, job.trust, job.watch)
     read = [*inputs.records, *inputs.validation, *inputs.ocv]
     notes = [one for record in read if isinstance(record, Record) for one in record.notes]
     tests = tuple(InputPart.of("ocv", test) for test in inputs.ocv)
@@ -273,7 +273,7 @@ def identify_problem(
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
     better = with_better_directions(without_sweep_drop(problem))
     alone = Setup(better, lambda circuit: [], TableSettings())
-    result = search_and_assess(alone, optimizer, settings, trust, unwatched, False)
+    result = search_and_assess(alone, optimizer, settings, trust, unwatched)
     return _with_warnings(result, better)
 
 

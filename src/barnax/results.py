@@ -145,7 +145,7 @@ class Result(Document):
 
         >>> import tempfile, barnax
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
+        ...     result = barnax.identify(setup="li2023", seeds=0, trust="none")
         ...     _ = Path(folder, "result.json").write_text(result.to_json())
         ...     again = Result.load(folder)
         >>> len(again.figure("voltage").axes)
@@ -185,7 +185,7 @@ class Result(Document):
         temperature that the result says nothing of, and a current that takes the SOC 5 % too far.
 
         >>> import barnax, numpy as np
-        >>> result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
+        >>> result = barnax.identify(setup="li2023", seeds=0, trust="none")
         >>> time_s = np.arange(3.0)
         >>> found = result.simulate({"Time [s]": time_s, "Current [A]": [0.0, 2.0, 2.0]})
         >>> found["Voltage [V]"].round(2)
@@ -217,7 +217,7 @@ class Result(Document):
         Raises `InputError` if the record or its window cannot be used.
 
         >>> import barnax
-        >>> result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
+        >>> result = barnax.identify(setup="li2023", seeds=0, trust="none")
         >>> found = result.validate(barnax.bundled_file("validation"))
         >>> round(1e3 * found.metrics.rmse_v, 1), found.warnings
         (16.8, ())

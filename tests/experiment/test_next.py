@@ -188,7 +188,7 @@ def test_of_an_ocv_that_no_full_cell_showed_the_narrower_voltages_are_taken(ends
 @pytest.mark.slow
 def test_an_answer_of_one_value_at_every_soc_is_believed_with_its_own_values():
     window = barnax.Window(initial_soc=1.0, capacity_ah=2.0)
-    quick = {"model": "so-rc", "seeds": 0, "trust": "none", "advise": False}
+    quick = {"model": "so-rc", "seeds": 0, "trust": "none"}
     result = barnax.identify(made()[0], window=window, **quick)
     assert result.answer == "so-rc with a fitted OCV"
     tables = believed_of(result, None).tables

@@ -37,7 +37,7 @@ def part_of(name: str, high: float, low: float) -> dict[str, np.ndarray]:
 
 
 def identified(name: str = "identification", low: float = 0.2, **known):
-    quick = {**QUICK, "trust": "none", "advise": False, "resistances_follow": "none"}
+    quick = {**QUICK, "trust": "none", "resistances_follow": "none"}
     return barnax.identify(part_of(name, 0.6, low), **quick, **known)
 
 

@@ -78,7 +78,7 @@ def test_kept_factors_of_a_chosen_circuit_answer_as_its_record_does(tmp_path):
     """Without an OCV test one value of each resistance, with the OCV of its own."""
     record, _ = made(1)
     window = Window(initial_soc=1.0, capacity_ah=2.0)
-    quick = {"seeds": 0, "trust": "none", "advise": False}
+    quick = {"seeds": 0, "trust": "none"}
     direct = barnax.identify(record, model="1rc", window=window, **quick)
     (evaluation,) = direct.without_tables().evaluations.identification
     kept = keep(evaluation.prepared, Grid(circuit="1rc"))

@@ -15,7 +15,6 @@ SMALL = {
     "over": "soc",
     "seeds": 0,
     "trust": "none",
-    "advise": False,
     "max_boxes": 0,
 }
 

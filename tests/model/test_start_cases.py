@@ -82,7 +82,7 @@ TRUTH = {"R0 [Ohm]": 0.025, "R1 [Ohm]": 0.015, "tau1 [s]": 20.0}
 @needs_cases
 def test_start_and_circuit_are_fitted_together():
     folder = CASES / "cells" / "03_noisy_start"
-    options = {"model": "1rc", "capacity": 2.5, "seeds": 0, "advise": False}
+    options = {"model": "1rc", "capacity": 2.5, "seeds": 0}
     found = barnax.identify(folder / "noisy.csv", ocv=folder / "ocv.csv", **options)
     for name, truth in TRUTH.items():
         estimate = found.constant.estimates[name]
@@ -260,7 +260,7 @@ def result():
     own = {BUNDLED.record.name: Window(initial_soc=0.98, score_to_s=1500.5)}
     return barnax.identify(
         BUNDLED.record, ocv=BUNDLED.ocv, validate=BUNDLED.validation, window=own,
-        model="so-rc", seeds=0, advise=False,
+        model="so-rc", seeds=0,
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from helpers.known_cell import SMALL
 from helpers.shared import CASES, SHARED, needs_cases, needs_data
 
 CELLS = CASES / "cells"
-QUICK: dict[str, Any] = {"seeds": 0, "model": "1rc", "advise": False}
+QUICK: dict[str, Any] = {"seeds": 0, "model": "1rc"}
 
 
 def unfit(result):

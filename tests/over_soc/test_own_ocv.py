@@ -35,7 +35,7 @@ from helpers.reference import filtered_response, make_record
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
 QUICK = TableSettings(max_boxes=0, folds=0)
 FROM_FULL = Window(initial_soc=1.0, capacity_ah=2.0)
-FAST = {"seeds": 0, "trust": "none", "advise": False, "max_boxes": 0}
+FAST = {"seeds": 0, "trust": "none", "max_boxes": 0}
 
 
 @pytest.mark.parametrize(
@@ -352,7 +352,7 @@ ANOTHER = {"window": FULL, "capacity": 2.0}
 def test_a_cold_cell_is_not_taken_for_another_cell(real_data, records, test, given, is_wrong):
     """In the cold more relaxes slower than any time constant reaches. Tests of another temperature
     and of another cell are told."""
-    options = {"over": "soc", "advise": False, "max_boxes": 0, "seeds": 0, "trust": "none", **given}
+    options = {"over": "soc", "max_boxes": 0, "seeds": 0, "trust": "none", **given}
     at = options.pop("at", "")
     means = [in_means(read_record(real_data / f"{name}{at}.parquet"), 1.0) for name in records]
     found = barnax.identify(means, model="so-rc", ocv=real_data / f"{test}{at}.parquet", **options)
@@ -467,7 +467,7 @@ def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, ove
 def narrow():
     """One value of each resistance at every SOC, for samples visit a fifth of it."""
     record, soc = made(1, hours=0.6)
-    result = barnax.identify(record, window=FROM_FULL, seeds=0, advise=False, max_boxes=0)
+    result = barnax.identify(record, window=FROM_FULL, seeds=0, max_boxes=0)
     assert result.over == "ocv"
     return result, soc
 
@@ -528,7 +528,7 @@ def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
     held = []
     truth = {"R0 [Ohm]": R0_OHM, "R1 [Ohm]": R_OHM[0], "R2 [Ohm]": R_OHM[1]}
     truth |= {"tau1 [s]": TAU_S[0], "tau2 [s]": TAU_S[1]}
-    quick = {"seeds": 0, "trust": "none", "advise": False}
+    quick = {"seeds": 0, "trust": "none"}
     for seed in (0, 1, 2):
         record, _ = made(seed, noise_v=1e-3)
         result = barnax.identify(record, window=FROM_FULL, **chosen, **quick)
@@ -552,7 +552,7 @@ def test_only_the_answer_is_proved(monkeypatch):
 
     monkeypatch.setattr(own_ocv, "certify", counted)
     record, _ = made(1, noise_v=1e-3)
-    result = barnax.identify(record, window=FROM_FULL, advise=False, seeds=0, trust="none")
+    result = barnax.identify(record, window=FROM_FULL, seeds=0, trust="none")
     assert result.fit.status == "certified"
     assert seen == [len(result.fit.tables.nodes)] == [1]
 

@@ -265,7 +265,7 @@ def test_a_cut_drive_of_an_lfp_cell_and_its_charge_have_tables_with_the_r0_of_st
     folder = real_data / "plett-a123-26650"
     drive, charge = (folder / f"dyn-s{part}_25degC.parquet" for part in (1, 3))
     tests = [folder / f"ocv-s{part}_25degC.parquet" for part in (1, 3)]
-    options = {"ocv": tests, "seeds": 0, "trust": "none", "advise": False}
+    options = {"ocv": tests, "seeds": 0, "trust": "none"}
     cut = {drive.name: Window(score_to_s=28300.0)}
     alone = barnax.identify(drive, window=cut, **options)
     both = barnax.identify([drive, charge], window=cut, **options)

@@ -15,7 +15,6 @@ FILES = {
 }
 SMALL = {
     "model": "so-rc",
-    "advise": False,
     "seeds": 2,
     "population": 8,
     "iterations": 5,

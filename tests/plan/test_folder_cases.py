@@ -80,7 +80,7 @@ def test_measured_c20_hppc_and_drive_are_combined(real_data):
     }
 
 
-FAST = {"model": "so-rc", "over": "soc", "seeds": 0, "trust": "none", "advise": False}
+FAST = {"model": "so-rc", "over": "soc", "seeds": 0, "trust": "none"}
 
 
 def check_cell(result, soc):

@@ -138,7 +138,7 @@ def test_a_check_of_a_late_voltage_finds_nothing_else(rows):
 def test_identify_finds_r0_of_a_lagging_voltage_with_a_proof_and_reopens(tmp_path):
     path = tmp_path / "drive.csv"
     log(0.1, 0.45, samples=6000).write_csv(path)
-    given = {"seeds": 0, "capacity": 0.2, "trust": "none", "advise": False}
+    given = {"seeds": 0, "capacity": 0.2, "trust": "none"}
     result = barnax.identify(path, **given)
     assert "late-voltage.lags" in {each.code for each in result.warnings}
     assert result.tables is not None

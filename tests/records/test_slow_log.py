@@ -110,9 +110,7 @@ def test_a_load_that_seldom_changes_between_rows_is_told_from_one_in_time(in_tim
 
 @pytest.mark.slow
 def test_r0_of_means_with_5_mv_steps_is_right_where_each_flows_half_before_and_half_after():
-    result = barnax.identify(
-        log(3, "means", step_v=0.005), seeds=0, capacity=2.5, trust="none", advise=False
-    )
+    result = barnax.identify(log(3, "means", step_v=0.005), seeds=0, capacity=2.5, trust="none")
     assert result.tables
     tables = result.fit
 

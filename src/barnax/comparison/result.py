@@ -183,7 +183,7 @@ def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
     with watch("Circuits", 0):
         alone = Job(seeds=0, bounds=job.bounds, fix=job.fix, tables=job.table_settings)
         setup = set_up(first_problem(inputs, windows, alone), inputs, windows, alone)
-        usual = search_and_assess(setup, None, alone, "none", unwatched, advise=False)
+        usual = search_and_assess(setup, None, alone, "none", unwatched)
     result = make_comparison_result(
         comparison, usual.candidates, ocv=inputs.ocv, warnings=inputs.warnings
     )

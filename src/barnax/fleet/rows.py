@@ -116,9 +116,7 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
         return found, found.warnings
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
-    job = job.changed(
-        **cell.options, bounds=cell.bounds, window=_windows(cell), advise=False,
-    )  # fmt: skip
+    job = job.changed(**cell.options, bounds=cell.bounds, window=_windows(cell))
     reading = job.part(Reading)
     paths, loggers = (*cell.records, *cell.validate), settings.get("loggers")
     # Files whose roles are to be found stay files.

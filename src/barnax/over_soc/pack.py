@@ -56,6 +56,10 @@ class Value:
         low = self.value - math.hypot(self.value - self.low, reach)
         return Value(self.value, low, self.value + math.hypot(self.high - self.value, reach))
 
+    def spanning(self, shift: float) -> "Value":
+        """The value with an interval that includes that of an equally possible one so far off."""
+        return Value(self.value, self.low + min(shift, 0.0), self.high + max(shift, 0.0))
+
 
 @dataclass(frozen=True, eq=False)
 class PackCell:

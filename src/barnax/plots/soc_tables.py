@@ -297,7 +297,7 @@ def plot_summary(evaluation: "Evaluation", fit: "TableFit") -> Figure:
         fit: The answer, `Result.fit`.
 
     >>> import barnax
-    >>> result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
+    >>> result = barnax.identify(setup="li2023", seeds=0, trust="none")
     >>> figure = plot_summary(result.evaluations.identification[0], result.fit)
     >>> [axes.get_ylabel() for axes in figure.axes]
     ['Voltage [V]', 'Error [mV]', 'Resistance [mOhm]']

@@ -206,7 +206,7 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     Raises `InputError` for fewer than two results, and for names that do not fit.
 
     >>> import barnax
-    >>> result = barnax.identify(setup="li2023", seeds=0, advise=False)
+    >>> result = barnax.identify(setup="li2023", seeds=0)
     >>> barnax.show(result, result, names=("fresh", "aged")).differing
     {'aged': ()}
     """

@@ -31,7 +31,7 @@ from ..filters.model import (
 )
 from ..result_filter import model_of
 from ..results import Result
-from .exporter import Export, from_template, hysteresis_is_left_out, note_lines
+from .exporter import Export, caveats_of, from_template, note_lines
 from .tables import Table, Tables, tables_of
 
 # How C programs know a hysteresis.
@@ -46,7 +46,11 @@ def write_c_header(result: Result) -> Export:
     """
     tables = tables_of(result)
     return from_template(
-        "barnax_cell.h.jinja", tables, tables.caveats, kind=HYSTERESIS[tables.kind]
+        "barnax_cell.h.jinja",
+        tables.heading,
+        tables.caveats,
+        tables=tables,
+        kind=HYSTERESIS[tables.kind],
     )
 
 
@@ -57,11 +61,8 @@ def write_c_filter(result: Result) -> Export:
     if over is not None:
         degc = result.fits.reference_degc or 0.0
         result = result.at_temperature(degc)
-        others = ", ".join(f"{other:.3g}" for other in over.temperatures_degc if other != degc)
-        caveats = (
-            f"The filter has one temperature: all of it is for {degc:.3g} degC, and nothing "
-            f"identified at {others} degC is in it.",
-        )
+        others = [other for other in over.temperatures_degc if other != degc]
+        caveats = caveats_of("c_filter", degc, others)
     tables, model = tables_of(result, may_remember=True), model_of(result, (OFFSET, CAPACITY))
     is_remembering = get_circuit(result.model).turning is not None
     # Columns that change with SOC are a table, all others constants. The table counts from its
@@ -70,8 +71,8 @@ def write_c_filter(result: Result) -> Export:
     varies = np.ptp(table, axis=0) > 0
     middle = np.median(table, axis=0)
     return from_template(
-        "barnax_filter.h.jinja", tables, (*caveats, *tables.caveats),
-        model=model,
+        "barnax_filter.h.jinja", tables.heading, caveats + tables.caveats,
+        tables=tables, model=model,
         kind=REMEMBERS if is_remembering else HYSTERESIS[model.hysteresis],
         gate_sd=GATE_SD, gate_s=GATE_S,
         parts=PARTS, sides=SIDES, overlap=OVERLAP, outside_sd=OUTSIDE_SD, bias_soc=BIAS_SOC,
@@ -210,13 +211,6 @@ MAX_SIMSCAPE_PAIRS = 5
 HEADER = b"MATLAB 5.0 MAT-file, written by barnax"
 
 
-# The block asks for states of charge from 0 to 1.
-IN_RANGE = (
-    "The blocks accept states of charge from 0 to 1: the nodes beyond are left out. Below empty, "
-    "the blocks hold the values at 0, while barnax uses the nodes there."
-)
-
-
 def write_simscape(result: Result) -> Export:
     """The .mat file (MATLAB 5), with what two blocks ask for.
 
@@ -234,13 +228,7 @@ def write_simscape(result: Result) -> Export:
     inner = (tables.ocv.soc >= 0) & (tables.ocv.soc <= 1)
     soc = tables.ocv.soc[inner]
     nodes = np.array([0.0, 1.0] if tables.nodes is None else tables.nodes)
-    caveats = (
-        *tables.caveats,
-        *hysteresis_is_left_out("The block Battery (Table-Based)", tables),
-        'The block interpolates linearly; set "Extrapolation method for all tables" to '
-        "Nearest, because barnax holds the OCV constant beyond its end points.",
-        *(() if inner.all() else [IN_RANGE]),
-    )
+    caveats = tables.caveats + caveats_of("simscape", tables, inner.all())
 
     def over(points: np.ndarray, values: np.ndarray) -> np.ndarray:
         """A resistance read at some SOC, a column a temperature where there are several."""

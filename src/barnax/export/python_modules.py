@@ -23,7 +23,7 @@ from ..cell.model import REFERENCE_DEGC
 from ..errors import InputError
 from ..results import Result
 from ..simulation import simulate_current
-from .exporter import Export, Exporter, Profile, Simulate, from_template, hysteresis_is_left_out
+from .exporter import INSTANT_RATE, Export, Exporter, Profile, Simulate, caveats_of, from_template
 from .tables import Tables, tables_of
 
 # A result has no cut-off voltages; these stop no simulation of the cell.
@@ -32,10 +32,6 @@ CUTOFF_MARGIN_V = 1.0
 NEAREST_TO_LIMIT = 1e-6
 # The time a current takes to jump between two samples, far below any time constant.
 JUMP_S = 1e-6
-# The rate, per unit of SOC, that turns the hysteresis within 1e-5 of the capacity: nearly at once.
-# A higher one turns with a tester's noise at rest: measured on the bundled trips, 1e5 has the
-# lowest rms difference from a hysteresis that turns at once.
-INSTANT_RATE = 1e5
 # Tools that ask for a capacitance divide by the resistance; this much is none.
 LEAST_OHM = 1e-9
 # A verification's current: its interval, and how many parts of it are simulated for one.
@@ -47,21 +43,14 @@ ROUND = ((30.0, 0.0), (240.0, 1.0), (60.0, 0.0), (60.0, -1.0), (30.0, 0.2), (30.
 UNUSED_SHARE = 0.1
 
 
-def _module(
-    package: str, getter: str, tables: Tables, caveats: tuple[str, ...], **values: Any
-) -> Export:
+def _module(package: str, getter: str, tables: Tables, **values: Any) -> Export:
     """The module for a package, whose function `getter` gives the parameters."""
     is_over_temperature = tables.degc is not None
-    if is_over_temperature:
-        caveats += (
-            f"{package}'s open-circuit voltage does not depend on temperature: it is that at the "
-            f"temperature given to {getter}, which is also the cell's; get another set if it "
-            "changes.",
-        )
     return from_template(
-        f"barnax_{package.lower()}.py.jinja",
-        tables,
-        (*tables.caveats, *caveats),
+        f"barnax_{package}.py.jinja",
+        tables.heading,
+        tables.caveats + caveats_of(package, tables, getter),
+        tables=tables,
         argument=f"temperature_degc={REFERENCE_DEGC}" if is_over_temperature else "",
         kelvin="273.15 + temperature_degc" if is_over_temperature else 298.15,
         resistances={name: np.maximum(r, LEAST_OHM) for name, r in tables.resistances.items()},
@@ -80,18 +69,8 @@ def _loaded(content: bytes, getter: str, profile: Profile) -> tuple[dict, dict]:
 def write_pybamm(result: Result) -> Export:
     """The source of a module for PyBaMM."""
     tables = tables_of(result)
-    where = "25 degC" if tables.degc is None else "the given temperature"
-    caveats = (
-        *hysteresis_is_left_out("PyBaMM's Thevenin model", tables),
-        "PyBaMM stops a simulation when the SOC leaves 0 to 1; barnax continues with the end "
-        "values of the OCV.",
-        "A result has no cut-off voltages: they are set 1 V outside the OCV, where they have no "
-        "effect. Set those of your cell.",
-        "A result has no thermal parameters and no entropic change: the placeholders keep the "
-        f"cell at {where}.",
-    )
     return _module(
-        "PyBaMM", "get_parameter_values", tables, caveats,
+        "pybamm", "get_parameter_values", tables,
         initial_soc=min(max(tables.initial_soc, NEAREST_TO_LIMIT), 1 - NEAREST_TO_LIMIT),
         cutoff_margin_v=CUTOFF_MARGIN_V,
     )  # fmt: skip
@@ -119,38 +98,13 @@ def simulate_pybamm(content: bytes, profile: Profile) -> Float[np.ndarray, "samp
 def write_thevenin(result: Result) -> Export:
     """The source of a module for thevenin."""
     tables = tables_of(result)
-    caveats = (
-        *_hysteresis_caveats(tables),
-        "A result has no thermal parameters: mass, Cp, h_therm and A_therm are placeholders, and "
-        "the model is isothermal.",
-    )
     none = np.zeros(2)
     return _module(
-        "thevenin", "get_params", tables, caveats,
+        "thevenin", "get_params", tables,
         gamma=INSTANT_RATE if tables.kind == "instant" else tables.gamma or 0.0,
         hysteresis_soc=tables.hysteresis.soc if tables.hysteresis else np.array([0.0, 1.0]),
         half_hysteresis_v=tables.hysteresis.voltage_v / 2 if tables.hysteresis else none,
     )  # fmt: skip
-
-
-def _hysteresis_caveats(tables: Tables) -> tuple[str, ...]:
-    if tables.kind == "none":
-        return ()
-    relaxing = (
-        "thevenin relaxes the hysteresis voltage, barnax its fraction of W(soc)/2: they differ by "
-        "about the slope of W(soc)/2 over gamma. In thevenin it changes at any current, however "
-        "small, while barnax holds it below the rest current."
-    )
-    switching = (
-        f"{tables.model} switches its hysteresis immediately; here it follows the charge with "
-        f"gamma = {INSTANT_RATE:g} per unit of SOC, and at any current, however small, while "
-        "barnax holds it below the rest current."
-    )
-    return (
-        switching if tables.kind == "instant" else relaxing,
-        "thevenin.Simulation starts without hysteresis voltage, barnax with "
-        f"{1e3 * tables.initial_hysteresis_v:.3g} mV; thevenin.Prediction takes it as its state.",
-    )
 
 
 def simulate_thevenin(content: bytes, profile: Profile) -> Float[np.ndarray, "samples"]:

@@ -13,12 +13,12 @@ from jaxtyping import Float
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.circuits import Circuit
 from ..cell.curves import KNOTS, SegmentedHysteresis
-from ..cell.dependence import CHARGE
 from ..cell.elements import get_element, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
 from ..errors import InputError, escaped
 from ..over_soc.settings import TableSettings, circuit_name
 from ..results import Result
+from .exporter import caveats_of
 
 # A table read linearly follows its curve this closely.
 TOLERANCE_V = 50e-6
@@ -44,6 +44,10 @@ class Table:
 
     def __call__(self, soc: Values) -> Values:
         return np.interp(soc, self.soc, self.voltage_v)
+
+    @property
+    def largest_v(self) -> float:
+        return float(np.abs(self.voltage_v).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +132,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     return Tables(
         model=result.model,
         heading=_heading(result),
-        caveats=(
-            *_beside_tables(result, circuit, cell),
-            *(_of_tables(result, over_soc, kind) if over_soc else ()),
-        ),
+        caveats=_caveats(result, circuit, cell, over_soc),
         parameters=parameters,
         tau_s=constants.tau_s,
         gamma=constants.gamma,
@@ -149,15 +150,39 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     )
 
 
-def _beside_tables(result: Result, circuit: Circuit, cell: CellModel) -> Iterator[str]:
-    """What a tool does not know of the capacity, the OCV, elements, and constants at a bound."""
-    # Nothing but the records tells such a capacity.
-    if cell.has_spanned_capacity:
-        yield (
-            f"The capacity, {cell.capacity_ah:.4g} Ah, is only {escaped(cell.capacity_origin)}: "
-            "there was no OCV test, and no `capacity` was given. Where the cell holds more, every "
-            "SOC is off: identify again with `capacity`."
-        )
+def _caveats(
+    result: Result, circuit: Circuit, cell: CellModel, over_soc: Sequence[CircuitParameters]
+) -> tuple[str, ...]:
+    """What a tool does not know of the capacity, the OCV, elements, and constants at a bound; the
+    nodes that mean nothing by themselves, and temperatures that were not measured."""
+    ladders, pairs = [], 0
+    for element, names in zip(circuit.elements, names_of(circuit.elements), strict=True):
+        count = len(get_element(element).shares)
+        if count > 1:
+            ladders.append((names, get_element(element).description, pairs + 1, pairs + count))
+        pairs += count
+    caveats = caveats_of("beside_tables", result, cell, _ocv_without_samples(result), ladders)
+    if not over_soc:
+        return caveats
+    over = result.fits.over_temperature
+    unseen = ~np.all([tables.visited for tables in over_soc], axis=0)
+    laws = [fit.tables.dependence for fit in result.fits if fit.tables.dependence is not None]
+    capacities_ah = [
+        result.cell_at(degc).capacity_ah for degc in (over.temperatures_degc if over else ())
+    ]
+    return caveats + caveats_of(
+        "of_tables",
+        over,
+        np.array(over_soc[0].nodes)[unseen].tolist(),
+        _not_determined(result).items(),
+        laws,
+        _kind_of(circuit, cell) != "none",
+        capacities_ah,
+    )
+
+
+def _ocv_without_samples(result: Result) -> Iterator[tuple[float | None, str]]:
+    """The ranges of nodes of a fitted OCV that no sample is near, at each temperature."""
     settings = result.tables.settings if result.tables else TableSettings()
     nodes = [node for node in settings.ocv_nodes or () if 0 <= node <= 1]
     for degc, fit in result.fits.by_degc:
@@ -166,26 +191,7 @@ def _beside_tables(result: Result, circuit: Circuit, cell: CellModel) -> Iterato
         groups = itertools.groupby(nodes, key=lambda node: node in seen)
         runs = [list(run) for is_seen, run in groups if seen and not is_seen]
         if runs:
-            where = ", ".join(f"{run[0]:g} to {run[-1]:g}" for run in runs)
-            at = "" if degc is None else f", at {degc:.3g} degC"
-            yield (
-                f"No sample is near SOC {where}{at}: the OCV there is not of this cell, but held "
-                "constant or drawn between its neighbors."
-            )
-    pairs = 0
-    for element, own in zip(circuit.elements, names_of(circuit.elements), strict=True):
-        count = len(get_element(element).shares)
-        if count > 1:
-            resistance, tau = (name.partition(" ")[0] for name in own[:2])
-            yield (
-                f"{resistance} and {tau}, {get_element(element).description}, are written as the "
-                f"{count} RC pairs that the element is computed with: "
-                f"R{pairs + 1} to R{pairs + count}."
-            )
-        pairs += count
-    for bound in result.at_bound:
-        name = bound.name.partition(" ")[0]
-        yield f"{name} ended at the {bound.side} bound of its search: the data do not set it."
+            yield degc, ", ".join(f"{run[0]:g} to {run[-1]:g}" for run in runs)
 
 
 def _with_some_between(measured_degc: tuple[float, ...]) -> tuple[float, ...]:
@@ -272,49 +278,7 @@ def _from_empty_to_full(tables: CircuitParameters) -> CircuitParameters:
     )
 
 
-def _of_tables(
-    result: Result, over_soc: Sequence[CircuitParameters], kind: Hysteresis
-) -> Iterator[str]:
-    """The nodes that mean nothing by themselves, and temperatures that were not measured; nothing
-    where all were."""
-    over = result.fits.over_temperature
-    unseen = ~np.all([tables.visited for tables in over_soc], axis=0)
-    if unseen.any():
-        nodes = ", ".join(f"{node:g}" for node in np.array(over_soc[0].nodes)[unseen])
-        where = ", at one temperature or more" if over else ""
-        yield (
-            f"No sample is near the nodes at SOC {nodes}{where}: their values follow from their "
-            "neighbors'."
-        )
-    if open_ended := _not_determined(result):
-        yield f"Not determined by the samples there, but by bounds and smoothness: {open_ended}."
-    # Between measured temperatures it lies between theirs.
-    own = [fit.tables for fit in result.fits] if len(over_soc) > 1 else over_soc
-    for known in (tables.dependence for tables in own if tables.dependence is not None):
-        numbers = ", ".join(f"{name} {value:.4g}" for name, value in known.numbers.items())
-        at = "" if known.reference_degc is None else f", at {known.reference_degc:.3g} degC"
-        at += ", the geometric mean of charge and discharge" if CHARGE in known.numbers else ""
-        yield (
-            f"Resistances are those of the reference{at}; what they follow beside SOC is left "
-            f"out of them ({numbers})."
-        )
-    if not over:
-        return
-    degc = ", ".join(f"{own_degc:.3g}" for own_degc in over.temperatures_degc)
-    text = (
-        f"Identified at {degc} degC. Between these, the logarithm of the resistances is "
-        "interpolated over 1/T; beyond them, the tables of the nearest temperature apply."
-    )
-    if kind != "none":
-        text += " The hysteresis voltage is that of the temperature nearest to 25 degC."
-    capacities_ah = [result.cell_at(own_degc).capacity_ah for own_degc in over.temperatures_degc]
-    if len(set(capacities_ah)) > 1:
-        own_ah = ", ".join(f"{capacity_ah:.4g}" for capacity_ah in capacities_ah)
-        text += f" So is the capacity; at {degc} degC it was {own_ah} Ah."
-    yield text
-
-
-def _not_determined(result: Result) -> str:
+def _not_determined(result: Result) -> dict[str, set[float]]:
     """The resistances that the samples near a node do not tell, with the SOC of the node."""
     nodes: dict[str, set[float]] = {}
     for interval in (interval for fit in result.fits for interval in fit.intervals):
@@ -322,9 +286,7 @@ def _not_determined(result: Result) -> str:
         is_open = interval.low is None and interval.high is None
         if interval.soc is not None and is_open and unit == "[Ohm]":
             nodes.setdefault(name, set()).add(interval.soc)
-    return "; ".join(
-        f"{name} at SOC {', '.join(f'{soc:g}' for soc in sorted(at))}" for name, at in nodes.items()
-    )
+    return nodes
 
 
 def _heading(result: Result) -> str:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.baselines import BESIDE_OPTIMIZERS, METHODS, Budget
+from barnax.baselines import BESIDE_OPTIMIZERS, METHODS, Budget, MethodFailure
 from barnax.baselines.method import generator_of, random_circuits
 from barnax.optimizers import OPTIMIZERS
 from barnax.search.evaluate import evaluate
@@ -97,3 +97,11 @@ def test_starts_are_spread_over_the_logarithms_of_the_box(short_problem):
     low, high = np.log(short_problem.bounds.ranges["R0 [Ohm]"])
     places = np.sort([(np.log(each.r0) - low) / (high - low) for each in circuits])
     assert np.all(np.floor(places * 64) == np.arange(64))
+
+
+@pytest.mark.parametrize("name", ["n4sid", "varpro"])
+def test_what_needs_a_record_compressed_refuses_a_box_too_wide_for_it(name, known_problem):
+    problem = known_problem((0.05, (0.02,), (8.0,)), "1rc", bounds={"tau1 [s]": (1e-6, 1e9)})
+    assert not problem.is_compressible
+    with pytest.raises(MethodFailure, match="too wide for it; narrow the bounds"):
+        METHODS[name].run(problem, Budget(), lambda gained: None)

@@ -92,10 +92,10 @@ def test_a_record_that_starts_under_load_needs_its_state_of_charge(tmp_path):
     assert found["identification"].window.needs_initial_soc
 
 
-def whole_test(rest_s=7200):
+def whole_test(rest_s=7200, last_a=0.04):
     """A charge to full, a discharge, a rest and the bundled profile, with step numbers."""
     profile = frame()
-    taper = np.exp(-np.arange(2000) / 600)
+    taper = last_a ** np.linspace(0, 1, 2000)
     pieces = [
         (1, np.zeros(600), np.full(600, 3.9)),
         (2, np.ones(1000), np.linspace(4.0, 4.2, 1000)),
@@ -112,9 +112,9 @@ def whole_test(rest_s=7200):
     return table.with_columns(pl.Series("Step Index / 1", step))
 
 
-@pytest.mark.parametrize("rest_s", [60, 7200])
-def test_a_whole_test_is_cut_to_its_profile_from_the_full_cell_on(tmp_path, rest_s):
-    role = roles(checked(tmp_path, whole_test(rest_s)))["identification"]
+@pytest.mark.parametrize(("rest_s", "last_a"), [(60, 0.04), (7200, 0.04), (7200, 0.4)])
+def test_a_whole_test_is_cut_to_its_profile_from_the_full_cell_on(tmp_path, rest_s, last_a):
+    role = roles(checked(tmp_path, whole_test(rest_s, last_a)))["identification"]
     assert role.window.options == {"start_after_step": 3, "initial_soc": 1, "score_steps": (7,)}
     assert "the cell is full at the end of step 3" in role.reason
     assert ("too short to settle" in role.reason) == (rest_s < 1800)

@@ -121,6 +121,29 @@ def test_a_slow_log_in_seconds_is_no_millisecond_file(tmp_path):
     assert "error" not in counting(checked(tmp_path, table, capacity_ah=2.0)).values()
 
 
+def swept(interval_s, late, relaxing_v):
+    """A C/20 discharge between two rests, with a voltage so many rows late, and what it relaxes by
+    within minutes after it."""
+    rest, load = int(1800 / interval_s), int(72_000 / interval_s)
+    current_a = np.concatenate([np.zeros(rest), np.full(load, -0.1), np.zeros(rest)])
+    soc = 1 + np.append(0, np.cumsum(current_a[:-1])) * interval_s / 3600 / 2
+    voltage_v = 3.05 + 1.1 * soc - 0.25 * np.exp(-soc / 0.03) + 0.05 * current_a
+    after_s = interval_s * np.arange(1, rest + 1)
+    voltage_v[-rest:] += relaxing_v * -np.expm1(-after_s / 60)
+    voltage_v = np.append(np.full(late, voltage_v[0]), voltage_v)[: len(current_a)]
+    return logged(interval_s * np.arange(len(current_a)), current_a, np.round(voltage_v, 5))
+
+
+@pytest.mark.parametrize(
+    ("interval_s", "late", "relaxing_v"), [(2.0, 1, 0.0), (300.0, 0, 0.5), (300.0, 1, 0.5)]
+)
+def test_a_slow_sweep_whose_steps_are_hidden_is_not_in_minutes(interval_s, late, relaxing_v):
+    """A voltage that is late by a row shows no step, and one that is logged slowly shows what it
+    relaxes by in its place."""
+    outcome = check_file(source_from_frame(swept(interval_s, late, relaxing_v), "sweep"))
+    assert "time unit" not in counting(outcome)
+
+
 def test_a_current_named_in_milliamperes_is_not_taken_for_them_again(tmp_path):
     """Whatever the capacity, which may be another cell's."""
     table = scaled(frame(), CURRENT, 1e3).rename({CURRENT: "Current [mA]"})

@@ -57,6 +57,28 @@ def test_the_next_command_names_files_that_are_there(design, result, tmp_path):
     assert words[-4:] == ["--capacity", "2.1", "--design", str(tmp_path)]
 
 
+def test_the_next_command_names_a_file_in_each_of_its_roles_and_what_holds_for_all_once(
+    design, result, tmp_path
+):
+    """One file may hold the OCV test beside the record, and two records of it have one window."""
+    inputs = []
+    for part in result.inputs:
+        number = 1 if part.role == "ocv" else 2
+        window = part.window and replace(part.window, capacity_ah=2.2, registration=None)
+        changed = {"name": f"schedule.parquet#{number}", "sha256": "", "window": window}
+        inputs.append(part.model_copy(update=changed))
+    of_one_file = result.model_copy(update={"inputs": tuple(inputs)})
+    (tmp_path / "schedule.parquet").write_bytes(b"")
+    cell = Cell(result=tmp_path)
+    told, command = next_after(design, of_one_file, cell, tmp_path)
+    words = str(command).split()
+    files = [Path(word).name for word in words if word.endswith(".parquet")]
+    assert files == ["schedule.parquet"] * 2
+    assert words.count("--ocv") == 1
+    assert words[words.index("--capacity") + 1] == "2.2"
+    assert "write the path of" not in str(told)
+
+
 def test_a_table_left_open_is_answered_with_a_test(result):
     fit = result.fit
     opened = tuple(

@@ -9,13 +9,15 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
+from barnax.cell.parameters import RATE
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc.current_offset import reads_zero_at_rest
 from barnax.over_soc.fit import errors_on, fit_tables
+from barnax.over_soc.problem import box_of
 from barnax.over_soc.registration import FAR_V, counted_alike, register_alone, rest_warnings
 from barnax.over_soc.settings import TableSettings
-from barnax.pipeline import _between_ends
+from barnax.pipeline import _between_ends, _registered
 from barnax.records import read_record
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences
@@ -153,6 +155,22 @@ def test_bounds_of_what_tables_do_not_have_leave_records_registered():
     )
     # What was registered is no more told than before.
     assert {each.name: each.window for each in again.of_role("identification")} == windows
+
+
+@pytest.mark.parametrize("given", [{"bounds": {RATE: (50.0, 100.0)}}, {"fix": {RATE: 100.0}}])
+def test_a_bound_of_gamma_is_no_bound_of_a_circuit_without_it(emptied, monkeypatch, given):
+    asked = []
+
+    def boxed(prepared, tables):
+        asked.append(box_of([prepared], tables))
+        return prepared
+
+    monkeypatch.setattr("barnax.pipeline.register_alone", boxed)
+    told = prepared_with(*emptied)
+    assert _registered(barnax.Job(**given), [told]) == [told]
+    _registered(barnax.Job(bounds={"tau1 [s]": (7.0, 8.0)}), [told])
+    assert RATE not in asked[0]
+    assert asked[1]["tau1 [s]"] == (7.0, 8.0)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import shutil
 
+import numpy as np
 import polars as pl
 import pytest
 
@@ -10,7 +11,7 @@ from barnax.bundled import BUNDLED, bundled_file
 from barnax.errors import InputError
 from barnax.plan import plan
 from helpers.ocv_tests import slow_sweep
-from helpers.records import CURRENT, TIME, VOLTAGE, frame, with_counters
+from helpers.records import CURRENT, TIME, VOLTAGE, frame, logged, with_counters
 
 TEMPERATURE = "Ambient Temperature / degC"
 # Names that tell nothing.
@@ -209,6 +210,18 @@ def test_a_charge_of_a_flat_ocv_is_identified_on_beside_the_drive(real_data):
     names = [part.name for part in found.of_role("identification")]
     assert names == ["dyn-s1_25degC.parquet", "dyn-s3_25degC.parquet"]
     assert "for the other direction" in reason(found, "dyn-s3_25degC.parquet")
+
+
+def test_a_record_that_only_charges_tells_no_capacity(tmp_path):
+    time_s = np.arange(4000.0)
+    current_a = np.where((time_s > 600) & (time_s // 60 % 2 == 1), 1.0, 0.0)
+    soc = 0.2 + np.cumsum(current_a) / 3600 / 2
+    voltage_v = np.interp(soc, [0.0, 0.3, 0.6, 1.0], [3.0, 3.5, 3.7, 4.2]) + 0.05 * current_a
+    logged(time_s, current_a, voltage_v).write_csv(tmp_path / "charge.csv")
+    (tmp_path / "table.csv").write_text("SOC [-],OCV [V]\n0,3.0\n0.3,3.5\n0.6,3.7\n1,4.2\n")
+    with pytest.raises(InputError, match="an OCV table has no capacity; give it as `capacity`"):
+        plan(tmp_path / "charge.csv", ocv=tmp_path / "table.csv")
+    assert roles(plan(tmp_path))["charge.csv"] == "identification"
 
 
 def test_a_folder_in_a_folder_is_looked_into_unless_it_holds_a_result(folder):

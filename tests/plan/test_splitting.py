@@ -95,13 +95,18 @@ def test_a_part_keeps_the_sign_and_the_hold_of_its_file(schedule):
     assert record.samples < whole.samples / 3
 
 
-@pytest.mark.parametrize(("held_v", "parts"), [(3.9, 1), (4.4, 2)])
-def test_drives_are_apart_only_where_a_charge_to_full_lies_between(held_v, parts, tmp_path):
-    """By itself the second one would not know where it starts."""
+@pytest.mark.parametrize(
+    ("held_v", "last_share", "parts"),
+    [(3.9, 0.02, 1), (4.4, 0.02, 2), (4.4, 0.4, 2), (4.4, 0.6, 1)],
+)
+def test_drives_are_apart_only_where_a_charge_to_full_lies_between(
+    held_v, last_share, parts, tmp_path
+):
+    """By itself the second one would not know where it starts. Near the highest voltage a cell is
+    full once its current has fallen to half, at whatever rate that is."""
     first, second = (made(seed, hours=1.2)[0] for seed in (1, 2))
-    charge_a = -np.concatenate(
-        [np.full(1200, 3.0), 3 * np.exp(-np.arange(600) / 150), np.zeros(500)]
-    )
+    taper = last_share ** np.linspace(0, 1, 600)
+    charge_a = -np.concatenate([np.full(1200, 3.0), 3 * taper, np.zeros(500)])
     current_a = np.concatenate([first.current_a, charge_a, second.current_a])
     held = np.full(len(charge_a), held_v)
     voltage_v = np.concatenate([first.voltage_v, held, second.voltage_v])

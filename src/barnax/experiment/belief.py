@@ -276,7 +276,7 @@ def believed_of_fit(
     fit: TableFit, settings: TableSettings, cell: CellModel, rmse_v: float
 ) -> Believed:
     """The cell of tables that were fitted with these settings and left such an RMSE."""
-    known, printed, corrected_v = dict[Name, float](), dict[Name, float](), 0.0
+    known, printed = dict[Name, float](), dict[Name, float]()
     for one in fit.intervals:
         half = told_half(one)
         if half is None or one.low is None or one.high is None:
@@ -284,21 +284,20 @@ def believed_of_fit(
         known[one.name, one.soc] = half
         scale = one.value if one.name.startswith(("R", "tau")) else 1.0
         printed[one.name, one.soc] = (one.high - one.low) / 2 / scale
-        if one.name == OCV_CORRECTION:
-            corrected_v = max(corrected_v, printed[one.name, one.soc])
-    rows = {name: row for name, row in fit.tables.tables.items() if name != HALF_HYSTERESIS}
-    for name in fit.tables.resistances:
-        rows[name] = tuple(max(ohm, LEAST_OHM) for ohm in rows[name])
+    corrections_v = (half_v for (name, _), half_v in printed.items() if name == OCV_CORRECTION)
+    tables = fit.tables.without(HALF_HYSTERESIS)
+    ohm = np.maximum(tables.ohm, LEAST_OHM)
+    tables = tables.with_tables(dict(zip(tables.resistances, ohm, strict=True)))
     return Believed(
         cell=cell,
-        tables=replace(fit.tables, tables=rows, scales=fit.tables.named_tau_s, dependence=None),
+        tables=replace(tables, scales=tables.named_tau_s, dependence=None),
         worst=_worst(fit, fit.tables.nodes),
         error=typical_error(rmse_v),
         settings=with_own_ocv(settings) if cell.is_of_records else settings,
         known=known,
         printed=printed,
         follows=followed(fit.tables.dependence),
-        ocv_reach_v=LEAST_OCV_V + corrected_v,
+        ocv_reach_v=LEAST_OCV_V + max(corrections_v, default=0.0),
     )
 
 

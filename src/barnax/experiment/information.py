@@ -49,6 +49,10 @@ SLOTS_A_TIME = 10
 # The RMSE that what is not known makes on a drive cycle is a wish too.
 DRIVE = "drive"
 
+Samples = Float[np.ndarray, "samples"]
+Soc = Float[np.ndarray, "*any"]
+Rows = Float[np.ndarray, "*rows samples"]
+Unknowns = Float[np.ndarray, "unknowns"]
 Columns = Float[np.ndarray, "samples columns"]
 Normal = Float[np.ndarray, "columns columns"]
 # A table and its node, None of a constant.
@@ -146,7 +150,7 @@ class Believed:
         return np.array([name.startswith("R") for name, _ in self.names])
 
     @cached_property
-    def values(self) -> Float[np.ndarray, "unknowns"]:
+    def values(self) -> Unknowns:
         """The believed value of each; zero for a correction of the OCV."""
 
         def value(name: str, soc: float | None) -> float:
@@ -160,23 +164,23 @@ class Believed:
         return np.array([value(*name) for name in self.names])
 
     @cached_property
-    def units(self) -> Float[np.ndarray, "unknowns"]:
+    def units(self) -> Unknowns:
         """The unit of each width: its value for a resistance, else one."""
         return np.where(self.are_resistances, self.values, 1.0)
 
     @cached_property
-    def unseen(self) -> Float[np.ndarray, "unknowns"]:
+    def unseen(self) -> Unknowns:
         """The prior width of each where nothing is measured; time constants always are."""
         share = np.where(self.are_resistances, UNSEEN_SHARE, UNSEEN_V)
         return self.units * share * [soc is not None for _, soc in self.names]
 
-    def ocv_v(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+    def ocv_v(self, soc: Soc) -> Soc:
         """The OCV between charge and discharge, corrected where the tables correct it."""
         is_corrected = OCV_CORRECTION in self.tables.tables
         correction_v = self.tables.at(OCV_CORRECTION, soc) if is_corrected else 0.0
         return self.cell.average_ocv_v(soc) + correction_v
 
-    def ocv_end_v(self, soc: Float[np.ndarray, "*any"], way: int) -> Float[np.ndarray, "*any"]:
+    def ocv_end_v(self, soc: Soc, way: int) -> Soc:
         """The lowest (-1) or highest (+1) that the OCV may be."""
         low, high = self.told_soc
         reach_v = self.ocv_reach_v + np.where((soc < low) | (soc > high), self.typical_reach_v, 0.0)
@@ -259,16 +263,14 @@ class Information:
 
 
 def soc_along(
-    believed: Believed, current_a: Float[np.ndarray, "samples"], soc: float, interval_s: float = 1.0
-) -> Float[np.ndarray, "samples"]:
+    believed: Believed, current_a: Samples, soc: float, interval_s: float = 1.0
+) -> Samples:
     """The state of charge along a current that is held from sample to sample."""
     passed = np.append(0.0, np.cumsum(current_a[:-1])) * interval_s / 3600
     return soc - passed / believed.cell.capacity_ah
 
 
-def lagged(
-    flow: Float[np.ndarray, "*rows samples"], tau_s: float, interval_s: float = 1.0
-) -> Float[np.ndarray, "*rows samples"]:
+def lagged(flow: Rows, tau_s: float, interval_s: float = 1.0) -> Rows:
     """What flows through the resistor of an RC pair."""
     # It takes a second to load, and what proposes a next test needs none of it.
     from scipy.signal import lfilter
@@ -278,8 +280,8 @@ def lagged(
 
 
 def columns_along(
-    believed: Believed, current_a: Float[np.ndarray, "samples"], soc: float, interval_s: float = 1.0
-) -> tuple[Columns, Float[np.ndarray, "samples"]]:
+    believed: Believed, current_a: Samples, soc: float, interval_s: float = 1.0
+) -> tuple[Columns, Samples]:
     """The derivatives of the error by every unknown and by what the circuit leaves out, for a
     current that is held from sample to sample out of a rest, and the state of charge at each."""
     along = soc_along(believed, current_a, soc, interval_s)

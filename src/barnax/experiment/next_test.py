@@ -1,6 +1,6 @@
 """`barnax.design`: the next test of a cell, and what it is predicted to tell."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -38,20 +38,13 @@ from .protocol import (
     sampled,
     window_of,
 )
-from .search import (
-    LONGER,
-    MOST_HOURS,
-    Choice,
-    Criterion,
-    is_reached_in,
-    planned,
-    worst_first,
-)
+from .search import LONGER, MOST_HOURS, Choice, Criterion, is_reached_in, planned, worst_first
 from .stored import (
     WANTED_SOC,
     Design,
     Predicted,
     Reference,
+    Span,
     inside,
     is_enough,
     is_within,
@@ -69,6 +62,8 @@ MIDDLE_SOC = (0.6, 0.4)
 EMPTYING_C, LAST_REST_S = 0.33, 300.0
 # A test is of at least so much of the state of charge: a table has a node there.
 LEAST_SPAN_SOC = 0.1
+# Half an interval at each node of each table.
+Halves = Iterable[tuple[Name, float]]
 
 
 def design(
@@ -186,22 +181,21 @@ def design(
 
     def reaches(steps: Sequence[Step]) -> bool:
         halves = inside(_halves(left_by(steps)), wanted_soc)
-        return all(
-            is_enough(name, one, half) for name, half in wanted.items() for one in halves[name]
-        )
+        return all(_are_enough(name, halves[name], half) for name, half in wanted.items())
 
     before = widths_of(believed, drive=drive)
     already = _already(believed, _halves(before), wanted, wanted_soc)
+    is_needed = len(already) < len(wanted)
     plan, is_reached, longer, needed = None, True, None, None
-    if is_asked or len(already) < len(wanted):
+    if is_asked or is_needed:
         with one_blas_thread():
             # What is reached without a test makes none short.
-            is_short = reaches if len(already) < len(wanted) else lambda steps: False
+            is_short = reaches if is_needed else lambda steps: False
             plan = planned(choice, max_hours, random_key, starts, is_short)
             is_reached = reaches(plan.steps)
-            is_longest = max_hours >= MOST_HOURS
-            longer = None if is_reached or is_longest else min(LONGER * max_hours, MOST_HOURS)
-            needed = longer if longer and is_reached_in(longer, plan, random_key, reaches) else None
+            if not is_reached and max_hours < MOST_HOURS:
+                longer = min(LONGER * max_hours, MOST_HOURS)
+                needed = longer if is_reached_in(longer, plan, random_key, reaches) else None
     steps = () if plan is None else tuple(plan.steps)
     return Design(
         capacity_ah=capacity_ah,
@@ -231,7 +225,7 @@ def design(
     )
 
 
-def _span(believed: Believed) -> tuple[float, float]:
+def _span(believed: Believed) -> Span:
     """The lowest and the highest state of charge of a test: those at which the OCV is known, less
     what pieces and an unsure start may take the cell below.
 
@@ -257,7 +251,9 @@ def _check_start(believed: Believed, high_soc: float, high_v: float) -> None:
     # A charge that is held at a voltage ends there, however unsure the OCV is.
     is_held = high_soc == 1 or believed.start_v is not None
     start_v = float((believed.ocv_v(at) if is_held else believed.ocv_end_v(at, 1))[0])
-    if start_v > high_v + HELD_V * is_held and high_soc == 1 and believed.typical:
+    if start_v <= high_v + HELD_V * is_held:
+        return
+    if high_soc == 1 and believed.typical:
         soc = np.linspace(0.0, 1.0, 1001)
         reached = 100 * float(soc[believed.ocv_v(soc) <= high_v].max(initial=0.0))
         raise InputError(
@@ -266,12 +262,11 @@ def _check_start(believed: Believed, high_soc: float, high_v: float) -> None:
             f"reached at {reached:.3g} % SOC. Give at least {start_v:.3f} V if the cell's data "
             "sheet allows, or the result of a record that starts where you charge to"
         )
-    if start_v > high_v + HELD_V * is_held:
-        raise InputError(
-            f"`high_voltage` {high_v:g} V: the test starts at {100 * high_soc:.0f} % SOC, where "
-            f"the OCV {'is' if is_held else 'may be'} {start_v:.3f} V; raise it if the cell's data "
-            "sheet allows"
-        )
+    raise InputError(
+        f"`high_voltage` {high_v:g} V: the test starts at {100 * high_soc:.0f} % SOC, where the "
+        f"OCV {'is' if is_held else 'may be'} {start_v:.3f} V; raise it if the cell's data sheet "
+        "allows"
+    )
 
 
 def _names(believed: Believed) -> list[str]:
@@ -283,7 +278,7 @@ def _names(believed: Believed) -> list[str]:
 
 
 def wishes_of(
-    believed: Believed, want: Mapping[str, float] | None, wanted_soc: tuple[float, float]
+    believed: Believed, want: Mapping[str, float] | None, wanted_soc: Span
 ) -> tuple[dict[int, float], dict[str, float]]:
     """The wishes by the place of an unknown, and by table.
 
@@ -323,32 +318,27 @@ def _emptying(believed: Believed, limits: Limits, low_soc: float) -> tuple[Step,
     return (move("to empty", low_soc * capacity_ah, rate_a), rest) if rate_a > 0 else (rest,)
 
 
-def _halves(widths: Iterable[Width]) -> Iterator[tuple[Name, float]]:
+def _halves(widths: Iterable[Width]) -> Halves:
     return (((width.name, width.soc), width.after) for width in widths)
 
 
+def _are_enough(name: str, halves: Iterable[float], wanted: float) -> bool:
+    return all(is_enough(name, half, wanted) for half in halves)
+
+
 def _already(
-    believed: Believed,
-    before: Iterable[tuple[Name, float]],
-    wanted: Mapping[str, float],
-    wanted_soc: tuple[float, float],
+    believed: Believed, before: Halves, wanted: Mapping[str, float], wanted_soc: Span
 ) -> tuple[str, ...]:
     """What the earlier records tell as well as is wanted wherever it is wanted, as a design counts
     them and by the standard errors of their own fit."""
     known = ((name, max(half, believed.known.get(name, 0.0))) for name, half in before)
     halves = inside(known, wanted_soc)
     nodes = inside(((name, 0.0) for name in (*believed.names, (DRIVE, None))), wanted_soc)
-    return tuple(
-        name
-        for name, half in wanted.items()
-        if len(halves[name]) == len(nodes[name])
-        and all(is_enough(name, one, half) for one in halves[name])
-    )
+    whole = [name for name in wanted if len(halves[name]) == len(nodes[name])]
+    return tuple(name for name in whole if _are_enough(name, halves[name], wanted[name]))
 
 
-def _medians(
-    halves: Iterable[tuple[Name, float]], names: Iterable[str], wanted_soc: tuple[float, float]
-) -> dict[str, float]:
+def _medians(halves: Halves, names: Iterable[str], wanted_soc: Span) -> dict[str, float]:
     """The median of every table where it is wanted, and of the error on a drive cycle."""
     by_name = inside(halves, wanted_soc)
     return {name: float(np.median(by_name[name])) for name in names if by_name[name]}

@@ -7,13 +7,13 @@ from itertools import groupby
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..bundled import bundled_file
 from ..cell import CellModel
 from ..errors import InputError
 from ..records import read_record
-from .information import NEARLY_SOC, Believed, lagged, soc_along
+from .information import NEARLY_SOC, Believed, Samples, Soc, lagged, soc_along
 
 INTERVAL_S = 1.0
 # Drawn voltages are within this of the predicted ones.
@@ -36,6 +36,7 @@ SHORTEST_S = 2.0
 LEVEL = 0.05
 # Of a piece of a drive cycle.
 DRIVE_S = 120
+Levels = Float[np.ndarray, "seconds"]
 
 
 @dataclass(frozen=True)
@@ -96,9 +97,7 @@ class Limits:
                     f"`{name}` {rate}: a rate is 0 or more, and states of charge are from 0 to 1"
                 )
 
-    def rates_a(
-        self, capacity_ah: float, soc: Float[np.ndarray, "*any"]
-    ) -> tuple[Float[np.ndarray, "*any"], Float[np.ndarray, "*any"]]:
+    def rates_a(self, capacity_ah: float, soc: Soc) -> tuple[Soc, Soc]:
         """The largest discharge and charge in A that are named for these states of charge."""
         return _at(self.discharge_c, soc) * capacity_ah, _at(self.charge_c, soc) * capacity_ah
 
@@ -152,15 +151,15 @@ def hours_of(steps: Sequence[Step]) -> float:
     return sum(step.duration_s for step in steps) / 3600
 
 
-def sampled(steps: Sequence[Step], interval_s: float = INTERVAL_S) -> Float[np.ndarray, "samples"]:
+def sampled(steps: Sequence[Step], interval_s: float = INTERVAL_S) -> Samples:
     """The current at every sample; the last step's end is the last one."""
     counts = [round(step.duration_s / interval_s) for step in steps]
     return np.append(np.repeat([step.current_a for step in steps], counts), steps[-1].current_a)
 
 
 def voltage_along(
-    believed: Believed, current_a: Float[np.ndarray, "samples"], soc: float, worst: int = 0
-) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]:
+    believed: Believed, current_a: Samples, soc: float, worst: int = 0
+) -> tuple[Samples, Samples]:
     """The voltage and the state of charge that are believed to follow out of a rest; with `worst`
     the lowest (-1) or highest (+1) where every resistance is as large as it may be."""
     along, tables = soc_along(believed, current_a, soc), believed.tables
@@ -184,12 +183,7 @@ def bends(voltages_v: np.ndarray, start: int, last: int) -> list[int]:
     return [*bends(voltages_v, start, bend), *bends(voltages_v, bend, last)[1:]]
 
 
-def warming_of(
-    believed: Believed,
-    current_a: Float[np.ndarray, "samples"],
-    voltage_v: Float[np.ndarray, "samples"],
-    soc: Float[np.ndarray, "samples"],
-) -> float:
+def warming_of(believed: Believed, current_a: Samples, voltage_v: Samples, soc: Samples) -> float:
     """By how many K at most a cell warms, of which that voltage is believed."""
     heat_w = current_a * (believed.ocv_v(soc) - voltage_v)
     capacity_ah = believed.cell.capacity_ah
@@ -218,7 +212,7 @@ def hppc_steps(
     return steps
 
 
-def drive_levels() -> Float[np.ndarray, "seconds"]:
+def drive_levels() -> Levels:
     """The bundled drive cycle, a level every second."""
     current_a = read_record(bundled_file("validation")).current_a
     return current_a / current_a.max()
@@ -271,15 +265,13 @@ class Block:
         level = np.array(self.levels)
         return np.where(level > 0, level * discharge_a, level * charge_a)
 
-    def pairs(self, discharge_a: float, charge_a: float) -> list[tuple[float, float]]:
-        """Duration and current of every step."""
-        currents = self.currents(discharge_a, charge_a).tolist()
-        return [*zip(self.durations_s, currents, strict=True)]
+    def steps(self, discharge_a: float, charge_a: float) -> list[Step]:
+        """Its steps, likewise."""
+        currents_a = self.currents(discharge_a, charge_a).tolist()
+        return [Step(self.name, *held) for held in zip(self.durations_s, currents_a, strict=True)]
 
 
-def candidate_blocks(
-    key: Array, drive: Float[np.ndarray, "seconds"] | None = None
-) -> tuple[Block, ...]:
+def candidate_blocks(key: Array, drive: Levels | None = None) -> tuple[Block, ...]:
     """The blocks that a design chooses from by default.
 
     Pulses and rests, pseudo-random binary currents of several clocks, random steps, a multisine
@@ -298,11 +290,11 @@ def candidate_blocks(
         Block("long pulse", (60.0, 120.0), (1.0, 0.0)),
     ]
     for number, (clock_s, length_s) in enumerate(((4, 64), (12, 144), (40, 240))):
-        own = jax.random.fold_in(binary_key, number)
-        for floor in (-1.0, 0.0):
-            levels = np.where(_balanced(own, length_s // clock_s), 1.0, floor)
-            name = f"binary {clock_s} s" + (", no charge" if floor == 0 else "")
-            blocks.append(_joined(name, [float(clock_s)] * len(levels), levels))
+        own, count = jax.random.fold_in(binary_key, number), length_s // clock_s
+        is_high = np.asarray(jax.random.permutation(own, np.arange(count) % 2 == 0))
+        for floor, suffix in ((-1.0, ""), (0.0, ", no charge")):
+            levels = np.where(is_high, 1.0, floor)
+            blocks.append(_joined(f"binary {clock_s} s{suffix}", [float(clock_s)] * count, levels))
     for number, (longest_s, length_s) in enumerate(((30, 120), (120, 360))):
         own = jax.random.fold_in(step_key, number)
         blocks.append(_random_steps(own, longest_s, length_s))
@@ -313,11 +305,6 @@ def candidate_blocks(
             piece = np.clip(drive[start : start + DRIVE_S], -1.0, 1.0)
             blocks.append(_joined(f"drive cycle {number}", [1.0] * DRIVE_S, piece))
     return tuple(blocks)
-
-
-def _balanced(key: Array, count: int) -> Int[np.ndarray, "count"]:
-    """Ones and zeros in random order, half of each."""
-    return np.asarray(jax.random.permutation(key, np.arange(count) % 2 == 0))
 
 
 def _random_steps(key: Array, longest_s: float, length_s: float) -> Block:

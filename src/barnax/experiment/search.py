@@ -6,6 +6,7 @@ of each there are, how fast moves go, and where blocks and rests are dense is th
 change of it is predicted as a whole test: block by block, rests would look worth little.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -168,11 +169,8 @@ class Choice:
         stretches, taken_ah = [], 0.0
         for high, low, blocks in zip(ends, ends[1:], pattern.dealt(), strict=False):
             discharge_a, charge_a = self._allowed(high, low)
-            steps = [
-                Step(self.blocks[block].name, *pair)
-                for block in blocks
-                for pair in self.blocks[block].pairs(discharge_a, charge_a)
-            ]
+            pieces = [self.blocks[block].steps(discharge_a, charge_a) for block in blocks]
+            steps = list(itertools.chain(*pieces))
             taken_ah += sum(step.duration_s * step.current_a for step in steps) / 3600
             left_ah = (self.high_soc - low) * capacity_ah - taken_ah
             # Above what is emptied slowly, no piece goes below the last stretch.
@@ -274,19 +272,16 @@ def planned(choice: Choice, max_hours: float, key: Array, starts: int, reaches: 
             "worst case, or warms so little; widen `low_voltage` and `high_voltage`, allow more "
             f"{choice.warming_or('`max_hours`')}, or lower `max_discharge` and `max_charge`"
         )
-    capacity_ah = best.choice.believed.cell.capacity_ah
-    largest_a, _ = best.choice.limits.rates_a(capacity_ah, np.linspace(0.0, 1.0, 21))
-    fast = _starts_of(best.choice, float(np.max(largest_a)) / capacity_ah)
+    largest_c, _ = best.choice.limits.rates_a(1.0, np.linspace(0.0, 1.0, 21))
+    fast = _starts_of(best.choice, float(np.max(largest_c)))
     shortest, hours = _least_hours(best.choice, fast), max_hours
     for number in range(BISECTIONS if reaches(best.steps) else 0):
         if hours - shortest < NEARLY_SHORTEST * hours:
             break
         middle, own_key = (shortest + hours) / 2, jax.random.fold_in(key, number)
         # Pieces of a longer test may not fit: fewer of them, and what a fast pass starts from.
-        fewer = [best.pattern.fewer(share) for share in FEWER]
-        shorter = best.choice.searched(
-            middle, own_key, FURTHER, best.pattern, *fewer, *fast, until=WELL_REACHED
-        )
+        patterns = [best.pattern, *map(best.pattern.fewer, FEWER), *fast]
+        shorter = best.choice.searched(middle, own_key, FURTHER, *patterns, until=WELL_REACHED)
         plan = None if shorter is None else _kept(best.choice, shorter, middle)[0]
         if plan is not None and reaches(plan.steps):
             best, hours = plan, middle
@@ -368,9 +363,9 @@ def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits
     """The test as it goes, and the limits of the choice, tightened where its worst case leaves a
     voltage, warms too much, or has a current over what is named for its state of charge."""
     believed, limits, current_a = choice.believed, choice.limits, sampled(steps)
-    voltage_v, soc = voltage_along(believed, current_a, choice.high_soc)
-    low_v, _ = voltage_along(believed, current_a, choice.high_soc, -1)
-    high_v, _ = voltage_along(believed, current_a, choice.high_soc, 1)
+    (voltage_v, soc), (low_v, _), (high_v, _) = (
+        voltage_along(believed, current_a, choice.high_soc, worst) for worst in (0, -1, 1)
+    )
     loaded = steps[: len(steps) - len(choice.last)]
     counts = np.arange(len(current_a)) <= sum(round(s.duration_s / INTERVAL_S) for s in loaded)
     # The rest of a full cell is at its highest voltage, and no test's doing.
@@ -388,8 +383,7 @@ def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits
     for is_beyond in (is_outside, is_above):
         if np.any(is_beyond):
             limits = replace(limits, beyond_soc=max(LEAST_BEYOND, 2 * limits.beyond_soc))
-    worst_v = np.where(current_a > 0, low_v, high_v)
-    worst_k = warming_of(believed, current_a, worst_v, soc)
+    worst_k = warming_of(believed, current_a, np.where(current_a > 0, low_v, high_v), soc)
     if limits.warming_k is not None and worst_k > limits.warming_k:
         share = LESS_WARM * math.sqrt(limits.warming_k / worst_k)
         limits = replace(limits, share=limits.share * share)

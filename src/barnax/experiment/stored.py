@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 ON_TIME_S, FEWEST_MET, CLEARLY = 0.05, 10, 0.1
 # Where tables are wanted.
 WANTED_SOC = (0.1, 0.9)
+Span = tuple[float, float]
+Value = TypeVar("Value")
 
 
 def short(name: str) -> str:
@@ -37,18 +39,16 @@ def short(name: str) -> str:
     return name.split()[0]
 
 
-def is_within(soc: float | None, wanted_soc: tuple[float, float]) -> bool:
+def is_within(soc: float | None, wanted_soc: Span) -> bool:
     return soc is not None and wanted_soc[0] <= soc <= wanted_soc[1]
 
 
-def inside(
-    halves: Iterable[tuple[Name, float]], wanted_soc: tuple[float, float]
-) -> dict[str, list[float]]:
-    """Halves of intervals where they are wanted, and the error on a drive cycle, by table."""
-    by_name = defaultdict[str, list[float]](list)
-    for (name, soc), half in halves:
+def inside(values: Iterable[tuple[Name, Value]], wanted_soc: Span) -> dict[str, list[Value]]:
+    """What is of nodes where it is wanted, and of the error on a drive cycle, by table."""
+    by_name = defaultdict[str, list[Value]](list)
+    for (name, soc), value in values:
         if short(name) == DRIVE or is_within(soc, wanted_soc):
-            by_name[short(name)].append(half)
+            by_name[short(name)].append(value)
     return by_name
 
 
@@ -74,12 +74,8 @@ def told_half(interval: NodeInterval) -> float | None:
 
 def followed(dependence: Dependence | None) -> tuple[str, ...]:
     """What resistances follow beside SOC, in words."""
-    words = {
-        ONSET: "the current",
-        CHARGE: "its direction",
-        KAPPA: "the cell's own heat",
-        BETA: "the temperature",
-    }
+    words = {ONSET: "the current", CHARGE: "its direction", KAPPA: "the cell's own heat"}
+    words |= {BETA: "the temperature"}
     numbers = {} if dependence is None else dependence.numbers
     return tuple(word for name, word in words.items() if numbers.get(name))
 
@@ -236,12 +232,9 @@ class Design(Document):
 
     def of_table(self, name: str, widths: Sequence[Width] | None = None) -> tuple[Width, ...]:
         """The widths of a table, such as "R0", where it is wanted."""
-        return tuple(
-            width
-            for width in (self.widths if widths is None else widths)
-            if short(width.name) == name
-            and (name == DRIVE or is_within(width.soc, self.wanted_soc))
-        )
+        known = self.widths if widths is None else widths
+        named = (((width.name, width.soc), width) for width in known)
+        return tuple(inside(named, self.wanted_soc)[name])
 
     @property
     def pieces(self) -> list[tuple[str, list[Step]]]:

@@ -70,21 +70,16 @@ def characterize(
     """
     if not tests:
         raise InputError("an OCV test is needed; no record was given")
-    given = {"capacity": (capacity_ah, "Ah"), "ocv_capacity": (ocv_capacity_ah, "Ah")}
-    for option, (value, unit) in {**given, "rest_current": (rest_current_a, "A")}.items():
+    given = (("capacity", capacity_ah, "Ah"), ("ocv_capacity", ocv_capacity_ah, "Ah"))
+    for option, value, unit in (*given, ("rest_current", rest_current_a, "A")):
         if value is not None and not value > 0:
             raise InputError(f"`{option}` must be positive, in {unit}; {value} was given")
     of_records = [
         find_sweeps(test, capacity_ah, rest_current_a) for test in tests if isinstance(test, Record)
     ]
-    cell = cell_of(
-        of_records,
-        [test for test in tests if isinstance(test, OcvTable)],
-        capacity_ah,
-        ocv_capacity_ah=ocv_capacity_ah,
-        ocv_fit=ocv_fit,
-        hysteresis_fit=hysteresis_fit,
-    )
+    tables = [test for test in tests if isinstance(test, OcvTable)]
+    how = ocv_capacity_ah, ocv_fit, hysteresis_fit
+    cell = cell_of(of_records, tables, capacity_ah, *how)
     if isinstance(cell, InputError):
         raise cell
     return cell
@@ -94,7 +89,6 @@ def cell_of(
     of_records: Sequence[OcvSweeps],
     tables: Sequence[OcvTable],
     capacity_ah: float | None,
-    *,
     ocv_capacity_ah: float | None = None,
     ocv_fit: OcvFit = "interpolated",
     hysteresis_fit: HysteresisFit = "continuous",

@@ -136,11 +136,8 @@ def half_hysteresis(cell: CellModel, soc: Samples) -> Samples:
 
 
 _AVERAGED = "OCV averaged over charge and discharge"
-ISO_RC = Circuit(
-    "iso-rc",
-    "two RC pairs, average OCV and segmented hysteresis voltage",
-    average_ocv_with_hysteresis,
-)
+_SEGMENTED = "two RC pairs, average OCV and segmented hysteresis voltage"
+ISO_RC = Circuit("iso-rc", _SEGMENTED, average_ocv_with_hysteresis)
 SO_RC = Circuit("so-rc", f"two RC pairs, {_AVERAGED}", average_ocv)
 ESC = Circuit(
     "esc",
@@ -181,10 +178,9 @@ class Circuits(Mapping[str, Circuit]):
 
     def add(self, circuit: Circuit) -> None:
         """Make a circuit known. Raises `InputError` where another one has its name."""
-        if self.get(circuit.name, circuit) != circuit:
-            raise InputError(
-                f"there is another circuit called {circuit.name!r}; choose another name"
-            )
+        name = circuit.name
+        if self.get(name, circuit) != circuit:
+            raise InputError(f"there is another circuit called {name!r}; choose another name")
         self._known[circuit.name] = circuit
 
 
@@ -208,8 +204,8 @@ def make_circuit(
     ('R0 [Ohm]', 'R1 [Ohm]', 'C1 [F]', 'R_D [Ohm]', 'tau_D [s]')
     """
     given = [own if isinstance(own, str) else add_element(own).name for own in elements]
-    made = replace(get_circuit(like), name=name, elements=tuple(given))
-    made = replace(made, description=description or f"{', '.join(given)}, otherwise as {like}")
+    words = description or f"{', '.join(given)}, otherwise as {like}"
+    made = replace(get_circuit(like), name=name, description=words, elements=tuple(given))
     CIRCUITS.add(made)
     return made
 

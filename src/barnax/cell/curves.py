@@ -21,6 +21,7 @@ POLYNOMIAL_DEGREE = 7
 FALL_TOLERANCE_V = OVERSHOOT_TOLERANCE_V = 3e-3
 MISS_TOLERANCE_V = 10e-3
 CHECKS_PER_GAP = 50
+Values = Float[np.ndarray, "points"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -78,7 +79,7 @@ class PolynomialCurve(AbstractCurve):
     coefficients: tuple[float, ...]
 
     @classmethod
-    def fit(cls, soc: Float[np.ndarray, "points"], voltage_v: Float[np.ndarray, "points"]) -> Self:
+    def fit(cls, soc: Values, voltage_v: Values) -> Self:
         """Least squares. Raises `InputError` for fewer points than coefficients."""
         needed = POLYNOMIAL_DEGREE + 1
         if len(soc) < needed:
@@ -106,7 +107,7 @@ class InterpolatedCurve(AbstractCurve):
     """
 
     @classmethod
-    def fit(cls, soc: Float[np.ndarray, "points"], voltage_v: Float[np.ndarray, "points"]) -> Self:
+    def fit(cls, soc: Values, voltage_v: Values) -> Self:
         return cls(tuple(zip(soc.tolist(), voltage_v.tolist(), strict=True)))
 
     @cached_property
@@ -120,9 +121,7 @@ class InterpolatedCurve(AbstractCurve):
 Curve = PolynomialCurve | InterpolatedCurve
 
 
-def fit_curve(
-    soc: Float[np.ndarray, "points"], voltage_v: Float[np.ndarray, "points"], fit: OcvFit
-) -> Curve:
+def fit_curve(soc: Values, voltage_v: Values, fit: OcvFit) -> Curve:
     """The curve of the kind `fit` through the points, SOC strictly increasing.
 
     Raises `InputError` for an unknown kind and for too few points.
@@ -168,8 +167,6 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
         found.append(Notice("ocv-curve.misses", {**at, **own}))
     return found
 
-
-Values = Float[np.ndarray, "points"]
 
 KNOTS = np.array([0.0, 0.1, 0.35, 0.75, 0.95, 1.0])
 FLAT = 2

@@ -24,6 +24,7 @@ FIELDS = {
     CHARGE: "charge_ratio",
 }
 Samples = Float[np.ndarray, "samples"]
+Intervals = Float[np.ndarray, "intervals"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -74,18 +75,13 @@ class Dependence(Brief):
         """The same with other numbers, by name."""
         return replace(self, **{FIELDS[name]: value for name, value in numbers.items()})
 
-    def factor(
-        self,
-        time_s: Samples,
-        interval_current_a: Float[np.ndarray, "intervals"],
-        degc: Samples | None,
-    ) -> Samples:
-        """The factor of resistances at every sample of a record."""
+    def factor(self, time_s: Samples, between_a: Intervals, degc: Samples | None) -> Samples:
+        """The factor of resistances at every sample of a record, with the currents between them."""
         exponent = np.zeros(len(time_s))
         if degc is not None and self.reference_degc is not None:
             exponent -= self.beta_per_k * (degc - self.reference_degc)
         if self.heating_tau_s is not None:
-            heat_a2 = heat_of(time_s, interval_current_a, self.heating_tau_s)
+            heat_a2 = heat_of(time_s, between_a, self.heating_tau_s)
             exponent -= self.kappa_per_a2 * (heat_a2 - self.reference_a2)
         return np.exp(exponent)
 
@@ -126,8 +122,7 @@ def between(
     def mixed(cold_value: float, warm_value: float) -> float:
         return (1 - share) * cold_value + share * warm_value
 
-    cold_rate, warm_rate = (1 / end.onset_a if end.onset_a else 0.0 for end in (first, second))
-    rate = mixed(cold_rate, warm_rate)
+    rate = mixed(*(1 / end.onset_a if end.onset_a else 0.0 for end in (first, second)))
     taus_s = [end.heating_tau_s for end in (first, second) if end.heating_tau_s]
     beta_per_k = mixed(first.beta_per_k, second.beta_per_k)
     ratio = math.exp(mixed(*(math.log(end.charge_ratio or 1.0) for end in (first, second))))
@@ -160,12 +155,10 @@ def filled(time_s: Samples, degc: Samples) -> Samples | None:
     return np.interp(time_s, time_s[is_known], degc[is_known]) if np.any(is_known) else None
 
 
-def heat_of(
-    time_s: Samples, interval_current_a: Float[np.ndarray, "intervals"], tau_s: float
-) -> Samples:
+def heat_of(time_s: Samples, between_a: Intervals, tau_s: float) -> Samples:
     """The low-passed square of the current that flows between samples, in A^2."""
     kept = np.exp(-np.diff(time_s) / tau_s)
     # Each state less what is kept of the one before is what the interval adds.
-    added_a2 = np.append(0.0, (1 - kept) * interval_current_a**2)
+    added_a2 = np.append(0.0, (1 - kept) * between_a**2)
     bands = [np.ones(len(time_s)), np.append(-kept, 0.0)]
     return np.asarray(solve_banded((1, 0), bands, added_a2))

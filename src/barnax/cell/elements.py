@@ -7,9 +7,9 @@ at tau is the mixture of the answers at ratio x tau, and keeps every bound of a 
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -61,9 +61,7 @@ class Element:
                 f"the shares of the element {self.name} add up to {sum(self.shares):.7g}; divide "
                 "them by that, so that R is its resistance"
             )
-        if any(
-            second >= first for first, second in zip(self.ratios, self.ratios[1:], strict=False)
-        ):
+        if any(second >= first for first, second in pairwise(self.ratios)):
             raise InputError(f"the ratios of the element {self.name} must fall, from slow to fast")
 
     @property
@@ -112,8 +110,7 @@ DIFFUSION = Element(
     ),
 )
 
-_ELEMENTS: dict[str, Element] = {element.name: element for element in (RC, DIFFUSION)}
-ELEMENTS: Mapping[str, Element] = MappingProxyType(_ELEMENTS)
+ELEMENTS: dict[str, Element] = {element.name: element for element in (RC, DIFFUSION)}
 
 
 def add_element(element: Element) -> Element:
@@ -121,24 +118,24 @@ def add_element(element: Element) -> Element:
 
     Raises `InputError` where another one has that name or that symbol.
     """
-    for known in _ELEMENTS.values():
+    for known in ELEMENTS.values():
         if known != element and (known.name == element.name or known.symbol == element.symbol):
             raise InputError(
                 f"there is another element called {known.name} with the symbol {known.symbol!r}; "
                 "choose another name and symbol, or begin a new session if this is the same one "
                 "with other numbers"
             )
-    return _ELEMENTS.setdefault(element.name, element)
+    return ELEMENTS.setdefault(element.name, element)
 
 
 def get_element(name: str) -> Element:
     """The element of that name. Raises `InputError` that lists the names."""
-    if name not in _ELEMENTS:
+    if name not in ELEMENTS:
         raise InputError(
-            f"no element is called {name!r}; there are {', '.join(_ELEMENTS)}. One of your own is "
+            f"no element is called {name!r}; there are {', '.join(ELEMENTS)}. One of your own is "
             "known once make_circuit was given it"
         )
-    return _ELEMENTS[name]
+    return ELEMENTS[name]
 
 
 def suffix_of(name: str) -> str:
@@ -157,7 +154,7 @@ def element_of(name: str) -> Element:
     ('rc', 'diffusion')
     """
     symbol = suffix_of(name).removeprefix("_")
-    for element in _ELEMENTS.values():
+    for element in ELEMENTS.values():
         if element.symbol == symbol or (not element.symbol and symbol.isdecimal()):
             return element
     raise InputError(f"no element has a parameter called {name}")

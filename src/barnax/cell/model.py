@@ -105,10 +105,8 @@ class CellModel(Brief):
 
     def ocv_slope(self, soc: Soc, step_soc: float = STEP_SOC) -> Soc:
         """The slope of the average OCV in V by SOC, a difference over such a step."""
-        above_v, below_v = (
-            self.average_ocv_v(soc + step) for step in (step_soc / 2, -step_soc / 2)
-        )
-        return (above_v - below_v) / step_soc
+        half = step_soc / 2
+        return (self.average_ocv_v(soc + half) - self.average_ocv_v(soc - half)) / step_soc
 
     def ocv_around_v(self, soc: float) -> tuple[float, float]:
         """The average OCV in V at the measured points below and above a SOC, between which it is
@@ -261,6 +259,5 @@ def group_near(known: Iterable[tuple[float, Item]]) -> dict[float, list[Item]]:
         if not groups or degc - groups[-1][0][0] > SAME_DEGC:
             groups.append([])
         groups[-1].append((degc, value))
-    return {
-        float(np.mean([degc for degc, _ in group])): [own for _, own in group] for group in groups
-    }
+    means = [float(np.mean([degc for degc, _ in group])) for group in groups]
+    return {degc: [own for _, own in group] for degc, group in zip(means, groups, strict=True)}

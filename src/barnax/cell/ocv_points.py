@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,8 +13,7 @@ from jaxtyping import Float, Int
 from ..display import Brief
 from ..errors import InputError, counted
 from ..notices import Notice
-from ..records import Hold, Source, read_record, read_source
-from ..records.dialects import Sign
+from ..records import Source, read_record, read_source
 from ..records.quantities import CELL_RANGE_V
 from ..records.record import MINIMUM_REST_S, SETTLED_V, Record, Rest, Segments, is_long, runs
 from ..records.table import Lines, found_at, take_lines
@@ -338,11 +337,7 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
     if np.nanmax(lines.values["SOC"], initial=0.0) > _PERCENT_FROM:
         scale = 0.01
         warnings.append(Notice("ocv-table.percent", {"column": columns["SOC"].header}, source.name))
-    branches = {
-        _DIRECTIONS[name]: _branch(source.name, lines, name, scale)
-        for name in columns
-        if name != "SOC"
-    }
+    branches = {_DIRECTIONS[name]: _branch(source.name, lines, name, scale) for name in voltages}
     return OcvTable(source.name, branches, source.sha256, tuple(warnings))
 
 
@@ -362,11 +357,9 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
         elif points and point.soc == points[-1].soc:
             code = "ocv-table.twice"
         if code:
-            cells = {
-                "soc_cell": repr(lines.cell("SOC", line)),
-                "cell": repr(lines.cell(name, line)),
-            }
-            raise found_at(lines, line, code, soc=point.soc, **cells).about(file).error(".")
+            soc_cell, cell = (repr(lines.cell(each, line)) for each in ("SOC", name))
+            given = {"soc": point.soc, "soc_cell": soc_cell, "cell": cell}
+            raise found_at(lines, line, code, **given).about(file).error(".")
         points.append(point)
     if len(points) < MINIMUM_POINTS:
         raise InputError(
@@ -376,18 +369,11 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
     return tuple(points)
 
 
-def read_ocv_test(
-    source: str | Path | Source,
-    *,
-    current_sign: Sign | Literal["auto"] = "auto",
-    current_hold: Hold | Literal["auto"] = "auto",
-    voltage_lag: float | None = None,
-) -> Record | OcvTable:
-    """The OCV test in a file: a table of OCV over SOC, else a record."""
+def read_ocv_test(source: str | Path | Source, **how: Any) -> Record | OcvTable:
+    """The OCV test in a file: a table of OCV over SOC, else a record, with the options of
+    `read_record`."""
     if not isinstance(source, Source):
         source = read_source(source)
     if source.table.header.is_ocv_table:
         return read_ocv_table(source)
-    return read_record(
-        source, current_sign=current_sign, current_hold=current_hold, voltage_lag=voltage_lag
-    )
+    return read_record(source, **how)

@@ -5,10 +5,11 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float, Int
+from pydantic import model_serializer, model_validator
 
 from ..display import Brief
 from ..errors import InputError
@@ -25,9 +26,6 @@ from .elements import (
     suffix_of,
 )
 
-if TYPE_CHECKING:
-    from pydantic_core import CoreSchema
-
 MAX_PAIRS = 4
 OHMIC, RATE = "R0 [Ohm]", "gamma"
 OCV_CORRECTION = "OCV correction [V]"
@@ -35,6 +33,7 @@ OCV_CORRECTION = "OCV correction [V]"
 OCV = "OCV [V]"
 HALF_HYSTERESIS = "half hysteresis [V]"
 
+Names = Sequence[str]
 Table = tuple[float, ...]
 Rows = Sequence[float] | np.ndarray
 
@@ -117,7 +116,7 @@ class CircuitParameters(Brief):
 
     @classmethod
     def constant(
-        cls, r0: float, r: Rows, c: Rows, gamma: float | None = None, elements: Sequence[str] = ()
+        cls, r0: float, r: Rows, c: Rows, gamma: float | None = None, elements: Names = ()
     ) -> Self:
         """A constant circuit.
 
@@ -141,12 +140,7 @@ class CircuitParameters(Brief):
 
     @classmethod
     def of_tau(
-        cls,
-        r0: float,
-        r: Rows,
-        tau_s: Rows,
-        gamma: float | None = None,
-        elements: Sequence[str] = (),
+        cls, r0: float, r: Rows, tau_s: Rows, gamma: float | None = None, elements: Names = ()
     ) -> Self:
         """The constant circuit whose elements have these resistances and time constants."""
         c = [float(tau / ohm) for ohm, tau in zip(r, tau_s, strict=True)]
@@ -364,26 +358,16 @@ class CircuitParameters(Brief):
         flat = {"type": "object", "additionalProperties": {"type": "number"}}
         return {"anyOf": [flat, handler(schema["schema"])]}
 
+    @model_validator(mode="wrap")
     @classmethod
-    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> "CoreSchema":
+    def _read(cls, given: Any, by_fields: Any) -> Self:
         """Stored by its fields; a constant circuit as `to_dict` has it."""
-        from pydantic_core import core_schema
+        is_flat = isinstance(given, Mapping) and "nodes" not in given
+        return cls.from_dict(given) if is_flat else by_fields(given)
 
-        def read(given: Any, by_fields: Any) -> Any:
-            is_flat = isinstance(given, Mapping) and "nodes" not in given
-            return cls.from_dict(given) if is_flat else by_fields(given)
-
-        def write(circuit: Self, by_fields: Any) -> Any:
-            return circuit.to_dict() if circuit.is_constant else by_fields(circuit)
-
-        fields = dict(handler.resolve_ref_schema(handler(source)))
-        return core_schema.no_info_wrap_validator_function(
-            read,
-            fields,  # pyrefly: ignore
-            # All who refer to the class are to find this, not the fields alone.
-            ref=fields.pop("ref", None),
-            serialization=core_schema.wrap_serializer_function_ser_schema(write, schema=fields),  # pyrefly: ignore
-        )
+    @model_serializer(mode="wrap")
+    def _write(self, by_fields: Any) -> Any:
+        return self.to_dict() if self.is_constant else by_fields(self)
 
 
 def require_nodes(nodes: Sequence[float]) -> None:

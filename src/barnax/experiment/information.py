@@ -52,7 +52,6 @@ DRIVE = "drive"
 Samples = Float[np.ndarray, "samples"]
 Soc = Float[np.ndarray, "*any"]
 Rows = Float[np.ndarray, "*rows samples"]
-Unknowns = Float[np.ndarray, "unknowns"]
 Columns = Float[np.ndarray, "samples columns"]
 Normal = Float[np.ndarray, "columns columns"]
 # A table and its node, None of a constant.
@@ -150,7 +149,7 @@ class Believed:
         return np.array([name.startswith("R") for name, _ in self.names])
 
     @cached_property
-    def values(self) -> Unknowns:
+    def values(self) -> Float[np.ndarray, "unknowns"]:
         """The believed value of each; zero for a correction of the OCV."""
 
         def value(name: str, soc: float | None) -> float:
@@ -164,12 +163,12 @@ class Believed:
         return np.array([value(*name) for name in self.names])
 
     @cached_property
-    def units(self) -> Unknowns:
+    def units(self) -> Float[np.ndarray, "unknowns"]:
         """The unit of each width: its value for a resistance, else one."""
         return np.where(self.are_resistances, self.values, 1.0)
 
     @cached_property
-    def unseen(self) -> Unknowns:
+    def unseen(self) -> Float[np.ndarray, "unknowns"]:
         """The prior width of each where nothing is measured; time constants always are."""
         share = np.where(self.are_resistances, UNSEEN_SHARE, UNSEEN_V)
         return self.units * share * [soc is not None for _, soc in self.names]
@@ -295,7 +294,6 @@ def columns_along(
     for own_s, ohm in zip(tau_s, r_ohm, strict=True):
         above, below = (after(ohm * current_a, own_s * math.exp(way * STEP)) for way in (1, -1))
         rows.append((above - below)[None] / (2 * STEP))
-
     flows = believed.error.left_out * hats(along, LEFT_OUT_NODES).T * current_a
     other = OTHER_PAIR * flows * tables.at(OHMIC, along)
     between_s = np.sqrt(tau_s[:-1] * tau_s[1:])

@@ -3,12 +3,4 @@
 from .kalman import Kind, run_filter
 from .model import Drive, ErrorModel, Estimate, FilterModel, make_model
 
-__all__ = [
-    "Drive",
-    "ErrorModel",
-    "Estimate",
-    "FilterModel",
-    "Kind",
-    "make_model",
-    "run_filter",
-]
+__all__ = ["Drive", "ErrorModel", "Estimate", "FilterModel", "Kind", "make_model", "run_filter"]

@@ -77,7 +77,10 @@ def run_filter(
     renews, from its residual (Mohamed and Schwarz, J. Geodesy 73 (1999) 193).
     """
     mean, variance = start
-    drive = _with_currents(drive)
+    # The last current flows on while one is not a number.
+    last = lax.cummax(jnp.where(jnp.isfinite(drive.held_a), jnp.arange(len(drive.held_a)), -1))
+    held_a = jnp.where(last >= 0, drive.held_a[jnp.maximum(last, 0)], 0.0)
+    drive = drive._replace(held_a=held_a)
     slow = jnp.zeros_like(model.slow_sd)
     if not any(name.startswith("tau") for name in model.slow):
         drive = drive._replace(gains=jax.vmap(model.gains, (None, 0))(slow, drive))
@@ -87,34 +90,19 @@ def run_filter(
         carry = (*beliefs, jnp.ones_like(mean[0])), jnp.zeros_like(mean[0])
         rows = _along(_dual_step(model, adapting), carry, (drive, walks))
     else:
-        parts = _parts(
-            jnp.concatenate([mean, slow]),
-            jnp.concatenate([variance, model.slow_sd**2]),
-            PARTS if kind == "sum" else 1,
-        )
+        both = jnp.concatenate([mean, slow]), jnp.concatenate([variance, model.slow_sd**2])
+        parts = _parts(*both, PARTS if kind == "sum" else 1)
         step = _joint_step(model, "ukf" if kind == "dual" else kind)
         rows = _along(step, (parts, jnp.zeros_like(mean[0])), (drive, walks))
     return _estimate(model, rows)
 
 
-def _with_currents(drive: Drive) -> Drive:
-    """The drive in which the last current flows on while one is not a number."""
-    held_a = drive.held_a
-    last = lax.cummax(jnp.where(jnp.isfinite(held_a), jnp.arange(len(held_a)), -1))
-    held_a = jnp.where(last >= 0, held_a[jnp.maximum(last, 0)], 0.0)
-    return drive._replace(held_a=held_a)
-
-
 def _gated(
-    before: Any,
-    after: Any,
-    rejected_s: Scalar,
-    innovation_v: Scalar,
-    variance_v2: Scalar,
-    drive: Drive,
+    before: Any, after: Any, rejected_s: Scalar, expected: tuple[Scalar, Scalar], drive: Drive
 ) -> tuple[Any, Scalar]:
     """The beliefs after a measurement, or those before it where that is taken for a fault; and for
     how long measurements have been rejected."""
+    innovation_v, variance_v2 = expected
     apart_sd = jnp.abs(innovation_v) / jnp.sqrt(variance_v2)
     is_near = apart_sd <= GATE_SD
     is_kept = is_near | ((rejected_s > GATE_S) & jnp.isfinite(apart_sd))
@@ -151,11 +139,11 @@ def _parts(mean: Vector, variance: Vector, count: int) -> Parts:
         outside = jnp.maximum(jnp.maximum(-soc, soc - 1), 0.0)
         log_weights = log_weights - (outside / OUTSIDE_SD) ** 2 / 2
     covariance = jnp.diag(variance.at[0].multiply(own**2))
-    parts = Gaussian(
-        jnp.tile(mean, (count, 1)).at[:, 0].set(soc), jnp.tile(covariance, (count, 1, 1))
-    )
-    weights = jnp.exp(log_weights - jnp.max(log_weights))
-    return parts, log_weights - jnp.max(log_weights), weights / jnp.sum(weights)
+    means = jnp.tile(mean, (count, 1)).at[:, 0].set(soc)
+    log_weights = log_weights - jnp.max(log_weights)
+    weights = jnp.exp(log_weights)
+    parts = Gaussian(means, jnp.tile(covariance, (count, 1, 1)))
+    return parts, log_weights, weights / jnp.sum(weights)
 
 
 def _joint_step(model: FilterModel, kind: Kind):
@@ -186,8 +174,7 @@ def _joint_step(model: FilterModel, kind: Kind):
             if is_unscented:
                 observed = _observe_unscented(voltage, belief)
             else:
-                state, slow = belief.mean[:count], belief.mean[count:]
-                slope = model.slopes(state, slow, drive, near)
+                slope = model.slopes(belief.mean[:count], belief.mean[count:], drive, near)
                 observed = _observe_extended(voltage(belief.mean), slope, belief)
             innovation_v = drive.voltage_v - observed.voltage_v
             variance_v2 = observed.variance_v2 + model.noise_v2(near, drive.interval_s)
@@ -204,9 +191,8 @@ def _joint_step(model: FilterModel, kind: Kind):
         expected = _moments(weights[:, None], innovation_v[:, None], variance_v2[:, None])
         log_weights = log_weights - (innovation_v**2 / variance_v2 + jnp.log(variance_v2)) / 2
         log_weights = log_weights - jnp.max(log_weights)
-        (parts, log_weights), rejected_s = _gated(
-            before, (parts, log_weights), rejected_s, expected[0][0], expected[1][0], drive
-        )
+        after, of_voltage = (parts, log_weights), (expected[0][0], expected[1][0])
+        (parts, log_weights), rejected_s = _gated(before, after, rejected_s, of_voltage, drive)
         weights = jnp.exp(log_weights)
         weights = weights / jnp.sum(weights)
         spread = jnp.diagonal(parts.covariance, axis1=1, axis2=2)
@@ -258,26 +244,19 @@ def _dual_step(model: FilterModel, adapting: float):
         variance_v2 = observed.variance_v2 + noise_v2
         predicted = belief, slow, scale
         belief = _correct(belief, observed.with_state, innovation_v, variance_v2)
-        slow = _correct(
-            slow,
-            slow_observed.with_state,
-            drive.voltage_v - slow_observed.voltage_v,
-            slow_observed.variance_v2 + variance_v2,
-        )
+        apart_v = drive.voltage_v - slow_observed.voltage_v
+        apart_v2 = slow_observed.variance_v2 + variance_v2
+        slow = _correct(slow, slow_observed.with_state, apart_v, apart_v2)
         residual_v = drive.voltage_v - voltage(belief.mean, slow.mean)
         left_v2 = observed.variance_v2 * noise_v2 / variance_v2
         adapted = scale + adapting * ((residual_v**2 + left_v2) / fitted_v2 - scale)
-        told = innovation_v, variance_v2, drive
-        corrected = belief, slow, adapted
-        (belief, slow, scale), rejected_s = _gated(predicted, corrected, rejected_s, *told)
+        corrected, of_voltage = (belief, slow, adapted), (innovation_v, variance_v2)
+        kept, rejected_s = _gated(predicted, corrected, rejected_s, of_voltage, drive)
+        belief, slow, scale = kept
         # All that is kept of a sample in one array: each further one costs as much as a product.
-        row = jnp.concatenate(
-            [
-                *(belief.mean[:1], innovation_v[None], slow.mean, belief.covariance[0, :1]),
-                *(jnp.diag(slow.covariance), variance_v2[None]),
-            ]
-        )
-        return ((belief, slow, scale), rejected_s), row
+        means = belief.mean[:1], innovation_v[None], slow.mean
+        variances = belief.covariance[0, :1], jnp.diag(slow.covariance), variance_v2[None]
+        return (kept, rejected_s), jnp.concatenate([*means, *variances])
 
     return step
 

@@ -47,6 +47,10 @@ BIAS_SOC = 0.05
 RESTING_S, RESTING = 3600.0, 3.0
 # Columns of the table: OCV, half the hysteresis voltage, the scale of errors, the bias, R0, R1 ...
 FIRST_RESISTANCE = 4
+State = Float[Array, "states"]
+Slow = Float[Array, "slow"]
+Samples = Float[Array, "*samples"]
+Some = Float[np.ndarray, "some"]
 
 
 class Drive(NamedTuple):
@@ -59,13 +63,13 @@ class Drive(NamedTuple):
     are those of `FilterModel.gains`, where they are computed for all samples at once.
     """
 
-    interval_s: Float[Array, "*samples"]
-    held_a: Float[Array, "*samples"]
-    turning_a: Float[Array, "*samples"]
-    current_a: Float[Array, "*samples"]
-    direction: Float[Array, "*samples"]
-    voltage_v: Float[Array, "*samples"]
-    pairs_a: Float[Array, "*samples"] | None = None
+    interval_s: Samples
+    held_a: Samples
+    turning_a: Samples
+    current_a: Samples
+    direction: Samples
+    voltage_v: Samples
+    pairs_a: Samples | None = None
     gains: Float[Array, "*samples relaxing"] | None = None
 
     @classmethod
@@ -100,12 +104,12 @@ class Estimate(NamedTuple):
     of it.
     """
 
-    soc: Float[Array, "*samples"]
-    soc_sd: Float[Array, "*samples"]
+    soc: Samples
+    soc_sd: Samples
     slow: Float[Array, "*samples slow"]
     slow_sd: Float[Array, "*samples slow"]
-    innovation_v: Float[Array, "*samples"]
-    innovation_sd_v: Float[Array, "*samples"]
+    innovation_v: Samples
+    innovation_sd_v: Samples
 
 
 class FilterModel(eqx.Module):
@@ -129,7 +133,7 @@ class FilterModel(eqx.Module):
     white_s: Scalar
     axis_sd: Scalar
     current_sd_a: Scalar
-    slow_sd: Float[Array, "slow"]
+    slow_sd: Slow
     slow: tuple[str, ...] = eqx.field(static=True)
     hysteresis: Hysteresis = eqx.field(static=True)
     has_bias: bool = eqx.field(static=True)
@@ -165,20 +169,20 @@ class FilterModel(eqx.Module):
         below, above = (self.table[row + 1] - self.table[row - 1] for row in (place, place + 1))
         return (below + jnp.clip(along - place, 0, 1) * (above - below)) * (STEPS_PER_SOC / 2)
 
-    def factor(self, name: str, slow: Float[Array, "slow"]) -> Scalar | float:
+    def factor(self, name: str, slow: Slow) -> Scalar | float:
         """The factor of a slow parameter; one where it is not estimated."""
         return jnp.exp(slow[self.slow.index(name)]) if name in self.slow else 1.0
 
-    def factors(self, letter: str, slow: Float[Array, "slow"]) -> Float[Array, "pairs"]:
+    def factors(self, letter: str, slow: Slow) -> Float[Array, "pairs"]:
         """The same of every pair's "R" or "tau"."""
         return jnp.stack(
             [jnp.asarray(self.factor(f"{letter}{pair + 1}", slow)) for pair in range(self.pairs)]
         )
 
-    def offset_a(self, slow: Float[Array, "slow"]) -> Scalar | float:
+    def offset_a(self, slow: Slow) -> Scalar | float:
         return slow[self.slow.index(OFFSET)] if OFFSET in self.slow else 0.0
 
-    def gains(self, slow: Float[Array, "slow"], drive: Drive) -> Float[Array, "relaxing"]:
+    def gains(self, slow: Slow, drive: Drive) -> Float[Array, "relaxing"]:
         """The share of their way to rest that all but SOC go in an interval: pairs, hysteresis,
         errors, bias."""
         if drive.gains is not None:
@@ -200,13 +204,7 @@ class FilterModel(eqx.Module):
         hysteresis and bias turn with need no better one."""
         return jnp.abs(current_a) * interval_s / (3600 * self.capacity_ah)
 
-    def advance(
-        self,
-        state: Float[Array, "states"],
-        slow: Float[Array, "slow"],
-        drive: Drive,
-        near: Scalar | None = None,
-    ) -> Float[Array, "states"]:
+    def advance(self, state: State, slow: Slow, drive: Drive, near: Scalar | None = None) -> State:
         """The state one interval later, exact for current held over it.
 
         Resistances are those at the SOC `near`, by default the state's own.
@@ -223,13 +221,7 @@ class FilterModel(eqx.Module):
         rest = state[1:] + self.gains(slow, drive) * (jnp.concatenate(toward) - state[1:])
         return jnp.concatenate([soc[None], rest])
 
-    def voltage(
-        self,
-        state: Float[Array, "states"],
-        slow: Float[Array, "slow"],
-        drive: Drive,
-        near: Scalar | None = None,
-    ) -> Scalar:
+    def voltage(self, state: State, slow: Slow, drive: Drive, near: Scalar | None = None) -> Scalar:
         """The terminal voltage in V, the model's own error included; `near` as in `advance`."""
         row = self.at(state[0])
         there = row if near is None else self.at(near)
@@ -243,18 +235,14 @@ class FilterModel(eqx.Module):
         voltage_v = voltage_v - jnp.sum(state[1 : 1 + self.pairs]) + there[2] * jnp.sum(lasting)
         return voltage_v + there[3] * state[-1] if self.has_bias else voltage_v
 
-    def slopes(
-        self, state: Float[Array, "states"], slow: Float[Array, "slow"], drive: Drive, near: Scalar
-    ) -> Float[Array, "both"]:
+    def slopes(self, state: State, slow: Slow, drive: Drive, near: Scalar) -> Float[Array, "both"]:
         """The gradient of the voltage by every state and slow parameter, written out,
         for that of a look-up in a table takes as long as the rest of the filter, and jumps."""
         row, there = self.at(state[0]), self.at(near)
-        rise = self.rise(state[0])
-        if self.hysteresis == "none":
-            by_soc = rise[0]
-        else:
+        by_soc, by_turn = self.rise(state[0])[:2]
+        if self.hysteresis != "none":
             turned = drive.direction if self.hysteresis == "instant" else state[1 + self.pairs]
-            by_soc = rise[0] + turned * rise[1]
+            by_soc = by_soc + turned * by_turn
         parts = [by_soc[None], -jnp.ones(self.pairs)]
         if self.hysteresis == "dynamic":
             parts.append(row[1:2])
@@ -267,7 +255,7 @@ class FilterModel(eqx.Module):
         parts += [jnp.reshape(by_slow.get(name, 0.0), 1) for name in self.slow]
         return jnp.concatenate(parts)
 
-    def doubt_at(self, soc: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
+    def doubt_at(self, soc: Some) -> Some:
         """The standard deviation of the SOC that a voltage at rest tells, from the bias alone."""
         table = np.asarray(self.table)
         # The slope is a mean over what nodes of tables are apart.
@@ -280,7 +268,7 @@ class FilterModel(eqx.Module):
         often = jnp.where(interval_s > 0, self.white_s / jnp.maximum(interval_s, 1e-9), 1.0)
         return (self.at(soc)[2] * self.white_sd_v) ** 2 * jnp.maximum(often, 1.0)
 
-    def walk(self, drive: Drive) -> tuple[Float[Array, "states"], Float[Array, "slow"]]:
+    def walk(self, drive: Drive) -> tuple[State, Slow]:
         """The variance that an interval adds to every state and to every slow parameter."""
         counted = self.current_sd_a * drive.interval_s / (3600 * self.capacity_ah)
         gain = self.gains(jnp.zeros_like(self.slow_sd), drive)[self.first_error - 1 :]
@@ -298,20 +286,17 @@ class FilterModel(eqx.Module):
 
     def start(
         self, soc: Scalar | float, soc_sd: Scalar | float, direction: float, direction_sd: float
-    ) -> tuple[Float[Array, "states"], Float[Array, "states"]]:
+    ) -> tuple[State, State]:
         """State and variances of a cell that has rested. Call inside float64.
 
         Pairs may hold what the current's noise leaves in them; errors are as they usually are.
         """
         soc, soc_sd = jnp.asarray(soc, float), jnp.asarray(soc_sd, float)
         rest_v = self.at(soc)[FIRST_RESISTANCE + 1 :] * NOISES_PER_REST * self.current_sd_a
-        turned = [direction] if self.hysteresis == "dynamic" else []
-        turned_sd = [direction_sd] if self.hysteresis == "dynamic" else []
-        state = jnp.concatenate(
-            [soc[None], 0 * rest_v, jnp.asarray(turned, float), 0 * self.errors_sd]
-        )
-        sd = jnp.concatenate([soc_sd[None], rest_v, jnp.asarray(turned_sd, float), self.errors_sd])
-        return state, sd**2
+        count = int(self.hysteresis == "dynamic")
+        turned, turned_sd = (jnp.full(count, one, float) for one in (direction, direction_sd))
+        state = jnp.concatenate([soc[None], 0 * rest_v, turned, 0 * self.errors_sd])
+        return state, jnp.concatenate([soc_sd[None], rest_v, turned_sd, self.errors_sd]) ** 2
 
 
 @dataclass(frozen=True)

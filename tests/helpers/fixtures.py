@@ -10,7 +10,7 @@ import pytest
 import threadpoolctl
 
 from barnax.bundled import BUNDLED
-from barnax.cell import CIRCUITS, CellModel, characterize, elements
+from barnax.cell import CIRCUITS, ELEMENTS, CellModel, characterize
 from barnax.model.problem import Problem, make_problem
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
@@ -35,11 +35,10 @@ def pytest_configure() -> None:
 def known_circuits(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A circuit or an element that a test or a page makes is known there only."""
     monkeypatch.setattr(CIRCUITS, "_known", dict(CIRCUITS))
-    known = vars(elements)["_ELEMENTS"]
-    before = dict(known)
+    before = dict(ELEMENTS)
     yield
-    known.clear()
-    known.update(before)
+    ELEMENTS.clear()
+    ELEMENTS.update(before)
 
 
 @pytest.fixture(scope="session")

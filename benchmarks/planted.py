@@ -96,9 +96,9 @@ FAULTS = (
           "_binned(pairs * decays, edges).T + taken]", "_binned(pairs * decays, edges).T]",
           "tests/uncertainty/test_noise.py"),
     # Nuisances, and what several shapes, cells or parts leave open.
-    fault("least gain of an offset", "over_soc/current_offset.py",
-          "is_told = abs(now.offset_a) > least_a and leaves < LEAVES",
-          "is_told = abs(now.offset_a) > least_a", OFFSET),
+    fault("least gain of an offset", "over_soc/nuisances.py",
+          "is_told = abs(offset_a) > least_a and leaves < LEAVES",
+          "is_told = abs(offset_a) > least_a", OFFSET),
     fault("pull of a start's prior", "over_soc/nuisances.py",
           "pushed[own] += pull @ known[1]", "pushed[own] += 0 * pull @ known[1]", DENSE),
     fault("spread between shapes", "over_soc/ageing.py",

@@ -11,9 +11,10 @@ import numpy as np
 import optimistix as optx
 
 from barnax.blas import one_blas_thread
+from barnax.cell.parameters import ANYWHERE
 from barnax.execution import in_float64
 from barnax.model.factor import update_triangular
-from barnax.model.layout import Layout, Spans, ends_of
+from barnax.model.layout import Layout, ends_of, spans_between
 from barnax.model.reduced import CHAINS, blocks
 from barnax.model.simulate import BLOCK as TURN
 
@@ -30,8 +31,8 @@ def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
     """Names and seconds of wholes and of their parts, and what follows from them."""
     problem = bundled_problem("compressed")
     box, prepared, objective = problem.coordinates, problem.prepared, problem.objective
-    spans = Spans.between(ends_of([prepared], box))
-    span, layout = spans.in_tau, Layout.constant(spans)
+    spans = span, _ = spans_between(ends_of([prepared], box))
+    layout = Layout(ANYWHERE, ANYWHERE, *spans, has_correction=False, has_amplitude=False)
     optimizer, keys = optimizer_of(sizes), jr.key(KEY)[None]
     points = points_of(problem, POPULATION)
     short, scan = problem.compressed, bundled_problem().objective

@@ -16,8 +16,7 @@ from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import Kind, require_load
 from .checks.sampling import OF_R0
 from .errors import InputError, printable
-from .model.temperature import group_tests, temperature_of
-from .model.window import Window, first_sample, scored_samples
+from .model.window import Window, first_sample, group_tests, scored_samples, temperature_of
 from .notices import Notice, raise_first_error
 from .records import Record, Source, read_record, read_source, source_from_frame
 from .records.fingerprint import Content

@@ -86,8 +86,8 @@ def _fitted(
     """The record with its start a step away, in standard errors of what was told, like `error`;
     None where it cannot be there."""
     start, sd = told.start, float(told.start.soc_sd)
-    where = start.soc, told.capacity_ah, now.start.soc + sd * step - start.soc, 0.0, sd * error, 0.0
-    moved = with_start(told, *where, by="circuit", told_sd=sd)
+    move = now.start.soc + sd * step - start.soc, 0.0, sd * error, 0.0
+    moved = with_start(told, told, *move, by="circuit", told_sd=sd)
     if moved is None:
         return None
     return replace(moved, start=replace(moved.start, direction_source=start.direction_source))
@@ -193,7 +193,7 @@ def set_up(
     # A validation record that does not fit its window is refused before the search, not after.
     _ = validation(first.circuit)
     if own is not None:
-        return Setup(first, validation, own.settings, tried=own.tried, fits=own.found)
+        return Setup(first, validation, own.found.settings, tried=own.tried, fits=own.found)
     if job.over == OVER_TEMPERATURE:
         return Setup(first, validation, tables, over_temperature=True)
     if asks_for_constant(job, {*first.bounds.ranges, *first.bounds.fixed}):
@@ -280,10 +280,9 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
         if is_asked:
             raise Notice("ocv-test.missing", {"asked": what}).error()
     windows = {record.name: window_of(job.window, record.name).as_told for record in records}
-    is_over = job.over == OVER_TEMPERATURE
     tables = bounded_tables(job)
-    own = OwnRecords.of(records, windows, tables, job.capacity, is_over)
-    if is_over:
+    own = OwnRecords.of(records, windows, tables, job.capacity)
+    if job.over == OVER_TEMPERATURE:
         return fit_own_temperatures(own, job.model or "so-rc")
     over_soc = None if job.model is None and job.over is None else job.over is not None
     limits = limits_of(own.level, tables, job.model, over_soc, has_ocv=True)

@@ -84,14 +84,15 @@ def test_a_coevolving_particle_moves_its_own_coordinates_in_the_context():
 def test_exploring_particles_follow_others_and_exploiting_ones_the_best():
     solver = MixedSwarm(CANDIDATES, velocity_fraction=100.0)
     swarm, drawn = prepared(solver)
+    weights, followed = drawn
     moved, _ = proposed(solver, drawn, swarm, 1)
     best = np.asarray(swarm.positions[jnp.argmin(swarm.losses)])
     for particle, step in enumerate(np.asarray(moved - swarm.positions)):
-        goal = best if particle >= 15 else np.asarray(swarm.positions[drawn.followed[particle]])
+        goal = best if particle >= 15 else np.asarray(swarm.positions[followed[particle]])
         # First velocities are zero, and each has been nowhere better than it is.
-        pull = np.asarray(drawn.weights[1, particle])
+        pull = np.asarray(weights[1, particle])
         np.testing.assert_allclose(step, pull * (goal - swarm.positions[particle]), atol=1e-4)
-    assert float(jnp.max(drawn.weights[:, :15])) <= 1.5 < float(jnp.max(drawn.weights))
+    assert float(jnp.max(weights[:, :15])) <= 1.5 < float(jnp.max(weights))
 
 
 def test_the_best_parent_neither_crosses_nor_mutates():
@@ -113,7 +114,7 @@ def test_a_plant_steps_a_tenth_of_the_box_at_most_and_the_worst_die():
     moved, _ = proposed(solver, drawn, swarm, 1)
     steps = np.asarray(jnp.abs(moved - swarm.positions) / (BOX.upper - BOX.lower))
     assert steps[:-3].max() == pytest.approx(0.1, rel=1e-4)
-    np.testing.assert_array_equal(moved[-3:], drawn.born[-3:])
+    np.testing.assert_array_equal(moved[-3:], drawn[1][-3:])
     toward = (moved - swarm.positions)[2:-3] * (swarm.positions[0] - swarm.positions[2:-3])
     assert np.all(np.asarray(toward) >= 0)
 

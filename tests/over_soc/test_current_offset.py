@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from barnax.execution import in_float64
-from barnax.over_soc import current_offset
-from barnax.over_soc.current_offset import CurrentOffset, shared_offset
+from barnax.over_soc import nuisances
+from barnax.over_soc.nuisances import CurrentOffset, shared_offset
 from helpers.dense import (
     BOX,
     CAPACITY_AH,
@@ -28,12 +28,13 @@ OCV_NODES = (0.5, 0.6, 0.7, 0.8, 0.9)
 def test_an_offset_adds_its_charge_along_the_ocv_and_its_drop_over_all_resistances():
     records = [prepared_of(made_record(noise_v=0.0)), prepared_of(made_record(seed=1, scale=0.5))]
     settings = replace(SETTINGS, ocv_correction=True, ocv_nodes=OCV_NODES)
-    moved = current_offset._Moved(records, settings, np.zeros((2, 2)), 0.0)
-    objective = moved.objective({name: (tau, tau) for name, tau in zip(BOX, TAU_S, strict=True)})
+    given = SimpleNamespace(prepared_records=records, settings=settings)
+    held = {name: (tau, tau) for name, tau in zip(BOX, TAU_S, strict=True)}
+    objective = nuisances._without_offset(given, np.zeros((2, 2)), 0.0, held)
     best = objective.solve(LOG_SCALES)
     prepared = objective.prepared_records[1]
     nodes, own_v = objective.ocv_at(best)
-    columns = current_offset._of_starts_and_offset(objective, best, 1)
+    columns = nuisances._of_starts_and_offset(objective, best, 1)
     for soc, time_s, row in zip(prepared.soc, prepared.time_s, columns, strict=True):
         middle = min(max(soc, nodes[0] + 0.01), nodes[-1] - 0.01)
         slope = np.diff(np.interp([middle - 0.01, middle + 0.01], nodes, own_v))[0] / 0.02
@@ -76,9 +77,9 @@ def test_an_offset_is_told_by_its_size_its_error_and_what_it_leaves(
         moved_scales=np.zeros(2),
     )
     solved = SimpleNamespace(solve=lambda scales: best, ranges=BOX)
-    monkeypatch.setattr(current_offset, "reads_zero_at_rest", lambda record: False)
-    monkeypatch.setattr(current_offset._Moved, "objective", lambda moved, ranges: solved)
-    monkeypatch.setattr(current_offset, "estimate", lambda *_: [estimated])
+    monkeypatch.setattr(nuisances, "reads_zero_at_rest", lambda record: False)
+    monkeypatch.setattr(nuisances, "_without_offset", lambda *_: solved)
+    monkeypatch.setattr(nuisances, "estimate", lambda *_: [estimated])
     offset_found = shared_offset(objective, best, np.full((2, 2), 3e-3), without_v)
     expected = CurrentOffset(offset * capacity_ah, error * capacity_ah)
     assert offset_found == (expected if is_told else None)

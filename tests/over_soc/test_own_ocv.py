@@ -17,9 +17,9 @@ from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import own_ocv
 from barnax.over_soc.certificate import certify
-from barnax.over_soc.current_offset import offset_effect
 from barnax.over_soc.fit import errors_on
 from barnax.over_soc.level import level_cell
+from barnax.over_soc.nuisances import offset_effect
 from barnax.over_soc.problem import find_best, reduced_objective
 from barnax.over_soc.settings import TableSettings
 from barnax.records import read_record

@@ -12,8 +12,8 @@ from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cell.parameters import RATE
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc.current_offset import reads_zero_at_rest
 from barnax.over_soc.fit import errors_on, fit_tables
+from barnax.over_soc.nuisances import reads_zero_at_rest
 from barnax.over_soc.problem import box_of
 from barnax.over_soc.registration import FAR_V, counted_alike, register_alone, rest_warnings
 from barnax.over_soc.settings import TableSettings

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ..optimizers import OPTIMIZERS
-from .method import Answer, Budget, Method, MethodFailure, Trajectory
+from .method import Answer, Budget, Method, MethodFailure
 from .online import DUAL_UKF, RLS_EKF
 from .regression import LS, N4SID, RLS, WRLS
 from .searches import DE, LM, PSO_LM, VARPRO, population_method
 
-__all__ = ["METHODS", "Answer", "Budget", "Method", "MethodFailure", "Trajectory"]
+__all__ = ["METHODS", "Answer", "Budget", "Method", "MethodFailure"]
 
 # A new method is a `Method` in a file of this package and one name here.
 BESIDE_OPTIMIZERS = (LS, RLS, WRLS, RLS_EKF, DUAL_UKF, N4SID, VARPRO, LM, PSO_LM, DE)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -12,24 +12,11 @@ from ..cell import CircuitParameters
 from ..cell.elements import alike
 from ..execution import in_float64
 from ..model.problem import Problem
-from ..schema import ARRAY, Count, Loss, Unstored
+from ..schema import ARRAY, Count, Loss
 
 
 class MethodFailure(Exception):
     """A method that cannot answer on these data; the message says why, in one sentence."""
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """Parameters over time, as an online method saw them; NaN where they are no circuit's.
-
-    Arrays hold one row a time, one column an RC pair, in ohm and seconds.
-    """
-
-    time_s: Float[np.ndarray, "times"]
-    r0: Float[np.ndarray, "times"]
-    r: Float[np.ndarray, "times pairs"]
-    tau_s: Float[np.ndarray, "times pairs"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +31,6 @@ class Answer:
     rmse_v: Loss
     evaluations: Count
     history_v: Annotated[Float[np.ndarray, "generations"], ARRAY] | None = None
-    # A `Trajectory`.
-    trajectory: Unstored[Any] = None
     notes: tuple[str, ...] = ()
 
 

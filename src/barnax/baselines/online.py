@@ -6,13 +6,12 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..cell import CellModel, CircuitParameters
+from ..cell import CircuitParameters
 from ..execution import in_float64
 from ..filters import Drive, ErrorModel, make_model, run_filter
 from ..filters.model import GRID, NOISES_PER_REST
-from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
-from .method import Answer, MethodFailure, Trajectory, deterministic
+from .method import Answer, MethodFailure, deterministic
 from .regression import FORGETTING, VARIANCE, EvenSamples, averaged, circuit_values, regression
 
 # What is expected of a circuit in the middle of its box, before it has seen anything.
@@ -58,20 +57,15 @@ def least_squares_and_filter(problem: Problem) -> Answer:
     """
     samples, columns, _ = regression(problem)
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
-    middle, _ = middle_of(problem)
-    found = _track_with_filter(problem.prepared, problem.cell, samples, scale, middle)
-    return averaged(problem, Trajectory(samples.time_s[samples.is_row], *found), samples.notes)
+    return averaged(problem, _track_with_filter(problem, samples, scale), samples.notes)
 
 
 def _track_with_filter(
-    prepared: PreparedRecord,
-    cell: CellModel,
-    samples: EvenSamples,
-    scale: Float[np.ndarray, "coefficients"],
-    middle: CircuitParameters,
+    problem: Problem, samples: EvenSamples, scale: Float[np.ndarray, "coefficients"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """R0, R and tau after every row."""
-    model = make_model(cell, prepared.circuit, middle, ErrorModel(FIRST_ERROR_V))
+    prepared, (middle, _) = problem.prepared, middle_of(problem)
+    model = make_model(problem.cell, prepared.circuit, middle, ErrorModel(FIRST_ERROR_V))
     ocv_v, half_v = np.asarray(model.table[:, 0]), np.asarray(model.table[:, 1])
     slope_v = np.gradient(ocv_v, GRID)
     drive = jax.tree.map(np.asarray, Drive.of(prepared))
@@ -160,9 +154,8 @@ def dual_filter(problem: Problem) -> Answer:
         # They may change places on their way.
         order = np.argsort(tau_s, axis=1)
         r, tau_s = (np.take_along_axis(values, order, axis=1) for values in (r, tau_s))
-    values = prepared.time_s, middle.r0 * factor.get("R0", held), r, tau_s
-    path = Trajectory(*(value[prepared.scored] for value in values))
-    return averaged(problem, path, gamma=middle.gamma)
+    r0, scored = middle.r0 * factor.get("R0", held), prepared.scored
+    return averaged(problem, (r0[scored], r[scored], tau_s[scored]), gamma=middle.gamma)
 
 
 _dual = jax.jit(partial(run_filter, kind="dual", adapting=1 - FORGETTING))

@@ -16,7 +16,7 @@ from ..global_optimum.objective import ConstantObjective
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from ..search.evaluate import evaluate
-from .method import Answer, MethodFailure, Trajectory, deterministic
+from .method import Answer, MethodFailure, deterministic
 
 # Intervals this close to the median, relative to it, are taken as it; a tester's clock jitters.
 EVEN = 0.05
@@ -179,16 +179,11 @@ def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, .
     return (f"outside the search box, which it does not use: {outside}",) if outside else ()
 
 
-def answer_of(
-    problem: Problem,
-    parameters: CircuitParameters,
-    notes: tuple[str, ...],
-    trajectory: Trajectory | None = None,
-) -> Answer:
+def answer_of(problem: Problem, parameters: CircuitParameters, notes: tuple[str, ...]) -> Answer:
     """The one answer of a method that draws nothing and simulates nothing but its answer."""
     rmse_v = evaluate(problem.prepared, parameters).metrics.rmse_v
     notes = (*notes, *outside_box(parameters, problem))
-    return Answer(parameters, rmse_v, evaluations=0, trajectory=trajectory, notes=notes)
+    return Answer(parameters, rmse_v, evaluations=0, notes=notes)
 
 
 def least_squares(problem: Problem) -> Answer:
@@ -217,7 +212,7 @@ LS = deterministic(
 
 @in_float64
 def recursive_least_squares(problem: Problem, *, poles: float, gains: float) -> Answer:
-    """The circuit that recursive least squares tracks, averaged, with its whole trajectory.
+    """The circuit that recursive least squares tracks, averaged.
 
     Ljung, System Identification (1999), section 11.2, as Yang, Tang and Zhang, Energies 14 (2021)
     1054, use it for a second-order RC circuit; the first guess is zero, and `poles` and `gains` are
@@ -234,19 +229,22 @@ def recursive_least_squares(problem: Problem, *, poles: float, gains: float) -> 
     factors = jnp.repeat(jnp.array([poles, gains]), jnp.array([pairs, pairs + 1]))
     tracked = _track(jnp.asarray(columns / scale), jnp.asarray(target), factors)
     values = circuit_values(np.asarray(tracked) / scale, samples, pairs)
-    return averaged(problem, Trajectory(samples.time_s[samples.is_row], *values), samples.notes)
+    return averaged(problem, values, samples.notes)
 
 
 def averaged(
-    problem: Problem, path: Trajectory, notes: tuple[str, ...] = (), gamma: float | None = None
+    problem: Problem,
+    tracked: tuple[np.ndarray, ...],
+    notes: tuple[str, ...] = (),
+    gamma: float | None = None,
 ) -> Answer:
-    """The answer of an online method: medians over time, and the trajectory.
+    """The answer of an online method: medians over time of R0, every pair's R and every tau.
 
     Counted are the rows from the one on at which the first guess is forgotten (or half of a
     shorter record), where the values are a circuit's; noise can make those few, and a note says
     how many. Raises `MethodFailure` where there are none.
     """
-    r0, r, tau_s = path.r0, path.r, path.tau_s
+    r0, r, tau_s = tracked
     is_circuit = np.isfinite(r0) & (r0 > 0) & np.all(np.isfinite(r) & (r > 0), axis=1)
     late = np.arange(len(r0)) >= min(MEMORY, len(r0) // 2)
     counted = late & is_circuit
@@ -261,17 +259,11 @@ def averaged(
         np.median(tau_s[counted], axis=0),
     )
     parameters = parameters.ordered().with_rate(gamma)
-    trajectory = Trajectory(
-        time_s=path.time_s,
-        r0=np.where(is_circuit, r0, np.nan),
-        r=np.where(is_circuit[:, None], r, np.nan),
-        tau_s=np.where(is_circuit[:, None], tau_s, np.nan),
-    )
     note = (
         f"averaged over the {np.count_nonzero(counted)} of {np.count_nonzero(late)} samples at "
         "which its equation is a circuit"
     )
-    return answer_of(problem, parameters, (note, *notes), trajectory)
+    return answer_of(problem, parameters, (note, *notes))
 
 
 @jax.jit

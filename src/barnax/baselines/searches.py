@@ -3,13 +3,11 @@ variable projection."""
 
 import inspect
 import math
-from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 from scipy.optimize import differential_evolution
 
 from ..execution import compile_for, in_float64, run_blocks
@@ -127,8 +125,7 @@ def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> 
     if iterations < 1:
         raise MethodFailure(
             f"the budget of {budget.evaluations} evaluations per seed is too small for a swarm and "
-            "a descent; "
-            "raise `iterations`"
+            "a descent; raise `iterations`"
         )
     seeds = _search(problem, "pso", iterations, budget, progress)
     ends = Descent(problem)([seed.parameters for seed in seeds], SEED_TOLERANCE)
@@ -178,8 +175,20 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
             history.append(min(np.min(finite), history[-1] if history else np.inf))
             return finite
 
-        point = evolve_in_box(errors, low, high, generator, budget.population, budget.iterations)
-        return point[None], np.array(history)[None]
+        fractions = latin_hypercube(generator, budget.population, len(low))
+        start: Any = low + fractions * (high - low)  # SciPy's types know of names only
+        end = differential_evolution(
+            errors,
+            list(zip(low, high, strict=True)),
+            maxiter=budget.iterations,
+            init=start,
+            rng=generator,
+            tol=0,
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+        )
+        return np.asarray(end.x)[None], np.array(history)[None]
 
     ends = run_blocks(run, range(budget.seeds), [1] * budget.seeds, progress)
     circuits = problem.parameters_at([point for point, _ in ends], box)
@@ -190,34 +199,6 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
         Answer(circuit, float(rmse_v), budget.population * len(history_v), history_v)
         for circuit, rmse_v, (_, history_v) in zip(circuits, errors_v, ends, strict=True)
     ]
-
-
-def evolve_in_box(
-    errors: Callable[[np.ndarray], np.ndarray],
-    low: Float[np.ndarray, "dims"],
-    high: Float[np.ndarray, "dims"],
-    generator: np.random.Generator,
-    population: int,
-    iterations: int,
-) -> Float[np.ndarray, "dims"]:
-    """Where differential evolution ends that starts from a Latin hypercube.
-
-    `errors` takes points as columns. It ends sooner only where all have come to one error.
-    """
-    fractions = latin_hypercube(generator, population, len(low))
-    start: Any = low + fractions * (high - low)  # SciPy's types know of names only
-    end = differential_evolution(
-        errors,
-        list(zip(low, high, strict=True)),
-        maxiter=iterations,
-        init=start,
-        rng=generator,
-        tol=0,
-        polish=False,
-        updating="deferred",
-        vectorized=True,
-    )
-    return np.asarray(end.x)
 
 
 DE = Method(

@@ -22,7 +22,7 @@ from ..model.box_least_squares import (
     with_free_values,
 )
 from ..model.descent import Axis, LogScales, Solved
-from ..model.layout import Spans, ends_of
+from ..model.layout import ends_of, spans_between
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from ..model.search_space import Bounds
@@ -173,7 +173,7 @@ class ConstantObjective(LinearObjective):
         # In NumPy: JAX would compile a program for every slice of every shape.
         factor = np.asarray(short.factor) / np.sqrt(float(short.scored))
         count = len(short.in_tau.nodes)
-        in_tau, in_rate = Spans.between(ends_of(problem.prepared_records, problem.coordinates))
+        in_tau, in_rate = spans_between(ends_of(problem.prepared_records, problem.coordinates))
         answers = factor.T[:-2, :, None]
         axes = [
             Axis(names.tau, math.log(low), math.log(high), 1 + at, answers[:count], None, in_tau, 1,

@@ -15,11 +15,12 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 
 from ..blas import one_blas_thread
+from ..cell.parameters import ANYWHERE
 from ..execution import as_input
 from .coordinates import Coordinates
 from .exponentials import Lagrange
 from .factor import NEGLIGIBLE_V, shorten
-from .layout import Layout, Spans, ends_of
+from .layout import Layout, ends_of, spans_between
 from .prepared import PreparedRecord
 from .reduced import reduce_records, scored_alone
 from .simulate import AbstractEvaluator, RCParameters
@@ -80,9 +81,10 @@ def compress(records: Sequence[PreparedRecord], box: Coordinates) -> Compressed:
 
     Raises `InputError` where the box is too wide for the accuracy promised.
     """
-    spans = in_tau, in_rate = Spans.between(ends_of(records, box))
+    spans = in_tau, in_rate = spans_between(ends_of(records, box))
+    layout = Layout(ANYWHERE, ANYWHERE, *spans, has_correction=False, has_amplitude=False)
     groups = [scored_alone(prepared) for prepared in records]
-    (reduced,) = reduce_records(records, Layout.constant(spans), groups, 1)
+    (reduced,) = reduce_records(records, layout, groups, 1)
     factor, count = reduced.factor, len(in_tau.skeleton)
     with one_blas_thread():
         # The columns of all nodes from those of the skeletons; the last two stay.

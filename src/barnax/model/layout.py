@@ -4,13 +4,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
 from ..cell.elements import get_element
-from ..cell.parameters import ANYWHERE, RATE
+from ..cell.parameters import RATE
 from .coordinates import Coordinates
 from .exponentials import Span, span_of, span_through
 from .intervals import AT_ONCE
@@ -21,17 +20,11 @@ from .search_space import Range
 TOLERANCE = 1e-12
 
 
-class Spans(NamedTuple):
-    """Nodes for every RC pair of a box, and for a dynamic hysteresis where there is one."""
-
-    in_tau: Span
-    in_rate: Span | None = None
-
-    @classmethod
-    def between(cls, ends: Iterable[Range]) -> "Spans":
-        """The spans of some ends, as `span_ends` has them. Raises `InputError` where these are too
-        far apart."""
-        return cls(*(span_of(*own, TOLERANCE) for own in ends))
+def spans_between(ends: Iterable[Range]) -> tuple[Span, Span | None]:
+    """Nodes for every RC pair of a box, and for a dynamic hysteresis where there is one, by
+    `span_ends`. Raises `InputError` where these are too far apart."""
+    in_tau, *in_rate = (span_of(*own, TOLERANCE) for own in ends)
+    return in_tau, in_rate[0] if in_rate else None
 
 
 def span_ends(taus_s: Range, gammas: Range | None, interval_s: float) -> list[Range]:
@@ -59,11 +52,6 @@ class Layout:
     has_correction: bool
     has_amplitude: bool
     sides: int = 1
-
-    @classmethod
-    def constant(cls, spans: Spans) -> "Layout":
-        """The layout of a circuit that does not change with SOC."""
-        return cls(ANYWHERE, ANYWHERE, *spans, has_correction=False, has_amplitude=False)
 
     @cached_property
     def places(self) -> dict[str, Int[np.ndarray, "count width"]]:
@@ -117,10 +105,11 @@ def layout_of(
         }
         in_tau = span_through([math.log(tau_s) for tau_s in sorted(taus_s)])
         in_rate = span_through([-math.log(ranges[RATE][0])]) if RATE in ranges else None
-        return Layout(nodes, ocv_nodes, in_tau, in_rate, has_correction, has_amplitude)
-    fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
-    slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
-    spans = Spans.between(span_ends((fastest_s, slowest_s), ranges.get(RATE), interval_s))
+        spans = in_tau, in_rate
+    else:
+        fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
+        slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
+        spans = spans_between(span_ends((fastest_s, slowest_s), ranges.get(RATE), interval_s))
     return Layout(nodes, ocv_nodes, *spans, has_correction, has_amplitude)
 
 

@@ -29,14 +29,6 @@ class PaddedSize:
             max((len(hysteresis.intervals.node_s) for hysteresis in turning), default=0),
         )
 
-    @classmethod
-    def common(cls, inputs: SimulationInput) -> Self:
-        """The next of few sizes: one an octave of samples, two of very many, where they cost more
-        than programs; one every two octaves of nodes."""
-        size = cls.of([inputs])
-        nodes, turning_nodes = map(next_nodes, (size.nodes, size.turning_nodes))
-        return cls(_next_samples(size.samples), False, nodes, turning_nodes)
-
     def fill(self, inputs: SimulationInput) -> SimulationInput:
         """The record, made as large as this; its errors keep their bits."""
         if not self.is_shared:
@@ -50,14 +42,16 @@ class PaddedSize:
 
 
 def to_common_size(inputs: SimulationInput) -> SimulationInput:
-    """The record in one of few shapes, so that a new one seldom compiles anything."""
-    return PaddedSize.common(inputs).fill(inputs)
-
-
-def _next_samples(count: int) -> int:
-    """The next of 64, 128 and so on to 65,536, then 98,304, 131,072 and so on."""
-    power = max(6, (count - 1).bit_length())
-    return 3 << (power - 2) if power > 16 and count <= 3 << (power - 2) else 1 << power
+    """The record in one of few shapes, so that a new one seldom compiles anything: one an octave of
+    samples, two of very many, where they cost more than programs; one every two octaves of nodes.
+    """
+    size = PaddedSize.of([inputs])
+    # The next of 64, 128 and so on to 65,536, then 98,304, 131,072 and so on.
+    power = max(6, (size.samples - 1).bit_length())
+    is_between = power > 16 and size.samples <= 3 << (power - 2)
+    samples = 3 << (power - 2) if is_between else 1 << power
+    nodes, turning_nodes = map(next_nodes, (size.nodes, size.turning_nodes))
+    return PaddedSize(samples, False, nodes, turning_nodes).fill(inputs)
 
 
 def padding_for(

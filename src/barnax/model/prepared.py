@@ -20,8 +20,7 @@ from ..settings import Registration, is_temperature
 from .intervals import Intervals, sized
 from .simulate import HysteresisInput, SimulationInput
 from .start import Start, find_start
-from .temperature import temperature_of
-from .window import Window, first_sample, scored_samples, within_ocv
+from .window import Window, first_sample, scored_samples, temperature_of, within_ocv
 
 FEWEST_SAMPLES = 10
 # This share of a record's samples is enough to tell a time constant of their interval.
@@ -91,7 +90,10 @@ class PreparedRecord(Brief):
         """The same prepared anew in another window, or another record in place of its own, from the
         direction that was found to fit better; nothing is followed. Raises `InputError` as
         `prepare_record` does."""
-        return _required(self._in_window(window, record))
+        made = self._in_window(window, record)
+        if isinstance(made, InputError):
+            raise made
+        return made
 
     def _in_window(
         self, window: Window, record: Record | None = None
@@ -320,8 +322,15 @@ def prepare_record(
     if any(one.severity == "error" for one in found):
         raise found[0].error()
     warnings += found
-    if np.any(scored & (record.voltage_v <= 0)):
-        raise _not_positive(record, scored)
+    wrong = np.flatnonzero(scored & (record.voltage_v <= 0))
+    if len(wrong):
+        # Relative errors divide by voltages.
+        raise InputError(
+            f"{record.name}: row {record.row[wrong[0]]} is scored at "
+            f"{record.voltage_v[wrong[0]]:g} V, which is not a cell voltage ({len(wrong)} such "
+            "samples); delete the row, or leave it out with `score_from`, `score_to` or "
+            "`score_steps`"
+        )
     if is_measured and not np.any(record.current_a[scored]):
         raise InputError(
             f"{record.name}: the current of every scored sample is zero, so nothing can be "
@@ -360,12 +369,6 @@ def prepare_record(
     )
 
 
-def _required(made: PreparedRecord | InputError) -> PreparedRecord:
-    if isinstance(made, InputError):
-        raise made
-    return made
-
-
 def try_record(
     record: Record, cell: CellModel, circuit: str, window: Window | None = None
 ) -> PreparedRecord | InputError:
@@ -383,14 +386,3 @@ def soc_along(
     """SOC by ampere-hours, from `soc` at the sample `first` (Li et al., 2023, Eq. 20)."""
     discharged_ah = record.discharged_ah
     return soc - (discharged_ah - discharged_ah[first]) / capacity_ah
-
-
-def _not_positive(record: Record, scored: Bool[np.ndarray, "samples"]) -> InputError:
-    """The refusal of scored voltages that are no cell's; relative errors divide by them."""
-    wrong = np.flatnonzero(scored & (record.voltage_v <= 0))
-    return InputError(
-        f"{record.name}: row {record.row[wrong[0]]} is scored at "
-        f"{record.voltage_v[wrong[0]]:g} V, which is not a cell voltage ({len(wrong)} such "
-        "samples); delete the row, or leave it out with `score_from`, `score_to` or "
-        "`score_steps`"
-    )

@@ -6,9 +6,7 @@ ohmic drop. Functions are written for one candidate; callers vmap them.
 """
 
 import abc
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -123,10 +121,6 @@ class SimulationInput(AbstractEvaluator):
     intervals: Intervals
     hysteresis: HysteresisInput | None = None
 
-    def map_samples(self, change: Callable[[Array], Any]) -> "SimulationInput":
-        """The same with every array that has one entry a sample changed."""
-        return eqx.tree_at(_sampled, self, replace_fn=change)
-
     def padded_to(self, samples: int) -> "SimulationInput":
         """The same in `samples` samples: those added at the end repeat the last and count nothing.
 
@@ -135,7 +129,9 @@ class SimulationInput(AbstractEvaluator):
         missing = samples - len(self.current_a)
         weight = np.ones(len(self.current_a)) if self.weight is None else self.weight
         # In NumPy: JAX would compile a program for every length it meets.
-        filled = self.map_samples(lambda array: as_input(np.pad(array, (0, missing), mode="edge")))
+        filled = eqx.tree_at(
+            _sampled, self, replace_fn=lambda a: as_input(np.pad(a, (0, missing), mode="edge"))
+        )
         weight = np.pad(np.asarray(weight, self.current_a.dtype), (0, missing))
         return replace(filled, weight=as_input(weight))
 
@@ -178,18 +174,16 @@ class SimulationInput(AbstractEvaluator):
         return error_v if self.weight is None else self.weight * error_v
 
 
-def _clocks(inputs: SimulationInput) -> list[Intervals]:
-    hysteresis = inputs.hysteresis
-    return [inputs.intervals] if hysteresis is None else [inputs.intervals, hysteresis.intervals]
-
-
 def _sampled(inputs: SimulationInput) -> list[Array]:
+    """Every array that has one entry a sample."""
+    clocks = [inputs.intervals]
     arrays = [inputs.current_a, inputs.held_a, inputs.source_v, inputs.base_error_v]
     if inputs.weight is not None:
         arrays.append(inputs.weight)
     if inputs.hysteresis is not None:
         arrays += [inputs.hysteresis.amplitude_v, inputs.hysteresis.hysteresis_input]
-    for clock in _clocks(inputs):
+        clocks.append(inputs.hysteresis.intervals)
+    for clock in clocks:
         arrays += [clock.node, clock.offset_s]
     return arrays
 

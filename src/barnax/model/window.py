@@ -1,16 +1,17 @@
-"""The part of a record that is simulated, and the samples at which errors count."""
+"""The part of a record that is simulated, its temperature, and where errors count."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from ..cell import CellModel
+from ..cell import CellModel, OcvTable
+from ..cell.model import group_near
 from ..errors import InputError
 from ..notices import Notice
 from ..records import Record
-from ..records.record import SETTLED_V
+from ..records.record import SETTLED_V, degc_in_name
 from ..records.samples import record_resistance_ohm
 from ..settings import Window
 
@@ -43,6 +44,47 @@ def merged(planned: Window, chosen: Window) -> Window:
     if "initial_soc" in given:
         given = {"soc_source": None, **given}
     return replace(planned, **given)
+
+
+def temperature_of(
+    record: Record, window: Window, samples: slice | Int[np.ndarray, "_"] = slice(None)
+) -> float | None:
+    """The temperature given for a record in degC, else the median of those measured, else that in
+    its name, if any."""
+    if window.temperature_degc is not None:
+        return window.temperature_degc
+    measured = np.empty(0) if record.temperature_degc is None else record.temperature_degc[samples]
+    known = measured[np.isfinite(measured)]
+    return float(np.median(known)) if len(known) else degc_in_name(record.name)
+
+
+def group_tests(
+    tests: Sequence[Record | OcvTable], window: Window | Mapping[str, Window] | None
+) -> dict[float, list[Record | OcvTable]]:
+    """OCV tests by temperature in degC; nothing where they are of one or of none that is known.
+
+    Raises `InputError` for one of unknown temperature beside others of several.
+    """
+    own = window if isinstance(window, Mapping) else {}
+    degc = [
+        temperature_of(test, own.get(test.name, Window()))
+        if isinstance(test, Record)
+        else own[test.name].temperature_degc
+        if test.name in own
+        else degc_in_name(test.name)
+        for test in tests
+    ]
+    pairs = list(zip(degc, tests, strict=True))
+    found = group_near((known, test) for known, test in pairs if known is not None)
+    if len(found) < 2:
+        return {}
+    for known, test in pairs:
+        if known is None:
+            raise InputError(
+                f"{test.name}: has no column of temperatures, and the other OCV tests are of "
+                "several; say it with `temperature`"
+            )
+    return found
 
 
 def first_sample(record: Record, window: Window, rest_a: float) -> int:

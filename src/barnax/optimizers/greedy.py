@@ -156,13 +156,6 @@ class Ecosystem(AbstractSortedSearch):
         return sort_by_loss(better_of_each(swarm, offspring))
 
 
-class Light(NamedTuple):
-    """One generation's numbers: how far each plant steps, where pollen goes, and who is born."""
-
-    step: Float[Array, "candidates dims"]
-    born: Float[Array, "candidates dims"]
-
-
 class SunflowerSearch(AbstractSortedSearch):
     """Enhanced sunflower optimization, in the manner of El-Sehiemy et al. (2020).
 
@@ -180,24 +173,25 @@ class SunflowerSearch(AbstractSortedSearch):
     mortality: float = 0.1
     longest_step: float = 0.1
 
-    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Light:
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> tuple[Array, Array]:
+        """How far each plant steps, and who is born."""
         step_key, born_key = jr.split(key)
         shape, dtype = (self.population, len(box.lower)), box.lower.dtype
-        return Light(
-            jr.uniform(step_key, shape, dtype), box.scale(jr.uniform(born_key, shape, dtype))
-        )
+        return jr.uniform(step_key, shape, dtype), box.scale(jr.uniform(born_key, shape, dtype))
 
-    def propose(self, drawn: Light, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
-        positions = swarm.positions
+    def propose(
+        self, drawn: tuple[Array, Array], swarm: Swarm, generation: Generation, box: Box
+    ) -> Proposal:
+        (step, born), positions = drawn, swarm.positions
         pollinated = max(1, round(self.pollination * self.population))
         dying = max(1, round(self.mortality * self.population))
         rank = jnp.arange(self.population)[:, None]
         is_pollinated = rank < pollinated
         goal = jnp.where(is_pollinated, jnp.roll(positions, -1, axis=0), positions[0])
         limit = self.longest_step * box.width
-        reach = jnp.where(is_pollinated, drawn.step, 2 * drawn.step)
+        reach = jnp.where(is_pollinated, step, 2 * step)
         stepped = positions + jnp.clip(reach * (goal - positions), -limit, limit)
-        return jnp.where(rank < self.population - dying, stepped, drawn.born), None
+        return jnp.where(rank < self.population - dying, stepped, born), None
 
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
         return sort_by_loss(better_of_each(swarm, offspring))

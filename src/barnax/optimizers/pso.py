@@ -1,11 +1,11 @@
 """Particle swarms: PSO, and three forms that batteries were identified with."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import jax.random as jr
-from jaxtyping import Array, Bool, Float, Int, Key, Scalar
+from jaxtyping import Array, Bool, Float, Key, Scalar
 
 from .population import (
     AbstractUniformStart,
@@ -24,20 +24,19 @@ class Flight(eqx.Module):
     """The memory of particles: velocities, and the best place of each."""
 
     velocities: Float[Array, "candidates dims"]
-    best_positions: Float[Array, "candidates dims"]
-    best_losses: Float[Array, "candidates"]
+    best: Swarm
 
     @staticmethod
     def start(swarm: Swarm) -> "Flight":
-        return Flight(jnp.zeros_like(swarm.positions), swarm.positions, swarm.losses)
+        return Flight(jnp.zeros_like(swarm.positions), swarm)
 
     def landed(self, swarm: Swarm) -> "Flight":
         """The memory after a swarm was evaluated; only a strictly better place is remembered."""
-        best = better_of_each(Swarm(self.best_positions, self.best_losses), swarm)
-        return Flight(self.velocities, best.positions, best.losses)
+        return Flight(self.velocities, better_of_each(self.best, swarm))
 
-    def best(self) -> Float[Array, "dims"]:
-        return self.best_positions[jnp.argmin(self.best_losses)]
+    @property
+    def leader(self) -> Float[Array, "dims"]:
+        return best_of(self.best).position
 
 
 def fly(
@@ -52,11 +51,11 @@ def fly(
     own, common = pulls
     velocities = (
         inertia * flight.velocities
-        + own * (flight.best_positions - positions)
+        + own * (flight.best.positions - positions)
         + common * (guides - positions)
     )
     velocities = jnp.clip(velocities, -limit, limit)
-    return Flight(velocities, flight.best_positions, flight.best_losses)
+    return Flight(velocities, flight.best)
 
 
 def fallen_inertia(
@@ -112,7 +111,7 @@ class ParticleSwarm(AbstractFlyingSwarm):
         limit = self.velocity_limit
         if limit is None:
             limit = self.velocity_fraction * box.width
-        flown = fly(flight, positions, inertia, drawn, flight.best()[None], limit)
+        flown = fly(flight, positions, inertia, drawn, flight.leader[None], limit)
         return positions + flown.velocities, flown
 
 
@@ -136,13 +135,6 @@ def badness(losses: Float[Array, "candidates"]) -> Float[Array, "candidates"]:
     return jnp.where(is_good, above / jnp.where(mean > 0, mean, 1), 1)
 
 
-class Pulls(NamedTuple):
-    """One generation's numbers: weights of both pulls, and whom each explorer follows."""
-
-    weights: Float[Array, "2 candidates dims"]
-    followed: Int[Array, "candidates"]
-
-
 class MixedSwarm(AbstractFlyingSwarm):
     """Mixed-swarm cooperative PSO, in the manner of Li et al. (2020).
 
@@ -162,23 +154,25 @@ class MixedSwarm(AbstractFlyingSwarm):
     exploring_pull: float = 1.5
     velocity_fraction: float = 0.06
 
-    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Pulls:
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> tuple[Array, Array]:
+        """The weights of both pulls, and whom each explorer follows."""
         weight_key, followed_key = jr.split(key)
         shape, dtype = (2, self.population, len(box.lower)), box.lower.dtype
         pull = jnp.where(self._explores(), self.exploring_pull, self.pull).astype(dtype)
-        return Pulls(
-            pull[:, None] * jr.uniform(weight_key, shape, dtype),
-            jr.randint(followed_key, (self.population,), 0, self.population, jnp.int32),
-        )
+        weights = pull[:, None] * jr.uniform(weight_key, shape, dtype)
+        followed = jr.randint(followed_key, (self.population,), 0, self.population, jnp.int32)
+        return weights, followed
 
-    def propose(self, drawn: Pulls, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
-        positions, flight = swarm.positions, swarm.memory
+    def propose(
+        self, drawn: tuple[Array, Array], swarm: Swarm, generation: Generation, box: Box
+    ) -> Proposal:
+        (weights, followed), positions, flight = drawn, swarm.positions, swarm.memory
         fallen = fallen_inertia(self, generation, positions.dtype)
         explores = self._explores()[:, None]
         inertia = jnp.where(explores, jnp.full_like(fallen, self.exploring_inertia), fallen)
-        guides = jnp.where(explores, flight.best_positions[drawn.followed], flight.best()[None])
+        guides = jnp.where(explores, flight.best.positions[followed], flight.leader[None])
         limit = self.velocity_fraction * box.width
-        flown = fly(flight, positions, inertia, drawn.weights, guides, limit)
+        flown = fly(flight, positions, inertia, weights, guides, limit)
         return positions + flown.velocities, flown
 
     def _explores(self) -> Bool[Array, "candidates"]:
@@ -224,10 +218,9 @@ class CoevolvingSwarm(AbstractUniformStart):
         is_own = self._is_own(positions.shape[1])
         moved = jnp.where(is_own, positions + flown.velocities, context.position)
         # The best particle of each sub-swarm, with its own coordinates.
-        losses = jnp.where(is_own, flight.best_losses[:, None], jnp.inf)
-        joined = jnp.take_along_axis(
-            flight.best_positions, jnp.argmin(losses, axis=0)[None], axis=0
-        )
+        losses = jnp.where(is_own, flight.best.losses[:, None], jnp.inf)
+        best = jnp.argmin(losses, axis=0)[None]
+        joined = jnp.take_along_axis(flight.best.positions, best, axis=0)
         return jnp.concatenate([moved, joined]), Species(flown, context)
 
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:

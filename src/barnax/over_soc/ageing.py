@@ -149,7 +149,11 @@ def measure_ageing(
         now, moved = best_guess
         objective = reduced_objective(moved, plain, ranges)
         best = find_best(objective)
-        weights, under, found, is_settled = _weights_at(objective, soc), [], None, False
+        # Of R0, and of the sum of all resistances.
+        at_soc = hats(np.array([soc]), objective.nodes_of[0])[0]
+        weights = np.stack([np.append(at_soc, np.zeros(objective.pairs * len(at_soc))),
+                            np.tile(at_soc, 1 + objective.pairs)])  # fmt: skip
+        under, found, is_settled = [], None, False
         for _ in range(ROUNDS):
             rests = None if is_own else _rests(objective.prepared_records, now)
             under = estimate(objective, best, _columns, now, priors, weights, rests)
@@ -201,19 +205,15 @@ def _best_guess(
     if not moved:
         return None
     # A window in SOC ends elsewhere with another capacity.
-    ends = [
-        min(len(own.scored) for own in same)
-        for same in zip(*(own for _, own in moved), strict=True)
-    ]
-    masks = [
-        [own.scored[:end] for own, end in zip(records, ends, strict=True)] for _, records in moved
-    ]
-    scored = [np.all(same, axis=0) for same in zip(*masks, strict=True)]
+    scored = []
+    for alike in zip(*(records for _, records in moved), strict=True):
+        end = min(len(own.scored) for own in alike)
+        scored.append(np.all([own.scored[:end] for own in alike], axis=0))
     tried = {name: (tau_s, tau_s) for name, tau_s in zip(ranges, TRIED_S, strict=True)}
 
     def cost_v2(records: Sequence[PreparedRecord]) -> float:
         alike = [
-            replace(own, scored=np.append(here, np.zeros(len(own.scored) - len(here), bool)))
+            replace(own, scored=np.pad(here, (0, len(own.scored) - len(here))))
             for own, here in zip(records, scored, strict=True)
         ]
         objective = reduced_objective(alike, settings, tried)
@@ -323,13 +323,6 @@ def _columns(
     columns = of_starts(objective, place, _slope(prepared, soc))
     shared = columns[:, 1::2].sum(axis=1), _ocv_columns(prepared, soc)
     return np.column_stack([columns[:, 0::2], *shared])
-
-
-def _weights_at(objective: TableObjective, soc: float) -> Float[np.ndarray, "two values"]:
-    """Weights of the tables' values in R0, and in the sum of all resistances, at a SOC."""
-    own = hats(np.array([soc]), objective.nodes_of[0])[0]
-    return np.stack([np.append(own, np.zeros(objective.pairs * len(own))),
-                     np.tile(own, 1 + objective.pairs)])  # fmt: skip
 
 
 def _told(

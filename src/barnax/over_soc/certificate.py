@@ -94,10 +94,9 @@ def certify(objective: Any, best: Found, alone_v: Sequence[float] = (0.0,)) -> P
         bounds_v = [bound(box, max(enough_v, 0.0) ** 2) for box in boxes.tolist()]
         return np.array(bounds_v), np.argmax(boxes[..., 1] - boxes[..., 0], axis=1), best.rms_v
 
-    def gap_of(best_v: float, seen: int) -> float:
-        return settings.proved_share
-
-    return Proof(*prove(first, kernel, best.rms_v, gap_of, alike, 1, settings.max_boxes), best)
+    share = settings.proved_share
+    proved = prove(first, kernel, best.rms_v, lambda *_: share, alike, 1, settings.max_boxes)
+    return Proof(*proved, best)
 
 
 @dataclass(frozen=True, eq=False)

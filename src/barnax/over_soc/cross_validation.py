@@ -79,16 +79,16 @@ class CrossValidation:
     @property
     def whole(self) -> SocErrors:
         """The errors to expect on another record of the cell, as far as there is one to tell."""
-        return self.tables if not self.by_record else _pooled(self.by_record)
-
-
-def _pooled(errors: Sequence[SocErrors]) -> SocErrors:
-    """Errors of several records together, each counting alike."""
-    above_v = [own.above_v for own in errors if own.above_v is not None]
-    rms_v = [
-        float(np.sqrt(np.mean(np.square(v)))) for v in ([e.rmse_v for e in errors], above_v) if v
-    ]
-    return SocErrors(rms_v[0], rms_v[1] if above_v else None)
+        if not self.by_record:
+            return self.tables
+        # Each record counts alike.
+        above_v = [own.above_v for own in self.by_record if own.above_v is not None]
+        rmse_v, *above = (
+            float(np.sqrt(np.mean(np.square(errors_v))))
+            for errors_v in ([own.rmse_v for own in self.by_record], above_v)
+            if errors_v
+        )
+        return SocErrors(rmse_v, above[0] if above else None)
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,8 @@ def held_out(
     if not groups.are_apart(groups.fold):
         return None
     solutions = [
-        objective.with_unknowns(best, x) for x in groups.without(groups.fold, has_ocv_of_all=True)
+        replace(best, values=objective.values_of(x), unknowns=x)
+        for x in groups.without(groups.fold, has_ocv_of_all=True)
     ]
     tables = [objective.tables_at(solution) for solution in solutions]
     blocks, count = numbered or numbered_blocks(records, objective.settings)

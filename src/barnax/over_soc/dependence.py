@@ -255,14 +255,10 @@ class _Normal:
             samples += len(rows)
         return cls(objective, products / samples)
 
-    @property
-    def _values(self) -> int:
-        return sum(len(nodes) for nodes in self.objective.nodes_of)
-
     def solved(self, log_scales: tuple[float, ...], sides: Int[np.ndarray, "_"]) -> Solution:
         """The best tables at these scales; their errors are not known."""
-        objective, own = self.objective, slice(0, self._values)
-        to_tables = objective.to_tables
+        objective, to_tables = self.objective, self.objective.to_tables
+        own = slice(len(to_tables))
         normal = to_tables.T @ self.products[own, own] @ to_tables + objective.penalty_normal
         gradient = to_tables.T @ self.products[own, -1]
         x, sides = least_in_box(normal, gradient, *objective.box, sides)
@@ -280,8 +276,8 @@ class _Normal:
         """The best step along some slopes, all tables following within their bounds, and by how
         much it promises to lower J. `pull` is half the curvature of what else is added to J, and
         `pulled` half its slope."""
-        count, ways = self._values, self.objective.ways(at)
-        free = ways.shape[1]
+        ways = self.objective.ways(at)
+        count, free = ways.shape
         chosen = np.zeros((len(self.products) - 1, free + len(slopes)))
         chosen[:count, :free] = ways
         chosen[count + np.array(slopes, int), free + np.arange(len(slopes))] = 1.0

@@ -26,10 +26,10 @@ from .cross_validation import (
     cross_validate,
     with_spread,
 )
-from .current_offset import OffsetEffect
 from .dependence import with_asked
 from .intervals import intervals_of
 from .node_interval import Fact, NodeInterval, parts_of
+from .nuisances import OffsetEffect
 from .objective import TableObjective
 from .problem import BOTH_WAYS_SOC, HELD_GAMMA, find_best, least_travel_soc, reduced_objective
 from .settings import TableSettings

@@ -1,15 +1,28 @@
-"""Nuisances of the records of one cell, estimated together with its tables under priors."""
+"""Nuisances of the records of one cell, estimated together with its tables under priors; and an
+offset of the current that several records share, as those of one tester do.
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+An offset o adds dv = o (U'(s) t / C + R) after a time t. In one record that is a capacity, or a
+slow pair. Where records differ in rate it moves their charge apart by shares that no start and no
+capacity explain, and is one more unknown beside these, with an OCV of the records' own: a measured
+one need not reach where the charge goes without the offset.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
+from ..model.descent import polish
+from ..model.prepared import PreparedRecord
+from ..model.search_space import Range
 from .intervals import UNSEEN, linearized, noises_behind, unsmoothed, with_penalty
+from .level import leveled, with_own_ocv
 from .objective import Solution, TableObjective
+from .problem import held_at, reduced_objective
 
 # Columns of the voltage by the nuisances of all records, at the scored samples of one.
 Nuisances = Callable[[TableObjective, Solution, int], Float[np.ndarray, "samples nuisances"]]
@@ -45,14 +58,14 @@ class Estimated:
 
 
 def of_starts(
-    objective: TableObjective, place: int, slope: Float[np.ndarray, "samples"]
+    objective: TableObjective, index: int, slope: Float[np.ndarray, "samples"]
 ) -> Float[np.ndarray, "samples nuisances"]:
     """The columns of a start and a capacity of every record, with the slope of the OCV by SOC."""
-    prepared = objective.prepared_records[place]
+    prepared = objective.prepared_records[index]
     soc = prepared.soc[prepared.scored]
     columns = np.zeros((len(soc), 2 * len(objective.prepared_records)))
-    columns[:, 2 * place] = slope
-    columns[:, 2 * place + 1] = slope * (prepared.start.soc - soc)
+    columns[:, 2 * index] = slope
+    columns[:, 2 * index + 1] = slope * (prepared.start.soc - soc)
     return columns
 
 
@@ -77,7 +90,7 @@ def estimate(
     count, others = of_tables.shape[1], axes + len(objective.numbers) + now.size
     ways = np.asarray(block_diag(of_tables, np.eye(others)))
     # The error falls where the simulated voltage rises.
-    rows = linearized(lighter, light, further=lambda place: -nuisances(lighter, light, place))
+    rows = linearized(lighter, light, further=lambda index: -nuisances(lighter, light, index))
     values = np.concatenate(light.values)
     (noise,), to_noise, products, slopes = noises_behind(lighter, values[:, None], ways, rows)
     normal, slopes = with_penalty(lighter, products, of_tables), slopes[:, 0]
@@ -111,3 +124,178 @@ def estimate(
         )
 
     return [under(prior) for prior in priors]
+
+
+# Offsets that are tried first, in shares of the capacity per hour, and the prior's standard
+# deviation.
+TRIED_PER_H, SD_PER_H = (-0.015, -0.01, -0.005, 0.005, 0.01, 0.015), 0.02
+# An offset counts from so many standard errors and from such a size on, if it leaves less than this
+# share of the error. The search ends where the first round's standard error is above the next
+# limit, and where a later round finds less than so many standard errors.
+TOLD_ERRORS, LEAST_PER_H, LEAVES = 3.0, 1 / 300, 0.85
+OPEN_PER_H, DOUBTED_ERRORS = 0.0075, 1.5
+# A current that reads no more than this for so long at rest has no offset. Of the currents up to
+# `SMALL_PER_H`, a rest's are more than this share, within a quarter of that.
+ZERO_PER_H, LEAST_REST_S = LEAST_PER_H / 2, 60.0
+SMALL_PER_H, STAYS = 0.02, 0.6
+# An offset that testers commonly have: its effect is reported where nothing shows the offset.
+DOUBTED_PER_H = 1 / 200
+# It moves time constants by no more than this factor.
+MOVES = 2.0
+# Charge is off by percents, so slopes of the OCV are differences over as much. The rounds end when
+# the offset moves by less than this share of its error.
+STEP_SOC, ROUNDS, SETTLED = 0.02, 6, 0.05
+
+
+@dataclass(frozen=True)
+class CurrentOffset:
+    """An offset in A, discharge positive, with its standard error, as `Registration` has them."""
+
+    offset_a: float
+    offset_error_a: float
+
+
+@dataclass(frozen=True)
+class OffsetEffect:
+    """The shares by which an unseen offset of the current would move R0, and all resistances
+    together: medians of their sizes over the visited nodes."""
+
+    offset_a: float
+    r0: float
+    total: float
+
+
+def _without_offset(
+    told: TableObjective,
+    shifts: Float[np.ndarray, "records two"],
+    offset_a: float,
+    ranges: Mapping[str, Range],
+) -> TableObjective | None:
+    """The objective with starts and capacities moved, the currents without an offset, and an OCV of
+    the records' own; None where they leave the axis of SOC."""
+    records = []
+    for prepared, soc, share in zip(told.prepared_records, *shifts.T.tolist(), strict=True):
+        record = prepared.record
+        record = replace(record, current_a=record.current_a - offset_a)
+        start, own_ah = prepared.start.soc + soc, prepared.capacity_ah * (1 + share)
+        moved = prepared.registered(start, own_ah, record=record)
+        if moved is None:
+            return None
+        records.append(moved.following(prepared.dependence))
+    records = leveled(records, told.prepared_records[0])
+    return reduced_objective(records, with_own_ocv(told.settings), ranges)
+
+
+def shared_offset(
+    objective: TableObjective,
+    best: Solution,
+    prior: Float[np.ndarray, "records two"],
+    registered_v: float,
+) -> CurrentOffset | None:
+    """The offset of the current that records share; None where they do not tell one,
+    and where the current of one of them reads zero at rest.
+
+    Args:
+        objective: That of the records as they were told.
+        best: Its best tables.
+        prior: Standard deviations of what was told of starts, and of capacities as shares.
+        registered_v: sqrt(J) with starts and capacities registered, and no offset.
+    """
+    if any(map(reads_zero_at_rest, objective.prepared_records)):
+        return None
+    capacity_ah = objective.prepared_records[0].capacity_ah
+    lowest, highest = np.transpose([[axis.low, axis.high] for axis in objective.axes])
+    sds = np.append(prior.ravel(), SD_PER_H * capacity_ah)
+    told, ranges = objective, held_at(objective.ranges, best.log_scales)
+    shifts, offset_a, least_v2 = np.zeros(prior.shape), 0.0, np.inf
+    for tried_a in (0.0, *(capacity_ah * share for share in TRIED_PER_H)):
+        moved = _without_offset(told, shifts, tried_a, ranges)
+        objective_v2 = moved.solve(best.log_scales).objective_v2 if moved else np.inf
+        if objective_v2 < least_v2:
+            offset_a, least_v2 = tried_a, objective_v2
+    error_a = leaves = np.inf
+    log_scales = np.array(best.log_scales)
+    for number in range(ROUNDS):
+        ranges = held_at(objective.ranges, log_scales.tolist())
+        moved = _without_offset(told, shifts, offset_a, ranges)
+        if moved is None:
+            return None
+        objective = moved
+        best = objective.solve(tuple(log_scales.tolist()))
+        before, before_a = np.append(shifts.ravel(), offset_a), offset_a
+        estimated = estimate(objective, best, _of_starts_and_offset, before, [sds])[0]
+        log_scales = np.clip(log_scales + estimated.moved_scales, lowest, highest)
+        shifts = estimated.values[:-1].reshape(prior.shape)
+        # SOC is scaled so that what was told is right on average.
+        shifts = shifts - np.average(shifts, axis=0, weights=prior**-2.0)
+        offset_a, error_a = float(estimated.values[-1]), float(estimated.errors[-1])
+        farthest_a = abs(offset_a) + TOLD_ERRORS * error_a
+        is_none = abs(offset_a) < DOUBTED_ERRORS * error_a or farthest_a < LEAST_PER_H * capacity_ah
+        if is_none if number else error_a > OPEN_PER_H * capacity_ah:
+            return None
+        leaves = best.rms_v / registered_v
+        if abs(offset_a - before_a) < SETTLED * error_a:
+            break
+    least_a = max(TOLD_ERRORS * error_a, LEAST_PER_H * capacity_ah)
+    is_told = abs(offset_a) > least_a and leaves < LEAVES
+    return CurrentOffset(offset_a, error_a) if is_told else None
+
+
+def reads_zero_at_rest(prepared: PreparedRecord) -> bool:
+    """True where rests show that the current has no offset. What is left of a hysteresis looks
+    like one on a flat OCV, so what the voltages tell does not count against it."""
+    per_h = prepared.current_a / prepared.capacity_ah
+    small = per_h[np.abs(per_h) < SMALL_PER_H]
+    if len(small) * prepared.median_interval_s < LEAST_REST_S:
+        return False
+    # A load passes zero too, and stays nowhere; a rest with an offset stays beside it.
+    level = float(np.median(small))
+    stays = np.mean(np.abs(small - level) < SMALL_PER_H / 4) > STAYS
+    return bool(stays) and abs(level) < ZERO_PER_H
+
+
+def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | None:
+    """The effect of an offset of `DOUBTED_PER_H` on tables that were fitted to one record with its
+    own OCV, whose time constants move with it; None where it would leave the axis of SOC, or no
+    resistance is more than zero."""
+    (prepared,) = objective.prepared_records
+    offset_a = DOUBTED_PER_H * prepared.capacity_ah
+    # SOC goes as far as without it, so that the same states are compared.
+    full, empty = int(np.argmax(prepared.soc)), int(np.argmin(prepared.soc))
+    hours = float(prepared.time_s[empty] - prepared.time_s[full]) / 3600
+    share = -DOUBTED_PER_H * hours / float(np.ptp(prepared.soc))
+    ranges = {
+        name: (max(low, math.exp(scale) / MOVES), min(high, math.exp(scale) * MOVES))
+        for (name, (low, high)), scale in zip(
+            objective.ranges.items(), best.log_scales, strict=True
+        )
+    }
+    other = _without_offset(objective, np.array([[0.0, share]]), offset_a, ranges)
+    if other is None:
+        return None
+    other = polish(other, other.solve(best.log_scales))
+    moved_shares = []
+    for tables in (slice(1), slice(1 + objective.pairs)):
+        before, after = (np.sum(solution.values[tables], axis=0) for solution in (best, other))
+        known = objective.visited & (before > 0)
+        if not known.any():
+            return None
+        moved_shares.append(float(np.median(np.abs(after[known] / before[known] - 1))))
+    return OffsetEffect(offset_a, *moved_shares)
+
+
+def _of_starts_and_offset(
+    objective: TableObjective, best: Solution, index: int
+) -> Float[np.ndarray, "samples nuisances"]:
+    """The columns of starts and capacities, and of an offset of the current that all share."""
+    prepared = objective.prepared_records[index]
+    soc, (nodes, ocv_v) = prepared.soc[prepared.scored], objective.ocv_at(best)
+    half = STEP_SOC / 2
+    middle = np.clip(soc, nodes[0] + half, nodes[-1] - half)
+    below_v, above_v = (np.interp(middle + step, nodes, ocv_v) for step in (-half, half))
+    slope = (above_v - below_v) / STEP_SOC
+    hours = (prepared.time_s - prepared.time_s[0])[prepared.scored] / 3600
+    r_ohm = np.sum(best.values[: 1 + objective.pairs], axis=0)
+    of_offset = slope * hours / prepared.capacity_ah
+    of_offset += np.interp(soc, objective.nodes_of[0], r_ohm)
+    return np.column_stack([of_starts(objective, index, slope), of_offset])

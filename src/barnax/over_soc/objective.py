@@ -281,10 +281,6 @@ class TableObjective(LinearObjective):
         added_v = hats(prepared.soc, self.nodes_of[place]) @ found.values[place]
         return replace(prepared, source_v=prepared.source_v + added_v)
 
-    def with_unknowns(self, found: Solution, x: Float[np.ndarray, "unknowns"]) -> Solution:
-        """A solution with other tables at the same scales."""
-        return replace(found, values=self.values_of(x), unknowns=x)
-
     def tables_at(self, found: Solution) -> CircuitParameters:
         """A solution as stored, pairs from fast to slow; an OCV of its own is left out. Where the
         OCV's correction has more nodes than resistances, all are written down at its nodes."""

@@ -7,7 +7,7 @@ the record holds, or from its own span.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -24,11 +24,10 @@ from ..model.prepared import PreparedRecord, prepare_record
 from ..model.window import Window
 from ..notices import Notice
 from .certificate import certify
-from .current_offset import offset_effect
 from .fit import OcvCompared, TableFit, fit_of
-from .intervals import NodeInterval
 from .level import cell_of, leveled, with_own_ocv
 from .node_interval import parts_of
+from .nuisances import offset_effect
 from .objective import Solution, TableObjective
 from .own_starts import OwnRecords, Starts, windows_of
 from .problem import box_of, reduced_objective
@@ -45,7 +44,6 @@ class OwnOcv(Brief):
             each.
         windows: The windows of the records, each with its start on the axis.
         found: The tables over SOC, and the OCV among their intervals.
-        settings: How they were fitted.
         circuit: Name of the circuit that they are of.
         warnings: What speaks against the starts.
         directions: Of the records whose direction before the start was found by the fit, the RMSE
@@ -56,7 +54,6 @@ class OwnOcv(Brief):
     cell: CellModel
     windows: Mapping[str, Window]
     found: TableFits
-    settings: TableSettings
     circuit: str
     warnings: tuple[Notice, ...] = ()
     directions: Mapping[str, float] = field(default_factory=dict)
@@ -78,19 +75,23 @@ def prove_own(own: OwnRecords, objective: TableObjective, best: Solution, starts
         effect = offset_effect(objective, proof.best) if len(records) == 1 else None
     cell = cell_of(objective, proof.best, own.capacity_ah, own.capacity_origin)
     fit = fit_of(objective, proof, _with_cell(objective, cell))
-    fit = replace(fit, of_offset=effect)
+    # Of a pair whose time constant ended at the slowest, the OCV takes up what is slower still.
+    slowest = {hit.name for hit in fit.at_bound if hit.side == "upper"}
+    pairs = names_of(get_circuit(circuit).elements)
+    is_open = {pair.resistance for pair in pairs if pair.tau in slowest}
     intervals, means = (
-        tuple(_with_open_pairs(fit, given, circuit)) for given in (fit.intervals, fit.means)
+        tuple(node if is_open.isdisjoint(parts_of(node.name)) else node.opened() for node in given)
+        for given in (fit.intervals, fit.means)
     )
-    found = TableFits((replace(fit, intervals=intervals, means=means),))
-    given = windows_of(records), found, objective.settings, circuit
-    return OwnOcv(cell, *given, starts.warnings, starts.directions)
+    fit = replace(fit, of_offset=effect, intervals=intervals, means=means)
+    found = TableFits((fit,), settings=objective.settings)
+    return OwnOcv(cell, windows_of(records), found, circuit, starts.warnings, starts.directions)
 
 
 def fit_own_temperatures(own: OwnRecords, circuit: str) -> OwnOcv:
     """Tables over SOC and an OCV of each temperature, on one axis, with one set of time constants;
     proved already."""
-    starts, settings = own.starts(circuit), own.settings_of(circuit)
+    starts, settings = own.starts_by_temperature(circuit), own.settings_of(circuit)
     prepared, cells = own.prepared(circuit, starts.windows), list[CellModel]()
 
     def at_home(objective: TableObjective, best: Solution) -> list[PreparedRecord]:
@@ -100,20 +101,7 @@ def fit_own_temperatures(own: OwnRecords, circuit: str) -> OwnOcv:
     groups = group_by_temperature(prepared)
     found = fit_temperatures(groups, settings, at_home)
     cell = over_temperatures(dict(zip(groups, cells, strict=True)))
-    given = windows_of(prepared), found, settings, circuit
-    return OwnOcv(cell, *given, starts.warnings, starts.directions)
-
-
-def _with_open_pairs(
-    fit: TableFit, intervals: Sequence[NodeInterval], circuit: str
-) -> Iterator[NodeInterval]:
-    """The intervals; resistances of a pair whose time constant ended at the slowest have none, for
-    the OCV takes up what is slower still."""
-    slowest = {hit.name for hit in fit.at_bound if hit.side == "upper"}
-    pairs = names_of(get_circuit(circuit).elements)
-    is_open = {pair.resistance for pair in pairs if pair.tau in slowest}
-    for one in intervals:
-        yield one if is_open.isdisjoint(parts_of(one.name)) else one.opened()
+    return OwnOcv(cell, windows_of(prepared), found, circuit, starts.warnings, starts.directions)
 
 
 def _with_cell(objective: TableObjective, cell: CellModel) -> list[PreparedRecord]:

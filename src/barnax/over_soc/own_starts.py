@@ -15,8 +15,7 @@ from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record, soc_along
 from ..model.rest import cell_at_rest
 from ..model.start import find_start, require_whole_log
-from ..model.temperature import temperature_of
-from ..model.window import OCV_MARGIN, Window, first_sample, scored_samples
+from ..model.window import OCV_MARGIN, Window, first_sample, scored_samples, temperature_of
 from ..notices import Notice
 from ..records import Record
 from ..records.record import in_means
@@ -30,32 +29,6 @@ from .settings import TableSettings
 NEARLY_SOC = 0.02
 # A usual cell under load is never empty above this.
 NEVER_EMPTY_V = 3.4
-
-
-def axis_capacity(
-    records: Sequence[Record], windows: Mapping[str, Window], given_ah: float | None
-) -> tuple[float, str]:
-    """One capacity for the axis, given or the widest span, and where it comes from."""
-    given = {windows[record.name].capacity_ah for record in records} - {None}
-    if len(given) > 1:
-        raise InputError(
-            "records of one cell without an OCV test need one `capacity`; they were given "
-            f"{', '.join(f'{ah:g}' for ah in sorted(filter(None, given)))} Ah"
-        )
-    given_ah = next(iter(given), None) or given_ah
-    if given_ah is not None:
-        return given_ah, GIVEN
-    widest = max(records, key=span_ah_of)
-    span_ah = span_ah_of(widest)
-    if not span_ah > 0:
-        raise InputError(
-            f"{records[0].name}: its current moves no charge, so nothing tells the OCV; give a "
-            "record that goes over much of the state of charge"
-        )
-    lowest_v, more = float(widest.voltage_v.min()), ""
-    if lowest_v > NEVER_EMPTY_V:
-        more = f", never below {lowest_v:.2f} V, so the cell holds more"
-    return span_ah, f"the charge that {widest.name} spans{more}"
 
 
 def require_on_axis(record: Record, window: Window, capacity_ah: float):
@@ -172,7 +145,6 @@ class OwnRecords:
         settings: How tables are fitted.
         capacity_ah: The capacity of the axis.
         capacity_origin: Where that comes from.
-        over_temperature: Whether records of each temperature are taken by themselves.
     """
 
     records: Sequence[Record]
@@ -180,7 +152,6 @@ class OwnRecords:
     settings: TableSettings
     capacity_ah: float
     capacity_origin: str
-    over_temperature: bool = False
 
     @classmethod
     def of(
@@ -189,14 +160,33 @@ class OwnRecords:
         windows: Mapping[str, Window],
         settings: TableSettings,
         capacity_ah: float | None = None,
-        over_temperature: bool = False,
     ) -> "OwnRecords":
-        """The records on the axis of a capacity; None takes what the records span.
+        """The records on the axis of one capacity, given or the widest span of a record.
 
-        Raises `InputError` where the axis is not known.
+        Raises `InputError` where that is not known.
         """
-        axis = axis_capacity(records, windows, capacity_ah)
-        return cls(records, windows, settings, *axis, over_temperature)
+        given = {windows[record.name].capacity_ah for record in records} - {None}
+        if len(given) > 1:
+            raise InputError(
+                "records of one cell without an OCV test need one `capacity`; they were given "
+                f"{', '.join(f'{ah:g}' for ah in sorted(filter(None, given)))} Ah"
+            )
+        capacity_ah = next(iter(given), None) or capacity_ah
+        if capacity_ah is not None:
+            return cls(records, windows, settings, capacity_ah, GIVEN)
+        widest = max(records, key=span_ah_of)
+        span_ah = span_ah_of(widest)
+        if not span_ah > 0:
+            raise InputError(
+                f"{records[0].name}: its current moves no charge, so nothing tells the OCV; give a "
+                "record that goes over much of the state of charge"
+            )
+        lowest_v, more = float(widest.voltage_v.min()), ""
+        if lowest_v > NEVER_EMPTY_V:
+            more = f", never below {lowest_v:.2f} V, so the cell holds more"
+        return cls(
+            records, windows, settings, span_ah, f"the charge that {widest.name} spans{more}"
+        )
 
     @property
     def level(self) -> CellModel:
@@ -216,12 +206,9 @@ class OwnRecords:
             prepare_record(record, cell, circuit, windows[record.name]) for record in self.records
         ]
 
-    def starts(self, circuit: str, simpler: Starts | None = None) -> Starts:
-        """Where the records start, by the best tables of a circuit, over temperature by the OCV of
-        each temperature; the starts of a simpler circuit may be known. Raises `InputError` where a
+    def starts_by_temperature(self, circuit: str) -> Starts:
+        """Where the records start, by the OCV of each temperature. Raises `InputError` where a
         start or a temperature is not known."""
-        if not self.over_temperature:
-            return self._starts(circuit, simpler)
         known: list[tuple[float, Record]] = []
         for record in self.records:
             if (degc := temperature_of(record, self.windows[record.name])) is None:
@@ -229,11 +216,12 @@ class OwnRecords:
             known.append((degc, record))
         found = Starts({})
         for alike in group_near(known).values():
-            found = found.together(replace(self, records=alike)._starts(circuit, simpler))
+            found = found.together(replace(self, records=alike).starts(circuit))
         return found
 
-    def _starts(self, circuit: str, simpler: Starts | None) -> Starts:
-        """The starts of records of one temperature."""
+    def starts(self, circuit: str, simpler: Starts | None = None) -> Starts:
+        """Where the records start, by the best tables of a circuit; the starts of a simpler one may
+        be known. Raises `InputError` where a start is not known."""
         told = {
             record.name: axis_of(record, self.windows[record.name], self.capacity_ah)
             for record in self.records
@@ -248,8 +236,14 @@ class OwnRecords:
             for record in self.records:
                 if record not in known:
                     warnings += self._by_rest(record, cell, circuit, told, turned)
-        is_registered = len(self.records) > 1 and not self.settings.keep_starts
-        if turned or self._has_open_directions(circuit, told):
+        has_rate = get_circuit(circuit).has_rate
+        if turned or (
+            has_rate
+            and any(
+                prepared.start.direction_source == "assumed"
+                for prepared in self.prepared(circuit, told)
+            )
+        ):
             # A start would move to make up for a direction that is wrong.
             _, fitted = self._fitted(circuit, told, turned)
             directions = {**fitted.directions}
@@ -259,7 +253,7 @@ class OwnRecords:
                 else one.window
                 for one in fitted.objective.prepared_records
             }
-        if is_registered:
+        if len(self.records) > 1 and not self.settings.keep_starts:
             told = self._registered(circuit, told, simpler)
         return Starts(told, tuple(warnings), directions)
 
@@ -309,12 +303,6 @@ class OwnRecords:
             settings, log_scales = self.settings_of(circuit), fitted.best.log_scales
             found = windows_of(register(prepared, settings, rounds, log_scales))
         return found
-
-    def _has_open_directions(self, circuit: str, windows: Mapping[str, Window]) -> bool:
-        """True where a dynamic hysteresis starts from a direction that is not known."""
-        return get_circuit(circuit).has_rate and any(
-            one.start.direction_source == "assumed" for one in self.prepared(circuit, windows)
-        )
 
     def _fitted(
         self,

@@ -31,9 +31,8 @@ from ..records.record import in_means, runs
 from ..settings import Registration
 from ..uncertainty.noise import CONFIDENCE
 from .cross_validation import SocErrors, held_out
-from .current_offset import CurrentOffset, shared_offset
 from .dependence import adjusted
-from .nuisances import estimate, of_starts
+from .nuisances import estimate, of_starts, shared_offset
 from .objective import Solution, TableObjective
 from .problem import box_of, find_best, held_at, is_loaded, reduced_objective
 from .settings import TableSettings
@@ -77,10 +76,9 @@ def register(
     """
     plain = replace(settings, folds=0, max_boxes=0)
     means = [_in_means(own).following(own.dependence) for own in prepared_records]
-    found, rows = list(means), list[list[float]]()
-    told = np.array([[prepared.start.soc, prepared.capacity_ah] for prepared in prepared_records])
+    found, moves = list(means), np.empty((0, 4))
     prior = np.array([told_within(prepared) for prepared in prepared_records])
-    shifts = errors = np.zeros_like(told)
+    shifts = np.zeros_like(prior)
     # SOC is scaled so that what was told is right on average.
     shares = (prior**-2.0 / np.sum(prior**-2.0, axis=0))[:, :, None] * np.eye(2)
     to_axis = np.eye(prior.size) - np.tile(shares.reshape(-1, 2).T, (len(prior), 1))
@@ -103,18 +101,17 @@ def register(
             errors = errors.reshape(shifts.shape)
             steps = np.abs(moved - shifts) / estimated.errors.reshape(shifts.shape)
             is_settled, shifts = np.all(steps <= SETTLED), moved
-            rows = np.hstack([told, shifts, errors]).tolist()
-            moved_means = _all_moved(means, rows, dependence)
+            moves = np.hstack([shifts, errors])
+            moved_means = _all_moved(means, prepared_records, moves, dependence)
             if moved_means is None:
                 return list(prepared_records)
             found = [prepared.following(dependence) for prepared in moved_means]
             if is_settled:
                 break
         offset = shared_offset(*as_told, prior, best.rms_v)
-    whole = _all_moved(prepared_records, rows, dependence)
-    if whole is None:
-        return list(prepared_records)
-    return whole if offset is None else [_with_offset(prepared, offset) for prepared in whole]
+    shared = {} if offset is None else asdict(offset)
+    whole = _all_moved(prepared_records, prepared_records, moves, dependence, **shared)
+    return whole or list(prepared_records)
 
 
 def _in_means(prepared: PreparedRecord) -> PreparedRecord:
@@ -125,25 +122,19 @@ def _in_means(prepared: PreparedRecord) -> PreparedRecord:
 
 def _all_moved(
     prepared_records: Sequence[PreparedRecord],
-    rows: Sequence[Sequence[float]],
+    told: Sequence[PreparedRecord],
+    moves: Float[np.ndarray, "records four"],
     follows: Dependence | None,
+    **shared: float,
 ) -> list[PreparedRecord] | None:
-    """The records with their starts and capacities moved, each as its row says; None where one of
-    them cannot be."""
+    """The records with their starts and capacities moved from those that were told, each as its row
+    of moves says; None where one of them cannot be."""
     tried = [
-        with_start(prepared, *row, follows=follows)
-        for prepared, row in zip(prepared_records, rows, strict=True)
+        with_start(prepared, given, *move, follows=follows, **shared)
+        for prepared, given, move in zip(prepared_records, told, moves.tolist(), strict=True)
     ]
     moved = [prepared for prepared in tried if prepared is not None]
     return moved if len(moved) == len(tried) else None
-
-
-def _with_offset(prepared: PreparedRecord, offset: CurrentOffset) -> PreparedRecord:
-    """The registered record, with an offset that the records share."""
-    known = prepared.window.registration
-    assert known is not None, "it is registered"
-    known = replace(known, offset_a=offset.value_a, offset_error_a=offset.error_a)
-    return replace(prepared, window=replace(prepared.window, registration=known))
 
 
 @in_float64
@@ -160,14 +151,12 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     rest = _far_rest(prepared)
     if rest is None:
         return prepared
-    share = rest.share
-    told_soc, told_ah = prepared.start.soc, prepared.capacity_ah
     furthest = FURTHEST * np.array([told_within(prepared)[0], COUNTED_SD])
     plain = replace(settings, folds=0, max_boxes=0)
 
     def moved(shift: Float[np.ndarray, "two"], *errors: float) -> PreparedRecord | None:
         return with_start(
-            prepared, told_soc, told_ah, *shift.tolist(), *(errors or (0.0, 0.0)), by="OCV test"
+            prepared, prepared, *shift.tolist(), *(errors or (0.0, 0.0)), by="OCV test"
         )
 
     def fitted(
@@ -181,7 +170,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         return np.inf if record is None else fitted(record, at, plain)[1].objective_v2
 
     # By the rest alone; time constants of what was told would be those of its wrong OCV.
-    guess = np.array([0.0, share])
+    guess = np.array([0.0, rest.share])
     guessed = moved(guess)
     if guessed is None:
         return prepared
@@ -227,13 +216,12 @@ def counted_alike(
     def counted(prepared: PreparedRecord) -> PreparedRecord | None:
         if prepared.window.capacity_ah is not None or is_loaded(prepared):
             return prepared
-        told_soc, told_ah = prepared.start.soc, prepared.capacity_ah
-        where = 0.0, share - 1, *told_within(prepared)
-        moved = with_start(prepared, told_soc, told_ah, *where, by="OCV test")
+        move = 0.0, share - 1, *told_within(prepared)
+        moved = with_start(prepared, prepared, *move, by="OCV test")
         if moved is None:
             return None
         # Where it starts is found as before.
-        known, own_ah = moved.window.registration, share * told_ah
+        known, own_ah = moved.window.registration, share * prepared.capacity_ah
         window = replace(prepared.window, capacity_ah=own_ah, registration=known)
         return prepared.in_window(window)
 
@@ -307,8 +295,7 @@ def told_within(prepared: PreparedRecord, level_v: float = 0.0) -> tuple[float, 
 
 def with_start(
     prepared: PreparedRecord,
-    soc: float,
-    capacity_ah: float,
+    told: PreparedRecord,
     soc_shift: float,
     share: float,
     soc_error: float,
@@ -316,8 +303,10 @@ def with_start(
     follows: Dependence | None = None,
     **by: Any,
 ) -> PreparedRecord | None:
-    """The record with its start and capacity moved, `by` what, as `Registration` has it; None where
-    it cannot be, or more of it than before lies far beyond the OCV points."""
+    """The record with its start and capacity moved from those of one as it was told, `by` what, as
+    `Registration` has it; None where it cannot be, or more of it than before lies far beyond the
+    OCV points."""
+    soc, capacity_ah = told.start.soc, told.capacity_ah
     own, own_ah = soc + soc_shift, capacity_ah * (1 + share)
     reach, reach_ah = REACH * soc_error, capacity_ah * REACH * share_error
     known = Registration(

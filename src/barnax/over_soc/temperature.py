@@ -84,15 +84,10 @@ class _Joint:
         return math.sqrt(float(self.weights @ squares))
 
 
-def _as_fitted(objective: TableObjective, best: Solution) -> Sequence[PreparedRecord]:
-    del best
-    return objective.prepared_records
-
-
 def fit_temperatures(
     by_degc: Mapping[float, Sequence[PreparedRecord]],
     settings: TableSettings | None = None,
-    at_home: Callable[[TableObjective, Solution], Sequence[PreparedRecord]] = _as_fitted,
+    at_home: Callable[[TableObjective, Solution], Sequence[PreparedRecord]] | None = None,
 ) -> TableFits:
     """The tables over SOC that fit the records of each temperature best, with time constants (and
     gamma) that are the same at all of them. `by_degc` are the records by temperature in degC;
@@ -117,7 +112,10 @@ def fit_temperatures(
             for objective, part in zip(joint.objectives, best.parts, strict=True)
         ]
         lower_bound_v, best = _prove_together(joint, best, proofs)
-        homes = [at_home(objective, part) for _, objective, part in joint.parts_at(best)]
+        homes = [
+            at_home(objective, part) if at_home else objective.prepared_records
+            for _, objective, part in joint.parts_at(best)
+        ]
         left_out = _left_out(joint, best, degc, homes)
     fits = tuple(
         fit_of(objective, Proof(min(proof.lower_bound_v, part.rms_v), proof.boxes, part), home)
@@ -133,7 +131,7 @@ def fit_temperatures(
         left_out=left_out,
         reversals=_reversals(fits),
     )
-    return TableFits(fits, over_temperature)
+    return TableFits(fits, over_temperature, settings)
 
 
 def group_by_temperature(

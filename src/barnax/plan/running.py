@@ -25,8 +25,7 @@ from ..inputs import (
     windows_by_name,
 )
 from ..job import PLANNED, Job
-from ..model.temperature import temperature_of
-from ..model.window import Window
+from ..model.window import Window, temperature_of
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record, read_source
 from ..records.logger import Decision, Logger, SlowRows

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from ..model.window import Window
     from ..notices import Notice
     from ..over_soc.cross_validation import SocErrors
-    from ..over_soc.current_offset import OffsetEffect
     from ..over_soc.fits import OverTemperature
+    from ..over_soc.nuisances import OffsetEffect
     from ..records import Decision
     from ..result_parts import Candidate, InputPart, MetricsPart
     from ..results import Result

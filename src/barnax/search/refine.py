@@ -132,21 +132,17 @@ class _Undifferentiated(optx.AbstractAdjoint):
         return primal_fn((*inputs, loop))
 
 
-def angle_of(point: Float[Array, "free"], box: Coordinates) -> Float[Array, "free"]:
-    """The angles whose sine runs over a box, at a point of it."""
-    # The sine is flat at the ends of the box: a start exactly there could never leave.
-    fraction = jnp.clip((point - box.lower) / (box.upper - box.lower), AT_BOUND, 1 - AT_BOUND)
-    return jnp.arcsin(2 * fraction - 1)
+def _descend(
+    objective: Objective,
+    points: Float[Array, "seeds free"],
+    tolerance: Scalar,
+    holds_bounds: Bool[Array, ""],
+):
+    """End point, its RMSE in V, whether it converged, and its evaluations, from every start.
 
-
-def point_at(angle: Float[Array, "free"], box: Coordinates) -> Float[Array, "free"]:
-    return box.lower + (box.upper - box.lower) * (1 + jnp.sin(angle)) / 2
-
-
-def levenberg_marquardt(
-    errors: Callable, angle: Float[Array, "free"], given: Any, tolerance: Scalar | float
-) -> optx.Solution:
-    """The angles of the least errors, in `STEPS` steps at most."""
+    The unknowns are angles whose sine runs over the box.
+    """
+    box = objective.coordinates
     # Not QR: forming its Q is slower here, and two such programs at a time hang in XLA's CPU
     # runtime (jaxlib 0.10.2).
     to_tolerance: Any = tolerance  # an array where a float is declared: one program serves both
@@ -154,23 +150,13 @@ def levenberg_marquardt(
         rtol=to_tolerance, atol=to_tolerance, linear_solver=lx.Normal(lx.Cholesky())
     )
     how: dict[str, Any] = {"max_steps": STEPS, "adjoint": _Undifferentiated(), "throw": False}
-    return optx.least_squares(errors, solver, angle, given, {"jac": "fwd"}, **how)
-
-
-def _descend(
-    objective: Objective,
-    points: Float[Array, "seeds free"],
-    tolerance: Scalar,
-    holds_bounds: Bool[Array, ""],
-):
-    """End point, its RMSE in V, whether it converged, and its evaluations, from every start."""
-    box = objective.coordinates
 
     def place(angle, start):
         fraction = (start - box.lower) / (box.upper - box.lower)
         is_held = holds_bounds & ((fraction < AT_BOUND) | (fraction > 1 - AT_BOUND))
         bound = jnp.where(fraction < 0.5, box.lower, box.upper)
-        return jnp.where(is_held, bound, point_at(angle, box))
+        inside = box.lower + (box.upper - box.lower) * (1 + jnp.sin(angle)) / 2
+        return jnp.where(is_held, bound, inside)
 
     def errors(angle, given):
         objective, start, unit_v = given
@@ -183,7 +169,10 @@ def _descend(
         # In units of the start's own error, tolerances are relative and no seed sees another.
         unit_v = jnp.maximum(rmse_at(start), SMALLEST_UNIT_V)
         given = objective, start, unit_v
-        solution = levenberg_marquardt(errors, angle_of(start, box), given, tolerance)
+        # The sine is flat at the ends of the box: a start exactly there could never leave.
+        fraction = jnp.clip((start - box.lower) / (box.upper - box.lower), AT_BOUND, 1 - AT_BOUND)
+        angle = jnp.arcsin(2 * fraction - 1)
+        solution = optx.least_squares(errors, solver, angle, given, {"jac": "fwd"}, **how)
         has_converged = solution.result == optx.RESULTS.successful
         ends = jnp.stack([start, place(solution.value, start)])
         errors_v = jax.vmap(rmse_at)(ends)

@@ -82,14 +82,19 @@ class Search(Brief):
         seeds: Sequence[SeedAnswer],
     ) -> "Search":
         """The search of a problem by an optimizer."""
-        method, settings = describe(optimizer)
+        budget = {"population": optimizer.population, "iterations": optimizer.iterations}
+        registered = (name for name, make in OPTIMIZERS.items() if make(**budget) == optimizer)
+        values = {field.name: getattr(optimizer, field.name) for field in fields(optimizer)}
         return cls(
-            method=method,
-            settings=settings,
+            method=next(registered, type(optimizer).__name__),
+            settings={
+                name: value
+                for name, value in values.items()
+                if isinstance(value, bool | int | float | str)
+            },
             coordinates=problem.scale,
             objective=problem.kind,
-            population=optimizer.population,
-            iterations=optimizer.iterations,
+            **budget,
             key=key,
             evaluations=sum(answer.evaluations for answer in seeds),
             seeds=tuple(seeds),
@@ -101,21 +106,6 @@ class Search(Brief):
     def best(self) -> SeedAnswer:
         """The answer with the lowest RMSE."""
         return min(self.seeds, key=lambda answer: answer.rmse_v)
-
-
-def describe(
-    optimizer: AbstractPopulationMinimiser,
-) -> tuple[str, dict[str, bool | int | float | str]]:
-    """An optimizer's registered name, or its class's, and its settings."""
-    values = {field.name: getattr(optimizer, field.name) for field in fields(optimizer)}
-    settings = {
-        name: value for name, value in values.items() if isinstance(value, bool | int | float | str)
-    }
-    budget = {"population": optimizer.population, "iterations": optimizer.iterations}
-    for name, make in OPTIMIZERS.items():
-        if make(**budget) == optimizer:
-            return name, settings
-    return type(optimizer).__name__, settings
 
 
 def search_seeds(
@@ -207,7 +197,9 @@ def _identification(
             errors_v, circuits, histories, evaluations, failures, strict=True
         )
     ]
-    return Search.of(problem, optimizer, key_integer(key), answers)
+    # The integer that `jax.random.key` makes this key from.
+    integer = int.from_bytes(np.asarray(jr.key_data(key)).astype(">u4").tobytes(), "big")
+    return Search.of(problem, optimizer, integer, answers)
 
 
 def _search(
@@ -230,8 +222,3 @@ def _search(
         return solution.value, stats["history"], stats["evaluations"], stats["failures"]
 
     return jax.vmap(one)(keys)
-
-
-def key_integer(key: Key[Array, ""]) -> int:
-    """The integer that `jax.random.key` makes this key from, as results store it."""
-    return int.from_bytes(np.asarray(jr.key_data(key)).astype(">u4").tobytes(), "big")

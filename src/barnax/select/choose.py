@@ -87,7 +87,6 @@ def choose(
     prepare: Callable[[str], Sequence[PreparedRecord]],
     settings: TableSettings,
     limits: Limits,
-    policy: Policy | None = None,
 ) -> Choice:
     """The circuit that the records support: from the simplest one on, the rung that lowers the loss
     most, as long as the policy keeps one.
@@ -96,11 +95,9 @@ def choose(
         prepare: Gives the records, in their windows, made ready for a circuit.
         settings: How tables are fitted, and how blocks are held out.
         limits: What is tried.
-        policy: The rule.
     """
-    bench = Bench(prepare, settings, limits, policy or Policy())
     with one_blas_thread():
-        return bench.chosen()
+        return Bench(prepare, settings, limits).chosen()
 
 
 @dataclass(eq=False)
@@ -120,7 +117,10 @@ class Bench:
 
     def chosen(self) -> Choice:
         chosen = self.fit(Point(self.limits.start, self.limits.nodes[0]))
-        chosen = self._with_asked(chosen)
+        for what in self.limits.laws or ():
+            proposed = propose(chosen.objective, chosen.best, what, is_asked=True)
+            if proposed is not None:
+                chosen = self.fit(replace(chosen.point, law=proposed[0]))
         self.tried.append(_tried(None, chosen, None))
         if chosen.loss is None:
             # Nothing can be held out, and nothing speaks for more.
@@ -148,21 +148,11 @@ class Bench:
         """The same without rungs that are worth nothing any more beside those kept later."""
         for point in self.limits.simpler(chosen.point):
             simpler = self.fit(point)
-            assert chosen.loss is not None
-            assert simpler.loss is not None
-            gain = self.policy.gain(simpler.loss, chosen.loss)
+            gain = self._gain(simpler, chosen)
             if not self._is_worth(simpler, chosen, gain):
                 self.tried.append(_tried("without", simpler, gain))
                 return self._without_needless(simpler)
         return chosen
-
-    def _with_asked(self, fitted: Fitted) -> Fitted:
-        """The same with the laws that were asked for."""
-        for what in self.limits.laws or ():
-            proposed = propose(fitted.objective, fitted.best, what, is_asked=True)
-            if proposed is not None:
-                fitted = self.fit(replace(fitted.point, law=proposed[0]))
-        return fitted
 
     def _richer(self, point: Point) -> Iterator[tuple[Ladder, Fitted]]:
         """The richer circuits that the records can tell."""
@@ -175,10 +165,7 @@ class Bench:
         finer = self.limits.nodes[self.limits.nodes.index(chosen.point.nodes) + 1 :]
         if len(finer) < 2 or not self._spans_enough:
             return
-        next_loss = self.fit(replace(chosen.point, nodes=finer[0])).loss
-        assert chosen.loss is not None
-        assert next_loss is not None
-        if self.policy.gain(chosen.loss, next_loss).value > 0:
+        if self._gain(chosen, self.fit(replace(chosen.point, nodes=finer[0]))).value > 0:
             yield "nodes", self.fit(replace(chosen.point, nodes=finer[1]))
 
     @cached_property
@@ -191,21 +178,23 @@ class Bench:
         """The one of some richer circuits that lowers the loss most; None where none is better."""
         best, best_gain, index = None, 0.0, 0
         for ladder, more in richer:
-            assert chosen.loss is not None
-            assert more.loss is not None
-            gain = self.policy.gain(chosen.loss, more.loss)
+            gain = self._gain(chosen, more)
             outcome = self._outcome(chosen, more, gain)
             self.tried.append(_tried(ladder, more, gain, outcome))
             richer_still = [point for _, point in self.limits.rungs(best.point)] if best else []
-            if best is not None and best.loss is not None and more.point in richer_still:
+            if best is not None and more.point in richer_still:
                 # What it adds to the other one has to be worth it.
-                step = self.policy.gain(best.loss, more.loss)
-                outcome = self._outcome(best, more, step)
+                outcome = self._outcome(best, more, self._gain(best, more))
             if outcome == "less gain" and gain.value > best_gain:
                 best, best_gain, index = more, gain.value, len(self.tried) - 1
         if best is not None:
             self.tried[index] = replace(self.tried[index], outcome="kept")
         return best
+
+    def _gain(self, simpler: Fitted, richer: Fitted) -> Gain:
+        assert simpler.loss is not None, "blocks are held out"
+        assert richer.loss is not None, "blocks are held out"
+        return self.policy.gain(simpler.loss, richer.loss)
 
     def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain) -> Outcome:
         """What becomes of a richer circuit, unless no other gains more."""
@@ -295,8 +284,7 @@ class Bench:
 def _tried(
     ladder: Ladder | None, fitted: Fitted, gain: Gain | None, outcome: Outcome = "kept"
 ) -> Tried:
-    law, point, loss = fitted.point.law, fitted.point, fitted.loss
-    held = None if loss is None else loss.errors
+    circuit, nodes, law = fitted.point.circuit, len(fitted.point.nodes), fitted.point.law
+    held = None if fitted.loss is None else fitted.loss.errors
     follows = tuple(law.numbers) if law else ()
-    given = ladder, point.circuit, len(point.nodes), follows, fitted.best.rms_v, held, gain
-    return Tried(*given, outcome)
+    return Tried(ladder, circuit, nodes, follows, fitted.best.rms_v, held, gain, outcome)

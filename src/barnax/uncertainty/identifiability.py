@@ -1,7 +1,7 @@
 """Parameters that the data do not determine: too fast or too slow ones, alike ones, at bounds."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from typing import Literal
@@ -98,14 +98,15 @@ class _Search:
         told: set[str] = set()
         found: list[Undetermined] = []
 
-        def add(more: list[Undetermined]) -> None:
+        def add(more: Iterable[Undetermined]) -> None:
+            more = [*more]
             found.extend(more)
             told.update(name for finding in more for name in finding.parameters)
 
         pairs = [own for own in names if own.capacitance is not None]
-        add([finding for own in pairs for finding in self.too_fast(own)])
-        add([finding for own in pairs for finding in self.too_slow(own)])
-        add([finding for two in pairwise(pairs) for finding in self.alike(*two, told)])
+        add(finding for own in pairs for finding in self.too_fast(own))
+        add(finding for own in pairs for finding in self.too_slow(own))
+        add(finding for two in pairwise(pairs) for finding in self.alike(*two, told))
         add(self.at_bounds(told))
         add(self.loose(told))
         add(self.weak_directions())
@@ -121,7 +122,7 @@ class _Search:
         estimates = tuple(self.estimates[name] for name in names)
         return Undetermined(kind, estimates, self.interval_s, self.duration_s, combined, log_steps)
 
-    def too_fast(self, pair: ElementNames) -> list[Undetermined]:
+    def too_fast(self, pair: ElementNames) -> Iterator[Undetermined]:
         """A pair that is over within a sampling interval: below half of it, as the default box.
 
         Where a current is held from its sample on, such a pair still answers one sample after R0,
@@ -129,29 +130,26 @@ class _Search:
         """
         tau, resistance = self.estimates[pair.tau], self.estimates[pair.resistance]
         if not tau.value <= 0.5 * self.interval_s * (1 + NEAR_LIMIT):
-            return []
+            return
         if not _is_tight(resistance):
             total = self.sum_of(("R0 [Ohm]", resistance.name))
-            if not self.is_sharper(total, ("R0 [Ohm]", resistance.name)):
-                return []
-            return [self.finding("too fast", (tau.name, resistance.name, "R0 [Ohm]"), total)]
-        if _is_tight(tau) or tau.held == "fixed":
-            return []
-        return [self.finding("too fast", (tau.name,), resistance)]
+            if self.is_sharper(total, ("R0 [Ohm]", resistance.name)):
+                yield self.finding("too fast", (tau.name, resistance.name, "R0 [Ohm]"), total)
+        elif not _is_tight(tau) and tau.held != "fixed":
+            yield self.finding("too fast", (tau.name,), resistance)
 
-    def too_slow(self, pair: ElementNames) -> list[Undetermined]:
+    def too_slow(self, pair: ElementNames) -> Iterator[Undetermined]:
         resistance, tau, capacitance = pair
-        if not self.estimates[tau].value >= self.duration_s * (1 - 1e-3):
-            return []
-        return [self.finding("too slow", (tau, resistance), self.estimates[str(capacitance)])]
+        if self.estimates[tau].value >= self.duration_s * (1 - 1e-3):
+            yield self.finding("too slow", (tau, resistance), self.estimates[str(capacitance)])
 
     def alike(
         self, faster: ElementNames, slower: ElementNames, told: set[str]
-    ) -> list[Undetermined]:
+    ) -> Iterator[Undetermined]:
         """Neighboring time constants whose ratio may be 1, where the sum is better known."""
         first, second = faster.tau, slower.tau
         if first in told or second in told:
-            return []
+            return
         direction_of = self.covariance.linearization.direction_of
         ratio = self.covariance.estimate(
             "ratio",
@@ -163,33 +161,24 @@ class _Search:
         reach = math.inf if ratio.high is None else math.log(ratio.high / ratio.value)
         errors = [self.estimates[name].relative_error or 0.0 for name in resistances]
         own = math.inf if total.relative_error is None else total.relative_error
-        if ratio.relative_error == 0 or not are_one(math.log(ratio.value), reach, own, *errors):
-            return []
-        return [self.finding("alike", (first, second, *resistances), total)]
+        if ratio.relative_error != 0 and are_one(math.log(ratio.value), reach, own, *errors):
+            yield self.finding("alike", (first, second, *resistances), total)
 
-    def at_bounds(self, told: set[str]) -> list[Undetermined]:
-        held = self.covariance.linearization.held
-        return [
-            self.finding("at bound", (name,))
-            for name in held
-            if held[name] != "fixed" and name not in told and name in self.estimates
-        ]
+    def at_bounds(self, told: set[str]) -> Iterator[Undetermined]:
+        for name, why in self.covariance.linearization.held.items():
+            if why != "fixed" and name not in told and name in self.estimates:
+                yield self.finding("at bound", (name,))
 
-    def loose(self, told: set[str]) -> list[Undetermined]:
-        return [
-            self.finding("loose", (name,))
-            for name, estimate in self.estimates.items()
-            if name not in told
-            and not name.startswith("C")
-            and estimate.relative_error is not None
-            and not _is_tight(estimate)
-        ]
+    def loose(self, told: set[str]) -> Iterator[Undetermined]:
+        for name, estimate in self.estimates.items():
+            is_free = name not in told and estimate.relative_error is not None
+            if is_free and not name.startswith("C") and not _is_tight(estimate):
+                yield self.finding("loose", (name,))
 
-    def weak_directions(self) -> list[Undetermined]:
+    def weak_directions(self) -> Iterator[Undetermined]:
         """Changes of several parameters at once that the data do not notice."""
         names = self.covariance.linearization.names
         variances, directions = np.linalg.eigh(self.covariance.matrix)
-        findings = []
         for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True):
             if not math.log(LOOSE_FACTOR) < math.sqrt(max(variance, 0.0)):
                 break
@@ -200,8 +189,7 @@ class _Search:
             steps = direction[moving] * math.sqrt(variance) * np.sign(direction[moving[0]])
             members = [names[k] for k in moving]
             combined = self.sharpest(members)
-            findings.append(self.finding("direction", members, combined, tuple(steps.tolist())))
-        return findings
+            yield self.finding("direction", members, combined, tuple(steps.tolist()))
 
     def sharpest(self, names: Sequence[str]) -> Estimate | None:
         """The best known of the sums of resistances and the capacitances among `names`, where one

@@ -12,7 +12,7 @@ from pathlib import Path
 from string import Formatter
 from typing import Any, Literal, Self
 
-from .errors import InputError, counted, listed
+from .errors import InputError, counted, listed, printable
 
 Severity = Literal["error", "warning", "note"]
 Value = float | int | str
@@ -130,6 +130,7 @@ class Notice:
         if missing := self.kind.missing(plain):
             raise KeyError(f"a notice {self.code!r} needs {', '.join(sorted(missing))}")
         object.__setattr__(self, "values", plain)
+        object.__setattr__(self, "subject", printable(self.subject))
         object.__setattr__(self, "rating", self.severity)
 
     def __hash__(self) -> int:

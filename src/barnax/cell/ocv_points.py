@@ -16,6 +16,7 @@ from ..notices import Notice
 from ..records import Source, read_record, read_source
 from ..records.quantities import CELL_RANGE_V
 from ..records.record import MINIMUM_REST_S, SETTLED_V, Record, Rest, Segments, is_long, runs
+from ..records.scale import of_one_cell
 from ..records.table import Lines, found_at, take_lines
 from .soc_axis import CHARGE, DISCHARGE, WORD, OcvPoint, Sweep
 
@@ -327,7 +328,9 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
         columns.pop("OCV", None)
     lines = take_lines(source.table, columns)
     voltages = {name: lines.values[name] for name in columns if name != "SOC"}
-    lines = lines.having(**{name: source.of_one_cell(column) for name, column in voltages.items()})
+    lines = lines.having(
+        **{name: of_one_cell(voltage_v, source.series) for name, voltage_v in voltages.items()}
+    )
     warnings = [
         Notice("ocv-table.volts", {"column": column.header}, source.name)
         for column in columns.values()

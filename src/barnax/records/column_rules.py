@@ -11,7 +11,7 @@ import polars as pl
 from ..errors import listed
 from ..notices import Notice
 from .cell_values import CLOCKS, DAY_S, epoch_unit, is_clock, numbers
-from .columns import NAMES, Column, Header, normal
+from .columns import Column, Header, normal
 from .quantities import NEEDED, QUANTITIES, QUANTITY_OF, Quantity
 from .table import FEWEST_CELLS, Table
 
@@ -265,29 +265,3 @@ def _repeated_names(header: Header, row: int, columns: Columns) -> Iterator[Noti
             yield Notice("columns.first-taken", values, row=row)
         elif times > 1:
             yield Notice("columns.repeated", values, row=row)
-
-
-def describe_units(found: Columns) -> Iterator[Notice]:
-    """Notes of the units that were assumed, and of those that were converted."""
-    bare = [column for column in found.values() if column.is_unit_assumed]
-    if bare:
-        units = [f"{column.unit.symbol} for '{column.header.strip()}'" for column in bare]
-        needed = [column for column in bare if column.quantity.is_required] or bare
-        names = ", ".join(f"'{column.quantity.examples[0]}'" for column in needed)
-        yield Notice("columns.units-assumed", {"units": ", ".join(units), "names": names})
-    converted = [
-        f"'{column.header}' from {column.unit.symbol} to {column.quantity.base_unit.symbol}"
-        for column in found.values()
-        if not column.is_unit_assumed and column.unit != column.quantity.base_unit
-    ]
-    if converted:
-        yield Notice("columns.converted", {"columns": ", ".join(converted)})
-
-
-def bare_units(found: Columns, reason: str) -> Notice:
-    """A warning that names all columns without a unit, with the one option that settles them."""
-    judged = (name for name in NAMES if name in NEEDED or name.endswith("capacity"))
-    bare = [found[name] for name in judged if name in found and found[name].is_unit_assumed]
-    units = ", ".join(f"{column.unit.symbol} for '{column.header}'" for column in bare)
-    option = ",".join(f"{column.quantity.name}={column.header}:UNIT" for column in bare)
-    return Notice("columns.units-open", {"units": units, "reason": reason, "option": option})

@@ -122,8 +122,7 @@ class Counters:
             return None
         for _, counted_ah, _ in self._candidates(integrated_ah):
             blocks_ah, summed_ah = _in_blocks(is_loaded, counted_ah, integrated_ah)
-            size = float(np.sqrt(np.sum(blocks_ah**2) * np.sum(summed_ah**2)))
-            if size and abs(float(np.sum(blocks_ah * summed_ah))) > _PROPORTIONAL * size:
+            if abs(cosine(blocks_ah, summed_ah)) > _PROPORTIONAL:
                 return float(np.sqrt(np.sum(summed_ah**2) / np.sum(blocks_ah**2)))
         return None
 
@@ -186,6 +185,12 @@ def skipped_ah(charge_ah: Charge, held_ah: Increments, max_ah: Increments) -> In
 def inner(ones: Float[np.ndarray, "n"], others: Float[np.ndarray, "n"]) -> float:
     """Their inner product, without the threads of BLAS, which spin on after so little work."""
     return float(np.einsum("i,i", ones, others))
+
+
+def cosine(ones: Float[np.ndarray, "n"], others: Float[np.ndarray, "n"]) -> float:
+    """Their cosine; zero where one of them is zero."""
+    size = float(np.sqrt(np.sum(ones**2) * np.sum(others**2)))
+    return float(np.sum(ones * others)) / size if size else 0.0
 
 
 def _in_blocks(is_loaded: Loaded, *values: Increments) -> list[Float[np.ndarray, "blocks"]]:

@@ -4,7 +4,7 @@ Each fault is mended as far as it can be before the next rule looks, so that one
 hide another.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,8 +15,8 @@ import numpy as np
 from ..errors import InputError
 from ..notices import Notice, raise_first_error
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
-from .column_rules import bare_units, describe_units, examine_columns
-from .columns import NOTHING, Column, Header, read_columns
+from .column_rules import examine_columns
+from .columns import NOTHING, Header, read_columns
 from .counters import skipped_ah
 from .dialects import CHARGE, Sign
 from .hold import decide_hold, evidence_of
@@ -26,26 +26,22 @@ from .quantities import NEEDED
 from .record import Record
 from .samples import Samples, samples_of
 from .scale import (
-    UNITS_ASKED,
+    ask_once,
+    describe_units,
     examine_scale,
     examine_series,
-    examine_twins,
     examine_voltage_range,
     examine_voltage_unit,
 )
 from .sign import decide_sign, examine_direction
 from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
-from .table import Lines, examine_cells, found_at, take_lines
+from .table import examine_cells, few_common_rows, take_lines
+from .twins import examine_twins
 
 Values = TypeVar("Values", np.ndarray, np.ndarray | None)
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
 Frame = Any
-
-_FEWEST_SAMPLES = 5
-_SHORTEST_S = 1e-6
-# The least share of the rows with a current that have a voltage too, or the other way around.
-_COMMON = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,17 +64,19 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     """
     columns, findings = examine_columns(source.table, source.name)
     lines = take_lines(source.table, columns)
-    _require_common_rows(lines, source.name)
+    if apart := few_common_rows(lines):
+        raise apart.about(source.name).error(".")
     lines = examine_cells(examine_empty_current(lines.noting(*findings)))
     if not columns.keys() >= NEEDED:
         return Examined(None, None, lines.findings)
-    samples = mended = _one_cell(source, samples_of(lines))
+    samples = mended = examine_series(samples_of(lines), source.series)
 
     judge_scale = partial(examine_scale, capacity_ah=capacity_ah)
-    if short := _too_short(mended):
+    if mended.too_short:
         # If bad cells took the samples, that has been said already.
         is_said = any(finding.severity == "error" for finding in mended.findings)
-        return Examined(None, None, mended.findings if is_said else (*mended.findings, short))
+        told = () if is_said else (mended.too_short,)
+        return Examined(None, None, (*mended.findings, *told))
     # Absurd values overflow before they are found out.
     with np.errstate(all="ignore"):
         for rule in (
@@ -91,66 +89,17 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
             examine_repeats,
         ):
             mended = rule(mended)
-            if short := _too_short(mended):
-                return Examined(None, None, (*mended.findings, short))
+            if mended.too_short:
+                return Examined(None, None, (*mended.findings, mended.too_short))
             # The rules that follow judge the voltages, which a record keeps as they are.
             samples = mended if rule is judge_scale else samples
-        findings = _one_question(mended.findings, columns)
+        findings = ask_once(mended.findings, columns)
         findings += describe_units(mended.columns)
         findings += examine_twins(source, mended)
         is_usable = bool(mended.intervals_s.min() > 0 and mended.peak_a > 0)
     if not any(finding.severity == "error" for finding in findings):
         samples = merge_repeats(samples)
     return Examined(samples, mended if is_usable else None, tuple(findings))
-
-
-def _one_question(findings: Sequence[Notice], columns: Mapping[str, Column]) -> list[Notice]:
-    """The findings, with one error that asks for all units that are missing, where one is asked for
-    and that of another column is in doubt too; beside bare millivolts all are."""
-    bare = {column.header for column in columns.values() if column.is_unit_assumed}
-    asked = [one for one in findings if one.code in UNITS_ASKED and one.values["column"] in bare]
-    errors = [one for one in asked if one.severity == "error"]
-    open_too = [one for one in findings if one.code == "columns.units-open"]
-    doubts = {one.values["column"] for one in asked}
-    is_milli = any(one.code == "voltage-unit.milli" for one in errors) and len(bare) > 1
-    if not errors or not (is_milli or open_too or len(doubts) > 1):
-        return [*findings]
-    others = [one for one in findings if one not in (*asked, *open_too)]
-    return [bare_units(columns, errors[0].what).rated("error"), *others]
-
-
-def _require_common_rows(lines: Lines, file: str) -> None:
-    """Raise InputError where hardly a row has both a current and a voltage."""
-    if not lines.columns.keys() >= NEEDED:
-        return
-    has_current, has_voltage = ~lines.bad("current"), ~lines.bad("voltage")
-    both = int(np.sum(has_current & has_voltage))
-    least = min(has_current.sum(), has_voltage.sum())
-    if both < _COMMON * least:
-        given = {name: lines.header(name) for name in ("current", "voltage")}
-        raise found_at(lines, has_voltage, "cells.apart", **given, rows=both).about(file).error(".")
-
-
-def _one_cell(source: Source, samples: Samples) -> Samples:
-    """The samples with the voltage of one cell of those in series, noted."""
-    voltage_v = source.of_one_cell(samples.voltage_v)
-    if voltage_v is samples.voltage_v:
-        return samples
-    told = Notice("series.divided", {"column": samples.header("voltage"), "series": source.series})
-    return examine_series(samples.having(voltage=voltage_v).noting(told), source.series)
-
-
-def _too_short(samples: Samples) -> Notice | None:
-    """An error where too few samples are left, or too little time."""
-    count = len(samples)
-    if count == 0:
-        return Notice("length.empty")
-    if count < _FEWEST_SAMPLES:
-        return Notice("length.short", {"samples": count, "needed": _FEWEST_SAMPLES})
-    length_s = np.ptp(samples.time_s)
-    if samples.time_s[-1] - samples.time_s[0] < _SHORTEST_S > length_s:
-        return Notice("length.no-time", {"length_s": length_s, "column": samples.header("time")})
-    return None
 
 
 def read_record(
@@ -265,8 +214,8 @@ def make_record(
     evidence = evidence_of(samples, source.name)
     hold = decide_hold(evidence, current_hold, source.logger)
     samples = source.cut(samples)
-    if short := _too_short(samples):
-        raise short.about(source.name).error(".")
+    if samples.too_short:
+        raise samples.too_short.about(source.name).error(".")
     turn = -1.0 if sign.value == CHARGE else 1.0
     held_ah = samples.held_ah(hold.value)
     counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)

@@ -5,6 +5,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..notices import Notice
 from .cell_values import DATED_S
 from .counters import Counters
 from .dialects import Dialect
@@ -29,6 +30,7 @@ _FAR_LONGER, _HEAVIER = 30, 3
 _LOAD_V = 0.02
 # The median of this many values is as good as that of all; of more, some are then left out.
 _ENOUGH, MORE = 50_000, 250_000
+_FEWEST_SAMPLES, _SHORTEST_S = 5, 1e-6
 
 
 class Samples(Lines):
@@ -85,6 +87,19 @@ class Samples(Lines):
     def length_s(self) -> float:
         """Seconds from the first sample to the last."""
         return float(self.time_s[-1] - self.time_s[0])
+
+    @cached_property
+    def too_short(self) -> Notice | None:
+        """An error where there are too few samples, or too little time."""
+        if not len(self):
+            return Notice("length.empty")
+        if len(self) < _FEWEST_SAMPLES:
+            return Notice("length.short", {"samples": len(self), "needed": _FEWEST_SAMPLES})
+        span_s = np.ptp(self.time_s)
+        if self.length_s < _SHORTEST_S > span_s:
+            values = {"length_s": span_s, "column": self.header("time")}
+            return Notice("length.no-time", values)
+        return None
 
     @cached_property
     def step_a(self) -> Float[np.ndarray, "intervals"]:

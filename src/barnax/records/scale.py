@@ -3,12 +3,10 @@
 There is one judgement of scale, of time, current, charge and voltage in the units that are named.
 
 A reading in another unit is judged by the witnesses that it brings to agree, less those that it
-puts off; of a voltage one look tells. A unit that the user gives is not in doubt. Columns that
-hold one quantity twice may disagree: two voltages, or currents by a factor.
+puts off; of a voltage one look tells. A unit that the user gives is not in doubt.
 """
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,12 +15,10 @@ from jaxtyping import Float
 
 from ..notices import Notice, Severity
 from .cell_values import DAY_S, is_clock
-from .column_rules import bare_units
-from .columns import Column, Header, normal
-from .quantities import CELL_RANGE_V, QUANTITIES, QUANTITY_OF
+from .columns import NAMES, Column
+from .quantities import CELL_RANGE_V, NEEDED, QUANTITY_OF
 from .samples import Samples
-from .source import Source
-from .table import found_at, take_lines
+from .table import found_at
 from .witnesses import (
     CERTAIN,
     CHARGE,
@@ -33,6 +29,8 @@ from .witnesses import (
     usual_interval_s,
     witnesses_of,
 )
+
+Channel = Float[np.ndarray, "samples"]
 
 # The weight from which a reading is told as a doubt.
 _DOUBTFUL = 1.0
@@ -139,7 +137,7 @@ _CODES = (
     *("current-unit.open", "current-unit.doubtful", "current-unit.wrong", "charge-unit.taken"),
 )
 # What asks for the unit of a column, or takes one.
-UNITS_ASKED = (*_CODES[:-1], "voltage-unit.milli")
+_UNITS_ASKED = (*_CODES[:-1], "voltage-unit.milli")
 
 
 def _settled(samples: Samples, best: list[Reading]) -> Samples:
@@ -250,20 +248,35 @@ def examine_voltage_unit(samples: Samples) -> Samples:
 # A cell of LTO is full below the first, one of LFP rests above the second but near empty, and no
 # cell goes above the third; most are full at the fourth.
 _LTO_V, _LFP_V, _HIGHEST_V, _CHARGED_V = 2.95, 3.0, 4.65, 4.2
+# Below this, the voltage is that of one already.
+_LEAST_CELL_V = 1.0
 _ENDS = (1e-3, 0.5, 0.999)
 
 
+def of_one_cell(voltage_v: Channel, series: int) -> Channel:
+    """The voltage of one of the cells in series; as it is where it is one cell's already."""
+    known_v = np.abs(voltage_v[np.isfinite(voltage_v)])
+    middle_v = np.median(known_v) if len(known_v) else 0.0
+    is_one = middle_v <= CELL_RANGE_V[1] and middle_v / series < _LEAST_CELL_V
+    return voltage_v if is_one or series == 1 else voltage_v / series
+
+
 def examine_series(samples: Samples, series: int) -> Samples:
-    """The samples, warned of where no known lithium-ion cell has the voltage of one of those in
-    series."""
+    """The samples with the voltage of one of the cells in series, noted; warned of where no known
+    lithium-ion cell has it."""
+    voltage_v = of_one_cell(samples.voltage_v, series)
+    if voltage_v is samples.voltage_v:
+        return samples
+    values = {"column": samples.header("voltage"), "series": series}
+    samples = samples.having(voltage=voltage_v).noting(Notice("series.divided", values))
     low_v, middle_v, high_v = np.quantile(samples.voltage_v, _ENDS)
     if high_v <= _LTO_V or (middle_v >= _LFP_V and high_v <= _HIGHEST_V):
         return samples
     fewest = int(np.ceil(series * high_v / _CHARGED_V))
     most = max(fewest, int(series * middle_v / _NOMINAL_V))
     told = {"series": series, "fewest": fewest, "most": most, "full_v": _CHARGED_V}
-    ends = {"low_v": low_v, "high_v": high_v, "column": samples.header("voltage")}
-    return samples.telling(0, "series.unlikely", **told, **ends)
+    told |= {"low_v": low_v, "high_v": high_v, "column": samples.header("voltage")}
+    return samples.telling(0, "series.unlikely", **told)
 
 
 def examine_voltage_range(samples: Samples) -> Samples:
@@ -289,107 +302,42 @@ def examine_voltage_range(samples: Samples) -> Samples:
     return samples if outside.mean() > 0.5 else samples.keep(~outside)
 
 
-Channel = Float[np.ndarray, "samples"]
-
-# Makes whose names have no rule for which of two voltage columns comes first.
-_ANYBODYS = ("plain", "Battery Data Format", "PyBaMM")
-_TINY = 1e-30
-# A set point, or a statistic of measured values, is no second measurement.
-_NOT_MEASURED = re.compile(r"\b(set|max|min|limit|target|end|start|cut|mean|avg|average)")
-# Two voltages differ by a lead where the current explains so much of their difference, which it
-# moves by so many volts; currents differ where they are proportional to within a percent, but not
-# equal to within one.
-_BY_LEADS, _SWING_V = 0.8, 3e-3
-_PROPORTIONAL, _EQUAL = 0.999, 0.01
-# Two voltages of one cell agree to so much; what is further apart and looks unlike is another's.
-_SAME_V, _OTHER_V, _ALIKE = 5e-3, 0.2, 0.9
-_MAX_NAMES = 200
+def ask_once(findings: Sequence[Notice], columns: Mapping[str, Column]) -> list[Notice]:
+    """The findings, with one error that asks for all units that are missing, where one is asked for
+    and that of another column is in doubt too; beside bare millivolts all are."""
+    bare = {column.header for column in columns.values() if column.is_unit_assumed}
+    asked = [one for one in findings if one.code in _UNITS_ASKED and one.values["column"] in bare]
+    errors = [one for one in asked if one.severity == "error"]
+    open_too = [one for one in findings if one.code == "columns.units-open"]
+    doubts = {one.values["column"] for one in asked}
+    is_milli = any(one.code == "voltage-unit.milli" for one in errors) and len(bare) > 1
+    if not errors or not (is_milli or open_too or len(doubts) > 1):
+        return [*findings]
+    others = [one for one in findings if one not in (*asked, *open_too)]
+    return [bare_units(columns, errors[0].what).rated("error"), *others]
 
 
-def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
-    """Other columns of voltage and current that differ as only a wrong one does.
-
-    What the user has named is the right one, and a pack has voltages of other cells.
-    """
-    table, rows = source.table, samples.row
-    if len(table.sheets) > 1:
-        return
-    yield from _electrode(source, samples)
-    for name, own, judge in (
-        ("voltage", samples.voltage_v, _voltages),
-        ("current", samples.current_a, _currents),
-    ):
-        if name in table.header.given or (name == "voltage" and source.series > 1):
-            continue
-        for column in _others(table.header, name, samples.columns[name]):
-            lines = take_lines(table, {name: column})
-            at = np.minimum(np.searchsorted(lines.row, rows), len(lines.row) - 1)
-            if np.any(lines.row[at] != rows):
-                continue
-            values = lines.values[name][at]
-            if np.isfinite(values).all() and np.ptp(values) > 0:
-                yield from judge(samples, own, values, column.header)
+def describe_units(columns: Mapping[str, Column]) -> Iterator[Notice]:
+    """Notes of the units that were assumed, and of those that were converted."""
+    bare = [column for column in columns.values() if column.is_unit_assumed]
+    if bare:
+        units = [f"{column.unit.symbol} for '{column.header.strip()}'" for column in bare]
+        needed = [column for column in bare if column.quantity.is_required] or bare
+        names = ", ".join(f"'{column.quantity.examples[0]}'" for column in needed)
+        yield Notice("columns.units-assumed", {"units": ", ".join(units), "names": names})
+    converted = [
+        f"'{column.header}' from {column.unit.symbol} to {column.quantity.base_unit.symbol}"
+        for column in columns.values()
+        if not column.is_unit_assumed and column.unit != column.quantity.base_unit
+    ]
+    if converted:
+        yield Notice("columns.converted", {"columns": ", ".join(converted)})
 
 
-def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:
-    """A note where the voltage is that of a working electrode, and the cell's is another."""
-    column = samples.header("voltage")
-    header = source.table.header
-    names = {re.sub("[<>]", "", normal(name)): name for name in header.names}
-    other = names.get("ewe-ece/v") or names.get("ece/v")
-    if other is None or "voltage" in header.given or column != names.get("ewe/v"):
-        return
-    other_v = source.table.in_volts(other)[samples.at]
-    apart_v = np.abs(other_v if other == names.get("ece/v") else samples.voltage_v - other_v)
-    if np.any(apart_v > _SAME_V):
-        yield Notice("twin-columns.electrode", {"column": column, "apart_v": np.nanmax(apart_v)})
-
-
-def _others(header: Header, quantity: str, own: Column) -> Iterator[Column]:
-    """Further columns that can hold the quantity, by their names."""
-    for index, name in enumerate(header.names[:_MAX_NAMES]):
-        if index == own.index or name == own.header or _NOT_MEASURED.search(normal(name)):
-            continue
-        alone = Header((name,))
-        columns = alone.find(QUANTITIES)
-        likely = [] if columns else alone.likely(QUANTITY_OF[quantity])
-        for column in [columns[quantity]] if quantity in columns else likely:
-            yield replace(column, index=index)
-
-
-def _voltages(samples: Samples, own: Channel, other: Channel, name: str) -> Iterator[Notice]:
-    """A voltage that differs by the current times a resistance, or otherwise."""
-    if not CELL_RANGE_V[0] < np.median(other) < CELL_RANGE_V[1]:
-        return
-    apart_v = other - own
-    at = int(np.argmax(np.abs(apart_v)))
-    current_a = samples.current_a - samples.current_a.mean()
-    slope = float(current_a @ apart_v / max(current_a @ current_a, _TINY))
-    swing_v = abs(slope) * float(np.ptp(current_a))
-    left_v = apart_v - apart_v.mean() - slope * current_a
-    both = {"own": samples.header("voltage"), "other": name, "quantity": "voltage"}
-    if swing_v > _SWING_V and left_v.var() < (1 - _BY_LEADS) * apart_v.var():
-        drop = {"leads_ohm": abs(slope), "apart_v": swing_v}
-        yield found_at(samples, at, "twin-columns.leads", **both, **drop)
-        return
-    usual_v = float(np.median(np.abs(apart_v)))
-    if usual_v <= _SAME_V:
-        return
-    if samples.dialect.name in _ANYBODYS and "voltage" in Header((name,)).find(QUANTITIES):
-        yield found_at(samples, at, "twin-columns.undecided", **both, apart_v=usual_v)
-    elif usual_v < _OTHER_V and _likeness(own - own.mean(), other - other.mean()) > _ALIKE:
-        yield found_at(samples, at, "twin-columns.voltage", **both, apart_v=usual_v)
-
-
-def _likeness(own: Channel, other: Channel) -> float:
-    """The cosine between two channels; zero where one is."""
-    return float(own @ other) / max(float(np.sqrt((own @ own) * (other @ other))), _TINY)
-
-
-def _currents(samples: Samples, own: Channel, other: Channel, name: str) -> Iterator[Notice]:
-    """A current that is another by a factor."""
-    ratio = float(own @ other) / max(float(own @ own), _TINY)
-    if abs(_likeness(own, other)) > _PROPORTIONAL and abs(ratio - 1) > _EQUAL:
-        both = {"own": samples.header("current"), "other": name, "quantity": "current"}
-        at = int(np.argmax(np.abs(own)))
-        yield found_at(samples, at, "twin-columns.current", **both, ratio=ratio)
+def bare_units(columns: Mapping[str, Column], reason: str) -> Notice:
+    """A warning that names all columns without a unit, with the one option that settles them."""
+    judged = (name for name in NAMES if name in NEEDED or name.endswith("capacity"))
+    bare = [columns[name] for name in judged if name in columns and columns[name].is_unit_assumed]
+    units = ", ".join(f"{column.unit.symbol} for '{column.header}'" for column in bare)
+    option = ",".join(f"{column.quantity.name}={column.header}:UNIT" for column in bare)
+    return Notice("columns.units-open", {"units": units, "reason": reason, "option": option})

@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 
 from ..errors import counted
 from ..notices import Notice
+from .counters import cosine
 from .dialects import CHARGE, DISCHARGE, Sign
 from .logger import Decision
 from .record import equal_runs, runs
@@ -24,11 +25,16 @@ SIGNS: Mapping[int, Sign] = {1: CHARGE, -1: DISCHARGE}
 
 @dataclass(frozen=True)
 class Evidence:
-    """The vote of one look at the data: +1 charge-positive, -1 discharge-positive."""
+    """What one look at the data says: how far it agrees with a charge-positive current, from 1 to
+    -1 for a discharge-positive one."""
 
-    vote: int
+    agreement: float
     is_strong: bool
     words: str
+
+    @property
+    def vote(self) -> int:
+        return 1 if self.agreement > 0 else -1
 
     @property
     def weight(self) -> int:
@@ -167,24 +173,24 @@ def _at_current_steps(samples: Samples) -> Evidence | None:
     # If few of the steps are clear, the current may be noise, and the clear ones chance.
     is_strong = share >= 0.85 and count >= max(3, 0.2 * len(at))
     if not is_strong:
-        vote, share, count = _agreement(product)
+        every = vote, share, count = _agreement(product)
         # Small steps among relaxations stand out only by their number: four sigma of a fair coin.
         is_strong = share >= 0.7 and (2 * share - 1) * count**0.5 >= 4
-        vote, share, count = (vote, share, count) if is_strong else clear
-    if count == 0 or share < 0.7:
-        return None
-    moves = "rises" if vote > 0 else "falls"
-    words = f"the voltage {moves} with the current at {round(share * count)} of {count} steps"
-    return Evidence(vote, is_strong, words)
+        vote, share, count = every if is_strong else clear
+    steps = f"{round(share * count)} of {count} steps"
+    words = f"the voltage {_moves(vote)} with the current at {steps}"
+    return Evidence(vote * share, is_strong, words) if share >= 0.7 else None
+
+
+def _moves(agreement: float) -> str:
+    return "rises" if agreement > 0 else "falls"
 
 
 def _agreement(product: Float[np.ndarray, "steps"]) -> tuple[int, float, int]:
     """The sign of the products' sum, the share that agrees, and their number."""
     product = product[product != 0]
-    if not len(product):
-        return 0, 0.0, 0
     vote = 1 if product.sum() > 0 else -1
-    return vote, float(np.mean(product * vote > 0)), len(product)
+    return vote, float(np.sum(product * vote > 0)) / max(len(product), 1), len(product)
 
 
 # Up to so many parts of the record, each of so many samples, are compared where there are so many.
@@ -209,16 +215,15 @@ def _over_the_record(samples: Samples) -> Evidence | None:
     table = np.column_stack([current_a, np.ones(count)])
     own = np.column_stack([own_v, charge_ah])
     rest_v, rest_ah = (own - table @ np.linalg.lstsq(table, own)[0]).T
-    size = float(np.sqrt(np.sum(rest_v**2) * np.sum(rest_ah**2)))
-    if not size:
+    agreement = cosine(rest_v, rest_ah)
+    if not agreement:
         return None
-    cosine = float(rest_v @ rest_ah) / size
     moved_v = np.ptp(charge_ah) * abs(rest_v @ rest_ah) / np.sum(rest_ah**2)
-    if abs(cosine) < _EXPLAINS[0] or moved_v < _MOVED_V:
+    if abs(agreement) < _EXPLAINS[0] or moved_v < _MOVED_V:
         return None
-    moves = "rises" if cosine > 0 else "falls"
-    words = f"over the whole record the voltage {moves} by {moved_v:.2g} V with the charge"
-    return Evidence(1 if cosine > 0 else -1, abs(cosine) > _EXPLAINS[1], words)
+    moves = f"{_moves(agreement)} by {moved_v:.2g} V"
+    words = f"over the whole record the voltage {moves} with the charge"
+    return Evidence(agreement, abs(agreement) > _EXPLAINS[1], words)
 
 
 def _under_sustained_current(samples: Samples) -> Evidence | None:
@@ -244,12 +249,9 @@ def _under_sustained_current(samples: Samples) -> Evidence | None:
     share = float(np.sum(np.maximum(signed_v * vote, 0))) / total
     if share < 0.75:
         return None
-    moves = "rises" if vote > 0 else "falls"
-    words = (
-        f"under sustained positive current the voltage {moves} "
-        f"({share:.0%} of {total:.3g} V in {counted(int(is_clear.sum()), 'run')})"
-    )
-    return Evidence(vote, share >= 0.9 and total >= 0.1, words)
+    many = f"{share:.0%} of {total:.3g} V in {counted(int(is_clear.sum()), 'run')}"
+    words = f"under sustained positive current the voltage {_moves(vote)} ({many})"
+    return Evidence(vote * share, share >= 0.9 and total >= 0.1, words)
 
 
 def _of_counters(samples: Samples) -> Evidence | None:
@@ -257,19 +259,13 @@ def _of_counters(samples: Samples) -> Evidence | None:
     counted_ah = samples.counters.increments_ah(with_net=False)
     if counted_ah is None:
         return None
-    integrated_ah = (samples.begun_ah + samples.ended_ah) / 2
-    product = counted_ah * integrated_ah
-    size = float(np.sqrt(np.sum(counted_ah**2) * np.sum(integrated_ah**2)))
-    cosine = float(product.sum()) / size if size else 0.0
-    if abs(cosine) < 0.3:
+    agreement = cosine(counted_ah, (samples.begun_ah + samples.ended_ah) / 2)
+    if abs(agreement) < 0.3:
         return None
-    how = "agree with" if cosine > 0 else "run against"
-    words = f"{how} the current's sign (correlation {cosine:.2f})"
-    return Evidence(
-        1 if cosine > 0 else -1,
-        abs(cosine) > 0.7,
-        f"the tester's charge and discharge counters {words}",
-    )
+    how = "agree with" if agreement > 0 else "run against"
+    sign = f"the current's sign (correlation {agreement:.2f})"
+    words = f"the tester's charge and discharge counters {how} {sign}"
+    return Evidence(agreement, abs(agreement) > 0.7, words)
 
 
 def _of_states(samples: Samples) -> Evidence | None:
@@ -280,11 +276,9 @@ def _of_states(samples: Samples) -> Evidence | None:
     rises, falls = samples.current_a > 0, samples.current_a < 0
     alike = np.count_nonzero((ins & rises) | (outs & falls))
     against = np.count_nonzero((ins & falls) | (outs & rises))
-    if not alike + against:
+    agreement = (alike - against) / max(alike + against, 1)
+    if abs(agreement) < 0.8:
         return None
-    mean = (alike - against) / (alike + against)
-    if abs(mean) < 0.8:
-        return None
-    how = "is positive where" if mean > 0 else "is negative where"
-    words = f"the current {how} '{samples.header('state')}' says that the cell is charged"
-    return Evidence(1 if mean > 0 else -1, True, words)
+    is_so = f"is {'positive' if agreement > 0 else 'negative'}"
+    words = f"the current {is_so} where '{samples.header('state')}' says that the cell is charged"
+    return Evidence(agreement, True, words)

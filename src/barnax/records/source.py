@@ -18,7 +18,6 @@ from ..notices import Notice
 from .cell_values import settled
 from .columns import NOTHING, Header, read_columns
 from .logger import Logger
-from .quantities import CELL_RANGE_V
 from .readers import read_table
 from .samples import Samples
 from .table import LARGEST_FILE, Table, table_sha256
@@ -32,8 +31,7 @@ _CONTENT = {
     b"PAR1": ("a Parquet table", (".parquet", ".pq")),
 }
 _LONGEST_WARNING = 200
-# A voltage that no cell has.
-_MAX_IN_SERIES, _LEAST_CELL_V = 1000, 1.0
+_MAX_IN_SERIES = 1000
 
 
 def examine_suffix(file: str, content: bytes) -> tuple[Notice, ...]:
@@ -70,13 +68,6 @@ class Source:
         if not 1 <= self.series <= _MAX_IN_SERIES:
             given = f"`series` {self.series} must be between 1 and {_MAX_IN_SERIES}"
             raise InputError(f"{given}, the number of cells in series")
-
-    def of_one_cell(self, voltage_v: np.ndarray) -> np.ndarray:
-        """The voltage of one of the cells in series; as it is where it is one cell's already."""
-        known_v = np.abs(voltage_v[np.isfinite(voltage_v)])
-        middle_v = np.median(known_v) if len(known_v) else 0.0
-        is_one = middle_v <= CELL_RANGE_V[1] and middle_v / self.series < _LEAST_CELL_V
-        return voltage_v if is_one or self.series == 1 else voltage_v / self.series
 
     def logged_by(self, loggers: Mapping[tuple[str, ...], Logger]) -> Self:
         """The source with its logger, of those known by the names of their columns."""
@@ -200,11 +191,11 @@ def find_planned(
         if digest == sha256:
             return path, ()
     if named:
-        changed = Notice("plan.file-changed", subject=printable(str(file)))
+        changed = Notice("plan.file-changed", subject=str(file))
         return named[0], (changed,) if any(digests.values()) else ()
     if around and not sha256:
         taken = printable(str(around[0].absolute()))
-        return around[0], (Notice("plan.file-elsewhere", {"path": taken}, printable(str(file))),)
+        return around[0], (Notice("plan.file-elsewhere", {"path": taken}, str(file)),)
     return file, ()
 
 
@@ -271,7 +262,7 @@ def _clean(table: Table, given: Mapping[str, str]) -> Table:
 
 def _read_content(path: Path) -> bytes:
     """A file's bytes. Raises InputError where it is not there, too large, or cannot be read."""
-    shown = printable(str(path))
+    shown = str(path)
     try:
         with sys.stdin.buffer if path == STDIN else path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size

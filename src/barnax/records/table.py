@@ -28,6 +28,8 @@ LARGEST_FILE = 2_000_000_000
 _FEWEST_ROWS, _OF_STEPS, _OF_CYCLES, _SAMPLED_S = 4, 0.9, 0.3, 60.0
 # A voltage without a unit that is so large is in mV; so many cells are a pack.
 _MILLIVOLTS, FEWEST_CELLS = 500.0, 2
+# The least share of the rows with a current that have a voltage too, or the other way around.
+_COMMON = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,6 +257,18 @@ def table_sha256(table: Table) -> str:
         else:
             digest.update(repr(column.to_list()).encode("utf-8", "backslashreplace"))
     return digest.hexdigest()
+
+
+def few_common_rows(lines: Lines) -> Notice | None:
+    """An error where hardly a row has both a current and a voltage."""
+    if not lines.columns.keys() >= NEEDED:
+        return None
+    has_current, has_voltage = ~lines.bad("current"), ~lines.bad("voltage")
+    both = int(np.sum(has_current & has_voltage))
+    if both >= _COMMON * min(has_current.sum(), has_voltage.sum()):
+        return None
+    names = {name: lines.header(name) for name in ("current", "voltage")}
+    return found_at(lines, has_voltage, "cells.apart", **names, rows=both)
 
 
 def examine_cells(lines: Lines) -> Lines:

@@ -8,10 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.execution import in_float64
+from barnax.model.prepared import prepare_record
+from barnax.model.window import Window
 from barnax.over_soc.intervals import LIGHT, intervals_of
 from barnax.over_soc.node_interval import curves_of, node_weights
 from barnax.over_soc.problem import reduced_objective
+from barnax.records.lag import aligned
 from helpers.dense import (
     BOX,
     CAPACITY_AH,
@@ -119,6 +123,59 @@ def test_means_of_95_in_100_cells_are_in_their_intervals():
         hits.append([m.low <= ohm <= m.high for m, ohm in zip(means, truth, strict=True)])
     # 95 % of 180, give or take, for the three of a cell hang together.
     assert 0.90 <= np.mean(hits) <= 0.98, np.mean(hits, axis=0)
+
+
+def r0_interval(prepared):
+    """The interval of the mean of R0, at time constants held at the truth."""
+    objective = reduced_objective([prepared], SETTINGS, HELD)
+    found = intervals_of(objective, objective.solve(LOG_SCALES, exact=True))
+    return next(own for own in found if own.soc is None and own.name == "R0 [Ohm]")
+
+
+@in_float64
+def test_r0_is_in_its_interval_where_the_ocv_test_has_less_hysteresis_than_the_cell():
+    """The test has branches 14 mV apart, the cell 16 mV: what switches beyond the test's looks like
+    R0, by the regression of the direction on the current."""
+    soc = np.linspace(0.0, 1.0, 101)
+    branches = {
+        side: tuple(
+            OcvPoint(*pair, "test", 1, 0.0)
+            for pair in zip(soc.tolist(), (ocv_v(soc) + side * 0.007).tolist(), strict=True)
+        )
+        for side in (-1, 1)
+    }
+    table = OcvTable("test", branches, "")
+    cell = characterize([table], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    window = Window(initial_soc=0.9, initial_direction=-1)
+    hits, moved, widths = [], [], []
+    for seed in range(20):
+        record = simulated(seed, (0.02, 0.03), noise_v=2e-4)
+        exact = prepare_record(record, cell, "iso-rc", window)
+        switched_v = 0.008 * exact.direction
+        record = replace(record, voltage_v=record.voltage_v + switched_v)
+        r0 = r0_interval(prepare_record(record, cell, "iso-rc", window))
+        hits.append(r0.low <= 0.05 <= r0.high)
+        moved.append(r0.value - 0.05)
+        widths.append(r0.high - r0.low)
+    assert np.mean(hits) >= 0.9
+    assert 2e-4 < np.mean(moved) < np.mean(widths) < 2e-3
+
+
+@in_float64
+def test_r0_is_in_its_interval_where_the_lag_of_the_voltage_is_known_to_a_part_of_a_sample():
+    """The voltage is 0.4 samples late, and is taken for 0.36: four in a hundred of a step come
+    before its current, which lowers R0."""
+    hits, moved = [], []
+    for seed in range(20):
+        record = simulated(seed, (0.02, 0.03), noise_v=5e-5)
+        late_v = record.voltage_v.copy()
+        late_v[1:] -= 0.4 * np.diff(late_v)
+        record = aligned(replace(record, voltage_v=late_v), 0.36 * 3.0)
+        r0 = r0_interval(prepared_of(record))
+        hits.append(r0.low <= 0.05 <= r0.high)
+        moved.append(r0.value - 0.05)
+    assert np.mean(hits) >= 0.9
+    assert np.mean(moved) < -1e-3
 
 
 @in_float64

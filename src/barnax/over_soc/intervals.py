@@ -25,7 +25,7 @@ from ..model.exponentials import span_through
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, blocks
 from ..model.reference import errors_along
-from ..search.evaluate import one_clock, open_starts
+from ..search.evaluate import nuisance_columns, one_clock
 from ..uncertainty.identifiability import are_one
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .node_interval import NodeInterval, TableCurve, curves_of, mean_weights, parts_of, sum_name
@@ -49,15 +49,16 @@ Rows = tuple[Columns, Float[np.ndarray, "rows sides"], Bool[np.ndarray, "rows"]]
 
 @dataclass(frozen=True, eq=False)
 class _Moves:
-    """What moves all values, tables' first: the noise, by column; a standard error each of starts
-    and of what is usual; the curves that lines leave; and the starts that fit best. `is_seen` is
+    """What moves all values, tables' first: the noise, by column; a standard error each of
+    what is given beside the voltages and of what is usual; the curves that lines leave; and the
+    nuisances that fit best. `is_seen` is
     False of a value that no sample and no way to move depends on."""
 
     noise: Noise
     by_noise: Float[np.ndarray, "values columns"]
     beside: Float[np.ndarray, "values errors"]
     by_lines: Float[np.ndarray, "values"]
-    by_best_starts: Float[np.ndarray, "values"]
+    by_best_nuisances: Float[np.ndarray, "values"]
     is_seen: Bool[np.ndarray, "values"]
 
     def reach(self, weights: Float[np.ndarray, "values"]) -> tuple[float, float] | None:
@@ -85,13 +86,13 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     away = _moves_of(lighter, freed, best, curves) if is_bound.any() else moves
 
     def interval(name: str, soc: float | None, weights, value: float, *unmoved: float):
-        """Around what would stand there had nothing moved it, with the starts that fit best, as
+        """Around what would stand there had nothing moved it, with the nuisances that fit best, as
         far as the value."""
         bias = max((value - other for other in unmoved), key=abs)
         known, told = moves.reach(weights), away.reach(weights)
         sides = light.sides[is_bound & (weights[:count] != 0)]
         below, above = (told if np.any(sides == side) else known for side in (1, -1))
-        joint = float(weights @ moves.by_best_starts)
+        joint = float(weights @ moves.by_best_nuisances)
         low = None if below is None else min(value, min(unmoved) + joint - below[1])
         high = None if above is None else max(value, max(unmoved) + joint + above[1])
         if low is not None and name.startswith(("R", HALF_HYSTERESIS)):
@@ -161,34 +162,34 @@ def _moves_of(
     of_tables = lighter.ways(light)
     dependence, numbers = lighter.prepared_records[0].dependence, lighter.numbers
     of_constants = block_diag(np.eye(len(is_open))[:, is_open], np.eye(len(numbers)))
-    starts_v, starts_sd = open_starts(lighter.prepared_records)
-    ways = np.asarray(block_diag(of_tables, of_constants, np.eye(len(starts_sd))))
+    nuisances_v, nuisances_sd = nuisance_columns(lighter.prepared_records)
+    ways = np.asarray(block_diag(of_tables, of_constants, np.eye(len(nuisances_sd))))
     values = np.concatenate(light.values)[:, None]
     # Beside the error, the one that lines leave of the curves.
     sides = np.hstack([values, np.zeros_like(values)])
-    rows = _with_curves(lighter, curves, starts_v, linearized(lighter, light))
+    rows = _with_curves(lighter, curves, nuisances_v, linearized(lighter, light))
     (noise, *_), to_noise, products, slopes = noises_behind(lighter, sides, ways, rows)
     normal = with_penalty(lighter, products, of_tables)
     usual = {} if dependence is None else dependence.usual
-    begun = np.arange(len(normal) - len(starts_sd), len(normal))
+    given = np.arange(len(normal) - len(nuisances_sd), len(normal))
     weight = float(np.mean(np.diag(noise.spread_v2))) / lighter.reduced.scored
-    normal[begun, begun] += weight
-    places = [len(normal) - len(begun) - len(numbers) + [*numbers].index(name) for name in usual]
+    normal[given, given] += weight
+    places = [len(normal) - len(given) - len(numbers) + [*numbers].index(name) for name in usual]
     pull = best.objective_v2 * np.array([number.pull for number in usual.values()])
     normal[places, places] += pull
     is_seen = np.diag(products) > UNSEEN**2 * np.max(np.diag(products))
     # Columns of H^-1 J' / N by which the noise moves every value.
     # By least squares, for a short record leaves some of them undetermined.
-    by_starts = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, begun])[0]
+    by_nuisances = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, given])[0]
     # What is usual is itself uncertain.
     back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, places])[0]
     errors = pull * np.array([number.sd for number in usual.values()])
     return _Moves(
         noise=noise,
         by_noise=ways @ np.linalg.lstsq(normal, to_noise.T)[0],
-        beside=np.hstack([weight * by_starts, back * errors]),
+        beside=np.hstack([weight * by_nuisances, back * errors]),
         by_lines=ways @ np.linalg.lstsq(normal, slopes[:, 1])[0],
-        by_best_starts=-by_starts @ (slopes[begun, 0] + weight * starts_sd),
+        by_best_nuisances=-by_nuisances @ (slopes[given, 0] + weight * nuisances_sd),
         is_seen=np.any(ways[:, is_seen] != 0, axis=1),
     )
 
@@ -210,22 +211,22 @@ def _held_level(objective: TableObjective, best: Solution) -> range:
 def _with_curves(
     objective: TableObjective,
     curves: Sequence[TableCurve],
-    starts_v: Float[np.ndarray, "samples starts"],
+    nuisances_v: Float[np.ndarray, "samples nuisances"],
     rows: Iterable[Rows],
 ) -> Iterator[Rows]:
-    """The rows with columns of the records' starts, and with one more side: the errors that would
+    """The rows with columns of what is given beside, and with one more side: the errors that would
     be, were the tables' curves the truth."""
     soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
     first = 0
     for columns, base, informed in rows:
         here = soc[first : first + len(base)]
-        begun_v = starts_v[first : first + len(base)]
+        nuisance_v = nuisances_v[first : first + len(base)]
         first += len(base)
         left = sum(
             columns[:, objective.block(table)].sum(axis=1) * curve.above_lines(here)
             for table, curve in enumerate(curves)
         )
-        yield np.hstack([columns, begun_v]), np.column_stack([base, left]), informed
+        yield np.hstack([columns, nuisance_v]), np.column_stack([base, left]), informed
 
 
 def unsmoothed(objective: TableObjective, found: Solution) -> tuple[TableObjective, Solution]:

@@ -8,7 +8,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from ..cell import CellModel, CircuitParameters
+from ..cell import CellModel, CircuitParameters, get_circuit
+from ..cell.curves import KNOTS
+from ..cell.tables import hats
 from ..display import Brief
 from ..errors import InputError
 from ..metrics import Metrics, measure
@@ -23,6 +25,8 @@ from ..settings import MAX_MOVED_SOC
 
 # A start is moved by so much to see what that does.
 PROBE_SOC = 0.002
+# A lag is found within so many samples.
+LAG_SAMPLES = 0.1
 # Of a circuit's answer to most of at least so many steps, the record shows at least this share.
 _FEWEST_STEPS, _LEAST_SHOWN, _AFTER_S = 3, 0.9, 1.0
 
@@ -243,6 +247,42 @@ def open_starts(
     is_open = np.any(columns != 0, axis=0)
     shifts_sd = np.array([own.start_shift_sd for own in prepared_records])
     return columns[:, is_open], shifts_sd[is_open]
+
+
+def nuisance_columns(
+    prepared_records: Sequence[PreparedRecord],
+) -> tuple[Float[np.ndarray, "scored nuisances"], Float[np.ndarray, "nuisances"]]:
+    """The same of all that is given beside the voltages: the starts, the hysteresis voltage of the
+    OCV test at each of its knots where the current switches it, and lags that were found."""
+    by_start_v, shifts_sd = open_starts(prepared_records)
+    by_lag_v = block_diag(*(_by_lag_v(prepared)[:, None] for prepared in prepared_records))
+    by_hysteresis_v = np.concatenate([*map(_by_hysteresis_v, prepared_records)])
+    beside_v = np.hstack([by_hysteresis_v, by_lag_v]).astype(np.float32)
+    beside_v = beside_v[:, np.any(beside_v != 0, axis=0)]
+    shifts_sd = np.append(shifts_sd, np.zeros(beside_v.shape[1]))
+    return np.hstack([by_start_v, beside_v]), shifts_sd
+
+
+def _by_hysteresis_v(prepared: PreparedRecord) -> Float[np.ndarray, "scored knots"]:
+    """What the errors are by the hysteresis voltage at every knot, which is known to its own size:
+    sweeps have their drop in it, and at the ends rests of turning points belong to both branches.
+
+    Without turns of the current it is part of the OCV, so only what differs from the mean counts.
+    """
+    soc, direction = prepared.soc[prepared.scored], prepared.direction[prepared.scored]
+    circuit = get_circuit(prepared.circuit)
+    if circuit.has_rate or not circuit.has_hysteresis:
+        return np.zeros((len(soc), len(KNOTS)))
+    state = direction if circuit.turning is None else circuit.turning(soc, direction)
+    sd_v = math.sqrt(np.mean(prepared.cell.hysteresis_v(soc) ** 2))
+    return -sd_v / 2 * (state - np.mean(state))[:, None] * hats(soc, KNOTS)
+
+
+def _by_lag_v(prepared: PreparedRecord) -> Float[np.ndarray, "scored"]:
+    """What the errors are by a lag that was found, by way of what shows at once."""
+    is_late = prepared.record.voltage_lag_s != 0.0
+    moved_a = np.diff(prepared.current_a, prepend=prepared.current_a[:1])
+    return LAG_SAMPLES * is_late * prepared.step_ohm * moved_a[prepared.scored]
 
 
 def one_clock(prepared_records: Sequence[PreparedRecord]) -> Float[np.ndarray, "scored"]:

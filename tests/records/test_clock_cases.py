@@ -426,3 +426,25 @@ def test_a_voltage_that_never_moves_is_said():
 def test_a_temperature_in_kelvin_is_refused_with_how_to_convert_it():
     with pytest.raises(InputError, match=r"`temperature` 298 is no cell's in degC; subtract 273"):
         Window(temperature_degc=298.0)
+
+
+@pytest.mark.parametrize("has_steps", [True, False])
+@pytest.mark.parametrize("zeros", [[70], [130, 131], [70, 250]])
+def test_a_zero_within_a_step_does_not_begin_another(has_steps, zeros):
+    """The clock of each of five steps begins anew, a second after the step before it ended."""
+    within_s = np.tile(np.arange(60.0), 5)
+    step = np.repeat(np.arange(5), 60)
+    current_a = np.where(step % 2 == 1, -1.0, 0.0)
+    table = {
+        "Step Time / s": within_s,
+        "Current / A": current_a,
+        "Voltage / V": 3.7 + current_a / 20,
+    }
+    table |= {"Step Index / 1": step} if has_steps else {}
+    whole = read_record(source_from_frame(table, "whole"), voltage_lag=0.0)
+    table["Step Time / s"] = np.where(np.isin(np.arange(300), zeros), 0.0, within_s)
+    record = read_record(source_from_frame(table, "zeros"), voltage_lag=0.0)
+    is_left = ~np.isin(whole.row, np.array(zeros) + 2)
+    np.testing.assert_array_equal(record.time_s, whole.time_s[is_left])
+    left_out = [each for each in record.warnings if each.code == "clock.zeros"]
+    assert [(each.row, each.values["rows"]) for each in left_out] == [(zeros[0] + 2, len(zeros))]

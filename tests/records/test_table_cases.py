@@ -381,6 +381,8 @@ def test_the_voltage_of_a_working_electrode_is_said_to_be_that(tmp_path):
         assert says in " ".join(told(record))
     between = read_record(tmp_path / "cell.mpt", columns="voltage=Ewe-Ece/V")
     np.testing.assert_allclose(between.voltage_v, VOLTS - 0.1)
+    both = read(tmp_path, ec_lab(**MODES, **electrodes, **{"<Ewe>/V": VOLTS}), "cell.mpt")
+    assert says in " ".join(told(both))
     none = read(tmp_path, ec_lab(**MODES, **electrodes | {"Ece/V": np.zeros(200)}), "cell.mpt")
     assert says not in " ".join(told(none))
 

@@ -157,3 +157,13 @@ def test_all_missing_columns_are_told_at_once(tmp_path):
     said = refusal(tmp_path, FRAME.rename({CURRENT: "Amp drawn", VOLTAGE: "U_cell in V"}))
     assert "no columns for the current, voltage" in said
     assert "'current=NAME:UNIT,voltage=NAME:UNIT'" in said
+
+
+@pytest.mark.parametrize("rows", [slice(0, 1), slice(0, 3), slice(60, 61), slice(119, 120)])
+@pytest.mark.parametrize("value", [0.0, -0.0, 1e-5])
+def test_no_voltage_is_told_wherever_it_stands(tmp_path, rows, value):
+    volts = TRUTH[VOLTAGE].copy()
+    volts[rows] = value
+    record = read(tmp_path, FRAME.with_columns(pl.Series(VOLTAGE, volts)))
+    (outside,) = [each for each in record.warnings if each.code == "voltage-unit.outside"]
+    assert (outside.row, outside.values["samples"]) == (rows.start + 2, rows.stop - rows.start)

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 
 from ..notices import Notice
 from .cell_values import is_clock, is_local_date
+from .record import runs
 from .samples import Samples
 from .table import found_at
 
@@ -15,8 +16,8 @@ _DAY_S = 86_400.0
 # More stamps out of line than three, or one in a hundred, are no slips; nor are so many that
 # follow another of the same stamp.
 _SLIPS, _FEW = 3, 0.01
-# The most zeros among a clock's stamps.
-_MOSTLY = 0.5
+# The most zeros among a clock's stamps, and by what share even intervals differ.
+_MOSTLY, _EVEN = 0.5, 0.1
 # By how much clocks are set back, and how late the next stamp may come: so many intervals, or as
 # late as any does, up to a share of that.
 _SET_BACK = (3600.0, "clock.hour-back"), (_DAY_S / 2, "clock.twelve-hours")
@@ -66,15 +67,37 @@ def examine_clock(samples: Samples) -> Samples:
 
 
 def _without_zeros(samples: Samples) -> Samples:
-    """The samples without those where the clock shows 0 between values that never fall."""
+    """The samples without those where the clock shows 0 between values that never fall, or that go
+    on as if they were not there: a clock of steps begins anew with each."""
     time = samples.time_s
     is_zero = (time + (samples.zero_date_s or 0.0) == 0) & (np.arange(len(time)) > 0)
     # One alone may be the first row, out of order.
     is_first = is_zero.sum() == 1 and time[0] > 0
-    if is_first or is_zero.mean() > _MOSTLY or np.any(np.diff(time[~is_zero]) < 0):
+    if is_first or is_zero.mean() > _MOSTLY:
+        return samples
+    if np.any(np.diff(time[~is_zero]) < 0):
+        is_zero = _within_steady_stamps(time, is_zero)
+    if not is_zero.any():
         return samples
     given = {"column": samples.header("time"), "rows": is_zero.sum()}
     return samples.telling(is_zero, "clock.zeros", **given).keep(~is_zero)
+
+
+def _within_steady_stamps(
+    time: Clock, is_out: Bool[np.ndarray, "samples"]
+) -> Bool[np.ndarray, "samples"]:
+    """Those of the stamps that stand between others of one interval, in place of as many."""
+    first, last = runs(is_out)
+    is_inside = (first > 1) & (last < len(time) - 2)
+    first, last = first[is_inside], last[is_inside]
+    before_s, after_s = time[first - 1] - time[first - 2], time[last + 2] - time[last + 1]
+    each_s = (time[last + 1] - time[first - 1]) / (last - first + 2)
+    is_steady = (each_s > 0) & (np.abs(before_s - each_s) < _EVEN * each_s)
+    is_steady &= np.abs(after_s - each_s) < _EVEN * each_s
+    within = np.zeros(len(time), int)
+    np.add.at(within, first[is_steady], 1)
+    np.add.at(within, last[is_steady] + 1, -1)
+    return np.cumsum(within) > 0
 
 
 def _set_back(samples: Samples) -> Samples:

@@ -28,6 +28,8 @@ _STEADY, _APART, _BETWEEN, _FEWEST_BETWEEN = 0.015, 0.1, (0.1, 0.9), 5
 _FAR_LONGER, _HEAVIER = 30, 3
 # A rest does not move the voltage this far between two samples.
 _LOAD_V = 0.02
+# An input that is not connected, or a value that was not measured, reads less.
+_CONNECTED_V = 1e-3
 # The median of this many values is as good as that of all; of more, some are then left out.
 _ENOUGH, MORE = 50_000, 250_000
 _FEWEST_SAMPLES, _SHORTEST_S = 5, 1e-6
@@ -225,7 +227,12 @@ class Samples(Lines):
 
         The time is zero where the current's steps do not tell R.
         """
-        source_v = few(self.voltage_v) - self.answered_ohm * few(self.current_a)
+        voltage_v = few(self.voltage_v)
+        source_v = voltage_v - self.answered_ohm * few(self.current_a)
+        # Where nothing is connected, nothing is told of a cell.
+        source_v = source_v[np.abs(voltage_v) > _CONNECTED_V]
+        if not len(source_v):
+            return 0.0, 0.0
         low_v, high_v = np.quantile(source_v, [0.02, 0.98])
         travel_v = float(high_v - low_v)
         if travel_v <= 0:

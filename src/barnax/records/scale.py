@@ -288,9 +288,10 @@ def examine_voltage_range(samples: Samples) -> Samples:
         return samples
     impossible = np.abs(voltage_v) > _IMPOSSIBLE_V
     first = int(np.argmax(impossible if impossible.any() else outside))
-    beside = np.abs(np.diff(voltage_v, prepend=voltage_v[:1]))
-    if voltage_v.min() >= 0 and voltage_v.max() <= high_v and beside[outside].max() < low_v / 2:
-        # A cell that loses its contact jumps there.
+    step_v = np.abs(samples.step_v)
+    beside_v = np.maximum(np.append(0.0, step_v), np.append(step_v, 0.0))[outside]
+    if voltage_v.min() >= 0 and voltage_v.max() <= high_v and beside_v.max() < low_v / 2:
+        # A cell that loses its contact, or gets it, jumps there.
         at, least_v = int(np.argmin(voltage_v)), voltage_v.min()
         return samples.telling(at, "voltage-unit.half-cell", column=name, least_v=least_v)
     severity: Severity = "error" if impossible.any() else "warning"

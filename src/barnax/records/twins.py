@@ -63,7 +63,8 @@ def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:
     header = source.table.header
     names = {re.sub("[<>]", "", normal(name)): name for name in header.names}
     other = names.get("ewe-ece/v") or names.get("ece/v")
-    if other is None or "voltage" in header.given or column != names.get("ewe/v"):
+    is_electrode = re.fullmatch("<?ewe>?/v", normal(column))
+    if other is None or "voltage" in header.given or not is_electrode:
         return
     other_v = source.table.in_volts(other)[samples.at]
     apart_v = np.abs(other_v if other == names.get("ece/v") else samples.voltage_v - other_v)

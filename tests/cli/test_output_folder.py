@@ -116,6 +116,7 @@ def stop(monkeypatch, name, cause, nth=0):
         return real(*given, **more)
 
     monkeypatch.setattr(os, name, stopped)
+    return calls
 
 
 FULL = OSError(28, "No space left on device")
@@ -134,12 +135,12 @@ def stopped_by(cause):
 )
 def test_a_stop_at_any_step_leaves_the_old_folder_or_the_new_one(tmp_path, cause, name):
     """Without room for a link there is a copy, and what is not deleted is no failure."""
-    outcomes = set()
-    for nth in range(20):
+    outcomes, nth, is_stopped = set(), 0, True
+    while is_stopped:
         out = tmp_path / str(nth) / "out"
         appear(write_folder(out, OLD, False), MINE)
         with pytest.MonkeyPatch.context() as patched, suppress(InputError, KeyboardInterrupt):
-            stop(patched, name, cause, nth)
+            calls = stop(patched, name, cause, nth)
             write_folder(out, NEW, True)
         outcomes.add(written(out)["result.json"])
         assert written(out) in (OLD | MINE, NEW | MINE)
@@ -147,6 +148,8 @@ def test_a_stop_at_any_step_leaves_the_old_folder_or_the_new_one(tmp_path, cause
         assert is_left or list(out.parent.iterdir()) == [out]
         assert write_folder(out, OLD, True) == out
         assert written(out) == OLD | MINE
+        is_stopped, nth = len(calls) > nth, nth + 1
+    assert nth > 1
     assert b"new" in outcomes
 
 

@@ -18,6 +18,7 @@ from barnax.experiment.belief import believed_of_chemistry
 from barnax.experiment.information import Seconds, columns_along, information_of, widths_of
 from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
 from barnax.reporting.design_forms import procedure, profile_csv, pybamm_steps, steps_csv
+from helpers.designs import quick_design
 
 LIMITS: dict[str, Any] = {"max_discharge": 2.0, "max_charge": 1.0}
 
@@ -37,7 +38,7 @@ def designed():
 @pytest.fixture(scope="module")
 def pulsed():
     # Moves and rests alone do not tell R0 so well.
-    return barnax.design(
+    return quick_design(
         capacity=2.0, max_hours=1.8, want={"R0": 0.01}, blocks=few_blocks(), **LIMITS
     )
 
@@ -185,7 +186,7 @@ def test_a_design_promises_more_an_hour_than_a_pulse_test(designed, name):
 
 @pytest.mark.slow
 def test_the_same_key_gives_the_same_design(pulsed):
-    again = barnax.design(
+    again = quick_design(
         capacity=2.0, max_hours=1.8, want={"R0": 0.01}, blocks=few_blocks(), **LIMITS
     )
     assert again.to_json() == pulsed.to_json()

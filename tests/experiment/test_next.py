@@ -26,7 +26,7 @@ from barnax.reporting.design import (
 from barnax.reporting.design_forms import design_files
 from barnax.reporting.first_screen import next_step
 from barnax.reporting.words import joined
-from helpers.designs import BLOCKS, screen_of
+from helpers.designs import BLOCKS, quick_design, screen_of
 from helpers.known_cell import made
 from helpers.reference import make_record
 
@@ -136,7 +136,7 @@ def test_no_test_is_designed_for_what_is_known_already(result, tmp_path, monkeyp
     assert barnax.Design.load(tmp_path / "out").to_json() == none.to_json()
     monkeypatch.undo()
     # One more wish, or hours, and there is a test: of all the hours, as nothing is to be reached.
-    asked = barnax.design(result, want=easy, max_hours=1.3, blocks=BLOCKS)
+    asked = quick_design(result, want=easy, max_hours=1.3, blocks=BLOCKS)
     assert asked.hours == pytest.approx(1.3, abs=0.02)
     shown = screen_of(design_screen(asked, as_flags))
     assert "Known already:  R0 " in shown

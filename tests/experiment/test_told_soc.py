@@ -17,7 +17,7 @@ from barnax.experiment.protocol import sampled
 from barnax.records import read_record
 from barnax.reporting.design import planned_lines
 from barnax.reporting.design_forms import before, procedure, pybamm_script
-from helpers.designs import BLOCKS, screen_of
+from helpers.designs import BLOCKS, quick_design, screen_of
 
 QUICK = {"over": "soc", "model": "so-rc", "seeds": 0, "max_boxes": 0, "folds": 0}
 LIMITS = {"max_hours": 1.5, "blocks": BLOCKS, "max_discharge": 1.0, "max_charge": 1.0}
@@ -72,7 +72,7 @@ def true_voltage(result, design, initial_soc):
 
 
 def test_a_test_stays_where_the_ocv_is_known(believed, result):
-    design = barnax.design(believed, **LIMITS)
+    design = quick_design(believed, **LIMITS)
     low, high = believed.told_soc
     assert (low, high) == pytest.approx((0.2, 0.65), abs=0.01)
     assert design.initial_soc == high

@@ -2,6 +2,7 @@
 
 import subprocess
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import jax
@@ -46,15 +47,27 @@ int main(int count, char **given)
 """
 
 
-def in_c(folder, result, precision):
-    """A function that runs the filter in C from a last direction."""
-    options = ("-std=c99", f"-DBARNAX_REAL={precision}")
-    program = compiled(folder, EXPORTERS["c-filter"], result, PROGRAM, *options)
+@cache
+def result_of(circuit, with_tables):
+    make = make_table_result if with_tables else make_result
+    return make(circuit, rest_current_a=0.05)
 
-    def run(direction, drive, soc=0.7):
-        """SOC, its deviation, innovation and its deviation after every sample."""
+
+@pytest.fixture(scope="module")
+def in_c(tmp_path_factory):
+    """What runs the filter of a result in C, each program compiled once."""
+
+    @cache
+    def program_of(circuit, with_tables, precision):
+        options = ("-std=c99", f"-DBARNAX_REAL={precision}")
+        folder, result = tmp_path_factory.mktemp("filter"), result_of(circuit, with_tables)
+        return compiled(folder, EXPORTERS["c-filter"], result, PROGRAM, *options)
+
+    def run(circuit, with_tables, precision, direction, drive, soc=0.7):
+        """SOC, its deviation, innovation and its deviation after every sample, from a last
+        direction on."""
         rows = np.stack([drive.interval_s, drive.held_a, drive.current_a, drive.voltage_v], axis=1)
-        command = [program, str(direction), str(soc)]
+        command = [program_of(circuit, with_tables, precision), str(direction), str(soc)]
         ran = subprocess.run(command, input=rows.tobytes(), capture_output=True, check=True)
         return np.frombuffer(ran.stdout).reshape(-1, 4)
 
@@ -83,26 +96,26 @@ def in_python(result, prepared, direction):
         ("esc", True),
     ],
 )
-def test_it_is_the_filter_in_python(tmp_path, circuit, with_tables):
-    make = make_table_result if with_tables else make_result
-    result = make(circuit, rest_current_a=0.05)
+def test_it_is_the_filter_in_python(in_c, circuit, with_tables):
+    result = result_of(circuit, with_tables)
     record = make_record(2000)
     at_rest = np.arange(record.samples) < REST
     record = replace(record, current_a=np.where(at_rest, 0.0, record.current_a))
     window = Window(initial_soc=0.9, initial_direction=1, rest_current_a=0.05)
     prepared = prepare_record(record, result.cell_model, circuit, window)
-    in_double, in_single = (in_c(tmp_path, result, each) for each in ("double", "float"))
     for direction in (1, 0) if circuit in HYSTERETIC else (1,):
         expected, drive = in_python(result, prepared, direction)
-        assert np.abs(in_double(direction, drive) - expected).max() < 1e-9
-        single = in_single(direction, drive)
+        double, single = (
+            in_c(circuit, with_tables, each, direction, drive) for each in ("double", "float")
+        )
+        assert np.abs(double - expected).max() < 1e-9
         assert np.abs(single[:, 0] - expected[:, 0]).max() < 2e-3
 
 
 @pytest.mark.parametrize("soc", [0.0, 0.5, 1.0])
-def test_single_precision_is_double_precision_from_a_point_of_the_table_too(tmp_path, soc):
+def test_single_precision_is_double_precision_from_a_point_of_the_table_too(in_c, soc):
     """There the OCV's slope is another on either side, at full that beyond it."""
-    result = make_table_result("esc", rest_current_a=0.05)
+    result = result_of("esc", True)
     number = np.arange(2000)
     current_a = np.where(number < REST, 0.0, np.where(number % 20 < 10, 2.0, -1.9))
     held_a = np.append(0.0, current_a[:-1])
@@ -110,7 +123,7 @@ def test_single_precision_is_double_precision_from_a_point_of_the_table_too(tmp_
     drive = SimpleNamespace(
         interval_s=1.0 * (number > 0), held_a=held_a, current_a=current_a, voltage_v=voltage_v
     )
-    double, single = (in_c(tmp_path, result, each)(1, drive, soc) for each in ("double", "float"))
+    double, single = (in_c("esc", True, each, 1, drive, soc) for each in ("double", "float"))
     assert np.abs(single[:, 0] - double[:, 0]).max() < 2e-4
 
 
@@ -146,13 +159,13 @@ def test_both_branches_of_the_ocv_are_in_it(tmp_path, circuit):
 
 
 @pytest.mark.parametrize("direction", [1, -1])
-def test_an_unknown_direction_leaves_room_for_both(tmp_path, direction):
+def test_an_unknown_direction_leaves_room_for_both(in_c, direction):
     """At rest on a branch at 70 % SOC, as believed: the wrong branch is the farthest off."""
-    result = make_result("esc", rest_current_a=0.05)
-    cell, rest, soc = result.cell_model, np.zeros(600), np.array([0.7])
+    cell, rest, soc = result_of("esc", False).cell_model, np.zeros(600), np.array([0.7])
     voltage_v = (cell.average_ocv_v(soc) + direction * cell.branch_gap_v(soc) / 2)[0] + rest
     drive = SimpleNamespace(interval_s=rest + 1, held_a=rest, current_a=rest, voltage_v=voltage_v)
-    run = in_c(tmp_path, result, "double")
-    wrong, unknown, right = (run(each, drive)[-1] for each in (-direction, 0, direction))
+    wrong, unknown, right = (
+        in_c("esc", False, "double", each, drive)[-1] for each in (-direction, 0, direction)
+    )
     assert abs(right[0] - 0.7) < abs(unknown[0] - 0.7) < abs(wrong[0] - 0.7)
     assert abs(unknown[0] - 0.7) < unknown[1]

@@ -52,11 +52,9 @@ class Plain:
         self.first_error = 3 + self.is_dynamic
         # Two parts that last, and the bias.
         self.count = self.first_error + 3
-
-    def curves(self, soc):
-        """OCV, half the hysteresis voltage, the scale of errors, the bias, and slopes of each:
-        between points of the grid those of chords over two of its steps."""
         step = GRID[1] - GRID[0]
+        # OCV, half the hysteresis voltage, the scale of errors, the bias; and the chords of each.
+        self.on_grid = []
         for curve in (
             self.cell.average_ocv_v,
             self.half_gap_v,
@@ -64,8 +62,13 @@ class Plain:
             lambda soc: np.interp(soc, ERRORS.soc, ERRORS.bias_v),
         ):
             ahead, behind = (np.asarray(curve(GRID + by)) for by in (step, -step))
-            chords = (ahead - behind) / (2 * step)
-            yield np.interp(soc, GRID, curve(GRID)), np.interp(soc, GRID, chords)
+            self.on_grid.append((curve(GRID), (ahead - behind) / (2 * step)))
+
+    def curves(self, soc):
+        """OCV, half the hysteresis voltage, the scale of errors, the bias, and slopes of each:
+        between points of the grid those of chords over two of its steps."""
+        for values, chords in self.on_grid:
+            yield np.interp(soc, GRID, values), np.interp(soc, GRID, chords)
 
     def half_gap_v(self, soc):
         """Half of the segments' gap, or with a hysteresis of its own half of the branches'."""
@@ -433,7 +436,7 @@ def test_many_cells_in_one_call_are_each_cell_alone(circuit, slow):
 @in_float64
 def test_a_noisier_voltage_is_believed_less():
     model = straight_model()
-    drive, _ = simulated(model, jax.random.key(0), 0.6, samples=80)
+    drive, _ = simulated(model, jax.random.key(0), 0.6)
     noisier = eqx.tree_at(lambda each: each.white_sd_v, model, 5 * model.white_sd_v)
     quiet, noisy = (filtered(each, drive, "ekf", soc=0.5) for each in (model, noisier))
     assert np.all(noisy.soc_sd > quiet.soc_sd)

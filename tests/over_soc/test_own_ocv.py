@@ -363,8 +363,8 @@ def with_a_test(record, wrong):
     """The record identified with a test whose SOC is wrong by a share of the charge that is out."""
     soc = np.linspace(0, 1, 101)
     test = {"SOC": soc, "OCV [V]": ocv_v(1 - (1 - wrong) * (1 - soc))}
-    given = {"model": "so-rc", "over": "soc", "capacity": 2.0, "resistances_follow": "none"}
-    return barnax.identify([record], ocv=test, window=FROM_FULL, **given, **FAST)
+    given = SMALL | {"capacity": 2.0, "resistances_follow": "none", "folds": 0}
+    return barnax.identify([record], ocv=test, window=FROM_FULL, **given)
 
 
 def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, tmp_path):
@@ -467,7 +467,7 @@ def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, ove
 def narrow():
     """One value of each resistance at every SOC, for samples visit a fifth of it."""
     record, soc = made(1, hours=0.6)
-    result = barnax.identify(record, window=FROM_FULL, seeds=0, max_boxes=0)
+    result = barnax.identify(record, window=FROM_FULL, **FAST)
     assert result.over == "ocv"
     return result, soc
 

@@ -10,6 +10,7 @@ from barnax.checks import check_file
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.pulses import first_pulse
 from barnax.records import read_record
+from helpers.known_cell import SMALL
 from helpers.shared import CASES, needs_cases
 from helpers.three_tests import (
     CAPACITY_AH,
@@ -80,7 +81,8 @@ def test_measured_c20_hppc_and_drive_are_combined(real_data):
     }
 
 
-FAST = {"model": "so-rc", "over": "soc", "seeds": 0, "trust": "none"}
+# Tables of two pairs as fast as they are fitted.
+FAST = SMALL | {"folds": 0, "resistances_follow": "none"}
 
 
 def check_cell(result, soc):
@@ -100,7 +102,7 @@ def test_pulses_of_12_min_show_the_circuit_and_their_resistances(tmp_path):
     # In other units than the case, too.
     test = time_s / 3600, current_a, voltage_v
     write(tmp_path / "x.csv", test, ("time [h]", "current [mA]", "voltage [V]"), scale=1e3)
-    result = barnax.identify(tmp_path / "x.csv", max_boxes=0, **FAST)
+    result = barnax.identify(tmp_path / "x.csv", **FAST)
     assert len(result.pulses) == 10
     check_cell(result, np.linspace(0.2, 0.9, 20))
 
@@ -110,7 +112,7 @@ def test_pulses_of_12_min_show_the_circuit_and_their_resistances(tmp_path):
     "run", [pytest.param(barnax.identify, marks=pytest.mark.slow), barnax.hppc]
 )
 def test_pulses_of_6_min_show_the_circuit_either_way(run):
-    result = run(CASES / "cells" / "01_pulse_discharge_6min" / "pulses.csv", max_boxes=0, **FAST)
+    result = run(CASES / "cells" / "01_pulse_discharge_6min" / "pulses.csv", **FAST)
     assert len(result.pulses) == 10
     check_cell(result, np.linspace(0.2, 0.9, 20))
 

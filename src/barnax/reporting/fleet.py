@@ -9,7 +9,6 @@ import polars as pl
 
 from ..errors import as_keys
 from ..files import csv_text
-from ..pack import FEWEST
 from .document import (
     Block,
     Document,
@@ -182,6 +181,8 @@ SCALES = {
 
 def pack_document(pack: "Pack") -> Document:
     """The pack as the screen shows it."""
+    from ..pack import FEWEST
+
     odd = gathered((outlier.cell, outlier) for outlier in pack.odd)
     told = [*sentences("pack.cells", pack, odd, FEWEST)]
     told += [f"Resistances: {text}" for text in sentences("tables.law", pack.result.fits)]

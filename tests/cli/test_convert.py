@@ -63,6 +63,17 @@ def test_neither_another_file_nor_the_measured_one_is_written_over(refuse, cycle
     assert "this is the file to read" in refuse(*words)
 
 
+def test_a_users_own_json_is_not_replaced_by_the_origin_of_a_record(refuse, run, tmp_path):
+    (tmp_path / "cell.csv").write_text(pulse_table().write_csv())
+    words = ("convert", tmp_path / "cell.csv", "--out", tmp_path / "out.csv", "--force")
+    for _ in range(2):
+        assert run(*words).status == 0
+    for mine in ("{}", "mine"):
+        (tmp_path / "out.json").write_text(mine)
+        assert "is another file; give --out another name" in refuse(*words)
+        assert (tmp_path / "out.json").read_text() == mine
+
+
 def test_a_pack_is_converted_to_one_of_its_cells(run, tmp_path):
     table = pulse_table()
     table.with_columns(pl.col(VOLTAGE) * 12).write_csv(tmp_path / "pack.csv")

@@ -46,3 +46,34 @@ def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path):
     assert "initial_soc 95.0 is not a fraction" in report
     dry = run("fleet", manifest, "--dry-run")
     assert (dry.status, dry.out.count("initial_soc 95.0")) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("report.html", []),
+        ("results/a/result.json", ["--keep-results"]),
+        ("factors/a.factors.npz", ["--keep-factors", "tables"]),
+    ],
+)
+def test_what_lies_in_a_folder_of_no_fleet_is_not_written_over(run, tmp_path, name, options):
+    (tmp_path / "m.csv").write_text("id,records\na,nowhere.csv\n")
+    mine = tmp_path / "out" / name
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
+    found = run("fleet", tmp_path / "m.csv", "--out", tmp_path / "out", *options)
+    assert found.status == 2
+    assert "is of no fleet; give --out another folder" in found.err
+    assert mine.read_text() == "mine"
+
+
+def test_a_users_own_table_in_the_way_of_a_dataset_is_not_to_be_deleted(run, tmp_path):
+    (tmp_path / "m.csv").write_text("id,records\na,nowhere.csv\n")
+    mine = tmp_path / "out" / "cells.parquet"
+    mine.parent.mkdir()
+    pl.DataFrame({"mine": [1]}).write_parquet(mine)
+    found = run("fleet", tmp_path / "m.csv", "--out", tmp_path / "out")
+    assert found.status == 2
+    assert "if barnax wrote it, delete it" in found.err
+    assert found.err.rstrip().endswith("else give --out another folder")
+    assert pl.read_parquet(mine)["mine"].to_list() == [1]

@@ -150,7 +150,13 @@ def convert(what: Converted) -> None:
     require_free_file(path, what.force)
     if path.name.lower().endswith(".csv"):
         # Where its origin goes.
-        require_free_file(path.with_name(f"{path.name[:-4]}.json"), what.force)
+        origin = path.with_name(f"{path.name[:-4]}.json")
+        require_free_file(origin, what.force)
+        if origin.exists() and b'"written by": "barnax ' not in origin.read_bytes():
+            raise InputError(
+                f"{origin}: would be replaced by the origin of {path.name}, and is another file; "
+                "give `out` another name"
+            )
     tell_unfinished(session, path.parent)
     with session.watch(f"Reading {file.name}"):
         how = Reading(**what.read)

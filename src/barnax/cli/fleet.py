@@ -164,12 +164,15 @@ def fleet(given: FleetOptions) -> None:
         if lines:
             raise InputError(f"{manifest}: {counted(len(lines), 'problem')} to correct")
         return
-    from ..fleet.dataset import dataset_path, parse_shard, parts_folder
+    from ..fleet.dataset import FACTORS, RESULTS, dataset_path, parse_shard, parts_folder
 
     require_platform()
     page = out / "report.html"
-    if page.exists() and not (dataset_path(out).exists() or parts_folder(out).exists()):
-        raise InputError(f"{page}: is of no fleet; give `out` another folder")
+    kept = {RESULTS: given.keep_results, FACTORS: given.keep_factors}
+    if not (dataset_path(out).exists() or parts_folder(out).exists()):
+        for place in (page, *(out / name for name, is_kept in kept.items() if is_kept)):
+            if place.exists():
+                raise InputError(f"{place}: is of no fleet; give `out` another folder")
     started_s = time.perf_counter()
     with session.counting("Identifying", len(cells)) as advance, _ended_from_within():
 

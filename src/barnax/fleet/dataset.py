@@ -180,8 +180,8 @@ def read_rows(
             continue
         except (OSError, pl.exceptions.PolarsError) as problem:
             raise InputError(
-                f"{path}: not part of a fleet's dataset ({problem}); delete it, and its cells "
-                "are identified again"
+                f"{path}: not part of a fleet's dataset ({reason_of(problem)}); if barnax wrote "
+                "it, delete it, and its cells are identified again; else give `out` another folder"
             ) from problem
     if not found:
         names = ("id", "fingerprint", "error", "error code")

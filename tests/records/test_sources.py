@@ -103,7 +103,7 @@ def test_a_reader_is_the_first_to_recognize_its_own_content(name):
     for content in good_files()[name]:
         reader = next(reader for reader in READERS if reader.recognizes(content))
         assert reader.name == name
-        table = reader.read(content, "cell", {})
+        table = reader.read(content, {})
         assert {len(column) for column in table.columns} == {40}
         assert list(table.row) == list(range(2, 42))
 

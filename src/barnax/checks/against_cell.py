@@ -102,9 +102,8 @@ def compare_with_cell(
     factor = min((*_UNITS, *_CAPACITIES), key=apart_v)
     best_v = apart_v(factor)
     is_near = bool(np.isfinite(own_v))
-    told: dict[str, Any] = (
-        {"apart": "voltage", "apart_v": own_v} if is_near else {"apart": "charge"}
-    )
+    told: dict[str, Any] = {"apart": "voltage" if is_near else "charge"}
+    told["apart_v"] = own_v if is_near else None
     # A large load leaves the OCV by some more, whatever its unit.
     allowed_v = max(_APART_V, _LEFT * min(own_v, _FAR_V))
     if best_v < min(_VANISHES * own_v, allowed_v):

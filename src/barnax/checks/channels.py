@@ -70,6 +70,13 @@ _HEIGHT_V, _HEIGHT_NOISE, _BESIDE = 0.02, 12.0, 3
 _STEADY, _EXPLAINED = 0.4, 0.3
 
 Channel = Float[np.ndarray, "samples"]
+# Codes for a channel that stands still, and for one that stops at the end of its range.
+_STUCK = {
+    "voltage": ("stuck-voltage.still", "stuck-voltage.limit"),
+    "current": ("stuck-current.still", "stuck-current.limit"),
+}
+# The units of channels in names of values.
+_UNITS = {"voltage": "v", "current": "a"}
 
 
 def find_voltage_spikes(given: CheckInput) -> Iterator[Notice]:
@@ -79,8 +86,8 @@ def find_voltage_spikes(given: CheckInput) -> Iterator[Notice]:
 
 def find_current_spikes(given: CheckInput) -> Iterator[Notice]:
     """Currents that leave their neighbors, and the voltage does not answer."""
-    if given.resistance_ohm:
-        ohmic_v = given.record.current_a * given.resistance_ohm
+    if given.samples.resistance_ohm:
+        ohmic_v = given.record.current_a * given.samples.resistance_ohm
         spiked = _spikes(given, ohmic_v, given.record.voltage_v, after=1)
         yield from _told(given, "current-spikes.unanswered", spiked, "current")
 
@@ -92,17 +99,11 @@ def voltage_spikes(given: CheckInput) -> Bool[np.ndarray, "samples"]:
     return _spikes(given, given.source_v, answer_v, after=0)
 
 
-def _channel(given: CheckInput, name: str) -> tuple[Channel, str]:
-    """The readings of a channel in the file's own sign, and their unit in names of values."""
-    return (given.samples.voltage_v, "v") if name == "voltage" else (given.samples.current_a, "a")
-
-
 def _told(
     given: CheckInput, code: str, spiked: Bool[np.ndarray, "samples"], channel: str
 ) -> Iterator[Notice]:
     if spiked.any():
-        values, unit = _channel(given, channel)
-        at = int(np.argmax(spiked))
+        values, unit, at = given.samples.values[channel], _UNITS[channel], int(np.argmax(spiked))
         told = {f"spike_{unit}": values[at], f"beside_{unit}": values[at - 1]}
         yield given.at(at, code, channel, samples=spiked.sum(), **told)
 
@@ -141,11 +142,6 @@ def _spikes(
 # What the current must do to a voltage that does not answer, in volts and in steps of resolution.
 _EXPECTED_V, _EXPECTED_STEPS = 0.01, 10.0
 _FEWEST_SAMPLES = 4
-# Codes for a channel that stands still, and for one that stops at the end of its range.
-_STUCK = {
-    "voltage": ("stuck-voltage.still", "stuck-voltage.limit"),
-    "current": ("stuck-current.still", "stuck-current.limit"),
-}
 # A voltage that jumps so, both ways, under a current that does not move.
 _JUMP_V, _JUMP_NOISE, _FEWEST_JUMPS = 5e-3, 8.0, 2
 
@@ -154,7 +150,7 @@ Places = Int[np.ndarray, "runs"]
 
 def find_stuck_voltage(given: CheckInput) -> Iterator[Notice]:
     """A voltage of one and the same reading while the current moves."""
-    if not given.resistance_ohm:
+    if not given.samples.resistance_ohm:
         return
     voltage_v, current_a = given.record.voltage_v, given.record.current_a
     first, last = equal_runs(voltage_v)
@@ -163,13 +159,13 @@ def find_stuck_voltage(given: CheckInput) -> Iterator[Notice]:
     first, last = first[inner] + 1, last[inner] - 1
     if not len(first):
         return
-    least_a = max(_EXPECTED_V, _EXPECTED_STEPS * given.resolution_v) / given.resistance_ohm
+    least_a = max(_EXPECTED_V, _EXPECTED_STEPS * given.resolution_v) / given.samples.resistance_ohm
     swing_a = np.zeros(len(first))
     for run in np.flatnonzero(_range(current_a, first, last) > least_a).tolist():
         swing_a[run] = _swing(current_a[first[run] : last[run] + 1])
     is_stuck = swing_a > least_a
     if is_stuck.any():
-        expected_v = float(np.max(swing_a)) * given.resistance_ohm
+        expected_v = float(np.max(swing_a)) * given.samples.resistance_ohm
         yield _stuck(given, "voltage", first[is_stuck], last[is_stuck], expected_v)
 
 
@@ -196,8 +192,7 @@ def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
 
 def _stuck(given: CheckInput, channel: str, first: Places, last: Places, moved_v: float) -> Notice:
     """The first run, and how many more there are."""
-    codes = _STUCK[channel]
-    values, unit = _channel(given, channel)
+    values = given.samples.values[channel]
     value = values[first]
     is_limit = bool(np.all((value == values.max()) | (value == values.min()))) and value[0] != 0
     worst = int(np.argmax(last - first))
@@ -206,14 +201,14 @@ def _stuck(given: CheckInput, channel: str, first: Places, last: Places, moved_v
     severity: Severity = "error" if samples > 0.01 * given.record.samples else "warning"
     return given.at(
         int(first[0]),
-        codes[bool(is_limit)],
+        _STUCK[channel][bool(is_limit)],
         channel,
         samples=samples,
         places=len(first),
         first_row=rows[first[worst]],
         last_row=rows[last[worst]],
         moved_v=moved_v,
-        **{f"value_{unit}": value[worst]},
+        **{f"value_{_UNITS[channel]}": value[worst]},
     ).rated(severity)
 
 

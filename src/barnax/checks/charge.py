@@ -46,7 +46,7 @@ def find_counters(given: CheckInput) -> Iterator[Notice]:
 
 def _against_net(given: CheckInput) -> Iterator[Notice]:
     """A lone counter of the net charge that is the integral times a factor."""
-    ratio = given.samples.counters.net_ratio(given.moved_ah, given.samples.is_loaded)
+    ratio = given.samples.counters.net_ratio(given.record.moved_ah, given.samples.is_loaded)
     if ratio is None or abs(ratio - 1) <= _SCALED:
         return
     other, other_ah = _by_the_other_hold(given)
@@ -90,7 +90,8 @@ def _is_scaled(given: CheckInput, ratio: float) -> bool:
     passed_ah = np.cumsum(np.abs(counted_ah))
     edges = np.searchsorted(passed_ah, passed_ah[-1] * np.arange(_PARTS) / _PARTS)
     moved_ah, counted_ah = (
-        np.add.reduceat(np.abs(charge_ah), edges) for charge_ah in (given.moved_ah, counted_ah)
+        np.add.reduceat(np.abs(charge_ah), edges)
+        for charge_ah in (given.record.moved_ah, counted_ah)
     )
     return bool(np.all(np.abs(moved_ah / counted_ah / ratio - 1) < _SCALED))
 
@@ -170,7 +171,7 @@ def find_rests(given: CheckInput) -> Iterator[Notice]:
     if rests:
         yield from _offset(given, rests)
     if given.given_rest_a is None and given.segments.rest_a > 1.01 * given.scale_ah / 100:
-        yield given.at(given.is_rested, "rests.noisy", rest_a=given.segments.rest_a)
+        yield given.at(given.segments.is_rested, "rests.noisy", rest_a=given.segments.rest_a)
 
 
 def _doubt_a(given: CheckInput, rests: list[_Rest]) -> float:
@@ -221,7 +222,7 @@ def _is_counted(given: CheckInput, first: int, last: int) -> bool:
     """True if the tester itself counted the charge of a run, which is then no rest."""
     counters = given.samples.counters.both
     counted_ah = sum(float(counter[last] - counter[first]) for counter in counters)
-    moved_ah = abs(float(given.moved_ah[first:last].sum()))
+    moved_ah = abs(float(given.record.moved_ah[first:last].sum()))
     return moved_ah > 0 and counted_ah > 0.5 * moved_ah
 
 

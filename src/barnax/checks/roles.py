@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -64,8 +64,7 @@ class SuggestedWindow:
     @property
     def options(self) -> dict[str, Any]:
         """Arguments of `barnax.Window`."""
-        values = {option.name: getattr(self.window, option.name) for option in fields(Window)}
-        return {name: value for name, value in values.items() if value is not None}
+        return {name: value for name, value in vars(self.window).items() if value is not None}
 
     @property
     def advice(self) -> str:
@@ -206,7 +205,7 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     # Ampere-hours carry the charge from the record's own beginning.
     reason = f"{profile}; {whole.reason}"
     interval_s = record.interval_s
-    loaded_s = float(np.median(interval_s[~given.is_rested[1:]]))
+    loaded_s = float(np.median(interval_s[~given.segments.is_rested[1:]]))
     if np.quantile(interval_s, _WHOLE) <= _ALIKE * loaded_s:
         # What comes before the profile is simulated anyhow, and tells as much.
         return replace(whole, reason=f"{reason}; its sampling is uniform")

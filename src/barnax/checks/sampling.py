@@ -54,7 +54,7 @@ def find_gaps(given: CheckInput) -> Iterator[Notice]:
     if not 0 < len(gaps) <= max(1, _MANY * len(interval_s)):
         return
     jump_v = np.abs(np.diff(given.source_v)[gaps])
-    is_between_rests = given.is_rested[gaps] & given.is_rested[gaps + 1]
+    is_between_rests = given.segments.is_rested[gaps] & given.segments.is_rested[gaps + 1]
     # Between rests of two voltages a load was left out.
     is_lost = is_between_rests & (jump_v > _HIDDEN_V)
     counted_ah, doubt_ah = record.charge_ah, 0.0
@@ -73,7 +73,7 @@ def find_gaps(given: CheckInput) -> Iterator[Notice]:
     told = {"longest_s": interval_s[worst], "longest_row": record.row[worst + 1]}
     told |= {"gaps": len(gaps), "part": "several" if len(gaps) > 1 else "one"}
     first = int(gaps[0]) + 1
-    held_ah = float(np.abs(given.moved_ah[gaps]).sum())
+    held_ah = float(np.abs(given.record.moved_ah[gaps]).sum())
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
         lost = "doubted"
         if counted_ah is not None:
@@ -94,7 +94,7 @@ def find_skipped(given: CheckInput) -> Iterator[Notice]:
     if skipped_ah is None:
         return
     places = np.flatnonzero(skipped_ah)
-    counted_ah, more_ah = given.moved_ah[places], skipped_ah[places]
+    counted_ah, more_ah = given.record.moved_ah[places], skipped_ah[places]
     shown_ah = float(np.abs(counted_ah - more_ah).sum())
     is_much = np.abs(more_ah).sum() > _SKIPPED_SHARE * given.scale_ah
     told = {"counted_ah": np.abs(counted_ah).sum(), "shown_ah": shown_ah}
@@ -127,7 +127,7 @@ def find_breaks(given: CheckInput) -> Iterator[Notice]:
     explained_v = _UNEXPLAINED * given.response_ohm * np.ptp(around_a, axis=1)
     is_break = (unsteady_v < _UNSTEADY * moved_v[places]) & (explained_v < moved_v[places])
     places = places[is_break]
-    if len(places) and given.resistance_ohm:
+    if len(places) and given.samples.resistance_ohm:
         at = int(places[0]) + 1
         told = {"before_v": record.voltage_v[at - 1], "after_v": record.voltage_v[at]}
         told |= {"interval_s": record.interval_s[at - 1], "places": len(places)}
@@ -138,7 +138,7 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Notice]:
     """Long intervals under load in a record that is elsewhere sampled finely."""
     record = given.record
     interval_s = record.interval_s
-    is_loaded = ~given.is_rested[1:] & ~given.is_rested[:-1]
+    is_loaded = ~given.segments.is_rested[1:] & ~given.segments.is_rested[:-1]
     is_coarse = is_loaded & (interval_s >= _COARSE_S)
     fine_s = float(np.quantile(interval_s, 0.1))
     if is_coarse.sum() < 2 or fine_s > _FINE_SHARE * _COARSE_S:

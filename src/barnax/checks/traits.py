@@ -74,17 +74,12 @@ class CheckInput:
     @cached_property
     def charged_ah(self) -> float:
         """All the charge that went in."""
-        return float(np.sum(np.maximum(-self.moved_ah, 0)))
+        return float(np.sum(np.maximum(-self.record.moved_ah, 0)))
 
     @cached_property
     def discharged_ah(self) -> float:
         """All the charge that came out."""
-        return float(np.sum(np.maximum(self.moved_ah, 0)))
-
-    @cached_property
-    def moved_ah(self) -> Float[np.ndarray, "intervals"]:
-        """Ampere-hours that came out in each interval."""
-        return self.record.moved_ah
+        return float(np.sum(np.maximum(self.record.moved_ah, 0)))
 
     @cached_property
     def scale_ah(self) -> float:
@@ -96,10 +91,6 @@ class CheckInput:
         """Rests and loads, by the given current or a hundredth of the capacity."""
         return self.record.segments(self.given_rest_a or self.record.rest_current_a(self.scale_ah))
 
-    @property
-    def is_rested(self) -> Bool[np.ndarray, "samples"]:
-        return self.segments.is_rested
-
     @cached_property
     def resolution_v(self) -> float:
         """The smallest step of the voltage's readings; zero where too few differ to tell."""
@@ -109,11 +100,6 @@ class CheckInput:
     def resolution_a(self) -> float:
         """The smallest step of the current's readings; zero where too few differ to tell."""
         return _resolution(self.record.current_a)
-
-    @property
-    def resistance_ohm(self) -> float:
-        """The resistance at the current's steps; zero where too few tell."""
-        return self.samples.resistance_ohm
 
     @cached_property
     def response_ohm(self) -> float:
@@ -136,7 +122,7 @@ class CheckInput:
     @cached_property
     def source_v(self) -> Float[np.ndarray, "samples"]:
         """The voltage without the drop over the resistance."""
-        return self.record.voltage_v + self.resistance_ohm * self.record.current_a
+        return self.record.voltage_v + self.samples.resistance_ohm * self.record.current_a
 
     @cached_property
     def ocv(self) -> OcvSweeps:
@@ -285,7 +271,7 @@ def traits_of(given: CheckInput) -> Traits:
     record = given.record
     fine = np.flatnonzero(given.samples.is_step & (record.interval_s <= FINE_S))
     discharged_ah = record.discharged_ah
-    loaded_s = record.interval_s[~given.is_rested[1:]]
+    loaded_s = record.interval_s[~given.segments.is_rested[1:]]
     bulk_s, travel_v = given.samples.bulk_time
     # Of fewer steps that the voltage answers, as a charge has at its ends, none tells a steep end.
     answered = np.count_nonzero(given.samples.answer_v[given.samples.steps])
@@ -293,6 +279,7 @@ def traits_of(given: CheckInput) -> Traits:
     out_ah = discharged_ah - np.minimum.accumulate(discharged_ah)
     measured = np.empty(0) if record.temperature_degc is None else record.temperature_degc
     known_degc = measured[np.isfinite(measured)]
+    degc = float(np.median(known_degc)) if len(known_degc) else degc_in_name(record.name)
     at_steps = _half_width(given.samples.step_a[fine], given.samples.answer_v[fine])
     return Traits(
         sweeps=given.ocv.sweeps,
@@ -306,9 +293,7 @@ def traits_of(given: CheckInput) -> Traits:
         longest_discharge_ah=float(out_ah.max()),
         interval_s=float(np.median(loaded_s)) if len(loaded_s) else np.inf,
         steep_v=travel_v if answered >= _FEWEST_ANSWERS and 0 < bulk_s < STEEP_S else 0.0,
-        temperature_degc=float(np.median(known_degc))
-        if len(known_degc)
-        else degc_in_name(record.name),
+        temperature_degc=degc,
     )
 
 

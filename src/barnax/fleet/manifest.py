@@ -24,7 +24,7 @@ from ..errors import LONGEST_NAME, InputError, cut, listed, toml_reason
 from ..files import is_address, located
 from ..records.readers import unzipped
 from ..records.readers.binary import PARQUET
-from ..records.readers.content import require_room
+from ..records.readers.content import naming, require_room
 from ..settings import WINDOW_OPTIONS, CellSettings, Reading
 
 if TYPE_CHECKING:
@@ -234,18 +234,18 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
                 )
             return rows, defaults
         content = path.read_bytes()
-        if suffix in (".parquet", ".pq"):
-            frame = pl.DataFrame(PARQUET.read(content, str(path), {}).columns)
-        else:
-            frame = pl.read_csv(
-                # As text: Polars would unpack what is packed twice, without a limit.
-                io.StringIO(unzipped(content, str(path)).decode("utf-8")),
-                infer_schema_length=None,
-                schema_overrides={"id": pl.String},
-                try_parse_dates=True,
-            )
-        size = frame.height * (ROW_BYTES + VALUE_BYTES * frame.width)
-        require_room(size, content, str(path))
+        with naming(str(path)):
+            if suffix in (".parquet", ".pq"):
+                frame = pl.DataFrame(PARQUET.read(content, {}).columns)
+            else:
+                frame = pl.read_csv(
+                    # As text: Polars would unpack what is packed twice, without a limit.
+                    io.StringIO(unzipped(content).decode("utf-8")),
+                    infer_schema_length=None,
+                    schema_overrides={"id": pl.String},
+                    try_parse_dates=True,
+                )
+            require_room(frame.height * (ROW_BYTES + VALUE_BYTES * frame.width), content)
         return frame.to_dicts(), {}
     except (OSError, ValueError, pl.exceptions.PolarsError) as problem:
         if isinstance(problem, InputError):

@@ -193,7 +193,7 @@ def _clock_s(text: pl.Series) -> Numbers:
         seconds = seconds.str.strip_chars().str.replace("[,:]", ".")
         whole, plain = hours + ":" + minutes, seconds.cast(pl.Float64, strict=False)
     clock_s = _by_word(whole, _minutes) * 60 + plain.to_numpy()
-    if by_days_s is not None and _unsteady(by_days_s) < _unsteady(clock_s):
+    if by_days_s is not None and uneven(by_days_s, 0.1) < uneven(clock_s, 0.1):
         # Days before the hours, rather than hundredths after the seconds.
         return by_days_s
     if ":" in first[:at]:
@@ -203,11 +203,11 @@ def _clock_s(text: pl.Series) -> Numbers:
     return _past_the_end(clock_s, _HOUR_S) if are_seconds else np.full(len(text), np.nan)
 
 
-def _unsteady(clock_s: Numbers) -> int:
-    """The number of intervals that are far from the usual one."""
+def uneven(clock_s: Numbers, share: float) -> int:
+    """The number of intervals that are further from the usual one than that share of it."""
     interval_s = np.diff(clock_s)
     usual_s = np.median(interval_s) if len(interval_s) else 0.0
-    return int(np.sum(np.abs(interval_s - usual_s) > 0.1 * abs(usual_s)))
+    return int(np.sum(np.abs(interval_s - usual_s) > share * abs(usual_s)))
 
 
 def _past_the_end(clock_s: Numbers, period_s: float) -> Numbers:

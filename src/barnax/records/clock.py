@@ -7,12 +7,11 @@ import polars as pl
 from jaxtyping import Bool, Float
 
 from ..notices import Notice
-from .cell_values import is_clock, is_local_date
+from .cell_values import DAY_S, is_clock, is_local_date, uneven
 from .record import runs
 from .samples import Samples
 from .table import found_at
 
-_DAY_S = 86_400.0
 # More stamps out of line than three, or one in a hundred, are no slips; nor are so many that
 # follow another of the same stamp.
 _SLIPS, _FEW = 3, 0.01
@@ -20,7 +19,7 @@ _SLIPS, _FEW = 3, 0.01
 _MOSTLY, _EVEN = 0.5, 0.1
 # By how much clocks are set back, and how late the next stamp may come: so many intervals, or as
 # late as any does, up to a share of that.
-_SET_BACK = (3600.0, "clock.hour-back"), (_DAY_S / 2, "clock.twelve-hours")
+_SET_BACK = (3600.0, "clock.hour-back"), (DAY_S / 2, "clock.twelve-hours")
 _LATE, _LATEST_SHARE = 3, 0.1
 # Stamps that come back by so much of a fall within a few rows are out of line: no clock was set.
 _BACK_AT_ONCE = 0.9
@@ -57,7 +56,7 @@ def examine_clock(samples: Samples) -> Samples:
     files = "several" if samples.table.files > 1 else None
     given = {"before_s": time[at - 1], "after_s": time[at], "times": len(falls), "files": files}
     fall_s = time[falls] - time[falls + 1]
-    is_midnight = bool(np.all(np.abs(fall_s - _DAY_S) < 0.01 * _DAY_S))
+    is_midnight = bool(np.all(np.abs(fall_s - DAY_S) < 0.01 * DAY_S))
     if not is_midnight and _is_shuffled(time, len(falls)):
         samples = samples.telling(at, "clock.shuffled", **given)
         return samples.keep(np.argsort(time, kind="stable"))
@@ -269,16 +268,9 @@ def _stray_runs(time: Clock) -> Bool[np.ndarray, "samples"]:
     behind = time < np.maximum.accumulate(time)
     ahead = time > np.minimum.accumulate(time[::-1])[::-1]
     strays = behind if behind.sum() <= ahead.sum() else ahead
-    if _irregular(np.sort(time)) < _irregular(time[~strays]):
+    if uneven(np.sort(time), 0.5) < uneven(time[~strays], 0.5):
         return np.zeros(len(time), bool)
     return strays
-
-
-def _irregular(time: Clock) -> int:
-    """The number of intervals that are far from the usual one."""
-    interval = np.diff(time)
-    usual = float(np.median(interval)) if len(interval) else 0.0
-    return int(np.sum((interval < usual / 2) | (interval > 1.5 * usual)))
 
 
 def _is_shuffled(time: Clock, falls: int) -> bool:
@@ -353,7 +345,15 @@ def examine_repeats(samples: Samples) -> Samples:
     is_any = is_near | is_other
     in_a_row = (is_other[1:] & is_any[:-1]) | (is_any[1:] & is_other[:-1])
     others, at = int(is_other.sum()), int(np.argmax(is_other)) + 1
-    given = {**_two_values(samples, at), "rows": others}
+    given = {
+        "time_s": samples.time_s[at],
+        # Adding zero turns a resting tester's -0 into 0.
+        "first_a": samples.current_a[at - 1] + 0.0,
+        "first_v": samples.voltage_v[at - 1],
+        "second_a": samples.current_a[at] + 0.0,
+        "second_v": samples.voltage_v[at],
+        "rows": others,
+    }
     if in_a_row.sum() > max(_SLIPS, _FEW * len(samples)) or np.mean(is_other) > _COARSE:
         mean = len(samples) / len(np.unique(samples.time_s))
         told = samples.telling(at, "repeats.coarse-clock", **given, rows_a_stamp=mean)
@@ -365,18 +365,6 @@ def examine_repeats(samples: Samples) -> Samples:
     if others:
         samples = samples.telling(at, "repeats.merged-others", **given)
     return _with_close(merge_repeats(samples))
-
-
-def _two_values(samples: Samples, at: int) -> dict[str, float]:
-    """The two samples of one time stamp."""
-    return {
-        "time_s": samples.time_s[at],
-        # Adding zero turns a resting tester's -0 into 0.
-        "first_a": samples.current_a[at - 1] + 0.0,
-        "first_v": samples.voltage_v[at - 1],
-        "second_a": samples.current_a[at] + 0.0,
-        "second_v": samples.voltage_v[at],
-    }
 
 
 def _spread(time_s: Clock) -> Clock:

@@ -221,11 +221,10 @@ def source_from_frame(
 
     try:
         # Integers beside floats are floats.
-        table = pl.DataFrame(frame, strict=False) if isinstance(frame, Mapping) else frame
+        is_mapping = isinstance(frame, Mapping)
+        whole = nw.from_native(pl.DataFrame(frame, strict=False) if is_mapping else frame)
     except pl.exceptions.PolarsError as error:
         raise InputError(f"{name}: its columns make no table ({reason_of(error)})") from error
-    try:
-        whole = nw.from_native(table)
     except TypeError as error:
         kind = type(frame).__name__
         raise InputError(

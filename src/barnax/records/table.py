@@ -142,13 +142,13 @@ def _is_of_cell(values_v: Float[np.ndarray, "lines"]) -> bool:
 class Reader:
     """One file format: how its content is recognized, and how a table is taken from it.
 
-    `read` takes the file's bytes, the name for messages, and the user's own names of columns by
-    quantity. It raises InputError when the content is damaged.
+    `read` takes the file's bytes and the user's own names of columns by quantity. It raises
+    InputError when the content is damaged, which is told with the file's name before it.
     """
 
     name: str
     recognizes: Callable[[bytes], bool]
-    read: Callable[[bytes, str, Mapping[str, str]], Table]
+    read: Callable[[bytes, Mapping[str, str]], Table]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from ...errors import InputError
 from ..columns import NOTHING
 from ..table import Reader, Table
 from .binary import ARBIN_RES, BIOLOGIC_MPR, NEWARE, PARQUET, ZIP
-from .content import refusing, unpack, unpacked
+from .content import naming, refusing, unpack, unpacked
 from .matlab import MATLAB
 from .text import TEXT
 from .workbook import WORKBOOK
@@ -27,25 +27,25 @@ _MARKUP = re.compile(
 )
 
 
-def unzipped(content: bytes, file: str) -> bytes:
+def unzipped(content: bytes) -> bytes:
     """The content, decompressed where it is gzipped, or a zip archive of one file."""
     if content.startswith(ZIP):
-        return _only_file(content, file)
+        return _only_file(content)
     if not content.startswith(b"\x1f\x8b"):
         return content
-    damaged = f"{file}: the gzipped file is damaged or cut short; copy it again."
+    damaged = "the gzipped file is damaged or cut short; copy it again."
     with refusing(damaged), gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
-        return unpack(packed, content, file)
+        return unpack(packed, content)
 
 
-def _only_file(content: bytes, file: str) -> bytes:
+def _only_file(content: bytes) -> bytes:
     """The file in a zip archive of one; the archive where it has more, as workbooks do."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as packed:
             # Finder adds files of its own.
             files = [entry for entry in packed.infolist() if "__MACOSX/" not in entry.filename]
             for part in unpacked(packed, files) if len(files) == 1 else ():
-                return unpack(part, content, file)
+                return unpack(part, content)
     except InputError:
         raise
     except Exception:
@@ -63,29 +63,33 @@ def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) ->
     Raises InputError when the file is empty, when no reader knows its content, or when the
     reader that knows it finds it damaged.
     """
-    if file.startswith("~$"):
-        raise InputError(
-            f"{file}: Excel's lock file of an open workbook, not the workbook; give {file[2:]}."
-        )
-    content = unzipped(content, file)
+    with naming(file):
+        if file.startswith("~$"):
+            raise InputError(
+                f"Excel's lock file of an open workbook, not the workbook; give {file[2:]}."
+            )
+        return _read(unzipped(content), given)
+
+
+def _read(content: bytes, given: Mapping[str, str]) -> Table:
+    """The table by the first reader that recognizes the content."""
     if content.isspace() or not content:
-        raise InputError(f"{file}: the file is empty; give a file with measured samples.")
+        raise InputError("the file is empty; give a file with measured samples.")
     if _MARKUP.match(content):
         raise InputError(
-            f"{file}: the content is HTML, XML or JSON, not a table of cells, whatever the file's "
-            "suffix; open it in a spreadsheet program or a script, and save it as CSV."
+            "the content is HTML, XML or JSON, not a table of cells, whatever the file's suffix; "
+            "open it in a spreadsheet program or a script, and save it as CSV."
         )
     for reader in READERS:
         if reader.recognizes(content):
-            return reader.read(content, file, given)
+            return reader.read(content, given)
     if content.startswith(ZIP):
         raise InputError(
-            f"{file}: a zip archive, and not of one readable file; unpack it and give one of its "
-            "files."
+            "a zip archive, and not of one readable file; unpack it and give one of its files."
         )
     known = ", ".join(reader.name for reader in READERS)
     raise InputError(
-        f"{file}: the content is binary and not in a known format, whatever the file's suffix. "
+        "the content is binary and not in a known format, whatever the file's suffix. "
         f"Known formats: {known}. Export the record as one of them."
     )
 

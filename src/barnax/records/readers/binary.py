@@ -61,17 +61,15 @@ def quieted(library: str) -> Iterator[list[logging.LogRecord]]:
         log.propagate = was_propagating
 
 
-def _read_parquet(content: bytes, file: str, _: Mapping[str, str]) -> Table:
-    damaged = f"{file}: the Parquet file is damaged or cut short"
+def _read_parquet(content: bytes, _: Mapping[str, str]) -> Table:
+    damaged = "the Parquet file is damaged or cut short"
     try:
         scan = pl.scan_parquet(io.BytesIO(content))
         rows, types = scan.select(pl.len()).collect().item(), scan.collect_schema().dtypes()
-        require_room(NUMBER_BYTES * rows * len(types), content, file)
+        require_room(NUMBER_BYTES * rows * len(types), content)
         if not all(kind.is_numeric() or kind.is_temporal() or kind == pl.Boolean for kind in types):
             # Texts and lists are of any length.
-            require_trial(
-                "import io, polars; polars.read_parquet(io.BytesIO(content))", content, file
-            )
+            require_trial("import io, polars; polars.read_parquet(io.BytesIO(content))", content)
         return Table.of(pl.read_parquet(io.BytesIO(content)))
     except pl.exceptions.PanicException as error:
         # Some files damaged in their middle make Polars panic, in words for its developers.
@@ -137,32 +135,32 @@ def _lost_row(content: bytes, counts: Int[np.ndarray, "rows"]) -> int | None:
     return last + 1 if any(at > end for _, at in later) else None
 
 
-def _read_neware(content: bytes, file: str, _: Mapping[str, str]) -> Table:
+def _read_neware(content: bytes, _: Mapping[str, str]) -> Table:
     # Of the formats only this one needs it, and it takes long to load.
     import fastnda
 
     suffix = ".ndax" if content.startswith(ZIP) else ".nda"
     if suffix == ".nda" and (length := _told_length(content)) > len(content):
         raise InputError(
-            f"{file}: the .nda file is cut short: it has {len(content):,} bytes of {length:,}; "
+            f"the .nda file is cut short: it has {len(content):,} bytes of {length:,}; "
             "copy it again from the tester's computer."
         )
     damaged = (
-        f"{file}: the {suffix} file is damaged, cut short or of an unknown version; export the "
+        f"the {suffix} file is damaged, cut short or of an unknown version; export the "
         "record as CSV from BTSDA."
     )
     with refusing(damaged):
         if suffix == ".ndax":
             with zipfile.ZipFile(io.BytesIO(content)) as packed:
                 parts = unpacked(packed, packed.infolist())
-                require_room_to_unpack(parts, content, file)
+                require_room_to_unpack(parts, content)
         with _as_file(content, suffix) as path, quieted("fastnda") as told:
             frame = fastnda.read(path, cycle_mode="auto")
     if not frame.height:
-        raise InputError(f"{file}: this Neware file has no samples; give another.")
+        raise InputError("this Neware file has no samples; give another.")
     if lost := _lost_row(content, frame["index"].cast(pl.Int64).to_numpy()):
         raise InputError(
-            f"{file}: the {suffix} file is damaged: by its own counter of rows, some are missing "
+            f"the {suffix} file is damaged: by its own counter of rows, some are missing "
             f"from row {lost} on; copy it again from the tester's computer."
         )
     is_damaged = any(record.exc_info for record in told)
@@ -182,12 +180,12 @@ def _by_package(
     def recognizes(content: bytes) -> bool:
         return start in content[:64]
 
-    def read(content: bytes, file: str, _: Mapping[str, str]) -> Table:
+    def read(content: bytes, _: Mapping[str, str]) -> Table:
         article = "an" if name[0] in "AEIOU" else "a"
         with refusing(
-            f"{file}: the {name} file is damaged, cut short or of an unknown version; export "
+            f"the {name} file is damaged, cut short or of an unknown version; export "
             f"the record as {export}.",
-            f"{file}: this is {article} {name} file; install the package that reads it with "
+            f"this is {article} {name} file; install the package that reads it with "
             f"pip install 'barnax[{extra}]', or export the record as {export}.",
         ):
             columns = {name: np.array(values) for name, values in parse(content).items()}

@@ -41,43 +41,41 @@ _FOR_A_WHILE = 1.5
 _ALONE = {"POLARS_MAX_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
-def require_room(size: float, content: bytes, file: str, doubt: str = "") -> None:
+def require_room(size: float, content: bytes, doubt: str = "") -> None:
     """Raise InputError where a file's content takes so many bytes, and they are too many."""
     if size > LARGEST_FILE:
         raise InputError(
-            f"{file}: its {len(content):,} bytes need more than the limit of "
+            f"its {len(content):,} bytes need more than the limit of "
             f"{LARGEST_FILE / 1e9:g} GB of memory{doubt}; give a part of the record, or fewer "
             "columns, as CSV."
         )
 
 
-def require_room_to_unpack(
-    parts: Iterable[IO[bytes] | gzip.GzipFile], content: bytes, file: str
-) -> None:
+def require_room_to_unpack(parts: Iterable[IO[bytes] | gzip.GzipFile], content: bytes) -> None:
     """Raise InputError where packed files are together too large; nothing of them is kept."""
     size = 0
     for part in parts:
         while piece := part.read(_PIECE):
             size += len(piece)
-            require_room(size, content, file)
+            require_room(size, content)
 
 
-def unpack(part: IO[bytes] | gzip.GzipFile, content: bytes, file: str) -> bytes:
+def unpack(part: IO[bytes] | gzip.GzipFile, content: bytes) -> bytes:
     """A packed file that can be read twice, without a second copy while it is put together."""
-    require_room_to_unpack([part], content, file)
+    require_room_to_unpack([part], content)
     part.seek(0)
     whole = io.BytesIO()
     copyfileobj(part, whole, _PIECE)
     return whole.getvalue()
 
 
-def require_trial(code: str, content: bytes, file: str) -> None:
+def require_trial(code: str, content: bytes) -> None:
     """Raise InputError where code that reads `content` takes more memory than the limit.
 
     What it raises, as for a damaged file, is left to be raised where the file is read in earnest.
     """
     if dies(code, content, LARGEST_FILE):
-        require_room(float("inf"), content, file, ", or are damaged")
+        require_room(float("inf"), content, ", or are damaged")
 
 
 def dies(code: str, content: bytes, most_bytes: float) -> bool:
@@ -86,6 +84,15 @@ def dies(code: str, content: bytes, most_bytes: float) -> bool:
     command = [sys.executable, "-P", "-c", _LIMITED + code, room]
     done = subprocess.run(command, input=content, capture_output=True, env=os.environ | _ALONE)
     return done.returncode not in (0, 1) or b"MemoryError" in done.stderr
+
+
+@contextmanager
+def naming(file: str) -> Iterator[None]:
+    """Put the name of a file before what is refused of its content."""
+    try:
+        yield
+    except InputError as refusal:
+        raise InputError(f"{file}: {refusal}") from refusal
 
 
 @contextmanager
@@ -156,14 +163,14 @@ def _utf16(content: bytes) -> str:
     return "utf-16-le" if zeros[1] else "utf-16-be"
 
 
-def as_utf8(content: bytes, file: str) -> bytes:
+def as_utf8(content: bytes) -> bytes:
     """The text in UTF-8 with a plain newline; testers write UTF-8, UTF-16 or Latin-1."""
     if form := _utf16(content):
         try:
             content = content.decode(form).encode()
         except UnicodeDecodeError as error:
             raise InputError(
-                f"{file}: starts as UTF-16 text but does not continue as such; save it as UTF-8."
+                "starts as UTF-16 text but does not continue as such; save it as UTF-8."
             ) from error
     # Joined files have more than one mark.
     content = content.replace(codecs.BOM_UTF8, b"")
@@ -175,7 +182,7 @@ def as_utf8(content: bytes, file: str) -> bytes:
         lost = _LOST.search(content)
         if lost and not _NO_TEXT.search(content[:PREAMBLE_BYTES]):
             raise InputError(
-                f"{file}: row {content.count(10, 0, lost.start()) + 1} has "
+                f"row {content.count(10, 0, lost.start()) + 1} has "
                 f"{counted(len(lost[0]), 'zero byte')} in place of what was written, as after a "
                 "loss of power; delete the rows that are cut there."
             )
@@ -192,13 +199,13 @@ def as_utf8(content: bytes, file: str) -> bytes:
     return content
 
 
-def require_lines(content: bytes, file: str) -> None:
+def require_lines(content: bytes) -> None:
     """Raise InputError for a line that no table has."""
     for start in range(0, len(content) - _LONGEST_LINE, _LONGEST_LINE):
         if content.find(b"\n", start, start + _LONGEST_LINE) < 0:
             row = content.count(b"\n", 0, start) + 1
             raise InputError(
-                f"{file}: row {row} has more than {_LONGEST_LINE:,} letters, so this is no table "
+                f"row {row} has more than {_LONGEST_LINE:,} letters, so this is no table "
                 "of measurements; export the record as CSV, Parquet or a workbook."
             )
 

@@ -40,22 +40,22 @@ _DEEPEST, _MAX_NAMED = 8, 12
 _SCRIPTS = re.compile(r"(?:DYNData|OCVData)\.script(\d)")
 
 
-def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
+def _read(content: bytes, given: Mapping[str, str]) -> Table:
     if content.startswith(_OCTAVE):
-        raise InputError(f"{file}: Octave's text format; save it with '-v7', or as CSV.")
+        raise InputError("Octave's text format; save it with '-v7', or as CSV.")
     if b"pandas_type" in content:
         raise InputError(
-            f"{file}: an HDF5 file of pandas, not of MATLAB; write the frame with to_parquet or "
+            "an HDF5 file of pandas, not of MATLAB; write the frame with to_parquet or "
             "to_csv instead."
         )
     is_hdf5 = content.startswith((_MARKS[1], _HDF5))
-    require_trial(_READS_73 if is_hdf5 else _READS_5, content, file)
+    require_trial(_READS_73 if is_hdf5 else _READS_5, content)
     with refusing(
-        f"{file}: the MATLAB file is damaged or cut short; copy or save it again.",
-        f"{file}: this is a MATLAB file of version 7.3; install the package that reads it with "
+        "the MATLAB file is damaged or cut short; copy or save it again.",
+        "this is a MATLAB file of version 7.3; install the package that reads it with "
         "pip install 'barnax[matlab]', or save it with '-v7'.",
     ):
-        tree = _of_hdf5(content, file) if is_hdf5 else _of_matlab_5(content)
+        tree = _of_hdf5(content) if is_hdf5 else _of_matlab_5(content)
     structs = dict(_structs(tree))
     if chosen := _chosen(structs, given):
         return _table(chosen)
@@ -73,7 +73,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         first, *others = sorted(records)
         unused = Notice("columns.other-structs", {"used": first, "unused": ", ".join(others)})
         return _table(records[first], (unused,) if others else ())
-    raise InputError(_refusal(file, structs, [*records]))
+    raise InputError(_refusal(structs, [*records]))
 
 
 def _of_matlab_5(content: bytes) -> Struct:
@@ -84,7 +84,7 @@ def _of_matlab_5(content: bytes) -> Struct:
     return {name: value for name, value in tree.items() if not name.startswith("__")}
 
 
-def _of_hdf5(content: bytes, file: str) -> Struct:
+def _of_hdf5(content: bytes) -> Struct:
     import h5py
 
     known: dict[Any, Any] = {}
@@ -116,7 +116,7 @@ def _of_hdf5(content: bytes, file: str) -> Struct:
                 ]
             return own
         if found.external or found.is_virtual:
-            raise InputError(f"{file}: refers to other files; save it as one file.")
+            raise InputError("refers to other files; save it as one file.")
         if h5py.check_ref_dtype(found.dtype):
             return [
                 value_of(found.file[reference], depth + 1)
@@ -221,7 +221,7 @@ def _joined(
     return Table.of(whole, notes=(note,))
 
 
-def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -> str:
+def _refusal(structs: Mapping[str, Struct], records: Sequence[str]) -> str:
     """Why no record is taken, and what the file holds."""
     option = "`columns='time={0}NAME:s,current={0}NAME:A,voltage={0}NAME:V'`"
     if records:
@@ -230,7 +230,7 @@ def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -
         )
         choose = option.format(f"{records[-1]}.") if records[-1] else "save one of them alone"
         return (
-            f"{file}: a MATLAB file of {len(records)} records ({names}), but a record is of one "
+            f"a MATLAB file of {len(records)} records ({names}), but a record is of one "
             f"test; choose one by where its columns stand, {choose}."
         )
     held = [
@@ -243,7 +243,7 @@ def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -
     more = " ..." if len(held) > _MAX_NAMED else ""
     structure = "STRUCTURE." if any("." in name for name in held) else ""
     return (
-        f"{file}: a MATLAB file without a structure of columns of one length for time, current and "
+        f"a MATLAB file without a structure of columns of one length for time, current and "
         f"voltage; it holds {named}{more}. Give the columns as {option.format(structure)}, or "
         "save them as vectors time, current and voltage, or a table of MATLAB's own by writetable."
     )

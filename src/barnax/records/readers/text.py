@@ -64,19 +64,19 @@ class _Layout:
     delimiter: str
 
 
-def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
-    content = as_utf8(content, file)
-    require_lines(content, file)
+def _read(content: bytes, given: Mapping[str, str]) -> Table:
+    content = as_utf8(content)
+    require_lines(content)
     # The row in the file is kept, so blank lines above the names count.
     lines = head_lines(content)
-    layout = _layout(lines, file, given)
+    layout = _layout(lines, given)
     lead = layout.above + 1
     content, breaks = _without_repeats(content, layout.above)
     # Of blank lines below the names the first that is not may hold the units.
     blank = next((k for k, line in enumerate(lines[lead:]) if line.strip()), 0)
     below = "".join(lines[lead + blank : lead + blank + 1])
     header = layout.header.with_units(_cells(below, layout.delimiter))
-    _refuse_split_numbers(lines[lead:], layout, header.columns, file)
+    _refuse_split_numbers(lines[lead:], layout, header.columns)
     lead += blank + 1 if header is not layout.header else 0
     delimiter, above = layout.delimiter, lead
     if delimiter == _BLANK:
@@ -85,17 +85,17 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         content = re.sub(rb"(\d[-./]\d+)[ \t]+(\d+:\d)", rb"\1T\2", content)
         content, above, delimiter = re.sub(rb"[ \t]+", b"\t", content), 0, "\t"
     rows = content.count(b"\n", _offset(content, above))
-    require_room(NUMBER_BYTES * rows * len(header.names), content, file)
+    require_room(NUMBER_BYTES * rows * len(header.names), content)
     header = Header((*header.names, ""), given)
-    columns = _columns(content, above, header.names, delimiter, file)
+    columns = _columns(content, above, header.names, delimiter)
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for place, dropped in reversed(breaks):
         row[row >= place] += dropped
     table = Table(header, tuple(columns), row, notes=_notes(layout, breaks))
-    return _without_headings(_within_the_names(_records_of_layers(table), file))
+    return _without_headings(_within_the_names(_records_of_layers(table)))
 
 
-def _within_the_names(table: Table, file: str) -> Table:
+def _within_the_names(table: Table) -> Table:
     """The table without its last column, which is of cells beyond the names, and has none.
 
     Raises InputError where rows have more cells than there are names: which cell belongs to which
@@ -113,10 +113,10 @@ def _within_the_names(table: Table, file: str) -> Table:
     named = header.columns
     if not any(column.dtype.is_numeric() for column in columns) and not named:
         raise InputError(
-            f"{file}: no row of names with numbers below, so this is no table of measurements; "
+            "no row of names with numbers below, so this is no table of measurements; "
             "export the record as CSV, Parquet or a workbook."
         )
-    where, names = f"{file}: row {table.row[wide[0]]}", len(header.names)
+    where, names = f"row {table.row[wide[0]]}", len(header.names)
     if len(wide) > 0.5 * len(table.row):
         if _fits(named, columns) and not _fits(named, [*columns[1:], beyond]):
             return replace(
@@ -147,7 +147,7 @@ def _fits(named: Mapping[str, Column], columns: Sequence[pl.Series]) -> bool:
     return is_cell and bool(np.isfinite(time).all() and rises.sum() > 0.5 * len(rises))
 
 
-def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
+def _layout(lines: list[str], given: Mapping[str, str]) -> _Layout:
     """The first line that names a record or an OCV table, else the first that is not blank.
 
     Some testers write what was tested, by whom and when above their table.
@@ -168,12 +168,12 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
     first = next((line for line in lines if line.strip()), "")
     if not first.replace("\t", "").isprintable():
         raise InputError(
-            f"{file}: the first line is not text, so this is not a table of samples, whatever the "
+            "the first line is not text, so this is not a table of samples, whatever the "
             "file's suffix; export the record as CSV, Parquet or a workbook."
         )
     if fallback is None or not fallback.header.names:
         raise InputError(
-            f"{file}: a cell of the first line has {len(first)} letters, so this is not a table of "
+            f"a cell of the first line has {len(first)} letters, so this is not a table of "
             "samples; export the record as plain CSV."
         )
     return fallback
@@ -222,9 +222,7 @@ def _without_repeats(content: bytes, above: int) -> tuple[bytes, list[tuple[int,
     return content, breaks
 
 
-def _refuse_split_numbers(
-    lines: list[str], layout: _Layout, named: Mapping[str, Column], file: str
-) -> None:
+def _refuse_split_numbers(lines: list[str], layout: _Layout, named: Mapping[str, Column]) -> None:
     """Raise InputError where commas between cells cut numbers with decimal commas in two.
 
     The cells are more than the names, and fit them where some of them are joined.
@@ -253,7 +251,7 @@ def _refuse_split_numbers(
         if _fits(named, _series(joined)):
             whole, decimals = rows[0][chosen[-1]], rows[0][chosen[-1] + 1]
             raise InputError(
-                f"{file}: row {layout.above + 2}: the rows have more cells than the {len(header)} "
+                f"row {layout.above + 2}: the rows have more cells than the {len(header)} "
                 f"names: commas separate cells and also decimals, as in '{whole},{decimals}'; "
                 "export it with semicolons, or with decimal points."
             )
@@ -263,9 +261,7 @@ def _series(rows: list[list[str]]) -> list[pl.Series]:
     return [pl.Series(column) for column in zip(*rows, strict=False)]
 
 
-def _columns(
-    text: bytes, above: int, header: Sequence[str], delimiter: str, file: str
-) -> list[pl.Series]:
+def _columns(text: bytes, above: int, header: Sequence[str], delimiter: str) -> list[pl.Series]:
     """The cells below so many lines: numbers where a column holds nothing else, else text."""
     start = _offset(text, above)
     if not text[start : start + PREAMBLE_BYTES].strip() and not text[start:].strip():
@@ -304,7 +300,7 @@ def _columns(
         columns = of_any_width(dict.fromkeys(names, pl.String))
     except pl.exceptions.PolarsError as error:
         raise InputError(
-            f"{file}: cannot be split into columns at {delimiter!r}; export it as plain CSV without"
+            f"cannot be split into columns at {delimiter!r}; export it as plain CSV without"
             " quotes inside cells."
         ) from error
     return [column.str.strip_chars().replace("", None) for column in columns]

@@ -59,20 +59,20 @@ def _recognizes(content: bytes) -> bool:
     return content.startswith(_OLE) or (content.startswith(b"PK") and b"xl/" in content)
 
 
-def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
-    require_trial(_READS, content, file)
-    damaged = f"{file}: the workbook is damaged or cut short; copy or export it again."
+def _read(content: bytes, given: Mapping[str, str]) -> Table:
+    require_trial(_READS, content)
+    damaged = "the workbook is damaged or cut short; copy or export it again."
     with refusing(damaged), quieted("fastexcel"):
         workbook = fastexcel.read_excel(content)
         sheets = {name: _names(workbook, name, given) for name in workbook.sheet_names}
         headers = {name: sheet.header for name, sheet in sheets.items()}
-        chosen = _chosen_sheets(headers, file)
+        chosen = _chosen_sheets(headers)
         bodies = {name: _body(workbook, name, sheets[name]) for name in chosen}
     names = sheets[chosen[0]]
     for name in chosen:
         if sheets[name] != names:
             raise InputError(
-                f"{file}: sheets {listed([chosen[0]])} and {listed([name])} have different columns "
+                f"sheets {listed([chosen[0]])} and {listed([name])} have different columns "
                 "and cannot be joined; give them the same first row."
             )
     return _joined(bodies, names, [name for name in sheets if name not in chosen])
@@ -101,7 +101,7 @@ def _body(workbook: fastexcel.ExcelReader, name: str, names: _Names) -> pl.DataF
     ).to_polars()
 
 
-def _chosen_sheets(headers: dict[str, Header], file: str) -> list[str]:
+def _chosen_sheets(headers: dict[str, Header]) -> list[str]:
     """The sheets that hold the record: a channel's, else the only one with the columns.
 
     Failing that, the only one with some of them.
@@ -110,7 +110,7 @@ def _chosen_sheets(headers: dict[str, Header], file: str) -> list[str]:
     ours = {name: match.groups() for name in whole if (match := _CHANNEL.match(name))}
     if len(set(ours.values())) > 1:
         raise InputError(
-            f"{file}: the workbook has {len(set(ours.values()))} channels (sheets "
+            f"the workbook has {len(set(ours.values()))} channels (sheets "
             f"{listed(ours)}), but a record is of one cell; save each channel as its own workbook."
         )
     if ours:
@@ -120,7 +120,7 @@ def _chosen_sheets(headers: dict[str, Header], file: str) -> list[str]:
         return whole
     if whole:
         raise InputError(
-            f"{file}: several sheets could be the record ({listed(whole)}); keep only one of them."
+            f"several sheets could be the record ({listed(whole)}); keep only one of them."
         )
     partial = [name for name, header in headers.items() if header.columns.keys() & NEEDED]
     if len(partial) == 1:
@@ -130,7 +130,7 @@ def _chosen_sheets(headers: dict[str, Header], file: str) -> list[str]:
         f"{name}: {listed(header.names) or 'empty'}" for name, header in headers.items()
     )
     raise InputError(
-        f"{file}: no sheet has columns for time, current and voltage in its first row. "
+        f"no sheet has columns for time, current and voltage in its first row. "
         f"Sheets found: {cut(found, 1000)}. Name the columns, for example, 'Test Time / s', "
         "'Current / A' and 'Voltage / V'."
     )

@@ -7,6 +7,7 @@ counts with an offset, or takes a wrong capacity, and has the voltage to notice 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import equinox as eqx
@@ -213,15 +214,9 @@ def replay_soc(
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(case.given for case in cases))
     program = compile_for(_run_all, *stacked, settings.kind)
     estimate = jax.tree.map(np.asarray, program(*stacked, settings.kind))
-    of_cases = [
-        jax.tree.map(lambda array, place=place: array[place], estimate)
-        for place in range(len(cases))
-    ]
+    of_cases = [jax.tree.map(itemgetter(place), estimate) for place in range(len(cases))]
     pairs = [*zip(cases, of_cases, strict=True)]
-    late = [
-        jax.tree.map(lambda array, case=case: in_place(array, case.first), estimate)
-        for case, estimate in pairs
-    ]
+    late = [jax.tree.map(partial(in_place, first=case.first), own) for case, own in pairs]
     traces = Traces(
         prepared.time_s - prepared.time_s[0],
         prepared.soc,

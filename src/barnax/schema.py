@@ -74,8 +74,7 @@ class _Array:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
         del source, handler
         return core_schema.no_info_plain_validator_function(
-            _array,
-            serialization=core_schema.plain_serializer_function_ser_schema(_listed),
+            _array, serialization=core_schema.plain_serializer_function_ser_schema(_listed)
         )
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> Any:

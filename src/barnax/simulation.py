@@ -133,9 +133,7 @@ def _doubts(
         if len(outside):
             at = {"samples": len(outside), "time_s": profile.time_s[outside[0]]}
             at |= {"low_percent": 100 * low, "high_percent": 100 * high}
-            of = (
-                {"what": "circuit"} if result.tables is None else {"what": "tables", "held": "true"}
-            )
+            of = {"what": "tables", "held": "true"} if result.tables else {"what": "circuit"}
             yield Notice("simulation.outside-soc", {**at, **of})
     degc = profile.temperature_degc
     dependence = _at(result, given_degc).circuit_parameters.dependence

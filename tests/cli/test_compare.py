@@ -50,7 +50,7 @@ def test_a_second_run_needs_force_and_gives_the_same_bytes(compared, tmp_path, m
     _, first = compared
     folder = tmp_path / "again"
     shutil.copytree(first, folder)
-    monkeypatch.setattr(command, "_report", lambda *_: {})
+    monkeypatch.setattr(command, "drawn_files", lambda *_: {})
     before = contents(folder)
     assert run_command("compare", *ROWS, *COMMON, "--out", folder).status == 2
     assert contents(folder) == before

@@ -76,8 +76,11 @@ def compare(options: Comparing) -> None:
     with run.watch("Comparing", total) as advance:
         comparison, result = barnax.compare_files(job.changed(watch=_row_watch(run, advance)))
     seconds = {row.name: run.seconds[row.name] for row in result.rows}
-    draw = partial(_report, result, comparison, seconds, options.paper, options.live)
-    run.deliver("comparison.json", result.to_json(), draw)
+    figures = reporting.illustrations.comparison_illustrations
+    draw = partial(figures, result, comparison, live=options.live)
+    document_of = partial(reporting.comparison.comparison_document, result, seconds=seconds)
+    files = partial(drawn_files, draw, document_of, True, options.paper)
+    run.deliver("comparison.json", result.to_json(), files)
     _show(run, result, seconds, options.output.verbose)
     if run.folder is not None:
         name = "report.html" if "report.html" in run.written else "comparison.json"
@@ -136,19 +139,6 @@ def chosen_rows(
 def _names(text: str) -> dict[str, None]:
     """The names of a list, each once."""
     return dict.fromkeys(name.strip() for name in text.split(","))
-
-
-def _report(
-    result: "barnax.ComparisonResult",
-    comparison: "barnax.Comparison",
-    seconds: dict[str, float],
-    paper: bool,
-    live: bool,
-) -> dict[str, bytes]:
-    """The report in both forms and its figures, by their path below the results folder."""
-    draw = partial(reporting.illustrations.comparison_illustrations, result, comparison, live=live)
-    document_of = partial(reporting.comparison.comparison_document, result, seconds=seconds)
-    return drawn_files(draw, document_of, True, paper)
 
 
 def optimizers() -> None:

@@ -223,7 +223,7 @@ def _summed_up(
     by_id = {cell.id: cell for cell in cells}
     rows = read_fleet(out, by_id)
     summary = summarize(rows)
-    sentence = as_keys(reporting.fleet.fleet_sentence(summary))
+    sentence = as_keys(reporting.wording.wording("fleet.closing", summary))
     if not write:
         return sentence
     worst = {}

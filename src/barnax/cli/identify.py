@@ -15,16 +15,8 @@ from .. import reporting
 from ..errors import InputError
 from ..files import is_factor_file, write_whole
 from ..settings import Reading, TableOptions
-from .options import (
-    OF_FILES,
-    OF_RECORDS,
-    OF_SEARCH,
-    OF_TABLES,
-    Given,
-    group,
-    options_of,
-)
-from .output import DEFAULT_FOLDER, Output, drawn_files, free_name
+from .options import OF_FILES, OF_RECORDS, OF_SEARCH, OF_TABLES, Given, group, options_of
+from .output import DEFAULT_FOLDER, Output, drawn_files, free_names
 from .session import Session, as_flags, flag_of
 
 # The file beside a result by which the run is repeated.
@@ -251,7 +243,7 @@ def _next(
     if any(part.path == STDIN or part.path.is_relative_to("/dev") for part in plan.parts):
         return f"{advice}: {shlex.join(words)}, with what was piped saved as a file", ""
     words += [] if design is None else ["--design", str(design)]
-    words += ["--out", str(free_name(Path(DEFAULT_FOLDER)))]
+    words += ["--out", str(next(free_names(Path(DEFAULT_FOLDER))))]
     return advice, shlex.join(["barnax", "identify", str(folder / PLAN), *words])
 
 

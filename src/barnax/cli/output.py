@@ -201,7 +201,10 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
             _write(fresh / name, content)
         own, theirs = _own_and_others(place)
         is_replaced = is_forced and not own.isdisjoint(RESULTS)
-        if not is_replaced or any(_is_in_the_way(place, name, theirs) for name in files):
+        # What would take the place of something of the user's.
+        clashes = [name for name in files if (place / name).is_dir()]
+        clashes += theirs & (files.keys() | _folders(files))
+        if clashes or not is_replaced:
             found = _moved(fresh, place)
             return folder if found == place else found
         _share(place, fresh, own | (_folders(own) - _folders(theirs)))
@@ -265,12 +268,8 @@ def _hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def free_name(place: Path) -> Path:
-    """The place itself where nothing or an empty folder is, else the first free name after it."""
-    return next(_free_names(place))
-
-
-def _free_names(place: Path) -> Iterator[Path]:
+def free_names(place: Path) -> Iterator[Path]:
+    """The place itself where nothing or an empty folder is, and the free names after it."""
     for number in itertools.count(1):
         free = place if number == 1 else place.with_name(f"{place.name}-{number}")
         if not os.path.lexists(free) or (free.is_dir() and not any(free.iterdir())):
@@ -279,7 +278,7 @@ def _free_names(place: Path) -> Iterator[Path]:
 
 def _moved(fresh: Path, place: Path) -> Path:
     """The first free name, where the folder now is."""
-    for free in _free_names(place):
+    for free in free_names(place):
         with suppress(OSError):
             # Not every system moves a folder over an empty one.
             free.rmdir()
@@ -307,11 +306,6 @@ def _own_and_others(place: Path) -> tuple[set[str], set[str]]:
     }
     own |= {LIST} & there.keys() if own else set()
     return own, there.keys() - own
-
-
-def _is_in_the_way(place: Path, name: str, theirs: set[str]) -> bool:
-    """True if a file there would take the place of something of the user's."""
-    return (place / name).is_dir() or not theirs.isdisjoint({name, *_folders([name])})
 
 
 def require_free_file(path: Path, is_forced: bool) -> None:

@@ -205,17 +205,13 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     settings = barnax.FilterSettings(chosen.filter, names, tables=chosen.tables)
     with run.watch("Replaying"):
         replay = barnax.replay_soc(stored, record, window, settings, **on.how)
-    draw = partial(_soc_figures, replay, chosen.report, chosen.paper)
+    document_of = partial(reporting.records.replay_document, replay)
+    figure = partial(reporting.illustrations.replay_illustration, replay)
+    draw = partial(drawn_files, lambda: [figure()], document_of, chosen.report, chosen.paper)
     run.deliver("soc.json", replay.to_json(), draw)
     run.show(reporting.terminal.soc_screen(replay))
     run.show_written([PAGE, "soc.json", "figures"])
     run.warn(replay.warnings)
-
-
-def _soc_figures(replay: "barnax.SocReplay", report: bool, paper: bool) -> dict[str, bytes]:
-    document_of = partial(reporting.records.replay_document, replay)
-    drawn = reporting.illustrations.replay_illustration
-    return drawn_files(lambda: [drawn(replay)], document_of, report, paper)
 
 
 @group

@@ -68,8 +68,9 @@ class ComparisonResult(Document):
     versions: dict[str, str]
 
     @property
-    def cell_model(self) -> CellModel:
-        return self.cell
+    def answered(self) -> tuple[Row, ...]:
+        """The rows that have an answer."""
+        return tuple(row for row in self.rows if row.failure is None)
 
     what: ClassVar[str] = "barnax comparison"
     remedy: ClassVar[str] = "give the comparison.json that barnax compare wrote"

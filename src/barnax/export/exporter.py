@@ -91,9 +91,10 @@ def _templates() -> Environment:
         loader=PackageLoader("barnax.export"), undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
-    templates.filters |= {"numbers": numbers, "array": python_array, "escaped": escaped}
-    templates.filters |= {"listed": listed, "symbol": lambda name: name.partition(" ")[0]}
-    templates.globals |= {"asarray": np.asarray, "CHARGE": CHARGE, "INSTANT_RATE": INSTANT_RATE}
+    templates.filters |= {"numbers": numbers, "array": python_array}
+    templates.filters |= {"escaped": escaped, "listed": listed}
+    constants: dict[str, Any] = {"CHARGE": CHARGE, "INSTANT_RATE": INSTANT_RATE}
+    templates.globals.update(constants, asarray=np.asarray)  # pyrefly: ignore
     return templates
 
 

@@ -154,9 +154,10 @@ class Verification:
     without_turns_v: float
 
 
-def require_package(exporter: Exporter) -> None:
-    """Raise `InputError` where an export cannot be simulated here."""
-    if exporter.package is None:
+def require_package(exporter: Exporter) -> tuple[str, Simulate]:
+    """The package in which an export can be simulated, and by what. Raises `InputError` where it
+    cannot be simulated here."""
+    if exporter.package is None or exporter.simulate is None:
         raise InputError(
             f"`verify` works for pybamm and thevenin only, not for {exporter.name}; leave it out"
         )
@@ -165,6 +166,7 @@ def require_package(exporter: Exporter) -> None:
             f"`verify` needs the package {exporter.package}, which is not installed; install "
             'it with pip install ".[verify]" in a clone of barnax, or leave `verify` out'
         )
+    return exporter.package, exporter.simulate
 
 
 def verify(
@@ -181,10 +183,7 @@ def verify(
         content: The exported content.
         profile: The current to simulate; by default `pulse_profile`.
     """
-    require_package(exporter)
-    package, simulate = exporter.package, exporter.simulate
-    if package is None or simulate is None:
-        raise ValueError(f"the exporter {exporter.name} names no package to simulate in")
+    package, simulate = require_package(exporter)
     profile = profile or pulse_profile(result)
     over = result.fits.over_temperature
     found = []

@@ -98,8 +98,7 @@ def plot_own_ocv(cell: CellModel, nodes: "Sequence[NodeInterval]") -> Figure:
     axes = figure.subplots()
     known = [(node.soc, node.low, node.high) for node in nodes if node.low is not None]
     if known:
-        band = {"color": style.SKY_BLUE, "alpha": 0.35, "linewidth": 0.0}
-        axes.fill_between(*np.array(known, float).T, **band, label="95 % interval")
+        axes.fill_between(*np.array(known, float).T, **style.BAND, label="95 % interval")
     soc = np.linspace(*cell.soc_range, CURVE_SAMPLES)
     label = "identified from the record"
     axes.plot(soc, cell.average_ocv_v(soc), color=style.BLUE, label=label)
@@ -153,17 +152,14 @@ def _draw_pulse(axes: Axes, evaluation: "Evaluation", pulse: Pulse, color: objec
     change_a = prepared.current_a[inside] - prepared.current_a[inside.start]
     is_on = np.abs(change_a) > abs(pulse.current_a) / 2
     since_s = (prepared.time_s[inside] - prepared.time_s[inside.start])[is_on]
-    measured: dict[str, Any] = {
-        "color": color,
-        "linewidth": 1.3,
-        "zorder": 2,
-        "label": "measured, colored by SOC",
-    }
+    measured: dict[str, Any] = {"color": color, "linewidth": 1.3, "zorder": 2}
     simulated: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.7, "linestyle": (0, (3, 2))}
-    simulated["label"] = "simulated"
-    for voltage_v, look in ((prepared.voltage_v, measured), (evaluation.simulated_v, simulated)):
+    for label, voltage_v, look in (
+        ("measured, colored by SOC", prepared.voltage_v, measured),
+        ("simulated", evaluation.simulated_v, simulated),
+    ):
         drop_v = voltage_v[inside.start] - voltage_v[inside]
-        axes.plot(since_s, 1e3 * (drop_v[is_on] / change_a[is_on]), **look)
+        axes.plot(since_s, 1e3 * (drop_v[is_on] / change_a[is_on]), **look, label=label)
 
 
 @style.figure_style()

@@ -190,12 +190,7 @@ def _draw_table(axes: Axes, table: DrawnTable) -> None:
     line: dict[str, Any] = {"color": style.BLUE, "zorder": 3}
     axes.plot(nodes["soc"], nodes["value"], linestyle=(0, (3, 2)), linewidth=0.8, **line)
     axes.plot(nodes["soc"], np.where(is_visited, nodes["value"], np.nan), linewidth=1.2, **line)
-    band: dict[str, Any] = {
-        "color": style.SKY_BLUE,
-        "alpha": 0.35,
-        "linewidth": 0.0,
-        "label": "95 % interval",
-    }
+    band: dict[str, Any] = {**style.BAND, "label": "95 % interval"}
     axes.fill_between(nodes["soc"], nodes["low"], nodes["high"], where=is_known, zorder=2, **band)
     # A node whose neighbors have no interval has no area to fill.
     ends: dict[str, Any] = {"color": style.SKY_BLUE, "linewidth": 1.0, "zorder": 2}

@@ -320,6 +320,8 @@ def draw_line(
     return line
 
 
+# What lies between the ends of intervals.
+BAND: Final[dict[str, Any]] = {"color": SKY_BLUE, "alpha": 0.35, "linewidth": 0.0}
 # A mark that is visible over any color.
 OPEN: Final[dict[str, Any]] = {
     "markerfacecolor": "white",

@@ -16,26 +16,13 @@ from .document import (
     Table,
     circuits_table,
     make_table,
-    pairs_table,
     rows_table,
 )
 from .illustrations import record_roles
-from .result_tables import (
-    circuit_blocks,
-    files_table,
-    search_boxes,
-    versions_table,
-)
+from .result_tables import circuit_blocks, files_table, search_boxes, versions_table
 from .view import View
 from .wording import document, wording
-from .words import (
-    NOTHING,
-    bound_words,
-    fixed,
-    gathered,
-    millivolts_cell,
-    significant,
-)
+from .words import NOTHING, bound_words, fixed, gathered, millivolts_cell, significant
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
@@ -66,10 +53,11 @@ def comparison_document(
     roles = record_roles(1, len(records) - 1) if records else []
     validated = [part.name for part in result.inputs if part.role == "validation"]
     sources = {row.method: row.source for row in result.rows}
+    heads = ["method", "source"]
     blocks: dict[str, tuple[Block, ...]] = {
         "circuits": circuit_blocks(result.candidates, (), validated),
         "files": (files_table(result), *pictures.of("ocv")),
-        "methods": (pairs_table("The methods.", "method", "source", sources),),
+        "methods": (rows_table("The methods.", heads, sources.items(), heads),),
         "versions": (versions_table(result),),
     }
     if records:
@@ -127,14 +115,9 @@ class OnRecord:
         return low_v, high_v
 
 
-def answered(result: "ComparisonResult") -> "list[Row]":
-    """The rows that have an answer."""
-    return [row for row in result.rows if row.failure is None]
-
-
 def on_records(result: "ComparisonResult") -> list[OnRecord]:
     """The findings on the identification record, then on those for validation."""
-    errors = {row.name: row.errors for row in answered(result)}
+    errors = {row.name: row.errors for row in result.answered}
     records = []
     for number, first in enumerate(next(iter(errors.values()), [])):
         name, is_validation = first.metrics.record, number > 0
@@ -151,7 +134,7 @@ def on_records(result: "ComparisonResult") -> list[OnRecord]:
 def verdict_facts(result: "ComparisonResult") -> dict[str, Any]:
     """What the verdict is made of: the rows on each record, the effect of each model against the
     plainest, by the best method that ran both, the global optima, and what ended at a bound."""
-    rows, records = answered(result), on_records(result)
+    rows, records = result.answered, on_records(result)
     present = list(dict.fromkeys(row.model for row in rows))
     plain = BASE if BASE in present or not present else present[0]
     changes = {}
@@ -197,14 +180,14 @@ def parameters_table(result: "ComparisonResult") -> Table:
     """Every row's own parameters and time constants (Li et al., 2023, Table 3)."""
     return circuits_table(
         "Parameters and time constants of each row's median seed, not refined.",
-        {row.name: row.median.parameters.to_dict() for row in answered(result)},
+        {row.name: row.median.parameters.to_dict() for row in result.answered},
         {},
     )
 
 
 def refined_tables(result: "ComparisonResult") -> list[Table]:
     """Every row's median seed after Levenberg-Marquardt, where any was refined."""
-    refined = {row.name: row.refined for row in answered(result) if row.refined is not None}
+    refined = {row.name: row.refined for row in result.answered if row.refined is not None}
     if not refined:
         return []
     optima = {row.name: result.models[row.model].optimum for row in result.rows}
@@ -257,7 +240,7 @@ def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None
     if seconds:
         cells["time [s]"] = lambda row: fixed(seconds.get(row.name), 2)
     caption = wording("comparison.search", bool(seconds))
-    return make_table(caption, answered(result), cells, ["row"])
+    return make_table(caption, result.answered, cells, ["row"])
 
 
 def bands_table(on: OnRecord) -> Table:

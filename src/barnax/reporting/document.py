@@ -70,10 +70,7 @@ class Table:
 
 
 def make_table(
-    caption: str,
-    items: Iterable[Item],
-    cells: Cells[Item],
-    text: Collection[str] = (),
+    caption: str, items: Iterable[Item], cells: Cells[Item], text: Collection[str] = ()
 ) -> Table:
     """A row for each item: under every head of `cells` what its function says of the item.
 
@@ -160,11 +157,6 @@ def _order(head: str) -> tuple[str, int]:
     kind = "".join(takewhile(str.isalpha, symbol))
     number = symbol[len(kind) :]
     return (number or "9", kinds.index(kind) if kind in kinds else len(kinds))
-
-
-def pairs_table(caption: str, name: str, value: str, pairs: Mapping[str, str]) -> Table:
-    """Names and what is said of each, both in words."""
-    return rows_table(caption, [name, value], pairs.items(), [name, value])
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,11 +70,6 @@ def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) ->
     return document("fleet_page", blocks, fleet=summary)
 
 
-def fleet_sentence(summary: "Summary") -> str:
-    """The fleet in one sentence, and in a second the cells that failed and the reason."""
-    return wording("fleet.closing", summary)
-
-
 def _distributions(summary: "Summary") -> Table:
     return make_table(
         wording("fleet.distributions"),

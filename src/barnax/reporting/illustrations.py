@@ -108,10 +108,7 @@ def replay_illustration(replay: "SocReplay") -> Picture:
 
 
 def comparison_illustrations(
-    result: "ComparisonResult",
-    comparison: "Comparison | None" = None,
-    *,
-    live: bool = False,
+    result: "ComparisonResult", comparison: "Comparison | None" = None, *, live: bool = False
 ) -> Drawn:
     """Every figure of a comparison; those over time only with the comparison itself.
 

@@ -313,7 +313,7 @@ def _parameters_table(quantities: Mapping[str, Mapping[Key, Fact]]) -> Table:
         heads.insert(4 + 2 * index, f"change to {name}" if len(others) > 1 else "change")
     rows = []
     for key in dict.fromkeys(key for facts in quantities.values() for key in facts):
-        row = [symbol(key[0]), NOTHING if key[1] is None else percent(key[1])]
+        row = [symbol(key[0]), percent(key[1])]
         for facts in quantities.values():
             row += [_words(facts[key]) if key in facts else NOTHING]
             row += [] if facts is first else [change(key, facts)]

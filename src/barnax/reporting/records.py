@@ -4,19 +4,14 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from ..notices import Notice
-from .document import Cells, Document, Picture, Pictures, Table, make_table, rows_table
+from .document import Cells, Document, Picture, Pictures, Table, make_table
 from .wording import document, sentences, wording
-from .words import NOTHING, counted, duration
+from .words import NOTHING, counted, duration, fixed
 
 if TYPE_CHECKING:
     from ..checks import FileCheck, Role
     from ..replay import ScenarioPart, SocReplay
 
-# Columns of a replay's table.
-HEADS = (
-    *("errors in % SOC", "within 3 %", "RMS", "above 10 %", "max", "band", "in band"),
-    "counting",
-)
 FILTERS = {
     "sum": "Gaussian sum of extended Kalman filters",
     "ekf": "extended Kalman filter",
@@ -53,12 +48,17 @@ def facts_of(replay: "SocReplay") -> tuple[str, str]:
 
 def replay_table(replay: "SocReplay") -> Table:
     """The filter's errors in every scenario, beside those of plain counting."""
-    return rows_table(
-        wording("replay.errors"),
-        HEADS,
-        map(_scenario_row, replay.scenarios),
-        HEADS[:1],
-    )
+    cells: Cells[ScenarioPart] = {
+        "errors in % SOC": lambda part: part.name,
+        "within 3 %": _converged,
+        "RMS": lambda part: _in_percent(part.rms),
+        "above 10 %": lambda part: _in_percent(part.rms_above_10_soc),
+        "max": lambda part: _in_percent(part.max),
+        "band": lambda part: _in_percent(part.band),
+        "in band": lambda part: _in_percent(part.in_band, 0),
+        "counting": lambda part: _in_percent(part.counter_rms),
+    }
+    return make_table(wording("replay.errors"), replay.scenarios, cells, ["errors in % SOC"])
 
 
 def soc_lines(replay: "SocReplay") -> tuple[str, ...]:
@@ -75,17 +75,6 @@ def soc_lines(replay: "SocReplay") -> tuple[str, ...]:
     return sentences("replay.verdict", replay, *facts)
 
 
-def _scenario_row(scenario: "ScenarioPart") -> tuple[str, ...]:
-    errors = scenario.rms, scenario.rms_above_10_soc, scenario.max, scenario.band
-    return (
-        scenario.name,
-        _converged(scenario),
-        *(_in_percent(share) for share in errors),
-        _in_percent(scenario.in_band, 0),
-        _in_percent(scenario.counter_rms),
-    )
-
-
 def _converged(part: "ScenarioPart") -> str:
     if part.diverged_s is not None:
         return "diverged"
@@ -97,7 +86,7 @@ def _converged(part: "ScenarioPart") -> str:
 
 
 def _in_percent(share: float | None, decimals: int = 1) -> str:
-    return NOTHING if share is None else f"{100 * share:.{decimals}f}"
+    return fixed(None if share is None else 100 * share, decimals)
 
 
 SEVERITIES = ("error", "warning", "note")
@@ -113,25 +102,20 @@ def check_document(check: "FileCheck") -> Document:
 def finding_line(file: str, finding: "Notice") -> str:
     """One finding as one line."""
     remedy = f" [{finding.remedy}]" if finding.remedy else ""
-    return f"{file}: {_place(finding)}{finding.what}{remedy}"
+    sheet = f" of sheet {finding.sheet}" if finding.sheet else ""
+    row = "" if finding.row is None else f"row {finding.row}{sheet}: "
+    return f"{file}: {row}{finding.what}{remedy}"
 
 
-def count_sentence(found: Sequence["FileCheck"], unreadable: int) -> str:
+def count_sentence(checks: Sequence["FileCheck"], unreadable: int) -> str:
     """Counts of the findings in all files."""
     refused = f"{counted(unreadable, 'file')} could not be read" if unreadable else ""
-    if not found:
+    if not checks:
         return f"{refused}, so nothing was checked."
-    severities = [finding.severity for file in found for finding in file.findings]
+    severities = [finding.severity for check in checks for finding in check.findings]
     counts = [counted(severities.count(severity), severity) for severity in SEVERITIES]
-    read = f"{counted(len(found), 'file')} checked: {', '.join(counts)}"
+    read = f"{counted(len(checks), 'file')} checked: {', '.join(counts)}"
     return "; ".join(filter(None, (read, refused))) + "."
-
-
-def _place(finding: "Notice") -> str:
-    if finding.row is None:
-        return ""
-    sheet = f" of sheet {finding.sheet}" if finding.sheet else ""
-    return f"row {finding.row}{sheet}: "
 
 
 def _findings_table(findings: Sequence["Notice"]) -> Table:
@@ -152,11 +136,11 @@ def _reason(role: "Role", has_errors: bool) -> str:
     return "; ".join(filter(None, (role.reason, advice, mended)))
 
 
-def _roles_table(found: "FileCheck") -> Table:
-    has_errors = any(finding.severity == "error" for finding in found.findings)
+def _roles_table(check: "FileCheck") -> Table:
+    has_errors = any(finding.severity == "error" for finding in check.findings)
     cells: Cells[Role] = {
         "usable for": lambda role: role.name,
         "": lambda role: "yes" if role.is_usable else "no",
         "because": lambda role: _reason(role, has_errors),
     }
-    return make_table("", found.roles, cells, cells)
+    return make_table("", check.roles, cells, cells)

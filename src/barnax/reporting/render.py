@@ -5,11 +5,12 @@ import hashlib
 import re
 import unicodedata
 from collections.abc import Iterable
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
+from rich.cells import cell_len
 
 from ..plots import Kind, encode
 from .document import Bullets, Document, Paragraph, Picture, Table
@@ -43,12 +44,9 @@ def table_lines(table: Table) -> str:
         for row, cells in enumerate(table.rows)
     ]
     is_number = [column.role == "number" for column in table.columns]
-    widths = [
-        max(3, *(_width(line[place]) for line in [head, *body])) for place in range(len(head))
-    ]
+    widths = [max(3, *map(cell_len, column)) for column in zip(head, *body, strict=True)]
     rule = [
-        "-" * (width - 1) + ":" if right else "-" * width
-        for width, right in zip(widths, is_number, strict=True)
+        "-" * (width - right) + ":" * right for width, right in zip(widths, is_number, strict=True)
     ]
     lines = [
         " | ".join(
@@ -61,21 +59,11 @@ def table_lines(table: Table) -> str:
 
 
 def _padded(cell: str, width: int, to_the_right: bool) -> str:
-    blanks = " " * (width - _width(cell))
+    blanks = " " * (width - cell_len(cell))
     return blanks + cell if to_the_right else cell + blanks
 
 
-def _width(text: str) -> int:
-    """Columns of a terminal: wide letters take two."""
-    return sum(2 if unicodedata.east_asian_width(letter) in "WF" else 1 for letter in text)
-
-
-KINDS = {
-    "paragraph": Paragraph,
-    "bullets": Bullets,
-    "table": Table,
-    "picture": Picture,
-}
+BLOCKS = (Paragraph, Bullets, Table, Picture)
 # Resolution of the parts of a vector figure that are drawn as pictures.
 PAPER_DPI = 600
 MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
@@ -155,7 +143,9 @@ def _templates(for_html: bool) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    templates.tests |= {name: partial(_is, kind=kind) for name, kind in KINDS.items()}
+    templates.tests |= {
+        kind.__name__.lower(): lambda block, kind=kind: isinstance(block, kind) for kind in BLOCKS
+    }
     templates.filters |= {
         "data_uri": _data_uri,
         "breakable": _breakable,
@@ -174,10 +164,6 @@ def _breakable(text: str) -> Markup:
 def _with_options_whole(text: str) -> Markup:
     """The text as HTML whose lines do not break inside an option such as --current-hold."""
     return Markup(OPTION.sub(r'<span class="option">\g<0></span>', str(escape(_seen(text)))))
-
-
-def _is(block: Any, kind: type) -> bool:
-    return isinstance(block, kind)
 
 
 def _data_uri(picture: Picture) -> str:

@@ -17,7 +17,6 @@ from .document import (
     Table,
     circuits_table,
     make_table,
-    pairs_table,
     readable,
     rows_table,
 )
@@ -81,8 +80,9 @@ def plan_table(plan: "Sequence[PlannedFile]") -> Table:
 
 def versions_table(stored: "Result | ComparisonResult") -> Table:
     """The versions that can change a digit."""
+    heads = ["package", "version"]
     caption = "Package versions that can change the numbers."
-    return pairs_table(caption, "package", "version", stored.versions)
+    return rows_table(caption, heads, stored.versions.items(), heads)
 
 
 def search_boxes(
@@ -207,16 +207,13 @@ def parameters_table(result: "Result") -> Table:
     def end(estimate: "Estimate", value: float | None) -> str:
         return NOTHING if estimate.relative_error is None else _end(estimate.name, value)
 
-    def share(ratio: float | None) -> str:
-        return NOTHING if ratio is None else percent(ratio)
-
     of_estimate: Cells[Estimate] = {
         "parameter": lambda estimate: _shown(estimate.name)[0],
         "value": lambda estimate: significant(_shown(estimate.name)[1] * estimate.value),
         "from": lambda estimate: end(estimate, estimate.low),
         "to": lambda estimate: end(estimate, estimate.high),
-        "SE": lambda estimate: share(estimate.relative_error),
-        "white-noise SE": lambda estimate: share(estimate.white_noise_relative_error),
+        "SE": lambda estimate: percent(estimate.relative_error),
+        "white-noise SE": lambda estimate: percent(estimate.white_noise_relative_error),
         "inflation": lambda estimate: fixed(estimate.inflation, 1),
         "held": lambda estimate: wording("circuit.held", estimate.held) if estimate.held else "",
     }

@@ -99,12 +99,14 @@ def millivolts_cell(value_v: float | None) -> str:
     return fixed(None if value_v is None else 1e3 * value_v, 3)
 
 
-def percent(ratio: float) -> str:
-    """A ratio in percent, two digits or all before the point.
+def percent(ratio: float | None) -> str:
+    """A ratio in percent, two digits or all before the point; a dash where there is none.
 
     >>> percent(0.0), percent(0.00123), percent(0.0213), percent(0.996), percent(1e-9)
     ('0 %', '0.12 %', '2.1 %', '100 %', '1e-07 %')
     """
+    if ratio is None:
+        return NOTHING
     value = 100 * ratio
     return f"{value:.0f} %" if abs(value) >= 10 else f"{value:.2g} %"
 

@@ -16,6 +16,7 @@ from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc.cross_validation import SocErrors
 from barnax.reporting.first_screen import first_screen
+from barnax.reporting.terminal import to_terminal
 from barnax.results import Result
 from barnax.search.evaluate import evaluate
 from barnax.uncertainty.assessment import soc_bands
@@ -73,7 +74,7 @@ def test_a_proved_constant_circuit_stands_beside_the_tables(result):
 def test_the_first_screen_fits_a_terminal_and_nothing_is_to_be_mended(result):
     assert (result.warnings, result.notes) == ((), ())
     console = Console(file=io.StringIO(), width=80, highlight=False)
-    for block in first_screen(result, as_flags):
+    for block in to_terminal(first_screen(result).with_option_names(as_flags)):
         console.print(block)
     lines = [line.rstrip() for line in console.file.getvalue().splitlines()]
     # With the command that is next and the list of files there are three more.

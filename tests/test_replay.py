@@ -15,8 +15,8 @@ from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.plots import plot_soc_replay
 from barnax.replay import Scenario, SocReplay, replay_soc
-from barnax.reporting.records import soc_lines
-from barnax.reporting.terminal import soc_screen
+from barnax.reporting.records import soc_lines, soc_screen
+from barnax.reporting.terminal import to_terminal
 from barnax.result_filter import FilterSettings
 from barnax.scenarios import converged
 from helpers.results import make_record, make_result, make_table_result
@@ -93,7 +93,7 @@ def test_a_filter_without_numbers_is_a_row_that_says_so(replay):
     assert (part.rms, part.in_band, part.converged_s) == (None, None, None)
     lines = told_of(replay)
     assert lines["Diverged"].startswith("lost: after 1 s")
-    assert list(soc_screen(replay))
+    assert list(to_terminal(soc_screen(replay)))
 
 
 def test_an_estimate_that_does_not_stay_near_is_called_lost(replay):
@@ -102,7 +102,7 @@ def test_an_estimate_that_does_not_stay_near_is_called_lost(replay):
     lost = replay.model_copy(update={"scenarios": (part,)})
     assert "goes wrong by up to 92.9 %" in told_of(lost)["Lost"]
     console = Console(width=100, record=True, file=io.StringIO())
-    for block in soc_screen(lost):
+    for block in to_terminal(soc_screen(lost)):
         console.print(block)
     assert re.search(r"lost +52\.5", console.export_text())
     never = part.model_copy(update={"rms": None, "max": None, "converged_s": None})

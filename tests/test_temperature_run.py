@@ -16,6 +16,7 @@ from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.parameters import tables_csv
 from barnax.reporting.render import to_markdown
+from barnax.reporting.terminal import to_terminal
 from barnax.reporting.wording import sentences
 from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm
 
@@ -60,7 +61,7 @@ def test_a_design_knows_only_what_was_measured_at_its_temperature(result):
 
 def shown(result: Result) -> str:
     console = Console(width=80, record=True, file=io.StringIO())
-    for block in first_screen(result):
+    for block in to_terminal(first_screen(result)):
         console.print(block)
     return console.export_text()
 

@@ -13,7 +13,6 @@ from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cli.app import app
 from barnax.cli.design import Cell, next_after
 from barnax.cli.identify import _sampled_by
-from barnax.cli.session import as_flags
 from barnax.experiment import Step
 from barnax.experiment.belief import believed_of
 from barnax.experiment.information import before_of
@@ -117,7 +116,7 @@ def test_no_test_is_designed_for_what_is_known_already(result, tmp_path, monkeyp
     none = barnax.design(result, want=easy)
     assert (none.steps, none.hours, none.already) == ((), 0.0, ("R0", "drive"))
     assert not none.is_needed
-    text = screen_of(design_screen(none, as_flags))
+    text = screen_of(design_screen(none))
     assert "No test needed: identification.parquet told what is wanted: R0 " in text
     assert "% (50 % wanted) and error on a drive cycle" in text
     assert "For a test anyway, give --max-hours" in text
@@ -138,7 +137,7 @@ def test_no_test_is_designed_for_what_is_known_already(result, tmp_path, monkeyp
     # One more wish, or hours, and there is a test: of all the hours, as nothing is to be reached.
     asked = quick_design(result, want=easy, max_hours=1.3, blocks=BLOCKS)
     assert asked.hours == pytest.approx(1.3, abs=0.02)
-    shown = screen_of(design_screen(asked, as_flags))
+    shown = screen_of(design_screen(asked))
     assert "Known already:  R0 " in shown
     assert "no further test is needed for it; this is the best test of the hours." in shown
 
@@ -161,15 +160,15 @@ def test_before_with_the_test_and_reached_are_one_quantity(design, result):
     assert reaching.printed["R0 [Ohm]", 0.5] > 5 * own.printed["R0 [Ohm]", 0.5]
     printed = {"R0": reaching.printed["R0 [Ohm]", 0.5]}
     told = design.model_copy(update={"printed": printed, "beyond": reaching.beyond})
-    text = screen_of(design_screen(told, as_flags))
+    text = screen_of(design_screen(told))
     assert "Intervals:      the result's intervals of R0 " in text
     assert "identify again with the right --current-hold" in text
-    assert "Intervals:" not in screen_of(design_screen(design, as_flags))
+    assert "Intervals:" not in screen_of(design_screen(design))
 
 
 def test_a_test_that_falls_short_says_where_and_why(design):
     assert not design.is_reached
-    text = screen_of(design_screen(design, as_flags))
+    text = screen_of(design_screen(design))
     wide = [
         f"{name} ({100 * np.median([one.after for one in design.of_table(name)]):.2g} %)"
         for name in ("R0", "R1", "R2")
@@ -178,15 +177,15 @@ def test_a_test_that_falls_short_says_where_and_why(design):
     # Twice what was allowed, which a test does not take to the second.
     assert "No test of 3 h was found that reaches all: allow more current" in text
     long = design.model_copy(update={"hours": 59.87, "hours_searched": 120.0})
-    assert "No test of 120 h was found" in screen_of(design_screen(long, as_flags))
-    longest = screen_of(design_screen(design.model_copy(update={"hours_searched": None}), as_flags))
+    assert "No test of 120 h was found" in screen_of(design_screen(long))
+    longest = screen_of(design_screen(design.model_copy(update={"hours_searched": None})))
     assert "No longer test is planned: allow more current, or --want less." in longest
     longer = design.model_copy(update={"hours_needed": 3.0})
-    told = screen_of(design_screen(longer, as_flags))
+    told = screen_of(design_screen(longer))
     assert "A test of 3 h would reach all: allow it with --max-hours." in told
     enough = dict.fromkeys(design.wanted, 10.0)
     reached = design.model_copy(update={"wanted": enough, "is_reached": True})
-    assert "Not reached" not in screen_of(design_screen(reached, as_flags))
+    assert "Not reached" not in screen_of(design_screen(reached))
 
 
 @pytest.mark.parametrize(("chemistry", "window_v"), [("nmc", (2.5, 4.2)), ("lfp", (2.0, 3.65))])

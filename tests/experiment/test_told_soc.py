@@ -10,12 +10,11 @@ import pytest
 import barnax
 from barnax.bundled import bundled_file
 from barnax.cell.curves import InterpolatedCurve
-from barnax.cli.session import as_flags
 from barnax.errors import InputError
 from barnax.experiment.belief import believed_of
 from barnax.experiment.protocol import sampled
 from barnax.records import read_record
-from barnax.reporting.design import planned_lines
+from barnax.reporting.design import planned_screen
 from barnax.reporting.design_forms import before, procedure, pybamm_script
 from helpers.designs import BLOCKS, quick_design, screen_of
 
@@ -86,7 +85,7 @@ def test_a_test_stays_where_the_ocv_is_known(believed, result):
     voltage_v = true_voltage(result, design, high)
     assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
     assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
-    screen = screen_of(planned_lines(believed, as_flags))
+    screen = screen_of(planned_screen(believed))
     assert "the result knows the OCV from 20 to 65 %, and the test stays within" in screen
 
 
@@ -103,7 +102,7 @@ def test_beyond_what_the_record_told_the_ocv_is_that_of_the_chemistry(joined, be
     assert np.all(np.diff(joined.ocv_v(np.linspace(0, 1, 501))) >= 0)
     reach_v = joined.ocv_end_v(soc, 1) - joined.ocv_v(soc)
     assert reach_v[4] == pytest.approx(reach_v[3] + 0.05)
-    screen = screen_of(planned_lines(joined, as_flags))
+    screen = screen_of(planned_screen(joined))
     assert (
         "the test goes from full to empty. Beyond, the OCV of a typical NMC cell is joined"
         in screen
@@ -150,7 +149,7 @@ def test_a_capacity_alone_leaves_the_test_within_the_record(sized, result):
     """Of the 2 Ah of the true cell, its record began at 60 % and its fullest point is 65 %."""
     believed = believed_of(sized, None)
     design = barnax.design(believed, **LIMITS)
-    screen = screen_of(planned_lines(believed, as_flags))
+    screen = screen_of(planned_screen(believed))
     low, high = believed.told_soc
     assert f"knows the OCV from {100 * low:.0f} to {100 * high:.0f} %, and the test" in screen
     taken_ah = 2.0 * (design.initial_soc - design.predicted.soc.min())

@@ -4,6 +4,8 @@ import pytest
 from rich.console import Console
 
 import barnax
+from barnax.cli.session import as_flags
+from barnax.reporting.terminal import to_terminal
 
 BLOCKS = [
     barnax.Block("pulse", (10.0, 40.0), (1.0, 0.0)),
@@ -20,9 +22,9 @@ def quick_design(*known, **asked):
         return barnax.design(*known, **asked)
 
 
-def screen_of(lines):
+def screen_of(document):
     console = Console(width=1000)
     with console.capture() as shown:
-        for line in lines:
-            console.print(line)
+        for block in to_terminal(document.with_option_names(as_flags)):
+            console.print(block)
     return shown.get()

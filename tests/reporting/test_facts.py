@@ -12,6 +12,7 @@ from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.parameters import tables_csv
 from barnax.reporting.render import to_markdown
+from barnax.reporting.terminal import to_terminal
 from barnax.reporting.words import figures, symbol, with_unit
 from barnax.results import Result
 from helpers.golden import RESULT
@@ -71,7 +72,7 @@ def test_exports_hold_the_means_or_the_constants_with_their_ends(result):
 
 def test_the_screen_the_report_and_results_side_by_side_say_the_same(result):
     console = Console(file=io.StringIO(), width=200, color_system=None)
-    console.print(Group(*first_screen(result)))
+    console.print(Group(*to_terminal(first_screen(result))))
     screen = console.file.getvalue().split("\n")
     report = to_markdown(identification_document(result)).split("\n")
     beside = repr(barnax.show(result, result)).split("\n")

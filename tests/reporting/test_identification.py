@@ -21,6 +21,7 @@ from barnax.reporting.identification import identification_document
 from barnax.reporting.illustrations import identification_illustrations, record_roles
 from barnax.reporting.render import to_html, to_markdown
 from barnax.reporting.result_tables import search_boxes
+from barnax.reporting.terminal import to_terminal
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
 from barnax.results import Result
@@ -65,7 +66,7 @@ def joint() -> Result:
 
 def screen(result: Result) -> str:
     console = Console(file=io.StringIO(), width=80, highlight=False)
-    for block in first_screen(result, as_flags):
+    for block in to_terminal(first_screen(result).with_option_names(as_flags)):
         console.print(block)
     return without_blanks(console.file.getvalue())
 

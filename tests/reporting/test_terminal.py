@@ -7,7 +7,7 @@ from rich.console import Console, Group
 
 from barnax.reporting.document import make_table
 from barnax.reporting.first_screen import first_screen
-from barnax.reporting.terminal import terminal_table
+from barnax.reporting.terminal import terminal_table, to_terminal
 from barnax.results import Result
 from helpers.golden import RESULT
 
@@ -51,7 +51,9 @@ def test_a_value_stays_beside_its_interval_and_its_state_of_charge():
 @pytest.mark.parametrize("width", [60, 66, 72, 80])
 def test_no_digit_of_the_first_screen_is_cut(width):
     whole, narrow = (
-        " ".join(lines_of(Group(*first_screen(Result.from_json(RESULT))), each)).split()
+        " ".join(
+            lines_of(Group(*to_terminal(first_screen(Result.from_json(RESULT)))), each)
+        ).split()
         for each in (200, width)
     )
     numbers = {word for word in whole if any(map(str.isdigit, word))}

@@ -13,7 +13,7 @@ from .. import reporting
 from ..errors import InputError
 from .options import OF_FILES, OF_RECORDS, OF_SEARCH, Given, group, options_of
 from .output import DEFAULT_FOLDER, Output, drawn_files
-from .session import Session, as_flags, shown
+from .session import Session, shown
 
 # What of the report stands in the terminal unless everything is asked for.
 SHOWN = {*("Circuits", "Verdict", "Parameters", "Search"), *("Identification", "Validation")}
@@ -70,7 +70,7 @@ def compare(options: Comparing) -> None:
         if plan.command == "hppc":
             raise InputError(f"{record}: a pulse test is identified by barnax hppc, not compared")
         plan = plan.on_one
-        run.show(reporting.terminal.plan_lines(plan, as_flags))
+        run.show_document(reporting.result_tables.plan_screen(plan))
         job = barnax.plan.planned(plan, job)
     total = sum(1 if barnax.METHODS[method].is_deterministic else job.seeds for _, method in rows)
     with run.watch("Comparing", total) as advance:

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..settings import WINDOW_OPTIONS, Over, choices_in
 from .options import group
 from .output import Output
-from .session import as_flags, flag_of
+from .session import flag_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -101,7 +101,7 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         }
         test_design = barnax.design(believed, **options)
     chosen = [name for name, rate in rates.items() if rate is not None]
-    run.show(reporting.design.planned_lines(believed, as_flags, chosen))
+    run.show_document(reporting.design.planned_screen(believed, chosen))
     if not test_design.is_needed:
         # A folder that nobody asked for would hold no test.
         run.folder = output.out
@@ -112,7 +112,7 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         files = reporting.design_forms.design_files(test_design)
         return files | {"figures/design.png": barnax.plots.encode(test_design.figure())}
 
-    run.show(reporting.design.design_screen(test_design, as_flags))
+    run.show_document(reporting.design.design_screen(test_design))
     run.deliver("design.json", test_design.to_json(), files)
     if not test_design.is_needed:
         run.show_written(["design.json"])

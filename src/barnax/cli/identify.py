@@ -152,7 +152,7 @@ def _run(
         if promise is not None:
             plan = _sampled_by(promise, plan)
         if chosen and not plan.missing:
-            run.show(reporting.terminal.plan_lines(plan, as_flags))
+            run.show_document(reporting.result_tables.plan_screen(plan))
         job = barnax.Job(plan, watch=run.watch)
     is_pulsed = plan is None and command == "hppc"
     result = barnax.hppc(job) if is_pulsed else barnax.identify(job)
@@ -161,7 +161,7 @@ def _run(
         # Read while the figures are drawn.
         _show_answer(run, result, options.output.verbose)
         if promise is not None:
-            run.show(reporting.design.promised_lines(promise, result, as_flags))
+            run.show_document(reporting.design.promised_screen(promise, result))
     except OSError as problem:
         # A screen that takes no more, such as a closed pipe, costs no result.
         unseen = problem
@@ -217,7 +217,7 @@ def result_files(
 def _show_answer(session: Session, result: "barnax.Result", verbose: bool) -> None:
     if verbose:
         session.show_document(reporting.identification.identification_document(result))
-    session.show(reporting.first_screen.first_screen(result, as_flags))
+    session.show_document(reporting.first_screen.first_screen(result))
 
 
 def _next(

@@ -209,7 +209,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     figure = partial(reporting.illustrations.replay_illustration, replay)
     draw = partial(drawn_files, lambda: [figure()], document_of, chosen.report, chosen.paper)
     run.deliver("soc.json", replay.to_json(), draw)
-    run.show(reporting.terminal.soc_screen(replay))
+    run.show_document(reporting.records.soc_screen(replay))
     run.show_written([PAGE, "soc.json", "figures"])
     run.warn(replay.warnings)
 

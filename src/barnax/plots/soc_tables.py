@@ -80,15 +80,13 @@ def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
 def _drawn(name: str, facts: "Sequence[Fact]") -> DrawnTable:
     symbol, _, unit = name.partition(" [")
     scale, shown = (1.0, "V") if name == OCV else (1e3, f"m{unit.rstrip(']')}")
-    values = scale * np.array([(fact.value, fact.low, fact.high) for fact in facts], float)
-    columns: list[Any] = [
-        [fact.soc for fact in facts],
-        [fact.is_visited for fact in facts],
-        *values.T,
-    ]
+    rows = [(fact.soc, fact.value, fact.low, fact.high) for fact in facts]
+    soc, *values = np.array(rows, float).T
+    columns = [soc, [fact.is_visited for fact in facts], *(scale * column for column in values)]
+    nodes = np.rec.fromarrays(columns, NODE)
     if len(facts) == 1:
-        columns = [np.array([0.0, 1.0]), *(np.repeat(column, 2) for column in columns[1:])]
-    nodes = np.array([*zip(*columns, strict=True)], NODE)
+        nodes = np.repeat(nodes, 2)
+        nodes["soc"] = 0.0, 1.0
     return DrawnTable(f"{symbol} [{shown}]", unit == "Ohm]", nodes, len(facts) > 1)
 
 

@@ -1,20 +1,17 @@
 """A designed test in words and tables, and its promises beside what an identification reached."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.console import RenderableType
-from rich.text import Text
 
 from ..experiment.belief import UNKNOWN_LOW_SOC
 from ..experiment.information import DRIVE
 from ..experiment.protocol import LOW_SOC
 from ..experiment.stored import followed, is_enough, told_half
 from .design_forms import EMPTYING
-from .document import Table, rows_table
-from .terminal import bare_table, headed_lines, indented, terminal_table
+from .document import Document, Lines, Table, bare_table, rows_table, screen
 from .wording import sentences, wording
 from .words import (
     NOTHING,
@@ -50,17 +47,10 @@ FIRST_PIECES, LAST_PIECES = 8, 2
 # Promised and reached intervals within this share of each other agree.
 AGREES = 0.25
 
-Options = Callable[[str], str]
 
-
-def planned_lines(
-    believed: "Believed", with_cli_options: Options = str, chosen: Sequence[str] = ()
-) -> Iterator[RenderableType]:
+def planned_screen(believed: "Believed", chosen: Sequence[str] = ()) -> Document:
     """The assumptions that a test is planned on: the capacity, the SOC that it stays in, the
-    largest currents that are not among the options `chosen`, and records that do not count.
-
-    `with_cli_options` turns the options named in texts into those of the reader's interface.
-    """
+    largest currents that are not among the options `chosen`, and records that do not count."""
     origins = ("1C", "C/2")
     if believed.rates_c != type(believed).rates_c:
         origins = ("the largest of the records", "half the largest of the records")
@@ -70,22 +60,16 @@ def planned_lines(
         if f"max_{way}" not in chosen
     ]
     least_soc = {"known": LOW_SOC, "unknown": UNKNOWN_LOW_SOC}
-    yield Text()
-    yield from headed_lines(
-        sentences("design.plan", believed, currents, least_soc), with_cli_options
-    )
+    return screen([Lines(sentences("design.plan", believed, currents, least_soc))])
 
 
-def design_screen(design: "Design", with_cli_options: Options = str) -> Iterator[RenderableType]:
+def design_screen(design: "Design") -> Document:
     """The test's hours and predicted intervals, its pieces, and the steps to take before it; or
     that none is needed, as the earlier records tell what is wanted."""
-    yield Text()
-    if design.is_needed:
-        yield indented(_widths_table(design))
-        yield Text()
-        yield indented(terminal_table(pieces_table(design)))
-        yield Text()
-    yield from headed_lines(sentences("design.screen", design, _facts(design)), with_cli_options)
+    lines = Lines(sentences("design.screen", design, _facts(design)))
+    if not design.is_needed:
+        return screen([lines])
+    return screen([_widths_table(design)], [pieces_table(design)], [lines])
 
 
 def _facts(design: "Design") -> dict[str, Any]:
@@ -148,7 +132,7 @@ def _known_before(widths: "Sequence[Width]") -> list[float]:
     return [width.before for width in widths if width.before is not None]
 
 
-def _widths_table(design: "Design"):
+def _widths_table(design: "Design") -> Table:
     """Half the 95 % interval of every table, before and after, beside usual tests."""
     tests = design.references
     heads = ["95 % interval (+/-)", "wanted", "before", "this test", *(test.name for test in tests)]
@@ -208,18 +192,13 @@ def pieces_table(design: "Design") -> Table:
     )
 
 
-def promised_lines(
-    design: "Design", result: "Result", with_cli_options: Options = str
-) -> Iterator[RenderableType]:
+def promised_screen(design: "Design", result: "Result") -> Document:
     """The promises of a design beside what an identification reached."""
-    if result.tables is not None:
-        is_alone = len(result.of_role("identification")) == 1
-        yield Text()
-        yield indented(terminal_table(promised_table(design, result.fit, is_alone)))
-    differences = [] if result.tables is None else [*_differences(design, result)]
-    yield from headed_lines(
-        sentences("design.kept", result.tables is None, differences), with_cli_options
-    )
+    if result.tables is None:
+        return screen([Lines(sentences("design.kept", True, []))])
+    is_alone = len(result.of_role("identification")) == 1
+    lines = sentences("design.kept", False, [*_differences(design, result)])
+    return screen([promised_table(design, result.fit, is_alone), Lines(lines)])
 
 
 def _differences(design: "Design", result: "Result") -> Iterator[str]:

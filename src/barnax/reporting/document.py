@@ -1,6 +1,6 @@
 """A report before it is HTML or Markdown, and the tables that several reports have."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import chain, takewhile
@@ -39,6 +39,13 @@ class Bullets:
 
 
 @dataclass(frozen=True)
+class Lines:
+    """Sentences that begin with a head and a colon, each beside its head."""
+
+    items: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Column:
     """A column's head, its unit where it has one, and whether it holds numbers."""
 
@@ -53,7 +60,10 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under columns; `best` are the cells (row, column) to be read first.
+    """Rows under columns.
+
+    `best` are the cells (row, column) to be read first, `joined` the columns that stay beside the
+    one before them; a terminal shows what `is_bare` without a line below the heads.
 
     Raises `ValueError` where a row has not a cell for every column.
     """
@@ -62,6 +72,8 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[tuple[str, ...], ...]
     best: frozenset[tuple[int, int]] = frozenset()
+    joined: frozenset[int] = frozenset()
+    is_bare: bool = False
 
     def __post_init__(self):
         for row in self.rows:
@@ -90,13 +102,31 @@ def rows_table(
     rows: Iterable[Iterable[str]],
     text: Collection[str] = (),
     best: Iterable[tuple[int, int]] = (),
+    joined: Iterable[int] = (),
 ) -> Table:
     """The same of rows whose cells are words already."""
     columns = []
     for head in heads:
         name, _, unit = head.partition(" [")
         columns.append(Column(name, unit.removesuffix("]"), "text" if head in text else "number"))
-    return Table(caption, tuple(columns), tuple(map(tuple, rows)), frozenset(best))
+    cells = tuple(map(tuple, rows))
+    return Table(caption, tuple(columns), cells, frozenset(best), frozenset(joined))
+
+
+def bare_table(
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    numbers: Collection[int] | None = None,
+    joined: Iterable[int] = (),
+) -> Table:
+    """A table of a screen; all columns but the first are numbers, unless told otherwise."""
+    numbers = range(1, len(heads)) if numbers is None else numbers
+    columns = tuple(
+        Column(head, role="number" if place in numbers else "text")
+        for place, head in enumerate(heads)
+    )
+    cells = tuple(map(tuple, rows))
+    return Table("", columns, cells, joined=frozenset(joined), is_bare=True)
 
 
 METRICS: "Cells[MetricsPart]" = {
@@ -218,7 +248,7 @@ def _encoded(figure: "Figure", kind: Literal["png", "svg"]) -> bytes:
     return encode(figure, kind, PICTURE_DPI)
 
 
-Block = Paragraph | Bullets | Table | Picture
+Block = Paragraph | Bullets | Lines | Table | Picture
 
 
 @dataclass(frozen=True)
@@ -248,6 +278,11 @@ class Document:
         return tuple(block for block in blocks if isinstance(block, Picture))
 
 
+def screen(*groups: Iterable[Block]) -> Document:
+    """Groups of blocks without titles, which a terminal indents, a blank line before each."""
+    return Document("", "", tuple(Section("", tuple(blocks)) for blocks in groups))
+
+
 class Pictures:
     """The pictures of a report by their figures' names, each to be put where it belongs, once."""
 
@@ -272,7 +307,7 @@ def _renamed(value: Any, named: Callable[[str], str]) -> Any:
         return named(value)
     if isinstance(value, tuple):
         return tuple(_renamed(item, named) for item in value)
-    if isinstance(value, Document | Section | Paragraph | Bullets | Table):
+    if isinstance(value, Document | Section | Paragraph | Bullets | Lines | Table):
         changed = {
             field.name: _renamed(getattr(value, field.name), named)
             for field in fields(value)

@@ -1,12 +1,9 @@
 """The first screen: the answer, its errors, how far to believe it, and the next step."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
-
-from rich.console import RenderableType
-from rich.text import Text
 
 from ..cell.circuits import Circuit, get_circuit
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
@@ -16,10 +13,9 @@ from ..cell.soc_axis import ABOVE_SOC
 from ..checks.roles import are_unfit
 from ..plan.choosing import MAKE_RECORD
 from ..settings import OVER_TEMPERATURE
-from .document import Bullets
+from .document import Bullets, Document, Lines, Table, bare_table, screen
 from .pulses import middle_heads, middle_pulses
 from .soc_tables import headline
-from .terminal import Whole, bare_table, headed_line, indented
 from .view import View
 from .wording import document, wording
 from .words import aligned_millivolt, degrees, duration, joined, percent, symbol
@@ -37,28 +33,22 @@ MAX_FILES = 5
 APART = 0.1
 
 
-def first_screen(
-    result: "Result", with_cli_options: Callable[[str], str] = str
-) -> Iterator[RenderableType]:
-    """The answer's errors and parameters, how far to believe it, and the assumptions behind it.
-
-    `with_cli_options` turns the options named in texts into those of the reader's interface.
-    """
+def first_screen(result: "Result") -> Document:
+    """The answer's errors and parameters, how far to believe it, and the assumptions behind it."""
     view = View(result)
     tables = [_files_table(view), _errors_table(view), _parameters_table(view)]
     if pulses := middle_pulses(result):
         tables.append(bare_table(middle_heads(result), pulses))
-    for table in tables:
-        yield Text()
-        yield indented(table)
-    yield Text()
-    for section in document("screen", view=view, is_apart=is_apart).sections:
-        for block in section.blocks:
-            for text in block.items if isinstance(block, Bullets) else ():
-                yield indented(headed_line(section.title, with_cli_options(text)))
+    lines = [
+        f"{section.title}: {text}"
+        for section in document("screen", view=view, is_apart=is_apart).sections
+        for block in section.blocks
+        for text in (block.items if isinstance(block, Bullets) else ())
+    ]
+    return screen(*([table] for table in tables), [Lines(tuple(lines))])
 
 
-def _files_table(view: View) -> Whole:
+def _files_table(view: View) -> Table:
     has_degc = view.over_temperature is not None
     rows = []
     parts = (*view.identified, *view.validation)
@@ -69,7 +59,7 @@ def _files_table(view: View) -> Whole:
         rows.append([_short(part.name, LONGEST_NAME - 9 * has_degc), *at, *_extent(part)])
     if len(shown) < len(parts):
         rows.append([f"and {len(parts) - len(shown)} more", *[""] * (3 + has_degc)])
-    return bare_table((), rows, [False] * (4 + has_degc))
+    return bare_table([""] * (4 + has_degc), rows, ())
 
 
 def _extent(part: "InputPart") -> tuple[str, str, str]:
@@ -84,7 +74,7 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
     )
 
 
-def _errors_table(view: View) -> Whole:
+def _errors_table(view: View) -> Table:
     """The answer and the constant circuit with their errors on all records."""
     if view.over_temperature is not None:
         return _errors_over_temperature(view, view.over_temperature)
@@ -105,8 +95,7 @@ def _errors_table(view: View) -> Whole:
             errors_v = [*above, candidate.held_out.above_v if candidate.held_out else None]
             row = map(aligned_millivolt, errors_v[: len(heads) - 1])
             rows.append(["  above 10 % SOC", *row, ""])
-    are_numbers = [False, *(True for _ in heads[1:]), False]
-    return bare_table([*heads, ""], rows, are_numbers)
+    return bare_table([*heads, ""], rows, range(1, len(heads)))
 
 
 def is_apart(above_v: float | None, all_v: float) -> bool:
@@ -114,7 +103,7 @@ def is_apart(above_v: float | None, all_v: float) -> bool:
     return above_v is not None and above_v < (1 - APART) * all_v
 
 
-def _errors_over_temperature(view: View, over: "OverTemperature") -> Whole:
+def _errors_over_temperature(view: View, over: "OverTemperature") -> Table:
     """The answer's errors record by record, beside those of one constant circuit for all."""
     metrics, constant = view.result.metrics, view.result.constant.metrics
     several, others = metrics.jointly, metrics.validation
@@ -150,12 +139,12 @@ def _numbered(role: str, count: int) -> list[str]:
     return [role] if count == 1 else [f"{role} {number}" for number in range(1, count + 1)]
 
 
-def _parameters_table(view: View) -> Whole:
+def _parameters_table(view: View) -> Table:
     """Resistances at the left, the time constants of their pairs at the right."""
     heads, rows = headline(view)
     if view.over_temperature is not None:
         return bare_table(heads, rows)
-    return bare_table(heads, rows, [column in (1, 3, 5) for column in range(7)], (5, 6))
+    return bare_table(heads, rows, (1, 3, 5), (5, 6))
 
 
 def _short(name: str, longest: int) -> str:

@@ -42,14 +42,12 @@ def fleet_illustrations(rows: pl.DataFrame, worst: "Mapping[str, Evaluation]") -
     from .illustrations import illustrate
 
     good = rows.filter(pl.col("error").is_null())
+    names = summed_up(good) if len(good) else []
+    values = {name: good[name].drop_nulls().to_numpy() for name in names}
+    positive = {name: own for name, own in values.items() if len(own) and own.min() > 0}
     found = []
-    spread = {}
-    for name in summed_up(good) if len(good) else []:
-        values = good[name].drop_nulls().to_numpy()
-        if len(values) and values.min() > 0:
-            spread[name] = values
-    if spread:
-        found.append(illustrate("distributions", "", plot_distributions, spread))
+    if positive:
+        found.append(illustrate("distributions", "", plot_distributions, positive))
     for place, (name, evaluation) in enumerate(worst.items(), 1):
         caption = f"{name}, RMSE {millivolt(evaluation.metrics.rmse_v)}."
         draw = partial(plot_voltage, evaluation)

@@ -101,19 +101,15 @@ def life_json(life: "Life") -> str:
 
 def life_frame(life: "Life") -> pl.DataFrame:
     """A row for each quantity of each record: estimate and trend, with intervals."""
-    columns = ("estimate", "estimate low", "estimate high", "trend", "trend low", "trend high")
-    return pl.DataFrame(
-        [
-            {"cell": trend.cell, "quantity": trend.quantity, f"age [{life.unit}]": float(age)}
-            | dict(
-                zip(columns, [None if np.isnan(one) else float(one) for one in row], strict=True)
-            )
-            for trend in life.trends
-            for age, row in zip(trend.age, np.hstack([trend.measured, trend.smooth]), strict=True)
-        ],
-        schema_overrides=dict.fromkeys(columns, pl.Float64),
-        infer_schema_length=None,
-    )
+    numbers = ("estimate", "estimate low", "estimate high", "trend", "trend low", "trend high")
+    schema: dict[str, Any] = {"cell": pl.String, "quantity": pl.String}
+    schema |= dict.fromkeys((f"age [{life.unit}]", *numbers), pl.Float64)
+    rows = [
+        (trend.cell, trend.quantity, *row)
+        for trend in life.trends
+        for row in np.column_stack([trend.age, trend.measured, trend.smooth]).tolist()
+    ]
+    return pl.DataFrame(rows, schema, orient="row").with_columns(pl.col(*numbers).fill_nan(None))
 
 
 def _quantities(life: "Life") -> list[dict[str, Any]]:

@@ -1,10 +1,21 @@
 """Records in words: a replay by a Kalman filter, and the findings of the checks of a file."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..notices import Notice
-from .document import Cells, Document, Picture, Pictures, Table, make_table
+from .document import (
+    Cells,
+    Document,
+    Lines,
+    Paragraph,
+    Picture,
+    Pictures,
+    Table,
+    make_table,
+    screen,
+)
 from .wording import document, sentences, wording
 from .words import NOTHING, counted, duration, fixed
 
@@ -59,6 +70,12 @@ def replay_table(replay: "SocReplay") -> Table:
         "counting": lambda part: _in_percent(part.counter_rms),
     }
     return make_table(wording("replay.errors"), replay.scenarios, cells, ["errors in % SOC"])
+
+
+def soc_screen(replay: "SocReplay") -> Document:
+    """The replay, its scenarios, the estimated parameters, and the innovations."""
+    table = replace(replay_table(replay), caption="", is_bare=True)
+    return screen(map(Paragraph, facts_of(replay)), [table], [Lines(soc_lines(replay))])
 
 
 def soc_lines(replay: "SocReplay") -> tuple[str, ...]:

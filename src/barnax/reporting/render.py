@@ -5,7 +5,7 @@ import hashlib
 import re
 import unicodedata
 from collections.abc import Iterable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -143,9 +143,7 @@ def _templates(for_html: bool) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    templates.tests |= {
-        kind.__name__.lower(): lambda block, kind=kind: isinstance(block, kind) for kind in BLOCKS
-    }
+    templates.tests |= {kind.__name__.lower(): partial(_is, kind=kind) for kind in BLOCKS}
     templates.filters |= {
         "data_uri": _data_uri,
         "breakable": _breakable,
@@ -164,6 +162,10 @@ def _breakable(text: str) -> Markup:
 def _with_options_whole(text: str) -> Markup:
     """The text as HTML whose lines do not break inside an option such as --current-hold."""
     return Markup(OPTION.sub(r'<span class="option">\g<0></span>', str(escape(_seen(text)))))
+
+
+def _is(block: Any, kind: type) -> bool:
+    return isinstance(block, kind)
 
 
 def _data_uri(picture: Picture) -> str:

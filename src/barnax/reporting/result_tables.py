@@ -13,12 +13,15 @@ from .document import (
     Bullets,
     Cells,
     Document,
+    Paragraph,
     Section,
     Table,
+    bare_table,
     circuits_table,
     make_table,
     readable,
     rows_table,
+    screen,
 )
 from .view import View
 from .wording import sentences, wording
@@ -37,6 +40,7 @@ from .words import (
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
+    from ..plan import Plan
     from ..result_parts import Candidate, InputPart, MetricsPart, PlannedFile
     from ..results import Result
     from ..uncertainty import Assessment, Band, Estimate, Profile
@@ -76,6 +80,22 @@ def plan_table(plan: "Sequence[PlannedFile]") -> Table:
         "reason": lambda file: file.reason or NOTHING,
     }
     return make_table("The plan: what the files are, and how they are used.", plan, cells, cells)
+
+
+def plan_screen(plan: "Plan") -> Document:
+    """Every file, what it serves for and why, and the options that the files decide."""
+    rows: list[tuple[str, str]] = []
+    for part in plan.parts:
+        what = f" ({part.kind})" if part.kind else ""
+        reason = f": {part.reason}" if part.reason else ""
+        rows.append((part.role, f"{part.name}{what}{reason}"))
+    for name, value in plan.options.items():
+        why = f", {plan.reasons[name]}" if name in plan.reasons else ""
+        rows.append((name.replace("_", " "), f"{value}{why}"))
+    blocks: list[Block] = [bare_table(["", ""], rows, ())]
+    if plan.command == "hppc":
+        blocks.append(Paragraph("A pulse test alone: identified with tables over SOC, as by hppc."))
+    return screen(blocks)
 
 
 def versions_table(stored: "Result | ComparisonResult") -> Table:

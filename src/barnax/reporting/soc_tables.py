@@ -93,7 +93,8 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
         cells = ((figures(1e3 * fact.value) + _edge(fact), _thousandfold(fact)) for fact in facts)
         rows.append([f"{100 * (soc or 0.0):g}", *chain.from_iterable(cells)])
     edge = EDGE if any(map(_edge, chain.from_iterable(nodes.values()))) else ""
-    return rows_table(wording("tables.nodes", where, are_several, edge), heads, rows)
+    caption = wording("tables.nodes", where, are_several, edge)
+    return rows_table(caption, heads, rows, joined=range(2, len(heads), 2))
 
 
 def means_table(fit: "TableFit", where: str = "") -> Table:
@@ -185,7 +186,7 @@ def headline(view: "View") -> tuple[list[str], list[Row]]:
             value = with_unit(name, fact.value) + (" /SOC" if name == RATE else "")
             interval = _interval_of(fact, value, view) if fact.is_assessed else ""
             rows.append((symbol(name), value, interval, "", "", "", ""))
-    return ([*heads, "", "", ""] if view.result.tables is not None else []), rows
+    return ([*heads, "", "", ""] if view.result.tables is not None else [""] * 7), rows
 
 
 def shown_means(fit: "TableFit") -> Iterator["NodeInterval"]:

@@ -1,10 +1,10 @@
-"""Output for a terminal: any document in full, a plan, and a record replayed by a filter."""
+"""Output for a terminal: any document in full."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich import box
 from rich.cells import cell_len
@@ -15,22 +15,11 @@ from rich.table import Table as Shown
 from rich.text import Text
 
 from ..errors import printable
-from .document import Bullets, Document, Paragraph, Table
-from .records import facts_of, replay_table, soc_lines
+from .document import Block, Bullets, Column, Document, Lines, Paragraph, Table
 
-if TYPE_CHECKING:
-    from ..plan import Plan
-    from ..replay import SocReplay
-
-# Tables with a line below the heads and one space between columns.
-LINED: dict[str, Any] = {
-    "box": box.SIMPLE_HEAD,
-    "padding": (0, 1, 0, 0),
-    "pad_edge": False,
-    "title_style": "bold cyan",
-    "header_style": "cyan",
-}
-BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
+# The looks of tables with a line below the heads, and of those without.
+LINED: dict[str, Any] = {"box": box.SIMPLE_HEAD, "header_style": "cyan"}
+BARE: dict[str, Any] = {"box": None}
 # What stays on one line, options with their values, and the character that keeps it there.
 ONE_OPTION = r"--[a-z][\w-]*(?: (?!--)(?:'[^']*'|[^\s']+))?"
 # Intervals too, with their units where each end has its own.
@@ -46,18 +35,27 @@ TEXT_WIDTH = 110
 
 
 def to_terminal(document: Document) -> Iterator[RenderableType]:
-    """A document with its tables, without its pictures."""
+    """A document with its tables, without its pictures; what has no title is indented."""
     for section in document.sections:
-        yield plain(f"\n{section.title}", style="bold cyan")
+        yield plain(f"\n{section.title}", style="bold cyan") if section.title else Text()
         for block in section.blocks:
-            if isinstance(block, Paragraph):
-                yield plain(block.text)
-            elif isinstance(block, Bullets):
-                style = "yellow" if block.are_warnings else ""
-                for item in block.items:
-                    yield headed_line("-", item, width=2, style=style)
-            elif isinstance(block, Table):
-                yield terminal_table(block)
+            for shown in _renderables(block):
+                yield shown if section.title else indented(shown)
+
+
+def _renderables(block: Block) -> Iterator[RenderableType]:
+    if isinstance(block, Paragraph):
+        yield plain(block.text)
+    elif isinstance(block, Bullets):
+        style = "yellow" if block.are_warnings else ""
+        for item in block.items:
+            yield headed_line("-", item, width=2, style=style)
+    elif isinstance(block, Lines):
+        for item in block.items:
+            head, _, text = item.partition(": ")
+            yield headed_line(head, text)
+    elif isinstance(block, Table):
+        yield terminal_table(block)
 
 
 def to_text(document: Document) -> str:
@@ -79,6 +77,11 @@ class Words:
     @property
     def glued(self) -> Text:
         return Text(UNBROKEN.sub(lambda found: found[0].replace(" ", GLUE), self.plain), self.style)
+
+    @property
+    def widest(self) -> int:
+        """The width of its longest line."""
+        return max(map(cell_len, self.plain.split("\n")))
 
     @property
     def longest(self) -> int:
@@ -106,128 +109,97 @@ def plain(text: str, style: str = "") -> Words:
     return Words("\n".join(map(printable, text.split("\n"))), style)
 
 
-@dataclass(frozen=True)
 class Whole:
-    """Columns of which no character is ever cut, however narrow the terminal.
+    """A table of which no character is ever cut, however narrow the terminal.
 
     Texts go on in the next line. Where numbers are wider than the terminal all the same, the
     further columns stand below, beside the first one again.
-
-    Attributes:
-        heads: What stands above the columns; empty for none.
-        joined: The columns that stay beside the one before them.
     """
 
-    heads: tuple[Words, ...]
-    rows: tuple[tuple[Words, ...], ...]
-    are_numbers: tuple[bool, ...]
-    layout: Mapping[str, Any]
-    joined: frozenset[int] = frozenset()
+    def __init__(self, table: Table):
+        self.table = table
+        # A line between columns is as wide as a space.
+        self.pad, self.lines = (2, 0) if table.is_bare else (1, 1)
+        self.heads = [_head(column, table.is_bare) for column in table.columns]
+        self.rows = [
+            [
+                plain(cell, style="bold" if (place, index) in table.best else "")
+                for index, cell in enumerate(row)
+            ]
+            for place, row in enumerate(table.rows)
+        ]
+        columns = [*zip(self.heads, *self.rows, strict=True)]
+        # The widths that columns have room in, and those below which they would be cut.
+        self.most = [max(text.widest for text in column) for column in columns]
+        self.least = [
+            most if self._is_number(place) else max(text.longest for text in columns[place])
+            for place, most in enumerate(self.most)
+        ]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        # A line between columns is as wide as a space.
-        pad, lines = self.layout["padding"][1], int(self.layout["box"] is not None)
-        parts = self._parts(options.max_width, pad, lines)
-        if lines and len(closer := self._parts(options.max_width, 0, lines)) < len(parts):
+        pad, parts = self.pad, self._parts(options.max_width, self.pad)
+        if self.lines and len(closer := self._parts(options.max_width, 0)) < len(parts):
             pad, parts = 0, closer
         for places in parts:
-            yield self._part(places, options.max_width, pad, lines)
+            yield self._part(places, options.max_width, pad)
 
-    def _column(self, place: int) -> list[Words]:
-        return [*self.heads[place : place + 1], *(row[place] for row in self.rows)]
+    def _is_number(self, place: int) -> bool:
+        return self.table.columns[place].role == "number"
 
-    def _least(self, place: int) -> int:
-        """The width below which a column would cut."""
-        if self.are_numbers[place]:
-            return self._most(place)
-        return max((text.longest for text in self._column(place)), default=0)
+    def _width(self, widths: Collection[int], pad: int) -> int:
+        """The width of columns with everything between and beside them."""
+        return sum(widths) + (pad + self.lines) * len(widths) - pad + self.lines
 
-    def _most(self, place: int) -> int:
-        lines = [line for text in self._column(place) for line in text.plain.split("\n")]
-        return max(map(cell_len, lines), default=0)
-
-    def _parts(self, width: int, pad: int, lines: int) -> list[list[int]]:
+    def _parts(self, width: int, pad: int) -> list[list[int]]:
         """The columns that stand beside each other, each time after the first."""
-        count = len(self.are_numbers)
-        firsts = [place for place in range(1, count) if place not in self.joined]
+        count = len(self.heads)
+        firsts = [place for place in range(1, count) if place not in self.table.joined]
         parts: list[list[int]] = [[0]]
         for first, following in pairwise([*firsts, count]):
             group = [*range(first, following)]
             wanted = [*parts[-1], *group]
-            taken = sum(map(self._least, wanted)) + _between(wanted, pad, lines)
+            taken = self._width([self.least[place] for place in wanted], pad)
             if len(parts[-1]) > 1 and taken > width:
                 parts.append([0, *group])
             else:
                 parts[-1] = wanted
         return parts
 
-    def _part(self, places: list[int], width: int, pad: int, lines: int) -> Shown:
-        widths = {place: self._most(place) for place in places}
-        least = {place: self._least(place) for place in places}
-        while sum(widths.values()) + _between(places, pad, lines) > width:
-            loose = [place for place in places if widths[place] > least[place]]
+    def _part(self, places: list[int], width: int, pad: int) -> Shown:
+        widths = {place: self.most[place] for place in places}
+        while self._width(widths.values(), pad) > width:
+            loose = [place for place in places if widths[place] > self.least[place]]
             if not loose:
                 break
             widths[max(loose, key=widths.__getitem__)] -= 1
-        layout: dict[str, Any] = {**self.layout, "padding": (0, pad, 0, 0)}
-        table = Shown(show_header=bool(self.heads), **layout)
+        has_heads = any(head.plain for head in self.heads)
+        layout = BARE if self.table.is_bare else LINED
+        part = Shown(show_header=has_heads, padding=(0, pad, 0, 0), pad_edge=False, **layout)
         for place in places:
-            is_number = self.are_numbers[place]
-            table.add_column(
-                self.heads[place] if self.heads else "",
-                justify="right" if is_number else "left",
-                overflow="fold",
-                width=widths[place],
-            )
+            justify = "right" if self._is_number(place) else "left"
+            width = widths[place]
+            part.add_column(self.heads[place], justify=justify, overflow="fold", width=width)
         for row in self.rows:
             cells = [row[place] for place in places]
             # Of a part below there is nothing to say of some rows.
             if places[:2] == [0, 1] or any(cell.plain for cell in cells[1:]):
-                table.add_row(*cells)
-        return table
+                part.add_row(*cells)
+        return part
 
 
-def _between(places: Sequence[int], pad: int, lines: int) -> int:
-    """The width of everything between and beside columns."""
-    return (pad + lines) * len(places) - pad + lines
+def _head(column: Column, is_bare: bool) -> Words:
+    if is_bare or column.role == "text":
+        name = column.name
+    else:
+        # Narrow, so that names fit beside seven numbers in 80 columns; "95 %" is one word.
+        name = re.sub(r"(?<!\d) ", "\n", column.name.replace("-", "-\n"))
+    return plain(f"{name}\n[{column.unit}]" if column.unit else name)
 
 
 def terminal_table(table: Table) -> RenderableType:
     """A document's table as a terminal shows it, its caption as wide as the terminal."""
-    heads = []
-    for column in table.columns:
-        is_number = column.role == "number"
-        # Narrow heads, so that names fit beside seven numbers in 80 columns; "95 %" is one word.
-        narrow = re.sub(r"(?<!\d) ", "\n", column.name.replace("-", "-\n"))
-        name = narrow if is_number else column.name
-        heads.append(plain(f"{name}\n[{column.unit}]" if column.unit else name))
-    rows = tuple(
-        tuple(
-            plain(cell, style="bold" if (place, index) in table.best else "")
-            for index, cell in enumerate(row)
-        )
-        for place, row in enumerate(table.rows)
-    )
-    are_numbers = tuple(column.role == "number" for column in table.columns)
-    # "R0, 95 %" stays beside "R0".
-    pairs = enumerate(pairwise(table.columns), 1)
-    joined = {place for place, (one, other) in pairs if other.name.startswith(f"{one.name},")}
-    shown = Whole(tuple(heads), rows, are_numbers, LINED, frozenset(joined))
-    return Group(shown, plain(table.caption, style="italic dim")) if table.caption else shown
-
-
-def bare_table(
-    heads: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    are_numbers: Sequence[bool] | None = None,
-    joined: Iterable[int] = (),
-) -> Whole:
-    """Columns without lines, and without heads where these are none; all but the first are
-    numbers, unless told otherwise. Those `joined` stay beside the one before them."""
-    cells = tuple(tuple(map(plain, row)) for row in rows)
-    if are_numbers is None:
-        are_numbers = [place > 0 for place in range(len(heads))]
-    return Whole(tuple(map(plain, heads)), cells, tuple(are_numbers), BARE, frozenset(joined))
+    whole = Whole(table)
+    return Group(whole, plain(table.caption, style="italic dim")) if table.caption else whole
 
 
 def indented(block: RenderableType) -> RenderableType:
@@ -244,52 +216,8 @@ def headed_line(head: str, text: str, width: int = 15, style: str = "") -> Rende
     return grid
 
 
-def headed_lines(
-    lines: Iterable[str], with_cli_options: Callable[[str], str] = str
-) -> Iterator[RenderableType]:
-    """Lines such as "Head: text", each head beside its text."""
-    for line in lines:
-        head, _, text = line.partition(": ")
-        yield indented(headed_line(head, with_cli_options(text)))
-
-
 def next_lines(advice: str, command: str) -> Iterator[RenderableType]:
     """The next step, and its command in one line however long, so that it can be copied."""
     yield indented(headed_line("Next", f"{advice}:" if command else advice))
     if command:
         yield Text(f"    {printable(command)}", no_wrap=True)
-
-
-def plan_lines(
-    planned: "Plan", with_cli_options: Callable[[str], str] = str
-) -> Iterator[RenderableType]:
-    """Every file, what it serves for and why, and the options that the files decide.
-
-    `with_cli_options` turns the options named in texts into those of the reader's interface.
-    """
-    table = Shown(**BARE, show_header=False)
-    table.add_column(no_wrap=True)
-    table.add_column()
-    for part in planned.parts:
-        what = f" ({part.kind})" if part.kind else ""
-        reason = f": {part.reason}" if part.reason else ""
-        table.add_row(part.role, Text(printable(with_cli_options(f"{part.name}{what}{reason}"))))
-    for name, value in planned.options.items():
-        why = f", {planned.reasons[name]}" if name in planned.reasons else ""
-        table.add_row(name.replace("_", " "), Text(printable(with_cli_options(f"{value}{why}"))))
-    yield Text()
-    yield indented(table)
-    if planned.command == "hppc":
-        yield indented(Text("A pulse test alone: identified with tables over SOC, as by hppc."))
-
-
-def soc_screen(replay: "SocReplay") -> Iterator[RenderableType]:
-    """The replay, its scenarios, the estimated parameters, and the innovations."""
-    yield Text()
-    for fact in facts_of(replay):
-        yield indented(Text(fact))
-    yield Text()
-    table = replay_table(replay)
-    yield indented(bare_table([column.name for column in table.columns], table.rows))
-    yield Text()
-    yield from headed_lines(soc_lines(replay))

@@ -77,7 +77,7 @@ def search_and_assess(
     with watch("Evaluating", 0):
         by_circuit = partial(evaluate, parameters=parameters)
         validated = setup.validation(problem.circuit)
-        constant = Evaluations.of(by_circuit, problem.prepared_records, validated, problem.cell)
+        constant = Evaluations.of(by_circuit, problem.prepared_records, validated)
         of_tables = None if tables is None else _evaluated(setup, tables)
     other = _resampled(problem, parameters)
     assessment = None
@@ -218,7 +218,7 @@ def _evaluated(setup: Setup, tables: TableFits) -> Evaluations:
     chosen, problem = setup.chosen, setup.problem
     records = chosen.objective.prepared_records if chosen else problem.prepared_records
     circuit = chosen.point.circuit if chosen else problem.circuit
-    return Evaluations.of(tables.evaluate, records, setup.validation(circuit), problem.cell)
+    return Evaluations.of(tables.evaluate, records, setup.validation(circuit))
 
 
 def _candidates(

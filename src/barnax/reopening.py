@@ -214,7 +214,7 @@ def validated(
     with telling(warnings):
         prepared = prepare_record(measured, cell, stored.model, window)
     by_circuit = stored.fits.evaluate
-    found = with_registered(evaluate_from_either(prepared, cell, by_circuit), by_circuit)
+    found = with_registered(evaluate_from_either(prepared, by_circuit), by_circuit)
     warnings += no_temperature(prepared, stored.fits)
     told = (*warnings, *measured.notes, *measured.warnings, *prepared.warnings)
     told += tuple(rest_warnings(prepared))

@@ -47,11 +47,13 @@ def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record
     from barnax.search.evaluate import evaluate
 
     made = CircuitParameters.constant(0.05, (0.02, 0.03), (400.0, 3000.0), 120.0)
-    problem = make_problem(bundled_record, bundled_cell, "esc", window=short_problem.window)
+    problem = make_problem(
+        bundled_record, bundled_cell, "esc", window=short_problem.prepared.window
+    )
     simulated_v = bundled_record.voltage_v.copy()
     simulated_v[problem.prepared.span] = evaluate(problem.prepared, made).simulated_v
     record = replace(bundled_record, voltage_v=simulated_v)
-    window = replace(short_problem.window, initial_soc=problem.prepared.start.soc)
+    window = replace(short_problem.prepared.window, initial_soc=problem.prepared.start.soc)
     answer = varpro(make_problem(record, bundled_cell, "esc", window=window))
     assert answer.parameters.to_dict() == pytest.approx(made.to_dict(), rel=1e-3)
 

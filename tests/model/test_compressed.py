@@ -197,7 +197,7 @@ def compressed_problem(short_problem):
     return make_problem(
         short_problem.prepared.record,
         short_problem.cell,
-        window=short_problem.window,
+        window=short_problem.prepared.window,
         objective="compressed",
     )
 
@@ -250,7 +250,7 @@ def test_a_box_too_wide_to_compress_is_refused_with_a_remedy(short_problem):
         make_problem(
             short_problem.prepared.record,
             short_problem.cell,
-            window=short_problem.window,
+            window=short_problem.prepared.window,
             bounds={"tau1 [s]": (1e-6, 1e9), "tau2 [s]": (1e-6, 1e9)},
             objective="compressed",
         )

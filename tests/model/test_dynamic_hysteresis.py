@@ -108,7 +108,7 @@ def test_the_slope_in_the_rate_is_that_of_the_errors(bundled_cell):
     problem = make_problem(record, bundled_cell, "esc", window=Window(initial_soc=0.8))
     with jax.enable_x64(True):
         objective = replace(problem, scale="log").objective
-        point = objective.coordinates.encode(rc_parameters(CIRCUIT))
+        point = jnp.asarray(objective.coordinates.encode(rc_parameters(CIRCUIT)))
         errors = eqx.filter_jit(residuals)
         slope = eqx.filter_jit(jax.jacfwd(residuals))(point, objective)[:, -1]
         step = 1e-5

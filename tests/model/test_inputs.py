@@ -292,7 +292,7 @@ def test_a_rest_near_full_or_empty_decides_by_itself(bundled_cell, soc, directio
     assert (course.start.direction, course.start.direction_source) == (direction, "full or empty")
     # The five segments of the hysteresis miss the branches by up to 2 mV there.
     assert course.start.soc == pytest.approx(soc, abs=2e-3)
-    assert both_directions(course, bundled_cell)[1] is None
+    assert both_directions(course)[1] is None
 
 
 def test_a_record_cut_in_the_middle_of_a_discharge_is_met_from_the_other_direction(bundled_cell):
@@ -300,7 +300,7 @@ def test_a_record_cut_in_the_middle_of_a_discharge_is_met_from_the_other_directi
     time_s, current_a = np.arange(400.0), np.where(np.arange(400) < REST, 0, 2.0)
     record = simulated_record(bundled_cell, time_s, current_a, soc=0.6, direction=-1)
     assumed = prepare_record(record, bundled_cell, "iso-rc")
-    other = both_directions(assumed, bundled_cell)[1]
+    other = both_directions(assumed)[1]
     assert [each.start.direction for each in (assumed, other)] == [1, -1]
     assert [each.start.direction_source for each in (assumed, other)] == ["assumed"] * 2
     assert other.window == assumed.window == Window()
@@ -318,7 +318,7 @@ def test_of_a_start_under_load_only_a_state_that_moves_keeps_what_was_before(
     record = made(current_a=np.roll(CURRENT_A, -25))
     course = prepare_record(record, bundled_cell, circuit, FULL)
     assert (course.start.direction, course.start.direction_source) == (-1, "assumed")
-    other = both_directions(course, bundled_cell)[1]
+    other = both_directions(course)[1]
     assert (other is not None) == is_open
     if is_open:
         gap_v = other.source_v - course.source_v
@@ -333,7 +333,7 @@ def test_of_a_start_under_load_only_a_state_that_moves_keeps_what_was_before(
     ],
 )
 def test_a_direction_that_is_known_has_no_other(bundled_cell, window):
-    assert both_directions(prepared(bundled_cell, window, "esc"), bundled_cell)[1] is None
+    assert both_directions(prepared(bundled_cell, window, "esc"))[1] is None
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward"])

@@ -151,7 +151,7 @@ def test_a_law_ends_where_what_cells_usually_have_and_the_records_pull_alike(mon
     # 35 kJ/mol over the gas constant and the square of the temperature.
     usual = math.log(35e3 / 8.314 / 293.15**2)
     start = find_best(objective)
-    law, log_taus = dependence._polished(objective, start, first)
+    law, log_taus = dependence.polished(objective, start, first)
     close = {"xatol": 1e-9, "fatol": 1e-14}
     expected = minimize(pulled, [math.log(0.03), *LOG_SCALES], method="Nelder-Mead", options=close)
     assert [math.log(law.beta_per_k), *log_taus] == pytest.approx(expected.x, abs=1e-5)

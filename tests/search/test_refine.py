@@ -22,7 +22,7 @@ def refined_in(short_problem, found):
         problem = make_problem(
             short_problem.prepared.record,
             short_problem.cell,
-            window=short_problem.window,
+            window=short_problem.prepared.window,
             bounds=bounds,
         )
         return refine(search_seeds(problem, found.optimizer, key=jax.random.key(0), seeds=8))
@@ -100,7 +100,7 @@ def test_fixed_parameters_hold_through_search_and_refinement(short_problem):
         short_problem.prepared.record,
         short_problem.cell,
         "so-rc",
-        window=short_problem.window,
+        window=short_problem.prepared.window,
         fixed=fixed,
         objective="compressed",
     )

@@ -1,7 +1,6 @@
 """Methods that search the box: population optimizers, Levenberg-Marquardt, SciPy's evolution,
 variable projection."""
 
-import inspect
 import math
 from typing import Any
 
@@ -13,7 +12,7 @@ from scipy.optimize import differential_evolution
 from ..execution import compile_for, in_float64, run_blocks
 from ..global_optimum.search import find_global_optimum
 from ..model.problem import Problem, rmse_by_scan, rmse_of_all
-from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
+from ..optimizers import evaluations_per_iteration, make_optimizer, source_of
 from ..search.refine import SEED_TOLERANCE, STEPS, Descent, RefinedSeed
 from ..search.seeds import SeedAnswer, search_seeds
 from .method import (
@@ -52,8 +51,7 @@ def population_method(name: str) -> Method:
             for seed in _search(problem, name, iterations, budget, progress)
         ]
 
-    source = (inspect.getdoc(OPTIMIZERS[name]) or "").split("\n")[0].rstrip(".")
-    return Method(name, source, is_deterministic=False, run=search)
+    return Method(name, source_of(name), is_deterministic=False, run=search)
 
 
 def _search(

@@ -284,7 +284,7 @@ def _run(
     parameters = row.median.parameters
     evaluations = [evaluate(identified, parameters)]
     own = partial(evaluate, parameters=parameters)
-    evaluations += [evaluate_from_either(prepared, problem.cell, own) for prepared in others]
+    evaluations += [evaluate_from_either(prepared, own) for prepared in others]
     box = problem.log_coordinates
     return replace(
         row,

@@ -253,7 +253,7 @@ def with_better_directions(problem: Problem) -> Problem:
     """The problem with each open direction before the start as fits better, record by record."""
     for place, prepared in enumerate(problem.prepared_records):
         records = list(problem.prepared_records)
-        records[place], other = both_directions(prepared, problem.cell)
+        records[place], other = both_directions(prepared)
         best = problem
         if other is not None and problem.is_compressible:
             others = (*records[:place], other, *records[place + 1 :])

@@ -114,13 +114,13 @@ class Coordinates(eqx.Module):
             tau.append(x if self.holds_tau[pair] else jnp.clip(r * x, low, high))
         return RCParameters(r0, tuple(resistances), tuple(tau), gamma, self.elements)
 
-    def encode(self, rc: RCParameters) -> Float[Array, "free"]:
+    def encode(self, rc: RCParameters) -> Float[np.ndarray, "*points free"]:
         """The point of a circuit, moved into the box where it lies outside."""
         values = [rc.r0]
         for pair, (r, tau) in enumerate(zip(rc.r, rc.tau, strict=True)):
             values += [r, tau if self.holds_tau[pair] else tau / r]
         if rc.gamma is not None:
             values.append(rc.gamma)
-        point = jnp.stack(values)[jnp.array(self.free)]
-        point = jnp.log(point) if self.is_log else point
-        return jnp.clip(point, self.lower, self.upper)
+        point = np.stack([*map(np.asarray, values)], axis=-1)[..., list(self.free)]
+        point = np.log(point) if self.is_log else point
+        return np.clip(point, np.asarray(self.lower), np.asarray(self.upper))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.ndimage import label, minimum_filter
 from scipy.optimize import minimize
 
@@ -200,20 +200,6 @@ class GridSizes:
         ]
 
 
-def points_in_order(
-    shape: tuple[int, ...], interchangeable: int, *, apart: bool
-) -> Int[np.ndarray, "axes points"]:
-    """The indices of all points whose first ones, so many as are interchangeable, rise; they may be
-    equal unless they are to be `apart`, which one place allows none to be.
-
-    >>> points_in_order((2, 2), 2, apart=False).T.tolist()
-    [[0, 0], [0, 1], [1, 1]]
-    """
-    points = np.indices(shape).reshape(len(shape), -1)
-    least = 1 if apart and shape[0] > 1 else 0
-    return points[:, np.all(np.diff(points[:interchangeable], axis=0) >= least, axis=0)]
-
-
 def minima_of(values: Float[np.ndarray, "*grid"], factor: float = np.inf) -> list[tuple[int, ...]]:
     """The points no neighbor of which is lower, best first; level ground counts once.
 
@@ -240,13 +226,17 @@ def lowest_scales(
     Args:
         objective: Its axes, how many are `interchangeable`, and its `least_v2` at many scales.
         sizes: Places on every axis.
-        apart: Whether interchangeable pairs have time constants that differ.
+        apart: Whether interchangeable pairs have time constants that differ, where there are
+            several to choose from.
         factor: How many times the lowest sqrt(J) one may have.
     """
     elements = sum(axis.name != RATE for axis in objective.axes)
     places = sizes.places(((axis.low, axis.high) for axis in objective.axes), elements)
     lowest_v2 = np.full([len(axis) for axis in places], np.inf)
-    points = points_in_order(lowest_v2.shape, objective.interchangeable, apart=apart)
+    points = np.indices(lowest_v2.shape).reshape(lowest_v2.ndim, -1)
+    least = 1 if apart and len(places[0]) > 1 else 0
+    rises = np.diff(points[: objective.interchangeable], axis=0) >= least
+    points = points[:, np.all(rises, axis=0)]
     for first in range(0, points.shape[1], CHUNK):
         here = points[:, first : first + CHUNK]
         log_scales = np.stack([axis[at] for axis, at in zip(places, here, strict=True)])

@@ -84,11 +84,6 @@ class Problem(Brief):
         return self.prepared_records[0]
 
     @property
-    def window(self) -> Window:
-        """The first record's."""
-        return self.prepared.window
-
-    @property
     def circuit(self) -> str:
         return self.prepared.circuit
 
@@ -223,33 +218,15 @@ def point_blocks(
 
     Call inside float64.
     """
-    values = [
-        (own.r0, *own.r, *own.tau_s, *(() if own.gamma is None else (own.gamma,)))
-        for own in circuits
-    ]
-    last = len(values) - 1
-    numbers = seed_blocks(len(values), CIRCUITS_PER_BLOCK)
-    blocks = [[values[min(at, last)] for at in block] for block in numbers]
-    return [_encode(as_input(block), coordinates) for block in blocks]
+    values: Any = [(own.r0, own.r, own.tau_s, own.gamma) for own in circuits]
+    points = [coordinates.encode(RCParameters(*own)) for own in values]
+    last = len(points) - 1
+    numbers = seed_blocks(len(points), CIRCUITS_PER_BLOCK)
+    return [as_input([points[min(at, last)] for at in block]) for block in numbers]
 
 
 def rmse_of_all(points: Float[Array, "points free"], objective: Objective):
     return jax.vmap(rmse, in_axes=(0, None))(points, objective)
-
-
-@eqx.filter_jit
-def _encode(
-    values: Float[Array, "points parameters"], coordinates: Coordinates
-) -> Float[Array, "points free"]:
-    """The points of R0, every R, every tau and, where there is one, gamma."""
-    pairs = len(coordinates.tau_limits_s)
-
-    def encode(row):
-        gamma = row[-1] if coordinates.gamma_limits else None
-        r, tau = row[1 : pairs + 1], row[pairs + 1 : 2 * pairs + 1]
-        return coordinates.encode(RCParameters(row[0], tuple(r), tuple(tau), gamma))
-
-    return jax.vmap(encode)(values)
 
 
 @eqx.filter_jit

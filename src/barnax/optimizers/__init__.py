@@ -98,6 +98,11 @@ def evaluations_per_iteration(optimizer: AbstractPopulationMinimiser) -> int:
     return shapes.shape[0]
 
 
+def source_of(name: str) -> str:
+    """What a registered optimizer is and whose: the first line of its docstring."""
+    return (inspect.getdoc(OPTIMIZERS[name]) or "").split("\n")[0].rstrip(".")
+
+
 def summarize_optimizers() -> list[OptimizerSummary]:
     """Every registered optimizer with its source and what an iteration costs.
 
@@ -105,10 +110,6 @@ def summarize_optimizers() -> list[OptimizerSummary]:
     60
     """
     return [
-        OptimizerSummary(
-            name,
-            (inspect.getdoc(make) or "").split("\n")[0].rstrip("."),
-            evaluations_per_iteration(make()),
-        )
+        OptimizerSummary(name, source_of(name), evaluations_per_iteration(make()))
         for name, make in OPTIMIZERS.items()
     ]

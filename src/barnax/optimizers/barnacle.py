@@ -1,5 +1,6 @@
 """The barnacle mating optimizer and its improvements, each a switchable field."""
 
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
@@ -215,15 +216,7 @@ def ibmo_printed(population: int = 30, iterations: int = 500, pl: int = 7) -> Ba
     The tent map (Eq. 13, 14) branches on its state, as in the cited source and as its range
     requires; `tent_branch="random"` is the printed form.
     """
-    return BarnacleMating(
-        population,
-        iterations,
-        pl=pl,
-        tent_start=True,
-        cosine_factor=True,
-        mating_factor="one",
-        cast_step="levy",
-    )
+    return replace(ibmo(population, iterations, pl), mating_factor="one", cast_scale=1.0)
 
 
 def ibmo_centered(population: int = 30, iterations: int = 500, pl: int = 4) -> BarnacleMating:

@@ -44,12 +44,6 @@ ROUNDS, SETTLED, FURTHEST, BACK = 6, 1e-3, 1.0, 0.3
 ENOUGH = 20_000
 
 
-def adjusted(objective: TableObjective, best: Solution) -> Dependence | None:
-    """The numbers of what records follow already, where their tables fit best."""
-    known = objective.prepared_records[0].dependence
-    return known and _polished(objective, best, known)[0]
-
-
 def laws_for(prepared_records: Sequence[PreparedRecord]) -> tuple[str, ...]:
     """What the resistances of some records may follow beside SOC, as far as the records can tell.
 
@@ -103,7 +97,7 @@ def propose(
     if not promised:
         return None
     _, share, tried = max(promised, key=lambda promise: promise[0])
-    return _polished(objective, at, _scaled(tried, min(max(share, FEWEST), MOST), what))
+    return polished(objective, at, _scaled(tried, min(max(share, FEWEST), MOST), what))
 
 
 def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> list[Dependence]:
@@ -179,7 +173,7 @@ def _scaled(tried: Dependence, share: float, what: str) -> Dependence:
     return tried.with_numbers({name: times * number})
 
 
-def _polished(
+def polished(
     objective: TableObjective, start: Solution, first: Dependence
 ) -> tuple[Dependence, LogScales]:
     """The dependence where steps of Gauss and Newton end, in its numbers and all time constants,
@@ -197,7 +191,9 @@ def _polished(
         tried = np.clip(scales + step, low, high)
         numbers = dict(zip(names, np.exp(tried[count:]).tolist(), strict=True))
         own = first.with_numbers(numbers)
-        here = following(objective, own)
+        # Its factors are still without.
+        records = [prepared.following(own) for prepared in objective.prepared_records]
+        here = replace(objective, prepared_records=records)
         log_scales = tuple(tried[:count].tolist())
         normal = _Normal.of(here, replace(found, log_scales=log_scales))
         now = normal.solved(log_scales, found.sides)
@@ -213,12 +209,6 @@ def _polished(
         if is_settled or gain < SETTLED * now_v2:
             break
     return best, found.log_scales
-
-
-def following(objective: TableObjective, dependence: Dependence | None) -> TableObjective:
-    """The objective with records that follow it; its factors are still without."""
-    records = [prepared.following(dependence) for prepared in objective.prepared_records]
-    return replace(objective, prepared_records=records)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Tables identified from prepared records, and all that is said of them."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -107,14 +107,6 @@ class TableFit(Brief):
         """False where resistances have one value at every SOC: the OCV alone is a table, if any."""
         return len(self.tables.nodes) > 1 or not (self.tables.is_constant or self.of_table(OCV))
 
-    def proved(self, proof: Proof, share: float) -> "TableFit":
-        """The same with a proof of its tables, which is enough within this share."""
-        lower_v = proof.lower_bound_v
-        # What resistances follow is not in the box of the proof.
-        is_enough = lower_v >= (1 - share) * self.objective_v and self.tables.dependence is None
-        status: Status = "certified" if is_enough else "grid-verified"
-        return replace(self, lower_bound_v=lower_v, boxes=proof.boxes, status=status)
-
     @property
     def is_rate_told(self) -> bool:
         """True where the records determine the rate of a hysteresis, with an interval."""
@@ -191,8 +183,8 @@ def fit_of(
         means = tuple(
             own for own in intervals if own.soc is None and parts_of(own.name)[0] in tables.tables
         )
-        at_nodes = _at_stored_nodes(tables, intervals[: len(intervals) - len(means)])
-        intervals = tuple(_counted_from_zero(objective, at_nodes))
+        at_nodes = intervals[: len(intervals) - len(means)]
+        intervals = tuple(_as_stored(objective, tables, at_nodes))
         held_out = cross_validate(objective, best)
     searched_axes = zip(objective.axes, best.log_scales, strict=True)
     at_bound = near_ends(
@@ -201,6 +193,9 @@ def fit_of(
         if axis.high > axis.low
     )
     taus_s = tuple(limits for name, limits in objective.ranges.items() if name != RATE)
+    # What resistances follow is not in the box of the proof.
+    is_enough = proof.lower_bound_v >= (1 - settings.proved_share) * best.rms_v
+    is_certified = is_enough and tables.dependence is None
     fit = TableFit(
         tables=tables,
         objective_v=best.rms_v,
@@ -210,9 +205,9 @@ def fit_of(
             for prepared in prepared_records or objective.prepared_records
         ),
         tau_ranges_s=taus_s,
-        lower_bound_v=0.0,
-        status="grid-verified",
-        boxes=0,
+        lower_bound_v=proof.lower_bound_v,
+        status="certified" if is_certified else "grid-verified",
+        boxes=proof.boxes,
         at_bound=at_bound,
         parameters=sum(int(np.sum(objective.visited_of(n))) for n in range(objective.tables))
         + sum(axis.high > axis.low for axis in objective.axes),
@@ -221,33 +216,25 @@ def fit_of(
         warnings=(),
         means=means,
     )
-    fit = replace(fit, warnings=_warnings(objective, fit))
-    return fit.proved(proof, settings.proved_share)
+    return replace(fit, warnings=_warnings(objective, fit))
 
 
-def _at_stored_nodes(
-    tables: CircuitParameters, intervals: Sequence[NodeInterval]
+def _as_stored(
+    objective: TableObjective, tables: CircuitParameters, intervals: Sequence[NodeInterval]
 ) -> Iterator[NodeInterval]:
-    """The intervals of resistances also at those stored nodes that lie between nodes of the fit."""
-    for before, own in zip([None, *intervals], intervals, strict=False):
-        if before is not None and before.name == own.name and own.name in tables.resistances:
-            low, high = before.soc or 0.0, own.soc or 0.0
-            between = (soc for soc in tables.nodes if low < soc < high)
-            yield from (before.between(own, soc) for soc in between)
-        yield own
-
-
-def _counted_from_zero(
-    objective: TableObjective, intervals: Iterable[NodeInterval]
-) -> Iterator[NodeInterval]:
-    """The intervals, of a fitted OCV not from that of the cell on."""
+    """The intervals, of resistances also at those stored nodes that lie between nodes of the fit,
+    and of a fitted OCV not from that of the cell on."""
     level_v = {}
     if OCV in objective.names:
         nodes = objective.nodes_of[objective.names.index(OCV)]
         known_v = objective.prepared_records[0].cell.average_ocv_v(nodes)
         level_v = dict(zip(nodes.tolist(), known_v.tolist(), strict=True))
-    for one in intervals:
-        yield one.moved(level_v[one.soc]) if one.name == OCV else one
+    for before, own in zip([None, *intervals], intervals, strict=False):
+        if before is not None and before.name == own.name and own.name in tables.resistances:
+            low, high = before.soc or 0.0, own.soc or 0.0
+            between = (soc for soc in tables.nodes if low < soc < high)
+            yield from (before.between(own, soc) for soc in between)
+        yield own.moved(level_v[own.soc]) if own.name == OCV else own
 
 
 def level_beyond(

@@ -132,9 +132,7 @@ class TableFits:
     @property
     def reference(self) -> TableFit:
         """The fit of `reference_degc`."""
-        if self.over_temperature is None or self.reference_degc is None:
-            return self.fits[0]
-        return self.fits[self.over_temperature.temperatures_degc.index(self.reference_degc)]
+        return dict(self.by_degc)[self.reference_degc]
 
     @property
     def reference_degc(self) -> float | None:

@@ -192,14 +192,12 @@ def keep_all(
     def below_or_above(here: slice):
         return np.where(told.scored[here], is_above(told.soc[here]), -1)
 
-    wholes = reduce_records([told], layout, [below_or_above], 2, beside_v)
-    slopes_v = np.empty(0)
-    if layout.has_correction:
-        slopes_v = told.cell.least_ocv_slopes(ocv_nodes)
+    below, above = reduce_records([told], layout, [below_or_above], 2, beside_v)
+    has_slopes = layout.has_correction
+    slopes_v = told.cell.least_ocv_slopes(ocv_nodes) if has_slopes else np.empty(0)
     facts = {name: getattr(told, name) for name in FACTS}
     facts |= {"visited": told.nearest(nodes), "visited_ocv": told.nearest(ocv_nodes)}
     ocv = KeptOcv(told.cell.average_ocv_v(ocv_nodes), slopes_v)
-    below, above = wholes
     return [
         Kept(name=name, grid=grid, cell=ocv, **facts,
              parts=(_shortened(below.side(side)), _shortened(above.side(side))))

@@ -1,8 +1,10 @@
 """Records of a cell without an OCV test: where they start on the axis of SOC, over which capacity,
 and from which direction."""
 
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -73,51 +75,6 @@ def axis_of(record: Record, window: Window, capacity_ah: float) -> Window:
     return replace(window, initial_soc=soc, soc_source=source, capacity_ah=capacity_ah)
 
 
-class WithDirections(NamedTuple):
-    """The best tables of some records' circuit, and the RMSE in V with the other direction of
-    records whose direction before the start was found with them."""
-
-    objective: TableObjective
-    best: Solution
-    directions: Mapping[str, float] = {}
-
-
-def best_tables(
-    prepared_records: Sequence[PreparedRecord],
-    settings: TableSettings,
-    turned: Mapping[str, Window] | None = None,
-) -> WithDirections:
-    """The best tables of some records. Where the circuit has a dynamic hysteresis, those whose
-    direction before the start is not known have the one that fits better at the same scales; their
-    windows with the other direction may be known, by name."""
-    objective = reduced_objective(prepared_records, settings)
-    best = find_best(objective)
-    if not get_circuit(prepared_records[0].circuit).has_rate:
-        return WithDirections(objective, best)
-    held = held_at(objective.ranges, best.log_scales)
-    found, others = list(prepared_records), dict[str, float]()
-
-    def left_v(records: Sequence[PreparedRecord]) -> float:
-        tried = reduced_objective(records, settings, held)
-        return float(np.linalg.norm(tried.solve(best.log_scales, exact=True).error))
-
-    for place, one in enumerate(prepared_records):
-        if one.start.direction_source != "assumed":
-            continue
-        window = replace(one.window, initial_direction=-one.start.direction)
-        window = (turned or {}).get(one.record.name, window)
-        other = prepare_record(one.record, one.cell, one.circuit, window)
-        tried = [*found[:place], other.following(one.dependence), *found[place + 1 :]]
-        own_v, other_v = left_v(found), left_v(tried)
-        if other_v < own_v:
-            found, other_v = tried, own_v
-        others[one.record.name] = other_v
-    if any(one is not other for one, other in zip(found, prepared_records, strict=True)):
-        objective = reduced_objective(found, settings)
-        best = find_best(objective)
-    return WithDirections(objective, best, others)
-
-
 class Starts(NamedTuple):
     """The windows of records with their starts, what speaks against them, and the RMSE in V with
     the other direction of records whose direction before the start was found."""
@@ -125,14 +82,6 @@ class Starts(NamedTuple):
     windows: dict[str, Window]
     warnings: tuple[Notice, ...] = ()
     directions: Mapping[str, float] = {}
-
-    def together(self, other: "Starts") -> "Starts":
-        """These and those of other records."""
-        return Starts(
-            self.windows | other.windows,
-            (*self.warnings, *other.warnings),
-            {**self.directions, **other.directions},
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,10 +163,12 @@ class OwnRecords:
             if (degc := temperature_of(record, self.windows[record.name])) is None:
                 raise Notice("temperature.unknown", subject=record.name).error()
             known.append((degc, record))
-        found = Starts({})
-        for alike in group_near(known).values():
-            found = found.together(replace(self, records=alike).starts(circuit))
-        return found
+        groups = group_near(known).values()
+        found = [replace(self, records=alike).starts(circuit) for alike in groups]
+        windows, warnings, directions = zip(*found, strict=True)
+        return Starts(
+            dict(ChainMap(*windows)), tuple(chain(*warnings)), dict(ChainMap(*directions))
+        )
 
     def starts(self, circuit: str, simpler: Starts | None = None) -> Starts:
         """Where the records start, by the best tables of a circuit; the starts of a simpler one may
@@ -232,27 +183,21 @@ class OwnRecords:
             require_on_axis(record, told[record.name], self.capacity_ah)
         warnings, turned, directions = list[Notice](), dict[str, Window](), dict[str, float]()
         if len(known) < len(self.records):
-            cell, _ = replace(self, records=known)._fitted(circuit, told)
+            cell, *_ = replace(self, records=known)._fitted(circuit, told)
             for record in self.records:
                 if record not in known:
                     warnings += self._by_rest(record, cell, circuit, told, turned)
-        has_rate = get_circuit(circuit).has_rate
-        if turned or (
-            has_rate
-            and any(
-                prepared.start.direction_source == "assumed"
-                for prepared in self.prepared(circuit, told)
-            )
-        ):
+        is_open = get_circuit(circuit).has_rate and any(
+            prepared.start.direction_source == "assumed"
+            for prepared in self.prepared(circuit, told)
+        )
+        if turned or is_open:
             # A start would move to make up for a direction that is wrong.
-            _, fitted = self._fitted(circuit, told, turned)
-            directions = {**fitted.directions}
-            told = {
-                one.record.name: replace(one.window, initial_direction=one.start.direction)
-                if one.record.name in directions
-                else one.window
-                for one in fitted.objective.prepared_records
-            }
+            _, objective, _, directions = self._fitted(circuit, told, turned)
+            told = windows_of(objective.prepared_records)
+            for one in objective.prepared_records:
+                if (name := one.record.name) in directions:
+                    told[name] = replace(one.window, initial_direction=one.start.direction)
         if len(self.records) > 1 and not self.settings.keep_starts:
             told = self._registered(circuit, told, simpler)
         return Starts(told, tuple(warnings), directions)
@@ -298,10 +243,10 @@ class OwnRecords:
             found[name] = replace(window, initial_direction=told[name].initial_direction)
         # An OCV of starts that differ is less steep than any record's.
         for rounds in (ROUNDS,) if simpler else (1, ROUNDS):
-            cell, fitted = self._fitted(circuit, found)
+            cell, _, best, _ = self._fitted(circuit, found)
             prepared = self.prepared(circuit, told, cell)
-            settings, log_scales = self.settings_of(circuit), fitted.best.log_scales
-            found = windows_of(register(prepared, settings, rounds, log_scales))
+            settings = self.settings_of(circuit)
+            found = windows_of(register(prepared, settings, rounds, best.log_scales))
         return found
 
     def _fitted(
@@ -309,15 +254,40 @@ class OwnRecords:
         circuit: str,
         windows: Mapping[str, Window],
         turned: Mapping[str, Window] | None = None,
-    ) -> tuple[CellModel, WithDirections]:
-        """The cell of the records, and its tables before anything else is asked of them."""
+    ) -> tuple[CellModel, TableObjective, Solution, dict[str, float]]:
+        """The cell of the records, and its best tables before anything else is asked of them. Where
+        the circuit has a dynamic hysteresis, records whose direction before the start is not known
+        have the one that fits better at the same scales, and the RMSE in V with the other one is
+        told; their windows with that may be known, by name."""
         means = [in_means(record, MEANS_S) for record in self.records]
         prepared = replace(self, records=means).prepared(circuit, windows, self.level)
         quick = replace(self.settings_of(circuit), folds=0, max_boxes=0)
+        found, others, has_rate = [*prepared], dict[str, float](), get_circuit(circuit).has_rate
+
+        def left_v(records: Sequence[PreparedRecord]) -> float:
+            tried = reduced_objective(records, quick, held)
+            return float(np.linalg.norm(tried.solve(best.log_scales, exact=True).error))
+
         with one_blas_thread():
-            found = best_tables(prepared, quick, turned=turned)
-        axis = self.capacity_ah, self.capacity_origin
-        return cell_of(found.objective, found.best, *axis), found
+            objective = reduced_objective(prepared, quick)
+            best = find_best(objective)
+            held = held_at(objective.ranges, best.log_scales)
+            for place, one in enumerate(prepared):
+                if not has_rate or one.start.direction_source != "assumed":
+                    continue
+                window = replace(one.window, initial_direction=-one.start.direction)
+                window = (turned or {}).get(one.record.name, window)
+                other = prepare_record(one.record, one.cell, circuit, window)
+                tried = [*found[:place], other, *found[place + 1 :]]
+                own_v, other_v = left_v(found), left_v(tried)
+                if other_v < own_v:
+                    found, other_v = tried, own_v
+                others[one.record.name] = other_v
+            if any(one is not other for one, other in zip(found, prepared, strict=True)):
+                objective = reduced_objective(found, quick)
+                best = find_best(objective)
+        cell = cell_of(objective, best, self.capacity_ah, self.capacity_origin)
+        return cell, objective, best, others
 
 
 def windows_of(prepared_records: Sequence[PreparedRecord]) -> dict[str, Window]:

@@ -138,7 +138,9 @@ def fit_pack(
             wide = reduced_objective([prepared], settings, beside_v=sides_v)
             for side in range(count):
                 alone = replace(wide, reduced=together([wide.reduced.side(side)]))
-                found[side] = _polished(alone, found[side])
+                start = alone.solve(found[side].log_scales, found[side].sides)
+                met = polish(alone, start)
+                found[side] = alone.solve(met.log_scales, met.sides, exact=True)
                 light[side] = unsmoothed(alone, found[side])[1]
     middle = np.concatenate(found[0].values), np.concatenate(light[0].values)
     ocv = pack.block(1 + pack.pairs)
@@ -174,12 +176,6 @@ def fit_pack(
         rmse_v = math.sqrt(float(best.error @ best.error))
         cells.append(PackCell(name, rmse_v, pack.tables_at(best), tuple(ocv_v.tolist()), values))
     return PackFit(tuple(ocv_nodes.tolist()), loaded_soc, tuple(cells))
-
-
-def _polished(objective: TableObjective, start: Solution) -> Solution:
-    """The best tables near a start, with time constants of their own."""
-    met = polish(objective, objective.solve(start.log_scales, start.sides))
-    return objective.solve(met.log_scales, met.sides, exact=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,11 +223,6 @@ class _Spread:
         """Half the 95 % interval of a combination of values."""
         return self.noises[side].reach(direction @ self.moved)[1]
 
-    def variances(self, places: slice) -> Float[np.ndarray, "values"]:
-        """Of some values of the mean cell."""
-        moved = self.moved[places]
-        return np.einsum("ij,jk,ik->i", moved, self.noises[0].spread_v2, moved)
-
 
 def _directions(
     pack: TableObjective, mean: Solution, prepared: PreparedRecord, spread: _Spread
@@ -263,7 +254,8 @@ def _directions(
     slope = np.gradient(ocv_v[seen], ocv_nodes[seen])
     start = float(prepared.soc[0])
     design = slope[:, None] * np.column_stack([np.ones(len(seen)), start - ocv_nodes[seen]])
-    variance = spread.variances(places)[seen]
+    moved = spread.moved[places]
+    variance = np.einsum("ij,jk,ik->i", moved, spread.noises[0].spread_v2, moved)[seen]
     weight = np.where(variance > 0, 1 / np.sqrt(np.where(variance > 0, variance, 1.0)), 0.0)
     told = np.linalg.pinv(design * weight[:, None]) * weight
     for name, row in zip((SHIFT, CAPACITY), told, strict=True):

@@ -31,7 +31,7 @@ from ..records.record import in_means, runs
 from ..settings import Registration
 from ..uncertainty.noise import CONFIDENCE
 from .cross_validation import SocErrors, held_out
-from .dependence import adjusted
+from .dependence import polished
 from .nuisances import estimate, of_starts, shared_offset
 from .objective import Solution, TableObjective
 from .problem import box_of, find_best, held_at, is_loaded, reduced_objective
@@ -94,7 +94,7 @@ def register(
                     found, plain, held_at(objective.ranges, best.log_scales)
                 )
                 best = objective.solve(best.log_scales)
-                dependence = adjusted(objective, best)
+                dependence = dependence and polished(objective, best, dependence)[0]
             estimated = estimate(objective, best, _of_starts, shifts.ravel(), [prior.ravel()])[0]
             moved = (to_axis @ estimated.values).reshape(shifts.shape)
             errors = np.sqrt(np.diag(to_axis @ estimated.covariance @ to_axis.T))

@@ -42,12 +42,11 @@ class TableSettings(TableOptions):
         if self.folds < 0 or self.folds == 1:
             raise InputError(f"`folds` {self.folds} must be 0 or at least 2")
         for name in [*self.bounds, *self.fixed]:
-            if TABULATED.fullmatch(name):
-                continue
-            raise InputError(
-                f"{name!r} cannot be bounded or fixed with tables over SOC; only resistances, time "
-                "constants such as 'tau1 [s]' and gamma can"
-            )
+            if not TABULATED.fullmatch(name):
+                raise InputError(
+                    f"{name!r} cannot be bounded or fixed with tables over SOC; only resistances, "
+                    "time constants such as 'tau1 [s]' and gamma can"
+                )
         for name in self.bounds.keys() & self.fixed.keys():
             raise InputError(f"{name!r} is both bounded and fixed; give one of them")
         for name, (low, high) in self.ranges.items():

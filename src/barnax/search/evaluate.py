@@ -74,11 +74,10 @@ class Evaluations(Brief):
         evaluated: Callable[[PreparedRecord], Evaluation],
         identified: Sequence[PreparedRecord],
         validated: Sequence[PreparedRecord],
-        cell: CellModel,
     ) -> "Evaluations":
         """Those of a circuit; of a record to validate on from the better direction and start."""
         others = [
-            with_registered(evaluate_from_either(prepared, cell, evaluated), evaluated)
+            with_registered(evaluate_from_either(prepared, evaluated), evaluated)
             for prepared in validated
         ]
         return cls(tuple(map(evaluated, identified)), tuple(others))
@@ -99,9 +98,7 @@ def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluat
     return Evaluation(prepared, simulated_v, metrics)
 
 
-def both_directions(
-    prepared: PreparedRecord, cell: CellModel
-) -> tuple[PreparedRecord, PreparedRecord | None]:
+def both_directions(prepared: PreparedRecord) -> tuple[PreparedRecord, PreparedRecord | None]:
     """The record, and the same coming from the other direction, where that is open.
 
     Where the other changes nothing there is none, and the record says so.
@@ -109,7 +106,7 @@ def both_directions(
     if prepared.start.direction_source != "assumed":
         return prepared, None
     window = replace(prepared.window, initial_direction=-prepared.start.direction)
-    other = try_record(prepared.record, cell, prepared.circuit, window)
+    other = try_record(prepared.record, prepared.cell, prepared.circuit, window)
     if isinstance(other, InputError):
         return prepared, None
     if np.array_equal(prepared.source_v, other.source_v) and prepared.start.soc == other.start.soc:
@@ -120,10 +117,10 @@ def both_directions(
 
 
 def evaluate_from_either(
-    prepared: PreparedRecord, cell: CellModel, evaluated: Callable[[PreparedRecord], Evaluation]
+    prepared: PreparedRecord, evaluated: Callable[[PreparedRecord], Evaluation]
 ) -> Evaluation:
     """A circuit on a record it was not fitted to, from the direction that fits better if open."""
-    prepared, other = both_directions(prepared, cell)
+    prepared, other = both_directions(prepared)
     own = evaluated(prepared)
     if other is None:
         return own

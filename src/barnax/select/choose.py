@@ -127,8 +127,13 @@ class Bench:
             return Choice(chosen, tuple(self.tried))
         laws = self._laws_to_try(chosen.point)
         while True:
+            richer = (
+                (ladder, self.fit(point))
+                for ladder, point in self.limits.rungs(chosen.point)
+                if ladder != "nodes" or self._spans_enough
+            )
             step = (
-                self._best_of(chosen, self._richer(chosen.point))
+                self._best_of(chosen, richer)
                 or self._best_of(chosen, self._finest_nodes(chosen))
                 or self._best_of(chosen, self._laws(chosen, laws))
             )
@@ -153,12 +158,6 @@ class Bench:
                 self.tried.append(_tried("without", simpler, gain))
                 return self._without_needless(simpler)
         return chosen
-
-    def _richer(self, point: Point) -> Iterator[tuple[Ladder, Fitted]]:
-        """The richer circuits that the records can tell."""
-        for ladder, richer in self.limits.rungs(point):
-            if ladder != "nodes" or self._spans_enough:
-                yield ladder, self.fit(richer)
 
     def _finest_nodes(self, chosen: Fitted) -> Iterator[tuple[Ladder, Fitted]]:
         """Those with the nodes behind those that gain something and too little."""

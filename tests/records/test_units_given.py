@@ -10,7 +10,7 @@ from barnax.errors import InputError
 from barnax.inputs import source_of
 from barnax.records import read_record, record_from_frame, source_from_frame
 from barnax.settings import Reading
-from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, told
+from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, told, workbook
 
 FRAME = pulse_frame(300)
 
@@ -210,3 +210,35 @@ def test_units_that_nothing_decides_are_noted_where_they_make_an_unusual_record(
     fast = told(record_from_frame(SWEEP[5:].with_columns(pl.col(TIME) / 40)))
     assert any("is read in s: the record lasts 0.497 h, at 2 C or less" in each for each in fast)
     assert not any(" is read in " in each for each in told(record_from_frame(SWEEP)))
+
+
+@pytest.mark.parametrize("other", ["VALUE", "value ", "va_lue", "value [mA]"])
+def test_the_column_of_exactly_the_given_name_is_taken_before_one_spelled_nearly_so(other):
+    given = "va lue" if other == "va_lue" else "value"
+    table = FRAME.rename({CURRENT: given}).with_columns((-pl.col(given)).alias(other))
+    table = table.select(TIME, other, given, VOLTAGE)
+    record = record_from_frame(table, columns=f"current={given}:A")
+    np.testing.assert_allclose(record.current_a, -FRAME[CURRENT].to_numpy(), atol=1e-12)
+    assert not [one for one in record.warnings if one.code == "columns.first-taken"]
+
+
+def test_a_given_name_that_two_columns_fit_as_well_takes_the_first_and_says_so():
+    milli = (1e3 * pl.col(CURRENT)).alias("value [mA]")
+    table = FRAME.select(TIME, milli, pl.col(CURRENT).alias("value [A]"), VOLTAGE)
+    record = record_from_frame(table, columns="current=value")
+    np.testing.assert_allclose(record.current_a, -FRAME[CURRENT].to_numpy(), atol=1e-12)
+    (told_of,) = [one for one in record.warnings if one.code == "columns.first-taken"]
+    assert (told_of.values["name"], told_of.values["columns"]) == ("value", 2)
+
+
+def test_one_column_given_for_two_quantities_is_refused():
+    with pytest.raises(InputError, match=f"'{VOLTAGE}' is given for current, voltage; name a col"):
+        record_from_frame(FRAME, columns=f"current={VOLTAGE}:A,voltage={VOLTAGE}")
+
+
+def test_a_byte_order_mark_before_a_name_is_no_part_of_it(tmp_path):
+    marked = FRAME.rename({TIME: f"\ufeff{TIME}"})
+    assert record_from_frame(marked).samples == len(FRAME)
+    path = tmp_path / "cell.xlsx"
+    path.write_bytes(workbook({"Sheet1": [marked.columns, *map(list, FRAME.rows())]}))
+    assert read_record(path).samples == len(FRAME)

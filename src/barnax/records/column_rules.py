@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
-from ..errors import listed
+from ..errors import InputError, listed
 from ..notices import Notice
 from .cell_values import CLOCKS, DAY_S, epoch_unit, is_clock, numbers
 from .columns import Column, Header, normal
@@ -112,9 +112,20 @@ def _is_nameless(table: Table, is_like: bool) -> bool:
 
 
 def _not_there(header: Header, row: int) -> Iterator[Notice]:
-    """Warnings of given names that the table does not have."""
+    """Warnings of given names that the table does not have, or has in several spellings. Raises
+    InputError for one name that is given for several of the needed quantities."""
+    needed = {name: own.header for name, own in header.given_columns.items() if name in NEEDED}
+    for column, times in Counter(needed.values()).items():
+        if times > 1:
+            names = listed(name for name, own in needed.items() if own == column)
+            raise InputError(f"`columns`: '{column}' is given for {names}; name a column for each")
     for name, wanted in header.given.items():
         if name in header.given_columns:
+            fitting = header.fitting(wanted) or header.fitting(wanted.rpartition(":")[0])
+            if len({header.names[index] for index in fitting}) > 1:
+                others = "several" if len(fitting) > 2 else None
+                values = {"columns": len(fitting), "name": wanted, "others": others}
+                yield Notice("columns.first-taken", values, row=row)
             continue
         quantity, (column, _, unit) = QUANTITY_OF[name], wanted.rpartition(":")
         taken = header.columns.get(name)

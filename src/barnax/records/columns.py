@@ -242,15 +242,26 @@ class Header:
         """
         name, _, spelled = given.rpartition(":")
         unit = unit_of(quantity, spelled) if name else None
-        names = [(name, index) for index, name in reversed([*enumerate(self._normal)])]
-        # A unit may have been joined to the name from the row below.
-        indices = {name.partition(" [")[0]: index for name, index in names} | dict(names)
-        if unit is None or normal(given) in indices:
-            name, unit = given, None
-        index = indices.get(normal(name))
-        if index is None or unit is None:
-            return None if index is None else _with_its_unit(index, self.names[index], quantity)
+        fitting = self.fitting(given)
+        if fitting or unit is None:
+            unit = None
+        else:
+            fitting = self.fitting(name)
+        if not fitting:
+            return None
+        index = fitting[0]
+        if unit is None:
+            return _with_its_unit(index, self.names[index], quantity)
         return Column(index, self.names[index], quantity, unit, False, is_unit_given=True)
+
+    def fitting(self, given: str) -> list[int]:
+        """The columns that a user's name fits best: written so, or else spelled otherwise, or else
+        with a unit that was joined to it from the row below."""
+        plain, bare = normal(given), [name.partition(" [")[0] for name in self._normal]
+        for wanted, names in ((given, self.names), (plain, self._normal), (plain, bare)):
+            if wanted in names:
+                return [index for index, name in enumerate(names) if name == wanted]
+        return []
 
     def likely(self, quantity: Quantity) -> list[Column]:
         """The columns that may be of the quantity although their names are not accepted for it,

@@ -248,9 +248,9 @@ def _series(column: Any) -> pl.Series:
 
 def _clean(table: Table, given: Mapping[str, str]) -> Table:
     """The table with names that a message can quote, and columns of numbers as numbers."""
-    names = (
-        " ".join(name.split()) if not name.isprintable() else name for name in table.header.names
-    )
+    # A mark of the byte order is left where a script took the file apart.
+    unmarked = (name.replace("\ufeff", "") for name in table.header.names)
+    names = (" ".join(name.split()) if not name.isprintable() else name for name in unmarked)
     return replace(
         table,
         columns=settled(table.columns),

@@ -13,6 +13,7 @@ import barnax
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.uncertainty import assess
+from barnax.uncertainty.covariance import Covariance
 from helpers.noisy_fits import SAMPLES, TRUTH, fit, made_problem, white_noise
 from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
 from helpers.reference import drop_v, filtered_response
@@ -41,6 +42,20 @@ def test_white_noise_needs_no_inflation(white):
     inflations = [each.inflation for each in white.assessment.uncertainty.estimates]
     # Parts that white noise does not have are fitted to its chance correlations.
     assert all(0.6 < inflation < 1.6 for inflation in inflations)
+
+
+def test_a_start_that_only_the_rest_before_the_load_depends_on_is_as_uncertain_as_told(white):
+    own = white.assessment.covariance
+    linearization = replace(
+        own.linearization,
+        by_start_v=np.where(own.linearization.informed, 0.0, 1e-3)[:, None],
+        starts_sd=np.zeros(1),
+    )
+    assert not np.all(linearization.informed)
+    found = Covariance.of(linearization)
+    np.testing.assert_allclose(found.starts_error, [1.0])
+    # The noise is fitted beside one more column.
+    np.testing.assert_allclose(found.matrix, own.matrix, rtol=2e-3)
 
 
 def test_capacitances_follow_from_resistances_and_time_constants(white):

@@ -394,6 +394,7 @@ def _basis(
     Directions that move nothing get a singular value so small that their errors are enormous.
     """
     scale = np.linalg.norm(slope_v, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
     left, singular, right = np.linalg.svd(slope_v / scale, full_matrices=False)
     singular = np.maximum(singular, SMALLEST_SHARE * singular.max(initial=0.0))
     return (singular[:, None] * right) * scale, left

@@ -25,6 +25,7 @@ from helpers.records import (
     refusal,
     sheet,
     told,
+    workbook,
 )
 from helpers.shared import CASES, SHARED, needs_cases, needs_data
 
@@ -280,6 +281,34 @@ def test_rows_of_steps_or_cycles_are_no_samples_in_any_format(tmp_path, kind):
     if kind != "Neware's layer of steps":
         # No sheet of that one has a voltage or a current.
         assert says in refusal(tmp_path, sheet(table, "StatisticByStep"), "cell.xlsx")
+
+
+# Names of other tables, and what each is said to be.
+OTHER = {
+    "Frequency (Hz),Z' (Ohm),Z'' (Ohm)": "an impedance spectrum",
+    "Frequency,Zreal,Zimag": "an impedance spectrum",
+    "freq/Hz,Re(Z)/Ohm,-Im(Z)/Ohm": "an impedance spectrum",
+    "Cycle ID,Cap_Chg(mAh),Cap_DChg(mAh),Efficiency(%)": "a table of one row a cycle",
+    "Cycle-Index,CapC(mAh),CapD(mAh),Efficiency(%)": "a table of one row a cycle",
+    "Cycle,Capacity (Ah),SOH (%)": "a table of one row a cycle",
+    "Cycle Index,Chg. Cap.(Ah),DChg. Cap.(Ah)": "a table of one row a cycle",
+}
+
+
+@pytest.mark.parametrize("is_workbook", [False, True])
+@pytest.mark.parametrize("names", OTHER)
+def test_another_table_is_called_what_it_is_in_text_and_in_a_workbook(tmp_path, names, is_workbook):
+    header = names.split(",")
+    rows = [[number, *np.full(len(header) - 1, 0.5 + number)] for number in range(1, 21)]
+    text = "\n".join([names, *(",".join(map(str, row)) for row in rows)])
+    content = workbook({"Sheet1": [header, *(list(map(float, row)) for row in rows)]})
+    said = refusal(tmp_path, content if is_workbook else text)
+    assert f"{OTHER[names]}, not a record of time, current and voltage" in said
+
+
+def test_an_impedance_at_one_frequency_beside_samples_is_no_spectrum(tmp_path):
+    beside = FRAME.with_columns(pl.lit(1e3).alias("Frequency [Hz]"), pl.lit(0.02).alias("Z [Ohm]"))
+    require_the_record(read(tmp_path, beside))
 
 
 def test_a_count_of_samples_is_no_count_of_steps(tmp_path):

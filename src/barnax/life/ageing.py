@@ -126,7 +126,8 @@ def life_of(
         false_alarms: How many cells a year may be flagged without any fault, of each cell.
         key: Of the random fleets without faults that say what is odd.
 
-    Raises `InputError` where there is no such column, or none that tells.
+    Raises `InputError` where there is no such column, or none that tells, where a value of it is no
+    age, and where all rows are of one age.
     """
     if OCV not in rows.columns:
         raise InputError("the dataset says nothing of ageing; identify the fleet with `ageing`")

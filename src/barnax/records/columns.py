@@ -192,7 +192,9 @@ class Header:
     @cached_property
     def other_table(self) -> str | None:
         """The kind of a table that is known to be no record; None for any other."""
-        if "freq" in self._bare and any(map(_IMPEDANCE.match, self._bare)):
+        # Beside samples, a frequency that is spelled out may be one of an impedance at one.
+        is_spelled = "frequency" in self._bare and not self.is_record
+        if ("freq" in self._bare or is_spelled) and any(map(_IMPEDANCE.match, self._bare)):
             return "an impedance spectrum"
         kinds = OTHER_TABLES.items()
         held = (kind for mark, kind in kinds if self._bare.issuperset(mark.split(" & ")))

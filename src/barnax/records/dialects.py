@@ -381,4 +381,6 @@ PLAIN = Dialect("plain", is_make=False)
 OTHER_TABLES: Mapping[str, str] = {
     "schedule file name & start datetime": "Arbin's description of a test",
     "cycle & vstart & vend": "a table of one row a cycle",
+    "cycle id & cap chg & cap dchg": "a table of one row a cycle",
+    "cycle-index & capc & capd": "a table of one row a cycle",
 }

@@ -104,7 +104,7 @@ def _body(workbook: fastexcel.ExcelReader, name: str, names: _Names) -> pl.DataF
 def _chosen_sheets(headers: dict[str, Header]) -> list[str]:
     """The sheets that hold the record: a channel's, else the only one with the columns.
 
-    Failing that, the only one with some of them.
+    Failing that, the only one with some of them, or with names at all.
     """
     whole = [name for name, header in headers.items() if header.is_record]
     ours = {name: match.groups() for name in whole if (match := _CHANNEL.match(name))}
@@ -123,8 +123,9 @@ def _chosen_sheets(headers: dict[str, Header]) -> list[str]:
             f"several sheets could be the record ({listed(whole)}); keep only one of them."
         )
     partial = [name for name, header in headers.items() if header.columns.keys() & NEEDED]
+    partial = partial or [name for name, header in headers.items() if len(header.names) > 1]
     if len(partial) == 1:
-        # The rules on columns say which of them is missing.
+        # The rules on columns say which of them is missing, or what table it is.
         return partial
     found = "; ".join(
         f"{name}: {listed(header.names) or 'empty'}" for name, header in headers.items()

@@ -134,6 +134,11 @@ def test_a_record_in_fahrenheit_is_told_beside_an_ocv_test_in_celsius():
     assert found.values["own_degc"] == pytest.approx(25.0)
 
 
+def test_a_cold_record_behind_one_in_fahrenheit_is_told_by_itself():
+    told = compare_temperatures([("drive", 77.0), ("cold", -20.0)], [("ocv", 25.0)])
+    assert [found.code for found in told] == ["cell.fahrenheit", "cell.temperature-of-test"]
+
+
 def test_a_record_of_another_resistance_among_some_is_named(bundled_record, validation_record):
     more_v = validation_record.voltage_v - 0.06 * validation_record.current_a
     other = replace(validation_record, name="other.csv", voltage_v=more_v)

@@ -134,10 +134,8 @@ def compare_temperatures(
     """A notice of each record that is much warmer or colder than every OCV test, or than every
     record that its circuit was identified on."""
     found = []
-    for others, code in (
-        (tests, "cell.temperature-of-test"),
-        (identified, "cell.temperature-of-circuit"),
-    ):
+    codes = "cell.temperature-of-test", "cell.temperature-of-circuit"
+    for others, code in zip((tests, identified), codes, strict=True):
         known = [(degc, name) for name, degc in reversed(others) if degc is not None]
         for name, degc in records:
             if degc is None or not known:
@@ -146,9 +144,9 @@ def compare_temperatures(
             if abs(other_degc - degc) > _DEGREES:
                 told = {"temperature_degc": degc, "other": other, "other_degc": other_degc}
                 own = in_fahrenheit(degc)
-                if degc > _WARM_DEGC and abs(own - other_degc) <= _DEGREES:
-                    code, told = "cell.fahrenheit", told | {"own_degc": own}
-                found.append(Notice(code, told, name))
+                is_fahrenheit = degc > _WARM_DEGC and abs(own - other_degc) <= _DEGREES
+                told |= {"own_degc": own} if is_fahrenheit else {}
+                found.append(Notice("cell.fahrenheit" if is_fahrenheit else code, told, name))
     return found
 
 

@@ -70,6 +70,7 @@ _HEIGHT_V, _HEIGHT_NOISE, _BESIDE = 0.02, 12.0, 3
 _STEADY, _EXPLAINED = 0.4, 0.3
 
 Channel = Float[np.ndarray, "samples"]
+Flags = Bool[np.ndarray, "samples"]
 # Codes for a channel that stands still, and for one that stops at the end of its range.
 _STUCK = {
     "voltage": ("stuck-voltage.still", "stuck-voltage.limit"),
@@ -92,25 +93,21 @@ def find_current_spikes(given: CheckInput) -> Iterator[Notice]:
         yield from _told(given, "current-spikes.unanswered", spiked, "current")
 
 
-def voltage_spikes(given: CheckInput) -> Bool[np.ndarray, "samples"]:
+def voltage_spikes(given: CheckInput) -> Flags:
     """True where the voltage spikes."""
     # A current explains what the voltage does at that moment and later.
     answer_v = given.record.current_a * given.response_ohm
     return _spikes(given, given.source_v, answer_v, after=0)
 
 
-def _told(
-    given: CheckInput, code: str, spiked: Bool[np.ndarray, "samples"], channel: str
-) -> Iterator[Notice]:
+def _told(given: CheckInput, code: str, spiked: Flags, channel: str) -> Iterator[Notice]:
     if spiked.any():
         values, unit, at = given.samples.values[channel], _UNITS[channel], int(np.argmax(spiked))
         told = {f"spike_{unit}": values[at], f"beside_{unit}": values[at - 1]}
         yield given.at(at, code, channel, samples=spiked.sum(), **told)
 
 
-def _spikes(
-    given: CheckInput, values: Channel, other: Channel, after: int
-) -> Bool[np.ndarray, "samples"]:
+def _spikes(given: CheckInput, values: Channel, other: Channel, after: int) -> Flags:
     """True where `values` in V leave steady neighbors and come back while `other` stays, up to
     `after` samples later."""
     least = max(_HEIGHT_V, _HEIGHT_NOISE * given.samples.noise_v)

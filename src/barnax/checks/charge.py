@@ -89,10 +89,8 @@ def _is_scaled(given: CheckInput, ratio: float) -> bool:
     assert counted_ah is not None, "both counters are there"
     passed_ah = np.cumsum(np.abs(counted_ah))
     edges = np.searchsorted(passed_ah, passed_ah[-1] * np.arange(_PARTS) / _PARTS)
-    moved_ah, counted_ah = (
-        np.add.reduceat(np.abs(charge_ah), edges)
-        for charge_ah in (given.record.moved_ah, counted_ah)
-    )
+    charges = given.record.moved_ah, counted_ah
+    moved_ah, counted_ah = (np.add.reduceat(np.abs(charge_ah), edges) for charge_ah in charges)
     return bool(np.all(np.abs(moved_ah / counted_ah / ratio - 1) < _SCALED))
 
 

@@ -176,9 +176,8 @@ def check_file(
             traits = traits_of(given)
             facts, roles = Facts.of(given), find_roles(given, traits)
     if source.name.lower().endswith(_TESTERS_OWN):
-        findings = [
-            replace(finding, values={**finding.values, "edit": "exported"}) for finding in findings
-        ]
+        edit = {"edit": "exported"}
+        findings = [replace(finding, values={**finding.values, **edit}) for finding in findings]
     findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
     return FileCheck(source.name, tuple(findings), facts, roles, traits)
 

@@ -111,12 +111,9 @@ def roles_of_table(table: OcvTable) -> tuple[Role, ...]:
         f"{max(point.voltage_v for point in points):.3f} V, {_rising(points)}"
         for direction, points in table.branches.items()
     )
-    others = ("identification", "validation")
     missing = "a table of OCV has no load"
-    return (
-        Role("OCV test", True, f"{reason}; give it with `ocv`"),
-        *(Role(name, False, missing) for name in others),
-    )
+    others = (Role(name, False, missing) for name in ("identification", "validation"))
+    return Role("OCV test", True, f"{reason}; give it with `ocv`"), *others
 
 
 def _rising(points: Sequence[OcvPoint]) -> str:

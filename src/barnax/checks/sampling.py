@@ -30,11 +30,7 @@ _BACK_SHARE = 0.1
 _ALIKE_S = 0.5
 
 # Codes for a current that changes faster than it is sampled, by the kind of its rows.
-_FAST_LOAD = {
-    "instants": "fast-load.instants",
-    "means": "fast-load.means",
-    "open": "fast-load.open",
-}
+_FAST = {"instants": "fast-load.instants", "means": "fast-load.means", "open": "fast-load.open"}
 # What makes R0 wrong, and an OCV no worse.
 OF_R0 = frozenset({"late-voltage.step", "late-voltage.smoothed", "smoothed-current.back"})
 
@@ -121,9 +117,8 @@ def find_breaks(given: CheckInput) -> Iterator[Notice]:
     places = places[(places >= _SIDE - 1) & (places + _SIDE < record.samples)]
     window = places[:, None] + np.arange(1 - _SIDE, 1 + _SIDE)
     around_v, around_a = given.source_v[window], record.current_a[window]
-    unsteady_v = np.maximum(
-        np.ptp(around_v[:, :_SIDE], axis=1), np.ptp(around_v[:, _SIDE:], axis=1)
-    )
+    sides_v = around_v[:, :_SIDE], around_v[:, _SIDE:]
+    unsteady_v = np.maximum(*(np.ptp(side_v, axis=1) for side_v in sides_v))
     explained_v = _UNEXPLAINED * given.response_ohm * np.ptp(around_a, axis=1)
     is_break = (unsteady_v < _UNSTEADY * moved_v[places]) & (explained_v < moved_v[places])
     places = places[is_break]
@@ -202,9 +197,8 @@ def find_fast_load(given: CheckInput) -> Iterator[Notice]:
     is_told = slow.kind == "instants" and not (is_given and hold.value == "forward")
     if is_told or hold.strength == "assumed":
         is_open = None if is_given else "open"
-        yield Notice(
-            _FAST_LOAD[slow.kind], {"interval_s": given.samples.interval_s, "hold": is_open}
-        )
+        values = {"interval_s": given.samples.interval_s, "hold": is_open}
+        yield Notice(_FAST[slow.kind], values)
 
 
 def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:

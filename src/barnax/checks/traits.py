@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.special import stdtrit
 
 from ..cell.ocv_points import OcvSweeps, find_sweeps
@@ -18,7 +18,7 @@ from ..records import Record
 from ..records.lag import Known, Lag, answers_ohm, find_lag, require_lag
 from ..records.record import Segments, degc_in_name, reach
 from ..records.samples import Samples
-from ..records.table import found_at
+from ..records.table import Place, found_at
 
 _FEWEST_READINGS, _MAX_STEPS, _FEWEST_ANSWERS = 20, 0.9, 3
 
@@ -134,14 +134,7 @@ class CheckInput:
         late = self.late_rows if channel == "voltage" else 0
         return np.clip(np.arange(self.record.samples) + late, 0, self.record.samples - 1)
 
-    def at(
-        self,
-        place: int | Bool[np.ndarray, "samples"],
-        code: str,
-        channel: str = "current",
-        /,
-        **values: Any,
-    ) -> Notice:
+    def at(self, place: Place, code: str, channel: str = "current", /, **values: Any) -> Notice:
         """A notice of one sample, or the first of several, in the row of its channel."""
         place = int(np.argmax(place)) if isinstance(place, np.ndarray) else place
         return found_at(self.samples, int(self.places(channel)[place]), code, **values)

@@ -232,9 +232,8 @@ class Header:
                 if (match := _match(index, *names, quantity)) is not None
             ]
             if candidates:
-                _, columns[quantity.name] = min(
-                    candidates, key=lambda match: (match[0], match[1].is_unit_assumed)
-                )
+                best = min(candidates, key=lambda match: (match[0], match[1].is_unit_assumed))
+                columns[quantity.name] = best[1]
         return columns
 
     def named(self, quantity: Quantity, given: str) -> Column | None:
@@ -290,9 +289,8 @@ class Header:
             for index, column in columns.items()
             if units[index] and column.quantity.is_required
         ]
-        if not spelled or not all(
-            unit and (column.is_unit_assumed or unit == column.unit) for column, unit in spelled
-        ):
+        agree = (unit and (own.is_unit_assumed or unit == own.unit) for own, unit in spelled)
+        if not spelled or not all(agree):
             return self
         stated = {index for index, column in columns.items() if not column.is_unit_assumed}
         names = (

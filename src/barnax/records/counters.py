@@ -1,7 +1,7 @@
 """The tester's own ampere-hours, joined where a counter starts again."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property, reduce
 
 import numpy as np
@@ -40,10 +40,10 @@ class Counters:
     net_ah: Charge | None = None
 
     @property
-    def written(self) -> dict[str, Charge]:
-        """The counters that the file has, by name."""
-        named = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {name: values for name, values in named.items() if values is not None}
+    def written(self) -> list[Charge]:
+        """The counters that the file has."""
+        counters = self.charged_ah, self.discharged_ah, self.net_ah
+        return [counter for counter in counters if counter is not None]
 
     @property
     def both(self) -> tuple[Charge, ...]:
@@ -55,7 +55,7 @@ class Counters:
     @cached_property
     def quantum_ah(self) -> float:
         """The resolution of the coarsest counter: the decimal place to which it was printed."""
-        moving = [values for values in self.written.values() if values.any()]
+        moving = [values for values in self.written if values.any()]
         return max(map(decimal_place, moving), default=0.0)
 
     def increments_ah(self, *, with_net: bool) -> Increments | None:

@@ -215,22 +215,17 @@ def slow_rows(samples: Samples) -> SlowRows | None:
     through = changes_through_values_between(samples.current_a)
     if not through and alone <= SOMETIMES * loaded:
         return None
-    shown = SlowRows(loaded, alone, through)
+    shown = loaded, alone, through
     charge_ah = np.append(0.0, np.cumsum(samples.held_ah("centered")))
     # Charging raises the voltage, whichever sign it has in the file.
     charge_ah *= np.sign(np.cov(charge_ah, samples.voltage_v)[0, 1])
     left = _left_v(samples.current_a, samples.voltage_v, charge_ah)
     if left is None:
-        return shown
+        return SlowRows(*shown)
     left_v, moved_v = left
     rows = len(left_v)
     correlation = float(np.mean(left_v[1:] * left_v[:-1]) / np.mean(left_v**2))
-    return replace(
-        shown,
-        rows=rows,
-        correlation=rows * correlation,
-        innovation=rows * _innovation(left_v, moved_v),
-    )
+    return SlowRows(*shown, rows, rows * correlation, rows * _innovation(left_v, moved_v))
 
 
 def _left_v(
@@ -274,9 +269,8 @@ def _innovation(left_v: Float[np.ndarray, "rows"], moved_v: Float[np.ndarray, "r
     """
     found = []
     blocks = max(len(left_v) // _BLOCK, 1)
-    for left, moved in zip(
-        np.array_split(left_v, blocks), np.array_split(moved_v, blocks), strict=True
-    ):
+    parts = (np.array_split(values_v, blocks) for values_v in (left_v, moved_v))
+    for left, moved in zip(*parts, strict=True):
         power = np.abs(np.fft.rfft(left)[1:]) ** 2 / len(left)
         place = 2 * np.pi * np.arange(1, len(power) + 1) / len(left)
         shape = _SHARES[:, None] + 2 * (1 - np.cos(place))

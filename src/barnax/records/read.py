@@ -146,11 +146,10 @@ def read_record(
     if not isinstance(source, Source):
         source = read_source(source, columns=columns, series=series)
     elif columns or series != 1:
-        table = source.table
-        header = Header(table.header.names, read_columns(columns) or table.header.given)
-        source = replace(
-            source, table=replace(table, header=header), series=max(series, source.series)
-        )
+        header = source.table.header
+        given = Header(header.names, read_columns(columns) or header.given)
+        table = replace(source.table, header=given)
+        source = replace(source, table=table, series=max(series, source.series))
     examined = examine(source)
     raise_first_error(examined.findings, source.name)
     samples = examined.samples

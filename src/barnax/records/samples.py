@@ -33,6 +33,8 @@ _CONNECTED_V = 1e-3
 # The median of this many values is as good as that of all; of more, some are then left out.
 _ENOUGH, MORE = 50_000, 250_000
 _FEWEST_SAMPLES, _SHORTEST_S = 5, 1e-6
+# The share of an interval by which few digits may change it.
+_ROUNDED = 0.6
 
 
 class Samples(Lines):
@@ -84,6 +86,13 @@ class Samples(Lines):
     def interval_s(self) -> float:
         """The usual interval."""
         return float(np.median(few(self.intervals_s)))
+
+    @cached_property
+    def apart_s(self) -> float:
+        """The usual interval; between two, where few digits round it to either."""
+        usual_s = self.interval_s
+        is_near = np.abs(self.intervals_s - usual_s) < _ROUNDED * usual_s
+        return float(np.mean(self.intervals_s[is_near])) if is_near.any() else usual_s
 
     @cached_property
     def length_s(self) -> float:

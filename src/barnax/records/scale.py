@@ -19,16 +19,7 @@ from .columns import NAMES, Column
 from .quantities import CELL_RANGE_V, NEEDED, QUANTITY_OF
 from .samples import Samples
 from .table import found_at
-from .witnesses import (
-    CERTAIN,
-    CHARGE,
-    COUNTERS,
-    LEAST_A,
-    Reading,
-    Witness,
-    usual_interval_s,
-    witnesses_of,
-)
+from .witnesses import CERTAIN, CHARGE, COUNTERS, LEAST_A, Reading, Witness, witnesses_of
 
 Channel = Float[np.ndarray, "samples"]
 
@@ -170,11 +161,10 @@ def _settled(samples: Samples, best: list[Reading]) -> Samples:
     mended = samples.having(**{n: samples.values[n] * reading.factor for n in reading.names})
     if reading.unit is None or (kind != CHARGE and not is_free):
         return mended.telling(at, code["wrong"], **told)
-    taken = {
-        name: replace(samples.columns[name], unit=reading.unit, is_unit_assumed=False)
-        for name in reading.names
-    }
-    mended = replace(mended, columns={**samples.columns, **taken})
+    columns = dict(samples.columns)
+    for name in reading.names:
+        columns[name] = replace(columns[name], unit=reading.unit, is_unit_assumed=False)
+    mended = replace(mended, columns=columns)
     return mended.telling(at, code["taken"], **told)
 
 
@@ -182,7 +172,7 @@ def _choices(samples: Samples, readings: Sequence[Reading]) -> Iterator[str]:
     """What the user may give, and how far samples are apart in each unit of the time."""
     for reading in readings:
         if reading.unit is not None:
-            apart = f" (samples {usual_interval_s(samples) * reading.factor:.3g} s apart)"
+            apart = f" (samples {samples.apart_s * reading.factor:.3g} s apart)"
             apart = apart if reading.quantity == "time" else ""
             yield f"`columns='{reading.option(samples)}'`{apart}"
 

@@ -73,13 +73,8 @@ def _from_data(samples: Samples) -> Decision | None:
     The record as a whole, of which no row is late, is asked where the looks leave doubt, or are
     against it.
     """
-    looks = (
-        _at_current_steps(samples),
-        _under_sustained_current(samples),
-        _of_counters(samples),
-        _of_states(samples),
-    )
-    evidence = [look for look in looks if look is not None]
+    looks = _at_current_steps, _under_sustained_current, _of_counters, _of_states
+    evidence = [one for look in looks if (one := look(samples)) is not None]
     found, whole = _weighed(evidence), _over_the_record(samples)
     if whole is None or (found and found.strength == "strong" and found.value == SIGNS[whole.vote]):
         return found

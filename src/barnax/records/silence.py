@@ -55,9 +55,8 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
     gap_s = interval_s[gaps]
     shown_s = interval_s.copy()
     shown_s[gaps] = usual_s
-    out_ah, clock_s = (
-        np.append(0.0, np.cumsum(amount)) for amount in (held_a * shown_s / 3600, shown_s)
-    )
+    amounts = held_a * shown_s / 3600, shown_s
+    out_ah, clock_s = (np.append(0.0, np.cumsum(amount)) for amount in amounts)
     first = np.searchsorted(clock_s, clock_s[gaps] - _LATELY_S)
     passed_s = np.maximum(clock_s[gaps] - clock_s[first], usual_s)
     lately_a = 3600 * (out_ah[gaps] - out_ah[first]) / passed_s

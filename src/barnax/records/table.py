@@ -18,6 +18,9 @@ from .counters import inner
 from .quantities import CELL_RANGE_V, NEEDED, QUANTITY_OF
 from .record import OTHER_STATE
 
+# A line, or the first of several.
+Place = int | Bool[np.ndarray, "lines"]
+
 # Even nanoseconds since 1970 are less; anything larger overflows when it is squared.
 LARGEST_NUMBER = 1e20
 _LARGEST_WHOLE = 2**31
@@ -115,9 +118,8 @@ class Table:
     def cell_voltages(self) -> list[dict[str, Float[np.ndarray, "lines"]]]:
         """The sets of columns that may be the voltages of a pack's cells, in V by name, with at
         least two within what a cell has: a sensor that has failed is one of its kind."""
-        sets = [
-            {name: self.in_volts(name) for name in alike} for alike in self.header.numbered_voltages
-        ]
+        alike = self.header.numbered_voltages
+        sets = [{name: self.in_volts(name) for name in names} for names in alike]
         return [own for own in sets if sum(map(_is_of_cell, own.values())) >= FEWEST_CELLS]
 
     def in_volts(self, name: str) -> Float[np.ndarray, "lines"]:
@@ -203,7 +205,7 @@ class Lines:
         """The same lines, with more that was found in them."""
         return replace(self, findings=(*self.findings, *findings))
 
-    def telling(self, place: int | Bool[np.ndarray, "lines"], code: str, /, **values: Any) -> Self:
+    def telling(self, place: Place, code: str, /, **values: Any) -> Self:
         """The same lines, with a notice of one of them, or of the first of several."""
         return self.noting(found_at(self, place, code, **values))
 
@@ -239,9 +241,7 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
     return lines.keep(~np.all([column.is_null().to_numpy() for column in table.columns], axis=0))
 
 
-def found_at(
-    source: Lines, place: int | Bool[np.ndarray, "lines"], code: str, /, **values: Any
-) -> Notice:
+def found_at(source: Lines, place: Place, code: str, /, **values: Any) -> Notice:
     """A notice of one line, or the first of several, with the row and sheet it stands in."""
     line = int(np.argmax(place)) if isinstance(place, np.ndarray) else place
     row, sheet = source.table.place(int(source.at[line]))
@@ -340,9 +340,8 @@ def _impedance_rows(lines: Lines) -> Bool[np.ndarray, "lines"]:
     is_other = lines.values.get("state", np.zeros(len(lines))) == OTHER_STATE
     if is_other.any():
         words = lines.table.columns[lines.columns["state"].index].gather(lines.at[is_other])
-        is_other[is_other] = (
-            words.cast(pl.String).str.contains(_IMPEDANCE).fill_null(False).to_numpy()
-        )
+        is_spectrum = words.cast(pl.String).str.contains(_IMPEDANCE).fill_null(False)
+        is_other[is_other] = is_spectrum.to_numpy()
     return is_other | lines.table.is_impedance[lines.at]
 
 

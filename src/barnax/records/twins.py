@@ -41,10 +41,7 @@ def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
     if len(table.sheets) > 1:
         return
     yield from _electrode(source, samples)
-    for name, own, judge in (
-        ("voltage", samples.voltage_v, _voltages),
-        ("current", samples.current_a, _currents),
-    ):
+    for name, judge in (("voltage", _voltages), ("current", _currents)):
         if name in table.header.given or (name == "voltage" and source.series > 1):
             continue
         for column in _others(table.header, name, samples.columns[name]):
@@ -54,7 +51,7 @@ def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
                 continue
             values = lines.values[name][at]
             if np.isfinite(values).all() and np.ptp(values) > 0:
-                yield from judge(samples, own, values, column.header)
+                yield from judge(samples, samples.values[name], values, column.header)
 
 
 def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:

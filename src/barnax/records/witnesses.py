@@ -75,8 +75,6 @@ _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
 _FINE_S, _COARSE_S = 0.2, 90.0
 # No tester is set so fast as to anything else, and no load steps so often.
 _FAST_S, _STEPS_HZ = 0.05, 15.0
-# The share of an interval by which few digits may change it.
-_ROUNDED = 0.6
 # Charge against the given capacity, in favor of a factor of a thousand either way.
 _TOO_MUCH, _TOO_LITTLE = 20.0, 0.01
 # The largest cells made hold a little over 1000 Ah; 500 A is the load of a large one, and a 2 Ah
@@ -99,18 +97,11 @@ def witnesses_of(samples: Samples, capacity_ah: float | None) -> Iterator[Witnes
     yield from _of_charge(samples, capacity_ah)
 
 
-def usual_interval_s(samples: Samples) -> float:
-    """The usual interval; between two, where few digits round it to either."""
-    usual_s = samples.interval_s
-    is_near = np.abs(samples.intervals_s - usual_s) < _ROUNDED * usual_s
-    return float(np.mean(samples.intervals_s[is_near])) if is_near.any() else usual_s
-
-
 def _of_time(samples: Samples) -> Iterator[Witness]:
     """The length, the sampling, how often the load steps, and the resistance times the charge a
     volt moves."""
     once = {"time": 1}
-    interval_s, length_s = usual_interval_s(samples), samples.length_s
+    interval_s, length_s = samples.apart_s, samples.length_s
     yield Witness(length_s, once, lambda s: s <= _LONGEST_S, f"it lasts {length_s:.3g} s")
     if interval_s > 0:
         # Beside a unit that the name states, a slow sampling tells little.

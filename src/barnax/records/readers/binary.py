@@ -10,7 +10,6 @@ import itertools
 import logging
 import re
 import tempfile
-import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from logging.handlers import BufferingHandler
@@ -23,14 +22,7 @@ from jaxtyping import Int
 from ...errors import InputError, reason_of
 from ...notices import Notice
 from ..table import Reader, Table
-from .content import (
-    NUMBER_BYTES,
-    refusing,
-    require_room,
-    require_room_to_unpack,
-    require_trial,
-    unpacked,
-)
+from .content import NUMBER_BYTES, refusing, require_room, require_room_to_unzip, require_trial
 
 Columns = Mapping[str, Any]
 # So many counts at one distance are those of records, so many bytes long; the next may be lost.
@@ -151,9 +143,7 @@ def _read_neware(content: bytes, _: Mapping[str, str]) -> Table:
     )
     with refusing(damaged):
         if suffix == ".ndax":
-            with zipfile.ZipFile(io.BytesIO(content)) as packed:
-                parts = unpacked(packed, packed.infolist())
-                require_room_to_unpack(parts, content)
+            require_room_to_unzip(content)
         with _as_file(content, suffix) as path, quieted("fastnda") as told:
             frame = fastnda.read(path, cycle_mode="auto")
     if not frame.height:

@@ -60,6 +60,12 @@ def require_room_to_unpack(parts: Iterable[IO[bytes] | gzip.GzipFile], content: 
             require_room(size, content)
 
 
+def require_room_to_unzip(content: bytes) -> None:
+    """Raise InputError where the files of a zip archive are together too large."""
+    with ZipFile(io.BytesIO(content)) as packed:
+        require_room_to_unpack(unpacked(packed, packed.infolist()), content)
+
+
 def unpack(part: IO[bytes] | gzip.GzipFile, content: bytes) -> bytes:
     """A packed file that can be read twice, without a second copy while it is put together."""
     require_room_to_unpack([part], content)
@@ -164,7 +170,10 @@ def _utf16(content: bytes) -> str:
 
 
 def as_utf8(content: bytes) -> bytes:
-    """The text in UTF-8 with a plain newline; testers write UTF-8, UTF-16 or Latin-1."""
+    """The text in UTF-8 with a plain newline; testers write UTF-8, UTF-16 or Latin-1.
+
+    Raises InputError where it does not go on as it begins, and for a line that no table has.
+    """
     if form := _utf16(content):
         try:
             content = content.decode(form).encode()
@@ -196,10 +205,11 @@ def as_utf8(content: bytes) -> bytes:
     if len(quoted) > 0.5 * head.count(b"\n"):
         # Novonix, and spreadsheets that took a file for one column.
         content = _QUOTED_LINE.sub(lambda line: line[1].replace(b'""', b'"'), content)
+    _require_lines(content)
     return content
 
 
-def require_lines(content: bytes) -> None:
+def _require_lines(content: bytes) -> None:
     """Raise InputError for a line that no table has."""
     for start in range(0, len(content) - _LONGEST_LINE, _LONGEST_LINE):
         if content.find(b"\n", start, start + _LONGEST_LINE) < 0:

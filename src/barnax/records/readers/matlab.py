@@ -118,11 +118,8 @@ def _of_hdf5(content: bytes) -> Struct:
         if found.external or found.is_virtual:
             raise InputError("refers to other files; save it as one file.")
         if h5py.check_ref_dtype(found.dtype):
-            return [
-                value_of(found.file[reference], depth + 1)
-                for reference in found[()].ravel()
-                if reference
-            ]
+            links = found[()].ravel()
+            return [value_of(found.file[link], depth + 1) for link in links if link]
         if found.attrs.get("MATLAB_class") == b"char":
             return "".join(map(chr, found[()].ravel().tolist()))
         return found[()]

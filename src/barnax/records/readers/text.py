@@ -22,15 +22,7 @@ from ..cell_values import numbers
 from ..columns import Column, Header
 from ..quantities import CELL_RANGE_V, NEEDED
 from ..table import Reader, Table
-from .content import (
-    NUMBER_BYTES,
-    PREAMBLE_BYTES,
-    as_utf8,
-    head_lines,
-    is_text,
-    require_lines,
-    require_room,
-)
+from .content import NUMBER_BYTES, PREAMBLE_BYTES, as_utf8, head_lines, is_text, require_room
 
 Schema = Mapping[str, type[pl.DataType]]
 
@@ -66,7 +58,6 @@ class _Layout:
 
 def _read(content: bytes, given: Mapping[str, str]) -> Table:
     content = as_utf8(content)
-    require_lines(content)
     # The row in the file is kept, so blank lines above the names count.
     lines = head_lines(content)
     layout = _layout(lines, given)
@@ -119,9 +110,8 @@ def _within_the_names(table: Table) -> Table:
     where, names = f"row {table.row[wide[0]]}", len(header.names)
     if len(wide) > 0.5 * len(table.row):
         if _fits(named, columns) and not _fits(named, [*columns[1:], beyond]):
-            return replace(
-                table, notes=(*table.notes, Notice("columns.more-cells", {"names": names}))
-            )
+            note = Notice("columns.more-cells", {"names": names})
+            return replace(table, notes=(*table.notes, note))
         raise InputError(
             f"{where}: the rows have more cells than the {names} names in row {table.names_row}, "
             "and it is not clear which cell has no name; add the missing name there."

@@ -96,9 +96,8 @@ def _body(workbook: fastexcel.ExcelReader, name: str, names: _Names) -> pl.DataF
     if names.height <= names.body:
         return pl.DataFrame()
     # Cells of all rows may be of kinds that go into no one column.
-    return workbook.load_sheet(
-        name, header_row=None, skip_rows=names.body, schema_sample_rows=None
-    ).to_polars()
+    how = {"skip_rows": names.body, "schema_sample_rows": None}
+    return workbook.load_sheet(name, header_row=None, **how).to_polars()
 
 
 def _chosen_sheets(headers: dict[str, Header]) -> list[str]:

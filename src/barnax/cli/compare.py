@@ -81,7 +81,12 @@ def compare(options: Comparing) -> None:
     document_of = partial(reporting.comparison.comparison_document, result, seconds=seconds)
     files = partial(drawn_files, draw, document_of, True, options.paper)
     run.deliver("comparison.json", result.to_json(), files)
-    _show(run, result, seconds, options.output.verbose)
+    document = reporting.comparison.comparison_document(result, (), seconds)
+    if not options.output.verbose:
+        sections = (each for each in document.sections if each.title.partition(":")[0] in SHOWN)
+        document = replace(document, sections=tuple(sections))
+    run.show_document(document)
+    run.warn(result.warnings)
     if run.folder is not None:
         name = "report.html" if "report.html" in run.written else "comparison.json"
         run.show([f"\nThe results are in [bold]{shown(run.folder)}/{name}[/bold]."])
@@ -91,19 +96,6 @@ def _require_choice(option: str, value: str, choices: Iterable[str]) -> None:
     """Raise `InputError` where an option's value is none of its choices."""
     if value not in choices:
         raise InputError(f"`{option}` {value!r} is not known; there are {', '.join(choices)}")
-
-
-def _show(
-    session: Session, result: "barnax.ComparisonResult", seconds: dict[str, float], is_verbose: bool
-) -> None:
-    document = reporting.comparison.comparison_document(result, (), seconds)
-    if not is_verbose:
-        kept = [
-            section for section in document.sections if section.title.partition(":")[0] in SHOWN
-        ]
-        document = replace(document, sections=tuple(kept))
-    session.show_document(document)
-    session.warn(result.warnings)
 
 
 def _row_watch(session: Session, advance: Callable[[int], None]) -> Callable:

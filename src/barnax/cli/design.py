@@ -93,30 +93,24 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         believed = believed_of(stored, cell.capacity, cell.chemistry, test.temperature)
     rates = {name: _rate(name, vars(test)[name]) for name in ("max_discharge", "max_charge")}
     with run.watch("Designing"):
-        options: dict[str, Any] = {
-            **vars(test),
-            **rates,
-            "want": _wanted(test.want),
-            "blocks": blocks,
-        }
-        test_design = barnax.design(believed, **options)
+        asked: dict[str, Any] = {**vars(test), **rates}
+        asked |= {"want": _wanted(test.want), "blocks": blocks}
+        test_design = barnax.design(believed, **asked)
     chosen = [name for name, rate in rates.items() if rate is not None]
     run.show_document(reporting.design.planned_screen(believed, chosen))
+    run.show_document(reporting.design.design_screen(test_design))
     if not test_design.is_needed:
         # A folder that nobody asked for would hold no test.
         run.folder = output.out
+        run.deliver("design.json", test_design.to_json(), dict)
+        return run.show_written(["design.json"])
 
     def files() -> dict[str, bytes]:
-        if not test_design.is_needed:
-            return {}
         files = reporting.design_forms.design_files(test_design)
         return files | {"figures/design.png": barnax.plots.encode(test_design.figure())}
 
-    run.show_document(reporting.design.design_screen(test_design))
     run.deliver("design.json", test_design.to_json(), files)
-    if not test_design.is_needed:
-        run.show_written(["design.json"])
-    elif run.folder is not None:
+    if run.folder is not None:
         names = ["steps.csv", "profile.csv", "experiment_pybamm.py", "procedure.txt", "figures"]
         run.show_written(names)
         run.show(next_after(test_design, stored, cell, run.folder))

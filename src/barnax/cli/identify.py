@@ -159,7 +159,9 @@ def _run(
     unseen = None
     try:
         # Read while the figures are drawn.
-        _show_answer(run, result, options.output.verbose)
+        if options.output.verbose:
+            run.show_document(reporting.identification.identification_document(result))
+        run.show_document(reporting.first_screen.first_screen(result))
         if promise is not None:
             run.show_document(reporting.design.promised_screen(promise, result))
     except OSError as problem:
@@ -212,12 +214,6 @@ def result_files(
     draw = partial(reporting.illustrations.identification_illustrations, result, live=live)
     document_of = partial(reporting.identification.identification_document, result)
     return tables | drawn_files(draw, document_of, report or live, paper)
-
-
-def _show_answer(session: Session, result: "barnax.Result", verbose: bool) -> None:
-    if verbose:
-        session.show_document(reporting.identification.identification_document(result))
-    session.show_document(reporting.first_screen.first_screen(result))
 
 
 def _next(

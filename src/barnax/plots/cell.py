@@ -49,10 +49,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     """
     nodes = ()
     if not isinstance(cell, CellModel):
-        # It needs JAX, which a cell does not.
-        from ..results import Result
-
-        result = style.opened(cell, Result)
+        result = style.opened(cell)
         cell, nodes = result.cell_model, result.fit.of_table(OCV)
     if cell.is_of_records:
         return plot_own_ocv(cell, nodes)

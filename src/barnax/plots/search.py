@@ -113,14 +113,13 @@ def _plot_errors(
 
     A lowest RMSE of zero, as of data without noise, has neither excess nor a logarithm.
     """
-    from ..results import Result
     from ..search.seeds import Search
 
     refined = refinement
     if isinstance(searches, Search):
         seeds, population = searches.seeds, searches.population
     else:
-        constant = style.opened(searches, Result).constant
+        constant = style.opened(searches).constant
         refined, optimum = constant.refined, constant.global_optimum
         if constant.search is None or refined is None:
             raise ValueError("this result was found without seeds, so no search converged")

@@ -8,7 +8,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Final, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib
 import numpy as np
@@ -21,9 +21,8 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from ..schema import Document
-
-Stored = TypeVar("Stored", bound=Document)
+if TYPE_CHECKING:
+    from ..results import Result
 
 HEIGHT_IN: Final = 4.5
 LONGEST_TITLE: Final = 80
@@ -142,9 +141,12 @@ def scaled(style: dict[Any, Any]) -> dict[Any, Any]:
     return style | {name: letters * style[name] for name in style if name.endswith("size")}
 
 
-def opened(source: Stored | str | Path, kind: type[Stored]) -> Stored:
-    """A stored document: the one given, or that of a file."""
-    return source if isinstance(source, kind) else kind.from_json(cast("str | Path", source))
+def opened(source: "Result | str | Path") -> "Result":
+    """The result given, or that of a file."""
+    # It needs JAX, which figures do not.
+    from ..results import Result
+
+    return source if isinstance(source, Result) else Result.from_json(source)
 
 
 class ShownFigure(Figure):

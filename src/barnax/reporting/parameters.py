@@ -142,7 +142,7 @@ def _words(fact: Fact) -> str:
     value = with_unit(fact.name, fact.value)
     if fact.low is None and fact.high is None:
         return value
-    return f"{value} ({interval_beside(value, fact.name, fact.low, fact.high, fact.value)})"
+    return f"{value} ({interval_beside(value, fact)})"
 
 
 def _title(fact: Fact) -> str:

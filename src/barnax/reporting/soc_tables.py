@@ -117,7 +117,7 @@ def _values_table(caption: str, head: str, facts: "Iterable[Fact]") -> Table:
         head: lambda fact: short_name(fact.name),
         "value": lambda fact: with_unit(fact.name, fact.value),
         "95 % interval": lambda fact: (
-            _beside(with_unit(fact.name, fact.value), fact) if fact.is_assessed else NOTHING
+            interval_beside(with_unit(fact.name, fact.value), fact) if fact.is_assessed else NOTHING
         ),
     }
     return make_table(caption, facts, cells, cells)
@@ -248,12 +248,7 @@ def _interval_of(own: "NodeInterval", value: str, view: "View") -> str:
     for bound in view.result.fit.at_bound:
         if bound.name == own.name and own.low is None and own.high is None:
             return f"at its {bound.side} bound"
-    return _beside(value, own) if view.result.fit.intervals else ""
-
-
-def _beside(value: str, own: "NodeInterval") -> str:
-    """An interval in the unit of the value that it stands beside."""
-    return interval_beside(value, own.name, own.low, own.high, own.value)
+    return interval_beside(value, own) if view.result.fit.intervals else ""
 
 
 def over_soc_words(fit: "TableFit") -> str:

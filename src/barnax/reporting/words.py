@@ -9,6 +9,7 @@ from ..errors import counted as counted
 
 if TYPE_CHECKING:
     from ..over_soc.cross_validation import SocErrors
+    from ..over_soc.node_interval import NodeInterval
     from ..uncertainty import Band
 
 NOTHING = "–"
@@ -301,11 +302,9 @@ def interval(name: str, low: float | None, high: float | None, value: float | No
     return between(name, low, high, value)
 
 
-def interval_beside(
-    value: str, name: str, low: float | None, high: float | None, middle: float
-) -> str:
-    """The same without the unit of the value that it stands beside."""
-    return without_unit(interval(name, low, high, middle), value)
+def interval_beside(value: str, of: "NodeInterval") -> str:
+    """The interval of a number, without the unit of its value that it stands beside."""
+    return without_unit(interval(of.name, of.low, of.high, of.value), value)
 
 
 def without_unit(text: str, value: str) -> str:

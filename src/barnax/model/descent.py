@@ -2,7 +2,7 @@
 the minima of a grid, and descents from them."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
@@ -11,10 +11,9 @@ from jaxtyping import Float
 from scipy.ndimage import label, minimum_filter
 from scipy.optimize import minimize
 
-from ..cell.elements import RC, Element, get_element, names_of
+from ..cell.elements import Element
 from ..cell.parameters import RATE
 from .exponentials import Span
-from .reduced import Reduced
 from .search_space import Range
 
 # What was computed for so many scales of an axis is kept.
@@ -82,26 +81,6 @@ class Axis:
             counts = counts @ self.to_nodes.T
         flat = self.answers.reshape(len(self.answers), -1)
         return (counts @ flat).reshape(-1, *self.answers.shape[1:])
-
-
-def axes_of(
-    reduced: Reduced, elements: Sequence[str], ranges: Mapping[str, Range]
-) -> tuple[Axis, ...]:
-    """The axes of every element's time constant, then of gamma where there is one; R0 is table 0,
-    and what is tabulated beside resistances comes after them."""
-    layout, found = reduced.layout, []
-
-    def add(name: str, table: int | None, part: str, span: Span, sign: int, element: Element):
-        low, high = np.log(ranges[name]).tolist()
-        answers, to_nodes = reduced.part(part), span.from_skeleton
-        found.append(Axis(name, low, high, table, answers, to_nodes, span, sign, element))
-
-    for table, (names, name) in enumerate(zip(names_of(elements), elements, strict=True), 1):
-        add(names.tau, table, "pairs", layout.in_tau, 1, get_element(name))
-    if layout.in_rate is not None:
-        table = 1 + len(elements) + layout.has_correction if layout.has_amplitude else None
-        add(RATE, table, "hysteresis_response", layout.in_rate, -1, RC)
-    return tuple(found)
 
 
 # Steps of a descent.

@@ -1,17 +1,14 @@
 """Columns of the reduced factor of some records, and the order in which they stand."""
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Int
 
-from ..cell.elements import get_element
-from ..cell.parameters import RATE
 from .coordinates import Coordinates
-from .exponentials import Span, span_of, span_through
+from .exponentials import Span, span_of
 from .intervals import AT_ONCE
 from .prepared import PreparedRecord
 from .search_space import Range
@@ -79,38 +76,6 @@ class Layout:
             "correction": (int(self.has_correction), len(self.ocv_nodes)),
             "base": (self.sides, 1),
         }
-
-
-def layout_of(
-    nodes: tuple[float, ...],
-    ocv_nodes: tuple[float, ...],
-    ranges: Mapping[str, Range],
-    has_correction: bool,
-    has_amplitude: bool,
-    elements: Sequence[str],
-    interval_s: float,
-) -> Layout:
-    """Columns for the elements' time constants and gamma of these ranges, to the accuracy of the
-    scan, and far fewer where all are held; no interval is shorter than `interval_s`.
-
-    Raises `InputError` where a range is too wide.
-    """
-    limits = [limits for name, limits in ranges.items() if name != RATE]
-    ratios = [get_element(name).ratios for name in elements]
-    if all(low == high for low, high in ranges.values()):
-        taus_s = {
-            max(tau_s * ratio, interval_s / AT_ONCE)
-            for (tau_s, _), own in zip(limits, ratios, strict=True)
-            for ratio in own
-        }
-        in_tau = span_through([math.log(tau_s) for tau_s in sorted(taus_s)])
-        in_rate = span_through([-math.log(ranges[RATE][0])]) if RATE in ranges else None
-        spans = in_tau, in_rate
-    else:
-        fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
-        slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
-        spans = spans_between(span_ends((fastest_s, slowest_s), ranges.get(RATE), interval_s))
-    return Layout(nodes, ocv_nodes, *spans, has_correction, has_amplitude)
 
 
 def by_first_visit(

@@ -113,12 +113,7 @@ def _advance_all(
     at every one, of every circuit."""
     pairs, respond_all = len(tau_s), jax.vmap(partial(respond, intervals=inputs.intervals))
 
-    def advance(
-        ohm: Float[Array, "resistances samples"],
-        base_v: Float[Array, "samples"],
-        amplitude_v: Float[Array, "samples"] | None,
-        states: Float[Array, "states"],
-    ) -> tuple[Float[Array, "states"], Float[Array, "samples"]]:
+    def advance(ohm, base_v, amplitude_v, states):
         ends_v, drops_v = respond_all(tau_s, states[:pairs], ohm[1:] * inputs.held_a)
         error_v = base_v + ohm[0] * inputs.current_a + jnp.sum(drops_v, axis=0)
         if inputs.hysteresis is None or amplitude_v is None or gamma is None:

@@ -39,6 +39,8 @@ from .settings import TableSettings
 
 Nuisance = Float[np.ndarray, "nuisances"]
 CIRCUIT = "so-rc"
+# Where resistances are told.
+AT_SOC = 0.5
 CAPACITY, SHIFT, R0, R = "capacity [A.h]", "OCV shift [V]", "R0 [Ohm]", "R [Ohm]"
 AGED = (CAPACITY, "start SOC", SHIFT, R0, R)
 # Standard deviations of what is believed of a shift of the OCV, of the logarithm of a capacity, and
@@ -95,18 +97,14 @@ def is_determined(name: str, value: Any, error: Any) -> Any:
 
 @in_float64
 def measure_ageing(
-    prepared_records: Sequence[PreparedRecord],
-    settings: TableSettings,
-    soc: float = 0.5,
-    *,
-    is_own: bool = False,
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings, *, is_own: bool = False
 ) -> dict[str, Aged]:
-    """Capacity, start, OCV shift, and R0 and all resistances at a state of charge, by name.
+    """Capacity, start, OCV shift, and R0 and all resistances at `AT_SOC` of the capacity that is
+    found, by name.
 
     Args:
         prepared_records: Records of one cell at one age, with the OCV that it had before.
         settings: The bounds and weights of tables.
-        soc: Where the resistances are told, on the capacity that is found.
         is_own: Whether the OCV was identified from these very records, of which it then tells R0
             alone, on the capacity that was told.
 
@@ -150,7 +148,7 @@ def measure_ageing(
         objective = reduced_objective(moved, plain, ranges)
         best = find_best(objective)
         # Of R0, and of the sum of all resistances.
-        at_soc = hats(np.array([soc]), objective.nodes_of[0])[0]
+        at_soc = hats(np.array([AT_SOC]), objective.nodes_of[0])[0]
         weights = np.stack([np.append(at_soc, np.zeros(objective.pairs * len(at_soc))),
                             np.tile(at_soc, 1 + objective.pairs)])  # fmt: skip
         under, found, is_settled = [], None, False

@@ -20,12 +20,7 @@ from ..notices import Notice
 from ..schema import Told
 from ..search.refine import AtBound, near_ends
 from .certificate import certify
-from .cross_validation import (
-    CrossValidation,
-    SocErrors,
-    cross_validate,
-    with_spread,
-)
+from .cross_validation import CrossValidation, SocErrors, cross_validate, with_spread
 from .dependence import with_asked
 from .intervals import intervals_of
 from .node_interval import Fact, NodeInterval, parts_of

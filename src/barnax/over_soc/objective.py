@@ -12,11 +12,11 @@ from scipy.linalg import block_diag
 
 from ..cell import CircuitParameters
 from ..cell.circuits import get_circuit
-from ..cell.elements import alike, names_of
+from ..cell.elements import RC, alike, get_element, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC, RATE
 from ..cell.tables import hats
 from ..global_optimum.objective import Box, LinearObjective, Solution
-from ..model.descent import Axis, axes_of
+from ..model.descent import Axis
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced
 from ..model.sampling import LEAST_SHARE
@@ -171,8 +171,22 @@ class TableObjective(LinearObjective):
 
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
-        """The searched coordinates."""
-        return axes_of(self.reduced, self.elements, self.ranges)
+        """The searched coordinates: the time constant of every element, whose table is the next
+        after R0, then gamma where there is one, whose table is the last."""
+        layout, found = self.reduced.layout, list[Axis]()
+
+        def add(name, table, part, span, sign, element):
+            low, high = np.log(self.ranges[name]).tolist()
+            answers, to_nodes = self.reduced.part(part), span.from_skeleton
+            found.append(Axis(name, low, high, table, answers, to_nodes, span, sign, element))
+
+        names = zip(names_of(self.elements), self.elements, strict=True)
+        for table, (own, element) in enumerate(names, 1):
+            add(own.tau, table, "pairs", layout.in_tau, 1, get_element(element))
+        if layout.in_rate is not None:
+            table = 1 + self.pairs + layout.has_correction if layout.has_amplitude else None
+            add(RATE, table, "hysteresis_response", layout.in_rate, -1, RC)
+        return tuple(found)
 
     def parts_at(self, found: Solution) -> list[tuple[float, "TableObjective", Solution]]:
         return [(1.0, self, found)]

@@ -186,7 +186,10 @@ class OwnRecords:
             cell, *_ = replace(self, records=known)._fitted(circuit, told)
             for record in self.records:
                 if record not in known:
-                    warnings += self._by_rest(record, cell, circuit, told, turned)
+                    name = record.name
+                    told[name], opposite, against = self._by_rest(record, cell, circuit)
+                    warnings += against
+                    turned |= {} if opposite is None else {name: opposite}
         is_open = get_circuit(circuit).has_rate and any(
             prepared.start.direction_source == "assumed"
             for prepared in self.prepared(circuit, told)
@@ -203,15 +206,10 @@ class OwnRecords:
         return Starts(told, tuple(warnings), directions)
 
     def _by_rest(
-        self,
-        record: Record,
-        cell: CellModel,
-        circuit: str,
-        told: dict[str, Window],
-        turned: dict[str, Window],
-    ) -> list[Notice]:
-        """What speaks against the start that a rest on the cell's OCV tells, with which its window
-        is in `told`; in `turned` with the other direction, where that is open."""
+        self, record: Record, cell: CellModel, circuit: str
+    ) -> tuple[Window, Window | None, list[Notice]]:
+        """The window of a record with the start that a rest on the cell's OCV tells, the same with
+        the other direction where that is open, and what speaks against the start."""
         window = replace(self.windows[record.name], capacity_ah=self.capacity_ah)
         rest_a = window.rest_current_a or record.rest_current_a(self.capacity_ah)
         given = self.capacity_ah, first_sample(record, window, rest_a), rest_a
@@ -220,8 +218,7 @@ class OwnRecords:
         except InputError as unknown:
             require_whole_log(record, self.records, unknown)
             raise
-        begun = replace(window, soc_source="rest elsewhere")
-        told[record.name] = replace(begun, initial_soc=start.soc)
+        begun = replace(window, soc_source="rest elsewhere", initial_soc=start.soc)
         if get_circuit(circuit).has_rate and start.direction_source == "assumed":
             opposite = -start.direction
             is_rested = start.soc_source == "rested voltage"
@@ -230,9 +227,9 @@ class OwnRecords:
             if not is_rested or cell_at_rest(*at_rest) is not None:
                 window = replace(window, initial_direction=opposite)
                 other, *_ = find_start(record, cell, window, *given)
-                begun = replace(begun, initial_direction=opposite, initial_soc=other.soc)
-                turned[record.name] = begun
-        return against
+                turned = replace(begun, initial_direction=opposite, initial_soc=other.soc)
+                return begun, turned, against
+        return begun, None, against
 
     def _registered(
         self, circuit: str, told: Mapping[str, Window], simpler: Starts | None

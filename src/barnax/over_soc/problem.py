@@ -17,7 +17,9 @@ from ..cell.parameters import OHMIC, RATE
 from ..cell.soc_axis import ABOVE_SOC, is_above
 from ..errors import InputError
 from ..model.descent import Descended, Found, GridSizes, lowest_scales, polish
-from ..model.layout import layout_of
+from ..model.exponentials import span_through
+from ..model.intervals import AT_ONCE
+from ..model.layout import Layout, span_ends, spans_between
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Groups, Reduced, reduce_records, scored_alone, together
 from ..model.sampling import FASTEST_TAU_S
@@ -41,16 +43,7 @@ def reduced_objective(
     """The objective over all records, in the ranges given or their own. With `beside_v`, as
     `reduce_records` has it, its factor has a side for each voltage of one record."""
     ranges = ranges or box_of(prepared_records, settings)
-    layout = layout_of(
-        settings.nodes,
-        settings.nodes_of_ocv,
-        ranges,
-        settings.ocv_correction,
-        settings.half_hysteresis,
-        get_circuit(prepared_records[0].circuit).elements,
-        min(float(np.min(np.diff(prepared.time_s))) for prepared in prepared_records),
-    )
-
+    layout = _layout(prepared_records, settings, ranges)
     if beside_v is not None:
         layout = replace(layout, sides=beside_v.shape[1])
     parts = reduce_records(
@@ -60,6 +53,32 @@ def reduced_objective(
         # What is shortened is no triangle any more, of which a side is taken.
         whole = together(parts) if beside_v is None else parts[0]
     return TableObjective(list(prepared_records), settings, ranges, whole, parts)
+
+
+def _layout(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings, ranges: Mapping[str, Range]
+) -> Layout:
+    """Columns for the elements' time constants and gamma of these ranges, to the accuracy of the
+    scan, and far fewer where all are held. Raises `InputError` where a range is too wide."""
+    interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in prepared_records)
+    limits = [limits for name, limits in ranges.items() if name != RATE]
+    elements = get_circuit(prepared_records[0].circuit).elements
+    ratios = [get_element(name).ratios for name in elements]
+    if all(low == high for low, high in ranges.values()):
+        taus_s = {
+            max(tau_s * ratio, interval_s / AT_ONCE)
+            for (tau_s, _), own in zip(limits, ratios, strict=True)
+            for ratio in own
+        }
+        in_tau = span_through([math.log(tau_s) for tau_s in sorted(taus_s)])
+        in_rate = span_through([-math.log(ranges[RATE][0])]) if RATE in ranges else None
+        spans = in_tau, in_rate
+    else:
+        fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
+        slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
+        spans = spans_between(span_ends((fastest_s, slowest_s), ranges.get(RATE), interval_s))
+    tables = settings.ocv_correction, settings.half_hysteresis
+    return Layout(settings.nodes, settings.nodes_of_ocv, *spans, *tables)
 
 
 def coarsened(

@@ -172,34 +172,25 @@ def search_many(
 
     work = [(problem, keys) for problem in problems for keys in block_keys]
     outcomes = run_blocks(run, work, wanted_rows(seeds) * len(problems), progress)
-    return [
-        _identification(problem, optimizer, key, outcomes[first : first + seeds])
-        for problem, first in zip(problems, range(0, len(outcomes), seeds), strict=True)
-    ]
-
-
-def _identification(
-    problem: Problem, optimizer: AbstractPopulationMinimiser, key: Key[Array, ""], outcomes
-) -> Search:
-    points, histories, evaluations, failures = zip(*outcomes, strict=True)
-    circuits = problem.parameters_at(points, problem.objective.coordinates)
-    errors_v = [float(history_v[-1]) for history_v in histories]
-    if not np.isfinite(errors_v).any():
-        raise InputError(
-            f"{problem.prepared.record.name}: no candidate gave a finite error; check the record's "
-            "values and the bounds"
-        )
-    if problem.kind != "scan":
-        errors_v = rmse_by_scan(problem, circuits)
-    answers = [
-        SeedAnswer(rmse_v, circuit, history_v, int(spent), int(failed))
-        for rmse_v, circuit, history_v, spent, failed in zip(
-            errors_v, circuits, histories, evaluations, failures, strict=True
-        )
-    ]
     # The integer that `jax.random.key` makes this key from.
     integer = int.from_bytes(np.asarray(jr.key_data(key)).astype(">u4").tobytes(), "big")
-    return Search.of(problem, optimizer, integer, answers)
+    searches = []
+    for problem, first in zip(problems, range(0, len(outcomes), seeds), strict=True):
+        own = outcomes[first : first + seeds]
+        points, histories, evaluations, failures = zip(*own, strict=True)
+        circuits = problem.parameters_at(points, problem.objective.coordinates)
+        errors_v = [float(history_v[-1]) for history_v in histories]
+        if not np.isfinite(errors_v).any():
+            raise InputError(
+                f"{problem.prepared.record.name}: no candidate gave a finite error; check the "
+                "record's values and the bounds"
+            )
+        if problem.kind != "scan":
+            errors_v = rmse_by_scan(problem, circuits)
+        parts = errors_v, circuits, histories, map(int, evaluations), map(int, failures)
+        answers = [*map(SeedAnswer, *parts)]
+        searches.append(Search.of(problem, optimizer, integer, answers))
+    return searches
 
 
 def _search(

@@ -112,18 +112,16 @@ def find_start(
             other_end = {"full end": soc < 0, "empty end": soc > 1}
             if window.capacity_ah is None and other_end.get(soc_source):
                 soc, capacity_ah = float(soc > 1), room * capacity_ah
-                notices = [
-                    Notice("start.moves-more", {**moved, "moved_ah": capacity_ah}, record.name)
-                ]
+                moved |= {"moved_ah": capacity_ah}
+                notices = [Notice("start.moves-more", moved, record.name)]
             else:
                 notices = [Notice("start.beyond-an-end", moved, record.name)]
     elif not unrested:
         (soc, soc_sd), soc_source = begun.rested(first, direction), "rested voltage"
     elif fitted := None if cell.is_of_records else fitted_soc(record, cell, capacity_ah, first):
         (soc, soc_sd), soc_source = fitted, "fitted"
-        notices = [
-            Notice("start.fitted", {"start_row": row, "soc": soc, "soc_sd": soc_sd}, record.name)
-        ]
+        told = {"start_row": row, "soc": soc, "soc_sd": soc_sd}
+        notices = [Notice("start.fitted", told, record.name)]
     else:
         raise unrested.error()
     if source == "assumed" and min(soc, 1 - soc) < NEAR_AN_END:
@@ -285,10 +283,9 @@ class _Beginning:
         rest_s = float(record.time_s[first] - record.time_s[0])
         is_doubtful = tells_soc and rest_s < MINIMUM_REST_S
         code = "start.relaxing-briefly" if is_doubtful else "start.relaxing"
-        ends_v = {"first_v": record.voltage_v[0], "last_v": record.voltage_v[first]}
-        return Notice(
-            code, {**ends_v, "start_row": record.row[first], "rest_s": rest_s}, record.name
-        )
+        told = {"first_v": record.voltage_v[0], "last_v": record.voltage_v[first]}
+        told |= {"start_row": record.row[first], "rest_s": rest_s}
+        return Notice(code, told, record.name)
 
     @property
     def counted_soc(self) -> float:

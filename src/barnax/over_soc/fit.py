@@ -237,13 +237,13 @@ def level_beyond(
 ) -> CircuitParameters:
     """The tables, level beyond the nodes next to which records have scored samples: there, the
     penalty alone would take them straight on."""
-    return tables.level_beyond(*_visited_soc(prepared_records))
+    return tables.level_beyond(*visited_soc(prepared_records))
 
 
 def with_level_ends(fit: TableFit, prepared_records: Sequence[PreparedRecord]) -> TableFit:
     """The fit with such tables, whose intervals there are those of the last node too."""
     nodes = np.array(fit.tables.nodes)
-    beside = nodes[fit.tables.nodes_beside(*_visited_soc(prepared_records))]
+    beside = nodes[fit.tables.nodes_beside(*visited_soc(prepared_records))]
     last = dict(zip(nodes.tolist(), beside.tolist(), strict=True))
     at_nodes = {(one.name, one.soc): one for one in fit.intervals}
     intervals = tuple(
@@ -254,7 +254,7 @@ def with_level_ends(fit: TableFit, prepared_records: Sequence[PreparedRecord]) -
     return replace(fit, tables=tables, intervals=intervals)
 
 
-def _visited_soc(prepared_records: Sequence[PreparedRecord]) -> tuple[float, float]:
+def visited_soc(prepared_records: Sequence[PreparedRecord]) -> tuple[float, float]:
     soc = np.concatenate([prepared.soc[prepared.scored] for prepared in prepared_records])
     return float(soc.min()), float(soc.max())
 
@@ -291,10 +291,9 @@ def _warnings(objective: TableObjective, fit: TableFit) -> tuple[Notice, ...]:
         seen_soc = np.array(objective.nodes_of[place])[visited]
     unvisited = 1 - float(np.mean(visited))
     if unvisited > MOSTLY:
-        ends = {"low_soc": float(min(seen_soc)), "high_soc": float(max(seen_soc))}
-        found.append(
-            Notice("tables.mostly-unvisited", {"share": unvisited, "whose": whose, **ends})
-        )
+        told = {"share": unvisited, "whose": whose}
+        told |= {"low_soc": float(min(seen_soc)), "high_soc": float(max(seen_soc))}
+        found.append(Notice("tables.mostly-unvisited", told))
     if fit.is_over_soc:
         bare = nodes[objective.visited & (resistances_ohm.sum(axis=0) < LEAST_OHM)]
         found += [Notice("tables.no-resistance", {"soc": soc}) for soc in bare.tolist()]
@@ -305,10 +304,9 @@ def _warnings(objective: TableObjective, fit: TableFit) -> tuple[Notice, ...]:
     if floor_ohm and len(held):
         percent = ", ".join(f"{100 * soc:g}" for soc in held)
         where = None if fit.is_over_soc else "everywhere"
-        told = dict.fromkeys(("where", "whose", "instead"), where)
-        found.append(
-            Notice("tables.r0-at-floor", {"floor_ohm": floor_ohm, "percent": percent, **told})
-        )
+        told = {"floor_ohm": floor_ohm, "percent": percent}
+        told |= dict.fromkeys(("where", "whose", "instead"), where)
+        found.append(Notice("tables.r0-at-floor", told))
     is_fitted = HALF_HYSTERESIS in tables.tables
     if not is_fitted and tables.gamma is None:
         return tuple(found)

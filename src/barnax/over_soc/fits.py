@@ -20,7 +20,7 @@ from ..search.evaluate import Evaluation, Evaluations, evaluate
 from ..settings import is_temperature
 from ..uncertainty import Band
 from .cross_validation import SocErrors
-from .fit import TableFit
+from .fit import TableFit, visited_soc
 from .node_interval import NodeInterval, parts_of
 from .settings import TableSettings, table_name
 
@@ -266,9 +266,8 @@ def no_temperature(prepared: PreparedRecord, fits: TableFits) -> Iterator[Notice
     """That a record has no temperature that the resistances could follow."""
     law = fits.of(prepared).dependence
     if law is not None and BETA in law.numbers and prepared.known_degc is None:
-        yield Notice(
-            "tables.no-temperature", {"reference_degc": law.reference_degc}, prepared.record.name
-        )
+        told = {"reference_degc": law.reference_degc}
+        yield Notice("tables.no-temperature", told, prepared.record.name)
 
 
 def _offset_warnings(records: Sequence[PreparedRecord]) -> Iterator[Notice]:
@@ -280,11 +279,9 @@ def _offset_warnings(records: Sequence[PreparedRecord]) -> Iterator[Notice]:
     is_turned = {record.record.sign.value for record in records} == {"charge-positive"}
     offset_a = -level.offset_a if is_turned else level.offset_a
     names = ", ".join(record.record.name for record in records)
-    hours = level.told_capacity_ah / abs(offset_a)
-    error_a = 2 * level.offset_error_a
-    yield Notice(
-        "answer.current-offset", {"offset_a": offset_a, "error_a": error_a, "hours": hours}, names
-    )
+    told = {"offset_a": offset_a, "error_a": 2 * level.offset_error_a}
+    told |= {"hours": level.told_capacity_ah / abs(offset_a)}
+    yield Notice("answer.current-offset", told, names)
 
 
 def _reversal_warnings(fits: TableFits) -> Iterator[Notice]:
@@ -315,21 +312,19 @@ def _reversal_warnings(fits: TableFits) -> Iterator[Notice]:
 def _outside_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice]:
     """That a record to validate on goes to an SOC at which no table was identified."""
     for evaluation in evaluations.validation:
-        alike = [
-            other for other in evaluations.identification if _is_alike(fits, evaluation, other)
-        ]
-        low, high = (
-            bound([bound(other.prepared.soc[other.prepared.scored]) for other in alike])
-            for bound in (min, max)
+        low, high = visited_soc(
+            [
+                other.prepared
+                for other in evaluations.identification
+                if _is_alike(fits, evaluation, other)
+            ]
         )
         soc = evaluation.prepared.soc[evaluation.prepared.scored]
         outside = int(np.count_nonzero((soc < low - SAME_FULL) | (soc > high + SAME_FULL)))
         if outside:
-            ends = {"low_percent": 100 * low, "high_percent": 100 * high}
-            name = evaluation.prepared.record.name
-            yield Notice(
-                "soc.outside-tables", {"outside": outside, "samples": len(soc), **ends}, name
-            )
+            told = {"outside": outside, "samples": len(soc)}
+            told |= {"low_percent": 100 * low, "high_percent": 100 * high}
+            yield Notice("soc.outside-tables", told, evaluation.prepared.record.name)
 
 
 def _is_alike(fits: TableFits, evaluation: Evaluation, other: Evaluation) -> bool:

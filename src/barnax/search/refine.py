@@ -53,7 +53,7 @@ class Descent:
     """Levenberg-Marquardt on one problem, compiled once for blocks of `CIRCUITS_PER_BLOCK`.
 
     It runs on the compressed objective, whichever the search took, unless the box is too wide for
-    that; the errors it returns are the scan's unless that is left out.
+    that; the errors it returns are the scan's.
     Compiling depends on the problem alone, so it can be done beside the search.
     """
 
@@ -74,7 +74,6 @@ class Descent:
         tolerance: float,
         *,
         holds_bounds: bool = False,
-        by_scan: bool = True,
         progress: Callable[[int], None] | None = None,
     ) -> list[RefinedSeed]:
         """Every circuit refined; `tolerance` is relative to the circuit's own error."""
@@ -89,7 +88,7 @@ class Descent:
         ends = run_blocks(run, starts, wanted, progress)
         points, errors_v, converged, evaluations = zip(*ends, strict=True)
         found = self.problem.parameters_at(points, self.objective.coordinates)
-        if by_scan and self.kind != "scan":
+        if self.kind != "scan":
             errors_v = rmse_by_scan(self.problem, found)
         return [
             RefinedSeed(

@@ -72,5 +72,5 @@ def made_problem(
     voltage_v = prepared.record.voltage_v.copy()
     voltage_v[prepared.span] = like.cell.average_ocv_v(prepared.soc) - drop + noise_v
     record = replace(prepared.record, voltage_v=voltage_v, hold=Decision(hold, "given", "made so"))
-    window = Window(initial_soc=prepared.start.soc, score_to_s=like.window.score_to_s)
+    window = Window(initial_soc=prepared.start.soc, score_to_s=prepared.window.score_to_s)
     return make_problem(record, like.cell, circuit, window=window, **options)

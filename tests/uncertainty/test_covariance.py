@@ -117,7 +117,7 @@ def test_where_every_parameter_is_held_nothing_has_an_interval(short_problem):
 def test_the_noise_of_several_records_is_correlated_no_longer_than_one_of_them_lasts(short_problem):
     one, other = (made_problem(short_problem, white_noise(seed)) for seed in (5, 6))
     records = [problem.prepared.record for problem in (one, other)]
-    window = replace(one.window, initial_soc=one.prepared.start.soc)
+    window = replace(one.prepared.window, initial_soc=one.prepared.start.soc)
     together = make_problem(records, one.cell, "so-rc", window=window)
     assessment = fit(together).assessment
     covariance = assessment.covariance

@@ -12,8 +12,10 @@ import pytest
 from scipy.signal import lfilter
 
 from barnax.bundled import BUNDLED_NAMES
+from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import read_record
+from barnax.records.source import read_source
 from helpers.golden import require_golden
 from helpers.records import (
     CURRENT,
@@ -315,7 +317,9 @@ def test_a_fault_is_found_by_its_own_check_and_its_errors_are_what_the_reader_ra
     tmp_path, fault
 ):
     table, expected = FAULTS[fault]
-    outcome = checked(tmp_path, table, capacity_ah=CAPACITY_AH.get(fault))
+    table.write_csv(tmp_path / "cell.csv")
+    source = read_source(tmp_path / "cell.csv")
+    outcome = check_file(source, capacity_ah=CAPACITY_AH.get(fault))
     assert counting(outcome) == expected
     for finding in outcome.findings:
         assert finding.remedy or not finding.counts
@@ -328,10 +332,10 @@ def test_a_fault_is_found_by_its_own_check_and_its_errors_are_what_the_reader_ra
     errors = [each for each in outcome.findings if each.severity == "error"]
     # Reading knows of no capacity.
     if not errors or fault == "milliamperes by the capacity":
-        read_record(tmp_path / "cell.csv")
+        read_record(source)
         return
     with pytest.raises(InputError) as caught:
-        read_record(tmp_path / "cell.csv")
+        read_record(source)
     assert str(caught.value) in {f"{each.about('cell.csv')}." for each in errors}
 
 

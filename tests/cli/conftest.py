@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from barnax.__main__ import SIGNALS, main
 from barnax.bundled import BUNDLED
@@ -33,12 +34,18 @@ Run = Callable[..., Outcome]
 
 
 def run_command(*words: object) -> Outcome:
-    """`barnax` with these words, its streams caught. What is no exit is raised."""
+    """`barnax` with these words, its streams caught. What is no exit is raised. Pictures are not
+    laid out, which takes as long as drawing them; how they look is tested where they are made."""
     out, err = io.StringIO(), io.StringIO()
     argv, sys.argv = sys.argv, ["barnax", *map(str, words)]
     handlers = {number: signal.getsignal(number) for number in SIGNALS}
     try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        with (
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+            pytest.MonkeyPatch.context() as patch,
+        ):
+            patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
             main()
         status = 0
     except SystemExit as end:

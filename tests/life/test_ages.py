@@ -60,6 +60,8 @@ def test_compact_dates_are_dates_and_no_numbers(dates, kind):
         ("ncycles", 1.0, "cycle"),
         ("throughput [A.h]", 1.0, "A.h"),
         ("moved_ah", 1.0, "A.h"),
+        ("throughput [mAh]", 1e-3, "A.h"),
+        ("moved_kah", 1e3, "A.h"),
     ],
 )
 def test_a_unit_in_the_name_counts(name, factor, unit):
@@ -80,11 +82,21 @@ def test_a_unit_in_the_name_counts(name, factor, unit):
         ([20240115, 20240301, 0], "row 2 is 20240301, which is neither"),
         ([1.7e9, 0.0, 1.7e9 + 86_400], "row 3 is 1700086400, which is neither"),
         ([202401, 202412], "row 2 is 202412, which is neither"),
+        # They are no milliseconds since 1970, which would be in the year 2611.
+        ([20240115120000, 20240116120000], "row 2 is 2.02401161.*, which is neither"),
+        ([None, datetime.timedelta(days=3)], "is '3 days.*'; give a number in every row"),
     ],
 )
 def test_what_is_neither_or_may_be_either_is_refused(values, message):
     with pytest.raises(InputError, match=message):
         ages_of(pl.Series(values), "date")
+
+
+@pytest.mark.parametrize("name", ["age [m]", "age (ms)", "age [decade]"])
+def test_a_unit_that_is_not_known_is_not_taken_for_days(name):
+    unit = name[5:-1]
+    with pytest.raises(InputError, match=f"{unit} is no unit of an age; there are h, d, weeks"):
+        ages_of(pl.Series([0.0, 6.0, 12.0]), name)
 
 
 def test_rows_without_a_finite_age_are_counted_and_those_of_one_age_named():

@@ -67,6 +67,15 @@ def test_a_pack_of_cells_in_series_is_read_as_one_of_them(tmp_path):
     assert table.branches[0][-1].voltage_v == pytest.approx(4.2)
 
 
+@pytest.mark.parametrize(("cells", "series"), [(1, 3), (96, 48), (96, 300)])
+def test_a_number_of_cells_that_makes_no_known_cell_is_told(cells, series):
+    pack = FRAME.with_columns(pl.col(VOLTAGE) * cells)
+    record = record_from_frame(pack, series=series)
+    assert "series.unlikely" in [one.code for one in record.warnings]
+    whole = record_from_frame(pack, series=cells)
+    assert "series.unlikely" not in [one.code for one in whole.warnings]
+
+
 @pytest.mark.parametrize("series", [0, -1, 100_000])
 def test_cells_in_series_are_a_number_of_cells(series):
     with pytest.raises(InputError, match=r"`series` .* must be between 1 and"):

@@ -35,6 +35,8 @@ Ages = Float[np.ndarray, "rows"]
 # that ages are told in, and how much of it that is.
 _UNITS = (
     ("efc|cycle", "cyc", "cycle", 1.0),
+    ("milliampere", r"ma\W?h", "A.h", 1e-3),
+    ("kiloampere", r"ka\W?h", "A.h", 1e3),
     ("throughput", r"a\W?h", "A.h", 1.0),
     ("hour", "hr?s?", "day", 1 / 24),
     ("minute", "min", "day", 1 / 1440),
@@ -46,7 +48,7 @@ _UNITS = (
 )
 # Without a unit, numbers so large are days such as 20240115, or seconds since 1970, thousandths of
 # them and so on; such a small one in a column of dates may be a year.
-_COMPACT, _EPOCH_S, _YEARS = (19_000_101, 22_001_231), (1e8, 1e11), (1900, 2200)
+_COMPACT, _EPOCH_S, _YEARS = (19_000_101, 22_001_231), (1e8, 4.2e9), (1900, 2200)
 # Days that spreadsheets count go to that of the year 2100.
 _LATEST_DAY = 73_051
 EVIDENCE = "aged log evidence by shape"
@@ -75,6 +77,8 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
             texts = column.set((~number.is_finite()).fill_null(False), None)
             number = pl.Series([_date(text, row, name) for row, text in enumerate(texts, 1)])
         column = number
+    if column.dtype in (pl.Duration, pl.Time):
+        raise _neither(str(column.drop_nulls()[0]), 1, name)
     if column.dtype.is_temporal():
         days = column.cast(pl.Datetime("us")).cast(pl.Int64) / 86_400e6
         return (days - days.min()).cast(pl.Float64).to_numpy(), "day"  # pyrefly: ignore
@@ -98,6 +102,11 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
         raise InputError(
             f"`age` {name}: row {row} is {number[row - 1]:.12g}, which is neither an age in days "
             "nor a date beside the others; write dates as 2024-01-15, and none as nothing"
+        )
+    if unknown := re.search(r"[\[(]\s*([a-z]+)\s*[\])]$", lower):
+        raise InputError(
+            f"`age` {name}: {unknown[1]} is no unit of an age; there are h, d, weeks, months, "
+            "years, cycles and Ah"
         )
     if lower.startswith("date") and _YEARS[0] <= low and high < _YEARS[1]:
         raise InputError(f"`age` {name}: {low:g} may be a year or a day; write it as 2024-01-15")

@@ -260,7 +260,8 @@ def examine_series(samples: Samples, series: int) -> Samples:
     values = {"column": samples.header("voltage"), "series": series}
     samples = samples.having(voltage=voltage_v).noting(Notice("series.divided", values))
     low_v, middle_v, high_v = np.quantile(samples.voltage_v, _ENDS)
-    if high_v <= _LTO_V or (middle_v >= _LFP_V and high_v <= _HIGHEST_V):
+    is_lto = middle_v >= _LEAST_V and high_v <= _LTO_V
+    if is_lto or (middle_v >= _LFP_V and high_v <= _HIGHEST_V):
         return samples
     fewest = int(np.ceil(series * high_v / _CHARGED_V))
     most = max(fewest, int(series * middle_v / _NOMINAL_V))

@@ -59,18 +59,12 @@ def one_blas_thread() -> Iterator[None]:
 @functools.cache
 def _libraries() -> _Libraries:
     # Looking for them takes longer than a small problem's algebra.
-    found = ThreadpoolController().select(user_api="blas")
-    has_own = {
-        library["filepath"]: (library["internal_api"], library.get("threading_layer"))
-        == ("openblas", "openmp")
-        for library in found.info()
-    }
-    return _Libraries(
-        *(
-            found.select(filepath=[path for path, is_own in has_own.items() if is_own == wanted])
-            for wanted in (False, True)
-        )
-    )
+    every = ThreadpoolController().select(user_api="blas")
+    paths: dict[bool, list[str]] = {True: [], False: []}
+    for one in every.info():
+        is_own = (one["internal_api"], one.get("threading_layer")) == ("openblas", "openmp")
+        paths[is_own].append(one["filepath"])
+    return _Libraries(every.select(filepath=paths[False]), every.select(filepath=paths[True]))
 
 
 def _take_control() -> None:

@@ -119,11 +119,8 @@ def aside(folder: Path) -> Path:
 
 def unfinished(folder: Path) -> list[Path]:
     """Files that processes that were killed, or still write, have aside in a folder."""
-    return sorted(
-        path
-        for path in folder.glob(".barnax-*")
-        if re.fullmatch(r".barnax-[0-9a-f]{32}", path.name)
-    )
+    paths = sorted(folder.glob(".barnax-*"))
+    return [path for path in paths if re.fullmatch(r".barnax-[0-9a-f]{32}", path.name)]
 
 
 @contextmanager

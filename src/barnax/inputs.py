@@ -23,10 +23,12 @@ from .records.fingerprint import Content
 from .records.hold import sampled
 from .records.logger import loggers_of
 from .records.source import STDIN, STDIN_NAME
-from .settings import CellSettings, Reading
+from .settings import CellSettings, Reading, Windows
 
 # A file or what was read of one, a `Record`, or a data frame.
 Given = Any
+# Records and their temperatures.
+Measured = Sequence[tuple[str, float | None]]
 Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
 # What a data frame is called, and where another is beside it.
 FRAME = "data frame"
@@ -64,7 +66,7 @@ def read_inputs(
     fits: CellSettings,
     *,
     capacity: float | None,
-    window: Window | Mapping[str, Window] | None,
+    window: Windows,
     cell: CellModel | None = None,
     over_temperature: bool = False,
     watch: Watch = unwatched,
@@ -82,9 +84,7 @@ def read_inputs(
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
     elif not tests and cell is None and without_test is None:
         raise Notice("ocv-test.missing-to-compare", subject=_name_of(given[0])).error()
-    names = file_names(
-        [source for source in (*given, *tests, *others) if isinstance(source, str | Path)]
-    )
+    names = file_names([*given, *tests, *others])
     looked_at: list[tuple[str, Source, Any]] = []
     called: dict[str, int] = {}
 
@@ -92,10 +92,8 @@ def read_inputs(
         """The record or table in a file or frame, read once, and remembered to be checked."""
         if isinstance(item, OcvTable):
             return item
-        is_record = isinstance(item, Record)
-        source: Any = item
-        if not is_record:
-            source = source_of(item, names, reading, _FRAMES.get(role, FRAME))
+        is_record, frame = isinstance(item, Record), _FRAMES.get(role, FRAME)
+        source: Any = item if is_record else source_of(item, names, reading, frame)
         # Files have names of their own already; one that is given twice is told by its name.
         if role != "OCV test" and not isinstance(item, str | Path):
             source = numbered(source, called)
@@ -133,10 +131,7 @@ def read_inputs(
 
 
 def _characterized(
-    tests: Sequence[Record | OcvTable],
-    window: Window | Mapping[str, Window] | None,
-    over_temperature: bool,
-    options: Any,
+    tests: Sequence[Record | OcvTable], window: Windows, over_temperature: bool, options: Any
 ) -> CellModel:
     """The cell of OCV tests: at each temperature by those of it, over temperature, and where they
     are not one test together."""
@@ -155,9 +150,9 @@ def _checked(
     looked_at: Sequence[tuple[str, Source, Record | OcvTable]],
     cell: CellModel,
     capacity_ah: float | None,
-    window: Window | Mapping[str, Window] | None,
+    window: Windows,
     reading: Reading,
-    identified: Sequence[tuple[str, float | None]] = (),
+    identified: Measured = (),
 ) -> list[Notice]:
     """Warnings of the checks about the files, by themselves and against each other.
 
@@ -229,22 +224,21 @@ def telling(warnings: Sequence[Notice]) -> Iterator[None]:
 def read_validation(
     given: Given,
     reading: Reading,
-    window: Window | Callable[[Record], Window] | None,
+    choose: Callable[[Record], Window],
     cell: CellModel,
-    identified: Sequence[tuple[str, float | None]] = (),
+    identified: Measured,
 ) -> tuple[Record, list[Notice]]:
     """A record to validate a cell's circuit on, and what the checks have against it.
 
-    `window` may depend on what is read. `identified` are names and temperatures of the records that
-    the circuit is of.
+    `choose` gives the window of what is read. `identified` are names and temperatures of the
+    records that the circuit is of.
     """
     if isinstance(given, Record):
         return given, []
     source = source_of(given, {}, reading)
     record = read_record(source, **how_read(reading, source.name, "validation"))
     looked_at = [("validation", source, record)]
-    window = window(record) if callable(window) else window
-    return record, _checked(looked_at, cell, None, window, reading, identified)
+    return record, _checked(looked_at, cell, None, choose(record), reading, identified)
 
 
 def how_read(reading: Reading, name: str, role: str = "identification") -> dict[str, Any]:
@@ -296,9 +290,7 @@ def numbered(source: Any, called: dict[str, int]) -> Any:
     return source if count == 1 else replace(source, name=f"{source.name} {count}")
 
 
-def input_warnings(
-    found: FileCheck, role: str, window: Window | Mapping[str, Window] | None
-) -> list[Notice]:
+def input_warnings(found: FileCheck, role: str, window: Windows) -> list[Notice]:
     """Warnings of the checks of a file about the role that it is given."""
     told = [
         finding.about(found.file)
@@ -315,19 +307,19 @@ def input_warnings(
     return told
 
 
-def windows_by_name(window: Window | Mapping[str, Window] | None) -> dict[str, Window]:
+def windows_by_name(window: Windows) -> dict[str, Window]:
     """The windows by the names of records, the common one under none.
 
     Raises `InputError` for what is no window.
     """
-    found = dict(window) if isinstance(window, Mapping) else {"": window or Window()}
-    for own in found.values():
+    by_name = dict(window) if isinstance(window, Mapping) else {"": window or Window()}
+    for own in by_name.values():
         if not isinstance(own, Window):
             raise InputError(f"window {own!r} is none; give barnax.Window(initial_soc=...)")
-    return found
+    return by_name
 
 
-def window_of(window: Window | Mapping[str, Window] | None, name: str) -> Window:
+def window_of(window: Windows, name: str) -> Window:
     """The window of a record: its own, else the common one."""
     known = windows_by_name(window)
     return known.get(name, known.get("")) or Window()
@@ -343,19 +335,16 @@ def require_records(given: Iterable[str], names: Collection[str]) -> None:
         )
 
 
-def windows_of(
-    inputs: Inputs, window: Window | Mapping[str, Window] | None, capacity: float | None
-) -> dict[str, Window]:
+def windows_of(inputs: Inputs, window: Windows, capacity: float | None) -> dict[str, Window]:
     """The window of every record. Raises `InputError` where one is for a record there is not."""
-    known = windows_by_name(window)
     # Of an OCV test its temperature counts, and nothing else of a window.
     tests = {test.name for test in inputs.ocv}
-    require_records(known.keys() - tests, inputs.names)
-    chosen = {name: window_of(known, name) for name in inputs.names}
-    return {
-        name: own if own.capacity_ah is not None else replace(own, capacity_ah=capacity)
-        for name, own in chosen.items()
-    }
+    require_records(windows_by_name(window).keys() - tests, inputs.names)
+    windows = {}
+    for name in inputs.names:
+        own = window_of(window, name)
+        windows[name] = replace(own, capacity_ah=own.capacity_ah or capacity)
+    return windows
 
 
 def listed(sources: Given | Sequence[Given]) -> list[Given]:
@@ -368,9 +357,10 @@ def _name_of(source: Given) -> str:
     return source.name if isinstance(source, Record | Source) else FRAME
 
 
-def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:
-    """The name by which each file is told, with folders where names are shared."""
-    distinct = {Path(path) for path in paths}
+def file_names(paths: Iterable[Any]) -> dict[Path, str]:
+    """The name by which each file is told, with folders where names are shared; of what is no path,
+    none."""
+    distinct = {Path(path) for path in paths if isinstance(path, str | Path)}
     names = {path: printable(_shortest_own_name(path, distinct - {path})) for path in distinct}
     return names | ({STDIN: STDIN_NAME} if STDIN in distinct else {})
 

@@ -27,6 +27,7 @@ from .settings import (
     Scope,
     Settings,
     TableOptions,
+    Windows,
     choices_in,
     explained,
 )
@@ -76,7 +77,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     records: Given | Sequence[Given] = field(default=(), kw_only=False)
     ocv: Given | Sequence[Given] = ()
     validate: Given | Sequence[Given] = ()
-    window: Window | Mapping[str, Window] | None = None
+    window: Windows = None
     capacity: float | None = None
     bounds: Mapping[str, Range] | str | Path | None = None
     fix: Mapping[str, float] | None = None
@@ -106,14 +107,9 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     def __post_init__(self) -> None:
         own = vars(self)
         # What is given by its name replaces what an object of several holds.
-        for kind, part in (
-            (Settings, self.settings),
-            (Reading, self.reading),
-            (TableOptions, self.tables),
-        ):
-            names = [
-                field.name for field in fields(kind) if part and field.name not in own["_chosen"]
-            ]
+        parts = (Settings, self.settings), (Reading, self.reading), (TableOptions, self.tables)
+        for kind, part in parts:
+            names = {field.name for field in fields(kind) if part} - own["_chosen"]
             own |= {name: getattr(part, name) for name in names}
             own["_chosen"] |= {name for name in names if own[name] != getattr(kind, name)}
         if self.setup is not None:

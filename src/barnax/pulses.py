@@ -42,6 +42,7 @@ LASTING, CAUGHT_SHARE, CAUGHT_V, CAUGHT_NOISE = 2.0, 0.03, 1e-3, 8.0
 SOON = 0.5
 # Currents this near to each other are one rate.
 SAME_RATE = 0.1
+Samples = Float[np.ndarray, "samples"]
 
 
 @dataclass(frozen=True)
@@ -84,9 +85,7 @@ class _Load(NamedTuple):
         return self.end_s - self.begin_s
 
 
-def find_pulses(
-    record: Record, soc: Float[np.ndarray, "samples"], threshold_a: float
-) -> tuple[Pulse, ...]:
+def find_pulses(record: Record, soc: Samples, threshold_a: float) -> tuple[Pulse, ...]:
     """Every pulse of a record, in order of time, whatever its direction and rate.
 
     A pulse is a load out of a rest, where since a rest of at least 5 min nothing but pulses and
@@ -152,9 +151,7 @@ def _loads(record: Record, threshold_a: float) -> Iterator[_Load]:
         yield ramp
 
 
-def _pulse(
-    record: Record, soc: Float[np.ndarray, "samples"], load: _Load, rest: _Load, noise_v: float
-) -> Pulse:
+def _pulse(record: Record, soc: Samples, load: _Load, rest: _Load, noise_v: float) -> Pulse:
     span = slice(load.first, load.last + 1)
     since_s = record.time_s[span] - load.begin_s
     if record.hold.value == "centered":
@@ -191,9 +188,7 @@ def _pulse(
     )
 
 
-def _lasting(
-    since_s: Float[np.ndarray, "samples"], ratio_ohm: Float[np.ndarray, "samples"]
-) -> Iterator[float | None]:
+def _lasting(since_s: Samples, ratio_ohm: Samples) -> Iterator[float | None]:
     """The ratio at `STANDARD_S` but the first, linear between samples that lie near enough."""
     for time_s in STANDARD_S[1:]:
         is_over = since_s[-1] < time_s - NEAR_S
@@ -203,15 +198,14 @@ def _lasting(
 
 
 def _is_in_edge(
-    interval_s: Float[np.ndarray, "intervals"], drop_v: Float[np.ndarray, "samples"], noise_v: float
+    interval_s: Float[np.ndarray, "intervals"], drop_v: Samples, noise_v: float
 ) -> bool:
     """True where the first voltage of a pulse shows its step only in part.
 
     The intervals are those before each of its first three samples.
     """
-    if len(interval_s) < 3 or abs(interval_s[2] / interval_s[1] - 1) > NEAR_SHARE:
-        return False
-    if interval_s[0] < SOON * interval_s[1]:
+    is_even = len(interval_s) == 3 and abs(interval_s[2] / interval_s[1] - 1) <= NEAR_SHARE
+    if not is_even or interval_s[0] < SOON * interval_s[1]:
         return False
     second_v, third_v = np.diff(drop_v)
     least_v = max(CAUGHT_SHARE * drop_v[1], CAUGHT_V, CAUGHT_NOISE * noise_v)

@@ -5,8 +5,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from .blas import one_blas_thread
 from .cell import Dependence, get_circuit
 from .cell.parameters import RATE
@@ -54,7 +52,13 @@ def settled(problem: Problem, fitted: OwnOcv | None = None) -> Problem:
     problem = without_sweep_drop(problem)
     if fitted is not None and get_circuit(problem.circuit).has_rate:
         # A hysteresis of the records' own was fitted with the directions that fit better.
-        problem = _with_directions(problem, fitted.directions)
+        records = [
+            one.fitting_better(fitted.directions[one.record.name])
+            if one.record.name in fitted.directions
+            else one
+            for one in problem.prepared_records
+        ]
+        problem = problem.keeping_computed(prepared_records=tuple(records))
     else:
         problem = with_better_directions(problem)
     return with_better_hold(problem)
@@ -64,44 +68,25 @@ def with_joint_starts(problem: Problem) -> Problem:
     """The problem of one record with the start that its voltages tell where that fits best together
     with the circuit, held to the rest's by its standard error, if that is worth millivolts."""
     first, *others = problem.prepared_records
-    doubt_v = first.start.soc_sd * first.cell.ocv_slope(first.soc[:1])[0]
+    told, sd = first.start, float(first.start.soc_sd)
+    doubt_v = sd * first.cell.ocv_slope(first.soc[:1])[0]
     # Several records tell each other's starts.
     is_open = doubt_v >= LEAST_DOUBT_V and not others and problem.is_compressible
     for _ in range(ROUNDS if is_open else 0):
         optimum = find_global_optimum(problem, prove=False)
         joint = Covariance.of(linearize(problem, optimum.parameters))
+        # In standard errors of what was told.
         (step,), (error,) = joint.starts_step.tolist(), joint.starts_error.tolist()
-        record = _fitted(first, problem.prepared_records[0], step, error)
-        if record is None:
+        away_soc = problem.prepared.start.soc + sd * step - told.soc
+        move = away_soc, 0.0, sd * error, 0.0
+        moved = with_start(first, first, *move, by="circuit", told_sd=sd)
+        if moved is None:
             break
-        problem = replace(problem, prepared_records=(record,))
-        if np.all(np.abs(joint.starts_step) < SETTLED * joint.starts_error):
+        start = replace(moved.start, direction_source=told.direction_source)
+        problem = replace(problem, prepared_records=(replace(moved, start=start),))
+        if abs(step) < SETTLED * error:
             break
     return problem
-
-
-def _fitted(
-    told: PreparedRecord, now: PreparedRecord, step: float, error: float
-) -> PreparedRecord | None:
-    """The record with its start a step away, in standard errors of what was told, like `error`;
-    None where it cannot be there."""
-    start, sd = told.start, float(told.start.soc_sd)
-    move = now.start.soc + sd * step - start.soc, 0.0, sd * error, 0.0
-    moved = with_start(told, told, *move, by="circuit", told_sd=sd)
-    if moved is None:
-        return None
-    return replace(moved, start=replace(moved.start, direction_source=start.direction_source))
-
-
-def _with_directions(problem: Problem, others: Mapping[str, float]) -> Problem:
-    """The problem whose records say which directions before the start were found to fit better."""
-    records = tuple(
-        prepared.fitting_better(others[prepared.record.name])
-        if prepared.record.name in others
-        else prepared
-        for prepared in problem.prepared_records
-    )
-    return problem.keeping_computed(prepared_records=records)
 
 
 def problem_of(
@@ -172,12 +157,7 @@ def asks_for_constant(job: Job, named: Iterable[str]) -> bool:
     return is_constant and job.over != OVER_TEMPERATURE
 
 
-def set_up(
-    first: Problem,
-    inputs: Inputs,
-    windows: Mapping[str, Window],
-    job: Job,
-) -> Setup:
+def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: Job) -> Setup:
     """What is searched: without an OCV test the tables came with the cell's OCV; over temperature,
     and with a constant circuit that is asked for, there is nothing to choose."""
     # A table has no capacitance to bound or hold.
@@ -300,19 +280,12 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
         objective = reduced_objective(prepared, chosen.objective.settings)
         with one_blas_thread():
             chosen = Fitted(point, objective, find_best(objective), chosen.loss)
-    begun = starts.get(point.circuit) or starts[_alike(starts, point.circuit)]
-    found = prove_own(own, chosen.objective, chosen.best, begun)
-    return replace(
-        found,
-        tried=choice.tried,
-        warnings=(*found.warnings, *_left_out(choice)),
-    )
-
-
-def _alike(starts: dict[str, Starts], circuit: str) -> str:
-    """The circuit whose starts those of another with such a hysteresis are."""
-    rate = get_circuit(circuit).has_rate
-    return next(known for known in starts if get_circuit(known).has_rate == rate)
+    # The starts of circuits with such a hysteresis are those of one of them.
+    alike = (known for known in starts if get_circuit(known).has_rate == point.has_rate)
+    begun = starts[point.circuit if point.circuit in starts else next(alike)]
+    proved = prove_own(own, chosen.objective, chosen.best, begun)
+    warnings = (*proved.warnings, *_left_out(choice))
+    return replace(proved, tried=choice.tried, warnings=warnings)
 
 
 def _left_out(choice: Choice) -> Iterator[Notice]:

@@ -28,6 +28,8 @@ BAND = 1.959964
 DOUBT, TOLD = 3.0, 0.5
 # Of the tests of innovations.
 LAGS, CONFIDENCE = 20, 0.95
+Samples = Float[np.ndarray, "samples"]
+Rows = Float[np.ndarray, "samples *_"]
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Case:
         return float(state[0]) - passed_ah / float(believed.capacity_ah)
 
 
-def first_with_room(soc: Float[np.ndarray, "samples"], error: float) -> int | None:
+def first_with_room(soc: Samples, error: float) -> int | None:
     """The first sample that leaves room for a wrong start, None without one."""
     has_room = (soc + error >= min(0.0, soc[0])) & (soc + error <= max(1.0, soc[0]))
     return int(np.argmax(has_room)) if np.any(has_room) else None
@@ -119,9 +121,7 @@ def _open_loop(model: FilterModel, state: Any, drive: Drive) -> Any:
     )[0]
 
 
-def in_place(
-    values: Float[np.ndarray, "samples *_"], first: int
-) -> Float[np.ndarray, "samples *_"]:
+def in_place(values: Rows, first: int) -> Rows:
     """Values that were computed from a sample on, in their place."""
     found = np.full(values.shape, np.nan)
     found[first:] = values[: len(values) - first]
@@ -245,9 +245,7 @@ def _told(model: FilterModel, values: Any, deviations: Any) -> dict[str, tuple[f
     return told
 
 
-def converged(
-    time_s: Float[np.ndarray, "samples"], is_near: Bool[np.ndarray, "samples"]
-) -> int | None:
+def converged(time_s: Samples, is_near: Bool[np.ndarray, "samples"]) -> int | None:
     """The first sample from which on it stays near for `HOLDS_S`, or to the end."""
     leaves = np.append(np.flatnonzero(~is_near), len(time_s))
     following = leaves[np.searchsorted(leaves, np.arange(len(time_s)))]
@@ -283,7 +281,7 @@ class Innovations:
         return self.p_value >= 1 - CONFIDENCE
 
 
-def examine_innovations(normalised: Float[np.ndarray, "samples"]) -> Innovations:
+def examine_innovations(normalised: Samples) -> Innovations:
     """Both tests on innovations divided by their expected deviations.
 
     Over `LAGS` lags, or as many as half of a shorter record has.
@@ -298,7 +296,6 @@ def examine_innovations(normalised: Float[np.ndarray, "samples"]) -> Innovations
     lags = np.arange(1, min(LAGS, count // 2) + 1)
     correlation = np.array([around[lag:] @ around[:-lag] for lag in lags]) / (power or 1.0)
     statistic = count * (count + 2) * float(np.sum(correlation**2 / (count - lags)))
-    low, high = mean_bounds(count)
     return Innovations(
         samples=count,
         first_lag=float(correlation[0]),
@@ -306,7 +303,7 @@ def examine_innovations(normalised: Float[np.ndarray, "samples"]) -> Innovations
         lags=len(lags),
         p_value=float(chdtrc(len(lags), statistic)),
         mean_square=float(np.mean(normalised**2)),
-        mean_square_bounds=(low, high),
+        mean_square_bounds=mean_bounds(count),
     )
 
 

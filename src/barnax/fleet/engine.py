@@ -33,7 +33,7 @@ from ..devices import keep_compiled, prefer_cpu
 from ..errors import InputError
 from ..files import is_factor_file, located, undisturbed
 from ..records import read_record
-from ..records.logger import Logger, loggers_of
+from ..records.logger import Loggers, loggers_of
 from ..settings import Reading
 from .dataset import Shard, compact, finished, in_shard, write_part, writing
 from .manifest import FleetCell, Options, cell_of, distinct
@@ -181,7 +181,7 @@ def identify_fleet(
     return replace(state, total=state.finished + state.skipped)
 
 
-def run_cell(print_: str, cell: FleetCell, settings: Mapping[str, Any], out: str) -> Rows:
+def run_cell(print_: str, cell: FleetCell, settings: Options, out: str) -> Rows:
     """The rows of a cell with its fingerprint; its files are kept below the folder `out`."""
     prepare_process()
     from .rows import identify_rows
@@ -224,10 +224,7 @@ def start_worker(driver: int) -> None:
 
 
 def _run(
-    cells: Iterator[Marked],
-    reopen: Callable[[], Executor],
-    how: tuple[Mapping[str, Any], str],
-    workers: int,
+    cells: Iterator[Marked], reopen: Callable[[], Executor], how: tuple[Options, str], workers: int
 ) -> Iterator[list[Rows]]:
     """The rows of every cell, those together that have completed."""
     executor = reopen()
@@ -367,9 +364,7 @@ def _dask(address: str, workers: int) -> Iterator[tuple[Executor, int]]:
             ) from problem
 
 
-def loggers_of_fleet(
-    cells: Sequence[FleetCell], settings: Mapping[str, Any]
-) -> dict[tuple[str, ...], Logger]:
+def loggers_of_fleet(cells: Sequence[FleetCell], settings: Options) -> Loggers:
     """The loggers by the names of the columns in their files, whoever identifies which cell.
 
     Files of a kind have one suffix, and one way in which they are to be read.

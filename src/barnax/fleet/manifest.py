@@ -157,11 +157,8 @@ def read_manifest(
     """
     place = located(path)
     if place.is_dir():
-        rows = [
-            {"id": item.name, "records": [f"{glob.escape(item.name)}/*"]}
-            for item in sorted(place.iterdir())
-            if item.is_dir()
-        ]
+        names = sorted(item.name for item in place.iterdir() if item.is_dir())
+        rows = [{"id": name, "records": [f"{glob.escape(name)}/*"]} for name in names]
         cells = [cell_of({**(defaults or {}), **row}, place) for row in rows]
         if not cells:
             raise InputError(
@@ -271,10 +268,7 @@ def _filled(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def cell_of(
-    row: Mapping[str, Any],
-    folder: Path = Path(),
-    where: str = "row",
-    problems: list[str] | None = None,
+    row: Options, folder: Path = Path(), where: str = "row", problems: list[str] | None = None
 ) -> FleetCell:
     """A cell from a row's values by their names; what is not known is carried through.
 
@@ -362,10 +356,11 @@ def _found(
         if not isinstance(folder, Path):
             yield from _stored(pattern, folder, missing, faults, where)
             continue
-        place = folder / pattern
-        # The folder's own name is none.
-        inside = [] if place.exists() else glob.glob(pattern, root_dir=folder, recursive=True)
-        found = [str(place)] if place.exists() else sorted(str(folder / name) for name in inside)
+        found = [str(folder / pattern)]
+        if not (folder / pattern).exists():
+            # The folder's own name is none.
+            inside = glob.glob(pattern, root_dir=folder, recursive=True)
+            found = sorted(str(folder / name) for name in inside)
         # To read from a pipe may never end; a folder is for its reader to refuse.
         odd = [path for path in found if not (os.path.isfile(path) or os.path.isdir(path))]
         missing += [f"{path} is a pipe or a device" for path in odd]

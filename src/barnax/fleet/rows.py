@@ -4,7 +4,7 @@ import functools
 import hashlib
 import itertools
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,7 +27,7 @@ from ..over_soc.settings import table_name
 from ..pack import Pack, identify_pack
 from ..pipeline import identify, identify_problem
 from ..records import Record, Source, read_source
-from ..records.logger import Logger
+from ..records.logger import Loggers
 from ..records.table import LARGEST_FILE
 from ..result_parts import MetricsPart, bands_by_soc
 from ..results import Result
@@ -36,26 +36,25 @@ from ..settings import CellSettings, Reading, Settings
 from ..uncertainty.covariance import named_values
 from .aged import ageing_row
 from .dataset import keep_factors, keep_result
-from .manifest import FleetCell, short_name, stamp
+from .manifest import FleetCell, Options, short_name, stamp
 
 # Settings of a fleet that are no arguments of `identify`.
 OWN = ("keep_results", "keep_factors", "pack_cells", "ageing", "loggers")
 CELLS_KEPT = 16
 # Where tables stand in a row.
 MIDDLE_SOC = 0.5
+Row = dict[str, Any]
 
 
-def identify_rows(
-    cell: FleetCell, settings: Mapping[str, Any], out: Path | None = None
-) -> list[dict[str, Any]]:
+def identify_rows(cell: FleetCell, settings: Options, out: Path | None = None) -> list[Row]:
     """The row of a cell, where it cannot be identified with the reason in one sentence; of a pack
     that of its mean cell, then one for each cell.
 
     `out` is the fleet's folder, where its `result.json` and factors are kept if that is asked for.
     """
     start_s = time.perf_counter()
-    row: dict[str, Any] = {"id": cell.id, "error": None, "error code": None, **cell.carried}
-    of_pack: list[dict[str, Any]] = []
+    row: Row = {"id": cell.id, "error": None, "error code": None, **cell.carried}
+    of_pack: list[Row] = []
     try:
         grid = grid_of(cell, settings)
         if cell.records and all(map(is_factor_file, cell.records)):
@@ -97,7 +96,7 @@ def identify_rows(
     return [row, *of_pack]
 
 
-def grid_of(cell: FleetCell, settings: Mapping[str, Any]) -> Grid | None:
+def grid_of(cell: FleetCell, settings: Options) -> Grid | None:
     """The grid on which a cell's factors are kept; None where they are not.
 
     Raises `InputError` for a circuit of which none can be kept.
@@ -108,7 +107,7 @@ def grid_of(cell: FleetCell, settings: Mapping[str, Any]) -> Grid | None:
     return Grid(circuit=circuit, nodes=nodes) if kind else None
 
 
-def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tuple[Notice, ...]]:
+def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice, ...]]:
     """The result of a cell and all warnings. Raises `InputError` where an input cannot be used."""
     job = job_of(settings)
     if cell.problem is not None:
@@ -143,35 +142,33 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
 
 
-def _identified_pack(cell: FleetCell, settings: Mapping[str, Any]) -> Pack:
+def _identified_pack(cell: FleetCell, settings: Options) -> Pack:
     """The pack in a cell's one record."""
     if cell.missing or len(cell.records) != 1:
         why = "; ".join(cell.missing) or "a pack is one file with all its cells"
         raise InputError(f"{why}: correct the manifest")
-    options = {name: value for name, value in cell.options.items() if name != "pack_cells"}
-    given = {**settings, **options, "over": "soc"}
-    job = job_of(given).changed(window=_windows(cell), bounds=cell.bounds)
+    job = job_of({**settings, **cell.options, "over": "soc"})
+    job = job.changed(window=_windows(cell), bounds=cell.bounds)
     asked = str(cell.options["pack_cells"])
-    cells = None if asked == "auto" else asked
-    chosen: dict[str, Any] = {**job.chosen, "records": cell.records, "ocv": cell.ocv}
-    return identify_pack(**chosen, cells=cells)
+    chosen: Row = {**job.chosen, "records": cell.records, "ocv": cell.ocv}
+    return identify_pack(**chosen, cells=None if asked == "auto" else asked)
 
 
-def pack_rows(pack: Pack, name: str) -> list[dict[str, Any]]:
+def pack_rows(pack: Pack, name: str) -> list[Row]:
     """The rows of a pack's cells, as a fleet's dataset has them."""
     rows, result = [], pack.result
     samples = result.metrics.identification.samples
     for own, fitted in zip(pack.rows(), pack.fit.cells, strict=True):
         plain = str(own.pop("cell")).replace("/", "-").replace("\\", "-")
-        row: dict[str, Any] = {"id": f"{name} {plain}", "error": None, "error code": None}
-        row |= {"circuit": result.model, "pack": name}
-        row |= {"samples": samples, **own, **fitted.tables.constants}
-        row |= {"answer": "tables over SOC", "certified": False, "at bound": ""}
-        rows.append(row | _told([]))
+        row: Row = {"id": f"{name} {plain}", "error": None, "error code": None}
+        row |= {"circuit": result.model, "pack": name, "samples": samples}
+        row |= {**own, **fitted.tables.constants}
+        row |= {"answer": "tables over SOC", "certified": False, "at bound": "", **_told([])}
+        rows.append(row)
     return rows
 
 
-def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:
+def _refitted(cell: FleetCell, settings: Options) -> Row:
     """The row of records of which only factors were kept, without where it is of."""
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
@@ -192,7 +189,7 @@ def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:
     # A constant circuit with an OCV of its own stands where tables do, as by its records.
     is_constant = grid.is_constant and grid.ocv != "own"
     over = "ocv" if grid.is_constant else "soc"
-    row: dict[str, Any] = {
+    return {
         "circuit": circuit,
         "records": f"{len(kept)} kept",
         "samples": sum(counts),
@@ -206,12 +203,11 @@ def _refitted(cell: FleetCell, settings: Mapping[str, Any]) -> dict[str, Any]:
         "proved gap": None,
         "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in fit.at_bound),
         **_told(fit.warnings),
+        "held-out RMSE [V]": fit.cross_validation and fit.cross_validation.tables.rmse_v,
     }
-    held = fit.cross_validation
-    return row | {"held-out RMSE [V]": held and held.tables.rmse_v}
 
 
-def job_of(settings: Mapping[str, Any]) -> Job:
+def job_of(settings: Options) -> Job:
     """The job that the settings of a fleet, or the options of a row, ask for."""
     return Job(**{name: value for name, value in settings.items() if name not in OWN})
 
@@ -274,9 +270,7 @@ def _known_cell(
     return _Known(model, tests, warnings, temperatures_degc)
 
 
-def sources_of(
-    paths: Sequence[str], reading: Reading, loggers: Mapping[tuple[str, ...], Logger]
-) -> list[Source]:
+def sources_of(paths: Sequence[str], reading: Reading, loggers: Loggers) -> list[Source]:
     """Files as they are read, each with what is told of its logger."""
     names = file_names([path for path in paths if not is_address(path)])
     read = [source_of(_given(path, reading), names, reading) for path in paths]
@@ -293,12 +287,12 @@ def _given(path: str, reading: Reading) -> Any:
     )
 
 
-def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
+def row_of(result: Result, warnings: Sequence[Notice]) -> Row:
     """A result, flat: parameters under PyBaMM's names with their intervals, errors, certificate."""
     constant, evaluations = result.constant, result.without_tables().evaluations
     own = constant.metrics.identification
     first = result.of_role("identification")[0]
-    row: dict[str, Any] = {
+    row: Row = {
         "circuit": constant.model,
         "records": result.name,
         "samples": own.samples,
@@ -320,14 +314,10 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> dict[str, Any]:
     if result.tables is not None:
         row["tables RMSE [V]"] = result.metrics.identification.rmse_v
         row |= _middle_of(result.fit)
-    rmse_v = {
-        round(10 * (band.low or 0.0)): band.rmse_v
-        for band in bands_by_soc(evaluations.identification)
-    }
-    row |= {
-        f"RMSE SOC {10 * tenth} to {10 * tenth + 10} % [V]": rmse_v.get(tenth)
-        for tenth in range(10)
-    }
+    bands = bands_by_soc(evaluations.identification)
+    rmse_v = {round(10 * (band.low or 0.0)): band.rmse_v for band in bands}
+    for tenth in range(10):
+        row[f"RMSE SOC {10 * tenth} to {10 * tenth + 10} % [V]"] = rmse_v.get(tenth)
     is_certified, gap = _proof_of(result)
     hashes = [part.sha256 for part in result.inputs]
     return row | {

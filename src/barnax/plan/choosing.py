@@ -1,7 +1,7 @@
 """The plan of some files: which temperature, which OCV test, and what is identified on what."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..inputs import Given, Watch, listed, unwatched, windows_by_name
 from ..model.window import Window
 from ..notices import Notice
-from ..settings import OVER_TEMPERATURE, Reading
+from ..settings import OVER_TEMPERATURE, Reading, Windows
 from .document import Plan
 from .draft import Draft, another_cell, copies_of, named_degc, of_other_cells, why_useless, words_of
 from .looking import CandidateFile, Files, by_temperature, files_of, is_same_degc, look, split
@@ -38,7 +38,7 @@ def plan(
     ocv: Given | Sequence[Given] = (),
     validate: Given | Sequence[Given] = (),
     over: str | None = None,
-    window: Window | Mapping[str, Window] | None = None,
+    window: Windows = None,
     capacity: float | None = None,
     reading: Reading | None = None,
     watch: Watch = unwatched,

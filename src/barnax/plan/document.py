@@ -20,7 +20,7 @@ from ..notices import Notice
 from ..records import Hold, Source
 from ..records.source import find_planned
 from ..result_parts import PlannedFile, Use
-from ..settings import WINDOW_OPTIONS, Window, choices_in
+from ..settings import WINDOW_OPTIONS, Window, Windows, choices_in
 
 ROLES: tuple[Use, ...] = get_args(Use)
 # Those with a window.
@@ -124,7 +124,7 @@ class Plan(Brief):
         )
         return replace(self, parts=tuple(sorted(parts, key=lambda part: ROLES.index(part.role))))
 
-    def changed(self, window: Window | Mapping[str, Window] | None, **options: Any) -> "Plan":
+    def changed(self, window: Windows, **options: Any) -> "Plan":
         """The plan with what a user has chosen otherwise, by record or for all; None is no choice.
 
         A window for a record that is not simulated is left to be refused where the plan is run.

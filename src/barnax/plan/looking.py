@@ -171,7 +171,7 @@ def look(
 ) -> Iterator[CandidateFile]:
     """Every file once, in the order given, with what `windows` say of it. One that cannot be read
     is told as such."""
-    names = file_names([source for source in sources if isinstance(source, str | Path)])
+    names = file_names(sources)
     for given in sources:
         name = given.name if isinstance(given, Source) else names[Path(given)]
         file = CandidateFile(Path(name if isinstance(given, Source) else given), name)

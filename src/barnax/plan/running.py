@@ -187,7 +187,7 @@ def prepare_pulse_tests(job: Asked) -> Asked:
 
 def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
     """Every test once. Raises `InputError` where one has no pulses."""
-    names = file_names([file for file in given if isinstance(file, str | Path)])
+    names = file_names(given)
     tests: list[_Test] = []
     called: dict[str, int] = {}
     for file in given:

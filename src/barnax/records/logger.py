@@ -1,6 +1,6 @@
 """How a logger samples a current that changes: decided once, over all records of one logger."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -146,6 +146,10 @@ class Logger:
         if evidence.slow is not None and self.slow.alone >= ALONE * self.slow.loaded:
             reason = f"the load changes with the samples, for the voltage leaves only noise{pooled}"
         return Decision("forward", "assumed", reason)
+
+
+# By the names of the columns in their files.
+Loggers = Mapping[tuple[str, ...], Logger]
 
 
 def loggers_of(records: Iterable[Any]) -> dict[tuple[str, ...], Logger]:

@@ -84,9 +84,8 @@ class Pack(Brief):
             row: dict[str, str | float | None] = {"cell": cell.name, "RMSE [V]": cell.rmse_v}
             for name in (*LOOKED_AT, LOADED, *([LAG] if LAG in cell.values else ())):
                 known = cell.values.get(name)
-                row[name], row[f"{name} low"], row[f"{name} high"] = (
-                    (None,) * 3 if known is None else (known.value, known.low, known.high)
-                )
+                for end in ("value", "low", "high"):
+                    row[name if end == "value" else f"{name} {end}"] = getattr(known, end, None)
             odd = [own.quantity for own in self.odd if own.cell == cell.name]
             rows.append(row | {"odd": "; ".join(odd), "weakest": cell.name == self.weakest})
         return rows
@@ -141,12 +140,7 @@ def identify_pack(job: PackJob) -> Pack:
     reading = job.part(Reading)
     source = source_of(records[0], {}, reading)
     read = read_pack(source, job.cells, **how_read(reading, source.name))
-    chosen: dict[str, Any] = {
-        "seeds": 0,
-        "trust": "none",
-        "model": "so-rc",
-        **job.chosen,
-    }
+    chosen: dict[str, Any] = {"seeds": 0, "trust": "none", "model": "so-rc", **job.chosen}
     chosen |= {"records": [read.source], "over": "soc"}
     if read.scan is not None:
         chosen["voltage_lag"] = read.record.voltage_lag_s
@@ -160,16 +154,13 @@ def identify_pack(job: PackJob) -> Pack:
         raise InputError("the circuit of a pack has no dynamic hysteresis; use so-rc or iso-rc")
     rows = np.searchsorted(read.record.row, prepared.record.row[prepared.span])
     beside_v = read.beside_v[rows]
-    fit = fit_pack(
-        prepared,
-        result.circuit_parameters,
-        beside_v,
-        read.cells,
-        tables.settings,
-        job.own_time_constants,
-    )
+    how = tables.settings, job.own_time_constants
+    fit = fit_pack(prepared, result.circuit_parameters, beside_v, read.cells, *how)
     if read.scan is not None:
-        fit, result = _with_lags(fit, read, read.scan), _telling_scan(result, read, read.scan)
+        fit = _with_lags(fit, read, read.scan)
+        ends = {"least_s": float(read.scan.lag_s.min()), "most_s": float(read.scan.lag_s.max())}
+        scanned = Notice("late-voltage.scanned", ends, read.record.name)
+        result = result.model_copy(update={"warnings": (*result.warnings, scanned)})
     fit = _spanning(fit, prepared, tables)
     weakest = min(fit.cells, key=lambda cell: cell.values[LOADED].value).name
     return Pack(result, fit, tuple(odd_ones(fit)), weakest, read.left_out, beside_v)
@@ -207,13 +198,6 @@ def _with_lags(fit: PackFit, read: PackRecord, scan: Scan) -> PackFit:
         for cell, lag in zip(fit.cells, lags, strict=True)
     ]
     return replace(fit, cells=tuple(cells))
-
-
-def _telling_scan(result: Result, read: PackRecord, scan: Scan) -> Result:
-    """The result with the warning that the cells were measured one after another."""
-    ends = {"least_s": float(scan.lag_s.min()), "most_s": float(scan.lag_s.max())}
-    told = Notice("late-voltage.scanned", ends, read.record.name)
-    return result.model_copy(update={"warnings": (*result.warnings, told)})
 
 
 def odd_ones(fit: PackFit) -> list[Odd]:

@@ -287,11 +287,9 @@ def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = Non
         warnings += inputs.warnings
     warnings += problem.warnings
     for evaluation in result.without_tables().evaluations.identification:
-        if evaluation.metrics.r2 < 0:
+        if (r2 := evaluation.metrics.r2) < 0:
             name = evaluation.prepared.record.name
-            warnings.append(
-                Notice("answer.worse-than-constant", {"r2": evaluation.metrics.r2}, name)
-            )
+            warnings.append(Notice("answer.worse-than-constant", {"r2": r2}, name))
     records = [(one.prepared.record, one.prepared.temperature_degc) for one in identified]
     warnings += compare_resistances(records)
     for evaluation in identified:

@@ -230,11 +230,8 @@ _OURS = re.compile(r"(?:parts(?:-\d{5}-of-\d{5})?/[0-9a-f]{32}|cells-\d{5}-of-\d
 def finished(out: Path) -> dict[str, tuple[str, bool]]:
     """The fingerprint of every cell that has a row, and whether that is an error."""
     rows = read_rows(out, ("id", "fingerprint", "error"))
-    failed = rows["error"].is_not_null()
-    return {
-        name: (print_, is_failed)
-        for name, print_, is_failed in zip(rows["id"], rows["fingerprint"], failed, strict=True)
-    }
+    known = rows.select("id", "fingerprint", pl.col("error").is_not_null())
+    return {name: (print_, has_failed) for name, print_, has_failed in known.iter_rows()}
 
 
 @contextmanager

@@ -311,11 +311,7 @@ def _opened(
         def reopen() -> Executor:
             for pool in pools:
                 pool.shutdown(wait=False, cancel_futures=True)
-            pools[:] = [
-                ProcessPoolExecutor(
-                    workers, mp_context=spawning, initializer=start_worker, initargs=(os.getpid(),)
-                )
-            ]
+            pools[:] = [ProcessPoolExecutor(workers, spawning, start_worker, (os.getpid(),))]
             return pools[0]
 
         try:

@@ -103,10 +103,8 @@ def wiener(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     >>> float(wiener(np.array([1.0]), np.array([2.0]))[0, 0].round(4))
     0.8333
     """
-    low, high = (
-        np.minimum(one[..., None], other[..., None, :]),
-        np.maximum(one[..., None], other[..., None, :]),
-    )
+    one, other = one[..., None], other[..., None, :]
+    low, high = np.minimum(one, other), np.maximum(one, other)
     return low**2 * (3 * high - low) / 6
 
 
@@ -159,9 +157,8 @@ class Fit:
         for cell, _ in self.added:
             own[cell] = self._own_of(cell, its.age[cell], its.age[cell])
         covariance = np.where(both, own + its.of_cell @ its.of_cell.mT, 0.0)
-        noise = np.where(
-            its.known, self.spread.share**2 * its.variance + self.spread.scatter**2, 1.0
-        )
+        variance = self.spread.share**2 * its.variance + self.spread.scatter**2
+        noise = np.where(its.known, variance, 1.0)
         return np.linalg.cholesky(covariance + noise[:, :, None] * np.eye(its.age.shape[1]))
 
     @cached_property
@@ -256,11 +253,10 @@ def fit(series: Series) -> Fit:
     def at(logarithms: np.ndarray) -> Fit:
         return Fit(series, Spread(*np.exp(logarithms).tolist()), np.ones(len(known), bool))
 
+    start = [0.5 * scale, 0.3 * scale, 0.1 * scale, scale, max(0.5 * typical, 1e-3 * scale), 0.9]
     best = minimize(
         lambda logarithms: at(logarithms).minus_two_log_likelihood,
-        np.log(
-            [0.5 * scale, 0.3 * scale, 0.1 * scale, scale, max(0.5 * typical, 1e-3 * scale), 0.9]
-        ),
+        np.log(start),
         method="L-BFGS-B",
         bounds=[*[(lowest, np.log(100 * scale))] * 5, (np.log(LEAST_SHARE), 0.0)],
     )
@@ -281,7 +277,7 @@ class Judged:
         """By cell."""
         return {
             cell: shape for cell, shape in enumerate(self.worst)
-            if shape is not None and abs(shape.deviations) > self.threshold
+            if shape is not None and _deviations(shape) > self.threshold
         }  # fmt: skip
 
 
@@ -297,30 +293,25 @@ def judge(series: Series, expected: float, rng: np.random.Generator) -> Judged:
     model = of_all
     judged = Judged(of_all, (), np.inf)
     # Many faults hide each other in variances that they make large.
-    odds = [
-        max((abs(shape.deviations) for shape in shapes), default=0.0)
-        for shapes, _ in map(of_all.scores, range(len(everyone)))
-    ]
+    found = map(of_all.scores, range(len(everyone)))
+    odds = [max(map(_deviations, shapes), default=0.0) for shapes, _ in found]
     good = np.array(odds) <= np.quantile(odds, KEPT) if expected > 0 else everyone
     for _ in range(ROUNDS):
         model = of_all if good.all() else Fit(series, fit(series.only(good)).spread, good)
         found = [model.scores(cell) for cell in range(len(good))]
-        threshold = _threshold(
-            [correlation for _, correlation in found], int(good.sum()), expected, rng
-        )
-        judged = Judged(
-            model,
-            tuple(
-                max(shapes, key=lambda one: abs(one.deviations), default=None)
-                for shapes, _ in found
-            ),
-            threshold,
-        )
+        correlations = [correlation for _, correlation in found]
+        threshold = _threshold(correlations, int(good.sum()), expected, rng)
+        worst = [max(shapes, key=_deviations, default=None) for shapes, _ in found]
+        judged = Judged(model, tuple(worst), threshold)
         now = np.array([cell not in judged.faults for cell in range(len(good))])
         if np.array_equal(now, good) or np.count_nonzero(now) < len(good) / 2:
             break
         good = now
     return replace(judged, fit=replace(model, added=tuple(judged.faults.items())))
+
+
+def _deviations(shape: Shape) -> float:
+    return abs(shape.deviations)
 
 
 def _threshold(

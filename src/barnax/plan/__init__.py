@@ -1,19 +1,13 @@
 """Plans for a folder of a cycler's files: roles, windows and options, chosen with reasons."""
 
-from .choosing import plan
-from .document import ROLES, Part, Plan, plan_from_toml, plan_to_toml
-from .running import found_anywhere, plan_given, plan_of, planned, with_choices
-
-__all__ = [
-    "ROLES",
-    "Part",
-    "Plan",
-    "found_anywhere",
-    "plan",
-    "plan_from_toml",
-    "plan_given",
-    "plan_of",
-    "plan_to_toml",
-    "planned",
-    "with_choices",
-]
+from .choosing import plan as plan
+from .document import ROLES as ROLES
+from .document import Part as Part
+from .document import Plan as Plan
+from .document import plan_from_toml as plan_from_toml
+from .document import plan_to_toml as plan_to_toml
+from .running import found_anywhere as found_anywhere
+from .running import plan_given as plan_given
+from .running import plan_of as plan_of
+from .running import planned as planned
+from .running import with_choices as with_choices

@@ -92,9 +92,7 @@ class Plan(Brief):
     def unwritable(self) -> str | None:
         """The first file whose name TOML cannot hold."""
         paths = (str(part.path) for part in self.parts)
-        return next(
-            (path for path in paths if path.encode(errors="replace").decode() != path), None
-        )
+        return next((p for p in paths if p.encode(errors="replace").decode() != p), None)
 
     @property
     def lines(self) -> list[str]:
@@ -291,9 +289,8 @@ def plan_from_toml(path: str | Path) -> Plan:
     if not isinstance(listed, list) or not all(isinstance(entry, dict) for entry in listed):
         raise InputError(f"{shown}: each file needs a line [[files]] above it")
     parts = tuple(_part(shown, entry, window) for entry in listed)
-    role = "identification"
-    if not any(part.role == role for part in parts):
-        raise InputError(f"{shown}: no file has the role {role}; give one file that role")
+    if not any(part.role == "identification" for part in parts):
+        raise InputError(f"{shown}: no file has the role identification; give one file that role")
     reasons = {
         **dict.fromkeys(options, GIVEN),
         **_read(shown, reasons, dict.fromkeys(options, str)),

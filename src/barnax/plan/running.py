@@ -5,9 +5,9 @@ Pulse tests are made ready to be identified: their own OCV, and where each of th
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -52,9 +52,8 @@ def plan_of(job: Job) -> Plan | None:
     paths = [Path(source) for source in given if isinstance(source, str | Path)]
     if len(given) == len(paths) == 1 and paths[0].suffix.lower() == ".toml":
         return plan_from_toml(paths[0])
-    if not any(map(os.path.isdir, paths)) and (not paths or listed(job.ocv)):
-        return None
-    if len(paths) < len(given):
+    are_told = not any(map(os.path.isdir, paths)) and (not paths or listed(job.ocv))
+    if are_told or len(paths) < len(given):
         return None
     return plan(
         given, ocv=job.ocv, validate=job.validate, over=job.over, window=job.window,
@@ -93,9 +92,10 @@ def found_anywhere(found: Plan, inputs: Sequence[InputPart]) -> Plan:
         )
         for part in found.parts
     )
-    bounds = found.options.get("bounds")
-    own = {"bounds": Path(bounds).absolute()} if isinstance(bounds, str | Path) else {}
-    return replace(found, parts=tuple(parts), options={**found.options, **own})
+    options = dict(found.options)
+    if isinstance(bounds := options.get("bounds"), str | Path):
+        options["bounds"] = Path(bounds).absolute()
+    return replace(found, parts=tuple(parts), options=options)
 
 
 def planned(found: Plan, job: Asked) -> Asked:
@@ -141,8 +141,7 @@ def _source(part: Part, reading: Reading) -> Any:
     return replace(source, logger=logger)
 
 
-@dataclass(frozen=True, eq=False)
-class _Test:
+class _Test(NamedTuple):
     """One test: what was given, the record in it, and its first pulse, whose SOC is not known."""
 
     source: Source | Record
@@ -161,23 +160,15 @@ def prepare_pulse_tests(job: Asked) -> Asked:
         by_degc, cell = group_near((_degc(test, chosen), test) for test in tests), None
         if not listed(job.ocv):
             given_ah = chosen.get("", Window()).capacity_ah
-            own = {degc: alike[0] for degc, alike in by_degc.items()}
-            cell = characterize_over_temperature(
-                {degc: [first.record] for degc, first in own.items()},
-                capacity_ah=given_ah if job.capacity is None else job.capacity,
-                ocv_fit="interpolated",
-            )
-            job = job.changed(
-                ocv=[first.source for first in own.values()],
-                # A polynomial would swing between ten points, whatever was asked for.
-                ocv_fit="interpolated",
-                ocv_current_sign=job.current_sign,
-            )
+            given_ah = given_ah if job.capacity is None else job.capacity
+            # A polynomial would swing between ten points, whatever was asked for.
+            fit: dict[str, Any] = {"ocv_fit": "interpolated"}
+            records = {degc: [alike[0].record] for degc, alike in by_degc.items()}
+            cell = characterize_over_temperature(records, capacity_ah=given_ah, **fit)
+            sources = [alike[0].source for alike in by_degc.values()]
+            job = job.changed(ocv=sources, ocv_current_sign=job.current_sign, **fit)
         # From the rest before the first pulse on, but where something else is chosen.
-        windows = {
-            test.record.name: _own_window(test, cell, window_of(chosen, test.record.name))
-            for test in tests
-        }
+        windows = {test.record.name: _own_window(test, cell, chosen) for test in tests}
     return job.changed(
         records=[test.source for test in tests],
         over=job.over or ("soc" if len(by_degc) == 1 else OVER_TEMPERATURE),
@@ -210,15 +201,16 @@ def _degc(test: _Test, chosen: Mapping[str, Window]) -> float:
     return REFERENCE_DEGC if known is None else known
 
 
-def _own_window(test: _Test, cell: CellModel | None, window: Window) -> Window:
+def _own_window(test: _Test, cell: CellModel | None, chosen: Mapping[str, Window]) -> Window:
     """The window of a pulse test, from its first OCV point on, at that point's state of charge.
 
     Where the OCV is of another record, or `cell` is None, at the end of the rest before the first
-    pulse. What `window` has stays.
+    pulse. What is chosen stays.
     """
+    record = test.record
+    window = window_of(chosen, record.name)
     if window.start_time_s is not None or window.start_after_step is not None:
         return window
-    record = test.record
     if cell is not None:
         cell = cell.at(temperature_of(record, window))
     branches = () if cell is None else (*cell.charge_points, *cell.discharge_points)

@@ -120,7 +120,7 @@ def test_a_record_to_validate_on_is_checked_too(tmp_path, bundled_cell):
     doubled = pl.concat([table.head(40), table[39:]])
     doubled.write_parquet(tmp_path / "twice.parquet")
     path = tmp_path / "twice.parquet"
-    record, warnings = read_validation(path, Reading(), None, bundled_cell)
+    record, warnings = read_validation(path, Reading(), lambda _: None, bundled_cell)
     found = {(each.subject, each.row) for each in (*warnings, *record.notes)}
     assert ("twice.parquet", 42) in found
 

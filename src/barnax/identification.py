@@ -60,14 +60,11 @@ def search_and_assess(
         linearization = beside.submit(compile_linearization, problem) if trust != "none" else None
         with watch("Finding the best constant circuit", 0):
             optimum = optimum_or_none(problem)
-        if settings.seeds:
-            descent = beside.submit(Descent, problem)
-            with watch("Searching", settings.seeds) as advance:
-                key = jax.random.key(settings.key)
-                search = search_seeds(
-                    problem, optimizer, key=key, seeds=settings.seeds, progress=advance
-                )
-            with watch("Refining", settings.seeds) as advance:
+        if seeds := settings.seeds:
+            descent, key = beside.submit(Descent, problem), jax.random.key(settings.key)
+            with watch("Searching", seeds) as advance:
+                search = search_seeds(problem, optimizer, key=key, seeds=seeds, progress=advance)
+            with watch("Refining", seeds) as advance:
                 refinement = refine(search, descent=descent.result(), progress=advance)
         with watch("Waiting for tables over SOC", 0):
             if linearization is not None:
@@ -215,10 +212,8 @@ def _fitted(setup: Setup) -> TableFits:
 
 def _evaluated(setup: Setup, tables: TableFits) -> Evaluations:
     """The tables on every record, each at its own temperature."""
-    chosen, problem = setup.chosen, setup.problem
-    records = chosen.objective.prepared_records if chosen else problem.prepared_records
-    circuit = chosen.point.circuit if chosen else problem.circuit
-    return Evaluations.of(tables.evaluate, records, setup.validation(circuit))
+    records = (setup.chosen.objective if setup.chosen else setup.problem).prepared_records
+    return Evaluations.of(tables.evaluate, records, setup.validation(records[0].circuit))
 
 
 def _candidates(

@@ -224,9 +224,9 @@ def telling(warnings: Sequence[Notice]) -> Iterator[None]:
 def read_validation(
     given: Given,
     reading: Reading,
-    choose: Callable[[Record], Window],
+    choose: Callable[[Record], Windows],
     cell: CellModel,
-    identified: Measured,
+    identified: Measured = (),
 ) -> tuple[Record, list[Notice]]:
     """A record to validate a cell's circuit on, and what the checks have against it.
 

@@ -137,7 +137,7 @@ def test_what_check_knows_is_told_of_every_record_with_what_mends_it(name, role,
     else:
         source = source_from_frame(table, "cell")
         try:
-            texts = map(str, read_validation(source, Reading(), None, bundled_cell)[1])
+            texts = map(str, read_validation(source, Reading(), lambda _: None, bundled_cell)[1])
         except InputError as problem:
             texts = [str(problem)]
     (text,) = [each for each in texts if what in each]
@@ -157,6 +157,6 @@ def test_the_column_that_is_named_is_the_right_one(bundled_cell):
     table, _, _ = DAMAGED["two voltages differ by a lead"]
     columns = {"voltage": "Voltage 2 [V]"}
     source = source_from_frame(table, "cell", columns=columns)
-    record, texts = read_validation(source, Reading(), None, bundled_cell)
+    record, texts = read_validation(source, Reading(), lambda _: None, bundled_cell)
     assert texts == []
     np.testing.assert_array_equal(record.voltage_v, VOLTAGE_V + 0.02 * CURRENT_A)

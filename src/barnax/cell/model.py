@@ -230,9 +230,8 @@ def _between(cold: CellModel, warm: CellModel, share: float) -> CellModel:
         soc = soc[np.append(True, np.diff(soc) > 1e-9)]
         return InterpolatedCurve.fit(soc, (1 - share) * first(soc) + share * second(soc))
 
-    ends_v = (1 - share) * np.array(cold.hysteresis.ends_v) + share * np.array(
-        warm.hysteresis.ends_v
-    )
+    cold_v, warm_v = (np.array(cell.hysteresis.ends_v) for cell in (cold, warm))
+    ends_v = (1 - share) * cold_v + share * warm_v
     return replace(
         cold,
         capacity_ah=(1 - share) * cold.capacity_ah + share * warm.capacity_ah,

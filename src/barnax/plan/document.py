@@ -176,12 +176,8 @@ _WORDS: dict[Any, str] = {
     "voltage_lag": "a number, texts like FILE=0.3, or numbers by name of record",
 }
 # Options of a record, in the order of a `Window`, by the fields that they are.
-_FIELD_OF = {
-    option: field.name
-    for field in fields(Window)
-    for option, (name, *_) in WINDOW_OPTIONS.items()
-    if name == field.name
-}
+_OPTION_OF = {name: option for option, (name, *_) in WINDOW_OPTIONS.items()}
+_FIELD_OF = {_OPTION_OF[own.name]: own.name for own in fields(Window) if own.name in _OPTION_OF}
 # What was found of a file: results tell it again.
 _FINDINGS = ("kind", "reason", "sha256", "temperature_degc", "plans_soc", "sampling")
 # The types of options of a record, of the run by the names of `barnax.identify` (one capacity for

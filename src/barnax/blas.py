@@ -19,16 +19,9 @@ class _Libraries(NamedTuple):
     own: ThreadpoolController
 
 
-class _Guard:
-    """A count of those inside `one_blas_thread`, and what the last of them restores."""
-
-    def __init__(self):
-        self.lock = threading.Lock()
-        self.inside = 0
-        self.limiter: Any = None
-
-
-_GUARD = _Guard()
+# What restores the process's number, as often as there are threads inside `one_blas_thread`.
+_INSIDE: list[Any] = []
+_LOCK = threading.Lock()
 
 
 @contextmanager
@@ -40,19 +33,18 @@ def one_blas_thread() -> Iterator[None]:
     """
     libraries = _libraries()
     with libraries.own.limit(limits=1):
-        with _GUARD.lock:
-            if not _GUARD.inside:
+        with _LOCK:
+            if not _INSIDE:
                 _take_control()
-                _GUARD.limiter = libraries.shared.limit(limits=1)
-            _GUARD.inside += 1
+            _INSIDE.append(_INSIDE[0] if _INSIDE else libraries.shared.limit(limits=1))
         try:
             yield
         finally:
-            with _GUARD.lock:
-                _GUARD.inside -= 1
-                if not _GUARD.inside:
+            with _LOCK:
+                limiter = _INSIDE.pop()
+                if not _INSIDE:
                     _take_control()
-                    _GUARD.limiter.restore_original_limits()
+                    limiter.restore_original_limits()
                     _take_control()
 
 

@@ -8,7 +8,7 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar, get_type_hints
 
@@ -129,13 +129,11 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     @property
     def table_settings(self) -> TableSettings:
         """Settings of the tables' fit. Raises `InputError` where they do not go together."""
-        more = self.tables or TableSettings()
-        return TableSettings(**vars(self.part(TableOptions)), bounds=more.bounds, fixed=more.fixed)
+        return replace(self.tables or TableSettings(), **vars(self.part(TableOptions)))
 
     def part(self, kind: Callable[..., Found]) -> Found:
         """The options of one kind, such as `Reading`, by themselves."""
-        names = [field.name for field in fields(kind)]  # pyrefly: ignore
-        return kind(**{name: getattr(self, name) for name in names})
+        return kind(**{own.name: getattr(self, own.name) for own in fields(kind)})  # pyrefly: ignore
 
     def changed(self, **options: Any) -> Self:
         """The same with other options; what stays a default is still one."""

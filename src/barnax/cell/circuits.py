@@ -136,21 +136,13 @@ def half_hysteresis(cell: CellModel, soc: Samples) -> Samples:
 
 
 _AVERAGED = "OCV averaged over charge and discharge"
-_SEGMENTED = "two RC pairs, average OCV and segmented hysteresis voltage"
-ISO_RC = Circuit("iso-rc", _SEGMENTED, average_ocv_with_hysteresis)
+_WITH = "two RC pairs, average OCV and"
+_DYNAMIC = f"{_WITH} dynamic hysteresis of rate gamma"
+_TURNING = f"{_WITH} hysteresis that turns along hyperbolic tangents"
+ISO_RC = Circuit("iso-rc", f"{_WITH} segmented hysteresis voltage", average_ocv_with_hysteresis)
 SO_RC = Circuit("so-rc", f"two RC pairs, {_AVERAGED}", average_ocv)
-ESC = Circuit(
-    "esc",
-    "two RC pairs, average OCV and dynamic hysteresis of rate gamma",
-    average_ocv,
-    hysteresis_amplitude=half_hysteresis,
-)
-TAKACS = Circuit(
-    "takacs",
-    "two RC pairs, average OCV and hysteresis that turns along hyperbolic tangents",
-    average_ocv_with_loops,
-    turning=loops,
-)
+ESC = Circuit("esc", _DYNAMIC, average_ocv, hysteresis_amplitude=half_hysteresis)
+TAKACS = Circuit("takacs", _TURNING, average_ocv_with_loops, turning=loops)
 ONE_RC = Circuit("1rc", f"one RC pair, {_AVERAGED}", average_ocv, (RC.name,))
 THREE_RC = Circuit("3rc", f"three RC pairs, {_AVERAGED}", average_ocv, (RC.name,) * 3)
 FOUR_RC = Circuit("4rc", f"four RC pairs, {_AVERAGED}", average_ocv, (RC.name,) * 4)

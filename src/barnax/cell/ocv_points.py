@@ -142,10 +142,8 @@ def find_rest_sweeps(segments: Segments) -> list[Sweep] | str:
         if ways[last + 1] == 0:
             end_ah = along_ah[edges[last + 1] : edges[last + 2] + 1].max()
         ends_ah = -direction * float(start_ah), -direction * float(end_ah)
-        read = [
-            _point(record, at, record.voltage_v[at], rest_s)
-            for _, at, rest_s in points[first : last + 1]
-        ]
+        met = points[first : last + 1]
+        read = [_point(record, at, record.voltage_v[at], rest_s) for _, at, rest_s in met]
         charges_ah = tuple(discharged_ah[lasts[first : last + 1]].tolist())
         sweeps.append(Sweep("rests", direction, record.name, *ends_ah, charges_ah, tuple(read)))
     return sweeps or _why_no_sweep([rest.duration_s for rest in rests], most)

@@ -290,7 +290,7 @@ def believed_of_fit(
     tables = tables.with_tables(dict(zip(tables.resistances, ohm, strict=True)))
     return Believed(
         cell=cell,
-        tables=replace(tables, scales=tables.named_tau_s, dependence=None),
+        tables=replace(tables, scales=fit.tables.named_tau_s, dependence=None),
         worst=_worst(fit, fit.tables.nodes),
         error=typical_error(rmse_v),
         settings=with_own_ocv(settings) if cell.is_of_records else settings,

@@ -54,6 +54,9 @@ class Gaussian(NamedTuple):
 
 # Gaussians, the logarithms of their weights, and these.
 Parts = tuple[Gaussian, Float[Array, "parts"], Float[Array, "parts"]]
+Moments = Float[Array, "parts n"]
+# These, and for how long measurements have been rejected.
+Carry = tuple[Parts, Scalar]
 
 
 class Observation(NamedTuple):
@@ -151,9 +154,7 @@ def _joint_step(model: FilterModel, kind: Kind):
     count = model.states
     is_unscented = kind == "ukf"
 
-    def step(
-        carry: tuple[Parts, Scalar], given: tuple[Drive, Walk]
-    ) -> tuple[tuple[Parts, Scalar], Vector]:
+    def step(carry: Carry, given: tuple[Drive, Walk]) -> tuple[Carry, Vector]:
         ((parts, log_weights, weights), rejected_s), (drive, walks) = carry, given
         walk = jnp.concatenate(walks)
 
@@ -204,9 +205,7 @@ def _joint_step(model: FilterModel, kind: Kind):
 
 
 def _moments(
-    weights: Float[Array, "parts 1"],
-    mean: Float[Array, "parts n"],
-    variance: Float[Array, "parts n"],
+    weights: Float[Array, "parts 1"], mean: Moments, variance: Moments
 ) -> tuple[Float[Array, "n"], Float[Array, "n"]]:
     """Mean and variance of mixtures."""
     middle = jnp.sum(weights * mean, axis=0)

@@ -36,7 +36,6 @@ SHORTEST_S = 2.0
 LEVEL = 0.05
 # Of a piece of a drive cycle.
 DRIVE_S = 120
-Levels = Float[np.ndarray, "seconds"]
 
 
 @dataclass(frozen=True)
@@ -212,7 +211,7 @@ def hppc_steps(
     return steps
 
 
-def drive_levels() -> Levels:
+def drive_levels() -> Float[np.ndarray, "seconds"]:
     """The bundled drive cycle, a level every second."""
     current_a = read_record(bundled_file("validation")).current_a
     return current_a / current_a.max()
@@ -271,7 +270,9 @@ class Block:
         return [Step(self.name, *held) for held in zip(self.durations_s, currents_a, strict=True)]
 
 
-def candidate_blocks(key: Array, drive: Levels | None = None) -> tuple[Block, ...]:
+def candidate_blocks(
+    key: Array, drive: Float[np.ndarray, "seconds"] | None = None
+) -> tuple[Block, ...]:
     """The blocks that a design chooses from by default.
 
     Pulses and rests, pseudo-random binary currents of several clocks, random steps, a multisine

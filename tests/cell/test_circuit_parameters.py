@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barnax.cell import CircuitParameters, parameter_names
+from barnax.cell import CircuitParameters
+from barnax.cell.parameters import parameter_names
 from barnax.errors import InputError
 
 positive = st.floats(1e-6, 1e6)

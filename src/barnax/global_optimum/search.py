@@ -11,7 +11,8 @@ import numpy as np
 from pydantic import Field
 
 from ..blas import one_blas_thread
-from ..cell import CircuitParameters, get_circuit, without_drop
+from ..cell import CircuitParameters, get_circuit
+from ..cell.characterize import without_drop
 from ..cell.model import NEAR_DEGC
 from ..display import Brief
 from ..execution import in_float64
